@@ -1,0 +1,65 @@
+# The same few commands everywhere. Nothing but Python 3.11 or newer needs to be installed.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+CORE := $(VENV)/.core
+DEV := $(VENV)/.dev
+MODELS := $(VENV)/.models
+BENCH := $(VENV)/.bench
+
+.PHONY: help demo test test-models lint format bench clean
+
+help:
+	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
+	@echo "make test         the tests of the core"
+	@echo "make test-models  the tests that need extras (Hugging Face datasets)"
+	@echo "make lint         ruff and mypy"
+	@echo "make bench        ratios against what one would otherwise do"
+
+demo: $(CORE)
+	$(BIN)/eyechart demo --out demo
+
+test: $(DEV)
+	$(BIN)/python -m pytest -n 2 -m "not models"
+
+test-models: $(MODELS)
+	$(BIN)/python -m pytest -m models
+
+lint: $(DEV)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+format: $(DEV)
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench: $(BENCH)
+	$(BIN)/python benchmarks/bench_statistics.py
+	$(BIN)/python benchmarks/bench_bank.py
+	$(BIN)/python benchmarks/bench_positive_control.py
+	$(BIN)/python benchmarks/bench_score.py
+
+clean:
+	rm -rf $(VENV) demo build dist
+
+$(VENV)/bin/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "eyechart needs Python 3.11 or newer; give it with: make PYTHON=python3.11 ..."; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+
+$(CORE): $(VENV)/bin/python pyproject.toml constraints.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	@touch $@
+
+$(DEV): $(CORE)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $@
+
+$(MODELS): $(DEV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,hub]'
+	@touch $@
+
+$(BENCH): $(DEV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,bench]'
+	@touch $@

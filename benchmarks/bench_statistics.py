@@ -1,0 +1,151 @@
+"""Two resampling tests against the loops they replace: same data, same answer, one run, ratio of times.
+
+Each loop runs fewer resamples than the test's 5000 and its time is scaled up, which the output says. Before a
+ratio is printed, p values and intervals of both ways must agree within their Monte Carlo error.
+
+    python benchmarks/bench_statistics.py [--json]
+
+Exits 1 when a ratio falls below its bound. Needs the extra ``bench`` (scikit-learn and pandas).
+"""
+
+import argparse
+import json
+import math
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+
+import numpy as np
+import pandas as pd
+from sklearn.metrics import mutual_info_score
+
+from eyechart.stats.association import contingency, mutual_information_bits
+from eyechart.stats.resampling import cluster_bootstrap, permute_mutual_information
+
+RESAMPLES = 5000
+EPISODES, STEPS = 12, 12
+SEED = 20_240
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """One test both ways; seconds are for 5000 resamples, the loop's scaled up from what it ran."""
+
+    name: str
+    ours_s: float
+    loop_s: float
+    loop_resamples: int
+    ours: str
+    loop: str
+    ratio: float
+    bound: float
+
+    @property
+    def fast_enough(self) -> bool:
+        """Whether the ratio reaches its bound."""
+        return self.ratio >= self.bound
+
+
+def best_of(repeats: int, work: Callable[[], object]) -> float:
+    """Return the shortest time in seconds of several runs: the one least disturbed by other programs."""
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+def frames() -> pd.DataFrame:
+    """Return 144 frames in 12 episodes: an action that follows the gap bin weakly, and a disagreement."""
+    rng = np.random.default_rng(SEED)
+    gap_bin = rng.integers(0, 4, EPISODES * STEPS)
+    action = np.where(rng.random(len(gap_bin)) < 0.15, gap_bin, rng.integers(0, 5, len(gap_bin)))
+    episode = np.repeat(np.arange(EPISODES), STEPS)
+    disagrees = rng.random(len(gap_bin)) < rng.beta(4, 4, EPISODES)[episode]
+    columns = {"episode": episode, "gap_bin": gap_bin, "action": action, "disagrees": disagrees.astype(int)}
+    return pd.DataFrame(columns)
+
+
+def compare_permutation(data: pd.DataFrame, loop_resamples: int) -> Comparison:
+    """Time the permutation test of mutual information against a loop over scikit-learn."""
+    action, gap_bin = data["action"].to_numpy(), data["gap_bin"].to_numpy()
+
+    def ours() -> float:
+        table = contingency(action, gap_bin).table
+        return permute_mutual_information(table, seed=SEED, resamples=RESAMPLES).p
+
+    def loop() -> float:
+        rng = np.random.default_rng(SEED)
+        observed = mutual_info_score(action, gap_bin)
+        found = [mutual_info_score(action, rng.permutation(gap_bin)) for _ in range(loop_resamples)]
+        return (sum(value >= observed - 1e-12 for value in found) + 1) / (loop_resamples + 1)
+
+    p, p_loop = ours(), loop()
+    bits = mutual_information_bits(contingency(action, gap_bin).table).value
+    assert math.isclose(bits, mutual_info_score(action, gap_bin) / math.log(2), abs_tol=1e-12)
+    error = math.sqrt(p * (1 - p) * (1 / RESAMPLES + 1 / loop_resamples))
+    assert 0.01 < p < 0.99, f"p={p} leaves nothing to compare"
+    assert abs(p - p_loop) < 4 * error, f"p {p} and {p_loop} differ by more than chance"
+    ours_s, loop_s = best_of(7, ours), best_of(2, loop) * RESAMPLES / loop_resamples
+    said = (f"p {p:.4f}", f"p {p_loop:.4f}")
+    name = f"permutation of mutual information, n={len(data)}, against a loop over scikit-learn"
+    return Comparison(name, ours_s, loop_s, loop_resamples, *said, loop_s / ours_s, 500.0)
+
+
+def compare_bootstrap(data: pd.DataFrame, loop_resamples: int) -> Comparison:
+    """Time the cluster bootstrap against a pandas loop that resamples groups."""
+    groups = dict(list(data.groupby("episode")))
+
+    def ours() -> tuple[float, float]:
+        counts = np.bincount(data["episode"], weights=data["disagrees"])
+        sums = np.stack([counts, np.bincount(data["episode"])], axis=1)
+        ci = cluster_bootstrap(sums, seed=SEED, resamples=RESAMPLES, enumerate_up_to=0).ci
+        assert ci is not None
+        return ci
+
+    def loop() -> tuple[float, float]:
+        rng = np.random.default_rng(SEED + 1)
+        rates = []
+        for _ in range(loop_resamples):
+            drawn = pd.concat([groups[episode] for episode in rng.integers(EPISODES, size=EPISODES)])
+            rates.append(drawn["disagrees"].mean())
+        low, high = np.quantile(rates, [0.025, 0.975])
+        return float(low), float(high)
+
+    ci, ci_loop = ours(), loop()
+    width = ci[1] - ci[0]
+    for mine, other in zip(ci, ci_loop, strict=True):
+        assert abs(mine - other) < 0.15 * width, f"intervals {ci} and {ci_loop} differ by more than chance"
+    ours_s, loop_s = best_of(7, ours), best_of(2, loop) * RESAMPLES / loop_resamples
+    said = tuple(f"interval {low:.3f} to {high:.3f}" for low, high in (ci, ci_loop))
+    name = f"cluster bootstrap, {EPISODES} episodes of {STEPS}, against a loop over pandas groups"
+    return Comparison(name, ours_s, loop_s, loop_resamples, *said, loop_s / ours_s, 100.0)
+
+
+def main() -> int:
+    """Print both comparisons side by side and return the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--json", action="store_true", help="print one JSON object instead of text")
+    as_json = parser.parse_args().json
+    data = frames()
+    comparisons = [compare_permutation(data, 1000), compare_bootstrap(data, 500)]
+    if as_json:
+        found = [{**asdict(each), "fast_enough": each.fast_enough} for each in comparisons]
+        print(json.dumps({"resamples": RESAMPLES, "comparisons": found}, indent=2))
+    else:
+        for each in comparisons:
+            print(f"{each.name}, B={RESAMPLES}")
+            print(f"  eyechart  {each.ours_s * 1e3:10.2f} ms   {each.ours}")
+            print(
+                f"  the loop  {each.loop_s * 1e3:10.2f} ms   {each.loop}"
+                f"   (measured on {each.loop_resamples} resamples and scaled to {RESAMPLES})"
+            )
+            verdict = "" if each.fast_enough else "   TOO SLOW"
+            print(f"  ratio     {each.ratio:10.0f} x    (bound {each.bound:.0f} x){verdict}")
+    return 0 if all(each.fast_enough for each in comparisons) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,26 @@
+"""The command line: one short function a command; nothing heavy is imported before its command runs."""
+
+import sys
+
+from eyechart.cli.app import app
+from eyechart.errors import EyechartError
+
+
+def main() -> None:
+    """Run the command line. Bad input prints one line and exits 2; a traceback comes only with ``--debug``."""
+    debug = "--debug" in sys.argv
+    if debug:
+        sys.argv.remove("--debug")
+    try:
+        app()
+    except KeyboardInterrupt:
+        print("interrupted: finished calls are kept; the same command resumes", file=sys.stderr)  # noqa: T201
+        sys.exit(130)
+    except BrokenPipeError:
+        sys.stderr.close()
+        sys.exit(1)
+    except EyechartError as error:
+        if debug:
+            raise
+        print(f"eyechart: {error}", file=sys.stderr)  # noqa: T201
+        sys.exit(2)

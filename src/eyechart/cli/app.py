@@ -1,0 +1,37 @@
+"""The tree of commands."""
+
+from typing import Annotated
+
+import typer
+
+from eyechart import __version__
+from eyechart.cli import demo, frames, listing, results, running
+
+app = typer.Typer(
+    name="eyechart",
+    help="Find out whether a vision-language controller's decisions come from its camera.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+    epilog="Start with 'eyechart demo'. Bad input prints one line and exits 2; --debug shows where it arose.",
+)
+app.add_typer(frames.app, name="frames")
+app.add_typer(running.app, name="run")
+app.add_typer(listing.app, name="list")
+app.command()(demo.demo)
+app.command()(running.merge)
+app.command()(results.score)
+app.command()(results.verdict)
+
+
+def _version(value: bool) -> None:
+    if value:
+        typer.echo(f"eyechart {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print it.")] = False,
+) -> None:
+    del version

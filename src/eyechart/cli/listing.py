@@ -1,0 +1,57 @@
+"""``eyechart list``: what there is to choose from."""
+
+from typing import Annotated
+
+import typer
+
+from eyechart.cli.terminal import print_json
+
+app = typer.Typer(help="List models, conditions, prompts and simulators.", no_args_is_help=True)
+_Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+
+def _show(rows: dict[str, str], *, json: bool) -> None:
+    if json:
+        print_json(rows)
+        return
+    wide = max(len(name) for name in rows)
+    for name, says in rows.items():
+        typer.echo(f"{name:<{wide}}  {says}")
+
+
+@app.command()
+def models(json: _Json = False) -> None:
+    """List the models that need no weights; each scripted one is a known answer."""
+    from eyechart.models.scripted import names
+
+    _show({f"scripted:{name}": says for name, says in names().items()}, json=json)
+
+
+@app.command()
+def conditions(json: _Json = False) -> None:
+    """List the input conditions and what each asks."""
+    from eyechart.conditions import CONDITIONS
+
+    _show({name: f"{one.image}: {one.asks}" for name, one in CONDITIONS.items()}, json=json)
+
+
+@app.command()
+def prompts(json: _Json = False) -> None:
+    """List the prompt formulations with their key and wording."""
+    from eyechart.prompts import PROMPTS
+
+    wording = {name: f"{one.key}  {' '.join(f'{one.system} {one.user}'.split())}" for name, one in PROMPTS.items()}
+    _show(wording, json=json)
+
+
+@app.command()
+def simulators(json: _Json = False) -> None:
+    """List the simulators and the presets of their banks."""
+    from eyechart.simulators import SIMULATORS, open_simulator
+
+    rows = {
+        f"{name} --preset {preset}": says
+        for name in SIMULATORS
+        for preset, says in open_simulator(name).presets.items()
+    }
+    _show(rows, json=json)

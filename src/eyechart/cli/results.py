@@ -1,0 +1,61 @@
+"""``eyechart score`` and ``eyechart verdict`` read a run; they make no call and change nothing."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from eyechart.cli.terminal import print_json, table_console
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from eyechart.verdicts import Verdict
+
+_Run = Annotated[Path, typer.Argument(help="Folder of the run.")]
+_Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+_Independent = Annotated[
+    bool, typer.Option("--independent", help="Declare that frames outside episodes are independent draws.")
+]
+
+
+def score(run: _Run, json: _Json = False, independent: _Independent = False) -> None:
+    """Print every statistic of a run with its interval, n and p. Example: eyechart score run --json."""
+    from eyechart.report.tables import frontier_table, statistics_table
+    from eyechart.studies import battery as study
+    from eyechart.verdicts import judge
+
+    scored = study.score(run, independent=independent)
+    if json:
+        print_json(scored.as_dict())
+        return
+    console = table_console(160)
+    for one in scored.models.values():
+        console.print(statistics_table(one))
+    console.print(frontier_table(scored, judge(scored)))
+
+
+def verdict(run: _Run, json: _Json = False, independent: _Independent = False) -> None:
+    """Print the verdict on every model of a run, and what decided it. Example: eyechart verdict run."""
+    from eyechart.studies import battery as study
+    from eyechart.verdicts import judge
+
+    verdicts = judge(study.score(run, independent=independent))
+    if json:
+        print_json({"models": {spec: one.as_dict() for spec, one in verdicts.items()}})
+    else:
+        print_verdicts(verdicts)
+
+
+def print_verdicts(verdicts: "Mapping[str, Verdict]") -> None:
+    """Print the table of verdicts, then for each model its trust, scope and notes."""
+    from eyechart.report.tables import verdict_table
+
+    console = table_console()
+    console.print(verdict_table(verdicts))
+    for spec, one in verdicts.items():
+        console.print(f"{spec}: {one.trust}", markup=False)
+        for note in one.notes:
+            console.print(f"  note: {note}", markup=False)
+    if verdicts:
+        console.print(f"Scope of each: {next(iter(verdicts.values())).scope}", markup=False)

@@ -1,0 +1,79 @@
+"""What the commands share: a console, a progress bar, and JSON on standard output."""
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def print_json(values: object) -> None:
+    """Print plain values as JSON on standard output; NaN and infinity cannot pass."""
+    sys.stdout.write(json.dumps(values, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def say(text: str) -> None:
+    """Print a line for people on standard error, where it does not disturb ``--json``."""
+    sys.stderr.write(text + "\n")
+
+
+@contextmanager
+def progress(what: str, unit: str) -> Iterator[Callable[[int, int], None]]:
+    """Show a bar on standard error with rate and time left, and yield the function that moves it.
+
+    Where standard error is no terminal a line is printed every few seconds instead.
+    """
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield _lines(what, unit)
+        return
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn(unit),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console) as bar:
+        task = bar.add_task(what, total=None, rate="")
+
+        def move(done: int, total: int) -> None:
+            speed = bar.tasks[task].speed
+            bar.update(task, completed=done, total=total, rate=f"{speed:.1f}/s" if speed else "")
+
+        yield move
+
+
+def _lines(what: str, unit: str) -> Callable[[int, int], None]:
+    import time
+
+    start = time.monotonic()
+    first: list[int] = []
+    last = [start]
+
+    def move(done: int, total: int) -> None:
+        first.append(done) if not first else None
+        now = time.monotonic()
+        if now - last[0] < 5.0 and done < total:
+            return
+        last[0] = now
+        rate = (done - first[0]) / max(now - start, 1e-9)
+        left = f", {(total - done) / rate:.0f} s left" if rate > 0 and done < total else ""
+        say(f"{what}: {done}/{total} {unit}, {rate:.1f}/s{left}")
+
+    return move
+
+
+def table_console(width: int | None = None) -> "Console":
+    """Return a console on standard output, as wide as the terminal, or 120 columns where there is none."""
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    return console if console.is_terminal else Console(highlight=False, width=width or 120)

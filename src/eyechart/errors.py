@@ -1,0 +1,17 @@
+"""The errors that a user can cause, and so can mend: one line that says what, which and what to do."""
+
+
+class EyechartError(Exception):
+    """A fault in the input, not in the program; the command line prints it on one line and exits 2."""
+
+
+class BankError(EyechartError):
+    """A frame bank is damaged, incomplete, or too small for what was asked of it."""
+
+
+class LedgerError(EyechartError):
+    """A run's ledger or manifest does not fit what was asked of it."""
+
+
+class SpecError(EyechartError):
+    """A name (model, condition, prompt, simulator, preset) is unknown or malformed."""

@@ -1,0 +1,427 @@
+"""A frame bank is a Hugging Face imagefolder with a manifest that fixes its geometry and its pictures."""
+
+import hashlib
+import io
+import json
+import math
+import shutil
+import tempfile
+import warnings
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path, PurePosixPath
+from types import TracebackType
+from typing import Literal, Self, cast, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
+
+from eyechart.actions import ActionSpace
+from eyechart.errors import BankError
+
+MirrorAxis = Literal["vertical", "horizontal", "none"]
+"""The flip that exchanges left and right: vertical for a top-down horizontal road, horizontal for a forward camera."""
+
+Scalar = str | int | float | bool | None
+RGB = NDArray[np.uint8]
+
+COUNTERFACTUALS: tuple[str, ...] = ("lead_near", "lead_far", "recoloured")
+"""Pictures of the same moment in which one thing was changed, where the simulator can draw them."""
+
+FORMAT = "eyechart-bank/1"
+MAX_PIXELS = 25_000_000
+MAX_IMAGE_BYTES = 64_000_000
+_RESERVED = {"file_name", "frame_id", "scenario", "episode", "step", "mirror_axis"}
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """Which column of ground truth the battery's gap tests read, in what unit, and what counts as near."""
+
+    column: str
+    threshold: float
+    unit: str
+
+
+LEAD_GAP = Gap(column="lead_gap_m", threshold=18.0, unit="m")
+"""The paper's gap: centre to centre to the lead vehicle, near below 18 m."""
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """A rendered image with its place in the bank and its ground truth, which no model sees.
+
+    ``truth`` maps a name with its unit (``lead_gap_m``) to a number, a flag, a word, or None for "there is
+    none" (no lead). ``file`` and ``counterfactuals`` are paths inside the bank.
+    """
+
+    id: str
+    scenario: str
+    episode: str
+    step: int
+    mirror_axis: MirrorAxis
+    file: str
+    truth: Mapping[str, Scalar] = field(default_factory=dict)
+    counterfactuals: Mapping[str, str] = field(default_factory=dict)
+
+    def geometry(self) -> str:
+        """Return the digest of the frame's identity and its ground truth to 3 decimals (docs/decisions/0007)."""
+        parts = [self.id, self.scenario, self.episode, str(self.step), self.mirror_axis]
+        parts += [f"{name}={_canonical(self.truth[name])}" for name in sorted(self.truth)]
+        return hashlib.sha256("\x1f".join(parts).encode()).hexdigest()[:16]
+
+
+def _canonical(value: Scalar) -> str:
+    if value is None:
+        return "none"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int | float):
+        return f"{round(float(value), 3) + 0.0:.3f}"
+    return value
+
+
+def rounded_truth(truth: Mapping[str, object], frame_id: str) -> dict[str, Scalar]:
+    """Return ground truth as plain values, floats to 3 decimals; raises BankError for NaN, infinity or other types."""
+    plain: dict[str, Scalar] = {}
+    for name, raw in truth.items():
+        value = raw.item() if isinstance(raw, np.generic) else raw
+        if isinstance(value, float):
+            if not math.isfinite(value):
+                raise BankError(f"frame '{frame_id}': truth '{name}' is {value}; use None for 'there is none'")
+            value = round(value, 3) + 0.0
+        if not isinstance(value, str | int | float | bool | None):
+            raise BankError(f"frame '{frame_id}': truth '{name}' is a {type(value).__name__}, not a plain value")
+        plain[name] = value
+    return plain
+
+
+@dataclass(frozen=True, slots=True)
+class BankManifest:
+    """What a bank says of itself: where its pictures come from, and the digests that fix them.
+
+    ``picture`` is the kind of picture in words, for the scope of every verdict. ``geometry`` maps a frame id
+    to its digest, ``images`` a file to its SHA-256.
+    """
+
+    simulator: str
+    preset: str
+    picture: str
+    action_space: ActionSpace
+    gap: Gap | None
+    settings: Mapping[str, object] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
+    geometry: Mapping[str, str] = field(default_factory=dict)
+    images: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def fingerprint(self) -> str:
+        """Return the digest of the geometry of every frame in order; pixels have no part in it."""
+        lines = "\n".join(f"{frame}\x1f{digest}" for frame, digest in self.geometry.items())
+        return hashlib.sha256(lines.encode()).hexdigest()
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the manifest as plain JSON values."""
+        gap = (
+            None
+            if self.gap is None
+            else {"column": self.gap.column, "threshold": self.gap.threshold, "unit": self.gap.unit}
+        )
+        return {
+            "format": FORMAT,
+            "simulator": self.simulator,
+            "preset": self.preset,
+            "picture": self.picture,
+            "fingerprint": self.fingerprint,
+            "action_space": self.action_space.as_dict(),
+            "gap": gap,
+            "settings": dict(self.settings),
+            "versions": dict(self.versions),
+            "geometry": dict(self.geometry),
+            "images": dict(self.images),
+        }
+
+
+@dataclass(frozen=True)
+class FrameBank:
+    """Frames on disk with their manifest. Opening one reads text only; pictures are read when asked for."""
+
+    root: Path
+    frames: tuple[Frame, ...]
+    manifest: BankManifest
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_by_id", {frame.id: frame for frame in self.frames})
+
+    def __iter__(self) -> Iterator[Frame]:
+        return iter(self.frames)
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def frame(self, frame_id: str) -> Frame:
+        """Return the frame of this id; raises BankError where the bank has none."""
+        by_id: dict[str, Frame] = self.__dict__["_by_id"]
+        if frame_id not in by_id:
+            raise BankError(f"the bank {self.root} has no frame '{frame_id}'")
+        return by_id[frame_id]
+
+    def image(self, frame: Frame, counterfactual: str | None = None) -> bytes:
+        """Return the encoded picture of a frame, or of one of its counterfactuals.
+
+        Raises BankError for a missing counterfactual, a file outside the bank, or one that is too large.
+        """
+        if counterfactual is None:
+            return read_bounded(self.root, frame.file)
+        if counterfactual not in frame.counterfactuals:
+            raise BankError(f"frame '{frame.id}' has no counterfactual picture '{counterfactual}'")
+        return read_bounded(self.root, frame.counterfactuals[counterfactual])
+
+    @property
+    def name(self) -> str:
+        """Return the bank's short name: its preset and the head of its fingerprint."""
+        return f"{self.manifest.simulator}-{self.manifest.preset}@{self.manifest.fingerprint[:8]}"
+
+
+def inside(root: Path, file: str) -> Path:
+    """Return the path of a bank's file; raises BankError where it would lead outside the bank."""
+    pure = PurePosixPath(file)
+    path = root / pure
+    if pure.is_absolute() or ".." in pure.parts or not path.resolve().is_relative_to(root.resolve()):
+        raise BankError(f"'{file}' leads outside the bank {root}; a bank's pictures must lie inside it")
+    return path
+
+
+def read_bounded(root: Path, file: str) -> bytes:
+    """Return a bank file's bytes; raises BankError if it is missing, outside the bank, or above 64 MB."""
+    path = inside(root, file)
+    try:
+        if path.stat().st_size > MAX_IMAGE_BYTES:
+            raise BankError(f"'{file}' has {path.stat().st_size} bytes; the limit is {MAX_IMAGE_BYTES}")
+        return path.read_bytes()
+    except OSError as error:
+        raise BankError(f"'{file}' of the bank {root} cannot be read: {error.strerror}") from error
+
+
+def decode(picture: bytes, name: str) -> RGB:
+    """Decode a picture to RGB, shape (h, w, 3), uint8; its size is checked before a pixel is decoded.
+
+    Raises BankError, naming the picture, if it is no picture, is truncated, or has more than 25 megapixels.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            opened = Image.open(io.BytesIO(picture), formats=("PNG", "JPEG", "WEBP", "BMP"))
+        with opened:
+            width, height = opened.size
+            if width * height > MAX_PIXELS:
+                raise BankError(
+                    f"'{name}' has {width}×{height} pixels; the limit is {MAX_PIXELS // 1_000_000} megapixels"
+                )
+            return np.asarray(opened.convert("RGB"), dtype=np.uint8)
+    except Image.DecompressionBombError as error:
+        raise BankError(f"'{name}' has more than {MAX_PIXELS // 1_000_000} megapixels") from error
+    except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as error:
+        raise BankError(f"'{name}' is damaged or no picture: {error}") from error
+
+
+def encode(rgb: RGB) -> bytes:
+    """Encode an RGB picture, shape (h, w, 3), uint8, as PNG."""
+    buffer = io.BytesIO()
+    Image.fromarray(rgb, mode=None).save(buffer, "PNG", compress_level=1)
+    return buffer.getvalue()
+
+
+def open_bank(root: Path) -> FrameBank:
+    """Open a bank from its manifest and metadata; raises BankError naming the file and line at fault.
+
+    Only text is read. The geometry is checked against the manifest's fingerprint here, the pictures by ``check``.
+    """
+    manifest = _read_manifest(root / "manifest.json")
+    frames = read_metadata(root / "metadata.jsonl")
+    bank = FrameBank(root=root, frames=frames, manifest=manifest)
+    problems = _geometry_problems(bank)
+    if problems:
+        raise BankError("; ".join(problems[:3]))
+    for frame in frames:
+        for file in (frame.file, *frame.counterfactuals.values()):
+            inside(root, file)
+    return bank
+
+
+def _read_manifest(path: Path) -> BankManifest:
+    try:
+        raw = json.loads(path.read_text(encoding="utf-8"))
+        if raw.get("format") != FORMAT:
+            raise BankError(f"{path} has format {raw.get('format')!r}; this eyechart reads {FORMAT!r}")
+        gap = None if raw["gap"] is None else Gap(**raw["gap"])
+        manifest = BankManifest(
+            simulator=raw["simulator"],
+            preset=raw["preset"],
+            picture=raw["picture"],
+            action_space=ActionSpace.from_dict(raw["action_space"]),
+            gap=gap,
+            settings=raw["settings"],
+            versions=raw["versions"],
+            geometry=raw["geometry"],
+            images=raw["images"],
+        )
+    except FileNotFoundError as error:
+        raise BankError(
+            f"{path} does not exist: is {path.parent} a frame bank? 'eyechart frames build' makes one"
+        ) from error
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise BankError(f"{path} is no bank manifest: {error!r}") from error
+    if raw["fingerprint"] != manifest.fingerprint:
+        raise BankError(f"{path}: the fingerprint does not match the geometry that the manifest lists")
+    return manifest
+
+
+def read_metadata(path: Path) -> tuple[Frame, ...]:
+    """Read a bank's ``metadata.jsonl``; raises BankError with the line at fault."""
+    frames: list[Frame] = []
+    try:
+        with path.open(encoding="utf-8") as lines:
+            for number, line in enumerate(lines, 1):
+                try:
+                    frames.append(_frame_from_row(json.loads(line)))
+                except (ValueError, KeyError, TypeError, AttributeError) as error:
+                    raise BankError(f"{path}, line {number}: {error!r}") from error
+    except OSError as error:
+        raise BankError(f"{path} cannot be read: {error.strerror}") from error
+    for frame_id, count in Counter(frame.id for frame in frames).items():
+        if count > 1:
+            raise BankError(f"{path}: frame '{frame_id}' stands there {count} times")
+    return tuple(frames)
+
+
+def _axis(value: Scalar) -> MirrorAxis:
+    for axis in get_args(MirrorAxis):
+        if value == axis:
+            return cast("MirrorAxis", axis)
+    raise ValueError(f"mirror_axis is {value!r}, not vertical, horizontal or none")
+
+
+def _frame_from_row(row: dict[str, Scalar]) -> Frame:
+    axis = _axis(row["mirror_axis"])
+    suffix = "_file_name"
+    pictures = {name.removesuffix(suffix): str(row[name]) for name in row if name.endswith(suffix) and row[name]}
+    truth = {name: row[name] for name in row if name not in _RESERVED and not name.endswith(suffix)}
+    frame_id = str(row["frame_id"])
+    return Frame(
+        id=frame_id,
+        scenario=str(row["scenario"]),
+        episode=str(row["episode"]),
+        step=int(str(row["step"])),
+        mirror_axis=axis,
+        file=str(row["file_name"]),
+        truth=rounded_truth(truth, frame_id),
+        counterfactuals=pictures,
+    )
+
+
+def _geometry_problems(bank: FrameBank) -> list[str]:
+    path, recorded = bank.root / "metadata.jsonl", dict(bank.manifest.geometry)
+    problems = []
+    for frame in bank:
+        digest = recorded.pop(frame.id, None)
+        if digest is None:
+            problems.append(f"{path}: frame '{frame.id}' is not in the manifest")
+        elif digest != frame.geometry():
+            problems.append(f"{path}: the ground truth of frame '{frame.id}' differs from the manifest's fingerprint")
+    problems += [f"{path}: frame '{frame_id}' of the manifest is missing" for frame_id in recorded]
+    if not problems and [frame.id for frame in bank] != list(bank.manifest.geometry):
+        problems.append(f"{path}: the frames stand in another order than in the manifest")
+    return problems
+
+
+def check(root: Path) -> list[str]:
+    """Recompute a bank's fingerprint and the hash of every picture; return what differs, one line each, by name.
+
+    An empty list means that the bank is what its manifest says. Raises BankError if it cannot be opened at all.
+    """
+    manifest = _read_manifest(root / "manifest.json")
+    bank = FrameBank(root=root, frames=read_metadata(root / "metadata.jsonl"), manifest=manifest)
+    problems = _geometry_problems(bank)
+    used = [file for frame in bank for file in (frame.file, *frame.counterfactuals.values())]
+    for file in used:
+        try:
+            picture = read_bounded(root, file)
+            decode(picture, file)
+        except BankError as error:
+            problems.append(str(error))
+            continue
+        if file not in manifest.images:
+            problems.append(f"'{file}' is not in the manifest")
+        elif hashlib.sha256(picture).hexdigest() != manifest.images[file]:
+            problems.append(f"'{file}' is not the picture that the manifest recorded: its SHA-256 differs")
+    problems += [f"'{file}' of the manifest belongs to no frame" for file in manifest.images.keys() - set(used)]
+    return problems
+
+
+class BankWriter:
+    """Writes a bank into a folder beside its place and moves it there when all of it is written.
+
+    Use as a context manager; when its body raises, nothing stays. Raises BankError where ``out`` exists and is
+    not an empty folder.
+    """
+
+    def __init__(self, out: Path, manifest: BankManifest) -> None:
+        if out.exists() and (not out.is_dir() or any(out.iterdir())):
+            raise BankError(f"{out} exists already and is not an empty folder; choose another place for the bank")
+        self._out = out
+        self._manifest = manifest
+        self._rows: list[str] = []
+        self._geometry: dict[str, str] = {}
+        self._images: dict[str, str] = {}
+
+    def __enter__(self) -> Self:
+        self._out.parent.mkdir(parents=True, exist_ok=True)
+        self._work = Path(tempfile.mkdtemp(prefix=f".{self._out.name}-", dir=self._out.parent))
+        return self
+
+    def add(self, frame: Frame, picture: bytes, counterfactuals: Mapping[str, bytes]) -> None:
+        """Add a frame with its encoded pictures; ``frame.file`` and ``frame.counterfactuals`` name where they go."""
+        if frame.id in self._geometry:
+            raise BankError(f"frame '{frame.id}' was added twice")
+        truth = rounded_truth(frame.truth, frame.id)
+        if clash := _RESERVED & truth.keys():
+            raise BankError(f"frame '{frame.id}': truth may not use the reserved names {sorted(clash)}")
+        row: dict[str, Scalar] = {
+            "file_name": frame.file,
+            "frame_id": frame.id,
+            "scenario": frame.scenario,
+            "episode": frame.episode,
+            "step": frame.step,
+            "mirror_axis": frame.mirror_axis,
+            **truth,
+        }
+        self._store(frame.file, picture)
+        for name, file in frame.counterfactuals.items():
+            self._store(file, counterfactuals[name])
+            row[f"{name}_file_name"] = file
+        self._rows.append(json.dumps(row, ensure_ascii=False))
+        self._geometry[frame.id] = frame.geometry()
+
+    def _store(self, file: str, picture: bytes) -> None:
+        path = inside(self._work, file)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(picture)
+        self._images[file] = hashlib.sha256(picture).hexdigest()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is not None:
+            shutil.rmtree(self._work, ignore_errors=True)
+            return
+        manifest = replace(self._manifest, geometry=self._geometry, images=self._images)
+        (self._work / "metadata.jsonl").write_text("".join(row + "\n" for row in self._rows), encoding="utf-8")
+        text = json.dumps(manifest.as_dict(), indent=1, ensure_ascii=False)
+        (self._work / "manifest.json").write_text(text + "\n", encoding="utf-8")
+        self._work.chmod(0o755)
+        if self._out.exists():
+            self._out.rmdir()
+        self._work.replace(self._out)

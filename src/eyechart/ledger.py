@@ -1,0 +1,211 @@
+"""The ledger is the durable, append-only record of calls: an SQLite file that any SQLite browser opens.
+
+An attempt is a row in ``attempts``, written before it is sent, and a row in ``replies``, written when it is
+over; an attempt without a reply was sent with its outcome unknown. Rows are never changed or removed.
+"""
+
+import datetime as dt
+import sqlite3
+from collections.abc import Iterator
+from dataclasses import astuple, dataclass, fields
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from eyechart.calls import TRANSIENT, CallKey, Reply
+from eyechart.errors import LedgerError
+
+_SCHEMA = """
+CREATE TABLE IF NOT EXISTS calls (
+    id INTEGER PRIMARY KEY,
+    study TEXT NOT NULL, model TEXT NOT NULL, prompt TEXT NOT NULL,
+    frame TEXT NOT NULL, condition TEXT NOT NULL, repeat INTEGER NOT NULL,
+    UNIQUE (study, model, prompt, frame, condition, repeat)
+) STRICT;
+CREATE TABLE IF NOT EXISTS attempts (
+    id INTEGER PRIMARY KEY,
+    call INTEGER NOT NULL REFERENCES calls (id),
+    number INTEGER NOT NULL, request_sha256 TEXT NOT NULL, sent_at TEXT NOT NULL,
+    UNIQUE (call, number)
+) STRICT;
+CREATE TABLE IF NOT EXISTS replies (
+    attempt INTEGER PRIMARY KEY REFERENCES attempts (id),
+    call INTEGER NOT NULL REFERENCES calls (id),
+    final INTEGER NOT NULL, closed_at TEXT NOT NULL,
+    text TEXT NOT NULL, finish_reason TEXT, error TEXT, error_detail TEXT NOT NULL,
+    prompt_tokens INTEGER, completion_tokens INTEGER, seconds REAL
+) STRICT;
+CREATE UNIQUE INDEX IF NOT EXISTS one_final_reply_a_call ON replies (call) WHERE final = 1;
+CREATE INDEX IF NOT EXISTS replies_of_a_call ON replies (call);
+"""
+_APPEND_ONLY = "".join(
+    f"CREATE TRIGGER IF NOT EXISTS {table}_{verb} BEFORE {verb} ON {table} "
+    "BEGIN SELECT RAISE(ABORT, 'the ledger is append-only'); END;\n"
+    for table in ("calls", "attempts", "replies")
+    for verb in ("UPDATE", "DELETE")
+)
+_VERSION = 1
+_KEY = ", ".join(field.name for field in fields(CallKey))
+_KEY_IS = " AND ".join(f"{field.name} = ?" for field in fields(CallKey))
+_REPLY = tuple(field.name for field in fields(Reply))
+_REPLY_NAMES = ", ".join(_REPLY)
+_COPY_ATTEMPTS = f"""
+INSERT INTO attempts (id, call, number, request_sha256, sent_at)
+SELECT a.id + ?, mine.id,
+       a.number + coalesce((SELECT max(number) FROM main.attempts b WHERE b.call = mine.id), 0),
+       a.request_sha256, a.sent_at
+FROM other.attempts a JOIN other.calls theirs ON theirs.id = a.call JOIN main.calls mine USING ({_KEY})
+"""
+_COPY_REPLIES = f"""
+INSERT INTO replies (attempt, call, final, closed_at, {_REPLY_NAMES})
+SELECT r.attempt + ?, mine.id, r.final, r.closed_at, {", ".join(f"r.{name}" for name in _REPLY)}
+FROM other.replies r JOIN other.calls theirs ON theirs.id = r.call JOIN main.calls mine USING ({_KEY})
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Attempt:
+    """An attempt that was written and not yet closed: row ids of the attempt and of its call."""
+
+    id: int
+    call: int
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
+class Accounting:
+    """What the calls of one model took: attempts and their outcomes, tokens, and seconds.
+
+    ``unknown`` counts attempts that were sent and whose outcome is not known (the run was cut). Token sums are
+    None where no reply reported any.
+    """
+
+    calls: int
+    attempts: int
+    finished: int
+    unknown: int
+    errors: int
+    prompt_tokens: int | None
+    completion_tokens: int | None
+    seconds: float
+
+
+class Ledger:
+    """One run's ledger. Every write is committed before the method returns, so a killed process loses none.
+
+    Use as a context manager. Raises LedgerError where the file is missing (unless ``create``) or no ledger.
+    """
+
+    def __init__(self, path: Path, *, create: bool = False) -> None:
+        if not create and not path.is_file():
+            raise LedgerError(f"{path} does not exist: is {path.parent} a run? 'eyechart run battery' makes one")
+        self.path = path
+        try:
+            # Autocommit: each INSERT below is its own durable transaction.
+            self._sql = sqlite3.connect(path, isolation_level=None)
+            self._sql.execute("PRAGMA journal_mode = WAL")
+            self._sql.execute("PRAGMA synchronous = NORMAL")
+            self._sql.execute("PRAGMA foreign_keys = ON")
+            (version,) = self._sql.execute("PRAGMA user_version").fetchone()
+            if create and version == 0:
+                self._sql.executescript(f"BEGIN; {_SCHEMA} {_APPEND_ONLY} PRAGMA user_version = {_VERSION}; COMMIT;")
+            elif version != _VERSION:
+                raise LedgerError(f"{path} is a ledger of format {version}; this eyechart reads format {_VERSION}")
+        except sqlite3.DatabaseError as error:
+            raise LedgerError(f"{path} is no ledger: {error}") from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._sql.close()
+
+    def begin(self, key: CallKey, request_sha256: str) -> Attempt:
+        """Record that an attempt at a call is about to be sent.
+
+        Raises LedgerError where the call is finished already: it must not be paid for twice.
+        """
+        sql = self._sql
+        sql.execute(f"INSERT OR IGNORE INTO calls ({_KEY}) VALUES (?, ?, ?, ?, ?, ?)", astuple(key))
+        (call,) = sql.execute(f"SELECT id FROM calls WHERE {_KEY_IS}", astuple(key)).fetchone()
+        if sql.execute("SELECT 1 FROM replies WHERE call = ? AND final = 1", (call,)).fetchone():
+            raise LedgerError(f"the call {key} is finished already")
+        (number,) = sql.execute("SELECT count(*) + 1 FROM attempts WHERE call = ?", (call,)).fetchone()
+        row = (call, number, request_sha256, _now())
+        cursor = sql.execute("INSERT INTO attempts (call, number, request_sha256, sent_at) VALUES (?, ?, ?, ?)", row)
+        return Attempt(id=int(cursor.lastrowid or 0), call=call, number=number)
+
+    def close(self, attempt: Attempt, reply: Reply) -> None:
+        """Record what came back. A reply with a transient error leaves the call unfinished."""
+        final = reply.error not in TRANSIENT
+        marks = ", ".join("?" * (4 + len(_REPLY)))
+        row = (attempt.id, attempt.call, int(final), _now(), *astuple(reply))
+        self._sql.execute(
+            f"INSERT INTO replies (attempt, call, final, closed_at, {_REPLY_NAMES}) VALUES ({marks})", row
+        )
+
+    def finished(self) -> set[CallKey]:
+        """Return the keys of every finished call."""
+        rows = self._sql.execute(f"SELECT {_KEY} FROM calls JOIN replies ON call = calls.id WHERE final = 1")
+        return {CallKey(*row) for row in rows}
+
+    def unknown(self) -> set[CallKey]:
+        """Return the keys of unfinished calls with an attempt that was sent and whose outcome is unknown."""
+        rows = self._sql.execute(
+            f"SELECT {_KEY} FROM calls WHERE id IN "
+            "(SELECT call FROM attempts WHERE id NOT IN (SELECT attempt FROM replies)) "
+            "AND id NOT IN (SELECT call FROM replies WHERE final = 1)"
+        )
+        return {CallKey(*row) for row in rows}
+
+    def replies(self, model: str) -> Iterator[tuple[CallKey, Reply]]:
+        """Yield each call of a model that has a reply: its final one, or its last failure while it has none."""
+        names = ", ".join(f"r.{name}" for name in _REPLY)
+        rows = self._sql.execute(
+            f"SELECT {_KEY}, {names} FROM calls JOIN replies r ON r.call = calls.id "
+            "WHERE model = ? AND (final = 1 OR (attempt = (SELECT max(attempt) FROM replies l WHERE l.call = r.call) "
+            "AND NOT EXISTS (SELECT 1 FROM replies f WHERE f.call = r.call AND f.final = 1)))",
+            (model,),
+        )
+        split = len(fields(CallKey))
+        for row in rows:
+            yield CallKey(*row[:split]), Reply(*row[split:])
+
+    def accounting(self, model: str) -> Accounting:
+        """Return the attempts, tokens and seconds that a model took."""
+        attempts = self._sql.execute(
+            "SELECT count(DISTINCT a.call), count(*), count(*) - count(r.attempt), coalesce(sum(final), 0), "
+            "count(r.error), sum(prompt_tokens), sum(completion_tokens), coalesce(sum(seconds), 0.0) FROM attempts a "
+            "LEFT JOIN replies r ON r.attempt = a.id WHERE a.call IN (SELECT id FROM calls WHERE model = ?)",
+            (model,),
+        ).fetchone()
+        calls, sent, unknown, finished, errors, prompt_tokens, completion_tokens, seconds = attempts
+        return Accounting(calls, sent, finished, unknown, errors, prompt_tokens, completion_tokens, seconds)
+
+    def absorb(self, other: "Ledger") -> int:
+        """Copy every call of another ledger into this one, attempts and replies included; return how many calls.
+
+        Raises LedgerError, and copies nothing, where a call was finished in both.
+        """
+        if twice := self.finished() & other.finished():
+            raise LedgerError(f"{other.path}: {len(twice)} calls are finished in both ledgers, first {min(twice)}")
+        self._sql.execute("ATTACH ? AS other", (str(other.path),))
+        self._sql.execute("BEGIN IMMEDIATE")
+        try:
+            (base,) = self._sql.execute("SELECT coalesce(max(id), 0) FROM attempts").fetchone()
+            self._sql.execute(f"INSERT OR IGNORE INTO calls ({_KEY}) SELECT {_KEY} FROM other.calls")
+            self._sql.execute(_COPY_ATTEMPTS, (base,))
+            self._sql.execute(_COPY_REPLIES, (base,))
+            (count,) = self._sql.execute("SELECT count(*) FROM other.calls").fetchone()
+        except BaseException:
+            self._sql.execute("ROLLBACK")
+            raise
+        self._sql.execute("COMMIT")
+        self._sql.execute("DETACH other")
+        return int(count)
+
+
+def _now() -> str:
+    return dt.datetime.now(dt.UTC).isoformat(timespec="milliseconds")

@@ -1,0 +1,131 @@
+"""A run's manifest says what was asked of which models on which bank, so that a run can be resumed, merged and read."""
+
+import datetime as dt
+import json
+import os
+import platform
+import shutil
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from eyechart import __version__
+from eyechart.errors import LedgerError
+from eyechart.frames import FrameBank, open_bank
+from eyechart.prompts import Prompt
+
+FORMAT = "eyechart-run/1"
+LEDGER = "ledger.sqlite"
+_FILE = "run.json"
+_BANK = "bank"
+
+
+@dataclass(frozen=True, slots=True)
+class RunManifest:
+    """What a run was planned to do. ``models`` maps a SPEC to the version that answered.
+
+    ``shard`` is (i, n), counted from 1, or None for the whole; ``limit`` the number of frames, or None for all.
+    """
+
+    study: str
+    created: str
+    seed: int
+    prompt: Prompt
+    models: Mapping[str, str]
+    conditions: tuple[str, ...]
+    limit: int | None
+    shard: tuple[int, int] | None
+    bank_path: str
+    fingerprint: str
+    versions: Mapping[str, str]
+
+    def extended(self, other: "RunManifest") -> "RunManifest":
+        """Return this manifest with another's models, conditions and limit added.
+
+        Raises LedgerError that names what differs where the two are not parts of one run.
+        """
+        for name in ("study", "seed", "prompt", "fingerprint", "shard"):
+            mine, theirs = getattr(self, name), getattr(other, name)
+            if mine != theirs:
+                shown = (mine.key, theirs.key) if isinstance(mine, Prompt) else (mine, theirs)
+                raise LedgerError(
+                    f"this run has {name} {shown[0]}, now {name} {shown[1]} was asked for; "
+                    "give the same options to resume it, or another --out for another run"
+                )
+        for spec in self.models.keys() & other.models.keys():
+            if self.models[spec] != other.models[spec]:
+                raise LedgerError(
+                    f"this run asked {spec} at version {self.models[spec]}, which is now {other.models[spec]}; "
+                    "give another --out: two versions in one ledger cannot be told apart"
+                )
+        conditions = self.conditions + tuple(name for name in other.conditions if name not in self.conditions)
+        return replace(
+            self, models={**self.models, **other.models}, conditions=conditions, limit=_larger(self.limit, other.limit)
+        )
+
+
+def _larger(one: int | None, other: int | None) -> int | None:
+    return None if one is None or other is None else max(one, other)
+
+
+def versions() -> dict[str, str]:
+    """Return the versions that may matter to a picture or a number."""
+    found = {"eyechart": __version__, "python": platform.python_version()}
+    for package in ("numpy", "scipy", "pillow", "highway-env", "gymnasium", "pygame-ce"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def today() -> str:
+    """Return the date in UTC, as a run records it."""
+    return dt.datetime.now(dt.UTC).date().isoformat()
+
+
+def write_run(out: Path, manifest: RunManifest, bank: FrameBank) -> None:
+    """Write a run's manifest and the text of its bank (no pictures) into the run's folder."""
+    copy = out / _BANK
+    if not is_run(out):
+        shutil.rmtree(copy, ignore_errors=True)  # of a run that was cut before it had a manifest
+        partial = out / f".{_BANK}"
+        shutil.rmtree(partial, ignore_errors=True)
+        partial.mkdir()
+        for name in ("manifest.json", "metadata.jsonl"):
+            shutil.copyfile(bank.root / name, partial / name)
+        partial.replace(copy)
+    values = {"format": FORMAT, **asdict(manifest)}
+    partial_file = out / f".{_FILE}"
+    with partial_file.open("w", encoding="utf-8") as file:
+        file.write(json.dumps(values, indent=1, ensure_ascii=False) + "\n")
+        file.flush()
+        os.fsync(file.fileno())
+    partial_file.replace(out / _FILE)
+
+
+def is_run(path: Path) -> bool:
+    """Return whether a folder holds a run."""
+    return (path / _FILE).is_file()
+
+
+def read_run(path: Path) -> tuple[RunManifest, FrameBank]:
+    """Read a run's manifest and the text of its bank; raises LedgerError or BankError naming the file at fault."""
+    file = path / _FILE
+    try:
+        raw = json.loads(file.read_text(encoding="utf-8"))
+        if raw.pop("format") != FORMAT:
+            raise LedgerError(f"{file} is of another format than {FORMAT!r}")
+        raw["prompt"] = Prompt(**raw["prompt"])
+        raw["conditions"] = tuple(raw["conditions"])
+        raw["shard"] = None if raw["shard"] is None else (int(raw["shard"][0]), int(raw["shard"][1]))
+        manifest = RunManifest(**raw)
+    except FileNotFoundError as error:
+        raise LedgerError(f"{file} does not exist: is {path} a run? 'eyechart run battery' makes one") from error
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise LedgerError(f"{file} is no run manifest: {error!r}") from error
+    bank = open_bank(path / _BANK)
+    if bank.manifest.fingerprint != manifest.fingerprint:
+        raise LedgerError(f"{path / _BANK} is not the bank of this run: its fingerprint differs from that in {file}")
+    return manifest, bank

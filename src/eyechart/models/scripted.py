@@ -1,0 +1,291 @@
+"""Known-answer controllers: they see what a VLM sees, and each declares the verdict that it deserves.
+
+They read the picture's pixels through the image-only positive control and know neither frame nor condition.
+They are the demo, the tutorial, and the instrument's own eye test.
+"""
+
+import hashlib
+import random
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+from eyechart import __version__
+from eyechart.actions import DRIVING
+from eyechart.calls import Query, Reply
+from eyechart.errors import SpecError
+from eyechart.frames import RGB, decode
+from eyechart.perception.renderer import Reading, read_picture
+from eyechart.perception.scene import FREE_GAP_M, STOP_GAP_M, safe_action
+
+Kind = Literal["no_picture", "uniform", "unknown", "road"]
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """What a controller made of a picture: its kind, and the reading where it shows a road."""
+
+    kind: Kind
+    reading: Reading | None
+
+
+Answer = str | Reply
+"""An action in words, or a whole Reply where the controller fails to act."""
+
+Decide = Callable[[Sight, random.Random], Answer]
+
+
+@dataclass(frozen=True, slots=True)
+class Declared:
+    """The labels that a controller deserves on a ``balanced`` bank, under the paper's and the calibrated rules."""
+
+    paper: str
+    calibrated: str
+    lateral: str
+
+
+@dataclass(frozen=True, slots=True)
+class Controller:
+    """A decision rule on a picture, with what it does in words and the labels that it deserves."""
+
+    says: str
+    decide: Decide
+    declared: Declared
+
+
+_REFUSAL = Reply(text="I'm sorry, I cannot see a road in this picture.", finish_reason="stop")
+_CUT = Reply(text="The green vehicle is in the", finish_reason="length")
+
+
+def _constant(sight: Sight, rng: random.Random) -> Answer:
+    del sight, rng
+    return "SLOW"
+
+
+def _random(sight: Sight, rng: random.Random) -> Answer:
+    del sight
+    return rng.choice(DRIVING.actions)
+
+
+def _presence(sight: Sight, rng: random.Random) -> Answer:
+    del rng
+    return "SLOW" if sight.reading else "STOP"
+
+
+def _graded(sight: Sight, clear: str) -> Answer:
+    """Brake by distance, and answer ``clear`` where the road is free; STOP at anything that is no road."""
+    if sight.reading is None:
+        return "STOP"
+    gap = sight.reading.scene.gap_m
+    if gap is None or gap >= FREE_GAP_M:
+        return clear
+    return "STOP" if gap < STOP_GAP_M else "SLOW"
+
+
+def _depth(sight: Sight, rng: random.Random) -> Answer:
+    del rng
+    return _graded(sight, "STRAIGHT")
+
+
+def _depth_lateral(sight: Sight, rng: random.Random) -> Answer:
+    del rng
+    return safe_action(sight.reading.scene) if sight.reading else "STOP"
+
+
+def _depth_left(sight: Sight, rng: random.Random) -> Answer:
+    del rng
+    return _graded(sight, "LEFT")
+
+
+def _one_sided(sight: Sight, rng: random.Random) -> Answer:
+    action = _depth_lateral(sight, rng)
+    return "SLOW" if action == "RIGHT" else action
+
+
+def _noisy_depth(sight: Sight, rng: random.Random) -> Answer:
+    return rng.choice(DRIVING.actions) if rng.random() < 0.6 else _graded(sight, "STRAIGHT")
+
+
+def _self_inconsistent(sight: Sight, rng: random.Random) -> Answer:
+    if sight.reading is None and rng.random() < 0.5:
+        return "STOP"
+    return rng.choice(DRIVING.actions)
+
+
+def _refuse_blank(sight: Sight, rng: random.Random) -> Answer:
+    del rng
+    return _REFUSAL if sight.kind == "uniform" else "SLOW"
+
+
+def _declines_blank_depth(sight: Sight, rng: random.Random) -> Answer:
+    del rng
+    return _graded(sight, "STRAIGHT") if sight.reading else _REFUSAL
+
+
+def _truncating(sight: Sight, rng: random.Random) -> Answer:
+    return _CUT if rng.random() < 0.4 else _graded(sight, "STRAIGHT")
+
+
+def _inverted(sight: Sight, rng: random.Random) -> Answer:
+    del rng
+    if sight.reading is None:
+        return "STOP"
+    gap = sight.reading.scene.gap_m
+    if gap is None or gap >= FREE_GAP_M:
+        return "STOP"
+    return "STRAIGHT" if gap < STOP_GAP_M else "SLOW"
+
+
+def _nuisance(sight: Sight, rng: random.Random) -> Answer:
+    del rng
+    if sight.reading is None or sight.reading.stripe_phase is None:
+        return "STOP"
+    return ("STOP", "SLOW", "STRAIGHT")[int(3 * sight.reading.stripe_phase) % 3]
+
+
+def _crash_colour(sight: Sight, rng: random.Random) -> Answer:
+    del rng
+    if sight.reading is None:
+        return "SLOW"
+    return "STOP" if sight.reading.ego_colour == "red" else "STRAIGHT"
+
+
+def _scene_only(sight: Sight, rng: random.Random) -> Answer:
+    del rng
+    if sight.reading is None:
+        return "STOP"
+    if sight.reading.ramp or sight.reading.lanes <= 2:
+        return "STOP"
+    return "SLOW" if sight.reading.lanes == 3 else "STRAIGHT"
+
+
+CONTROLLERS: dict[str, Controller] = {
+    "constant": Controller(
+        "answers SLOW, whatever it is shown",
+        _constant,
+        Declared("image_invariant", "image_invariant", "no_power"),
+    ),
+    "random": Controller(
+        "tosses a five-sided coin",
+        _random,
+        Declared("image_invariant", "self_inconsistent", "does_not_swap"),
+    ),
+    "presence": Controller(
+        "SLOW at any road, STOP at anything else",
+        _presence,
+        Declared("presence_only", "presence_only", "no_power"),
+    ),
+    "depth": Controller(
+        "brakes by the distance of the lead vehicle, never turns",
+        _depth,
+        Declared("depth", "depth", "no_power"),
+    ),
+    "depth_lateral": Controller(
+        "brakes by distance and turns to the one clear side",
+        _depth_lateral,
+        Declared("depth_lateral", "depth_lateral", "swaps"),
+    ),
+    "depth_left": Controller(
+        "brakes by distance and says LEFT for a free road (as the paper's Qwen2.5-VL-72B)",
+        _depth_left,
+        Declared("depth", "depth", "one_sided"),
+    ),
+    "one_sided": Controller(
+        "brakes by distance and turns to the left where it is clear, never to the right",
+        _one_sided,
+        Declared("depth", "depth", "one_sided"),
+    ),
+    "noisy_depth": Controller(
+        "brakes by distance in 4 of 10 answers and tosses a coin in the others",
+        _noisy_depth,
+        Declared("self_inconsistent", "depth", "does_not_swap"),
+    ),
+    "self_inconsistent": Controller(
+        "tosses a coin at roads, and a coin biased to STOP at anything else (as the paper's Kimi-K3)",
+        _self_inconsistent,
+        Declared("self_inconsistent", "self_inconsistent", "does_not_swap"),
+    ),
+    "refuse_blank": Controller(
+        "answers SLOW, but refuses a uniform picture",
+        _refuse_blank,
+        Declared("refusal_effect", "refusal_effect", "no_power"),
+    ),
+    "declines_blank_depth": Controller(
+        "brakes by distance, and refuses anything that is no road",
+        _declines_blank_depth,
+        Declared("not_scorable", "depth", "no_power"),
+    ),
+    "truncating": Controller(
+        "brakes by distance, but 4 of 10 answers are cut off before the action",
+        _truncating,
+        Declared("not_scorable", "not_scorable", "no_power"),
+    ),
+    "inverted": Controller(
+        "brakes where the lead vehicle is far and goes on where it is near",
+        _inverted,
+        Declared("presence_only", "content", "no_power"),
+    ),
+    "nuisance": Controller(
+        "follows the phase of the lane markings, which says nothing about the road",
+        _nuisance,
+        Declared("presence_only", "content", "no_power"),
+    ),
+    "crash_colour": Controller(
+        "stops where the own vehicle is painted red",
+        _crash_colour,
+        Declared("presence_only", "content", "no_power"),
+    ),
+    "scene_only": Controller(
+        "recognises the scenario by its road, and nothing else",
+        _scene_only,
+        Declared("presence_only", "scene_cue", "no_power"),
+    ),
+}
+
+_SIGHTS_KEPT = 20_000
+_SIGHTS: OrderedDict[bytes, Sight] = OrderedDict()
+
+
+def see(image: bytes | None) -> Sight:
+    """Read an encoded picture from its pixels alone; equal pictures are read once in a process."""
+    if image is None:
+        return Sight("no_picture", None)
+    digest = hashlib.sha256(image).digest()
+    if digest not in _SIGHTS:
+        _SIGHTS[digest] = _look(decode(image, "the query's picture"))
+        if len(_SIGHTS) > _SIGHTS_KEPT:
+            _SIGHTS.popitem(last=False)
+    return _SIGHTS[digest]
+
+
+def _look(pixels: RGB) -> Sight:
+    if (pixels == pixels[0, 0]).all():
+        return Sight("uniform", None)
+    reading = read_picture(pixels)
+    return Sight("unknown" if reading is None else "road", reading)
+
+
+@dataclass(frozen=True, slots=True)
+class ScriptedModel:
+    """A known-answer controller behind the door of a model."""
+
+    controller: Controller
+    version: str = __version__
+
+    async def answer(self, query: Query) -> Reply:
+        """Answer from the query's picture; what the controller leaves to chance is drawn from the query's seed."""
+        answer = self.controller.decide(see(query.image), random.Random(query.seed))  # noqa: S311 - no secret
+        return answer if isinstance(answer, Reply) else Reply(text=answer, finish_reason="stop")
+
+
+def open_model(name: str) -> ScriptedModel:
+    """Open the controller of this name; raises SpecError that lists the known ones."""
+    if name not in CONTROLLERS:
+        raise SpecError(f"unknown controller 'scripted:{name}'; known are {', '.join(CONTROLLERS)}")
+    return ScriptedModel(CONTROLLERS[name])
+
+
+def names() -> dict[str, str]:
+    """Return each controller's name with what it does in words."""
+    return {name: controller.says for name, controller in CONTROLLERS.items()}

@@ -1,0 +1,371 @@
+"""A reader of highway-env's picture by its exact colours: the control that shows the picture holds the answer.
+
+The stock picture has 600 x 150 pixels at 5.5 pixels a metre, seen from above, and the ego is always drawn at
+column 180 in the middle of the rows. The world is drawn at whole pixels by truncation, so half a pixel is
+added wherever a pixel becomes a length. Rows and columns are counted in half pixels, from the middle of the
+picture's rows downwards: a vertical flip then only changes signs, and everything that is read from a picture
+and from its flip agrees exactly.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from eyechart.perception.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, Scene
+
+_Bools = npt.NDArray[np.bool_]
+_Ints = npt.NDArray[np.int64]
+_Codes = npt.NDArray[np.uint32]
+
+WIDTH_PX, HEIGHT_PX = 600, 150
+PX_PER_M = 5.5
+EGO_COLUMN = 180
+"""0.3 of the picture's width (highway-env's ``centering_position``)."""
+
+PALETTE = {
+    "green": ((50, 200, 0), (73, 255, 0)),
+    "red": ((255, 100, 100), (255, 147, 147)),
+    "blue": ((100, 200, 255), (147, 255, 255)),
+    "yellow": ((200, 200, 0), (255, 255, 0)),
+    "purple": ((200, 0, 150), (255, 0, 220)),
+}
+"""Body and headlight colour of each vehicle colour in highway-env's ``VehicleGraphics``."""
+
+_NAMES = tuple(PALETTE)
+_GREY, _WHITE = 0x646464, 0xFFFFFF
+
+_BODY_LENGTH_PX, _BODY_WIDTH_PX = 25, 9  # 27 x 11 drawn, less the dark outline
+_BODY_TURNED_PX = 18  # a whole body taller than this is turned so far that it may be short in columns
+_LEAST_AREA_PX = 10
+_HALF_LENGTH = _BODY_LENGTH_PX - 1  # in half pixels
+_HALF_WIDTH = _BODY_WIDTH_PX - 1
+_EGO_REACH = 14  # how far, in half pixels, rows and columns together, the ego may seem from its anchor
+_EGO_CENTRE = 2 * EGO_COLUMN - 2  # a body at pixel p fills the columns p - 13 to p + 11
+_MIDDLE = HEIGHT_PX - 1
+
+_LANE = 44  # 4 m in half pixels
+_LANE_SLACK = 2
+_LEAST_LINE_PX = 150
+_LONGEST_DASH_GAP_PX = 10  # 4.33 m less 3 m, and a little
+_DASH_REACH_PX = 17  # one dash
+_DASH_PERIOD_PX = 4.33 * PX_PER_M
+_PHASE_REACH_PX = 72
+_RAMP_LEAST_PX = 8
+_RAMP_LEAST_OFFSET_PX = 40
+
+_COLUMN_ANGLES = 2 * np.pi * (EGO_COLUMN - np.arange(WIDTH_PX) - 0.5) / _DASH_PERIOD_PX
+_COLUMN_COS, _COLUMN_SIN = np.cos(_COLUMN_ANGLES), np.sin(_COLUMN_ANGLES)
+
+
+def _palette_tables() -> tuple[_Codes, npt.NDArray[np.int8]]:
+    """Return, by a colour's top four bits a channel, its exact code and its number (body 2n, lights 2n + 1)."""
+    codes = np.zeros(4096, dtype=np.uint32)
+    numbers = np.full(4096, -1, dtype=np.int8)
+    for n, pair in enumerate(PALETTE.values()):
+        for light, (r, g, b) in enumerate(pair):
+            slot = (r >> 4) << 8 | (g >> 4) << 4 | b >> 4
+            codes[slot] = r << 16 | g << 8 | b
+            numbers[slot] = 2 * n + light
+    return codes, numbers
+
+
+_TABLE_CODES, _TABLE_NUMBERS = _palette_tables()
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What one highway-env picture shows, by its pixels alone.
+
+    ``ego_colour`` is a name in ``PALETTE`` (green drives, red has crashed). ``lanes`` counts the lanes that
+    dashed lines join to the ego's at the ego's column, as far as the picture reaches (a fifth lane may lie
+    beyond its edge), and ``lane_from_left`` is the ego's among them. ``vehicles`` counts the others.
+    ``stripe_phase`` in [0, 1) is how much of a stripe's period has passed since the last stripe began: it
+    moves with the ego's position and with nothing else; None where no line is dashed. ``ramp`` says that a
+    line beside the straight road is in sight, as of merge-v0 and never of highway-v0.
+    """
+
+    scene: Scene
+    ego_colour: str
+    lanes: int
+    lane_from_left: int
+    vehicles: int
+    stripe_phase: float | None
+    ramp: bool
+
+    def mirrored(self) -> "Reading":
+        """Return the reading of the flipped picture."""
+        return Reading(
+            scene=self.scene.mirrored(),
+            ego_colour=self.ego_colour,
+            lanes=self.lanes,
+            lane_from_left=self.lanes - 1 - self.lane_from_left,
+            vehicles=self.vehicles,
+            stripe_phase=self.stripe_phase,
+            ramp=self.ramp,
+        )
+
+
+class _Body(NamedTuple):
+    """A drawn vehicle: its colour's number, twice its middle column, and its row in half pixels.
+
+    ``lost`` is what truncation took from its row, in half pixels.
+    """
+
+    colour: int
+    column: int
+    row: int
+    lost: int
+
+
+class _Road(NamedTuple):
+    """The lanes at the ego's column; ``upper`` and ``lower`` are the own lane's lines in half pixels."""
+
+    upper: int
+    lower: int
+    lanes_left: int
+    lanes_right: int
+    stripe_phase: float | None
+    ramp: bool
+
+
+def read_picture(rgb: npt.NDArray[np.uint8]) -> Reading | None:
+    """Return what a picture (150, 600, 3) shows, or None where it is no highway picture with an ego in it."""
+    if rgb.shape != (HEIGHT_PX, WIDTH_PX, 3) or rgb.dtype != np.uint8:
+        return None
+    codes = _pack(rgb)
+    road = _read_road(codes)
+    if road is None:
+        return None
+    bodies = _find_bodies(codes)
+    egos = _find_ego(bodies)
+    if not egos:
+        return None
+    others = [body for body in bodies if body not in egos]
+    return Reading(
+        scene=_read_scene(road, others, upright=_upright(egos)),
+        ego_colour=_NAMES[min(ego.colour for ego in egos)],
+        lanes=road.lanes_left + 1 + road.lanes_right,
+        lane_from_left=road.lanes_left,
+        vehicles=len(others),
+        stripe_phase=road.stripe_phase,
+        ramp=road.ramp,
+    )
+
+
+def _pack(rgb: npt.NDArray[np.uint8]) -> _Codes:
+    """Return one 24-bit number a pixel, shape (150, 600), row by row in memory."""
+    codes = rgb[:, :, 0].astype(np.uint32, order="C")
+    for channel in (1, 2):
+        codes <<= 8
+        codes |= rgb[:, :, channel]
+    return codes
+
+
+# ---- the vehicles
+
+
+def _find_bodies(codes: _Codes) -> list[_Body]:
+    """Return every vehicle: a connected area of one colour and its lights, inside its dark outline."""
+    flat = codes.ravel()
+    places = np.flatnonzero((flat >> 16) != (flat & 255))  # grey, white and dark have equal channels
+    found = flat[places]
+    slots = (found >> 12 & 0xF00) | (found >> 8 & 0xF0) | (found >> 4 & 0xF)
+    known = _TABLE_CODES[slots] == found
+    places, numbers = places[known], _TABLE_NUMBERS[slots[known]]
+    if not places.size:
+        return []
+    colours, lights = numbers >> 1, numbers & 1
+    breaks = (np.diff(places) != 1) | (np.diff(colours) != 0) | (places[1:] % WIDTH_PX == 0)
+    first = np.concatenate(([0], np.flatnonzero(breaks) + 1))
+    last = np.concatenate((first[1:], [places.size])) - 1
+    starts, ends, shades = places[first], places[last], colours[first]
+    light_ends = np.maximum.reduceat(np.where(lights == 1, places % WIDTH_PX, -1), first)
+    columns = zip(
+        *(a.tolist() for a in (shades, starts % WIDTH_PX, ends % WIDTH_PX, starts // WIDTH_PX, light_ends)),
+        strict=True,
+    )
+    groups: dict[int, list[int]] = {}
+    for root, (shade, x0, x1, y, light) in zip(_join_runs(starts, ends, shades), columns, strict=True):
+        box = groups.setdefault(root, [shade, x0, x1, y, y, light, 0])
+        box[1], box[2] = min(box[1], x0), max(box[2], x1)
+        box[4], box[5] = y, max(box[5], light)
+        box[6] += x1 - x0 + 1
+    bodies = [_place_body(*box[:6]) for box in groups.values() if box[6] >= _LEAST_AREA_PX]
+    return [body for body in bodies if body is not None]
+
+
+def _join_runs(starts: _Ints, ends: _Ints, shades: npt.NDArray[np.int8]) -> list[int]:
+    """Return, for each run of pixels, the first run of the area that it belongs to."""
+    low = np.searchsorted(ends, starts + WIDTH_PX).tolist()
+    high = np.searchsorted(starts, ends + WIDTH_PX, side="right").tolist()
+    colours = shades.tolist()
+    parent = list(range(len(colours)))
+
+    def root_of(run: int) -> int:
+        while parent[run] != run:
+            parent[run] = parent[parent[run]]
+            run = parent[run]
+        return run
+
+    for run, colour in enumerate(colours):
+        for below in range(low[run], high[run]):
+            if colours[below] == colour:
+                one, other = root_of(run), root_of(below)
+                parent[max(one, other)] = min(one, other)
+    return [root_of(run) for run in range(len(colours))]
+
+
+def _place_body(colour: int, x0: int, x1: int, y0: int, y1: int, light: int) -> _Body | None:
+    """Return a vehicle from the box of its colour, or None where the box is a road obstacle.
+
+    A vehicle that is cut by the picture's edge or half hidden by another is placed by the end that is seen:
+    its lights are its front, and without them its first column is its rear.
+    """
+    wide, high = x1 - x0 + 1, y1 - y0 + 1
+    inside = x1 < WIDTH_PX - 1
+    if light < 0 and inside and wide <= _BODY_WIDTH_PX and high <= _BODY_WIDTH_PX and _NAMES[colour] == "yellow":
+        return None
+    if wide >= _BODY_LENGTH_PX or high > _BODY_TURNED_PX:
+        column = x0 + x1
+    elif light >= 0 and inside:
+        column = 2 * light - _HALF_LENGTH
+    else:
+        column = 2 * x0 + _HALF_LENGTH
+    row = y0 + y1
+    if high < _BODY_WIDTH_PX and (y0 == 0) != (y1 == HEIGHT_PX - 1):
+        row = 2 * y1 - _HALF_WIDTH if y0 == 0 else 2 * y0 + _HALF_WIDTH
+    turned = high > _BODY_WIDTH_PX  # and so truncated once more, when the turned drawing is pasted
+    return _Body(colour, column + turned, row - _MIDDLE, 2 + turned)
+
+
+def _find_ego(bodies: list[_Body]) -> list[_Body]:
+    """Return the vehicle at the anchor: one, none, or several that cannot be told apart even by a mirror."""
+
+    def rank(body: _Body) -> tuple[int, int]:
+        return body.colour, abs(body.column - _EGO_CENTRE) + abs(body.row)
+
+    near = [body for body in bodies if rank(body)[1] <= _EGO_REACH]
+    nearest = min(near, key=rank, default=None)
+    return [] if nearest is None else [body for body in near if rank(body) == rank(nearest)]
+
+
+def _upright(egos: list[_Body]) -> int:
+    """Return 1 for a picture as it was drawn, -1 for its flip, 0 where that cannot be told.
+
+    Truncation moves what is drawn towards the first row, and the ego, which is at the middle of the rows,
+    shows which row that was.
+    """
+    side = sum(ego.row for ego in egos)
+    return (side < 0) - (side > 0)
+
+
+def _read_scene(road: _Road, others: list[_Body], *, upright: int) -> Scene:
+    """Return the scene from the own lane's lines and the other vehicles."""
+    half_pixels_per_m = 2 * PX_PER_M
+    gap_m: float | None = None
+    left_clear, right_clear = road.lanes_left > 0, road.lanes_right > 0
+    for body in others:
+        ahead = (body.column - _EGO_CENTRE + 1) / half_pixels_per_m
+        aside = body.row + upright * body.lost
+        if abs(aside) < _LANE // 2 and ahead > 0 and body.column + 2 < 2 * WIDTH_PX:
+            gap_m = ahead if gap_m is None else min(gap_m, ahead)
+        if -CLEAR_BEHIND_M <= ahead <= CLEAR_AHEAD_M:
+            left_clear &= not road.upper - _LANE < aside <= road.upper
+            right_clear &= not road.lower <= aside < road.lower + _LANE
+    return Scene(gap_m, left_clear, right_clear)
+
+
+# ---- the road
+
+
+def _read_road(codes: _Codes) -> _Road | None:
+    """Return the lanes around the ego, or None where no lane of grey between white lines is seen."""
+    grey, white = codes == _GREY, codes == _WHITE
+    if 2 * np.count_nonzero(grey) < grey.size:
+        return None
+    drawn = np.count_nonzero(white, axis=1)
+    rows = np.flatnonzero(drawn >= _LEAST_LINE_PX)
+    lines = (2 * rows - _MIDDLE).tolist()
+    own = _own_lane(lines)
+    if own is None:
+        return None
+    dashed = [_is_dashed(white[row], grey[row]) for row in rows]
+    up = _walk([-line for line in reversed(lines[: own + 1])], dashed[own::-1])
+    down = _walk(lines[own + 1 :], dashed[own + 1 :])
+    joining = rows[own + 1 - up : own + 1 + down]
+    return _Road(
+        upper=lines[own],
+        lower=lines[own + 1],
+        lanes_left=up,
+        lanes_right=down,
+        stripe_phase=_read_phase(white[joining], grey[joining]),
+        ramp=_sees_ramp(white, rows, own=lines[own] + lines[own + 1]),
+    )
+
+
+def _is_lane(upper: int, lower: int) -> bool:
+    """Return whether two lines lie a lane's width apart."""
+    return abs(lower - upper - _LANE) <= _LANE_SLACK
+
+
+def _own_lane(lines: list[int]) -> int | None:
+    """Return the upper line's place in the list for the lane that the ego is in, or nearest to."""
+    lanes = [n for n in range(len(lines) - 1) if _is_lane(lines[n], lines[n + 1])]
+    distances = [abs(lines[n] + lines[n + 1]) for n in lanes]
+    if not lanes or distances.count(min(distances)) > 1:
+        return None
+    return lanes[distances.index(min(distances))]
+
+
+def _walk(lines: list[int], dashed: list[bool]) -> int:
+    """Return how many lanes follow outwards from the own lane's line, each behind a dashed line."""
+    count = 0
+    for n, crossable in enumerate(dashed):
+        if not crossable or (n and not _is_lane(lines[n - 1], lines[n])):
+            break
+        count += 1
+    return count
+
+
+def _is_dashed(white: _Bools, grey: _Bools) -> bool:
+    """Return whether a line (600,) has a gap between two dashes within a dash of the ego's column.
+
+    What a vehicle hides counts for nothing in the distance: the ego itself may stand on the line.
+    """
+    edges = np.flatnonzero(np.diff(grey, prepend=False, append=False))
+    starts, ends = edges[0::2], edges[1::2]
+    gaps = (ends - starts <= _LONGEST_DASH_GAP_PX) & (starts > 0) & (ends < WIDTH_PX)
+    seen = np.concatenate(([0], np.cumsum(white | grey)))
+    before = seen[EGO_COLUMN] - seen[ends[gaps]]
+    after = seen[starts[gaps]] - seen[EGO_COLUMN]
+    return bool(np.any(np.maximum(before, after) <= _DASH_REACH_PX))
+
+
+def _read_phase(white: _Bools, grey: _Bools) -> float | None:
+    """Return the circular mean of the dashes' beginnings on the given lines (n, 600), near the ego."""
+    near = slice(EGO_COLUMN - _PHASE_REACH_PX, EGO_COLUMN + _PHASE_REACH_PX)
+    begun = np.count_nonzero(white[:, 1:] & grey[:, :-1], axis=0)[near]
+    if not begun.any():
+        return None
+    columns = slice(near.start + 1, near.stop + 1)
+    turns = np.arctan2(begun @ _COLUMN_SIN[columns], begun @ _COLUMN_COS[columns]) / (2 * np.pi)
+    return float(turns % 1.0) % 1.0
+
+
+def _sees_ramp(white: _Bools, rows: _Ints, *, own: int) -> bool:
+    """Return whether white lies off the straight road's lines, or one of them begins or ends by itself.
+
+    ``own`` is twice the middle of the own lane: the lines of a straight road lie odd half lanes from it.
+    """
+    from_own = (2 * (2 * rows - _MIDDLE) - own) % (2 * _LANE)
+    straight = rows[np.abs(from_own - _LANE) <= 2 * _LANE_SLACK]
+    lines = white[straight]
+    begins = np.argmax(lines, axis=1)
+    ends = np.argmax(lines[:, ::-1], axis=1)
+    return bool(
+        np.count_nonzero(white) - np.count_nonzero(lines) >= _RAMP_LEAST_PX
+        or np.ptp(begins) >= _RAMP_LEAST_OFFSET_PX
+        or np.ptp(ends) >= _RAMP_LEAST_OFFSET_PX
+    )

@@ -1,0 +1,111 @@
+"""Tables for the terminal: verdicts, statistics, and Table t:frontier of the paper."""
+
+from collections.abc import Mapping
+
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+from rich.text import Text
+
+from eyechart.stats.statistic import Statistic
+from eyechart.studies.battery import BatteryScore, ModelScore
+from eyechart.verdicts import Verdict
+
+_COLOUR = {
+    "depth_lateral": "bold green",
+    "depth": "green",
+    "content": "yellow",
+    "scene_cue": "yellow",
+    "presence_only": "yellow",
+    "refusal_effect": "yellow",
+    "undecided": "dim",
+}
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """Return a number as text; "cannot say" is a dash."""
+    return "—" if value is None else f"{value:.{digits}f}"
+
+
+def p_value(p: float | None) -> str:
+    """Return a p as the paper prints it: four digits, or ``<10⁻⁴``."""
+    if p is None:
+        return "—"
+    return "<10⁻⁴" if p < 0.0001 else f"{p:.4f}" if p < 0.01 else f"{p:.3f}"
+
+
+def verdict_table(verdicts: Mapping[str, Verdict]) -> Table:
+    """Return one row a model: calibrated verdict, lateral, evidence, the paper's label, and the deciding statistic."""
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, expand=False)
+    for name, wide in (("model", 0), ("verdict", 0), ("lateral", 0), ("paper's rules", 0), ("because", 1)):
+        table.add_column(name, overflow="fold", no_wrap=not wide)
+    for spec, verdict in verdicts.items():
+        label = verdict.calibrated.label
+        table.add_row(
+            Text(spec),
+            Text(label, style=_COLOUR.get(label, "red")),
+            Text(verdict.lateral.label),
+            Text(verdict.paper.label),
+            Text(verdict.calibrated.because),
+        )
+    return table
+
+
+def frontier_rows(score: ModelScore) -> dict[str, str]:
+    """Return one column of Table t:frontier: the paper's rows, as it prints them."""
+    found = score.statistics
+    swap, clears = found["mirror_swap_rate"], found["clears_floor"].value
+    return {
+        "unparsed rate": number(found["unparsed_rate"].value),
+        "noise floor s": number(found["noise_floor"].value),
+        "agree(blank)": number(found["agree.blank"].value),
+        "agree(noise)": number(found["agree.noise"].value),
+        "agree(text_only)": number(found["agree.text_only"].value),
+        "agree(shuffled)": number(found["agree.shuffled"].value),
+        "agree(cross_scenario)": number(found["agree.cross_scenario"].value),
+        "Cramér's V": number(found["cramers_v"].value),
+        "V (real, blank)": number(found["cramers_v_real_blank"].value),
+        "IDI_adj": number(found["idi_adj"].value),
+        "clears noise floor": "—" if clears is None else "yes" if clears else "no",
+        "n_dir": str(swap.n),
+        "mirror swap rate": number(swap.value),
+        "I(A;g) (bits)": number(found["mutual_information.decision"].value),
+        "p (permutation)": p_value(found["mutual_information.decision"].p),
+        "p (action vs. obstacle)": p_value(found["obstacle.decision"].p),
+    }
+
+
+def frontier_table(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> Table:
+    """Return Table t:frontier over the run's models, with both verdicts below."""
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    table.add_column("metric")
+    columns = {spec: frontier_rows(one) for spec, one in score.models.items()}
+    for spec in columns:
+        table.add_column(Text(spec), justify="right")
+    for row in next(iter(columns.values()), {}):
+        table.add_row(row, *(column[row] for column in columns.values()))
+    table.add_row("verdict (paper)", *(verdicts[spec].paper.label for spec in columns))
+    table.add_row("verdict (calibrated)", *(verdicts[spec].calibrated.label for spec in columns))
+    return table
+
+
+def statistics_table(score: ModelScore) -> Table:
+    """Return every statistic of one model with its interval, n and p."""
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, title=Text(score.model), title_justify="left")
+    for name, justify in (("statistic", "left"), ("value", "right"), ("95 % interval", "right"), ("n", "right")):
+        table.add_column(name, justify="left" if justify == "left" else "right")
+    table.add_column("p", justify="right")
+    table.add_column("p (Holm)", justify="right")
+    table.add_column("note", overflow="fold")
+    for name, one in score.statistics.items():
+        table.add_row(
+            name, number(one.value), _interval(one), str(one.n), p_value(one.p), _holm(score, name), Text(one.note)
+        )
+    return table
+
+
+def _interval(one: Statistic) -> str:
+    return "—" if one.ci is None else f"[{one.ci[0]:.3f}, {one.ci[1]:.3f}]"
+
+
+def _holm(score: ModelScore, name: str) -> str:
+    return p_value(score.holm[name]) if name in score.holm else ""

@@ -1,0 +1,194 @@
+"""A run turns a plan into calls and calls into rows of the ledger; it spends money, and only appends."""
+
+import asyncio
+import random
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from eyechart import conditions as stimuli
+from eyechart.calls import TRANSIENT, CallKey, Query, Reply
+from eyechart.errors import SpecError
+from eyechart.frames import Frame, FrameBank
+from eyechart.ledger import Ledger
+from eyechart.models import Model
+from eyechart.prompts import Prompt
+from eyechart.seeds import key_seed
+
+Progress = Callable[[int, int], None]
+"""Called with (calls finished, calls planned) whenever a call ends."""
+
+_STIMULUS_BYTES = 128_000_000
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Every call of a run: models × frames × conditions, those of one shard if it is sharded."""
+
+    study: str
+    bank: FrameBank
+    prompt: Prompt
+    models: tuple[str, ...]
+    conditions: tuple[str, ...]
+    frames: tuple[Frame, ...]
+    seed: int
+    shard: tuple[int, int] | None = None
+
+    def keys(self) -> list[CallKey]:
+        """Return the planned calls, in the bank's order."""
+        keys = [
+            CallKey(self.study, model, self.prompt.key, frame.id, condition)
+            for model in self.models
+            for frame in self.frames
+            for condition in self.conditions
+            if stimuli.available(condition, frame)
+        ]
+        return keys if self.shard is None else [key for key in keys if in_shard(key, *self.shard)]
+
+
+def in_shard(key: CallKey, index: int, count: int) -> bool:
+    """Return whether a call belongs to shard ``index`` of ``count``, counted from 1; every call is in one."""
+    parts = (key.study, key.model, key.prompt, key.frame, key.condition, key.repeat)
+    return key_seed("shard", *parts) % count == index - 1
+
+
+def read_shard(text: str) -> tuple[int, int]:
+    """Read ``i/n``; raises SpecError unless 1 <= i <= n."""
+    index, slash, count = text.partition("/")
+    if slash and index.isdecimal() and count.isdecimal() and 1 <= int(index) <= int(count):
+        return int(index), int(count)
+    raise SpecError(f"a shard is given as i/n with 1 <= i <= n, for example 2/4; got '{text}'")
+
+
+def spread(frames: Sequence[Frame], limit: int | None) -> tuple[Frame, ...]:
+    """Return ``limit`` frames in order, taken in turn from every episode; all of them for None."""
+    if limit is None or limit >= len(frames):
+        return tuple(frames)
+    if limit < 1:
+        raise SpecError(f"--limit needs at least 1 frame, got {limit}")
+    turn: dict[str, int] = {}
+    ranked = []
+    for place, frame in enumerate(frames):
+        turn[frame.episode] = turn.get(frame.episode, -1) + 1
+        ranked.append((turn[frame.episode], place))
+    return tuple(frames[place] for place in sorted(place for _, place in sorted(ranked)[:limit]))
+
+
+class _Stimuli:
+    """Encoded pictures by (condition, frame), the most recently used kept within a bound of bytes."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan = plan
+        self._kept: OrderedDict[tuple[str, str], bytes | None] = OrderedDict()
+        self._bytes = 0
+
+    def show(self, condition: str, frame_id: str) -> bytes | None:
+        name = (condition, frame_id)
+        if name in self._kept:
+            self._kept.move_to_end(name)
+            return self._kept[name]
+        picture = stimuli.show(condition, self._plan.bank.frame(frame_id), self._plan.bank, self._plan.seed)
+        self._kept[name] = picture
+        self._bytes += len(picture or b"")
+        while self._bytes > _STIMULUS_BYTES:
+            _, dropped = self._kept.popitem(last=False)
+            self._bytes -= len(dropped or b"")
+        return picture
+
+
+def execute(
+    plan: Plan,
+    models: Mapping[str, Model],
+    ledger: Ledger,
+    *,
+    concurrency: int = 8,
+    attempts: int = 3,
+    progress: Progress | None = None,
+) -> None:
+    """Make every planned call that the ledger does not hold finished, in seeded random order.
+
+    A call whose error is transient is tried up to ``attempts`` times, with backoff. An interrupt leaves the
+    ledger whole: what was under way stands as sent with its outcome unknown, and the same plan resumes it.
+    """
+    keys = plan.keys()
+    finished = ledger.finished()
+    todo = [key for key in sorted(keys) if key not in finished]
+    random.Random(plan.seed).shuffle(todo)  # noqa: S311 - an order of calls, no secret
+    execution = _Execution(plan, models, ledger, concurrency, attempts, progress, len(keys))
+    try:
+        asyncio.run(execution.run(todo))
+    except BaseExceptionGroup as group:
+        raise _first(group) from None
+
+
+def _first(error: BaseException) -> BaseException:
+    while isinstance(error, BaseExceptionGroup):
+        error = error.exceptions[0]
+    return error
+
+
+class _Execution:
+    """One event loop over the calls that remain: a few workers a model, one writer."""
+
+    def __init__(
+        self,
+        plan: Plan,
+        models: Mapping[str, Model],
+        ledger: Ledger,
+        concurrency: int,
+        attempts: int,
+        progress: Progress | None,
+        planned: int,
+    ) -> None:
+        self._plan = plan
+        self._models = models
+        self._ledger = ledger
+        self._concurrency = concurrency
+        self._attempts = attempts
+        self._progress = progress
+        self._planned = planned
+        self._done = 0
+        self._stimuli = _Stimuli(plan)
+
+    async def run(self, todo: list[CallKey]) -> None:
+        self._done = self._planned - len(todo)
+        self._report()
+        async with asyncio.TaskGroup() as group:
+            for spec in self._models:
+                queue = iter([key for key in todo if key.model == spec])
+                for _ in range(self._concurrency):
+                    group.create_task(self._work(queue, self._models[spec]))
+
+    async def _work(self, queue: Iterator[CallKey], model: Model) -> None:
+        for key in queue:
+            await self._call(key, model)
+            self._done += 1
+            self._report()
+            await asyncio.sleep(0)  # lets the other models' calls, and an interrupt, come in between
+
+    async def _call(self, key: CallKey, model: Model) -> None:
+        picture = self._stimuli.show(key.condition, key.frame)
+        query = Query(self._plan.prompt.system, self._plan.prompt.user, picture, key.seed(self._plan.seed))
+        for number in range(1, self._attempts + 1):
+            attempt = self._ledger.begin(key, query.sha256())
+            reply = await _ask(model, query)
+            self._ledger.close(attempt, reply)
+            if reply.error not in TRANSIENT:
+                return
+            if number < self._attempts:
+                await asyncio.sleep(min(30.0, 2.0 ** (number - 1)) * (0.5 + random.random() / 2))  # noqa: S311
+
+    def _report(self) -> None:
+        if self._progress is not None:
+            self._progress(self._done, self._planned)
+
+
+async def _ask(model: Model, query: Query) -> Reply:
+    start = time.perf_counter()
+    try:
+        reply = await model.answer(query)
+    except Exception as error:  # noqa: BLE001 - whatever an adapter raises is a row, not the end of the run
+        reply = Reply(error="exception", error_detail=f"{type(error).__name__}: {error}"[:2000])
+    seconds = time.perf_counter() - start
+    return reply if reply.seconds is not None else replace(reply, seconds=seconds)

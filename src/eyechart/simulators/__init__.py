@@ -1,0 +1,1 @@
+"""Worlds that yield frames, one module or package a simulator."""

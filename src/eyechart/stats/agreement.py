@@ -1,0 +1,316 @@
+"""How often two sets of answers agree, and how often they would by chance."""
+
+import math
+from collections.abc import Mapping
+from statistics import NormalDist
+
+import numpy as np
+import numpy.typing as npt
+
+from eyechart.stats.statistic import Statistic, cannot_say
+
+
+def rate(k: int, n: int, *, level: float = 0.95) -> Statistic:
+    """Return the share k/n with its Wilson score interval (Wilson 1927, without continuity correction).
+
+    ``k`` successes of ``n`` trials, both counts; ``level`` is the two-sided level of the interval. The value
+    is None when ``n`` is 0. ValueError when k is outside 0..n or the level outside (0, 1).
+    """
+    if not 0 <= k <= n:
+        raise ValueError(f"a rate needs 0 <= k <= n, got k={k} of n={n}: check what is counted")
+    method = f"share, {100 * level:g}% Wilson interval"
+    if n == 0:
+        return cannot_say("no observations", method=method)
+    return Statistic(value=k / n, n=n, ci=_wilson(k, n, level), method=method, detail={"k": k})
+
+
+def agreement(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
+    """Return the share of positions at which two sequences carry the same label.
+
+    ``first`` and ``second`` are one-dimensional arrays of strings or integers, of one length, position by
+    position about the same frame. A missing answer must come as a label of its own (the paper keeps UNPARSED
+    in agreement); None and NaN are refused with a ValueError.
+    """
+    a, b = _label_pair(first, second)
+    return rate(int(np.count_nonzero(a == b)), len(a), level=level)
+
+
+def noise_floor(real: npt.ArrayLike, repeat: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
+    """Return s, the rate at which a controller disagrees with itself on identical images.
+
+    Arrays as for `agreement`: decisions on ``real`` and on ``real_repeat``. Source: section The
+    Input-Ablation Battery.
+    """
+    a, b = _label_pair(real, repeat)
+    return rate(int(np.count_nonzero(a != b)), len(a), level=level)
+
+
+def idi(real: npt.ArrayLike, blank: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
+    """Return the image dependence index, IDI = 1 - agree(real, blank).
+
+    Arrays as for `agreement`. Source: section The Input-Ablation Battery.
+    """
+    a, b = _label_pair(real, blank)
+    return rate(int(np.count_nonzero(a != b)), len(a), level=level)
+
+
+def idi_adj(real: npt.ArrayLike, blank: npt.ArrayLike, repeat: npt.ArrayLike) -> Statistic:
+    """Return IDI - s from decisions on ``real``, ``blank`` and ``real_repeat`` of the same frames.
+
+    Arrays as for `agreement`, all three of one length. It carries no interval: bootstrap the episodes
+    (`resampling.cluster_bootstrap`). Source: section The Input-Ablation Battery.
+    """
+    a, b = _label_pair(real, blank)
+    _, r = _label_pair(real, repeat)
+    return idi_adj_from_counts(int(np.count_nonzero(a == b)), int(np.count_nonzero(a != r)), len(a))
+
+
+def idi_adj_from_counts(agree_blank: int, disagree_repeat: int, n: int) -> Statistic:
+    """Return IDI - s from counts of frames: agreeing on blank, disagreeing on repeat, of ``n``.
+
+    It can be negative under real dependence, when the floor is high. The value is None when ``n`` is 0;
+    ValueError when a count is outside 0..n.
+    """
+    for name, count in (("agree_blank", agree_blank), ("disagree_repeat", disagree_repeat)):
+        if not 0 <= count <= n:
+            raise ValueError(f"{name}={count} must lie between 0 and n={n}: check what is counted")
+    if n == 0:
+        return cannot_say("no frames", method="IDI - s")
+    value = (n - agree_blank - disagree_repeat) / n
+    detail = {"idi": (n - agree_blank) / n, "s": disagree_repeat / n}
+    return Statistic(value=value, n=n, method="IDI - s", detail=detail)
+
+
+def clears_floor(idi_value: float, s: float) -> bool:
+    """Return whether IDI > 1.5 s, strictly (both rates between 0 and 1).
+
+    A flag of the paper and no gate: no IDI can clear the floor once s > 2/3. Source: section The
+    Input-Ablation Battery.
+    """
+    for name, share in (("IDI", idi_value), ("s", s)):
+        if not 0 <= share <= 1:
+            raise ValueError(f"{name}={share} is not a rate: give a share between 0 and 1")
+    return idi_value > 1.5 * s
+
+
+def agreement_with_constant(real_counts: Mapping[str, int], constant: str) -> Statistic:
+    """Return the agreement of answers with one constant answer, from the marginal alone.
+
+    ``real_counts`` maps each action to its number of frames; a constant that never occurs agrees on none.
+    """
+    return rate(real_counts.get(constant, 0), sum(real_counts.values()))
+
+
+def cohens_kappa(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
+    """Return Cohen's kappa of two label sequences with its large-sample interval.
+
+    Arrays as for `agreement`. The standard error is that of Fleiss, Cohen and Everitt (1969, eq. 13); where
+    it is 0 (kappa of 1, a constant rater) the Wilson interval of the raw agreement is mapped through the
+    marginals instead, because an interval of no width would claim certainty. The value is None when both
+    sequences are one and the same constant: chance agreement is then 1 and kappa is 0/0.
+    """
+    a, b = _label_pair(first, second)
+    n = len(a)
+    if n == 0:
+        return cannot_say("no observations", method="Cohen's kappa")
+    joint = _joint_shares(a, b)
+    observed = float(np.trace(joint))
+    chance = float(joint.sum(axis=1) @ joint.sum(axis=0))
+    if np.count_nonzero(joint) == 1 and observed > 0:
+        return cannot_say("both sequences are the same constant: chance agreement is 1", n, "Cohen's kappa")
+    kappa = (observed - chance) / (1 - chance)
+    error = _kappa_error(joint, kappa, chance) / math.sqrt(n)
+    detail = {"agreement": observed, "chance": chance, "standard_error": error}
+    if error > 1e-9:
+        half = _normal_quantile(level) * error
+        ci, how = (max(-1.0, kappa - half), min(1.0, kappa + half)), "asymptotic interval"
+    else:
+        low, high = _wilson(round(observed * n), n, level)
+        ci = ((low - chance) / (1 - chance), (high - chance) / (1 - chance))
+        how = "Wilson interval of the agreement, marginals held fixed"
+    return Statistic(kappa, n, ci, method=f"Cohen's kappa, {100 * level:g}% {how}", detail=detail)
+
+
+def kappa_from_marginal(agree_repeat: float, marginal: npt.ArrayLike) -> Statistic:
+    """Return kappa from an agreement rate when both raters share one marginal.
+
+    ``agree_repeat`` is a share; ``marginal`` holds the counts of each label. The value is None when only
+    one label occurs. Kappa is (agreement - sum p^2) / (1 - sum p^2).
+    """
+    counts = np.asarray(marginal, dtype=float)
+    if counts.ndim != 1 or counts.size == 0 or (counts < 0).any() or counts.sum() <= 0:
+        raise ValueError(f"marginal={marginal!r} must be a list of counts with a positive sum")
+    if not 0 <= agree_repeat <= 1:
+        raise ValueError(f"agree_repeat={agree_repeat} is not a rate: give a share between 0 and 1")
+    n = round(counts.sum())
+    chance = float(((counts / counts.sum()) ** 2).sum())
+    if np.count_nonzero(counts) == 1:
+        return cannot_say("only one label occurs: chance agreement is 1", n, "kappa from one marginal")
+    kappa = (agree_repeat - chance) / (1 - chance)
+    return Statistic(kappa, n, method="kappa from one marginal", detail={"chance": chance})
+
+
+def swap_rate(k: int, n: int, *, level: float = 0.95) -> Statistic:
+    """Return the mirror swap rate: ``k`` exchanged of ``n`` directional decisions on real frames.
+
+    ``n`` counts the parsed real decisions with a direction; an unparsed mirrored reply stays in it as no
+    swap. With ``n`` = 0 the value is None. Source: section The Input-Ablation Battery.
+    """
+    return rate(k, n, level=level)
+
+
+def swap_test(
+    real: npt.ArrayLike,
+    mirrored: npt.ArrayLike,
+    partner: Mapping[str, str],
+    *,
+    seed: int,
+    resamples: int = 5000,
+    level: float = 0.95,
+) -> Statistic:
+    """Return the swap rate, tested against its chance given the marginals.
+
+    ``real`` and ``mirrored`` are string arrays of one length, frame by frame (a missing mirrored answer as a
+    label of its own); ``partner`` maps each directional label to its mirror label and only frames whose real
+    label is in it count. ``p`` is one-sided, (k+1)/(B+1), from re-pairing the real directional decisions
+    with their mirrored decisions at random. ``detail``: the expected rate ``chance``, its exact one-sided
+    ``binomial_p``, ``resample_mean`` and ``directions``, the number of each real direction.
+    """
+    a, b = _label_pair(real, mirrored)
+    directional = np.isin(a, list(partner))
+    a, b = a[directional], b[directional]
+    result = swap_rate(int(np.count_nonzero(_partners(a, partner) == b)), len(a), level=level)
+    directions = {name: int(np.count_nonzero(a == name)) for name in partner}
+    if result.value is None:
+        return Statistic(
+            None, 0, method=result.method, note="no directional decisions", detail={"directions": directions}
+        )
+    wanted = _partners(a, partner)
+    chance = sum(float(np.mean(wanted == name) * np.mean(b == name)) for name in set(partner.values()))
+    swaps = int(np.count_nonzero(wanted == b))
+    rng = np.random.default_rng(seed)
+    shuffled = rng.permuted(np.tile(np.arange(len(b)), (resamples, 1)), axis=1)
+    resampled = np.count_nonzero(b[shuffled] == wanted, axis=1)
+    p = (int(np.count_nonzero(resampled >= swaps)) + 1) / (resamples + 1)
+    detail = {
+        "k": swaps,
+        "chance": chance,
+        "binomial_p": binomial_tail(swaps, len(a), chance),
+        "resample_mean": float(resampled.mean()),
+        "directions": directions,
+    }
+    method = f"{result.method}; one-sided permutation of the pairing, B={resamples}"
+    return Statistic(result.value, result.n, result.ci, p, method, detail=detail)
+
+
+def binomial_tail(k: int, n: int, chance: float) -> float:
+    """Return the exact one-sided p, P(X >= k) for X binomial with ``n`` trials and probability ``chance``."""
+    if not 0 <= k <= n or not 0 <= chance <= 1:
+        raise ValueError(f"a binomial tail needs 0 <= k <= n and a chance in [0, 1], got {k}, {n}, {chance}")
+    if k == 0 or chance == 1:
+        return 1.0
+    if chance == 0:
+        return 0.0
+    from scipy import special  # noqa: PLC0415 - slow to import
+
+    return float(special.bdtrc(k - 1, n, chance))
+
+
+def trials_needed(true_rate: float, chance: float, *, alpha: float = 0.05, power: float = 0.80) -> int:
+    """Return the fewest trials at which an exact one-sided binomial test has the wanted power.
+
+    ``true_rate`` is for example a swap rate, and ``chance`` the rate under the null, below it. The power of an
+    exact test is a saw-tooth: a few larger numbers of trials may fall short again. ValueError unless
+    0 <= chance < true_rate <= 1, or when 100 000 trials do not suffice.
+    """
+    if not 0 <= chance < true_rate <= 1 or not 0 < alpha < 1 or not 0 < power < 1:
+        raise ValueError(f"no such design: {true_rate=} above {chance=}, {alpha=}, {power=}")
+    critical = 0  # the fewest successes that reject; it never falls as n grows
+    for n in range(1, 100_001):
+        while critical <= n and binomial_tail(critical, n, chance) > alpha:
+            critical += 1
+        if critical <= n and binomial_tail(critical, n, true_rate) >= power:
+            return n
+    raise ValueError(f"100 000 trials do not separate {true_rate=} from {chance=}")
+
+
+def binary_metrics(*, tp: int, fn: int, tn: int, fp: int) -> dict[str, Statistic]:
+    """Return accuracy, balanced accuracy, sensitivity and specificity of a confusion matrix.
+
+    Keys ``acc``, ``bal``, ``sens``, ``spec``. Rates carry Wilson intervals; ``bal``, a mean of two rates,
+    carries none. A rate over no frames is None, and ``bal`` with it. Source: Table t:guardian.
+    """
+    for name, count in (("tp", tp), ("fn", fn), ("tn", tn), ("fp", fp)):
+        if count < 0:
+            raise ValueError(f"{name}={count} is no count: give the number of frames")
+    n = tp + fn + tn + fp
+    sens, spec = rate(tp, tp + fn), rate(tn, tn + fp)
+    if sens.value is None or spec.value is None:
+        bal = cannot_say("one of the two classes is empty", n, "balanced accuracy")
+    else:
+        bal = Statistic((sens.value + spec.value) / 2, n, method="mean of sensitivity and specificity")
+    return {"acc": rate(tp + tn, n), "bal": bal, "sens": sens, "spec": spec}
+
+
+def selective_metrics(*, tp: int, fn: int, tn: int, fp: int, n: int) -> dict[str, Statistic]:
+    """Return `binary_metrics` over the frames that were answered, with ``coverage``, their share of ``n``.
+
+    The four counts exclude abstentions; ``n`` counts all frames. Source: Table t:guardian.
+    """
+    return {"coverage": rate(tp + fn + tn + fp, n), **binary_metrics(tp=tp, fn=fn, tn=tn, fp=fp)}
+
+
+def _labels(values: npt.ArrayLike, which: str) -> npt.NDArray[np.generic]:
+    array = np.asarray(values)
+    if array.ndim != 1:
+        raise ValueError(f"the {which} labels have shape {array.shape}: give one label per frame")
+    if array.size and array.dtype.kind not in "iubU":
+        raise ValueError(
+            f"the {which} labels are of type {array.dtype}: give strings or integers, "
+            f"a missing answer as a label of its own"
+        )
+    return array
+
+
+def _label_pair(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[npt.NDArray[np.generic], npt.NDArray[np.generic]]:
+    a, b = _labels(first, "first"), _labels(second, "second")
+    if len(a) != len(b):
+        raise ValueError(f"{len(a)} labels against {len(b)}: give both for the same frames")
+    if a.size and (a.dtype.kind == "U") != (b.dtype.kind == "U"):
+        raise ValueError(f"labels of type {a.dtype} against {b.dtype}: encode both alike")
+    return a, b
+
+
+def _partners(labels: npt.NDArray[np.generic], partner: Mapping[str, str]) -> npt.NDArray[np.str_]:
+    return np.array([partner[str(label)] for label in labels], dtype=np.str_)
+
+
+def _joint_shares(a: npt.NDArray[np.generic], b: npt.NDArray[np.generic]) -> npt.NDArray[np.float64]:
+    names, codes = np.unique(np.concatenate([a, b]), return_inverse=True)
+    flat = codes[: len(a)] * len(names) + codes[len(a) :]
+    counts = np.bincount(flat, minlength=len(names) ** 2).reshape(len(names), len(names))
+    return np.asarray(counts / len(a), dtype=np.float64)
+
+
+def _kappa_error(joint: npt.NDArray[np.float64], kappa: float, chance: float) -> float:
+    """Return sqrt(n) times the standard error of kappa (Fleiss, Cohen and Everitt 1969, eq. 13)."""
+    rows, columns = joint.sum(axis=1), joint.sum(axis=0)
+    same = np.diag(joint) @ (1 - (rows + columns) * (1 - kappa)) ** 2
+    weights = (columns[:, None] + rows[None, :]) ** 2
+    np.fill_diagonal(weights, 0.0)
+    other = (1 - kappa) ** 2 * float((joint * weights).sum())
+    variance = float(same) + other - (kappa - chance * (1 - kappa)) ** 2
+    return math.sqrt(max(variance, 0.0)) / (1 - chance)
+
+
+def _normal_quantile(level: float) -> float:
+    if not 0 < level < 1:
+        raise ValueError(f"level={level} must lie between 0 and 1, for example 0.95")
+    return NormalDist().inv_cdf(0.5 + level / 2)
+
+
+def _wilson(k: int, n: int, level: float) -> tuple[float, float]:
+    z = _normal_quantile(level)
+    centre = (k + z * z / 2) / (n + z * z)
+    half = z / (n + z * z) * math.sqrt(k * (n - k) / n + z * z / 4)
+    return (0.0 if k == 0 else centre - half, 1.0 if k == n else centre + half)

@@ -1,0 +1,225 @@
+"""Does one column of labels tell something about another: tables, Cramér's V and mutual information."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import NormalDist
+
+import numpy as np
+import numpy.typing as npt
+
+from eyechart.stats.statistic import Statistic, cannot_say
+
+
+@dataclass(frozen=True, slots=True)
+class Contingency:
+    """Counts of two labels together: ``table[i, j]`` frames carry ``rows[i]`` and ``columns[j]``."""
+
+    table: npt.NDArray[np.int64]
+    rows: tuple[str | int, ...]
+    columns: tuple[str | int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Bins:
+    """Bins of a number: one code per value, the upper inner edges, and how many values each bin got.
+
+    Bin i holds values above ``edges[i-1]`` and up to ``edges[i]`` included. Where ``no_lead_bin`` is true the
+    last bin holds the values that were missing or infinite.
+    """
+
+    codes: npt.NDArray[np.int64]
+    edges: tuple[float, ...]
+    sizes: tuple[int, ...]
+    no_lead_bin: bool
+
+
+def contingency(first: npt.ArrayLike, second: npt.ArrayLike) -> Contingency:
+    """Return the contingency table of two label arrays, rows and columns in sorted order.
+
+    One-dimensional string or integer arrays of one length, paired by position. ValueError on anything else:
+    a missing label must be dropped or encoded before.
+    """
+    a, b = _labels(first, "first"), _labels(second, "second")
+    if len(a) != len(b):
+        raise ValueError(f"{len(a)} labels against {len(b)}: give both for the same frames")
+    rows, i = np.unique(a, return_inverse=True)
+    columns, j = np.unique(b, return_inverse=True)
+    flat = np.bincount(i * len(columns) + j, minlength=len(rows) * len(columns))
+    table = flat.reshape(len(rows), len(columns)).astype(np.int64)
+    return Contingency(table, tuple(rows.tolist()), tuple(columns.tolist()))
+
+
+def chi2_test(table: npt.ArrayLike, *, correction: bool = True) -> Statistic:
+    """Return the chi-squared statistic of independence and its p.
+
+    ``table`` is a matrix of counts; empty rows and columns are dropped, then the defaults of
+    `scipy.stats.chi2_contingency` apply (``correction``: Yates', which acts on 2 x 2 tables only). A table
+    of one row or one column has no dependence to show: value 0, p 1. No observations: value None.
+    ``detail``: degrees of freedom, the shape used and the smallest expected count.
+    """
+    counts = _occupied(table)
+    n, method = int(counts.sum()), "chi-squared test of independence" + (", Yates" if correction else "")
+    if n == 0:
+        return cannot_say("the table is empty", method=method)
+    if min(counts.shape) == 1:
+        detail: dict[str, object] = {"dof": 0, "shape": list(counts.shape), "smallest_expected": None}
+        note = "one row or one column: nothing can depend on it"
+        return Statistic(0.0, n, p=1.0, method=method, note=note, detail=detail)
+    from scipy import stats  # noqa: PLC0415 - slow to import
+
+    result = stats.chi2_contingency(counts, correction=correction)
+    smallest = float(result.expected_freq.min())
+    detail = {"dof": int(result.dof), "shape": list(counts.shape), "smallest_expected": smallest}
+    return Statistic(float(result.statistic), n, p=float(result.pvalue), method=method, detail=detail)
+
+
+def cramers_v(table: npt.ArrayLike, *, correction: bool = True) -> Statistic:
+    """Return Cramér's V, sqrt(chi2 / (n (min(rows, columns) - 1))), with the p of `chi2_test`.
+
+    ``table`` and ``correction`` as there; the paper's V carries Yates' correction. One row or one column:
+    V = 0, p = 1. Source: section The Input-Ablation Battery.
+    """
+    chi2 = chi2_test(table, correction=correction)
+    if chi2.value is None or chi2.detail is None:
+        return cannot_say(chi2.note, method="Cramér's V")
+    shorter = min(_occupied(table).shape)
+    v = math.sqrt(chi2.value / (chi2.n * (shorter - 1))) if shorter > 1 else 0.0
+    detail = {"chi2": chi2.value, **chi2.detail}
+    return Statistic(v, chi2.n, p=chi2.p, method=f"Cramér's V, {chi2.method}", note=chi2.note, detail=detail)
+
+
+def mutual_information_bits(table: npt.ArrayLike) -> Statistic:
+    """Return the plug-in mutual information of a table of counts, in bits.
+
+    Empty rows and columns are dropped. ``detail``: ``miller_madow``, less the first-order bias
+    (R-1)(C-1)/(2 n ln 2) (Miller 1955; it can be negative), ``ceiling`` = min(H(rows), H(columns)) and both
+    entropies. The value is None for an empty table. It carries no p: see `resampling`.
+    """
+    counts = _occupied(table)
+    n, method = int(counts.sum()), "plug-in mutual information, bits"
+    if n == 0:
+        return cannot_say("the table is empty", method=method)
+    h_rows, h_columns = _entropy(counts.sum(axis=1)), _entropy(counts.sum(axis=0))
+    value = max(0.0, h_rows + h_columns - _entropy(counts.ravel()))
+    bias = (counts.shape[0] - 1) * (counts.shape[1] - 1) / (2 * n * math.log(2))
+    detail = {
+        "miller_madow": value - bias,
+        "ceiling": min(h_rows, h_columns),
+        "entropy_rows": h_rows,
+        "entropy_columns": h_columns,
+        "shape": list(counts.shape),
+    }
+    return Statistic(value, n, method=method, detail=detail)
+
+
+def entropy_bits(labels: npt.ArrayLike) -> Statistic:
+    """Return the plug-in entropy of a label array in bits; None for an empty one.
+
+    ``labels`` is a one-dimensional string or integer array. ``detail["labels"]`` is how many occur.
+    """
+    names, counts = np.unique(_labels(labels, "given"), return_counts=True)
+    n, method = int(counts.sum()), "plug-in entropy, bits"
+    if n == 0:
+        return cannot_say("no observations", method=method)
+    return Statistic(_entropy(counts), n, method=method, detail={"labels": len(names)})
+
+
+def modal_share(labels: npt.ArrayLike) -> Statistic:
+    """Return the share of the most frequent label; None for an empty array.
+
+    ``labels`` as for `entropy_bits`. ``detail["mode"]`` is that label, the first in sorted order in a tie.
+    It carries no interval: which label is the mode is itself chosen from the data.
+    """
+    names, counts = np.unique(_labels(labels, "given"), return_counts=True)
+    n, method = int(counts.sum()), "share of the most frequent label"
+    if n == 0:
+        return cannot_say("no observations", method=method)
+    most = int(counts.argmax())
+    return Statistic(int(counts[most]) / n, n, method=method, detail={"mode": names[most].item()})
+
+
+def quantile_bins(
+    values: Sequence[float | None] | npt.NDArray[np.float64], bins: int = 4, *, no_lead_bin: bool = False
+) -> Bins:
+    """Bin a gap by its quantiles, duplicate edges dropped, so that tied gaps share a bin.
+
+    ``values`` are gaps in metres, one per frame; None, NaN and +inf mean that there is no lead. These count
+    as the farthest gap of all, or, with ``no_lead_bin``, get the last bin to themselves and leave the
+    quantiles to the others. Inner edges belong to the bin below, as in
+    ``pandas.qcut(values, bins, duplicates="drop")``. ValueError on -inf or fewer than one bin.
+    """
+    gap = np.array([math.nan if value is None else value for value in values], dtype=np.float64)
+    if bins < 1:
+        raise ValueError(f"bins={bins}: ask for at least one")
+    if np.isneginf(gap).any():
+        raise ValueError(f"gap number {int(np.isneginf(gap).argmax())} is -inf: a gap is a distance in metres")
+    none = ~np.isfinite(gap)
+    farthest = gap[~none].max() if (~none).any() else 0.0
+    gap[none] = farthest + 1.0  # any number beyond the farthest gives the same codes
+    inner = _inner_edges(gap[~none] if no_lead_bin else gap, bins)
+    codes = np.searchsorted(inner, gap, side="left").astype(np.int64)
+    last = no_lead_bin and bool(none.any())
+    if last:
+        codes[none] = len(inner) + 1 if (~none).any() else 0
+    sizes = np.bincount(codes) if len(codes) else np.zeros(0, dtype=np.int64)
+    return Bins(codes, tuple(inner.tolist()), tuple(sizes.tolist()), last)
+
+
+def pearson_p(r: float, n: int, *, level: float = 0.95) -> Statistic:
+    """Return a Pearson correlation ``r`` of ``n`` pairs with its two-sided t-test p.
+
+    The interval is Fisher's z; None below four pairs or at r = +-1. Equals ``scipy.stats.pearsonr``. p is
+    None below three pairs. ValueError when r is outside [-1, 1].
+    """
+    if not -1 <= r <= 1:
+        raise ValueError(f"r={r} is no correlation: give a number between -1 and 1")
+    method = f"Pearson correlation, two-sided t test, {100 * level:g}% Fisher interval"
+    if n < 3:
+        return Statistic(r, n, method=method, note="three pairs are needed for a test")
+    if abs(r) == 1:
+        return Statistic(r, n, p=0.0 if n > 2 else None, method=method)
+    from scipy import special  # noqa: PLC0415 - slow to import
+
+    t = abs(r) * math.sqrt((n - 2) / (1 - r * r))
+    p = 2 * float(special.stdtr(n - 2, -t))
+    if n < 4:
+        return Statistic(r, n, p=p, method=method)
+    half = NormalDist().inv_cdf(0.5 + level / 2) / math.sqrt(n - 3)
+    ci = (math.tanh(math.atanh(r) - half), math.tanh(math.atanh(r) + half))
+    return Statistic(r, n, ci, p, method)
+
+
+def _labels(values: npt.ArrayLike, which: str) -> npt.NDArray[np.generic]:
+    array = np.asarray(values)
+    if array.ndim != 1:
+        raise ValueError(f"the {which} labels have shape {array.shape}: give one label per frame")
+    if array.size and array.dtype.kind not in "iubU":
+        raise ValueError(
+            f"the {which} labels are of type {array.dtype}: give strings or integers, "
+            f"a missing one dropped or as a label of its own"
+        )
+    return array
+
+
+def _occupied(table: npt.ArrayLike) -> npt.NDArray[np.int64]:
+    """Return the table as integers without its empty rows and columns."""
+    given = np.asarray(table)
+    if given.ndim != 2 or given.dtype.kind not in "iuf" or (given < 0).any() or (given != given.round()).any():
+        raise ValueError(f"a contingency table is a matrix of counts, got shape {given.shape}: {given!r}")
+    counts = given.astype(np.int64)
+    counts = counts[counts.sum(axis=1) > 0]
+    return np.asarray(counts[:, counts.sum(axis=0) > 0], dtype=np.int64)
+
+
+def _entropy(counts: npt.NDArray[np.int64]) -> float:
+    shares = counts[counts > 0] / counts.sum()
+    return max(0.0, -float((shares * np.log2(shares)).sum()))
+
+
+def _inner_edges(gap: npt.NDArray[np.float64], bins: int) -> npt.NDArray[np.float64]:
+    """Return the distinct quantiles strictly between the smallest and the largest value."""
+    if len(gap) == 0:
+        return np.zeros(0)
+    edges = np.unique(np.quantile(gap, np.linspace(0, 1, bins + 1)))
+    return np.asarray(edges[1:-1], dtype=np.float64)

@@ -1,0 +1,330 @@
+"""Episode-safe tests: whole episodes' gap series are exchanged, so that time within an episode stays intact.
+
+Frames of an episode resemble each other, and a controller that follows anything else that drifts through an
+episode seems to follow the gap when frames are permuted one by one. Under exchange of whole episodes, aligned
+by step, a follower of the step number or of a nuisance of its own episode keeps the nominal error rate.
+
+Keep the frames without a decision and mark them: to drop them shifts the series against each other, and a
+follower of the step number, exact but for 10 % missing answers, then passes for a follower of the gap.
+"""
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from eyechart.stats.statistic import Statistic, cannot_say
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+ENUMERATED_ARRANGEMENTS = 20_000
+"""Up to so many exchanges of episodes the null distribution is enumerated instead of sampled."""
+
+TIE = 1e-9
+"""Resampled statistics this close to the observed one, relatively, are ties that rounding set apart."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    """Per exchangeable stratum the frame numbers (episodes, steps), and what could not be exchanged."""
+
+    strata: tuple[Ints, ...]
+    excluded: tuple[str, ...]
+    truncated: int
+    shifted: int
+
+    def count(self, decided: npt.NDArray[np.bool_]) -> int:
+        """Return how many of the frames used carry a decision."""
+        return sum(int(np.count_nonzero(decided[rows])) for rows in self.strata)
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        return tuple(len(rows) for rows in self.strata)
+
+    def detail(self) -> dict[str, object]:
+        """Return what a reader must know to trust the test."""
+        return {
+            "episodes": list(self.sizes),
+            "truncated_frames": self.truncated,
+            "shifted_frames": self.shifted,
+            "excluded": list(self.excluded),
+        }
+
+
+def exchange_test(
+    level: npt.ArrayLike,
+    gap_rank: npt.ArrayLike,
+    stratum: npt.ArrayLike,
+    episode: npt.ArrayLike,
+    step: npt.ArrayLike,
+    *,
+    seed: int,
+    alpha: float = 0.01,
+    resamples: int = 5000,
+) -> Statistic:
+    """Test one-sidedly whether braking falls on near gaps, safe for episodes and for time within them.
+
+    Five arrays of one length, one entry per frame: ``level``, the braking level of the decision (integer, 0
+    or more; -1 where there is no decision, which counts nowhere but keeps its place); ``gap_rank``, the gap or its rank (larger is farther, no NaN); ``stratum``, the scenario;
+    ``episode``, whose labels may repeat in another stratum and mean another episode there; ``step``, a number
+    that is distinct within an episode. ValueError otherwise.
+
+    ``value`` is T = sum(level * gap_rank) over the frames used; a small T means that braking happens nearer.
+    Null: within each stratum the episodes' gap series are exchanged among the episodes' action series,
+    aligned by step order. Episodes of unequal length are cut to the shortest of their stratum; a stratum
+    whose shortest is below half of its longest, or with fewer than two episodes, is left out. ``p`` is exact
+    where the arrangements number at most `ENUMERATED_ARRANGEMENTS`, else (k+1)/(B+1). Where the smallest
+    attainable p exceeds ``alpha`` the value and p are None and ``detail`` gives that p. ``n`` counts the
+    decisions used. ``detail``: episodes per stratum, truncated frames, frames aligned with another step than
+    their own (``shifted_frames``, told in the note: the test trusts alignment), excluded strata, mean and
+    deviation of T under the null. Source: facts section 3, the calibrated rule `depth`.
+    """
+    levels, ranks = _levels(level), _numbers(gap_rank, "gap_rank")
+    layout = _layout(stratum, episode, step, (len(levels), len(ranks)))
+    method = "one-sided trend, whole episodes exchanged within scenario"
+    n, braking = layout.count(levels >= 0), np.maximum(levels, 0).astype(float)
+    if (refusal := _refusal(layout, n, alpha, resamples, method)) is not None:
+        return refusal
+    # products[i, j]: the actions of episode i against the gaps of episode j, summed over steps
+    products = [(braking[rows] @ ranks[rows].T)[:, :, None] for rows in layout.strata]
+    observed = float(_aligned(products)[0])
+    trend = _null(products, seed, resamples)[:, 0]
+    extreme = trend <= observed + TIE * max(1.0, abs(observed))
+    return _result(observed, n, extreme, trend, layout, method)
+
+
+def exchange_mi_test(
+    action: npt.ArrayLike,
+    gap_bin: npt.ArrayLike,
+    stratum: npt.ArrayLike,
+    episode: npt.ArrayLike,
+    step: npt.ArrayLike,
+    *,
+    seed: int,
+    alpha: float = 0.01,
+    resamples: int = 5000,
+) -> Statistic:
+    """Test mutual information between action and gap bin with the same null as `exchange_test`.
+
+    ``action`` and ``gap_bin`` are string or integer labels per frame, the rest is as there; an action of ""
+    or below 0 is no decision. ``value`` is the plug-in information in bits over the decisions used; ``p`` is
+    one-sided for large values. It finds dependence of any shape, also with the wrong sign.
+    """
+    actions, bins = _codes(action, "action"), _codes(gap_bin, "gap_bin")
+    layout = _layout(stratum, episode, step, (len(actions), len(bins)))
+    method = "mutual information in bits, whole episodes exchanged within scenario"
+    decided = np.asarray(action) != "" if np.asarray(action).dtype.kind == "U" else np.asarray(action) >= 0
+    n = layout.count(decided)
+    if (refusal := _refusal(layout, n, alpha, resamples, method)) is not None:
+        return refusal
+    shape = (int(actions.max()) + 1, int(bins.max()) + 1)
+    actions = np.where(decided, actions, shape[0])  # one row too many, cut off by _pair_tables
+    counts = [_pair_tables(actions[rows], bins[rows], shape) for rows in layout.strata]
+    observed = float(_information(_aligned(counts)[None, :], shape)[0])
+    information = _information(_null(counts, seed, resamples), shape)
+    return _result(observed, n, information >= observed - TIE, information, layout, method)
+
+
+def iid_trend_test(
+    level: npt.ArrayLike,
+    gap_rank: npt.ArrayLike,
+    stratum: npt.ArrayLike | None = None,
+    *,
+    seed: int,
+    resamples: int = 5000,
+) -> Statistic:
+    """Test the trend T of `exchange_test` by permuting frame by frame, within ``stratum`` if given.
+
+    For frames that are declared independent; on autocorrelated episodes it rejects far too often. Frames
+    without a decision (level -1) are left out. ``p`` is one-sided for small T, (k+1)/(B+1).
+    """
+    levels, ranks = _levels(level), _numbers(gap_rank, "gap_rank")
+    if len(levels) != len(ranks):
+        raise ValueError(f"{len(levels)} levels against {len(ranks)} gap ranks: give both for the same frames")
+    groups = _codes(stratum, "stratum") if stratum is not None else np.zeros(len(levels), dtype=np.int64)
+    if len(groups) != len(levels):
+        raise ValueError(f"{len(groups)} strata for {len(levels)} frames: give one per frame")
+    decided = levels >= 0
+    levels, ranks, groups = levels[decided], ranks[decided], groups[decided]
+    n, method = len(levels), f"one-sided trend, frames permuted, B={resamples}"
+    if n < 2:
+        return cannot_say("two decisions are needed to permute", n, method)
+    observed, rng = float(levels @ ranks), np.random.default_rng(seed)
+    trend = np.zeros(resamples)
+    for group in range(int(groups.max()) + 1):
+        inside = groups == group
+        shuffled = rng.permuted(np.tile(ranks[inside], (resamples, 1)), axis=1)
+        trend += shuffled @ levels[inside].astype(float)
+    k = int(np.count_nonzero(trend <= observed + TIE * max(1.0, abs(observed))))
+    detail = {"null_mean": float(trend.mean()), "null_sd": float(trend.std())}
+    return Statistic(observed, n, p=(k + 1) / (resamples + 1), method=method, detail=detail)
+
+
+def smallest_p(episodes: int | Sequence[int]) -> float:
+    """Return the smallest p that exchanging episodes can attain: 1 / (k! of each stratum, multiplied).
+
+    ``episodes`` counts the episodes of each stratum. Without any it is 1.
+    """
+    return 1 / _arrangements([episodes] if isinstance(episodes, int) else episodes)
+
+
+def episodes_needed(strata: int, *, alpha: float = 0.01) -> int:
+    """Return how many episodes each of ``strata`` strata needs for `smallest_p` to be at most ``alpha``."""
+    if strata < 1 or not 0 < alpha < 1:
+        raise ValueError(f"strata={strata} must be at least 1 and alpha={alpha} in (0, 1)")
+    episodes = 2
+    while smallest_p([episodes] * strata) > alpha:
+        episodes += 1
+    return episodes
+
+
+def _levels(level: npt.ArrayLike) -> Ints:
+    array = np.asarray(level)
+    if array.ndim != 1 or array.dtype.kind not in "iub" or (array.size and array.astype(np.int64).min() < -1):
+        raise ValueError("level must hold one braking level per frame, an integer of 0 or more, -1 for none")
+    return array.astype(np.int64)
+
+
+def _numbers(values: npt.ArrayLike, which: str) -> Floats:
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim != 1 or not np.isfinite(array).all():
+        raise ValueError(f"{which} must hold one finite number per frame: rank a missing lead as the farthest")
+    return array
+
+
+def _codes(labels: npt.ArrayLike, which: str) -> Ints:
+    array = np.asarray(labels)
+    if array.ndim != 1 or (array.size and array.dtype.kind not in "iubU"):
+        raise ValueError(f"{which} must hold one string or integer per frame, got {array.dtype}")
+    return np.unique(array, return_inverse=True)[1].astype(np.int64)
+
+
+def _arrangements(episodes: Sequence[int]) -> int:
+    if any(count < 0 for count in episodes):
+        raise ValueError(f"episodes={list(episodes)}: give the number of episodes in each stratum")
+    return math.prod(math.factorial(count) for count in episodes)
+
+
+def _layout(stratum: npt.ArrayLike, episode: npt.ArrayLike, step: npt.ArrayLike, lengths: tuple[int, int]) -> _Layout:
+    """Return the frame numbers of each exchangeable stratum in step order, cut to a common length."""
+    codes, episodes, steps = _codes(stratum, "stratum"), _codes(episode, "episode"), _numbers(step, "step")
+    if len({len(codes), len(episodes), len(steps), *lengths}) > 1:
+        found = [*lengths, len(codes), len(episodes), len(steps)]
+        raise ValueError(f"the five arrays have lengths {found}: give one entry of each per frame")
+    kept, excluded, truncated, shifted = [], [], 0, 0
+    for name in np.unique(np.asarray(stratum)):
+        inside = np.flatnonzero(np.asarray(stratum) == name)
+        series = [_in_order(inside[episodes[inside] == each], steps) for each in np.unique(episodes[inside])]
+        shortest, longest = min(map(len, series)), max(map(len, series))
+        if len(series) < 2:
+            excluded.append(f"{name} has fewer than 2 episodes")
+        elif 2 * shortest < longest:
+            excluded.append(f"{name} has episodes of {shortest} to {longest} frames, which cannot be aligned")
+        else:
+            kept.append(np.array([each[:shortest] for each in series]))
+            truncated += sum(map(len, series)) - kept[-1].size
+            shifted += int(np.count_nonzero(steps[kept[-1]] != np.median(steps[kept[-1]], axis=0)))
+    return _Layout(tuple(kept), tuple(excluded), truncated, shifted)
+
+
+def _in_order(rows: Ints, step: Floats) -> Ints:
+    rows = rows[np.argsort(step[rows], kind="stable")]
+    twice = np.flatnonzero(np.diff(step[rows]) == 0)
+    if len(twice):
+        raise ValueError(
+            f"step {step[rows[twice[0]]]:g} occurs twice in one episode (frames number {rows[twice[0]]} and "
+            f"{rows[twice[0] + 1]}): number the steps of an episode apart"
+        )
+    return rows
+
+
+def _refusal(layout: _Layout, n: int, alpha: float, resamples: int, method: str) -> Statistic | None:
+    """Return why the test cannot be made: even the most extreme arrangement could not reach alpha."""
+    if not 0 < alpha < 1 or resamples < 1:
+        raise ValueError(f"alpha={alpha} must lie in (0, 1) and resamples={resamples} be at least 1")
+    sampled = _arrangements(layout.sizes) > ENUMERATED_ARRANGEMENTS
+    attainable = 1 / (resamples + 1) if sampled else smallest_p(layout.sizes)
+    if attainable <= alpha:
+        return None if n else cannot_say("no decisions", method=method)
+    why = f"exchanging {list(layout.sizes)} episodes per scenario gives a p of {attainable:.3g} at best"
+    note = "; ".join([f"{why}, above {alpha:g}", *layout.excluded])
+    detail = {**layout.detail(), "smallest_p": attainable}
+    return Statistic(None, n, method=method, note=note, detail=detail)
+
+
+def _aligned(pairs: list[Floats]) -> Floats:
+    """Return the summed pair values of the arrangement that was observed, shape (m,)."""
+    return np.asarray(sum(np.trace(each) for each in pairs), dtype=np.float64)
+
+
+def _null(pairs: list[Floats], seed: int, resamples: int) -> Floats:
+    """Return the summed pair values of each arrangement, shape (arrangements, m).
+
+    ``pairs`` holds per stratum an array (action episode, gap episode, m).
+    """
+    m = pairs[0].shape[2]
+    if _arrangements([len(each) for each in pairs]) <= ENUMERATED_ARRANGEMENTS:
+        null = np.zeros((1, m))
+        for each in pairs:
+            orders = np.array(list(itertools.permutations(range(len(each)))))
+            null = (null[:, None, :] + _gather(each, orders)[None, :, :]).reshape(-1, m)
+        return null
+    rng = np.random.default_rng(seed)
+    null = np.zeros((resamples, m))
+    for each in pairs:
+        null += _gather(each, rng.permuted(np.tile(np.arange(len(each)), (resamples, 1)), axis=1))
+    return null
+
+
+def _gather(pairs: Floats, orders: Ints) -> Floats:
+    """Return sum over i of pairs[i, order[i]] for each row of orders, shape (orders, m)."""
+    out = np.zeros((len(orders), pairs.shape[2]))
+    for i in range(len(pairs)):
+        out += pairs[i, orders[:, i]]
+    return out
+
+
+def _pair_tables(actions: Ints, bins: Ints, shape: tuple[int, int]) -> Floats:
+    """Return counts of (action, bin), flat, for each action episode against each gap episode.
+
+    An action of ``shape[0]`` is no decision and its row is cut off.
+    """
+    k, cells = len(actions), shape[0] * shape[1]
+    out = np.zeros((k, k, cells))
+    for i, j in itertools.product(range(k), repeat=2):
+        flat = actions[i] * shape[1] + bins[j]
+        out[i, j] = np.bincount(flat, minlength=cells)[:cells]
+    return out
+
+
+def _information(tables: Floats, shape: tuple[int, int]) -> Floats:
+    """Return the plug-in information in bits of each flat table, shape (tables,)."""
+    cells = tables.reshape(-1, *shape)
+    n = cells[0].sum()
+    joint = _xlogx(cells).sum(axis=(1, 2))
+    rows, columns = _xlogx(cells.sum(axis=2)).sum(axis=1), _xlogx(cells.sum(axis=1)).sum(axis=1)
+    return np.asarray(np.maximum(0.0, (joint - rows - columns) / n + np.log2(n)))
+
+
+def _xlogx(counts: Floats) -> Floats:
+    return np.asarray(counts * np.log2(np.maximum(counts, 1.0)))
+
+
+def _result(observed: float, extreme: npt.NDArray[np.bool_], null: Floats, layout: _Layout, method: str) -> Statistic:
+    """Return the statistic with p = k/N over all arrangements, or (k+1)/(B+1) over random ones."""
+    k, resamples = int(np.count_nonzero(extreme)), len(null)
+    if _arrangements(layout.sizes) <= ENUMERATED_ARRANGEMENTS:
+        p, smallest, how = k / resamples, 1 / resamples, f"all {resamples} arrangements"
+    else:
+        p, smallest, how = (k + 1) / (resamples + 1), 1 / (resamples + 1), f"B={resamples}"
+    spread = {"null_mean": float(null.mean()), "null_sd": float(null.std())}
+    detail = {**layout.detail(), "smallest_p": smallest, **spread}
+    notes = list(layout.excluded)
+    if layout.shifted:
+        notes.append(f"{layout.shifted} frames are aligned with another step: mark missing decisions, drop none")
+    note = "; ".join(notes)
+    return Statistic(observed, n, p=p, method=f"{method}, {how}", note=note, detail=detail)

@@ -1,0 +1,258 @@
+"""Did the same frames get other answers: exact tests and intervals on pairs within a frame."""
+
+import math
+from statistics import NormalDist
+
+import numpy as np
+import numpy.typing as npt
+
+from eyechart.stats.statistic import Statistic, cannot_say
+
+ENUMERATED_STATES = 20_000
+"""Up to so many distinct outcomes a null distribution is enumerated instead of sampled."""
+
+
+def sign_test(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
+    """Test exactly and one-sidedly whether ``first`` exceeds ``second`` within frames.
+
+    Two numeric arrays of one length, paired by frame (braking levels, or 0/1 agreements). ``value`` is the
+    share of the discordant pairs in which the first is larger, with its Clopper-Pearson interval; ``n``
+    counts the discordant pairs; ``p`` is P(Bin(n, 1/2) >= wins), which is 1 when no pair is discordant (the
+    value is then None). ``detail``: wins, losses, ties and the mean difference over all pairs.
+    Equals R ``binom.test(wins, n, alternative = "greater")``.
+    """
+    a, b = _numbers(first, "first"), _numbers(second, "second")
+    _same_length(len(a), len(b))
+    wins, losses = int(np.count_nonzero(a > b)), int(np.count_nonzero(a < b))
+    n = wins + losses
+    detail = {
+        "wins": wins,
+        "losses": losses,
+        "ties": len(a) - n,
+        "mean_difference": float(np.mean(a - b)) if len(a) else None,
+    }
+    method = f"one-sided exact sign test, {100 * level:g}% Clopper-Pearson interval"
+    if n == 0:
+        return Statistic(None, 0, p=1.0, method=method, note="no discordant pairs", detail=detail)
+    p = _fair_coin_tail(wins, n)
+    return Statistic(wins / n, n, _clopper_pearson(wins, n, level), p, method, detail=detail)
+
+
+def mcnemar_exact(b: int, c: int) -> Statistic:
+    """Test exactly and two-sidedly whether the two kinds of discordant pair are equally frequent.
+
+    ``b`` pairs of one kind, ``c`` of the other. ``value`` is b/(b+c), ``n`` = b+c, ``p`` twice the smaller
+    tail of Bin(n, 1/2), at most 1. Equals R ``binom.test(b, b + c)``; used in section VI-C of the paper.
+    """
+    if b < 0 or c < 0:
+        raise ValueError(f"discordant counts b={b} and c={c} must not be negative")
+    n, method = b + c, "two-sided exact McNemar test"
+    if n == 0:
+        return Statistic(None, 0, p=1.0, method=method, note="no discordant pairs")
+    p = min(1.0, 2 * _fair_coin_tail(max(b, c), n))
+    return Statistic(b / n, n, p=p, method=method, detail={"b": b, "c": c})
+
+
+def label_swap_test(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, resamples: int = 5000) -> Statistic:
+    """Test whether two conditions give the same marginal distribution of labels on the same frames.
+
+    String or integer label arrays of one length, paired by frame. ``value`` is the sum over labels of the
+    squared differences of marginal counts; the null swaps the two labels within each frame at random, which
+    needs no assumption about how frames depend on one another beyond that. ``n`` counts the pairs. ``p`` is
+    two-sided: enumerated where the distinct outcomes are at most `ENUMERATED_STATES` (always with 12 or
+    fewer discordant pairs), else (k+1)/(B+1). ``detail``: labels, both marginals, discordant pairs.
+    """
+    names, counts = _pair_counts(first, second)
+    n, labels = int(counts.sum()), len(names)
+    if n == 0:
+        return cannot_say("no pairs", method="within-frame label swap")
+    moves = _moves(counts)
+    detail = {
+        "labels": names,
+        "first": counts.sum(axis=1).tolist(),
+        "second": counts.sum(axis=0).tolist(),
+        "discordant": n - int(np.trace(counts)),
+    }
+    net = np.array([forward - back for _, _, forward, back in moves], dtype=np.int64)
+    observed = int(_squared_difference(net[None, :], moves, labels)[0])
+    sizes = [forward + back for _, _, forward, back in moves]
+    states = math.prod(size + 1 for size in sizes)
+    if states <= ENUMERATED_STATES:
+        nets, weights = _net_moves(sizes)
+        spread = _squared_difference(nets, moves, labels)
+        p, how = min(1.0, float(weights[spread >= observed].sum())), "enumerated"
+    else:
+        rng = np.random.default_rng(seed)
+        nets = 2 * rng.binomial(sizes, 0.5, size=(resamples, len(sizes))) - np.array(sizes)
+        spread = _squared_difference(nets, moves, labels)
+        p = (int(np.count_nonzero(spread >= observed)) + 1) / (resamples + 1)
+        how = f"B={resamples}"
+    return Statistic(float(observed), n, p=p, method=f"within-frame label swap, {how}", detail=detail)
+
+
+def paired_difference(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
+    """Return mean(first) - mean(second) of paired 0/1 outcomes with Tango's score interval.
+
+    Two boolean (or 0/1) arrays of one length, paired by frame. See `paired_difference_from_counts`.
+    """
+    b, c, n = _discordant(first, second)
+    return paired_difference_from_counts(b, c, n, level=level)
+
+
+def paired_difference_from_counts(b: int, c: int, n: int, *, level: float = 0.95) -> Statistic:
+    """Return the paired difference of proportions (b - c)/n with Tango's score interval (1998).
+
+    ``b`` pairs have only the first outcome, ``c`` only the second, of ``n`` pairs. The interval stays honest
+    for small n and without any discordant pair: it is then +-z^2/(n + z^2). ``level`` is two-sided; 0.98
+    gives two one-sided bounds at .01. The value is None when n is 0; ValueError when b + c exceeds n.
+    """
+    _check_discordant(b, c, n)
+    method = f"paired difference of proportions, {100 * level:g}% Tango score interval"
+    if not 0 < level < 1:
+        raise ValueError(f"level={level} must lie between 0 and 1, for example 0.95")
+    if n == 0:
+        return cannot_say("no pairs", method=method)
+    z = NormalDist().inv_cdf(0.5 + level / 2)
+    ci = (_tango_bound(b, c, n, z), _tango_bound(b, c, n, -z))
+    return Statistic((b - c) / n, n, ci, method=method, detail={"b": b, "c": c})
+
+
+def bounded_below(
+    first: npt.ArrayLike, second: npt.ArrayLike, *, margin: float = 0.10, alpha: float = 0.01
+) -> Statistic:
+    """Test whether mean(first) - mean(second) lies below ``margin``: a claim of absence that needs evidence.
+
+    Paired 0/1 arrays as for `paired_difference`. ``p`` belongs to the null "the difference is ``margin`` or
+    more" (Tango's score test, one-sided); ``ci`` is two-sided at 1 - 2 alpha, so that its upper end is the
+    one-sided bound and lies below the margin exactly when p < alpha, which ``detail["bounded"]`` repeats.
+    """
+    if not 0 < margin < 1 or not 0 < alpha < 0.5:
+        raise ValueError(f"margin={margin} must lie in (0, 1) and alpha={alpha} in (0, .5)")
+    b, c, n = _discordant(first, second)
+    difference = paired_difference_from_counts(b, c, n, level=1 - 2 * alpha)
+    if difference.value is None:
+        return difference
+    p = NormalDist().cdf(_tango_score(b, c, n, margin))
+    detail = {"b": b, "c": c, "margin": margin, "alpha": alpha, "bounded": p < alpha}
+    return Statistic(difference.value, n, difference.ci, p, difference.method, detail=detail)
+
+
+def pairs_to_bound(disagreement: float = 0.0, *, margin: float = 0.10, alpha: float = 0.01) -> int:
+    """Return how many pairs bound a difference below ``margin`` when it is 0 and looks it.
+
+    ``disagreement`` is the share of discordant pairs, split evenly. For an `undecided` verdict: so many
+    frames would decide. ValueError when the disagreement is outside [0, 1].
+    """
+    if not 0 <= disagreement <= 1 or not 0 < margin < 1 or not 0 < alpha < 0.5:
+        raise ValueError(f"no such design: disagreement={disagreement}, margin={margin}, alpha={alpha}")
+    z, n = -NormalDist().inv_cdf(alpha), 1
+    while _tango_score(n * disagreement / 2, n * disagreement / 2, n, margin) > -z:
+        n += 1
+    return n
+
+
+def _numbers(values: npt.ArrayLike, which: str) -> npt.NDArray[np.float64]:
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim != 1 or np.isnan(array).any():
+        raise ValueError(f"the {which} values must be one number per frame: drop the frames without one")
+    return array
+
+
+def _same_length(a: int, b: int) -> None:
+    if a != b:
+        raise ValueError(f"{a} values against {b}: give both for the same frames")
+
+
+def _discordant(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[int, int, int]:
+    a, b = _numbers(first, "first"), _numbers(second, "second")
+    _same_length(len(a), len(b))
+    if not (np.isin(a, (0, 1)).all() and np.isin(b, (0, 1)).all()):
+        raise ValueError("a paired difference of proportions needs outcomes 0 or 1")
+    return int(np.count_nonzero(a > b)), int(np.count_nonzero(a < b)), len(a)
+
+
+def _check_discordant(b: int, c: int, n: int) -> None:
+    if b < 0 or c < 0 or b + c > n:
+        raise ValueError(f"b={b} and c={c} discordant pairs do not fit into n={n} pairs")
+
+
+def _fair_coin_tail(k: int, n: int) -> float:
+    """Return P(Bin(n, 1/2) >= k), exact in integers until the last division."""
+    ways = sum(math.comb(n, i) for i in range(k, n + 1))
+    return float(ways / 2**n)
+
+
+def _clopper_pearson(k: int, n: int, level: float) -> tuple[float, float]:
+    if not 0 < level < 1:
+        raise ValueError(f"level={level} must lie between 0 and 1, for example 0.95")
+    from scipy import special  # noqa: PLC0415 - slow to import
+
+    tail = (1 - level) / 2
+    low = 0.0 if k == 0 else float(special.betaincinv(k, n - k + 1, tail))
+    high = 1.0 if k == n else float(special.betaincinv(k + 1, n - k, 1 - tail))
+    return low, high
+
+
+def _pair_counts(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[list[object], npt.NDArray[np.int64]]:
+    """Return the labels and the square table of pairs, first by second."""
+    a, b = np.asarray(first), np.asarray(second)
+    for which, array in (("first", a), ("second", b)):
+        if array.ndim != 1 or (array.size and array.dtype.kind not in "iubU"):
+            raise ValueError(f"the {which} labels must be one string or integer per frame, got {array.dtype}")
+    _same_length(len(a), len(b))
+    names, codes = np.unique(np.concatenate([a, b]), return_inverse=True)
+    flat = codes[: len(a)] * len(names) + codes[len(a) :]
+    counts = np.bincount(flat, minlength=len(names) ** 2).reshape(len(names), len(names))
+    return names.tolist(), counts.astype(np.int64)
+
+
+def _moves(counts: npt.NDArray[np.int64]) -> list[tuple[int, int, int, int]]:
+    """Return for each pair of labels that ever exchange: i, j, moves from i to j, moves from j to i."""
+    pairs = zip(*np.triu_indices(len(counts), k=1), strict=True)
+    moves = [(int(i), int(j), int(counts[i, j]), int(counts[j, i])) for i, j in pairs]
+    return [move for move in moves if move[2] + move[3]]
+
+
+def _squared_difference(
+    nets: npt.NDArray[np.int64], moves: list[tuple[int, int, int, int]], labels: int
+) -> npt.NDArray[np.int64]:
+    """Return the summed squared marginal differences of each row of net moves, shape (rows,)."""
+    incidence = np.zeros((len(moves), labels), dtype=np.int64)
+    for row, (i, j, _, _) in enumerate(moves):
+        incidence[row, i], incidence[row, j] = 1, -1
+    return np.asarray(((nets @ incidence) ** 2).sum(axis=1), dtype=np.int64)
+
+
+def _net_moves(sizes: list[int]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+    """Return every outcome of the swaps: net moves, shape (states, pairs), and their probabilities."""
+    nets, weights = np.zeros((1, 0), dtype=np.int64), np.ones(1)
+    for size in sizes:
+        net = 2 * np.arange(size + 1) - size
+        share = np.array([math.comb(size, i) / 2**size for i in range(size + 1)])
+        nets = np.hstack([np.repeat(nets, size + 1, axis=0), np.tile(net, len(nets))[:, None]])
+        weights = np.outer(weights, share).ravel()
+    return nets, weights
+
+
+def _tango_score(b: float, c: float, n: int, delta: float) -> float:
+    """Return Tango's score statistic for the null that the difference is ``delta``, in (-1, 1)."""
+    linear = -(b + c) + (2 * n - b + c) * delta
+    root = math.sqrt(max(linear * linear + 8 * n * c * delta * (1 - delta), 0.0))
+    q = (root - linear) / (4 * n)  # the second cell at its likelihood maximum under the null
+    variance = n * (2 * q + delta * (1 - delta))
+    excess = b - c - n * delta
+    if variance <= 1e-12 * n:
+        return 0.0 if abs(excess) <= 1e-9 * n else math.copysign(math.inf, excess)
+    return excess / math.sqrt(variance)
+
+
+def _tango_bound(b: int, c: int, n: int, z: float) -> float:
+    """Return the difference at which the falling score equals ``z``, by bisection to 1e-12."""
+    low, high = -1.0, 1.0
+    while high - low > 1e-12:
+        middle = (low + high) / 2
+        if _tango_score(b, c, n, middle) > z:
+            low = middle
+        else:
+            high = middle
+    return (low + high) / 2

@@ -1,0 +1,40 @@
+"""A statistic is a number that travels with its n, its interval and its p; the number may be None."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Statistic:
+    """A value with the evidence behind it.
+
+    ``value`` is None when the data cannot say (never a stand-in 0); ``note`` then says why. ``n`` counts
+    the observations that the value rests on. ``ci`` is a two-sided interval, 95 % unless ``method`` says
+    otherwise. ``p`` is None where no test was made. ``detail`` holds further plain numbers (a table, bin
+    sizes, a rival variant) for whoever audits the value.
+    """
+
+    value: float | None
+    n: int
+    ci: tuple[float, float] | None = None
+    p: float | None = None
+    method: str = ""
+    note: str = ""
+    detail: Mapping[str, object] | None = None
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the statistic as plain JSON values, with every key always present."""
+        return {
+            "value": self.value,
+            "n": self.n,
+            "ci": None if self.ci is None else list(self.ci),
+            "p": self.p,
+            "method": self.method,
+            "note": self.note,
+            "detail": None if self.detail is None else dict(self.detail),
+        }
+
+
+def cannot_say(why: str, n: int = 0, method: str = "") -> Statistic:
+    """Return the statistic of data that cannot answer, with the reason."""
+    return Statistic(value=None, n=n, method=method, note=why)

@@ -1,0 +1,10 @@
+"""The input-ablation battery: run() asks about every frame under every condition, score() reads what came back.
+
+Source: paper, section The Input-Ablation Battery.
+"""
+
+from eyechart.studies.battery.merging import merge
+from eyechart.studies.battery.planning import Battery, plan, run
+from eyechart.studies.battery.scoring import BatteryScore, ModelScore, score
+
+__all__ = ["Battery", "BatteryScore", "ModelScore", "merge", "plan", "run", "score"]

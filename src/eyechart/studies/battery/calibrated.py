@@ -1,0 +1,152 @@
+"""The tests that the calibrated rules name: exact within a frame, or safe for episodes.
+
+Positive claims are tested at alpha .01; absences are bounded below a margin of .10. See
+docs/decisions/0006-two-sets-of-rules.md.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eyechart.stats.agreement import cohens_kappa, rate
+from eyechart.stats.association import quantile_bins
+from eyechart.stats.exchange import exchange_mi_test, exchange_test, iid_trend_test
+from eyechart.stats.paired import bounded_below, label_swap_test, sign_test
+from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.studies.battery.answers import ABSENT, Answers, Symbols
+from eyechart.studies.battery.published import Resampling, Statistics
+
+ALPHA = 0.01
+MARGIN = 0.10
+LEVEL = 1 - 2 * ALPHA
+"""Two-sided level of the intervals, so that each end is a one-sided bound at alpha."""
+
+FEWEST_PAIRS = 7
+"""With fewer pairs an exact sign test cannot reach alpha .01 (2 to the power of -7 is .0078)."""
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """Computes the calibrated tests of one model's answers.
+
+    ``independent`` is the user's word that frames without episodes are independent draws.
+    """
+
+    answers: Answers
+    how: Resampling
+    independent: bool = False
+
+    def statistics(self) -> Statistics:
+        """Return every test by its name."""
+        shuffled, recoloured = self._content("shuffled"), self._content("recoloured")
+        return {
+            "unparsed_reference": self._unparsed_reference(),
+            "self_disagreement": self._self_disagreement(),
+            "kappa": self._kappa(),
+            "depth_interventional": self._interventional(),
+            "depth_observational": self._observational(),
+            "depth_information": self._episode_safe_information(),
+            "content_shuffled": shuffled,
+            "content_recoloured": recoloured,
+            "scene_cue": self._scene_cue(),
+            "presence": self._differs("decision"),
+            "presence_response": self._differs("response"),
+            "bound_content_shuffled": self._bound("shuffled"),
+            "bound_content_recoloured": self._bound("recoloured"),
+            "bound_scene": self._bound("cross_scenario"),
+            "bound_blank": self._bound("blank"),
+        }
+
+    def _unparsed_reference(self) -> Statistic:
+        given = [one for name in ("real", "real_repeat") for one in self.answers.decisions.get(name, ()) if one]
+        return rate(sum(one.action is None for one in given), len(given), level=LEVEL)
+
+    def _self_disagreement(self) -> Statistic:
+        real, repeat, _ = self.answers.both("real", "real_repeat", "decision")
+        return rate(int((real != repeat).sum()), len(real), level=LEVEL)
+
+    def _kappa(self) -> Statistic:
+        real, repeat, _ = self.answers.both("real", "real_repeat", "decision")
+        return cohens_kappa(real, repeat, level=LEVEL)
+
+    def _interventional(self) -> Statistic:
+        near, far, _ = self.answers.both("lead_near", "lead_far", "decision")
+        if len(near) < FEWEST_PAIRS:
+            why = f"{len(near)} counterfactual pairs with two decisions; {FEWEST_PAIRS} are needed"
+            return cannot_say(why, len(near), "sign test of the braking level, lead_near over lead_far")
+        found = sign_test(self.answers.levels(near), self.answers.levels(far), level=LEVEL)
+        detail = {**(found.detail or {}), "pairs": len(near)}
+        return replace(found, method=f"braking level, lead_near over lead_far: {found.method}", detail=detail)
+
+    def _observational(self) -> Statistic:
+        gaps = self.answers.gaps
+        if gaps is None:
+            return cannot_say("the bank records no gap")
+        real = self.answers.responses("real")
+        have = real != ABSENT
+        ranks = _ranks(gaps[have])
+        levels = self.answers.levels(self.answers.actions("real")[have])
+        if not levels.any() or (levels == levels[0]).all():
+            return replace(cannot_say("the braking level never changes", int(have.sum())), p=1.0)
+        seed = self.how.seed_of("depth_observational")
+        if self.independent:
+            scenarios = self.answers.scenarios[have]
+            return iid_trend_test(levels, ranks, scenarios, seed=seed, resamples=self.how.resamples)
+        return exchange_test(levels, ranks, *self._layout(have), seed=seed, alpha=ALPHA, resamples=self.how.resamples)
+
+    def _episode_safe_information(self) -> Statistic:
+        gaps = self.answers.gaps
+        if gaps is None:
+            return cannot_say("the bank records no gap")
+        real = self.answers.responses("real")
+        have = real != ABSENT
+        if not have.any():
+            return cannot_say("no answers to real pictures")
+        bins = quantile_bins(gaps[have], no_lead_bin=True)
+        seed = self.how.seed_of("depth_information")
+        return exchange_mi_test(
+            real[have], bins.codes, *self._layout(have), seed=seed, alpha=ALPHA, resamples=self.how.resamples
+        )
+
+    def _layout(self, have: NDArray[np.bool_]) -> tuple[Symbols, Symbols, NDArray[np.int64]]:
+        return self.answers.scenarios[have], self.answers.episodes[have], self.answers.steps[have]
+
+    def _triple(self, first: str, second: str) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return, on the frames with all three decisions, whether each of two conditions agrees with ``real``."""
+        real, one, other = (self.answers.actions(name) for name in ("real", first, second))
+        have = (real != ABSENT) & (one != ABSENT) & (other != ABSENT)
+        return one[have] == real[have], other[have] == real[have]
+
+    def _content(self, other: str) -> Statistic:
+        repeat, changed = self._triple("real_repeat", other)
+        return _named(sign_test(repeat, changed, level=LEVEL), f"agreement with real, real_repeat over {other}", repeat)
+
+    def _scene_cue(self) -> Statistic:
+        shuffled, cross = self._triple("shuffled", "cross_scenario")
+        what = "agreement with real, shuffled over cross_scenario"
+        return _named(sign_test(shuffled, cross, level=LEVEL), what, shuffled)
+
+    def _bound(self, other: str) -> Statistic:
+        repeat, changed = self._triple("real_repeat", other)
+        found = bounded_below(repeat, changed, margin=MARGIN, alpha=ALPHA)
+        return replace(found, method=f"agreement with real, real_repeat minus {other}: {found.method}")
+
+    def _differs(self, level: str) -> Statistic:
+        real, blank, _ = self.answers.both("real", "blank", level)
+        seed = self.how.seed_of(f"presence.{level}")
+        found = label_swap_test(real, blank, seed=seed, resamples=self.how.resamples)
+        return replace(found, method=f"real against blank: {found.method}")
+
+
+def _named(found: Statistic, what: str, pairs: NDArray[np.bool_]) -> Statistic:
+    if not len(pairs):
+        return cannot_say("no frame has all three decisions", method=what)
+    return replace(found, method=f"{what}: {found.method}")
+
+
+def _ranks(gaps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return mid-ranks of the gaps; frames without a lead share the farthest rank."""
+    from scipy.stats import rankdata  # noqa: PLC0415 - slow to import
+
+    return np.asarray(rankdata(np.where(np.isfinite(gaps), gaps, np.finfo(np.float64).max)), dtype=np.float64)

@@ -1,0 +1,143 @@
+"""Planning and running a battery: every frame under every condition, and nothing asked twice."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+from eyechart.conditions import BATTERY, CONDITIONS, find_condition, require_partners
+from eyechart.errors import BankError, LedgerError, SpecError
+from eyechart.frames import FrameBank, check, open_bank
+from eyechart.ledger import Ledger
+from eyechart.manifest import LEDGER, RunManifest, is_run, read_run, today, versions, write_run
+from eyechart.models import Model, open_model
+from eyechart.prompts import find_prompt
+from eyechart.run import Plan, Progress, execute, spread
+
+STUDY = "battery"
+
+
+@dataclass(frozen=True)
+class Battery:
+    """A battery that was planned and not yet run: its plan, its models, and the folder it goes to."""
+
+    plan: Plan
+    models: Mapping[str, Model]
+    manifest: RunManifest
+    out: Path
+
+    def counts(self) -> tuple[int, int, int]:
+        """Return how many calls are planned, how many of them are finished, and how many have an unknown outcome."""
+        keys = set(self.plan.keys())
+        if not (self.out / LEDGER).is_file():
+            return len(keys), 0, 0
+        with Ledger(self.out / LEDGER) as ledger:
+            return len(keys), len(keys & ledger.finished()), len(keys & ledger.unknown())
+
+
+def plan(
+    bank_path: Path,
+    specs: Sequence[str],
+    out: Path,
+    *,
+    prompt: str = "baseline",
+    conditions: Sequence[str] | None = None,
+    seed: int = 0,
+    limit: int | None = None,
+    shard: tuple[int, int] | None = None,
+) -> Battery:
+    """Plan a battery, or the rest of one that ``out`` holds already; nothing is written or asked yet.
+
+    ``conditions`` default to the eight of Table t:conditions and the counterfactuals that the bank has.
+    Raises BankError where a picture is not the one that the bank's manifest recorded, SpecError for an unknown
+    name, and LedgerError where ``out`` holds another run.
+    """
+    models = {spec: open_model(spec) for spec in dict.fromkeys(specs)}
+    if not models:
+        raise SpecError("a battery needs at least one --model, see 'eyechart list models'")
+    formulation = find_prompt(prompt)
+    if problems := check(bank_path):
+        raise BankError(
+            f"the bank {bank_path} is damaged: {problems[0]} ({len(problems)} in all, 'eyechart frames check')"
+        )
+    bank = open_bank(bank_path)
+    chosen = tuple(conditions) if conditions else _conditions_of(bank)
+    for name in chosen:
+        find_condition(name)
+    require_partners(chosen, bank)
+    manifest = RunManifest(
+        study=STUDY,
+        created=today(),
+        seed=seed,
+        prompt=formulation,
+        models={spec: model.version for spec, model in models.items()},
+        conditions=chosen,
+        limit=limit,
+        shard=shard,
+        bank_path=str(bank_path.resolve()),
+        fingerprint=bank.manifest.fingerprint,
+        versions=versions(),
+    )
+    manifest = _resumed(out, manifest, bank)
+    the_plan = plan_of(manifest, bank, models=tuple(models), conditions=chosen, limit=limit)
+    return Battery(the_plan, models, manifest, out)
+
+
+def _conditions_of(bank: FrameBank) -> tuple[str, ...]:
+    drawn = {name for frame in bank for name in frame.counterfactuals}
+    return BATTERY + tuple(name for name, one in CONDITIONS.items() if one.counterfactual and name in drawn)
+
+
+def _resumed(out: Path, manifest: RunManifest, bank: FrameBank) -> RunManifest:
+    if is_run(out):
+        before, bank_before = read_run(out)
+        if bank_before.manifest.images != bank.manifest.images and before.fingerprint == manifest.fingerprint:
+            raise LedgerError(
+                f"{out} was run on other pictures of the same geometry; choose another --out for this bank"
+            )
+        return before.extended(manifest)
+    if out.exists() and (
+        not out.is_dir() or any(item.name not in {LEDGER, ".lock", ".bank", "bank"} for item in out.iterdir())
+    ):
+        raise LedgerError(f"{out} exists and is no run; choose another place with --out")
+    return manifest
+
+
+def plan_of(
+    manifest: RunManifest,
+    bank: FrameBank,
+    *,
+    models: Sequence[str] | None = None,
+    conditions: Sequence[str] | None = None,
+    limit: int | None = None,
+) -> Plan:
+    """Return the plan of a run's manifest, or of some of its models and conditions."""
+    whole = models is None
+    return Plan(
+        study=manifest.study,
+        bank=bank,
+        prompt=manifest.prompt,
+        models=tuple(manifest.models if models is None else models),
+        conditions=tuple(conditions or manifest.conditions),
+        frames=spread(bank.frames, manifest.limit if whole else limit),
+        seed=manifest.seed,
+        shard=manifest.shard,
+    )
+
+
+def run(battery: Battery, *, concurrency: int = 8, progress: Progress | None = None) -> None:
+    """Make the calls of a planned battery that its ledger does not hold yet.
+
+    Raises LedgerError where another process is writing to the same run.
+    """
+    battery.out.mkdir(parents=True, exist_ok=True)
+    try:
+        with FileLock(battery.out / ".lock", timeout=0):
+            write_run(battery.out, battery.manifest, battery.plan.bank)
+            with Ledger(battery.out / LEDGER, create=True) as ledger:
+                execute(battery.plan, battery.models, ledger, concurrency=concurrency, progress=progress)
+    except Timeout as error:
+        raise LedgerError(
+            f"another process is writing to {battery.out}; wait for it, or choose another --out"
+        ) from error

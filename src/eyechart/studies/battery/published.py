@@ -1,0 +1,286 @@
+"""The statistics of the paper's battery, each at response level and, with ``.decision``, at decision level.
+
+Source: paper, section The Input-Ablation Battery; the choices that its text leaves open are in
+docs/decisions/0006-two-sets-of-rules.md.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eyechart.seeds import key_seed
+from eyechart.conditions import BATTERY
+from eyechart.stats.agreement import clears_floor, rate, swap_test
+from eyechart.stats.association import contingency, cramers_v, entropy_bits, modal_share, quantile_bins
+from eyechart.stats.resampling import cluster_bootstrap, permute_mutual_information, ratio_of_sums
+from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.studies.battery.answers import ABSENT, Answers, Mask, Symbols
+
+Statistics = dict[str, Statistic]
+Floats = NDArray[np.float64]
+
+ALPHA = 0.05
+"""The paper's level of significance."""
+
+ENUMERATE = 30_000
+"""Up to so many multisets of episodes (9 episodes) the bootstrap is enumerated; beyond, resamples are drawn."""
+
+
+@dataclass(frozen=True, slots=True)
+class Resampling:
+    """How many resamples are drawn, and the seed from which each test derives its own by its name."""
+
+    resamples: int = 5000
+    seed: int = 0
+
+    def seed_of(self, name: str) -> int:
+        """Return the seed of the test of this name."""
+        return key_seed("score", self.seed, name)
+
+
+@dataclass(frozen=True)
+class Published:
+    """Computes the paper's statistics of one model's answers."""
+
+    answers: Answers
+    how: Resampling
+
+    def statistics(self) -> Statistics:
+        """Return every statistic by its name."""
+        found: Statistics = {"unparsed_rate": self._unparsed()}
+        for level, suffix in (("response", ""), ("decision", ".decision")):
+            at_level = {**self._agreements(level), **self._dependence(level), **self._gap_tests(level)}
+            found |= {f"{name}{suffix}": value for name, value in at_level.items()}
+        found["refusal_effect"] = refusal_effect(found["cramers_v"], found["cramers_v.decision"])
+        found["mirror_swap_rate"] = self._swap()
+        found["gap_order"] = self._gap_order()
+        return found | self._diversity()
+
+    def _unparsed(self) -> Statistic:
+        given = [one for name in BATTERY for one in self.answers.decisions.get(name, ()) if one is not None]
+        reasons: dict[str, int] = {}
+        for one in given:
+            if one.missing is not None:
+                reasons[one.missing] = reasons.get(one.missing, 0) + 1
+        return replace(rate(sum(reasons.values()), len(given)), detail={"reasons": dict(sorted(reasons.items()))})
+
+    def _agreements(self, level: str) -> Statistics:
+        differ: dict[str, tuple[Floats, Mask]] = {}
+        found: Statistics = {}
+        for name in BATTERY[1:]:
+            real, other, have = self.answers.both("real", name, level)
+            differ[name] = ((real != other).astype(np.float64), have)
+            found[f"agree.{name}"] = self._share((real == other).astype(np.float64), have, f"agree.{name}.{level}")
+        found["noise_floor"] = self._share(*differ["real_repeat"], f"noise_floor.{level}")
+        found["idi"] = self._share(*differ["blank"], f"idi.{level}")
+        found["idi_adj"] = self._difference(*differ["blank"], *differ["real_repeat"], f"idi_adj.{level}")
+        found["clears_floor"] = _clears(found["idi"], found["noise_floor"])
+        return found
+
+    def _dependence(self, level: str) -> Statistics:
+        every = {name: self.answers.symbols(name, level) for name in BATTERY}
+        pair = {name: every[name] for name in ("real", "blank")}
+        return {
+            "cramers_v": self._association(every, f"cramers_v.{level}"),
+            "cramers_v_real_blank": self._association(pair, f"cramers_v_real_blank.{level}"),
+        }
+
+    def _association(self, columns: dict[str, Symbols], name: str) -> Statistic:
+        """Return Cramér's V of condition × answer, with its bootstrap interval."""
+        rows = np.concatenate([np.full(len(symbols), condition) for condition, symbols in columns.items()])
+        symbols = np.concatenate(list(columns.values()))
+        have = symbols != ABSENT
+        episodes = np.tile(self.answers.episodes, len(columns))
+        return self._table(rows[have], symbols[have], episodes[have], name)
+
+    def _table(self, rows: Symbols, columns: Symbols, episodes: Symbols, name: str) -> Statistic:
+        made = contingency(rows, columns)
+        found = cramers_v(made.table)
+        shape = made.table.shape
+        detail = {**(found.detail or {}), "rows": made.rows, "columns": made.columns, "table": made.table.tolist()}
+        if found.value is None or 1 in shape:
+            return replace(found, detail=detail)
+        sums = _counts_by_episode(rows, columns, episodes)
+        interval = self._bootstrap(sums, lambda tables: _v_of_tables(tables.reshape(-1, *shape)), name)
+        return replace(found, ci=interval.ci, method=f"{found.method}; {interval.method}", detail=detail)
+
+    def _gap_tests(self, level: str) -> Statistics:
+        gaps = self.answers.gaps
+        if gaps is None or self.answers.gap is None:
+            missing = cannot_say("the bank records no gap")
+            return {"obstacle": missing, "mutual_information": missing}
+        real = self.answers.symbols("real", level)
+        have = real != ABSENT
+        if not have.any():
+            missing = cannot_say("no answers to real pictures")
+            return {"obstacle": missing, "mutual_information": missing}
+        near = np.where(gaps[have] < self.answers.gap.threshold, "near", "far")
+        obstacle = self._table(real[have], near, self.answers.episodes[have], f"obstacle.{level}")
+        return {"obstacle": obstacle, "mutual_information": self._information(real[have], gaps[have], have, level)}
+
+    def _information(self, real: Symbols, gaps: Floats, have: Mask, level: str) -> Statistic:
+        bins = quantile_bins(gaps)
+        made = contingency(real, bins.codes)
+        name = f"mutual_information.{level}"
+        found = permute_mutual_information(made.table, seed=self.how.seed_of(name), resamples=self.how.resamples)
+        sums = _counts_by_episode(real, bins.codes, self.answers.episodes[have])
+        shape = made.table.shape
+        interval = self._bootstrap(sums, lambda tables: _information_of_tables(tables.reshape(-1, *shape)), name)
+        n, occupied = found.n, (np.count_nonzero(made.table.sum(axis=1)), np.count_nonzero(made.table.sum(axis=0)))
+        bias = (occupied[0] - 1) * (occupied[1] - 1) / (2 * n * math.log(2))
+        detail = {
+            "bin_sizes": bins.sizes,
+            "edges": bins.edges,
+            "ceiling": min(entropy_bits(real).value or 0.0, entropy_bits(bins.codes).value or 0.0),
+            "miller_madow": (found.value or 0.0) - bias,
+            "rows": made.rows,
+            "table": made.table.tolist(),
+        }
+        return replace(found, ci=interval.ci, method=f"{found.method}; {interval.method}", detail=detail)
+
+    def _swap(self) -> Statistic:
+        space = self.answers.space
+        if not space.mirror_pairs:
+            return cannot_say("no action of this space exchanges under reflection")
+        real, mirrored = self.answers.actions("real"), self.answers.responses("mirrored")
+        have = (real != ABSENT) & (mirrored != ABSENT)
+        if not have.any():
+            return cannot_say("no frame has an answer both to its real and to its mirrored picture")
+        partner = {action: space.mirror(action) for action in space.directional}
+        seed = self.how.seed_of("mirror_swap_rate")
+        return swap_test(real[have], mirrored[have], partner, seed=seed, resamples=self.how.resamples)
+
+    def _gap_order(self) -> Statistic:
+        gaps, space = self.answers.gaps, self.answers.space
+        if gaps is None:
+            return cannot_say("the bank records no gap")
+        real = self.answers.actions("real")
+        finite = gaps[np.isfinite(gaps)]
+        capped = np.where(np.isfinite(gaps), gaps, finite.max() if finite.size else 0.0)
+        role = np.where(np.isin(real, space.brake), "brake", np.where(np.isin(real, space.proceed), "proceed", ABSENT))
+        medians = {str(action): float(np.median(capped[real == action])) for action in np.unique(real[real != ABSENT])}
+        detail: dict[str, object] = {"median_by_action": medians, "no_lead_counts_as": "the farthest gap"}
+        n = int(np.count_nonzero(role != ABSENT))
+        if not ((role == "brake").any() and (role == "proceed").any()):
+            why = "the model never brakes or never proceeds"
+            return replace(cannot_say(why, n, "median gap, proceed minus brake"), detail=detail)
+        used = role != ABSENT
+        sums = _counts_by_episode(role[used], capped[used], self.answers.episodes[used])
+        values = np.unique(capped[used])
+        found = self._bootstrap(sums, lambda counts: _median_difference(counts, values), "gap_order")
+        return replace(found, n=n, method=f"median gap, proceed minus brake; {found.method}", detail=detail)
+
+    def _diversity(self) -> Statistics:
+        real = self.answers.actions("real")
+        have = real != ABSENT
+        found = {"modal_share": modal_share(real[have]), "entropy": entropy_bits(real[have])}
+        if not have.any():
+            return found
+        sums = _counts_by_episode(np.zeros(int(have.sum()), dtype=np.int64), real[have], self.answers.episodes[have])
+        entropy = self._bootstrap(sums, _entropy_of_counts, "entropy")
+        modal = self._bootstrap(sums, lambda counts: counts.max(axis=1) / counts.sum(axis=1), "modal_share")
+        counts = dict(zip(*(each.tolist() for each in np.unique(real[have], return_counts=True)), strict=True))
+        detail = {**(found["modal_share"].detail or {}), "counts": counts}
+        found["modal_share"] = replace(found["modal_share"], ci=modal.ci, detail=detail)
+        found["entropy"] = replace(found["entropy"], ci=entropy.ci)
+        return found
+
+    def _share(self, hits: Floats, have: Mask, name: str) -> Statistic:
+        if not have.any():
+            return cannot_say("no frame has both answers")
+        sums = _sums_by_episode(np.column_stack([hits, np.ones(len(hits))]), self.answers.episodes[have])
+        found = self._bootstrap(sums, ratio_of_sums, name)
+        detail = {"k": int(hits.sum()), "episodes": len(sums)}
+        return replace(found, value=float(hits.mean()), n=len(hits), detail=detail)
+
+    def _difference(self, one: Floats, have_one: Mask, other: Floats, have_other: Mask, name: str) -> Statistic:
+        if not have_one.any() or not have_other.any():
+            return cannot_say("no frame has both answers")
+        columns = np.zeros((len(have_one), 4))
+        columns[have_one, 0], columns[:, 1] = one, have_one
+        columns[have_other, 2], columns[:, 3] = other, have_other
+        sums = _sums_by_episode(columns, self.answers.episodes)
+        found = self._bootstrap(sums, lambda s: ratio_of_sums(s[:, :2]) - ratio_of_sums(s[:, 2:]), name)
+        return replace(found, value=float(one.mean() - other.mean()), n=len(one), detail=None)
+
+    def _bootstrap(self, sums: Floats, statistic: Callable[[Floats], Floats], name: str) -> Statistic:
+        seed = self.how.seed_of(name)
+        return cluster_bootstrap(sums, statistic, seed=seed, resamples=self.how.resamples, enumerate_up_to=ENUMERATE)
+
+
+def refusal_effect(response: Statistic, decision: Statistic) -> Statistic:
+    """Return 1 where answers depend on the condition at response level only (a refusal effect), else 0."""
+    method = "significant at response level and not at decision level (alpha .05)"
+    if response.p is None or decision.p is None:
+        return cannot_say("one of the two tests could not be made", response.n, method)
+    return Statistic(float(response.p < ALPHA <= decision.p), response.n, method=method)
+
+
+def _clears(idi: Statistic, floor: Statistic) -> Statistic:
+    method = "1 where IDI > 1.5 s, strictly"
+    if idi.value is None or floor.value is None:
+        return cannot_say("IDI or the noise floor could not be measured", method=method)
+    return Statistic(float(clears_floor(idi.value, floor.value)), idi.n, method=method)
+
+
+def _sums_by_episode(columns: Floats, episodes: Symbols) -> Floats:
+    _, codes = np.unique(episodes, return_inverse=True)
+    sums = np.zeros((int(codes.max()) + 1, columns.shape[1]))
+    np.add.at(sums, codes, columns)
+    return sums
+
+
+def _counts_by_episode(rows: NDArray[np.generic], columns: NDArray[np.generic], episodes: Symbols) -> Floats:
+    """Return each episode's flat table of counts, shape (episodes, rows × columns)."""
+    _, e = np.unique(episodes, return_inverse=True)
+    names_r, r = np.unique(rows, return_inverse=True)
+    names_c, c = np.unique(columns, return_inverse=True)
+    cells = len(names_r) * len(names_c)
+    flat = np.bincount(e * cells + r * len(names_c) + c, minlength=(int(e.max()) + 1) * cells)
+    return flat.reshape(-1, cells).astype(np.float64)
+
+
+def _v_of_tables(tables: Floats) -> Floats:
+    """Return Cramér's V of each table, shape (m, rows, columns), without correction, empty lines dropped."""
+    rows, columns, n = tables.sum(axis=2), tables.sum(axis=1), tables.sum(axis=(1, 2))
+    expected = rows[:, :, None] * columns[:, None, :]
+    share = np.divide(tables**2, expected, out=np.zeros_like(tables), where=expected > 0).sum(axis=(1, 2))
+    shorter = np.minimum((rows > 0).sum(axis=1), (columns > 0).sum(axis=1)) - 1
+    v = np.sqrt(np.maximum(share - 1, 0) / np.maximum(shorter, 1))
+    return np.where((n > 0), np.where(shorter > 0, v, 0.0), np.nan)
+
+
+def _information_of_tables(tables: Floats) -> Floats:
+    n = tables.sum(axis=(1, 2))
+    inner = (
+        _xlogx(tables).sum(axis=(1, 2))
+        - _xlogx(tables.sum(axis=2)).sum(axis=1)
+        - _xlogx(tables.sum(axis=1)).sum(axis=1)
+    )
+    return np.where(n > 0, np.maximum(0.0, inner / np.maximum(n, 1) + np.log2(np.maximum(n, 1))), np.nan)
+
+
+def _entropy_of_counts(counts: Floats) -> Floats:
+    n = counts.sum(axis=1)
+    return np.where(n > 0, np.log2(np.maximum(n, 1)) - _xlogx(counts).sum(axis=1) / np.maximum(n, 1), np.nan)
+
+
+def _xlogx(counts: Floats) -> Floats:
+    return np.asarray(counts * np.log2(np.maximum(counts, 1.0)))
+
+
+def _median_difference(counts: Floats, values: Floats) -> Floats:
+    """Return the median of ``proceed`` minus that of ``brake`` from counts, shape (m, 2 × values), brake first."""
+    brake, proceed = counts[:, : len(values)], counts[:, len(values) :]
+    return _medians(proceed, values) - _medians(brake, values)
+
+
+def _medians(counts: Floats, values: Floats) -> Floats:
+    below = np.cumsum(counts, axis=1)
+    n = below[:, -1:]
+    low = np.argmax(below >= np.ceil(n / 2), axis=1)
+    high = np.argmax(below >= np.floor(n / 2) + 1, axis=1)
+    return np.where(n[:, 0] > 0, (values[low] + values[high]) / 2, np.nan)

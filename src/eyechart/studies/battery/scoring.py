@@ -1,0 +1,111 @@
+"""Scoring a run: ledger and bank to decisions to statistics; it only reads, and gives the same bytes every time."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from eyechart.frames import FrameBank
+from eyechart.ledger import Accounting, Ledger
+from eyechart.manifest import LEDGER, RunManifest, read_run
+from eyechart.stats.resampling import holm
+from eyechart.stats.statistic import Statistic
+from eyechart.studies.battery.answers import Answers, read_answers
+from eyechart.studies.battery.calibrated import Calibrated
+from eyechart.studies.battery.planning import plan_of
+from eyechart.studies.battery.published import Published, Resampling
+
+HOLM = ("cramers_v", "cramers_v.decision", "obstacle", "mutual_information", "mutual_information.decision")
+"""The tests whose p is corrected over the models of a run (Holm 1979)."""
+
+
+@dataclass(frozen=True)
+class ModelScore:
+    """One model's decisions and statistics. ``holm`` maps a test to its p corrected over the run's models.
+
+    ``planned`` and ``answered`` count calls; a verdict on fewer than planned says so.
+    """
+
+    model: str
+    version: str
+    planned: int
+    answered: int
+    answers: Answers
+    statistics: Mapping[str, Statistic]
+    holm: Mapping[str, float | None]
+
+
+@dataclass(frozen=True)
+class BatteryScore:
+    """Everything that the ledger of one battery says, and, apart from it, what the calls took."""
+
+    manifest: RunManifest
+    bank: FrameBank
+    models: Mapping[str, ModelScore]
+    accounting: Mapping[str, Accounting]
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values; what two runs may differ in (timing, attempts) stands under ``accounting``."""
+        return {
+            "study": self.manifest.study,
+            "bank": self.bank.name,
+            "fingerprint": self.manifest.fingerprint,
+            "prompt": self.manifest.prompt.key,
+            "seed": self.manifest.seed,
+            "models": {
+                spec: {
+                    "version": score.version,
+                    "planned": score.planned,
+                    "answered": score.answered,
+                    "statistics": {name: value.as_dict() for name, value in score.statistics.items()},
+                    "holm": dict(score.holm),
+                }
+                for spec, score in self.models.items()
+            },
+            "accounting": {spec: asdict(one) for spec, one in self.accounting.items()},
+        }
+
+
+def score(path: Path, *, resamples: int = 5000, independent: bool = False) -> BatteryScore:
+    """Score the battery in a run's folder, finished or not.
+
+    ``independent`` declares that frames outside episodes are independent draws. Raises LedgerError or BankError
+    where the folder is no run.
+    """
+    manifest, bank = read_run(path)
+    how = Resampling(resamples=resamples, seed=manifest.seed)
+    plan = plan_of(manifest, bank)
+    with Ledger(path / LEDGER) as ledger:
+        answers = {spec: read_answers(spec, ledger.replies(spec), bank, plan.frames) for spec in manifest.models}
+        accounting = {spec: ledger.accounting(spec) for spec in manifest.models}
+        finished = ledger.finished()
+    statistics = {spec: statistics_of(one, how, independent=independent) for spec, one in answers.items()}
+    corrected = _corrected(statistics)
+    keys = plan.keys()
+    models = {
+        spec: ModelScore(
+            model=spec,
+            version=version,
+            planned=sum(key.model == spec for key in keys),
+            answered=sum(key.model == spec and key in finished for key in keys),
+            answers=answers[spec],
+            statistics=statistics[spec],
+            holm=corrected[spec],
+        )
+        for spec, version in manifest.models.items()
+    }
+    return BatteryScore(manifest, bank, models, accounting)
+
+
+def statistics_of(answers: Answers, how: Resampling, *, independent: bool = False) -> dict[str, Statistic]:
+    """Return the paper's statistics and the calibrated tests of one model's answers, by name."""
+    return Published(answers, how).statistics() | Calibrated(answers, how, independent).statistics()
+
+
+def _corrected(statistics: Mapping[str, Mapping[str, Statistic]]) -> dict[str, dict[str, float | None]]:
+    """Correct each test over the models; a constant model enters with p = 1."""
+    by_model: dict[str, dict[str, float | None]] = {spec: {} for spec in statistics}
+    for test in HOLM:
+        corrected = holm([found[test].p for found in statistics.values()])
+        for spec, p in zip(statistics, corrected, strict=True):
+            by_model[spec][test] = p
+    return by_model

@@ -1,0 +1,120 @@
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from eyechart.stats import agreement, association, paired, resampling
+
+HERE = Path(__file__).parent
+COPY = HERE / "paper_vectors.json"
+
+
+def in_order(names: str, metrics: dict) -> list[float]:
+    """Return the named metrics as the paper's tables list them."""
+    return [metrics[name].value for name in names.split()]
+
+
+FUNCTIONS: dict[str, Callable[[dict], object]] = {
+    "rate": lambda i: agreement.rate(i["k"], i["n"]).value,
+    "cramers_v": lambda i: association.cramers_v(i["table"], correction=i["correction"]).value,
+    "chi2_p": lambda i: association.chi2_test(i["table"], correction=i["correction"]).p,
+    "chi2_p_below_1e-4": lambda i: association.chi2_test(i["table"], correction=i["correction"]).p < 1e-4,
+    "idi_adj": lambda i: agreement.idi_adj_from_counts(i["agree_blank"], i["disagree_repeat"], i["n"]).value,
+    "clears_floor": lambda i: agreement.clears_floor(i["IDI"], i["s"]),
+    "agreement_with_constant": lambda i: agreement.agreement_with_constant(i["real_counts"], i["constant"]).value,
+    "permutation_p": lambda i: resampling.permutation_p(i["exceedances"], i["resamples"]),
+    "mutual_information_bits": lambda i: association.mutual_information_bits(i["table"]).value,
+    "holm_smallest": lambda i: resampling.holm_smallest(i["p"]),
+    "mcnemar_exact": lambda i: paired.mcnemar_exact(i["b"], i["c"]).p,
+    "pearson_p": lambda i: association.pearson_p(i["r"], i["n"]).p,
+    "binary_metrics": lambda i: in_order(
+        "acc bal sens spec",
+        agreement.binary_metrics(tp=i["TP"], fn=i["FN"], tn=i["TN"], fp=i["FP"]),
+    ),
+    "selective_metrics": lambda i: in_order(
+        "coverage acc bal sens spec",
+        agreement.selective_metrics(tp=i["TP"], fn=i["FN"], tn=i["TN"], fp=i["FP"], n=i["n"]),
+    ),
+    "kappa_from_marginal": lambda i: agreement.kappa_from_marginal(i["agree_repeat"], i["marginal"]).value,
+}
+
+
+def check(vector: dict) -> None:
+    """Fail unless eyechart computes the expected number from the vector's inputs."""
+    function, expected = FUNCTIONS.get(vector["function"]), vector["expected"]
+    if function is None:
+        pytest.fail(f"'{vector['id']}' asks for the function '{vector['function']}', which no test knows")
+    try:
+        got = function(vector["inputs"])
+    except KeyError as error:
+        pytest.fail(f"'{vector['id']}': the inputs of {vector['function']} lack {error}")
+    if isinstance(expected, bool) or isinstance(got, bool):
+        assert got is expected, f"{vector['id']}: {got}, the paper has {expected}"
+        return
+    if vector["function"] == "rate" and expected > 1:
+        got *= 100  # the crash rates of Table t:baselines are printed in percent
+    pairs = zip(got, expected, strict=True) if isinstance(expected, list) else [(got, expected)]
+    for ours, papers in pairs:
+        assert abs(ours - papers) <= vector["tolerance"], f"{vector['id']}: {got}, the paper has {expected}"
+
+
+def test_a_number_of_the_paper_follows_from_its_inputs(vector: dict) -> None:
+    """Every published statistic and rate comes out of eyechart's own functions."""
+    check(vector)
+
+
+def test_what_is_not_checked_is_counted_by_kind(left_out: dict, pytestconfig: pytest.Config) -> None:
+    """Arithmetic and feasibility entries call no function of eyechart; the test's name says how many."""
+    entries = json.loads(pytestconfig.getoption("vectors").read_text(encoding="utf-8"))
+    assert sum(left_out.values()) == sum(entry["function"] is None for entry in entries)
+
+
+@pytest.mark.parametrize("function", sorted(FUNCTIONS))
+def test_a_changed_expected_value_fails(function: str) -> None:
+    """No entry of the repository's copy passes by accident: moved by a tenth it fails."""
+    vector = next(v for v in json.loads(COPY.read_text(encoding="utf-8")) if v["function"] == function)
+    expected, step = vector["expected"], 0.1 + 2 * vector["tolerance"]
+    if isinstance(expected, bool):
+        changed = not expected
+    elif isinstance(expected, list):
+        changed = [*expected[:-1], expected[-1] - step]
+    else:
+        changed = expected + step
+    with pytest.raises(AssertionError, match="the paper has"):
+        check({**vector, "expected": changed})
+
+
+def test_an_unknown_function_fails_by_name() -> None:
+    """A vector that nobody computes must not pass in silence."""
+    vector = {"id": "new", "function": "phi", "inputs": {}, "expected": 1.0, "tolerance": 0.1}
+    with pytest.raises(pytest.fail.Exception, match="'new' asks for the function 'phi'"):
+        check(vector)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "cannot be read"),
+        ("[{", "are not JSON"),
+        ("[]", "hold no entry of kind statistic or rate"),
+    ],
+    ids=["missing", "cut_short", "without_an_entry"],
+)
+def test_a_missing_or_malformed_file_stops_the_run(tmp_path: Path, content: str | None, message: str) -> None:
+    """With --vectors pointing at such a file, pytest ends with an error that says what is wrong."""
+    path = tmp_path / "vectors.json"
+    if content is not None:
+        path.write_text(content, encoding="utf-8")
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "number_of_the_paper"]
+    run = subprocess.run(
+        [*command, str(HERE), "--vectors", str(path)],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=HERE.parents[1],
+    )
+    assert run.returncode != 0
+    assert message in run.stdout + run.stderr

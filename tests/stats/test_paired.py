@@ -1,0 +1,149 @@
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import optimize, stats
+
+from eyechart.stats import paired
+
+label_pairs = st.lists(st.tuples(st.integers(0, 2), st.integers(0, 2)), min_size=1, max_size=9)
+
+
+def test_the_sign_test_is_the_binomial_test_on_discordant_pairs() -> None:
+    """R: binom.test(9, 11, alternative = "greater") gives p = 0.03271; ties do not count."""
+    first, second = [2] * 9 + [0] * 2 + [1] * 5, [1] * 9 + [1] * 2 + [1] * 5
+    result = paired.sign_test(first, second)
+    assert (result.value, result.n, result.detail["ties"]) == (9 / 11, 11, 5)
+    assert result.p == pytest.approx(0.03271, abs=5e-6)
+    reference = stats.binomtest(9, 11, alternative="greater")
+    assert result.p == pytest.approx(reference.pvalue, rel=1e-12)
+    expected = stats.binomtest(9, 11).proportion_ci(method="exact")
+    assert result.ci == pytest.approx((expected.low, expected.high))
+
+
+def test_the_sign_test_is_one_sided() -> None:
+    """The same pairs the other way round are no evidence."""
+    assert paired.sign_test([0] * 8, [1] * 8).p == 1.0
+    assert paired.sign_test([1] * 8, [0] * 8).p == 1 / 256
+
+
+def test_without_discordant_pairs_nothing_is_rejected() -> None:
+    """The value is None and p is 1: a test was made and found nothing."""
+    for result in (paired.sign_test([1, 2], [1, 2]), paired.mcnemar_exact(0, 0)):
+        assert (result.value, result.n, result.p) == (None, 0, 1.0)
+
+
+@given(b=st.integers(0, 60), c=st.integers(0, 60))
+@settings(deadline=None, max_examples=60)
+def test_mcnemar_is_scipys_two_sided_binomial_test(b: int, c: int) -> None:
+    """Reference: scipy.stats.binomtest(b, b + c).pvalue."""
+    expected = stats.binomtest(b, b + c).pvalue if b + c else 1.0
+    assert paired.mcnemar_exact(b, c).p == pytest.approx(expected, rel=1e-9)
+
+
+def spread(first: np.ndarray, second: np.ndarray) -> int:
+    """Return the sum of squared differences of the marginal counts."""
+    return int(((np.bincount(first, minlength=3) - np.bincount(second, minlength=3)) ** 2).sum())
+
+
+@given(pairs=label_pairs)
+@settings(deadline=None, max_examples=60)
+def test_the_label_swap_test_enumerates_what_brute_force_does(pairs: list) -> None:
+    """All 2^n ways to swap the labels within frames, one by one."""
+    first, second = np.array(pairs).T
+    observed, hits = spread(first, second), 0
+    for swaps in itertools.product([False, True], repeat=len(pairs)):
+        a, b = np.where(swaps, second, first), np.where(swaps, first, second)
+        hits += spread(a, b) >= observed
+    result = paired.label_swap_test(first, second, seed=0)
+    assert result.value == observed
+    assert result.p == pytest.approx(hits / 2 ** len(pairs))
+
+
+def test_the_sampled_label_swap_agrees_with_the_enumerated_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One data set both ways, and the same seed gives the same p."""
+    rng = np.random.default_rng(5)
+    first, second = rng.integers(0, 3, 30), rng.integers(0, 2, 30)
+    exact = paired.label_swap_test(first, second, seed=0)
+    monkeypatch.setattr(paired, "ENUMERATED_STATES", 0)
+    sampled = paired.label_swap_test(first, second, seed=0, resamples=20_000)
+    assert exact.method.endswith("enumerated")
+    assert sampled.method.endswith("B=20000")
+    assert sampled.p == pytest.approx(exact.p, abs=4 * math.sqrt(0.25 / 20_000))
+    assert sampled == paired.label_swap_test(first, second, seed=0, resamples=20_000)
+
+
+def test_two_constants_differ_and_one_does_not() -> None:
+    """SLOW on every real frame and STOP on every blank one is presence; SLOW on both is nothing."""
+    differs = paired.label_swap_test(["SLOW"] * 144, ["STOP"] * 144, seed=0)
+    assert (differs.value, differs.p) == (2 * 144**2, pytest.approx(2 * 0.5**144))
+    same = paired.label_swap_test(["SLOW"] * 144, ["SLOW"] * 144, seed=0)
+    assert (same.value, same.p, same.detail["discordant"]) == (0.0, 1.0, 0)
+
+
+def constrained_score(b: int, c: int, n: int, delta: float) -> float:
+    """Return Tango's score with the nuisance cell found by numerical maximum likelihood."""
+
+    def loss(q: float) -> float:
+        cells = np.array([q + delta, q, 1 - 2 * q - delta])
+        return -float(np.sum(np.array([b, c, n - b - c]) * np.log(np.maximum(cells, 1e-300))))
+
+    low, high = max(0.0, -delta), (1 - delta) / 2
+    q = optimize.minimize_scalar(loss, bounds=(low, high), method="bounded", options={"xatol": 1e-12}).x
+    return (b - c - n * delta) / math.sqrt(n * (2 * q + delta - delta**2))
+
+
+@pytest.mark.parametrize(("b", "c", "n"), [(12, 2, 50), (9, 1, 50), (3, 5, 20), (30, 29, 144)])
+def test_the_paired_interval_ends_where_the_score_is_the_quantile(b: int, c: int, n: int) -> None:
+    """Both ends are checked against a numerical maximisation of the constrained likelihood (Tango 1998)."""
+    result = paired.paired_difference_from_counts(b, c, n)
+    scores = [constrained_score(b, c, n, end) for end in result.ci]
+    assert result.value == (b - c) / n
+    assert scores == pytest.approx([1.959964, -1.959964], abs=1e-4)
+
+
+def test_the_paired_interval_covers_what_it_claims() -> None:
+    """Exact coverage at n = 30 over a grid of cell probabilities is near .95, and never below .93."""
+    n, coverages = 30, []
+    counts = [(b, c) for b in range(n + 1) for c in range(n + 1 - b)]
+    intervals = np.array([paired.paired_difference_from_counts(b, c, n).ci for b, c in counts])
+    for p, q in [(0.05, 0.05), (0.02, 0.1), (0.3, 0.1), (0.2, 0.2), (0.5, 0.05)]:
+        chance = stats.multinomial.pmf([(b, c, n - b - c) for b, c in counts], n, [p, q, 1 - p - q])
+        inside = (intervals[:, 0] <= p - q) & (p - q <= intervals[:, 1])
+        coverages.append(float(chance[inside].sum()))
+    assert min(coverages) > 0.93
+    assert np.mean(coverages) == pytest.approx(0.955, abs=0.02)
+
+
+def test_zero_discordance_bounds_an_absence_from_forty_nine_frames_on() -> None:
+    """The upper bound is z^2/(n + z^2), z = 2.326: below the margin .10 from n = 49."""
+    enough, short = (paired.bounded_below([0] * n, [0] * n) for n in (49, 48))
+    assert enough.ci[1] == pytest.approx(2.3263479**2 / (49 + 2.3263479**2), abs=1e-7)
+    assert enough.detail["bounded"]
+    assert not short.detail["bounded"]
+    assert paired.pairs_to_bound() == 49
+
+
+@given(b=st.integers(0, 12), c=st.integers(0, 12), rest=st.integers(1, 200))
+@settings(deadline=None, max_examples=80)
+def test_the_bound_and_its_p_never_contradict_each_other(b: int, c: int, rest: int) -> None:
+    """The claim p < alpha holds exactly when the upper end of the interval lies below the margin."""
+    first, second = [1] * b + [0] * (c + rest), [0] * b + [1] * c + [0] * rest
+    result = paired.bounded_below(first, second)
+    assert result.detail["bounded"] == (result.ci[1] < 0.10)
+    assert result.ci[0] - 1e-9 <= result.value <= result.ci[1] + 1e-9
+    mirrored = paired.paired_difference(second, first, level=0.98)
+    assert mirrored.ci == pytest.approx((-result.ci[1], -result.ci[0]), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "message"),
+    [([0, 1], [1], "2 values against 1"), ([0, 2], [1, 1], "outcomes 0 or 1"), ([math.nan], [1], "drop the")],
+)
+def test_pairs_that_are_none_are_refused(first: list, second: list, message: str) -> None:
+    """The error says what a pair must be."""
+    with pytest.raises(ValueError, match=message):
+        paired.paired_difference(first, second)

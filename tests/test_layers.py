@@ -1,0 +1,161 @@
+"""The architecture is a list: imports point down it, and modules of one layer do not import each other."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1] / "src"
+
+LAYERS: tuple[tuple[str, ...], ...] = (
+    ("cli",),
+    ("report",),
+    ("verdicts",),
+    ("studies",),
+    ("run", "manifest"),
+    ("models", "simulators", "ledger", "prompts"),
+    ("perception",),
+    ("calls", "conditions"),
+    ("frames",),
+    ("actions",),
+    ("stats",),
+    ("errors", "seeds"),
+)
+"""Top to bottom. A name is a module or a package of ``eyechart``."""
+
+FLOORS = {
+    "stats": "eyechart.stats.statistic",
+    "perception": "eyechart.perception.scene",
+}
+"""Inside a package whose modules are peers, only its floor is shared."""
+
+ASSEMBLED = {"cli", "report", "studies.battery", "simulators.highway"}
+"""Packages that are one room split into modules: their modules import each other, without a cycle."""
+
+ALLOWED_FROM_ANYWHERE = {"eyechart"}
+"""``eyechart`` itself holds the version and nothing else."""
+
+
+def modules(root: Path) -> dict[str, ast.Module]:
+    """Return every module below ``root`` by its dotted name."""
+    found = {}
+    for path in sorted((root / "eyechart").rglob("*.py")):
+        parts = path.relative_to(root).with_suffix("").parts
+        name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+        found[name] = ast.parse(path.read_text(encoding="utf-8"))
+    return found
+
+
+def imports(tree: ast.Module, known: set[str]) -> Iterator[str]:
+    """Yield the eyechart modules that a module imports, at its top or inside a function."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names if alias.name.split(".")[0] == "eyechart")
+        if isinstance(node, ast.ImportFrom) and node.level:
+            yield "a relative import"
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "eyechart":
+            for alias in node.names:
+                full = f"{node.module}.{alias.name}"
+                yield full if full in known else str(node.module)
+
+
+def layer_of(module: str) -> int:
+    """Return the number of a module's layer, counted from the top."""
+    first = module.split(".")[1]
+    for number, names in enumerate(LAYERS):
+        if first in names:
+            return number
+    raise AssertionError(f"{module} stands in no layer: add it to LAYERS")
+
+
+def room_of(module: str) -> str:
+    """Return the assembled package that a module belongs to, or the module itself."""
+    inside = module.removeprefix("eyechart.")
+    return next((room for room in ASSEMBLED if f"{inside}.".startswith(f"{room}.")), inside)
+
+
+def violations(root: Path) -> list[str]:
+    """Return every import below ``root`` that the architecture forbids, in words."""
+    trees = modules(root)
+    wrong = []
+    for module, tree in trees.items():
+        if module in ALLOWED_FROM_ANYWHERE:
+            continue
+        for target in imports(tree, set(trees)):
+            if target in ALLOWED_FROM_ANYWHERE:
+                continue
+            if target == "a relative import":
+                wrong.append(f"{module} has a relative import; imports are absolute")
+                continue
+            here, there = layer_of(module), layer_of(target)
+            if there < here:
+                wrong.append(f"{module} imports {target}, which stands above it")
+            if there == here and not shared(module, target):
+                wrong.append(f"{module} imports {target}, its peer")
+    return wrong
+
+
+def shared(module: str, target: str) -> bool:
+    """Return whether two modules of one layer may know each other."""
+    package = module.split(".")[1]
+    same_room = room_of(module) == room_of(target)
+    own_package = target == f"eyechart.{package}" or module == f"eyechart.{package}"
+    return same_room or target == FLOORS.get(package) or (own_package and target.split(".")[1] == package)
+
+
+def cycles(root: Path) -> list[str]:
+    """Return the modules that import themselves through others at import time."""
+    trees = modules(root)
+    graph = {name: {target for target in imports(tree, set(trees)) if target != name} for name, tree in trees.items()}
+    graph = {name: {target for target in targets if not name.startswith(target)} for name, targets in graph.items()}
+
+    def reaches(start: str, goal: str, seen: set[str]) -> bool:
+        for target in graph.get(start, ()):
+            if target == goal:
+                return True
+            if target not in seen:
+                seen.add(target)
+                if reaches(target, goal, seen):
+                    return True
+        return False
+
+    return [name for name in graph if reaches(name, name, set())]
+
+
+def test_imports_point_down_and_peers_do_not_know_each_other() -> None:
+    """The tree as it stands keeps to its layers."""
+    assert violations(ROOT) == []
+
+
+def test_no_module_imports_itself_through_others() -> None:
+    """There is no cycle of imports."""
+    assert cycles(ROOT) == []
+
+
+@pytest.mark.parametrize(
+    ("file", "line", "message"),
+    [
+        (
+            "frames.py",
+            "from eyechart.ledger import Ledger",
+            "eyechart.frames imports eyechart.ledger, which stands above it",
+        ),
+        ("actions.py", "import eyechart.frames", "eyechart.actions imports eyechart.frames, which stands above it"),
+        ("ledger.py", "from eyechart import prompts", "eyechart.ledger imports eyechart.prompts, its peer"),
+        ("stats/paired.py", "from eyechart.stats.agreement import rate", "imports eyechart.stats.agreement, its peer"),
+        ("stats/paired.py", "    from eyechart import cli", "eyechart.stats.paired imports eyechart.cli"),
+        ("run.py", "from . import frames", "eyechart.run has a relative import"),
+        ("perception/scene.py", "from eyechart.models.scripted import see", "which stands above it"),
+    ],
+)
+def test_a_forbidden_import_is_found(tmp_path: Path, file: str, line: str, message: str) -> None:
+    """An upward or sideways import that is added to the tree, even inside a function, is named."""
+    for path in (ROOT / "eyechart").rglob("*.py"):
+        copy = tmp_path / path.relative_to(ROOT)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        copy.write_text(path.read_text(encoding="utf-8"), encoding="utf-8")
+    target = tmp_path / "eyechart" / file
+    added = f"\ndef _late() -> None:\n{line}\n" if line.startswith(" ") else f"\n{line}\n"
+    target.write_text(target.read_text(encoding="utf-8") + added, encoding="utf-8")
+    assert any(message in found for found in violations(tmp_path))
