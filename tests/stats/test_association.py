@@ -109,6 +109,12 @@ def test_tied_gaps_merge_two_quartiles() -> None:
     assert found.codes[[0, 56, 143]].tolist() == [0, 0, 2]
 
 
+def test_a_gap_on_an_edge_belongs_to_the_bin_below() -> None:
+    """As pandas.qcut([1, 2, 3], 2, labels=False), which gives 0 0 1."""
+    found = association.quantile_bins([1.0, 2.0, 3.0], 2)
+    assert (found.codes.tolist(), found.edges) == ([0, 0, 1], (2.0,))
+
+
 def test_no_lead_is_the_farthest_gap() -> None:
     """None, NaN and infinity share the last bin with the far gaps."""
     found = association.quantile_bins([4.0, 5.0, 6.0, 7.0, 8.0, None, math.nan, math.inf])

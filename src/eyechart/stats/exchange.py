@@ -68,10 +68,11 @@ def exchange_test(
 ) -> Statistic:
     """Test one-sidedly whether braking falls on near gaps, safe for episodes and for time within them.
 
-    Five arrays of one length, one entry per frame: ``level``, the braking level of the decision (integer, 0
-    or more; -1 where there is no decision, which counts nowhere but keeps its place); ``gap_rank``, the gap or its rank (larger is farther, no NaN); ``stratum``, the scenario;
-    ``episode``, whose labels may repeat in another stratum and mean another episode there; ``step``, a number
-    that is distinct within an episode. ValueError otherwise.
+    Five arrays of one length, one entry per frame: ``level``, the braking level of the decision (integer, 0 or
+    more; -1 where there is no decision, which counts nowhere but keeps its place); ``gap_rank``, the gap or its
+    rank (larger is farther, no NaN); ``stratum``, the scenario; ``episode``, whose labels may repeat in another
+    stratum and mean another episode there; ``step``, a number that is distinct within an episode. ValueError
+    otherwise.
 
     ``value`` is T = sum(level * gap_rank) over the frames used; a small T means that braking happens nearer.
     Null: within each stratum the episodes' gap series are exchanged among the episodes' action series,
@@ -314,7 +315,9 @@ def _xlogx(counts: Floats) -> Floats:
     return np.asarray(counts * np.log2(np.maximum(counts, 1.0)))
 
 
-def _result(observed: float, extreme: npt.NDArray[np.bool_], null: Floats, layout: _Layout, method: str) -> Statistic:
+def _result(
+    observed: float, n: int, extreme: npt.NDArray[np.bool_], null: Floats, layout: _Layout, method: str
+) -> Statistic:
     """Return the statistic with p = k/N over all arrangements, or (k+1)/(B+1) over random ones."""
     k, resamples = int(np.count_nonzero(extreme)), len(null)
     if _arrangements(layout.sizes) <= ENUMERATED_ARRANGEMENTS:
