@@ -37,14 +37,16 @@ class Plan:
 
     def keys(self) -> list[CallKey]:
         """Return the planned calls, in the bank's order."""
-        keys = [
-            CallKey(self.study, model, self.prompt.key, frame.id, condition)
-            for model in self.models
-            for frame in self.frames
-            for condition in self.conditions
-            if stimuli.available(condition, frame)
-        ]
-        return keys if self.shard is None else [key for key in keys if in_shard(key, *self.shard)]
+        return [key for model in self.models for key in self.keys_of(model)]
+
+    def keys_of(self, model: str) -> Iterator[CallKey]:
+        """Yield the planned calls of one model, in the bank's order."""
+        for frame in self.frames:
+            for condition in self.conditions:
+                if stimuli.available(condition, frame):
+                    key = CallKey(self.study, model, self.prompt.key, frame.id, condition)
+                    if self.shard is None or in_shard(key, *self.shard):
+                        yield key
 
 
 def in_shard(key: CallKey, index: int, count: int) -> bool:

@@ -123,7 +123,7 @@ def _judge_one(score: BatteryScore, model: ModelScore) -> Verdict:
         lateral=lateral,
         evidence=evidence,
         trust=TRUST[calibrated.label],
-        scope=_scope(score, model),
+        scope=scope(score, model),
         notes=_notes(found, model),
     )
 
@@ -309,14 +309,15 @@ def _p(p: float) -> str:
     return f"{p:.1e}" if p < 0.0001 else f"{p:.4f}"
 
 
-def _scope(score: BatteryScore, model: ModelScore) -> str:
+def scope(score: BatteryScore, model: ModelScore | None = None) -> str:
+    """Return the sentence that bounds a verdict: bank, kind of picture, episodes, model, prompt, date, and what not."""
     bank, run = score.bank, score.manifest
-    frames = model.answers.frames
+    frames = model.answers.frames if model else next(iter(score.models.values())).answers.frames
     episodes = len({frame.episode for frame in frames})
+    who = f"{model.model}@{model.version}" if model else "each model"
     return (
-        f"On bank {bank.name} ({bank.manifest.picture}; {len(frames)} frames, {episodes} episodes), "
-        f"{model.model}@{model.version} with prompt {run.prompt.key} on {run.created}; "
-        "not tested: other prompts, other cameras, closed loop."
+        f"On bank {bank.name} ({bank.manifest.picture}; {len(frames)} frames, {episodes} episodes), {who} "
+        f"with prompt {run.prompt.key} on {run.created}; not tested: other prompts, other cameras, closed loop."
     )
 
 

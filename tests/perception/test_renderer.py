@@ -244,19 +244,47 @@ def test_a_made_up_picture_and_its_flip_are_read_as_mirror_images(
     assert flipped == (None if reading is None else reading.mirrored())
 
 
+def test_a_vehicle_of_any_height_at_any_row_is_mirrored_exactly() -> None:
+    """Near the edges of a lane one half pixel decides, and it must decide the same in the flip."""
+    gaps = set()
+    for height in range(8, 14):
+        for row in range(50, 96):
+            rgb = draw_road([42, 64, 86, 108], {0, 3})
+            rgb[70:79, 167:192] = PALETTE["green"][0]
+            rgb[row : row + height, 260:286] = PALETTE["blue"][0]
+            reading, flipped = read_picture(rgb), read_picture(rgb[::-1])
+            assert reading is not None
+            assert flipped == reading.mirrored()
+            gaps.add(reading.scene.gap_m is None)
+    assert gaps == {True, False}
+
+
 def test_two_vehicles_equally_near_the_anchor_do_not_break_the_mirror() -> None:
-    """Neither is the ego more than the other, so both are, in the picture and in its flip."""
+    """Neither is the ego more than the other, so both are, and no side is taken for up."""
     rgb = draw_road([64, 85], set())
     rgb[66:74, 167:192] = RED
     rgb[76:84, 167:192] = RED
     assert (rgb[::-1] == rgb).all()
-    reading = read_picture(rgb)
-    assert reading is not None
-    assert reading == reading.mirrored()
+    for row in (59, 60, 61, 80, 81, 82):
+        with_lead = rgb.copy()
+        with_lead[row : row + 9, 260:285] = PALETTE["blue"][0]
+        reading, flipped = read_picture(with_lead), read_picture(with_lead[::-1])
+        assert reading is not None
+        assert reading.vehicles == 1
+        assert flipped == reading.mirrored()
 
 
-def test_a_picture_that_shows_no_highway_is_not_read() -> None:
+def test_an_ego_as_near_to_one_road_as_to_another_is_on_neither() -> None:
+    """Between two roads no lane is the ego's, for any choice of one would be another in the flip."""
+    rgb = draw_road([51, 73, 76, 98], {0, 2})
+    rgb[70:79, 167:192] = PALETTE["green"][0]
+    assert read_picture(rgb) is None
+    assert read_picture(rgb[::-1]) is None
+
+
+def test_a_picture_that_shows_no_highway_is_not_read(stage: Stage) -> None:
     """Grey, black, noise, a gradient, a grid, an empty road, another size: none of them has a scene."""
+    lit = stage.shoot()
     rng = np.random.default_rng(0)
     ramp = np.linspace(0, 255, 600).astype(np.uint8)
     gradient = np.stack([np.tile(ramp, (150, 1)), np.tile(ramp[::-1], (150, 1)), np.full((150, 600), 90)], axis=-1)
@@ -270,6 +298,7 @@ def test_a_picture_that_shows_no_highway_is_not_read() -> None:
         "noise": rng.integers(0, 256, (150, 600, 3), dtype=np.uint8),
         "gradient": gradient.astype(np.uint8),
         "grid": grid,
+        "road on black": np.where(lit.rgb == 100, 0, lit.rgb).astype(np.uint8),
         "road without an ego": draw_road([42, 64, 86], {0, 2}),
         "half a road": draw_road([42, 64, 86], {0, 2})[:, :300],
         "floats": draw_road([42, 64, 86], {0, 2}).astype(np.float32),
@@ -308,7 +337,8 @@ def test_the_lanes_and_the_ego_among_them_are_counted_from_the_lines(drives: lis
     shots = [shot for shot in drives if shot.doubt_m > PIXEL_M]
     for lanes in (2, 3, 4):
         stage = Stage(lanes)
-        shots += [stage.shoot(ego=(200.3, y)) for y in np.arange(-1.5, 4 * lanes - 2, 1.0)]
+        for y in np.arange(-1.5, 4 * lanes - 2, 1.0):
+            shots += [stage.shoot(ego=(x, y)) for x in (200.3, 201.4, 202.5, 203.6)]
     assert {shot.lanes for shot in shots} == {2, 3, 4}
     for shot in shots:
         assert (read(shot).lanes, read(shot).lane_from_left) == (shot.lanes, shot.lane)
@@ -319,6 +349,21 @@ def test_a_lane_beyond_the_edge_of_the_picture_is_not_counted() -> None:
     stage = Stage(5)
     assert read(stage.shoot(ego=(200.3, 0.0))).lanes == 4
     assert read(stage.shoot(ego=(200.3, 8.0))).lanes == 5
+
+
+def test_the_merging_lane_counts_only_where_its_line_is_dashed() -> None:
+    """The lane can be entered from x = 230 to 310 m, though its line shows in the picture before and after."""
+    env = make("merge-v0")
+    env.reset(seed=0)
+    env.road.vehicles = [env.vehicle]
+    for x, lanes in ((226.0, 2), (229.0, 2), (230.5, 3), (233.0, 3), (270.0, 3), (309.0, 3), (312.0, 2)):
+        for y in (0.0, 4.0):
+            env.vehicle.position = np.array([x, y])
+            shot = shoot(env)
+            assert (shot.lanes, read(shot).lanes) == (lanes, lanes)
+    env.vehicle.position = np.array([231.0, 4.0])
+    env.road.vehicles.append(IDMVehicle(env.road, np.array([218.0, 10.0]), 0, 0))
+    assert read(shoot(env)).lanes == 3  # no dash ends where the grey between a vehicle and a line does
 
 
 def test_the_ramp_tells_the_merge_from_the_straight_highway(drives: list[Shot]) -> None:
@@ -352,7 +397,8 @@ def test_a_vehicle_cut_by_the_edge_is_placed_as_if_it_were_whole(stage: Stage) -
     """The end in sight places it: at the right edge its rear, at the left edge its lights."""
     for gap in (74.5, 75.2, 76.0):
         assert read(stage.shoot((gap, 0.0))).scene.gap_m == pytest.approx(gap, abs=PIXEL_M / 2 + 1e-9)
-    assert read(stage.shoot((79.5, 0.0))).scene.gap_m is None
+    assert read(stage.shoot((77.0, 0.0))).vehicles == 1
+    assert read(stage.shoot((77.0, 0.0))).scene.gap_m is None  # its centre is beyond the edge
     assert read(stage.shoot((-34.0, 0.0))).vehicles == 1
 
 
@@ -375,10 +421,39 @@ def test_touching_vehicles_of_one_colour_are_told_apart_by_their_outlines(stage:
 
 
 def test_a_vehicle_drawn_over_a_part_of_the_ego_does_not_hide_the_ego(stage: Stage) -> None:
-    """Others are drawn after the ego, so in a crash they cover it."""
-    for dx, dy in ((2.5, 0.3), (-2.5, 0.0), (0.5, 1.4), (1.0, -1.4)):
+    """Others are drawn after the ego, so in a crash they cover it; what is left of it is green."""
+    for dx, dy in ((2.5, 0.3), (-1.5, 0.0), (-2.5, 0.0), (1.5, 0.0), (0.5, 1.4), (1.0, -1.4), (-0.3, 0.4)):
         reading = read(stage.shoot((dx, dy), crashed=False))
         assert (reading.ego_colour, reading.vehicles) == ("green", 1)
+
+
+def test_a_lead_is_in_the_own_lane_within_two_metres_aside(stage: Stage) -> None:
+    """To the pixel on either side, in the picture and in its flip, though truncation shifts every row."""
+    for aside, is_lead in ((-1.95, True), (1.95, True), (-2.1, False), (2.1, False)):
+        shot = stage.shoot((20.0, aside))
+        flipped = read_picture(shot.rgb[::-1])
+        assert flipped is not None
+        assert (read(shot).scene.gap_m is not None) is is_lead
+        assert (flipped.scene.gap_m is not None) is is_lead
+
+
+def test_a_turned_lead_is_placed_within_a_tenth_of_a_metre_on_average(stage: Stage) -> None:
+    """A turned drawing is truncated twice: one half pixel more is given back."""
+    angles = [side * angle for angle in np.linspace(0.04, 0.2, 9) for side in (-1, 1)]
+    errors = []
+    for n, angle in enumerate(angles):
+        gap_m = read(stage.shoot((20.0 + 0.31 * n, 0.0), turned=angle)).scene.gap_m
+        assert gap_m is not None
+        errors.append(gap_m - 20.0 - 0.31 * n)
+    assert abs(np.mean(errors)) < 0.1
+    assert np.max(np.abs(errors)) < 0.3
+
+
+def test_a_sliver_of_a_hidden_vehicle_is_not_counted_as_another(stage: Stage) -> None:
+    """Fewer than ten pixels of a vehicle's colour are what is left beside the one that hides it."""
+    rgb = stage.shoot((20.0, 0.0)).rgb.copy()
+    rgb[40:43, 400:403] = PALETTE["blue"][0]
+    assert read_picture(rgb) == read(stage.shoot((20.0, 0.0)))
 
 
 def test_the_obstacle_at_the_end_of_the_ramp_is_no_vehicle() -> None:

@@ -10,6 +10,7 @@ from eyechart.cli.terminal import print_json, table_console
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from eyechart.studies.battery import BatteryScore
     from eyechart.verdicts import Verdict
 
 _Run = Annotated[Path, typer.Argument(help="Folder of the run.")]
@@ -40,22 +41,26 @@ def verdict(run: _Run, json: _Json = False, independent: _Independent = False) -
     from eyechart.studies import battery as study
     from eyechart.verdicts import judge
 
-    verdicts = judge(study.score(run, independent=independent))
+    scored = study.score(run, independent=independent)
+    verdicts = judge(scored)
     if json:
         print_json({"models": {spec: one.as_dict() for spec, one in verdicts.items()}})
-    else:
-        print_verdicts(verdicts)
+        return
+    print_table(scored, verdicts)
+    console = table_console()
+    for spec, one in verdicts.items():
+        console.print(f"{spec}: {one.calibrated.label}, evidence {one.evidence}", style="bold", markup=False)
+        for line in (one.calibrated.because, one.lateral.because, one.trust, *one.notes):
+            console.print(f"  {line}", markup=False)
 
 
-def print_verdicts(verdicts: "Mapping[str, Verdict]") -> None:
-    """Print the table of verdicts, then for each model its trust, scope and notes."""
+def print_table(scored: "BatteryScore", verdicts: "Mapping[str, Verdict]") -> None:
+    """Print the table of verdicts, what each verdict in it means, and the scope of all of them."""
     from eyechart.report.tables import verdict_table
+    from eyechart.verdicts import TRUST, scope
 
     console = table_console()
-    console.print(verdict_table(verdicts))
-    for spec, one in verdicts.items():
-        console.print(f"{spec}: {one.trust}", markup=False)
-        for note in one.notes:
-            console.print(f"  note: {note}", markup=False)
-    if verdicts:
-        console.print(f"Scope of each: {next(iter(verdicts.values())).scope}", markup=False)
+    console.print(verdict_table(scored, verdicts))
+    for label in dict.fromkeys(one.calibrated.label for one in verdicts.values()):
+        console.print(f"{label}: {TRUST[label]}", markup=False)
+    console.print(f"Scope: {scope(scored)}", markup=False)

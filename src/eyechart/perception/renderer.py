@@ -40,7 +40,6 @@ _BODY_LENGTH_PX, _BODY_WIDTH_PX = 25, 9  # 27 x 11 drawn, less the dark outline
 _BODY_TURNED_PX = 18  # a whole body taller than this is turned so far that it may be short in columns
 _LEAST_AREA_PX = 10
 _HALF_LENGTH = _BODY_LENGTH_PX - 1  # in half pixels
-_HALF_WIDTH = _BODY_WIDTH_PX - 1
 _EGO_REACH = 14  # how far, in half pixels, rows and columns together, the ego may seem from its anchor
 _EGO_CENTRE = 2 * EGO_COLUMN - 2  # a body at pixel p fills the columns p - 13 to p + 11
 _MIDDLE = HEIGHT_PX - 1
@@ -233,11 +232,8 @@ def _place_body(colour: int, x0: int, x1: int, y0: int, y1: int, light: int) -> 
         column = 2 * light - _HALF_LENGTH
     else:
         column = 2 * x0 + _HALF_LENGTH
-    row = y0 + y1
-    if high < _BODY_WIDTH_PX and (y0 == 0) != (y1 == HEIGHT_PX - 1):
-        row = 2 * y1 - _HALF_WIDTH if y0 == 0 else 2 * y0 + _HALF_WIDTH
     turned = high > _BODY_WIDTH_PX  # and so truncated once more, when the turned drawing is pasted
-    return _Body(colour, column + turned, row - _MIDDLE, 2 + turned)
+    return _Body(colour, column + turned, y0 + y1 - _MIDDLE, 2 + turned)
 
 
 def _find_ego(bodies: list[_Body]) -> list[_Body]:

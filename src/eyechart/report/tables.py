@@ -33,21 +33,27 @@ def p_value(p: float | None) -> str:
     return "<10⁻⁴" if p < 0.0001 else f"{p:.4f}" if p < 0.01 else f"{p:.3f}"
 
 
-def verdict_table(verdicts: Mapping[str, Verdict]) -> Table:
-    """Return one row a model: calibrated verdict, lateral, evidence, the paper's label, and the deciding statistic."""
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, expand=False)
-    for name, wide in (("model", 0), ("verdict", 0), ("lateral", 0), ("paper's rules", 0), ("because", 1)):
-        table.add_column(name, overflow="fold", no_wrap=not wide)
+def verdict_table(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> Table:
+    """Return one row a model: both verdicts, the lateral label, and the statistic that decided."""
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    for name in ("model", "verdict", "lateral", "paper's rules", "decided by"):
+        table.add_column(name, overflow="fold")
     for spec, verdict in verdicts.items():
-        label = verdict.calibrated.label
+        label, name = verdict.calibrated.label, verdict.calibrated.decided_by
+        deciding = score.models[spec].statistics[name]
         table.add_row(
             Text(spec),
             Text(label, style=_COLOUR.get(label, "red")),
-            Text(verdict.lateral.label),
-            Text(verdict.paper.label),
-            Text(verdict.calibrated.because),
+            verdict.lateral.label,
+            verdict.paper.label,
+            f"{name}{_short(deciding)}",
         )
     return table
+
+
+def _short(one: Statistic) -> str:
+    """Return what matters most of a statistic in few characters: its p, else its value."""
+    return f", p {p_value(one.p)}" if one.p is not None else f" {number(one.value, 2)}"
 
 
 def frontier_rows(score: ModelScore) -> dict[str, str]:

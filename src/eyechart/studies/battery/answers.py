@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eyechart.actions import ActionSpace, Decision, read_decision
-from eyechart.calls import CallKey, Reply
+from eyechart.calls import TRANSIENT, CallKey, Reply
 from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank, Gap
 
@@ -21,13 +21,17 @@ ABSENT = ""
 
 @dataclass(frozen=True)
 class Answers:
-    """A model's decisions. ``decisions[condition]`` is aligned with ``frames``; None where there is no reply."""
+    """A model's decisions. ``decisions[condition]`` is aligned with ``frames``; None where there is no reply.
+
+    ``finished`` counts the calls about these frames whose reply is final.
+    """
 
     model: str
     frames: tuple[Frame, ...]
     space: ActionSpace
     gap: Gap | None
     decisions: Mapping[str, tuple[Decision | None, ...]]
+    finished: int = 0
 
     def responses(self, condition: str) -> Symbols:
         """Return response-level symbols, one per frame: the action, UNPARSED, or ``ABSENT``."""
@@ -50,9 +54,9 @@ class Answers:
         return one[have], other[have], have
 
     def levels(self, actions: Symbols) -> NDArray[np.int64]:
-        """Return braking levels, 0 for what does not brake or is no decision."""
+        """Return braking levels, 0 for what does not brake and -1 for what is no decision."""
         table = {action: self.space.braking_level(action) for action in self.space.actions}
-        return np.array([table.get(str(action), 0) for action in actions], dtype=np.int64)
+        return np.array([table.get(str(action), -1) for action in actions], dtype=np.int64)
 
     @property
     def episodes(self) -> Symbols:
@@ -95,14 +99,19 @@ def read_answers(
     place = {frame.id: index for index, frame in enumerate(frames)}
     space = bank.manifest.action_space
     decisions: dict[str, list[Decision | None]] = {}
+    shared: dict[Decision, Decision] = {}
+    finished = 0
     for key, reply in replies:
         if key.frame in place:
             column = decisions.setdefault(key.condition, [None] * len(frames))
-            column[place[key.frame]] = read_decision(reply.text, reply.finish_reason, reply.error, space)
+            decision = read_decision(reply.text, reply.finish_reason, reply.error, space)
+            column[place[key.frame]] = shared.setdefault(decision, decision)
+            finished += reply.error not in TRANSIENT
     return Answers(
         model=model,
         frames=frames,
         space=space,
         gap=bank.manifest.gap,
         decisions={condition: tuple(column) for condition, column in sorted(decisions.items())},
+        finished=finished,
     )

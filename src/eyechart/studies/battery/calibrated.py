@@ -83,34 +83,33 @@ class Calibrated:
         gaps = self.answers.gaps
         if gaps is None:
             return cannot_say("the bank records no gap")
-        real = self.answers.responses("real")
-        have = real != ABSENT
-        ranks = _ranks(gaps[have])
-        levels = self.answers.levels(self.answers.actions("real")[have])
-        if not levels.any() or (levels == levels[0]).all():
-            return replace(cannot_say("the braking level never changes", int(have.sum())), p=1.0)
-        seed = self.how.seed_of("depth_observational")
+        levels, ranks = self.answers.levels(self.answers.actions("real")), _ranks(gaps)
+        decided = levels[levels >= 0]
+        if not len(decided):
+            return cannot_say("no decisions on real pictures")
+        if (decided == decided[0]).all():
+            return replace(cannot_say("the braking level never changes", len(decided)), p=1.0)
+        seed, resamples = self.how.seed_of("depth_observational"), self.how.resamples
         if self.independent:
-            scenarios = self.answers.scenarios[have]
-            return iid_trend_test(levels, ranks, scenarios, seed=seed, resamples=self.how.resamples)
-        return exchange_test(levels, ranks, *self._layout(have), seed=seed, alpha=ALPHA, resamples=self.how.resamples)
+            have = levels >= 0
+            return iid_trend_test(
+                levels[have], ranks[have], self.answers.scenarios[have], seed=seed, resamples=resamples
+            )
+        return exchange_test(levels, ranks, *self._layout(), seed=seed, alpha=ALPHA, resamples=resamples)
 
     def _episode_safe_information(self) -> Statistic:
         gaps = self.answers.gaps
         if gaps is None:
             return cannot_say("the bank records no gap")
-        real = self.answers.responses("real")
-        have = real != ABSENT
-        if not have.any():
-            return cannot_say("no answers to real pictures")
-        bins = quantile_bins(gaps[have], no_lead_bin=True)
-        seed = self.how.seed_of("depth_information")
-        return exchange_mi_test(
-            real[have], bins.codes, *self._layout(have), seed=seed, alpha=ALPHA, resamples=self.how.resamples
-        )
+        real = self.answers.actions("real")
+        if not (real != ABSENT).any():
+            return cannot_say("no decisions on real pictures")
+        bins = quantile_bins(gaps, no_lead_bin=True)
+        seed, resamples = self.how.seed_of("depth_information"), self.how.resamples
+        return exchange_mi_test(real, bins.codes, *self._layout(), seed=seed, alpha=ALPHA, resamples=resamples)
 
-    def _layout(self, have: NDArray[np.bool_]) -> tuple[Symbols, Symbols, NDArray[np.int64]]:
-        return self.answers.scenarios[have], self.answers.episodes[have], self.answers.steps[have]
+    def _layout(self) -> tuple[Symbols, Symbols, NDArray[np.int64]]:
+        return self.answers.scenarios, self.answers.episodes, self.answers.steps
 
     def _triple(self, first: str, second: str) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return, on the frames with all three decisions, whether each of two conditions agrees with ``real``."""

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from eyechart.seeds import key_seed
 from eyechart.conditions import BATTERY
+from eyechart.seeds import key_seed
 from eyechart.stats.agreement import clears_floor, rate, swap_test
 from eyechart.stats.association import contingency, cramers_v, entropy_bits, modal_share, quantile_bins
 from eyechart.stats.resampling import cluster_bootstrap, permute_mutual_information, ratio_of_sums

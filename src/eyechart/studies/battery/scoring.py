@@ -77,16 +77,14 @@ def score(path: Path, *, resamples: int = 5000, independent: bool = False) -> Ba
     with Ledger(path / LEDGER) as ledger:
         answers = {spec: read_answers(spec, ledger.replies(spec), bank, plan.frames) for spec in manifest.models}
         accounting = {spec: ledger.accounting(spec) for spec in manifest.models}
-        finished = ledger.finished()
     statistics = {spec: statistics_of(one, how, independent=independent) for spec, one in answers.items()}
     corrected = _corrected(statistics)
-    keys = plan.keys()
     models = {
         spec: ModelScore(
             model=spec,
             version=version,
-            planned=sum(key.model == spec for key in keys),
-            answered=sum(key.model == spec and key in finished for key in keys),
+            planned=sum(1 for _ in plan.keys_of(spec)),
+            answered=answers[spec].finished,
             answers=answers[spec],
             statistics=statistics[spec],
             holm=corrected[spec],

@@ -1,0 +1,137 @@
+"""What a bank's worlds and pictures cost: as ``Highway`` makes them, and as stock highway-env is driven and rendered.
+
+The same 144 frames, three ways: ``env.step`` and ``env.render`` with nothing patched, as a user would write it
+(every step then draws fourteen pictures that nobody sees); the same with that switched off after each picture;
+and eyechart's. Every vehicle's position, speed and heading must be equal byte for byte at every frame, and every
+picture pixel for pixel, before a ratio is printed. Gated: at least 3 times less CPU time than the first way.
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from highway_env.vehicle.kinematics import Vehicle
+
+from eyechart.simulators import open_simulator
+from eyechart.simulators.highway.driving import BLOCKED, BLOCKER_AHEAD_M, DRIVES, drive_worlds
+from eyechart.simulators.highway.world import Camera
+
+BOUND = 3.0
+SEEDS = (0, 1, 2)
+STEPS = 12
+
+Frames = dict[str, tuple[bytes, bytes]]
+"""The state and the picture of each frame, as bytes."""
+
+
+def state(world: Any) -> bytes:  # noqa: ANN401  (highway-env has no types)
+    """Return the raw floats of every vehicle's position, speed and heading."""
+    rows = [[*vehicle.position, vehicle.speed, vehicle.heading] for vehicle in world.road.vehicles]
+    return np.array(rows, dtype=np.float64).tobytes()
+
+
+def episodes() -> Iterator[tuple[str, int]]:
+    """Yield every episode's scenario and seed."""
+    yield from ((scenario, seed) for scenario in DRIVES for seed in SEEDS)
+
+
+def drive_stock(*, auto_render: bool) -> Frames:
+    """Return the frames of stock highway-env, stepped and rendered by its public functions."""
+    frames: Frames = {}
+    for scenario, seed in episodes():
+        setting = DRIVES[scenario]
+        env = gym.make(setting.env, config=dict(setting.config), render_mode="rgb_array")
+        env.reset(seed=seed)
+        world = env.unwrapped
+        if scenario == BLOCKED:
+            place = [world.vehicle.position[0] + BLOCKER_AHEAD_M, world.vehicle.position[1]]
+            world.road.vehicles.append(Vehicle(world.road, place, heading=0.0, speed=0.0))
+        for step in range(STEPS):
+            if step:
+                env.step(1)
+            picture = env.render()
+            world.enable_auto_render = auto_render
+            frames[f"{scenario}-{seed}-{step}"] = state(world), picture.tobytes()
+        world.viewer = None
+    return frames
+
+
+def drive_faster() -> Frames:
+    """Return the frames of preset ``paper`` as ``Highway.build`` steps and draws them."""
+    frames: Frames = {}
+    for scenario, seed in episodes():
+        camera = None
+        for step, world in enumerate(drive_worlds(scenario, seed, STEPS)):
+            camera = camera or Camera(world)
+            frames[f"{scenario}-{seed}-{step}"] = state(world), camera.draw().tobytes()
+    return frames
+
+
+def build(preset: str) -> float:
+    """Return the CPU seconds of a whole bank: worlds, counterfactuals, PNG and text."""
+    with tempfile.TemporaryDirectory() as folder:
+        start = time.process_time()
+        open_simulator("highway").build(Path(folder) / "bank", preset=preset, seeds=SEEDS, steps=STEPS)
+        return time.process_time() - start
+
+
+def measure() -> dict[str, float]:
+    """Time the three ways; raises SystemExit where a state or a picture differs."""
+    seconds, made = {}, []
+    ways = {
+        "faster_cpu_s": drive_faster,
+        "stock_cpu_s": lambda: drive_stock(auto_render=True),
+        "stock_without_auto_render_cpu_s": lambda: drive_stock(auto_render=False),
+    }
+    for name, way in ways.items():
+        start = time.process_time()
+        made.append(way())
+        seconds[name] = time.process_time() - start
+    for frame, (positions, picture) in made[0].items():
+        for stock in made[1:]:
+            if stock[frame][0] != positions:
+                raise SystemExit(f"frame '{frame}' has another state than in stock highway-env")
+            if stock[frame][1] != picture:
+                raise SystemExit(f"frame '{frame}' has another picture than in stock highway-env")
+    return {
+        "frames": len(made[0]),
+        **seconds,
+        "ratio": seconds["stock_cpu_s"] / seconds["faster_cpu_s"],
+        "ratio_without_auto_render": seconds["stock_without_auto_render_cpu_s"] / seconds["faster_cpu_s"],
+        "bound": BOUND,
+        "paper_bank_cpu_s": build("paper"),
+        "balanced_bank_cpu_s": build("balanced"),
+    }
+
+
+def main() -> None:
+    """Measure, print, and exit 1 below the bound."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # gymnasium warns of steps after the end, which the published bank has
+        found = measure()
+    if options.json:
+        print(json.dumps(found, indent=1))
+    else:
+        print(f"{found['frames']:.0f} frames, states and pictures equal to stock highway-env byte for byte")
+        for name in ("faster_cpu_s", "stock_cpu_s", "stock_without_auto_render_cpu_s"):
+            print(f"{name:32} {found[name]:7.2f}")
+        print(
+            f"ratio {found['ratio']:.1f} (bound {BOUND}), without auto-render {found['ratio_without_auto_render']:.1f}"
+        )
+        print(f"whole banks, CPU s: paper {found['paper_bank_cpu_s']:.1f}, balanced {found['balanced_bank_cpu_s']:.1f}")
+    sys.exit(0 if found["ratio"] >= BOUND else 1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,112 @@
+"""A plan says what each moment of a balanced episode is to hold: the gap, the clear sides, and the own lane.
+
+The gap has no trend over the episode, and sides and lane are drawn without regard to it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+MOST_TREND = 0.2
+"""The largest |Spearman(step, gap)| of an episode (calibrated rules)."""
+
+LEAST_STEPS = 4
+"""Fewer moments cannot hold a near gap, LEFT, RIGHT and a far gap, nor an order without a trend."""
+
+_KINDS = {"near": 3, "left": 3, "right": 3, "far": 2, "slow": 1}
+"""How many moments of each kind an episode of twelve has."""
+
+_MIDDLE = {"left": (True, False), "right": (False, True), "slow": (False, False)}
+"""The clear sides, left and right, of each kind of middle gap; ``slow`` may also have both."""
+
+_SIDES_OF_ALL = tuple(kind for kind in _MIDDLE for _ in range(_KINDS[kind]))
+_BEYOND_THE_EDGE = 0.5
+_CLOSE_SHARE = 0.4
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """What a moment is to hold: the gap, whether left and right are clear, and the own lane from the left."""
+
+    gap_m: float
+    sides: tuple[bool, bool]
+    lane: int
+
+
+@dataclass(frozen=True, slots=True)
+class Lanes:
+    """How many lanes a road has, and in which of them, from the left, the ego may be."""
+
+    count: int
+    ego: tuple[int, ...]
+
+    def fit(self, sides: tuple[bool, bool]) -> list[int]:
+        """Return the lanes in which both sides that are to be clear exist."""
+        left, right = sides
+        return [lane for lane in self.ego if (lane > 0 or not left) and (lane < self.count - 1 or not right)]
+
+
+def make_plan(lanes: Lanes, steps: int, rng: np.random.Generator) -> list[Wish]:
+    """Return one wish a step, in an order in which the gap has no trend."""
+    kinds = [kind for kind, count in share(steps, rng).items() for _ in range(count)]
+    wishes = []
+    for gap_m, sides in zip(_draw_gaps(kinds, rng), _draw_sides(kinds, lanes, rng), strict=True):
+        fits = lanes.fit(sides)
+        wishes.append(Wish(gap_m=gap_m, sides=sides, lane=fits[rng.integers(len(fits))]))
+    gaps = np.array([wish.gap_m for wish in wishes])
+    while True:
+        order = rng.permutation(steps)
+        if abs(trend(gaps[order])) <= MOST_TREND:
+            return [wishes[place] for place in order]
+
+
+def share(steps: int, rng: np.random.Generator) -> dict[str, int]:
+    """Return how many of an episode's moments are of each kind; the largest remainders get what is left over."""
+    parts = sum(_KINDS.values())
+    counts = {kind: steps * part // parts for kind, part in _KINDS.items()}
+    tie_breaks = dict(zip(_KINDS, rng.permutation(len(_KINDS)).tolist(), strict=True))
+    by_remainder = sorted(_KINDS, key=lambda kind: (-(steps * _KINDS[kind] % parts), tie_breaks[kind]))
+    for kind in by_remainder[: steps - sum(counts.values())]:
+        counts[kind] += 1
+    return counts
+
+
+def trend(gaps: npt.NDArray[np.float64]) -> float:
+    """Return Spearman's correlation of gaps without ties with their order."""
+    ranks = np.argsort(np.argsort(gaps))
+    return float(np.corrcoef(ranks, np.arange(len(ranks)))[0, 1])
+
+
+def _draw_gaps(kinds: Sequence[str], rng: np.random.Generator) -> list[float]:
+    """Return a gap for each moment, spread evenly within its kind, in metres.
+
+    Room is left around 12, 18 and 40 m and around the picture's edge at 76 m, so that no gap is a matter of pixels.
+    """
+    drawn = []
+    for number, kind in enumerate(kinds):
+        first = kinds.index(kind)
+        even = float((number - first + rng.uniform()) / kinds.count(kind))
+        if kind == "near":
+            drawn.append(6.5 + 5.0 * even)
+        elif kind == "far":
+            beyond = number > first and rng.uniform() < _BEYOND_THE_EDGE
+            drawn.append(82.0 + 18.0 * even if beyond else 42.0 + 28.0 * even)
+        elif even < _CLOSE_SHARE:
+            drawn.append(12.6 + 4.8 * even / _CLOSE_SHARE)
+        else:
+            drawn.append(18.6 + 20.8 * (even - _CLOSE_SHARE) / (1.0 - _CLOSE_SHARE))
+    return drawn
+
+
+def _draw_sides(kinds: Sequence[str], lanes: Lanes, rng: np.random.Generator) -> list[tuple[bool, bool]]:
+    """Return the clear sides of each moment; near and far gaps have them as often as middle ones."""
+    drawn = []
+    for kind in kinds:
+        like = kind if kind in _MIDDLE else _SIDES_OF_ALL[rng.integers(len(_SIDES_OF_ALL))]
+        sides = _MIDDLE[like]
+        if like == "slow" and rng.uniform() < 1 / 2 and lanes.fit((True, True)):
+            sides = (True, True)
+        drawn.append(sides)
+    return drawn

@@ -1,0 +1,158 @@
+"""Staged moments: natural traffic in which the lead and the sides of the ego are placed by a balanced plan.
+
+A drive closes its gaps as time goes by and rarely asks for a side (8 of 144 frames), so it cannot tell a
+controller that follows the gap from one that follows the clock. Here only the lead, the sides and the own lane
+are placed; all else is where highway-env's own traffic took it.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from highway_env.vehicle.behavior import IDMVehicle
+from highway_env.vehicle.controller import MDPVehicle
+from highway_env.vehicle.kinematics import Vehicle
+
+from eyechart.errors import BankError
+from eyechart.perception.scene import Scene
+from eyechart.seeds import key_seed
+from eyechart.simulators.highway.moment import Moment, record
+from eyechart.simulators.highway.plan import Lanes, Wish, make_plan
+from eyechart.simulators.highway.speedups import speedups
+from eyechart.simulators.highway.traffic import Placed, Traffic, drive_naturally
+from eyechart.simulators.highway.truth import is_visible, read_scene
+from eyechart.simulators.highway.world import LANE_M, Camera, Setting, World
+
+STAGES: Mapping[str, Setting] = {
+    "light": Setting("highway-v0", {"lanes_count": 4, "vehicles_count": 18, "vehicles_density": 0.7}),
+    "dense": Setting("highway-v0", {"lanes_count": 3, "vehicles_count": 42, "vehicles_density": 3.0}),
+    "merge": Setting("merge-v0", {}),
+    "blocked": Setting("highway-v0", {"lanes_count": 5, "vehicles_count": 14, "vehicles_density": 0.5}),
+}
+"""The scenarios of preset ``balanced``. Each can be told from the picture: by two lanes and a ramp, by three, four
+or five lanes; and the lead of ``blocked`` stands still, which highway-env paints yellow."""
+
+_LANES = {
+    "light": Lanes(count=4, ego=(1, 2)),
+    "dense": Lanes(count=3, ego=(0, 1, 2)),
+    "merge": Lanes(count=2, ego=(0, 1)),
+    "blocked": Lanes(count=5, ego=(1, 2, 3)),
+}
+"""From the outer lanes of four and of five the picture does not reach far enough to tell them apart."""
+
+_BEHIND_M = -9.0
+_CLEAR_M = (-14.0, 42.0)
+_BLOCKING_M = (-10.0, 38.0)
+"""Within and beyond -12 to 40 m by enough that no side is a matter of pixels."""
+
+_SPACING_M = 7.5
+_OFF_CENTRE_M = 0.6
+_JOINING_Y_M = 2 * LANE_M
+"""Where the ramp of merge-v0 leads to."""
+
+_SAME_M = 1e-6
+_TRIES = 100
+
+
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    """Where the vehicles of a moment stand."""
+
+    ego: Placed
+    lead: Placed
+    others: tuple[Placed, ...]
+
+
+def stage(scenario: str, seed: int, steps: int) -> Iterator[Moment]:
+    """Yield the moments of one episode, in the order of natural time."""
+    rng = np.random.default_rng(key_seed("highway", "balanced", scenario, seed))
+    with speedups():
+        world = STAGES[scenario].open(seed)
+        instants = drive_naturally(world, steps)
+    camera = Camera(world)
+    for number, wish in enumerate(make_plan(_LANES[scenario], steps, rng)):
+        _set_up(world, instants[number * len(instants) // steps], wish, still=scenario == "blocked", rng=rng)
+        yield record(world, camera, rng)
+
+
+def _set_up(world: World, traffic: Traffic, wish: Wish, *, still: bool, rng: np.random.Generator) -> None:
+    """Put a moment that holds what is wished for on the world's road."""
+    for _ in range(_TRIES):
+        layout = _lay_out(traffic, wish, rng)
+        if layout is None:
+            continue
+        _show(world, layout, still=still)
+        if _holds(read_scene(world), wish):
+            return
+    raise BankError(f"no moment with a gap of {wish.gap_m:.1f} m could be staged; give another seed")
+
+
+def _holds(scene: Scene, wish: Wish) -> bool:
+    """Return whether a scene is the one that was wished for, as far as the picture reaches."""
+    seen = scene.gap_m is not None
+    as_wished = scene.gap_m is not None and abs(scene.gap_m - wish.gap_m) < _SAME_M
+    return (scene.left_clear, scene.right_clear) == wish.sides and (as_wished if is_visible(wish.gap_m) else not seen)
+
+
+def _lay_out(traffic: Traffic, wish: Wish, rng: np.random.Generator) -> _Layout | None:
+    """Return the traffic with its lead and sides placed, or None where a side that is to be blocked has no room."""
+    ego = replace(traffic.ego, y=wish.lane * LANE_M, heading=0.0)
+    lead = replace(ego, x=ego.x + wish.gap_m)
+    kept: list[Placed] = []
+    for vehicle in traffic.others:
+        settled = _settle(vehicle)
+        if _may_stay(settled, ego, wish) and not _overlaps(settled, kept):
+            kept.append(settled)
+    for side, clear in zip((-1, 1), wish.sides, strict=True):
+        lane = wish.lane + side
+        if clear or not 0 <= lane < traffic.lanes or any(_blocks(vehicle, ego, lane) for vehicle in kept):
+            continue
+        beside = replace(ego, x=ego.x + float(rng.uniform(*_BLOCKING_M)), y=lane * LANE_M)
+        if _overlaps(beside, kept):
+            return None
+        kept.append(beside)
+    return _Layout(ego=ego, lead=lead, others=tuple(kept))
+
+
+def _settle(vehicle: Placed) -> Placed:
+    """Return a vehicle that changes lanes as if it had arrived, so that no lane is half taken."""
+    centre = vehicle.lane * LANE_M
+    on_the_slope = vehicle.on_ramp and vehicle.y > _JOINING_Y_M
+    return (
+        vehicle if on_the_slope or abs(vehicle.y - centre) <= _OFF_CENTRE_M else replace(vehicle, y=centre, heading=0.0)
+    )
+
+
+def _may_stay(vehicle: Placed, ego: Placed, wish: Wish) -> bool:
+    """Return whether a natural vehicle leaves the own lane ahead free and the sides unambiguous."""
+    ahead, aside = vehicle.x - ego.x, vehicle.lane - ego.lane
+    if vehicle.on_ramp:
+        return True
+    if aside == 0:
+        return ahead < _BEHIND_M
+    if abs(aside) == 1:
+        clear = wish.sides[0] if aside < 0 else wish.sides[1]
+        return not _CLEAR_M[0] < ahead < _CLEAR_M[1] or (not clear and _BLOCKING_M[0] <= ahead <= _BLOCKING_M[1])
+    return True
+
+
+def _blocks(vehicle: Placed, ego: Placed, lane: int) -> bool:
+    inside = _BLOCKING_M[0] <= vehicle.x - ego.x <= _BLOCKING_M[1]
+    return inside and vehicle.lane == lane and not vehicle.on_ramp
+
+
+def _overlaps(vehicle: Placed, placed: list[Placed]) -> bool:
+    """Return whether a vehicle stands too near to another one of its lane, or to one on a ramp."""
+    return any(abs(vehicle.x - other.x) < _SPACING_M and abs(vehicle.y - other.y) < LANE_M - 1.0 for other in placed)
+
+
+def _show(world: World, layout: _Layout, *, still: bool) -> None:
+    """Put the vehicles of a layout on the world's road; a lead that stands still is a plain vehicle."""
+    road = world.road
+    ego, lead = layout.ego, layout.lead
+    place = [lead.x, lead.y]
+    driver = MDPVehicle(road, [ego.x, ego.y], ego.heading, ego.speed)
+    leader = Vehicle(road, place, 0.0, 0.0) if still else IDMVehicle(road, place, 0.0, lead.speed)
+    others = [IDMVehicle(road, [other.x, other.y], other.heading, other.speed) for other in layout.others]
+    road.vehicles = [driver, leader, *others]
+    world.controlled_vehicles = [driver]
