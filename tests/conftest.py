@@ -4,6 +4,8 @@ from pathlib import Path
 
 import pytest
 
+import known
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add ``--vectors FILE``: other paper vectors than the copy in the repository.
@@ -18,3 +20,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         metavar="FILE",
         help="the paper's numbers with their inputs, as JSON (default: tests/paper/paper_vectors.json)",
     )
+
+
+@pytest.fixture(scope="session")
+def demo(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> known.Demo:
+    """Return the one demo of this test session, shared by its workers."""
+    base = tmp_path_factory.getbasetemp()
+    return known.demo(base if worker_id == "master" else base.parent)

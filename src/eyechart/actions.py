@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -12,6 +12,11 @@ Missing = Literal["unparsed", "truncated", "refused", "empty", "error"]
 """Why a reply holds no decision."""
 
 MISSING: tuple[Missing, ...] = ("unparsed", "truncated", "refused", "empty", "error")
+
+UNPARSED = "UNPARSED"
+"""The response-level symbol of every reply without a decision; no action may have this name."""
+
+_NAME = re.compile(r"[^\W_](.*[^\W_])?")
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +36,7 @@ class Decision:
     @property
     def symbol(self) -> str:
         """Return the response-level symbol: the action, or ``UNPARSED`` whatever the reason."""
-        return self.action if self.action is not None else "UNPARSED"
+        return self.action if self.action is not None else UNPARSED
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +45,7 @@ class ActionSpace:
 
     ``mirror_pairs`` exchange under reflection; actions in none of them are their own mirror image.
     ``brake`` lists the braking actions from the hardest to the mildest; ``proceed`` lists those that go on.
-    An action may be in neither. Raises SpecError for an unknown, repeated or contradictory name.
+    An action may be in neither. Raises SpecError for an unknown, repeated, unreadable or contradictory name.
     """
 
     name: str
@@ -52,6 +57,14 @@ class ActionSpace:
     def __post_init__(self) -> None:
         if len(set(self.actions)) != len(self.actions) or len(self.actions) < 2:
             raise SpecError(f"action space '{self.name}' needs two or more different actions, got {list(self.actions)}")
+        if len({action.upper() for action in self.actions}) != len(self.actions):
+            raise SpecError(f"action space '{self.name}': {list(self.actions)} differ only in upper and lower case")
+        for action in self.actions:
+            if not _NAME.fullmatch(action) or action.upper() == UNPARSED:
+                raise SpecError(
+                    f"action space '{self.name}': '{action}' cannot be read from a reply; a name is one line, begins "
+                    f"and ends with a letter or a digit, and is not {UNPARSED}"
+                )
         paired = [action for pair in self.mirror_pairs for action in pair]
         for role, names in (("mirror_pairs", paired), ("brake", self.brake), ("proceed", self.proceed)):
             for action in names:
@@ -132,20 +145,31 @@ _REFUSAL = re.compile(
     r"|sorry|cannot\s+(assist|help|see|comply)|unable\s+to\s+(assist|help|see|determine|comply)|no\s+image\b)",
     re.IGNORECASE,
 )
-_NEGATION = re.compile(r"(\bnot|n't|\bnever|\bavoid|\bno|\bwithout)\s+(\w+\s+){0,1}$", re.IGNORECASE)
-_THINKING = re.compile(r"<think>.*?</think>", re.DOTALL | re.IGNORECASE)
-_FENCE = re.compile(r"```(?:json)?\s*(.*?)```", re.DOTALL | re.IGNORECASE)
+_NEGATION = re.compile(
+    r"(\b(not|cannot|never|avoid|avoiding|no|nor|neither|without|than|instead\s+of|unable\s+to)|n't)\s+(\w+\s+)?"
+    r"((to|the|a|an|on|into|towards?|go|going|turn|turning|move|moving|change|changing|steer|lanes?)\s+){0,4}[\"'`*(]*$",
+    re.IGNORECASE,
+)
+_NEGATED = re.compile(
+    r"[\"'`*)]*\s+((is|was|would\s+be)\s+(not|never|impossible|unsafe|dangerous|blocked|occupied|taken)"
+    r"|isn't|wasn't|cannot|can't)\b",
+    re.IGNORECASE,
+)
+_THINK_TAG = re.compile(r"(</?think(?:ing)?>)", re.IGNORECASE)
+_JSON_KEYS = ("action", "decision", "answer")
 _READ_AT_MOST = 100_000
 """Characters of a reply that are read for a decision; the ledger keeps all of it."""
+_BRACES_AT_MOST = 1000
 
 
 def read_decision(text: str, finish_reason: str | None, error: str | None, space: ActionSpace) -> Decision:
     """Read the decision from a reply's verbatim text; strict, deterministic, and never guessing.
 
-    In order: an error, a cut-off (``length``) or a filter's refusal is the reason there is no decision. Then
-    the whole text as an action; a JSON object's ``action``; the last ``action: X`` line; an action in capitals
-    named alone; an action in any case named alone. Several different candidates, or one that is negated, are
-    ``unparsed``. Source: paper, section Corpus and parsing.
+    In order: an error, a cut-off (``length``) or a filter's refusal is the reason there is no decision. What
+    stands in ``<think>`` is no answer. Then the whole text as an action; the last JSON object's ``action``; the
+    last ``action: X``; an action in capitals named alone; outside a refusal, an action in any case named alone.
+    Several different candidates, or one that is negated, are ``unparsed``. Source: paper, section Corpus and
+    parsing.
     """
     if error is not None:
         return Decision(None, "error")
@@ -153,54 +177,95 @@ def read_decision(text: str, finish_reason: str | None, error: str | None, space
         return Decision(None, "truncated")
     if finish_reason in {"content_filter", "refusal"}:
         return Decision(None, "refused")
-    visible = _THINKING.sub(" ", text[-_READ_AT_MOST:]).strip()
+    visible = _without_thinking(text[-_READ_AT_MOST:]).replace("’", "'").strip()
     if not visible:
         return Decision(None, "empty")
-    action = _find_action(visible, space)
+    refuses = _REFUSAL.search(visible) is not None
+    action = _find_action(visible, space, any_case=not refuses)
     if action is not None:
         return Decision(action)
-    return Decision(None, "refused" if _REFUSAL.search(visible) else "unparsed")
+    return Decision(None, "refused" if refuses else "unparsed")
 
 
-def _find_action(text: str, space: ActionSpace) -> str | None:
+def _without_thinking(text: str) -> str:
+    """Return what stands outside thinking: its tag may have been opened by the chat template, or never closed."""
+    visible: list[str] = []
+    thinking = False
+    for part in _THINK_TAG.split(text):
+        if not _THINK_TAG.fullmatch(part):
+            visible += [] if thinking else [part]
+        elif part.startswith("</"):
+            visible = visible if thinking else []
+            thinking = False
+        else:
+            thinking = True
+    return " ".join(visible)
+
+
+def _find_action(text: str, space: ActionSpace, *, any_case: bool) -> str | None:
     by_name = {action.upper(): action for action in space.actions}
-    bare = text.strip(" \t\r\n.,;:!*`\"'_()[]").upper()
-    if bare in by_name:
+    if (bare := _bare(text)) in by_name:
         return by_name[bare]
     stated = _json_action(text)
     if stated is not None:
-        return by_name.get(stated.strip().upper())
-    names = "|".join(re.escape(name) for name in sorted(by_name, key=len, reverse=True))
-    marked = re.findall(
-        rf"\b(?:final\s+)?(?:action|answer|decision)\W{{0,6}}(?:is\W{{1,4}})?({names})\b", text, re.IGNORECASE
-    )
+        return by_name.get(_bare(stated))
+    # Not \b: neither "non-stop" nor "right-hand" names an action.
+    name = rf"(?<!\w)(?<!\w-)({'|'.join(re.escape(one) for one in sorted(by_name, key=len, reverse=True))})(?!-?\w)"
+    marker = r"\b(?:action|answer|decision)\W{0,4}(?:[:=>→–—\n-]|\bis\b)\W{0,6}"
+    marked = list(re.finditer(marker + name, text, re.IGNORECASE))
     if marked:
-        return by_name[marked[-1].upper()]
-    for pattern in (re.compile(rf"\b({names})\b"), re.compile(rf"\b({names})\b", re.IGNORECASE)):
-        found = list(pattern.finditer(text))
+        return _only_one([*marked[-1:], *_alternative(marked[-1], name)], by_name)
+    for flags in (0, re.IGNORECASE) if any_case else (0,):
+        found = list(re.finditer(name, text, flags))
         if found:
-            return _only_one(found, text, by_name)
+            return _only_one(found, by_name)
     return None
 
 
-def _only_one(found: list[re.Match[str]], text: str, by_name: dict[str, str]) -> str | None:
-    if len({match.group().upper() for match in found}) != 1:
+def _bare(text: str) -> str:
+    return text.strip(" \t\r\n.,;:!*`\"'_()[]").upper()
+
+
+def _alternative(marked: re.Match[str], name: str) -> list[re.Match[str]]:
+    """Return the other action that follows a marked one on its line (``ACTION: LEFT or RIGHT``), if any."""
+    following = re.compile(rf"[^\w\n]{{0,6}}(?:(?:or|and|then)[^\w\n]{{1,6}})?{name}", re.IGNORECASE)
+    other = following.match(marked.string, marked.end())
+    return [] if other is None else [other]
+
+
+def _only_one(found: list[re.Match[str]], by_name: dict[str, str]) -> str | None:
+    if len({match.group(1).upper() for match in found}) != 1 or any(map(_negated, found)):
         return None
-    if any(_NEGATION.search(text[max(0, match.start() - 40) : match.start()]) for match in found):
-        return None
-    return by_name[found[0].group().upper()]
+    # get: ignoring case, a regular expression takes "İ" for "I", and upper() does not.
+    return by_name.get(found[0].group(1).upper())
+
+
+def _negated(match: re.Match[str]) -> bool:
+    text, start = match.string, match.start(1)
+    return bool(_NEGATION.search(text[max(0, start - 60) : start]) or _NEGATED.match(text, match.end(1)))
 
 
 def _json_action(text: str) -> str | None:
-    """Return the ``action`` of the last JSON object in the text, or None where there is none."""
-    candidates = [*_FENCE.findall(text), *re.findall(r"\{[^{}]{0,4000}\}", text)]
-    for candidate in reversed(candidates):
-        try:
-            value = json.loads(candidate)
-        except (ValueError, RecursionError):
-            continue
-        if isinstance(value, dict):
-            for key, action in value.items():
-                if str(key).lower() in {"action", "decision", "answer"} and isinstance(action, str):
-                    return action
+    """Return the action of the last JSON object that has one, or None where there is none."""
+    for value in reversed(list(_json_objects(text))):
+        by_key = {key.lower(): action for key, action in value.items()}
+        for key in _JSON_KEYS:
+            if key in by_key:
+                action = by_key[key]
+                return action if isinstance(action, str) else ""
     return None
+
+
+def _json_objects(text: str) -> Iterator[dict[str, object]]:
+    """Yield the outermost JSON objects in a text, wherever they stand; none where it has too many braces to try."""
+    decoder, start = json.JSONDecoder(), text.find("{")
+    if text.count("{") > _BRACES_AT_MOST:
+        return
+    while start >= 0:
+        end = start + 1
+        try:
+            value, end = decoder.raw_decode(text, start)
+            yield value
+        except (ValueError, RecursionError):
+            pass
+        start = text.find("{", end)

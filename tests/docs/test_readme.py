@@ -1,0 +1,77 @@
+"""The README cannot rot: what it shows is what the commands print."""
+
+import importlib.util
+import re
+from pathlib import Path
+
+import pytest
+from typer.main import get_command
+
+from eyechart.cli.app import app
+from eyechart.conditions import CONDITIONS
+from eyechart.verdicts import CALIBRATED_LABELS
+from known import Demo
+
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_readme_shows_what_the_demo_prints(demo: Demo) -> None:
+    """The block in the README is the demo's output, the date masked; docs/update_readme.py writes it."""
+    spec = importlib.util.spec_from_file_location("update_readme", ROOT / "docs" / "update_readme.py")
+    update_readme = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(update_readme)
+    assert update_readme.shown() == update_readme.demo_output(demo.folder)
+
+
+def test_every_command_of_the_readme_exists() -> None:
+    """Every ``eyechart …`` line of the README names a command and options that there are."""
+    root = get_command(app)
+    blocks = re.findall(r"^```sh\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
+    lines = re.findall(r"^eyechart (.+)$", "\n".join(blocks), re.MULTILINE)
+    assert len(lines) >= 5
+    for line in lines:
+        command, words = root, line.split()
+        while hasattr(command, "commands"):
+            assert words[0] in command.commands, line
+            command = command.commands[words.pop(0)]
+        known = {option for parameter in command.params for option in parameter.opts}
+        for word in words:
+            assert not word.startswith("--") or word in known, f"{word} in: {line}"
+
+
+def test_the_readme_explains_every_verdict() -> None:
+    """The table of verdicts has a row for each calibrated label."""
+    assert [label for label in CALIBRATED_LABELS if f"| `{label}` |" not in README] == []
+
+
+def test_links_of_the_docs_lead_somewhere() -> None:
+    """Every relative link in README and docs names a file that exists."""
+    pages = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "benchmarks").glob("*.md")))
+    links = [(page, link) for page in pages for link in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8"))]
+    broken = [f"{page.name}: {link}" for page, link in links if "://" not in link and not (page.parent / link).exists()]
+    assert len(links) > 10
+    assert broken == []
+
+
+def test_every_condition_is_in_the_paper_table_or_a_counterfactual() -> None:
+    """The eight conditions of Table t:conditions stand first and in its order."""
+    assert list(CONDITIONS)[:8] == [
+        "real",
+        "real_repeat",
+        "blank",
+        "noise",
+        "shuffled",
+        "cross_scenario",
+        "text_only",
+        "mirrored",
+    ]
+
+
+@pytest.mark.parametrize("page", ["architecture.md"])
+def test_the_page_of_the_tree_names_files_that_exist(page: str) -> None:
+    """Every test and module that the paper table names exists."""
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    table = text.partition("## From paper")[2]
+    for name in re.findall(r"`([a-z_/]+(?:\.py)?)`", table):
+        assert (ROOT / name).exists() or (ROOT / "src" / "eyechart" / name).exists(), name

@@ -1,0 +1,140 @@
+"""What score() computes from a model's answers, beside numbers worked out by hand."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import simulated
+from eyechart.actions import Decision
+from eyechart.errors import BankError
+from eyechart.frames import Frame
+from eyechart.stats.statistic import Statistic
+from eyechart.studies.battery.answers import Answers
+from eyechart.studies.battery.published import Resampling
+from eyechart.studies.battery.scoring import statistics_of
+
+HOW = Resampling(resamples=499, seed=0)
+WORLD = simulated.frames()
+
+
+def by_gap(condition: str, frame: Frame, rng: np.random.Generator) -> str | None:
+    """Brake nearer than 30 m, refuse blanks half of the time."""
+    if simulated.blind(condition):
+        return None if rng.uniform() < 0.5 else "STOP"
+    return "SLOW" if simulated.gap(frame) < 30 else "STRAIGHT"
+
+
+@pytest.fixture(scope="module")
+def scored() -> dict[str, Statistic]:
+    """Return the statistics of a controller that brakes nearer than 30 m."""
+    return statistics_of(simulated.answers(by_gap, WORLD), HOW)
+
+
+def test_idi_is_the_disagreement_with_blank(scored: dict[str, Statistic]) -> None:
+    """IDI and agree(blank) sum to one, over the same frames."""
+    assert scored["idi"].value == pytest.approx(1 - scored["agree.blank"].value)
+    assert scored["idi"].n == scored["agree.blank"].n == len(WORLD)
+
+
+def test_unparsed_is_an_answer_at_response_level_only(scored: dict[str, Statistic]) -> None:
+    """A refused blank counts in n at response level and is dropped at decision level."""
+    given = simulated.answers(by_gap, WORLD).decisions["blank"]
+    parsed = sum(one.action is not None for one in given if one)
+    assert scored["agree.blank"].n == len(WORLD)
+    assert scored["agree.blank.decision"].n == parsed < len(WORLD)
+
+
+def test_the_unparsed_rate_is_over_all_calls(scored: dict[str, Statistic]) -> None:
+    """The denominator is frames times the eight conditions, and the reasons are counted."""
+    assert scored["unparsed_rate"].n == 8 * len(WORLD)
+    assert sum(scored["unparsed_rate"].detail["reasons"].values()) == round(
+        scored["unparsed_rate"].value * 8 * len(WORLD)
+    )
+
+
+def test_the_order_of_median_gaps_is_that_of_numpy(scored: dict[str, Statistic]) -> None:
+    """Proceeding minus braking median gap, worked out by numpy."""
+    gaps = np.array([simulated.gap(frame) for frame in WORLD])
+    expected = np.median(gaps[gaps >= 30]) - np.median(gaps[gaps < 30])
+    assert scored["gap_order"].value == pytest.approx(expected)
+    low, high = scored["gap_order"].ci
+    assert low < expected < high
+
+
+def test_information_reaches_its_ceiling_where_the_bin_decides(scored: dict[str, Statistic]) -> None:
+    """The information lies between 0 and its ceiling, with effective bin sizes that sum to n."""
+    found = scored["mutual_information"]
+    assert 0 < found.value <= found.detail["ceiling"] + 1e-12
+    assert sum(found.detail["bin_sizes"]) == found.n == len(WORLD)
+
+
+def test_every_number_has_its_n_and_is_finite(scored: dict[str, Statistic]) -> None:
+    """No statistic is NaN or infinite, and none has a value without observations."""
+    for name, one in scored.items():
+        numbers = [one.value, one.p, *(one.ci or ())]
+        assert all(number is None or math.isfinite(number) for number in numbers), name
+        assert one.value is None or one.n > 0, name
+
+
+def test_scoring_twice_gives_the_same_numbers() -> None:
+    """Every seed is derived from the run's and the test's name, so a second scoring repeats the first."""
+    answered = simulated.answers(by_gap, WORLD)
+    assert statistics_of(answered, HOW) == statistics_of(answered, HOW)
+
+
+def test_another_seed_moves_resampled_p_only_a_little() -> None:
+    """Seeds reach the permutation tests: another seed gives another p of the same size."""
+    noisy = simulated.answers(lambda c, f, r: by_gap(c, f, r) if r.uniform() < 0.15 else "SLOW", WORLD)
+    p = {seed: statistics_of(noisy, Resampling(499, seed))["mutual_information"].p for seed in range(6)}
+    assert len(set(p.values())) > 1
+    assert max(p.values()) - min(p.values()) < 0.15
+
+
+def test_no_lead_counts_as_the_farthest_gap() -> None:
+    """A frame without a lead is far for the obstacle test and has no infinite median."""
+    world = tuple(replace(f, truth={"lead_gap_m": None}) if f.step == 0 else f for f in WORLD)
+    answered = replace(simulated.answers(by_gap, WORLD), frames=world)
+    found = statistics_of(answered, HOW)
+    assert found["obstacle"].n == len(WORLD)
+    assert math.isfinite(found["gap_order"].value)
+
+
+def test_a_gap_that_is_no_number_names_its_frame() -> None:
+    """A word in the gap column is refused with the frame's name."""
+    world = (replace(WORLD[0], truth={"lead_gap_m": "far"}), *WORLD[1:])
+    with pytest.raises(BankError, match="frame 's0-0-0': the gap 'lead_gap_m' is 'far'"):
+        statistics_of(replace(simulated.answers(by_gap, WORLD), frames=world), HOW)
+
+
+def test_declared_independence_permutes_frames() -> None:
+    """With one episode a scenario the trend is tested only where the user declares independence."""
+    world = simulated.frames(scenarios=2, episodes=1, steps=40)
+    answered = simulated.answers(by_gap, world, counterfactuals=False)
+    assert statistics_of(answered, HOW)["depth_observational"].p is None
+    assert statistics_of(answered, HOW, independent=True)["depth_observational"].p < 0.01
+
+
+def test_a_time_follower_with_holes_keeps_its_error_rate() -> None:
+    """Missing decisions keep their place in the episode, so alignment by step survives them."""
+    closing = tuple(replace(f, truth={"lead_gap_m": 60.0 - 4 * f.step}) for f in WORLD)
+
+    def clock(condition: str, frame: Frame, rng: np.random.Generator) -> str | None:
+        del condition
+        return None if rng.uniform() < 0.04 else "STOP" if frame.step > 6 else "STRAIGHT"
+
+    rejected = 0
+    for seed in range(20):
+        answered = simulated.answers(clock, closing, counterfactuals=False, seed=seed)
+        p = statistics_of(answered, Resampling(99, seed))["depth_observational"].p
+        rejected += p is not None and p < 0.01
+    assert rejected <= 2
+
+
+def test_a_missing_reply_is_absent_and_not_unparsed() -> None:
+    """A call without a reply leaves its frame out; it is no answer of the model."""
+    whole = simulated.answers(by_gap, WORLD)
+    holes: tuple[Decision | None, ...] = (None, *whole.decisions["blank"][1:])
+    part: Answers = replace(whole, decisions={**whole.decisions, "blank": holes})
+    assert statistics_of(part, HOW)["agree.blank"].n == len(WORLD) - 1

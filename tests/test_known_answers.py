@@ -1,0 +1,82 @@
+"""The whole line, end to end, through the command line: real frames to the verdicts that controllers declare."""
+
+import json
+import subprocess
+from pathlib import Path
+
+import pytest
+
+import known
+from eyechart.frames import open_bank
+from eyechart.models.scripted import CONTROLLERS
+from eyechart.studies import battery
+from eyechart.verdicts import Verdict, judge
+from known import Demo
+
+
+def test_the_demo_prints_every_verdict_as_declared(demo: Demo) -> None:
+    """The newcomer's first command ends with sixteen of sixteen and exit code 0."""
+    assert "16 of 16 verdicts are as the controllers declared." in demo.printed
+    assert demo.code == 0
+
+
+@pytest.fixture(scope="module")
+def verdicts(demo: Demo) -> dict[str, Verdict]:
+    """Return the verdicts on the demo's run."""
+    return judge(battery.score(demo.run, resamples=999))
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_a_controller_gets_the_labels_that_it_declares(verdicts: dict[str, Verdict], name: str) -> None:
+    """Calibrated, lateral and paper label of each controller on the balanced bank."""
+    verdict = verdicts[f"scripted:{name}"]
+    declared = CONTROLLERS[name].declared
+    assert verdict.calibrated.label == declared.calibrated
+    assert verdict.lateral.label == declared.lateral
+    assert verdict.paper.label == declared.paper
+
+
+def test_a_verdict_names_its_scope(demo: Demo, verdicts: dict[str, Verdict]) -> None:
+    """Bank, kind of picture, episodes, model, version, prompt and date, and what was not tested."""
+    verdict = verdicts["scripted:depth"]
+    bank = open_bank(demo.bank)
+    for part in (bank.name, bank.manifest.picture, "12 episodes", "scripted:depth@", "prompt baseline@", "not tested"):
+        assert part in verdict.scope
+
+
+def test_json_has_the_names_that_scripts_rely_on(demo: Demo) -> None:
+    """``verdict --json`` and ``score --json`` carry the promised keys, and no NaN."""
+    verdicts = _json("verdict", str(demo.run), "--json")
+    for one in verdicts["models"].values():
+        assert {"paper", "calibrated", "lateral", "evidence", "because", "notes"} <= one.keys()
+    for one in _json("score", str(demo.run), "--json")["models"].values():
+        for statistic in one["statistics"].values():
+            assert {"value", "n", "ci", "p"} <= statistic.keys()
+
+
+def test_a_finished_demo_makes_no_further_calls(demo: Demo) -> None:
+    """A second demo in the same folder finds every call finished and prints the same."""
+    before = (demo.run / "ledger.sqlite").read_bytes()
+    again = subprocess.run(
+        [known.EYECHART, "demo", "--out", str(demo.folder)], capture_output=True, text=True, check=False
+    )
+    assert again.returncode == 0
+    assert again.stdout.splitlines()[-1] == demo.printed.splitlines()[-1]
+    assert (demo.run / "ledger.sqlite").read_bytes() == before
+
+
+def test_a_contact_sheet_shows_the_bank(demo: Demo, tmp_path: Path) -> None:
+    """``frames show`` writes a PNG with a row an episode, also of one kind of counterfactual."""
+    from PIL import Image  # noqa: PLC0415
+
+    for extra in ([], ["--counterfactual", "lead_near"]):
+        out = tmp_path / f"sheet{len(extra)}.png"
+        subprocess.run([known.EYECHART, "frames", "show", demo.bank, "--out", out, *extra], check=True)
+        with Image.open(out) as sheet:
+            assert sheet.width > 12 * 300
+            assert sheet.height > 12 * 75
+
+
+def _json(*arguments: str) -> dict[str, dict[str, dict]]:
+    printed = subprocess.run([known.EYECHART, *arguments], capture_output=True, text=True, check=True).stdout
+    return json.loads(printed, parse_constant=lambda word: pytest.fail(f"{word} in the JSON"))

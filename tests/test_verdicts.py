@@ -1,0 +1,220 @@
+"""The rules of the verdicts, on simulated controllers and at their boundaries."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import simulated
+from eyechart.actions import DRIVING
+from eyechart.frames import Frame
+from eyechart.stats.statistic import Statistic
+from eyechart.studies.battery.answers import Answers
+from eyechart.studies.battery.published import Resampling
+from eyechart.studies.battery.scoring import ModelScore, statistics_of
+from eyechart.verdicts import (
+    CALIBRATED_LABELS,
+    PAPER_LABELS,
+    TRUST,
+    Ruling,
+    calibrated_rules,
+    lateral_rules,
+    paper_rules,
+)
+
+HOW = Resampling(resamples=999, seed=1)
+WORLD = simulated.frames()
+
+
+def rule_on(answered: Answers) -> tuple[Ruling, str, Ruling, Ruling]:
+    """Return calibrated ruling, evidence, lateral ruling and the paper's ruling on simulated answers."""
+    found = statistics_of(answered, HOW)
+    model = ModelScore("simulated", "0", 0, 0, answered, found, {})
+    lateral = lateral_rules(found, model, DRIVING)
+    calibrated, evidence = calibrated_rules(found, swaps=lateral.label == "swaps")
+    holm = {name: found[name].p for name in ("cramers_v", "cramers_v.decision")}
+    return calibrated, evidence, lateral, paper_rules(found, holm)
+
+
+def depth(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+    """Brake by distance, STOP at no road."""
+    del rng
+    if simulated.blind(condition):
+        return "STOP"
+    return "STOP" if simulated.gap(frame) < 12 else "SLOW" if simulated.gap(frame) < 35 else "STRAIGHT"
+
+
+def lateral_of(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+    """Brake by distance and turn to one side where the road is free, the other side in the reflection."""
+    if depth(condition, frame, rng) != "STRAIGHT":
+        return depth(condition, frame, rng)
+    return "LEFT" if (frame.step % 2 == 0) != (condition == "mirrored") else "RIGHT"
+
+
+def test_depth_is_found_by_intervention() -> None:
+    """A graded controller is depth, by the counterfactual pair, and by the paper's rules."""
+    calibrated, evidence, lateral, paper = rule_on(simulated.answers(depth, WORLD))
+    assert (calibrated.label, evidence, lateral.label, paper.label) == ("depth", "interventional", "no_power", "depth")
+    assert calibrated.decided_by == "depth_interventional"
+
+
+def test_depth_is_found_by_observation_where_there_are_no_counterfactuals() -> None:
+    """Without counterfactual pictures the exchange of whole episodes decides."""
+    calibrated, evidence, _, _ = rule_on(simulated.answers(depth, WORLD, counterfactuals=False))
+    assert (calibrated.label, evidence) == ("depth", "observational")
+    assert calibrated.decided_by == "depth_observational"
+
+
+def test_one_episode_a_scenario_cannot_say_whether_it_follows_the_gap() -> None:
+    """With one episode nothing can be exchanged: the gap is not tested, and content remains."""
+    world = simulated.frames(scenarios=2, episodes=1, steps=40)
+    calibrated, evidence, _, _ = rule_on(simulated.answers(depth, world, counterfactuals=False))
+    assert (calibrated.label, evidence) == ("content", "none")
+
+
+def test_swaps_make_depth_lateral() -> None:
+    """Exchanged directions are an axis of their own, and with depth they are depth_lateral."""
+    calibrated, _, lateral, paper = rule_on(simulated.answers(lateral_of, WORLD))
+    assert (calibrated.label, lateral.label, paper.label) == ("depth_lateral", "swaps", "depth_lateral")
+
+
+def test_directions_that_ignore_the_reflection_do_not_swap() -> None:
+    """The same directions on the reflected picture bound the swap rate below one half."""
+
+    def stubborn(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+        return lateral_of("real" if condition == "mirrored" else condition, frame, rng)
+
+    _, _, lateral, _ = rule_on(simulated.answers(stubborn, WORLD))
+    assert lateral.label == "does_not_swap"
+
+
+def test_a_single_direction_is_one_sided() -> None:
+    """LEFT as the word for a free road, as the paper's Qwen uses it, is one_sided."""
+
+    def left(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+        return depth(condition, frame, rng).replace("STRAIGHT", "LEFT")
+
+    calibrated, _, lateral, _ = rule_on(simulated.answers(left, WORLD))
+    assert (calibrated.label, lateral.label) == ("depth", "one_sided")
+
+
+def test_three_directional_decisions_have_no_power() -> None:
+    """A few directional decisions decide nothing, and the number needed is named."""
+
+    def rare(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+        return lateral_of(condition, frame, rng) if frame.id in {"s0-0-0", "s1-0-0", "s2-0-1"} else "SLOW"
+
+    _, _, lateral, _ = rule_on(simulated.answers(rare, simulated.frames(seed=3)))
+    assert lateral.label == "no_power"
+    assert any(character.isdigit() for character in lateral.because)
+
+
+def test_a_follower_of_time_is_not_depth_without_counterfactuals() -> None:
+    """A controller that knows only the step number is never depth, also where gaps close in time."""
+    closing = tuple(replace(f, truth={"lead_gap_m": 60.0 - 4 * f.step + 0.1 * len(f.scenario)}) for f in WORLD)
+
+    def clock(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+        del rng
+        return "STOP" if frame.step > 6 and not simulated.blind(condition) else "STRAIGHT"
+
+    calibrated, evidence, _, paper = rule_on(simulated.answers(clock, closing, counterfactuals=False))
+    assert evidence == "observational"
+    assert calibrated.label not in {"depth", "depth_lateral"}
+    assert paper.label == "depth", "the paper's rules are expected to err here"
+
+
+def test_a_coin_is_self_inconsistent_whatever_it_does_on_blanks() -> None:
+    """A coin toss is self-inconsistent, with the same answer or another on blanks."""
+
+    def coin(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+        del frame
+        return "STOP" if simulated.blind(condition) else DRIVING.actions[int(rng.integers(5))]
+
+    calibrated, _, _, _ = rule_on(simulated.answers(coin, WORLD))
+    assert calibrated.label == "self_inconsistent"
+
+
+def test_a_near_constant_controller_is_not_self_inconsistent() -> None:
+    """142 of one answer and 2 of another, repeated exactly, have a small kappa and are no coin toss."""
+
+    def near_constant(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+        del rng
+        if simulated.blind(condition):
+            return "STOP"
+        odd = {("s0-0-0", "real"), ("s1-0-0", "real_repeat")}
+        return "STRAIGHT" if (frame.id, condition) in odd else "SLOW"
+
+    calibrated, _, _, _ = rule_on(simulated.answers(near_constant, WORLD))
+    assert calibrated.label == "presence_only"
+
+
+@pytest.mark.parametrize(
+    ("drops", "label"),
+    [((), "image_invariant"), (("blank",), "refusal_effect"), (("real", "real_repeat"), "not_scorable")],
+)
+def test_refusals_are_told_from_blindness(drops: tuple[str, ...], label: str) -> None:
+    """A constant controller is image-invariant, a refuser of blanks a refusal effect, a silent one not scorable."""
+
+    def constant(condition: str, frame: Frame, rng: np.random.Generator) -> str | None:
+        del frame
+        return None if condition in drops and rng.uniform() < 0.4 else "SLOW"
+
+    calibrated, _, _, _ = rule_on(simulated.answers(constant, WORLD))
+    assert calibrated.label == label
+
+
+def test_ten_frames_decide_nothing() -> None:
+    """On ten frames a constant controller is undecided, not blind, and the frames needed are named."""
+    world = simulated.frames(scenarios=2, episodes=1, steps=5)
+    calibrated, _, _, _ = rule_on(simulated.answers(lambda *_: "SLOW", world))
+    assert calibrated.label == "undecided"
+    assert "about 49 frames" in calibrated.because
+
+
+def test_paint_that_changes_the_answer_is_content() -> None:
+    """A controller that reads only its own paint is content where the paint was changed, never image-invariant."""
+
+    def paint(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+        del frame, rng
+        return "STOP" if condition == "recoloured" else "STRAIGHT"
+
+    calibrated, _, _, _ = rule_on(simulated.answers(paint, WORLD))
+    assert (calibrated.label, calibrated.decided_by) == ("content", "content_recoloured")
+
+
+def test_a_run_without_answers_is_not_scorable() -> None:
+    """No answers at all give a verdict without a claim, and no exception."""
+    empty = Answers("simulated", WORLD, DRIVING, simulated.LEAD_GAP, {})
+    calibrated, evidence, lateral, paper = rule_on(empty)
+    assert (calibrated.label, evidence, lateral.label) == ("not_scorable", "none", "not_tested")
+    assert paper.label == "not_scorable"
+
+
+@pytest.mark.parametrize("missing", simulated.CONDITIONS[1:])
+def test_a_missing_condition_never_breaks_the_rules(missing: str) -> None:
+    """Each condition may be left out; the rules then say less and never fail."""
+    whole = simulated.answers(depth, WORLD)
+    part = replace(whole, decisions={name: given for name, given in whole.decisions.items() if name != missing})
+    calibrated, _, _, paper = rule_on(part)
+    assert calibrated.label in CALIBRATED_LABELS
+    assert paper.label in PAPER_LABELS
+
+
+def test_a_bank_without_gaps_says_that_the_gap_was_not_tested() -> None:
+    """Without a gap and without counterfactuals there is no depth, and the evidence is none."""
+    answered = replace(simulated.answers(depth, WORLD, counterfactuals=False), gap=None)
+    calibrated, evidence, _, _ = rule_on(answered)
+    assert (calibrated.label, evidence) == ("content", "none")
+
+
+def test_every_label_has_a_sentence_of_trust() -> None:
+    """No calibrated label is without its sentence, and no sentence without its label."""
+    assert set(TRUST) == set(CALIBRATED_LABELS)
+
+
+def test_the_floor_flag_is_strict() -> None:
+    """IDI of exactly 1.5 s does not clear the floor."""
+    found = statistics_of(simulated.answers(depth, WORLD), HOW)
+    found["clears_floor"] = Statistic(0.0, 144)
+    holm = {name: found[name].p for name in ("cramers_v", "cramers_v.decision")}
+    assert paper_rules(found, holm).label == "self_inconsistent"
