@@ -212,6 +212,14 @@ def test_every_label_has_a_sentence_of_trust() -> None:
     assert set(TRUST) == set(CALIBRATED_LABELS)
 
 
+def test_a_model_that_never_refuses_has_no_refusal_effect() -> None:
+    """Other models of the run cannot turn a weak dependence into a refusal effect through their correction."""
+    found = statistics_of(simulated.answers(depth, WORLD), HOW)
+    for name in ("cramers_v", "cramers_v.decision"):
+        found[name] = replace(found[name], p=0.004)
+    assert paper_rules(found, {"cramers_v": 0.04, "cramers_v.decision": 0.06}).label == "depth"
+
+
 def test_the_floor_flag_is_strict() -> None:
     """IDI of exactly 1.5 s does not clear the floor."""
     found = statistics_of(simulated.answers(depth, WORLD), HOW)

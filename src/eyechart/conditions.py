@@ -114,7 +114,12 @@ def partner(frame: Frame, bank: FrameBank, seed: int, condition: str) -> Frame:
 
 
 def flip(pixels: RGB, axis: str) -> RGB:
-    """Return the picture, shape (h, w, 3), flipped across the lane axis: rows for vertical, columns for horizontal."""
+    """Return the picture, shape (h, w, 3), flipped across the lane axis: rows for vertical, columns for horizontal.
+
+    Raises SpecError for any other axis.
+    """
+    if axis not in {"vertical", "horizontal"}:
+        raise SpecError(f"a picture is flipped across the axis vertical or horizontal, not '{axis}'")
     return pixels[::-1] if axis == "vertical" else pixels[:, ::-1]
 
 

@@ -12,14 +12,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from types import TracebackType
-from typing import Literal, Self, cast, get_args
+from typing import Any, Literal, Self, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from eyechart.actions import ActionSpace
-from eyechart.errors import BankError
+from eyechart.errors import BankError, SpecError
 
 MirrorAxis = Literal["vertical", "horizontal", "none"]
 """The flip that exchanges left and right: vertical for a top-down horizontal road, horizontal for a forward camera."""
@@ -31,8 +31,10 @@ COUNTERFACTUALS: tuple[str, ...] = ("lead_near", "lead_far", "recoloured")
 """Pictures of the same moment in which one thing was changed, where the simulator can draw them."""
 
 FORMAT = "eyechart-bank/1"
+_EXACT = 2**53
 MAX_PIXELS = 25_000_000
 MAX_IMAGE_BYTES = 64_000_000
+_FILE_SUFFIX = "_file_name"
 _RESERVED = {"file_name", "frame_id", "scenario", "episode", "step", "mirror_axis"}
 
 
@@ -68,23 +70,23 @@ class Frame:
 
     def geometry(self) -> str:
         """Return the digest of the frame's identity and its ground truth to 3 decimals (docs/decisions/0007)."""
-        parts = [self.id, self.scenario, self.episode, str(self.step), self.mirror_axis]
-        parts += [f"{name}={_canonical(self.truth[name])}" for name in sorted(self.truth)]
-        return hashlib.sha256("\x1f".join(parts).encode()).hexdigest()[:16]
+        truth = {name: _canonical(self.truth[name]) for name in sorted(self.truth)}
+        parts = [self.id, self.scenario, self.episode, self.step, self.mirror_axis, truth]
+        return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
 
 
-def _canonical(value: Scalar) -> str:
-    if value is None:
-        return "none"
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int | float):
-        return f"{round(float(value), 3) + 0.0:.3f}"
-    return value
+def _canonical(value: Scalar) -> Scalar | list[str]:
+    """Return a number as a list with its decimals, so that 5 is 5.0 and no word; all else as it is."""
+    if value is None or isinstance(value, bool | str):
+        return value
+    return [f"{value}.000" if isinstance(value, int) else f"{round(value, 3) + 0.0:.3f}"]
 
 
 def rounded_truth(truth: Mapping[str, object], frame_id: str) -> dict[str, Scalar]:
-    """Return ground truth as plain values, floats to 3 decimals; raises BankError for NaN, infinity or other types."""
+    """Return ground truth as plain values, floats to 3 decimals.
+
+    Raises BankError for NaN, infinity, whole numbers above 2**53, and other types.
+    """
     plain: dict[str, Scalar] = {}
     for name, raw in truth.items():
         value = raw.item() if isinstance(raw, np.generic) else raw
@@ -92,6 +94,8 @@ def rounded_truth(truth: Mapping[str, object], frame_id: str) -> dict[str, Scala
             if not math.isfinite(value):
                 raise BankError(f"frame '{frame_id}': truth '{name}' is {value}; use None for 'there is none'")
             value = round(value, 3) + 0.0
+        if isinstance(value, int) and abs(value) > _EXACT:
+            raise BankError(f"frame '{frame_id}': truth '{name}' is too large a number to be exact; write it as a word")
         if not isinstance(value, str | int | float | bool | None):
             raise BankError(f"frame '{frame_id}': truth '{name}' is a {type(value).__name__}, not a plain value")
         plain[name] = value
@@ -189,15 +193,21 @@ def inside(root: Path, file: str) -> Path:
     """Return the path of a bank's file; raises BankError where it would lead outside the bank."""
     pure = PurePosixPath(file)
     path = root / pure
-    if pure.is_absolute() or ".." in pure.parts or not path.resolve().is_relative_to(root.resolve()):
+    try:
+        outside = pure.is_absolute() or ".." in pure.parts or not path.resolve().is_relative_to(root.resolve())
+    except (OSError, ValueError, RuntimeError) as error:  # a name too long, with a NUL, or a loop of links
+        raise BankError(f"{file!r} is no file of the bank {root}: {error}") from error
+    if outside:
         raise BankError(f"'{file}' leads outside the bank {root}; a bank's pictures must lie inside it")
     return path
 
 
 def read_bounded(root: Path, file: str) -> bytes:
-    """Return a bank file's bytes; raises BankError if it is missing, outside the bank, or above 64 MB."""
+    """Return a bank file's bytes; raises BankError if it is missing, no file, outside the bank, or above 64 MB."""
     path = inside(root, file)
     try:
+        if path.exists() and not path.is_file():
+            raise BankError(f"'{file}' of the bank {root} is no file")
         if path.stat().st_size > MAX_IMAGE_BYTES:
             raise BankError(f"'{file}' has {path.stat().st_size} bytes; the limit is {MAX_IMAGE_BYTES}")
         return path.read_bytes()
@@ -253,44 +263,71 @@ def open_bank(root: Path) -> FrameBank:
 
 def _read_manifest(path: Path) -> BankManifest:
     try:
-        raw = json.loads(path.read_text(encoding="utf-8"))
+        raw = _plain(path.read_text(encoding="utf-8"))
         if raw.get("format") != FORMAT:
             raise BankError(f"{path} has format {raw.get('format')!r}; this eyechart reads {FORMAT!r}")
-        gap = None if raw["gap"] is None else Gap(**raw["gap"])
         manifest = BankManifest(
-            simulator=raw["simulator"],
-            preset=raw["preset"],
-            picture=raw["picture"],
+            simulator=str(raw["simulator"]),
+            preset=str(raw["preset"]),
+            picture=str(raw["picture"]),
             action_space=ActionSpace.from_dict(raw["action_space"]),
-            gap=gap,
-            settings=raw["settings"],
-            versions=raw["versions"],
-            geometry=raw["geometry"],
-            images=raw["images"],
+            gap=None if raw["gap"] is None else _gap(raw["gap"]),
+            settings=dict(raw["settings"]),
+            versions=_words(raw["versions"]),
+            geometry=_words(raw["geometry"]),
+            images=_words(raw["images"]),
         )
+        recorded = raw["fingerprint"]
     except FileNotFoundError as error:
         raise BankError(
             f"{path} does not exist: is {path.parent} a frame bank? 'eyechart frames build' makes one"
         ) from error
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except OSError as error:
+        raise BankError(f"{path} cannot be read: {error.strerror}") from error
+    except (ValueError, KeyError, TypeError, AttributeError, ArithmeticError, RecursionError, SpecError) as error:
         raise BankError(f"{path} is no bank manifest: {error!r}") from error
-    if raw["fingerprint"] != manifest.fingerprint:
+    if recorded != manifest.fingerprint:
         raise BankError(f"{path}: the fingerprint does not match the geometry that the manifest lists")
     return manifest
+
+
+def _plain(text: str) -> Any:  # noqa: ANN401 - whatever stands in the file; its reader checks it
+    """Read JSON; raises ValueError also for a lone surrogate, which no file and no terminal can hold."""
+    value = json.loads(text)
+    json.dumps(value, ensure_ascii=False).encode()
+    return value
+
+
+def _gap(raw: Mapping[str, object]) -> Gap:
+    threshold = raw["threshold"]
+    if isinstance(threshold, bool) or not isinstance(threshold, int | float) or not math.isfinite(threshold):
+        raise ValueError(f"the gap's threshold is {threshold!r}, not a number")
+    return Gap(str(raw["column"]), float(threshold), str(raw["unit"]))
+
+
+def _words(raw: Mapping[str, object]) -> dict[str, str]:
+    for name, value in raw.items():
+        if not isinstance(value, str):
+            raise TypeError(f"{name!r} stands with {value!r}, not with a string")
+    return {name: str(value) for name, value in raw.items()}
 
 
 def read_metadata(path: Path) -> tuple[Frame, ...]:
     """Read a bank's ``metadata.jsonl``; raises BankError with the line at fault."""
     frames: list[Frame] = []
     try:
-        with path.open(encoding="utf-8") as lines:
-            for number, line in enumerate(lines, 1):
-                try:
-                    frames.append(_frame_from_row(json.loads(line)))
-                except (ValueError, KeyError, TypeError, AttributeError) as error:
-                    raise BankError(f"{path}, line {number}: {error!r}") from error
+        lines = path.read_bytes().splitlines()
     except OSError as error:
         raise BankError(f"{path} cannot be read: {error.strerror}") from error
+    for number, line in enumerate(lines, 1):
+        try:
+            frames.append(_frame_from_row(_plain(line.decode())))
+        except BankError as error:
+            raise BankError(f"{path}, line {number}: {error}") from error
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+            raise BankError(f"{path}, line {number}: {error!r}") from error
+    if not frames:
+        raise BankError(f"{path} holds no frame")
     for frame_id, count in Counter(frame.id for frame in frames).items():
         if count > 1:
             raise BankError(f"{path}: frame '{frame_id}' stands there {count} times")
@@ -306,9 +343,10 @@ def _axis(value: Scalar) -> MirrorAxis:
 
 def _frame_from_row(row: dict[str, Scalar]) -> Frame:
     axis = _axis(row["mirror_axis"])
-    suffix = "_file_name"
-    pictures = {name.removesuffix(suffix): str(row[name]) for name in row if name.endswith(suffix) and row[name]}
-    truth = {name: row[name] for name in row if name not in _RESERVED and not name.endswith(suffix)}
+    pictures = {
+        name.removesuffix(_FILE_SUFFIX): str(row[name]) for name in row if name.endswith(_FILE_SUFFIX) and row[name]
+    }
+    truth = {name: row[name] for name in row if name not in _RESERVED and not name.endswith(_FILE_SUFFIX)}
     frame_id = str(row["frame_id"])
     return Frame(
         id=frame_id,
@@ -345,7 +383,7 @@ def check(root: Path) -> list[str]:
     manifest = _read_manifest(root / "manifest.json")
     bank = FrameBank(root=root, frames=read_metadata(root / "metadata.jsonl"), manifest=manifest)
     problems = _geometry_problems(bank)
-    used = [file for frame in bank for file in (frame.file, *frame.counterfactuals.values())]
+    used = [file for frame in bank for file in _files(frame)]
     for file in used:
         try:
             picture = read_bounded(root, file)
@@ -357,20 +395,35 @@ def check(root: Path) -> list[str]:
             problems.append(f"'{file}' is not in the manifest")
         elif hashlib.sha256(picture).hexdigest() != manifest.images[file]:
             problems.append(f"'{file}' is not the picture that the manifest recorded: its SHA-256 differs")
-    problems += [f"'{file}' of the manifest belongs to no frame" for file in manifest.images.keys() - set(used)]
-    return problems
+    problems += [f"'{file}' of the manifest belongs to no frame" for file in sorted(manifest.images.keys() - set(used))]
+    return problems or _misplaced(bank)
+
+
+def _files(frame: Frame) -> list[str]:
+    """Return a frame's files in the order in which a manifest lists them."""
+    return [frame.file, *(frame.counterfactuals[name] for name in sorted(frame.counterfactuals))]
+
+
+def _misplaced(bank: FrameBank) -> list[str]:
+    """Return the first frame that shows another frame's picture: a digest of a file does not know whose it is."""
+    recorded = iter(bank.manifest.images)
+    for frame in bank:
+        for file in _files(frame):
+            own = next(recorded, None)
+            if own != file:
+                return [f"{bank.root / 'metadata.jsonl'}: frame '{frame.id}' shows '{file}', the manifest says '{own}'"]
+    return []
 
 
 class BankWriter:
     """Writes a bank into a folder beside its place and moves it there when all of it is written.
 
     Use as a context manager; when its body raises, nothing stays. Raises BankError where ``out`` exists and is
-    not an empty folder.
+    not an empty folder, and where what was added cannot be read back as it was given.
     """
 
     def __init__(self, out: Path, manifest: BankManifest) -> None:
-        if out.exists() and (not out.is_dir() or any(out.iterdir())):
-            raise BankError(f"{out} exists already and is not an empty folder; choose another place for the bank")
+        _require_free(out)
         self._out = out
         self._manifest = manifest
         self._rows: list[str] = []
@@ -387,8 +440,13 @@ class BankWriter:
         if frame.id in self._geometry:
             raise BankError(f"frame '{frame.id}' was added twice")
         truth = rounded_truth(frame.truth, frame.id)
-        if clash := _RESERVED & truth.keys():
-            raise BankError(f"frame '{frame.id}': truth may not use the reserved names {sorted(clash)}")
+        if clash := sorted(name for name in truth if name in _RESERVED or name.endswith(_FILE_SUFFIX)):
+            raise BankError(f"frame '{frame.id}': truth may not use the reserved names {clash}")
+        if frame.counterfactuals.keys() != counterfactuals.keys():
+            raise BankError(
+                f"frame '{frame.id}' names the counterfactuals {sorted(frame.counterfactuals)}, "
+                f"but the pictures given are {sorted(counterfactuals)}"
+            )
         row: dict[str, Scalar] = {
             "file_name": frame.file,
             "frame_id": frame.id,
@@ -398,14 +456,16 @@ class BankWriter:
             "mirror_axis": frame.mirror_axis,
             **truth,
         }
-        self._store(frame.file, picture)
-        for name, file in frame.counterfactuals.items():
-            self._store(file, counterfactuals[name])
-            row[f"{name}_file_name"] = file
+        pictures = [picture, *(counterfactuals[name] for name in sorted(counterfactuals))]
+        for file, one in zip(_files(frame), pictures, strict=True):
+            self._store(file, one)
+        row |= {f"{name}{_FILE_SUFFIX}": file for name, file in frame.counterfactuals.items()}
         self._rows.append(json.dumps(row, ensure_ascii=False))
         self._geometry[frame.id] = frame.geometry()
 
     def _store(self, file: str, picture: bytes) -> None:
+        if file in self._images:
+            raise BankError(f"'{file}' was written already; every picture needs a file of its own")
         path = inside(self._work, file)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(picture)
@@ -414,14 +474,25 @@ class BankWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if kind is not None:
+        try:
+            if kind is None:
+                self._finish()
+        finally:
             shutil.rmtree(self._work, ignore_errors=True)
-            return
+
+    def _finish(self) -> None:
         manifest = replace(self._manifest, geometry=self._geometry, images=self._images)
         (self._work / "metadata.jsonl").write_text("".join(row + "\n" for row in self._rows), encoding="utf-8")
         text = json.dumps(manifest.as_dict(), indent=1, ensure_ascii=False)
         (self._work / "manifest.json").write_text(text + "\n", encoding="utf-8")
+        open_bank(self._work)
         self._work.chmod(0o755)
+        _require_free(self._out)
         if self._out.exists():
             self._out.rmdir()
         self._work.replace(self._out)
+
+
+def _require_free(out: Path) -> None:
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise BankError(f"{out} exists already and is not an empty folder; choose another place for the bank")

@@ -103,16 +103,28 @@ class Ledger:
         try:
             # Autocommit: each INSERT below is its own durable transaction.
             self._sql = sqlite3.connect(path, isolation_level=None)
-            self._sql.execute("PRAGMA journal_mode = WAL")
-            self._sql.execute("PRAGMA synchronous = NORMAL")
-            self._sql.execute("PRAGMA foreign_keys = ON")
-            (version,) = self._sql.execute("PRAGMA user_version").fetchone()
-            if create and version == 0:
-                self._sql.executescript(f"BEGIN; {_SCHEMA} {_APPEND_ONLY} PRAGMA user_version = {_VERSION}; COMMIT;")
-            elif version != _VERSION:
-                raise LedgerError(f"{path} is a ledger of format {version}; this eyechart reads format {_VERSION}")
         except sqlite3.DatabaseError as error:
             raise LedgerError(f"{path} is no ledger: {error}") from error
+        try:
+            self._prepare()
+        except sqlite3.DatabaseError as error:
+            self._sql.close()
+            raise LedgerError(f"{path} is no ledger: {error}") from error
+        except LedgerError:
+            self._sql.close()
+            raise
+
+    def _prepare(self) -> None:
+        (version,) = self._sql.execute("PRAGMA user_version").fetchone()
+        (tables,) = self._sql.execute("SELECT count(*) FROM sqlite_master").fetchone()
+        new = version == 0 and tables == 0  # also what a run leaves that was killed while it made its ledger
+        if not new and version != _VERSION:  # before the first write: it may be somebody else's database
+            raise LedgerError(f"{self.path} is a ledger of format {version}; this eyechart reads format {_VERSION}")
+        self._sql.execute("PRAGMA journal_mode = WAL")
+        self._sql.execute("PRAGMA synchronous = NORMAL")
+        self._sql.execute("PRAGMA foreign_keys = ON")
+        if new:
+            self._sql.executescript(f"BEGIN; {_SCHEMA} {_APPEND_ONLY} PRAGMA user_version = {_VERSION}; COMMIT;")
 
     def __enter__(self) -> Self:
         return self
@@ -141,7 +153,8 @@ class Ledger:
         """Record what came back. A reply with a transient error leaves the call unfinished."""
         final = reply.error not in TRANSIENT
         marks = ", ".join("?" * (4 + len(_REPLY)))
-        row = (attempt.id, attempt.call, int(final), _now(), *astuple(reply))
+        came = (_storable(value) if isinstance(value, str) else value for value in astuple(reply))
+        row = (attempt.id, attempt.call, int(final), _now(), *came)
         self._sql.execute(
             f"INSERT INTO replies (attempt, call, final, closed_at, {_REPLY_NAMES}) VALUES ({marks})", row
         )
@@ -185,7 +198,7 @@ class Ledger:
         return Accounting(calls, sent, finished, unknown, errors, prompt_tokens, completion_tokens, seconds)
 
     def absorb(self, other: "Ledger") -> int:
-        """Copy every call of another ledger into this one, attempts and replies included; return how many calls.
+        """Copy every call of another ledger into this one, attempts and replies included; return how many are new.
 
         Raises LedgerError, and copies nothing, where a call was finished in both.
         """
@@ -195,16 +208,21 @@ class Ledger:
         self._sql.execute("BEGIN IMMEDIATE")
         try:
             (base,) = self._sql.execute("SELECT coalesce(max(id), 0) FROM attempts").fetchone()
-            self._sql.execute(f"INSERT OR IGNORE INTO calls ({_KEY}) SELECT {_KEY} FROM other.calls")
+            new = self._sql.execute(f"INSERT OR IGNORE INTO calls ({_KEY}) SELECT {_KEY} FROM other.calls").rowcount
             self._sql.execute(_COPY_ATTEMPTS, (base,))
             self._sql.execute(_COPY_REPLIES, (base,))
-            (count,) = self._sql.execute("SELECT count(*) FROM other.calls").fetchone()
+            self._sql.execute("COMMIT")
         except BaseException:
             self._sql.execute("ROLLBACK")
             raise
-        self._sql.execute("COMMIT")
-        self._sql.execute("DETACH other")
-        return int(count)
+        finally:
+            self._sql.execute("DETACH other")
+        return new
+
+
+def _storable(text: str) -> str:
+    """Return the text with a lone surrogate, which is no Unicode and no file can hold, written as its escape."""
+    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def _now() -> str:

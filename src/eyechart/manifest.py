@@ -11,7 +11,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from eyechart import __version__
-from eyechart.errors import LedgerError
+from eyechart.conditions import find_condition
+from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank, open_bank
 from eyechart.prompts import Prompt
 
@@ -19,6 +20,7 @@ FORMAT = "eyechart-run/1"
 LEDGER = "ledger.sqlite"
 _FILE = "run.json"
 _BANK = "bank"
+_BANK_TEXT = ("manifest.json", "metadata.jsonl")
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,11 +91,13 @@ def write_run(out: Path, manifest: RunManifest, bank: FrameBank) -> None:
     """Write a run's manifest and the text of its bank (no pictures) into the run's folder."""
     copy = out / _BANK
     if not is_run(out):
+        if not is_free(out):
+            raise LedgerError(f"{out} exists and is no run; choose another place with --out")
         shutil.rmtree(copy, ignore_errors=True)  # of a run that was cut before it had a manifest
         partial = out / f".{_BANK}"
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir()
-        for name in ("manifest.json", "metadata.jsonl"):
+        for name in _BANK_TEXT:
             shutil.copyfile(bank.root / name, partial / name)
         partial.replace(copy)
     values = {"format": FORMAT, **asdict(manifest)}
@@ -110,6 +114,17 @@ def is_run(path: Path) -> bool:
     return (path / _FILE).is_file()
 
 
+def is_free(path: Path) -> bool:
+    """Return whether a run may begin in a folder: nothing is there but what a run leaves that was cut at its start.
+
+    A folder ``bank`` that holds pictures is a frame bank, and not ours to remove.
+    """
+    if not path.is_dir():
+        return not path.exists()
+    left = {item.name for item in path.iterdir()} - {".lock", f".{_FILE}", f".{_BANK}"}
+    return not left or (left == {_BANK} and all(item.name in _BANK_TEXT for item in (path / _BANK).iterdir()))
+
+
 def read_run(path: Path) -> tuple[RunManifest, FrameBank]:
     """Read a run's manifest and the text of its bank; raises LedgerError or BankError naming the file at fault."""
     file = path / _FILE
@@ -118,12 +133,15 @@ def read_run(path: Path) -> tuple[RunManifest, FrameBank]:
         if raw.pop("format") != FORMAT:
             raise LedgerError(f"{file} is of another format than {FORMAT!r}")
         raw["prompt"] = Prompt(**raw["prompt"])
-        raw["conditions"] = tuple(raw["conditions"])
+        raw["models"] = dict(raw["models"])
+        raw["conditions"] = tuple(find_condition(name).name for name in raw["conditions"])
+        raw["seed"] = int(raw["seed"])
+        raw["limit"] = None if raw["limit"] is None else int(raw["limit"])
         raw["shard"] = None if raw["shard"] is None else (int(raw["shard"][0]), int(raw["shard"][1]))
         manifest = RunManifest(**raw)
     except FileNotFoundError as error:
         raise LedgerError(f"{file} does not exist: is {path} a run? 'eyechart run battery' makes one") from error
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError, SpecError) as error:
         raise LedgerError(f"{file} is no run manifest: {error!r}") from error
     bank = open_bank(path / _BANK)
     if bank.manifest.fingerprint != manifest.fingerprint:

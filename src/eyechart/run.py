@@ -157,19 +157,20 @@ class _Execution:
         self._done = self._planned - len(todo)
         self._report()
         async with asyncio.TaskGroup() as group:
-            for spec in self._models:
+            for spec in self._plan.models:
                 queue = iter([key for key in todo if key.model == spec])
                 for _ in range(self._concurrency):
                     group.create_task(self._work(queue, self._models[spec]))
 
     async def _work(self, queue: Iterator[CallKey], model: Model) -> None:
         for key in queue:
-            await self._call(key, model)
-            self._done += 1
+            finished = await self._call(key, model)
+            self._done += finished  # after the await: other workers count meanwhile
             self._report()
             await asyncio.sleep(0)  # lets the other models' calls, and an interrupt, come in between
 
-    async def _call(self, key: CallKey, model: Model) -> None:
+    async def _call(self, key: CallKey, model: Model) -> bool:
+        """Make a call; return whether it is finished."""
         picture = self._stimuli.show(key.condition, key.frame)
         query = Query(self._plan.prompt.system, self._plan.prompt.user, picture, key.seed(self._plan.seed))
         for number in range(1, self._attempts + 1):
@@ -177,9 +178,10 @@ class _Execution:
             reply = await _ask(model, query)
             self._ledger.close(attempt, reply)
             if reply.error not in TRANSIENT:
-                return
+                return True
             if number < self._attempts:
                 await asyncio.sleep(min(30.0, 2.0 ** (number - 1)) * (0.5 + random.random() / 2))  # noqa: S311
+        return False
 
     def _report(self) -> None:
         if self._progress is not None:
@@ -190,6 +192,14 @@ async def _ask(model: Model, query: Query) -> Reply:
     start = time.perf_counter()
     try:
         reply = await model.answer(query)
+        if not isinstance(reply, Reply):
+            raise TypeError(f"the model answered with a {type(reply).__name__}, not with a Reply")  # noqa: TRY301
+    except asyncio.CancelledError:
+        task = asyncio.current_task()
+        if task is None or task.cancelling():
+            raise
+        # An adapter's own cancelled request; let through, it would end a worker of the run without a word.
+        reply = Reply(error="exception", error_detail="CancelledError: the adapter cancelled its own request")
     except Exception as error:  # noqa: BLE001 - whatever an adapter raises is a row, not the end of the run
         reply = Reply(error="exception", error_detail=f"{type(error).__name__}: {error}"[:2000])
     seconds = time.perf_counter() - start

@@ -131,7 +131,8 @@ def _judge_one(score: BatteryScore, model: ModelScore) -> Verdict:
 def paper_rules(found: Mapping[str, Statistic], corrected: Mapping[str, float | None]) -> Ruling:
     """Return the paper's label, by its rules as we read them, with its own alpha of .05.
 
-    ``corrected`` holds the Holm-corrected p of Cramér's V at both levels.
+    ``corrected`` holds the p of Cramér's V corrected over the models. A refusal effect compares a model with itself,
+    so its decision level is not corrected: over other models it would have another family than the response level.
     """
     return _paper_blind(found, corrected) or _paper_ungraded(found) or _paper_depth(found)
 
@@ -140,11 +141,11 @@ def _paper_blind(found: Mapping[str, Statistic], corrected: Mapping[str, float |
     unparsed = found["unparsed_rate"]
     if unparsed.value is None or unparsed.value > PAPER_UNPARSED:
         return _ruling("not_scorable", "unparsed_rate", unparsed, f"above {PAPER_UNPARSED}")
-    response, decision = corrected["cramers_v"], corrected["cramers_v.decision"]
+    response, decision = corrected["cramers_v"], found["cramers_v.decision"]
     if response is None or response >= PAPER_ALPHA:
         return _ruling("image_invariant", "cramers_v", found["cramers_v"], "no answer depends on the condition")
-    if decision is None or decision >= PAPER_ALPHA:
-        return _ruling("refusal_effect", "cramers_v.decision", found["cramers_v.decision"], "only outputs differ")
+    if decision.p is None or decision.p >= PAPER_ALPHA:
+        return _ruling("refusal_effect", "cramers_v.decision", decision, "only outputs differ")
     if found["clears_floor"].value != 1.0:
         idi, floor = found["idi"], found["noise_floor"]
         return Ruling(

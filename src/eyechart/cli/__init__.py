@@ -12,14 +12,8 @@ def main() -> None:
     if debug:
         sys.argv.remove("--debug")
     try:
-        app()
-    except KeyboardInterrupt:
-        print("interrupted: finished calls are kept; the same command resumes", file=sys.stderr)  # noqa: T201
-        sys.exit(130)
-    except BrokenPipeError:
-        sys.stderr.close()
-        sys.exit(1)
-    except EyechartError as error:
+        app(prog_name="eyechart")
+    except (EyechartError, OSError) as error:
         if debug:
             raise
         print(f"eyechart: {error}", file=sys.stderr)  # noqa: T201

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from eyechart.cli.results import print_table
-from eyechart.cli.terminal import progress, say
+from eyechart.cli.terminal import progress, resumable, say
 
 
 def demo(
@@ -28,7 +28,7 @@ def demo(
         with progress("frames", "frames") as move:
             open_simulator("highway").build(bank, seeds=range(3 * seed, 3 * seed + 3), progress=move)
     planned = study.plan(bank, [f"scripted:{name}" for name in CONTROLLERS], run, seed=seed)
-    with progress("calls", "calls") as move:
+    with resumable(), progress("calls", "calls") as move:
         study.run(planned, progress=move)
     scored = study.score(run)
     verdicts = judge(scored)

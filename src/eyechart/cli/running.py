@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from eyechart.cli.terminal import progress, say
+from eyechart.cli.terminal import progress, resumable, say
 
 app = typer.Typer(help="Run a study: make its calls and append them to a ledger.", no_args_is_help=True)
 
@@ -45,8 +45,10 @@ def battery(
     )
     if dry_run:
         return
-    with progress("calls", "calls") as move:
+    with resumable(), progress("calls", "calls") as move:
         study.run(planned, concurrency=concurrency, progress=move)
+    if left := calls - planned.counts()[1]:
+        say(f"{left} calls are unfinished: their last error may pass, and the same command tries them again")
     say(f"done: 'eyechart verdict {out}' judges, 'eyechart score {out}' prints every statistic")
 
 

@@ -51,6 +51,18 @@ def progress(what: str, unit: str) -> Iterator[Callable[[int, int], None]]:
         yield move
 
 
+@contextmanager
+def resumable() -> Iterator[None]:
+    """Let an interrupt end the command with one line that says what is kept, and exit 130."""
+    import typer
+
+    try:
+        yield
+    except KeyboardInterrupt:
+        say("interrupted: finished calls are kept; the same command resumes")
+        raise typer.Exit(130) from None
+
+
 def _lines(what: str, unit: str) -> Callable[[int, int], None]:
     import time
 

@@ -188,9 +188,7 @@ def swap_test(
     wanted = _partners(a, partner)
     chance = sum(float(np.mean(wanted == name) * np.mean(b == name)) for name in set(partner.values()))
     swaps = int(np.count_nonzero(wanted == b))
-    rng = np.random.default_rng(seed)
-    shuffled = rng.permuted(np.tile(np.arange(len(b)), (resamples, 1)), axis=1)
-    resampled = np.count_nonzero(b[shuffled] == wanted, axis=1)
+    resampled = _repaired(wanted, b, seed=seed, resamples=resamples)
     p = (int(np.count_nonzero(resampled >= swaps)) + 1) / (resamples + 1)
     detail = {
         "k": swaps,
@@ -283,6 +281,25 @@ def _label_pair(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[npt.NDArra
 
 def _partners(labels: npt.NDArray[np.generic], partner: Mapping[str, str]) -> npt.NDArray[np.str_]:
     return np.array([partner[str(label)] for label in labels], dtype=np.str_)
+
+
+def _repaired(
+    wanted: npt.NDArray[np.str_], given: npt.NDArray[np.generic], *, seed: int, resamples: int
+) -> npt.NDArray[np.int64]:
+    """Return how many labels match in each random re-pairing of two sequences, shape (resamples,).
+
+    Only the table of the pairs matters, and re-pairing draws it with both margins held fixed.
+    """
+    names, codes = np.unique(np.concatenate([wanted, given]), return_inverse=True)
+    rows, columns = (np.bincount(half, minlength=len(names)) for half in (codes[: len(wanted)], codes[len(wanted) :]))
+    r, c = np.flatnonzero(rows), np.flatnonzero(columns)
+    if min(len(r), len(c)) < 2:  # one row or column leaves nothing to draw, and scipy refuses it
+        return np.full(resamples, np.minimum(rows, columns).sum())
+    from scipy import stats  # noqa: PLC0415 - slow to import
+
+    margins = stats.random_table(rows[r], columns[c], seed=np.random.default_rng(seed))
+    tables = margins.rvs(resamples, method="patefield")
+    return np.asarray(tables[:, r[:, None] == c[None, :]].sum(axis=1), dtype=np.int64)
 
 
 def _joint_shares(a: npt.NDArray[np.generic], b: npt.NDArray[np.generic]) -> npt.NDArray[np.float64]:

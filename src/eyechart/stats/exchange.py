@@ -10,7 +10,7 @@ follower of the step number, exact but for 10 % missing answers, then passes for
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,9 +20,14 @@ from eyechart.stats.statistic import Statistic, cannot_say
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+Counts = npt.NDArray[np.unsignedinteger]
+Pairs = Floats | Counts
 
 ENUMERATED_ARRANGEMENTS = 20_000
 """Up to so many exchanges of episodes the null distribution is enumerated instead of sampled."""
+
+CHUNK_BYTES = 2**26
+"""Resamples are drawn so many bytes at a time; the draws do not depend on it."""
 
 TIE = 1e-9
 """Resampled statistics this close to the observed one, relatively, are ties that rounding set apart."""
@@ -158,8 +163,10 @@ def iid_trend_test(
     trend = np.zeros(resamples)
     for group in range(int(groups.max()) + 1):
         inside = groups == group
-        shuffled = rng.permuted(np.tile(ranks[inside], (resamples, 1)), axis=1)
-        trend += shuffled @ levels[inside].astype(float)
+        braking = levels[inside].astype(float)
+        for rows in _chunks(resamples, len(braking)):
+            shuffled = rng.permuted(np.tile(ranks[inside], (rows.stop - rows.start, 1)), axis=1)
+            trend[rows] += shuffled @ braking
     k = int(np.count_nonzero(trend <= observed + TIE * max(1.0, abs(observed))))
     detail = {"null_mean": float(trend.mean()), "null_sd": float(trend.std())}
     return Statistic(observed, n, p=(k + 1) / (resamples + 1), method=method, detail=detail)
@@ -257,12 +264,12 @@ def _refusal(layout: _Layout, n: int, alpha: float, resamples: int, method: str)
     return Statistic(None, n, method=method, note=note, detail=detail)
 
 
-def _aligned(pairs: list[Floats]) -> Floats:
+def _aligned(pairs: Sequence[Pairs]) -> Floats:
     """Return the summed pair values of the arrangement that was observed, shape (m,)."""
-    return np.asarray(sum(np.trace(each) for each in pairs), dtype=np.float64)
+    return np.asarray(sum(np.trace(each, dtype=np.float64) for each in pairs), dtype=np.float64)
 
 
-def _null(pairs: list[Floats], seed: int, resamples: int) -> Floats:
+def _null(pairs: Sequence[Pairs], seed: int, resamples: int) -> Floats:
     """Return the summed pair values of each arrangement, shape (arrangements, m).
 
     ``pairs`` holds per stratum an array (action episode, gap episode, m).
@@ -277,11 +284,20 @@ def _null(pairs: list[Floats], seed: int, resamples: int) -> Floats:
     rng = np.random.default_rng(seed)
     null = np.zeros((resamples, m))
     for each in pairs:
-        null += _gather(each, rng.permuted(np.tile(np.arange(len(each)), (resamples, 1)), axis=1))
+        for rows in _chunks(resamples, len(each)):
+            orders = rng.permuted(np.tile(np.arange(len(each)), (rows.stop - rows.start, 1)), axis=1)
+            null[rows] += _gather(each, orders)
     return null
 
 
-def _gather(pairs: Floats, orders: Ints) -> Floats:
+def _chunks(rows: int, width: int) -> Iterator[slice]:
+    """Yield slices that cover the rows of a matrix so wide, each of at most `CHUNK_BYTES` at 8 bytes an entry."""
+    step = max(1, CHUNK_BYTES // (8 * max(1, width)))
+    for start in range(0, rows, step):
+        yield slice(start, min(start + step, rows))
+
+
+def _gather(pairs: Pairs, orders: Ints) -> Floats:
     """Return sum over i of pairs[i, order[i]] for each row of orders, shape (orders, m)."""
     out = np.zeros((len(orders), pairs.shape[2]))
     for i in range(len(pairs)):
@@ -289,17 +305,17 @@ def _gather(pairs: Floats, orders: Ints) -> Floats:
     return out
 
 
-def _pair_tables(actions: Ints, bins: Ints, shape: tuple[int, int]) -> Floats:
+def _pair_tables(actions: Ints, bins: Ints, shape: tuple[int, int]) -> Counts:
     """Return counts of (action, bin), flat, for each action episode against each gap episode.
 
-    An action of ``shape[0]`` is no decision and its row is cut off.
+    An action of ``shape[0]`` is no decision and is counted nowhere. A count is at most the number of steps, so that
+    the smallest type that holds it keeps a thousand episodes against a thousand within some ten megabytes.
     """
-    k, cells = len(actions), shape[0] * shape[1]
-    out = np.zeros((k, k, cells))
-    for i, j in itertools.product(range(k), repeat=2):
-        flat = actions[i] * shape[1] + bins[j]
-        out[i, j] = np.bincount(flat, minlength=cells)[:cells]
-    return out
+    k, steps = actions.shape
+    out = np.empty((k, k, shape[0], shape[1]), dtype=np.min_scalar_type(steps))
+    for action, bin_ in itertools.product(range(shape[0]), range(shape[1])):
+        out[:, :, action, bin_] = (actions == action).astype(np.float32) @ (bins == bin_).astype(np.float32).T
+    return out.reshape(k, k, -1)
 
 
 def _information(tables: Floats, shape: tuple[int, int]) -> Floats:

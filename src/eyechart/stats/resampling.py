@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -13,6 +14,9 @@ Floats = npt.NDArray[np.float64]
 
 ENUMERATED_MULTISETS = 2_000_000
 """Up to so many multisets of episodes the bootstrap is enumerated: 12 episodes have 1 352 078."""
+
+CHUNK_BYTES = 2**26
+"""Resamples are drawn so many bytes at a time; the draws do not depend on it."""
 
 TIE = 1e-9
 """Resampled statistics this close to the observed one, relatively, are ties that rounding set apart."""
@@ -136,23 +140,81 @@ def cluster_bootstrap(
         raise ValueError(f"sums must be finite, one row per episode, got shape {given.shape}")
     if not 0 < level < 1 or resamples < 1:
         raise ValueError(f"level={level} must lie in (0, 1) and resamples={resamples} be at least 1")
-    episodes, method = len(given), f"{100 * level:g}% percentile interval over episodes"
+    return _over_episodes(len(given), given, statistic, _Draws(seed, resamples, level, enumerate_up_to))
+
+
+def episode_bootstrap(
+    episodes: int,
+    statistic: Callable[[Floats], Floats],
+    *,
+    seed: int,
+    resamples: int = 5000,
+    level: float = 0.95,
+    enumerate_up_to: int = ENUMERATED_MULTISETS,
+) -> Statistic:
+    """Return `cluster_bootstrap` of a statistic that no sums over episodes carry, such as a median.
+
+    ``statistic`` maps counts of shape (resamples, episodes), how often each episode was taken, to (resamples,).
+    """
+    if not 0 < level < 1 or resamples < 1:
+        raise ValueError(f"level={level} must lie in (0, 1) and resamples={resamples} be at least 1")
+    return _over_episodes(episodes, None, statistic, _Draws(seed, resamples, level, enumerate_up_to))
+
+
+def median_by_counts(values: npt.ArrayLike, episode: npt.ArrayLike, counts: npt.ArrayLike) -> Floats:
+    """Return the median of each resample of whole episodes, shape (resamples,), NaN where it takes no value.
+
+    ``values`` are numbers, ``episode`` the number of the episode that each belongs to, and ``counts``, shape
+    (resamples, episodes), how often each resample takes each episode.
+    """
+    given, taken = np.asarray(values, dtype=np.float64), np.asarray(counts)
+    order = np.argsort(given, kind="stable")
+    ordered, episodes = given[order], np.asarray(episode)[order]
+    out = np.full(len(taken), np.nan)
+    if not len(ordered):
+        return out
+    step = max(1, CHUNK_BYTES // (8 * len(ordered)))
+    for start in range(0, len(taken), step):
+        below = np.cumsum(taken[start : start + step].astype(np.int32)[:, episodes], axis=1, dtype=np.int32)
+        for row, each in enumerate(below, start):
+            n = int(each[-1])
+            if n:
+                low, high = np.searchsorted(each, [(n + 1) // 2, n // 2 + 1])
+                out[row] = (ordered[low] + ordered[high]) / 2
+    return out
+
+
+@dataclass(frozen=True, slots=True)
+class _Draws:
+    """How episodes are resampled."""
+
+    seed: int
+    resamples: int
+    level: float
+    enumerate_up_to: int
+
+
+def _over_episodes(episodes: int, sums: Floats | None, statistic: Callable[[Floats], Floats], how: _Draws) -> Statistic:
+    """Return a statistic of resampled episodes: of what they add up to, or where ``sums`` is None of their counts."""
+    method = f"{100 * how.level:g}% percentile interval over episodes"
     if episodes == 0:
         return cannot_say("no episodes", method=method)
-    value = float(statistic(given.sum(axis=0)[None, :])[0])
+    once = np.ones(episodes) if sums is None else sums.sum(axis=0)
+    value = float(statistic(once[None, :])[0])
     if math.isnan(value):
         return cannot_say("the statistic is undefined on these episodes", episodes, method)
     if episodes < 2:
         return Statistic(value, 1, method=method, note="one episode cannot be resampled")
     multisets = math.comb(2 * episodes - 1, episodes)
-    if multisets <= enumerate_up_to:
-        values, weights = _enumerated(given, statistic)
+    if multisets <= how.enumerate_up_to:
+        values, weights = _enumerated(np.eye(episodes) if sums is None else sums, statistic)
         method += f", all {multisets} multisets"
     else:
-        draws = np.random.default_rng(seed).integers(episodes, size=(resamples, episodes))
-        values, weights = statistic(_counts(draws) @ given), np.full(resamples, 1 / resamples)
-        method += f", B={resamples}"
-    ci, undefined = _weighted_interval(values, weights, level)
+        drawn = _drawn(np.random.default_rng(how.seed), how.resamples, episodes)
+        values = np.concatenate([statistic(counts if sums is None else counts @ sums) for counts in drawn])
+        weights = np.full(how.resamples, 1 / how.resamples)
+        method += f", B={how.resamples}"
+    ci, undefined = _weighted_interval(values, weights, how.level)
     return Statistic(value, episodes, ci, method=method, detail={"undefined": undefined})
 
 
@@ -194,11 +256,14 @@ def _at_least(resampled: Floats, observed: float) -> int:
     return int(np.count_nonzero(resampled >= observed - TIE * max(1.0, abs(observed))))
 
 
-def _counts(draws: npt.NDArray[np.int64]) -> Floats:
-    """Return how often each row of draws takes each episode, shape (resamples, episodes)."""
-    resamples, episodes = draws.shape
-    flat = (draws + episodes * np.arange(resamples)[:, None]).ravel()
-    return np.bincount(flat, minlength=resamples * episodes).reshape(resamples, episodes).astype(np.float64)
+def _drawn(rng: np.random.Generator, resamples: int, episodes: int) -> Iterator[Floats]:
+    """Yield how often each resample takes each episode, shape (resamples, episodes), in chunks of `CHUNK_BYTES`."""
+    step = max(1, CHUNK_BYTES // (8 * episodes))
+    for start in range(0, resamples, step):
+        rows = min(step, resamples - start)
+        draws = rng.integers(episodes, size=(rows, episodes))
+        draws += episodes * np.arange(rows)[:, None]
+        yield np.bincount(draws.ravel(), minlength=rows * episodes).reshape(rows, episodes).astype(np.float64)
 
 
 @cache

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,9 @@ Mask = NDArray[np.bool_]
 
 ABSENT = ""
 """The symbol of a call that was not planned or has not come back."""
+
+READINGS_KEPT = 1000
+"""Of so many different replies the decision is kept, because controllers repeat themselves."""
 
 
 @dataclass(frozen=True)
@@ -35,17 +39,25 @@ class Answers:
 
     def responses(self, condition: str) -> Symbols:
         """Return response-level symbols, one per frame: the action, UNPARSED, or ``ABSENT``."""
-        given = self.decisions.get(condition, (None,) * len(self.frames))
-        return np.array([ABSENT if one is None else one.symbol for one in given], dtype=np.str_)
+        return self.symbols(condition, "response")
 
     def actions(self, condition: str) -> Symbols:
         """Return decision-level symbols, one per frame: the action, or ``ABSENT`` where there is no decision."""
-        given = self.decisions.get(condition, (None,) * len(self.frames))
-        return np.array([ABSENT if one is None or one.action is None else one.action for one in given], dtype=np.str_)
+        return self.symbols(condition, "decision")
 
     def symbols(self, condition: str, level: str) -> Symbols:
-        """Return the symbols of a condition at level ``response`` or ``decision``."""
-        return self.responses(condition) if level == "response" else self.actions(condition)
+        """Return the symbols of a condition at level ``response`` or ``decision``; they are not to be written to."""
+        if (condition, level) not in self._symbols:
+            given = self.decisions.get(condition, (None,) * len(self.frames))
+            symbol = _response if level == "response" else _action
+            made = np.array([symbol(one) for one in given], dtype=np.str_)
+            made.flags.writeable = False
+            self._symbols[condition, level] = made
+        return self._symbols[condition, level]
+
+    @cached_property
+    def _symbols(self) -> dict[tuple[str, str], Symbols]:
+        return {}
 
     def both(self, first: str, second: str, level: str) -> tuple[Symbols, Symbols, Mask]:
         """Return two conditions' symbols on the frames that have both, and which frames these are."""
@@ -55,25 +67,27 @@ class Answers:
 
     def levels(self, actions: Symbols) -> NDArray[np.int64]:
         """Return braking levels, 0 for what does not brake and -1 for what is no decision."""
-        table = {action: self.space.braking_level(action) for action in self.space.actions}
-        return np.array([table.get(str(action), -1) for action in actions], dtype=np.int64)
+        levels = np.full(len(actions), -1, dtype=np.int64)
+        for action in self.space.actions:
+            levels[actions == action] = self.space.braking_level(action)
+        return levels
 
-    @property
+    @cached_property
     def episodes(self) -> Symbols:
         """Return each frame's episode."""
         return np.array([frame.episode for frame in self.frames], dtype=np.str_)
 
-    @property
+    @cached_property
     def scenarios(self) -> Symbols:
         """Return each frame's scenario."""
         return np.array([frame.scenario for frame in self.frames], dtype=np.str_)
 
-    @property
+    @cached_property
     def steps(self) -> NDArray[np.int64]:
         """Return each frame's step."""
         return np.array([frame.step for frame in self.frames], dtype=np.int64)
 
-    @property
+    @cached_property
     def gaps(self) -> NDArray[np.float64] | None:
         """Return each frame's gap, infinite where there is no lead; None where the bank records no gap."""
         if self.gap is None:
@@ -89,6 +103,14 @@ class Answers:
         return np.array(values, dtype=np.float64)
 
 
+def _response(decision: Decision | None) -> str:
+    return ABSENT if decision is None else decision.symbol
+
+
+def _action(decision: Decision | None) -> str:
+    return ABSENT if decision is None or decision.action is None else decision.action
+
+
 def read_answers(
     model: str,
     replies: Iterable[tuple[CallKey, Reply]],
@@ -101,11 +123,17 @@ def read_answers(
     decisions: dict[str, list[Decision | None]] = {}
     shared: dict[Decision, Decision] = {}
     finished = 0
+
+    @lru_cache(maxsize=READINGS_KEPT)
+    def read(text: str, finish_reason: str | None, error: str | None) -> Decision:
+        decision = read_decision(text, finish_reason, error, space)
+        return shared.setdefault(decision, decision)
+
     for key, reply in replies:
         if key.frame in place:
-            column = decisions.setdefault(key.condition, [None] * len(frames))
-            decision = read_decision(reply.text, reply.finish_reason, reply.error, space)
-            column[place[key.frame]] = shared.setdefault(decision, decision)
+            if key.condition not in decisions:
+                decisions[key.condition] = [None] * len(frames)
+            decisions[key.condition][place[key.frame]] = read(reply.text, reply.finish_reason, reply.error)
             finished += reply.error not in TRANSIENT
     return Answers(
         model=model,

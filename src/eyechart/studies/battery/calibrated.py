@@ -4,6 +4,7 @@ Positive claims are tested at alpha .01; absences are bounded below a margin of 
 docs/decisions/0006-two-sets-of-rules.md.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -92,10 +93,9 @@ class Calibrated:
         seed, resamples = self.how.seed_of("depth_observational"), self.how.resamples
         if self.independent:
             have = levels >= 0
-            return iid_trend_test(
-                levels[have], ranks[have], self.answers.scenarios[have], seed=seed, resamples=resamples
-            )
-        return exchange_test(levels, ranks, *self._layout(), seed=seed, alpha=ALPHA, resamples=resamples)
+            scenarios = self.answers.scenarios[have]
+            return _standardised(iid_trend_test(levels[have], ranks[have], scenarios, seed=seed, resamples=resamples))
+        return _standardised(exchange_test(levels, ranks, *self._layout(), seed=seed, alpha=ALPHA, resamples=resamples))
 
     def _episode_safe_information(self) -> Statistic:
         gaps = self.answers.gaps
@@ -135,13 +135,37 @@ class Calibrated:
         real, blank, _ = self.answers.both("real", "blank", level)
         seed = self.how.seed_of(f"presence.{level}")
         found = label_swap_test(real, blank, seed=seed, resamples=self.how.resamples)
-        return replace(found, method=f"real against blank: {found.method}")
+        if found.value is None or found.detail is None:
+            return found
+        apart = sum(abs(one - other) for one, other in zip(*_marginals(found.detail), strict=True)) / (2 * found.n)
+        detail = {**found.detail, "sum_of_squared_differences": found.value}
+        method = f"total variation between the answers to real and to blank; p: {found.method}"
+        return replace(found, value=apart, method=method, detail=detail)
 
 
 def _named(found: Statistic, what: str, pairs: NDArray[np.bool_]) -> Statistic:
     if not len(pairs):
         return cannot_say("no frame has all three decisions", method=what)
     return replace(found, method=f"{what}: {found.method}")
+
+
+def _standardised(found: Statistic) -> Statistic:
+    """Return the trend in standard deviations of its null; negative where braking falls on nearer gaps."""
+    detail = found.detail or {}
+    mean, deviation = (float(str(detail.get(name, 0.0))) for name in ("null_mean", "null_sd"))
+    if found.value is None or deviation == 0:
+        return found
+    method = f"standard deviations from the null; {found.method}"
+    return replace(
+        found, value=(found.value - mean) / deviation, method=method, detail={**detail, "trend": found.value}
+    )
+
+
+def _marginals(detail: Mapping[str, object]) -> tuple[list[int], list[int]]:
+    first, second = detail["first"], detail["second"]
+    assert isinstance(first, list)
+    assert isinstance(second, list)
+    return first, second
 
 
 def _ranks(gaps: NDArray[np.float64]) -> NDArray[np.float64]:

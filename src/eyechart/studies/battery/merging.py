@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from eyechart.errors import LedgerError
+from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run, write_run
 
@@ -21,11 +22,11 @@ def merge(shards: Sequence[Path], out: Path) -> int:
         raise LedgerError("merge needs the folders of one or more shards")
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise LedgerError(f"{out} exists and is not empty; choose another --out for the merged run")
-    manifest = _whole(shards)
+    manifest, bank = _whole(shards)
     out.parent.mkdir(parents=True, exist_ok=True)
     work = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
     try:
-        write_run(work, manifest, read_run(shards[0])[1])
+        write_run(work, manifest, bank)
         calls = 0
         with Ledger(work / LEDGER, create=True) as merged:
             for shard in shards:
@@ -41,13 +42,16 @@ def merge(shards: Sequence[Path], out: Path) -> int:
     return calls
 
 
-def _whole(shards: Sequence[Path]) -> RunManifest:
-    """Return the manifest of the run that the shards are parts of."""
-    manifests = [read_run(shard)[0] for shard in shards]
+def _whole(shards: Sequence[Path]) -> tuple[RunManifest, FrameBank]:
+    """Return the manifest and the bank of the run that the shards are parts of."""
+    read = [read_run(shard) for shard in shards]
+    manifests, bank = [manifest for manifest, _ in read], read[0][1]
     whole = replace(manifests[0], shard=None)
-    for shard, manifest in zip(shards, manifests, strict=True):
+    for shard, (manifest, its_bank) in zip(shards, read, strict=True):
+        if its_bank.manifest.images != bank.manifest.images and manifest.fingerprint == whole.fingerprint:
+            raise LedgerError(f"{shard} is no part of the run in {shards[0]}: it was run on other pictures")
         try:
             whole = whole.extended(replace(manifest, shard=None))
         except LedgerError as error:
             raise LedgerError(f"{shard} is no part of the run in {shards[0]}: {error}") from error
-    return replace(whole, created=min(manifest.created for manifest in manifests))
+    return replace(whole, created=min(manifest.created for manifest in manifests)), bank

@@ -1,5 +1,6 @@
 """Planning and running a battery: every frame under every condition, and nothing asked twice."""
 
+import sqlite3
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,7 @@ from eyechart.conditions import BATTERY, CONDITIONS, find_condition, require_par
 from eyechart.errors import BankError, LedgerError, SpecError
 from eyechart.frames import FrameBank, check, open_bank
 from eyechart.ledger import Ledger
-from eyechart.manifest import LEDGER, RunManifest, is_run, read_run, today, versions, write_run
+from eyechart.manifest import LEDGER, RunManifest, is_free, is_run, read_run, today, versions, write_run
 from eyechart.models import Model, open_model
 from eyechart.prompts import find_prompt
 from eyechart.run import Plan, Progress, execute, spread
@@ -62,7 +63,7 @@ def plan(
             f"the bank {bank_path} is damaged: {problems[0]} ({len(problems)} in all, 'eyechart frames check')"
         )
     bank = open_bank(bank_path)
-    chosen = tuple(conditions) if conditions else _conditions_of(bank)
+    chosen = tuple(dict.fromkeys(conditions)) if conditions else _conditions_of(bank)
     for name in chosen:
         find_condition(name)
     require_partners(chosen, bank)
@@ -97,9 +98,7 @@ def _resumed(out: Path, manifest: RunManifest, bank: FrameBank) -> RunManifest:
                 f"{out} was run on other pictures of the same geometry; choose another --out for this bank"
             )
         return before.extended(manifest)
-    if out.exists() and (
-        not out.is_dir() or any(item.name not in {LEDGER, ".lock", ".bank", "bank"} for item in out.iterdir())
-    ):
+    if not is_free(out):
         raise LedgerError(f"{out} exists and is no run; choose another place with --out")
     return manifest
 
@@ -129,14 +128,18 @@ def plan_of(
 def run(battery: Battery, *, concurrency: int = 8, progress: Progress | None = None) -> None:
     """Make the calls of a planned battery that its ledger does not hold yet.
 
-    Raises LedgerError where another process is writing to the same run.
+    Raises LedgerError where another process is writing to the same run, or the ledger cannot be written.
     """
     battery.out.mkdir(parents=True, exist_ok=True)
     try:
         with FileLock(battery.out / ".lock", timeout=0):
-            write_run(battery.out, battery.manifest, battery.plan.bank)
+            # Again, now that nobody else writes: another process may have begun or extended this run since.
+            manifest = _resumed(battery.out, battery.manifest, battery.plan.bank)
+            write_run(battery.out, manifest, battery.plan.bank)
             with Ledger(battery.out / LEDGER, create=True) as ledger:
                 execute(battery.plan, battery.models, ledger, concurrency=concurrency, progress=progress)
+    except sqlite3.Error as error:
+        raise LedgerError(f"{battery.out / LEDGER} cannot be written: {error}; the same command resumes") from error
     except Timeout as error:
         raise LedgerError(
             f"another process is writing to {battery.out}; wait for it, or choose another --out"

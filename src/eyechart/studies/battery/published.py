@@ -5,25 +5,38 @@ docs/decisions/0006-two-sets-of-rules.md.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eyechart.actions import Decision
 from eyechart.conditions import BATTERY
 from eyechart.seeds import key_seed
 from eyechart.stats.agreement import clears_floor, rate, swap_test
 from eyechart.stats.association import contingency, cramers_v, entropy_bits, modal_share, quantile_bins
-from eyechart.stats.resampling import cluster_bootstrap, permute_mutual_information, ratio_of_sums
+from eyechart.stats.resampling import (
+    cluster_bootstrap,
+    episode_bootstrap,
+    median_by_counts,
+    permute_mutual_information,
+    ratio_of_sums,
+)
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.answers import ABSENT, Answers, Mask, Symbols
 
 Statistics = dict[str, Statistic]
 Floats = NDArray[np.float64]
+Codes = NDArray[np.int64]
 
 ALPHA = 0.05
 """The paper's level of significance."""
+
+UNPARSED = Decision(None, "unparsed").symbol
+"""The response-level symbol of a reply without a decision."""
 
 ENUMERATE = 30_000
 """Up to so many multisets of episodes (9 episodes) the bootstrap is enumerated; beyond, resamples are drawn."""
@@ -47,6 +60,11 @@ class Published:
 
     answers: Answers
     how: Resampling
+
+    @cached_property
+    def _episodes(self) -> Codes:
+        """Return the number of each frame's episode."""
+        return np.unique(self.answers.episodes, return_inverse=True)[1].astype(np.int64)
 
     def statistics(self) -> Statistics:
         """Return every statistic by its name."""
@@ -90,20 +108,30 @@ class Published:
 
     def _association(self, columns: dict[str, Symbols], name: str) -> Statistic:
         """Return Cramér's V of condition × answer, with its bootstrap interval."""
-        rows = np.concatenate([np.full(len(symbols), condition) for condition, symbols in columns.items()])
-        symbols = np.concatenate(list(columns.values()))
-        have = symbols != ABSENT
-        episodes = np.tile(self.answers.episodes, len(columns))
-        return self._table(rows[have], symbols[have], episodes[have], name)
+        answer = self._coded(np.concatenate(list(columns.values())))
+        conditions = tuple(sorted(columns))
+        rows = np.repeat([conditions.index(condition) for condition in columns], len(self.answers.frames))
+        episodes = np.tile(self._episodes, len(columns))
+        have = answer.codes >= 0
+        return self._table(_Coded(rows[have], conditions), answer.where(have), episodes[have], name)
 
-    def _table(self, rows: Symbols, columns: Symbols, episodes: Symbols, name: str) -> Statistic:
-        made = contingency(rows, columns)
+    def _coded(self, symbols: Symbols) -> "_Coded":
+        """Return symbols as numbers, in sorted order of their names, -1 for ``ABSENT``."""
+        names = tuple(sorted({*self.answers.space.actions, UNPARSED}))
+        codes = np.full(len(symbols), -1, dtype=np.int64)
+        for code, name in enumerate(names):
+            codes[symbols == name] = code
+        return _Coded(codes, names)
+
+    def _table(self, rows: "_Coded", columns: "_Coded", episodes: Codes, name: str) -> Statistic:
+        made = contingency(rows.codes, columns.codes)
         found = cramers_v(made.table)
         shape = made.table.shape
-        detail = {**(found.detail or {}), "rows": made.rows, "columns": made.columns, "table": made.table.tolist()}
+        named = {"rows": rows.named(made.rows), "columns": columns.named(made.columns), "table": made.table.tolist()}
+        detail = {**(found.detail or {}), **named}
         if found.value is None or 1 in shape:
             return replace(found, detail=detail)
-        sums = _counts_by_episode(rows, columns, episodes)
+        sums = _counts_by_episode(rows.codes, columns.codes, episodes)
         interval = self._bootstrap(sums, lambda tables: _v_of_tables(tables.reshape(-1, *shape)), name)
         return replace(found, ci=interval.ci, method=f"{found.method}; {interval.method}", detail=detail)
 
@@ -117,16 +145,17 @@ class Published:
         if not have.any():
             missing = cannot_say("no answers to real pictures")
             return {"obstacle": missing, "mutual_information": missing}
-        near = np.where(gaps[have] < self.answers.gap.threshold, "near", "far")
-        obstacle = self._table(real[have], near, self.answers.episodes[have], f"obstacle.{level}")
-        return {"obstacle": obstacle, "mutual_information": self._information(real[have], gaps[have], have, level)}
+        near = _Coded((gaps[have] < self.answers.gap.threshold).astype(np.int64), ("far", "near"))
+        answer = self._coded(real[have])
+        obstacle = self._table(answer, near, self._episodes[have], f"obstacle.{level}")
+        return {"obstacle": obstacle, "mutual_information": self._information(answer, gaps[have], have, level)}
 
-    def _information(self, real: Symbols, gaps: Floats, have: Mask, level: str) -> Statistic:
+    def _information(self, real: "_Coded", gaps: Floats, have: Mask, level: str) -> Statistic:
         bins = quantile_bins(gaps)
-        made = contingency(real, bins.codes)
+        made = contingency(real.codes, bins.codes)
         name = f"mutual_information.{level}"
         found = permute_mutual_information(made.table, seed=self.how.seed_of(name), resamples=self.how.resamples)
-        sums = _counts_by_episode(real, bins.codes, self.answers.episodes[have])
+        sums = _counts_by_episode(real.codes, bins.codes, self._episodes[have])
         shape = made.table.shape
         interval = self._bootstrap(sums, lambda tables: _information_of_tables(tables.reshape(-1, *shape)), name)
         n, occupied = found.n, (np.count_nonzero(made.table.sum(axis=1)), np.count_nonzero(made.table.sum(axis=0)))
@@ -134,9 +163,9 @@ class Published:
         detail = {
             "bin_sizes": bins.sizes,
             "edges": bins.edges,
-            "ceiling": min(entropy_bits(real).value or 0.0, entropy_bits(bins.codes).value or 0.0),
+            "ceiling": min(entropy_bits(real.codes).value or 0.0, entropy_bits(bins.codes).value or 0.0),
             "miller_madow": (found.value or 0.0) - bias,
-            "rows": made.rows,
+            "rows": real.named(made.rows),
             "table": made.table.tolist(),
         }
         return replace(found, ci=interval.ci, method=f"{found.method}; {interval.method}", detail=detail)
@@ -167,19 +196,17 @@ class Published:
         if not ((role == "brake").any() and (role == "proceed").any()):
             why = "the model never brakes or never proceeds"
             return replace(cannot_say(why, n, "median gap, proceed minus brake"), detail=detail)
-        used = role != ABSENT
-        sums = _counts_by_episode(role[used], capped[used], self.answers.episodes[used])
-        values = np.unique(capped[used])
-        found = self._bootstrap(sums, lambda counts: _median_difference(counts, values), "gap_order")
+        found = self._bootstrap_medians(capped, role == "proceed", role == "brake")
         return replace(found, n=n, method=f"median gap, proceed minus brake; {found.method}", detail=detail)
 
     def _diversity(self) -> Statistics:
         real = self.answers.actions("real")
         have = real != ABSENT
         found = {"modal_share": modal_share(real[have]), "entropy": entropy_bits(real[have])}
+        answer = self._coded(real)
         if not have.any():
             return found
-        sums = _counts_by_episode(np.zeros(int(have.sum()), dtype=np.int64), real[have], self.answers.episodes[have])
+        sums = _counts_by_episode(np.zeros(int(have.sum()), dtype=np.int64), answer.codes[have], self._episodes[have])
         entropy = self._bootstrap(sums, _entropy_of_counts, "entropy")
         modal = self._bootstrap(sums, lambda counts: counts.max(axis=1) / counts.sum(axis=1), "modal_share")
         counts = dict(zip(*(each.tolist() for each in np.unique(real[have], return_counts=True)), strict=True))
@@ -191,7 +218,7 @@ class Published:
     def _share(self, hits: Floats, have: Mask, name: str) -> Statistic:
         if not have.any():
             return cannot_say("no frame has both answers")
-        sums = _sums_by_episode(np.column_stack([hits, np.ones(len(hits))]), self.answers.episodes[have])
+        sums = _sums_by_episode(np.column_stack([hits, np.ones(len(hits))]), self._episodes[have])
         found = self._bootstrap(sums, ratio_of_sums, name)
         detail = {"k": int(hits.sum()), "episodes": len(sums)}
         return replace(found, value=float(hits.mean()), n=len(hits), detail=detail)
@@ -202,13 +229,44 @@ class Published:
         columns = np.zeros((len(have_one), 4))
         columns[have_one, 0], columns[:, 1] = one, have_one
         columns[have_other, 2], columns[:, 3] = other, have_other
-        sums = _sums_by_episode(columns, self.answers.episodes)
+        sums = _sums_by_episode(columns, self._episodes)
         found = self._bootstrap(sums, lambda s: ratio_of_sums(s[:, :2]) - ratio_of_sums(s[:, 2:]), name)
         return replace(found, value=float(one.mean() - other.mean()), n=len(one), detail=None)
 
     def _bootstrap(self, sums: Floats, statistic: Callable[[Floats], Floats], name: str) -> Statistic:
         seed = self.how.seed_of(name)
         return cluster_bootstrap(sums, statistic, seed=seed, resamples=self.how.resamples, enumerate_up_to=ENUMERATE)
+
+    def _bootstrap_medians(self, values: Floats, one: Mask, other: Mask) -> Statistic:
+        """Return median(values[one]) - median(values[other]) with its interval over the episodes of either."""
+        used = one | other
+        numbers, episodes = np.unique(self._episodes[used], return_inverse=True)
+        values, one, other = values[used], one[used], other[used]
+        return episode_bootstrap(
+            len(numbers),
+            lambda counts: (
+                median_by_counts(values[one], episodes[one], counts)
+                - median_by_counts(values[other], episodes[other], counts)
+            ),
+            seed=self.how.seed_of("gap_order"),
+            resamples=self.how.resamples,
+            enumerate_up_to=ENUMERATE,
+        )
+
+
+class _Coded(NamedTuple):
+    """Labels as numbers, with the name of each number."""
+
+    codes: Codes
+    names: tuple[str, ...]
+
+    def where(self, have: Mask) -> "_Coded":
+        """Return the labels of some frames."""
+        return _Coded(self.codes[have], self.names)
+
+    def named(self, codes: Sequence[str | int]) -> tuple[str, ...]:
+        """Return the names of some numbers."""
+        return tuple(self.names[int(code)] for code in codes)
 
 
 def refusal_effect(response: Statistic, decision: Statistic) -> Statistic:
@@ -226,15 +284,14 @@ def _clears(idi: Statistic, floor: Statistic) -> Statistic:
     return Statistic(float(clears_floor(idi.value, floor.value)), idi.n, method=method)
 
 
-def _sums_by_episode(columns: Floats, episodes: Symbols) -> Floats:
+def _sums_by_episode(columns: Floats, episodes: Codes) -> Floats:
+    """Return what each episode that occurs adds up to, shape (episodes, columns)."""
     _, codes = np.unique(episodes, return_inverse=True)
-    sums = np.zeros((int(codes.max()) + 1, columns.shape[1]))
-    np.add.at(sums, codes, columns)
-    return sums
+    return np.stack([np.bincount(codes, weights=column) for column in columns.T], axis=1)
 
 
-def _counts_by_episode(rows: NDArray[np.generic], columns: NDArray[np.generic], episodes: Symbols) -> Floats:
-    """Return each episode's flat table of counts, shape (episodes, rows × columns)."""
+def _counts_by_episode(rows: Codes, columns: Codes, episodes: Codes) -> Floats:
+    """Return the flat table of counts of each episode that occurs, shape (episodes, rows × columns)."""
     _, e = np.unique(episodes, return_inverse=True)
     names_r, r = np.unique(rows, return_inverse=True)
     names_c, c = np.unique(columns, return_inverse=True)
@@ -270,17 +327,3 @@ def _entropy_of_counts(counts: Floats) -> Floats:
 
 def _xlogx(counts: Floats) -> Floats:
     return np.asarray(counts * np.log2(np.maximum(counts, 1.0)))
-
-
-def _median_difference(counts: Floats, values: Floats) -> Floats:
-    """Return the median of ``proceed`` minus that of ``brake`` from counts, shape (m, 2 × values), brake first."""
-    brake, proceed = counts[:, : len(values)], counts[:, len(values) :]
-    return _medians(proceed, values) - _medians(brake, values)
-
-
-def _medians(counts: Floats, values: Floats) -> Floats:
-    below = np.cumsum(counts, axis=1)
-    n = below[:, -1:]
-    low = np.argmax(below >= np.ceil(n / 2), axis=1)
-    high = np.argmax(below >= np.floor(n / 2) + 1, axis=1)
-    return np.where(n[:, 0] > 0, (values[low] + values[high]) / 2, np.nan)

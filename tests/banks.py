@@ -1,0 +1,83 @@
+"""Tiny synthetic banks that need no simulator: a green box, a red one ahead of it, and a code in the top row."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from eyechart.actions import DRIVING
+from eyechart.frames import (
+    COUNTERFACTUALS,
+    LEAD_GAP,
+    RGB,
+    BankManifest,
+    BankWriter,
+    Frame,
+    FrameBank,
+    MirrorAxis,
+    encode,
+    open_bank,
+)
+
+SCENARIOS = ("light", "dense", "merge")
+_GAPS_M = (6.0, 14.0, 25.0, 38.0, None)
+
+
+def manifest(**settings: object) -> BankManifest:
+    """Return the manifest of a bank that is about to be written."""
+    return BankManifest("boxes", "tiny", "boxes on grey", DRIVING, LEAD_GAP, settings, {"boxes": "1"})
+
+
+def draw(gap_m: float | None, code: int, *, lane: int = 1, green: int = 200) -> RGB:
+    """Draw a road, shape (16, 60, 3): the lead ``gap_m`` pixels ahead, and ``code`` in the pixels of the top row."""
+    pixels = np.full((16, 60, 3), 100, dtype=np.uint8)
+    pixels[0, :24, 2] = [255 * (code >> bit & 1) for bit in range(24)]
+    top = 3 + 4 * lane
+    pixels[top : top + 3, 4:10] = (50, green, 0)
+    if gap_m is not None:
+        left = 10 + round(gap_m)
+        pixels[top : top + 3, left : left + 6] = (200, 0, 0)
+    return pixels
+
+
+def frames_of(scenarios: Sequence[str], episodes: int, steps: int, axis: MirrorAxis, *, drawn: bool) -> list[Frame]:
+    """Return the frames of a bank: episodes and steps of every scenario, gaps mixed over them."""
+    found = []
+    for scenario in scenarios:
+        for episode in range(episodes):
+            for step in range(steps):
+                name = f"{scenario}-{episode}-{step}"
+                gap_m = _GAPS_M[(2 * step + episode + len(found)) % len(_GAPS_M)]
+                truth = {"lead_gap_m": gap_m, "demand": "LEFT" if step % 2 else "RIGHT", "crashed": False}
+                pictures = {one: f"{one}/{name}.png" for one in COUNTERFACTUALS} if drawn and gap_m is not None else {}
+                place = (name, scenario, f"{scenario}-{episode}", step, axis, f"images/{name}.png")
+                found.append(Frame(*place, truth, pictures))
+    return found
+
+
+def pictures_of(frame: Frame, code: int) -> tuple[bytes, dict[str, bytes]]:
+    """Return a frame's encoded picture and those of its counterfactuals."""
+    gap_m, lane = frame.truth["lead_gap_m"], frame.step % 3
+    assert gap_m is None or isinstance(gap_m, float)
+    drawn = {
+        "lead_near": draw(5.0, code, lane=lane),
+        "lead_far": draw(40.0, code, lane=lane),
+        "recoloured": draw(gap_m, code, lane=lane, green=255),
+    }
+    return encode(draw(gap_m, code, lane=lane)), {name: encode(drawn[name]) for name in frame.counterfactuals}
+
+
+def build_bank(
+    out: Path,
+    *,
+    scenarios: Sequence[str] = SCENARIOS,
+    episodes: int = 2,
+    steps: int = 3,
+    axis: MirrorAxis = "vertical",
+    drawn: bool = True,
+) -> FrameBank:
+    """Write a bank of ``scenarios`` × ``episodes`` × ``steps``; ``drawn`` adds counterfactuals where a lead is."""
+    with BankWriter(out, manifest()) as writer:
+        for code, frame in enumerate(frames_of(scenarios, episodes, steps, axis, drawn=drawn)):
+            writer.add(frame, *pictures_of(frame, code))
+    return open_bank(out)

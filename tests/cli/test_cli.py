@@ -1,0 +1,329 @@
+"""The command line: its words, its exit codes, and what it prints where."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+import banks
+import stand_ins
+from eyechart import __version__, cli
+from eyechart.conditions import CONDITIONS
+from eyechart.frames import FrameBank
+from eyechart.manifest import LEDGER, read_run
+from eyechart.models import ADAPTERS
+from eyechart.prompts import PROMPTS
+from eyechart.simulators import SIMULATORS
+
+NOISY, STEADY = stand_ins.SPECS
+COMMANDS = (
+    "",
+    "demo",
+    "frames",
+    "frames build",
+    "frames check",
+    "frames show",
+    "run",
+    "run battery",
+    "merge",
+    "score",
+    "verdict",
+    "list",
+    "list models",
+    "list conditions",
+    "list prompts",
+    "list simulators",
+)
+
+
+class Said(NamedTuple):
+    """What a command returned and printed."""
+
+    code: object
+    out: str
+    err: str
+
+
+Eyechart = Callable[..., Said]
+
+
+@pytest.fixture
+def eyechart(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Eyechart:
+    """Return the command line as a function of its words, with the stand-in models."""
+    monkeypatch.setitem(ADAPTERS, "standin", "stand_ins")
+
+    def run(*words: object) -> Said:
+        monkeypatch.setattr(sys, "argv", ["eyechart", *map(str, words)])
+        with pytest.raises(SystemExit) as left:
+            cli.main()
+        return Said(left.value.code, *capsys.readouterr())
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
+    """Return a bank of twelve frames that no test changes."""
+    return banks.build_bank(tmp_path_factory.mktemp("cli") / "bank", scenarios=["light", "dense"])
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_explains_itself(eyechart: Eyechart, command: str) -> None:
+    """``--help`` says how to call it and exits 0."""
+    said = eyechart(*command.split(), "--help")
+    assert said.code == 0
+    assert f"eyechart {command}".strip() in said.out
+    assert said.err == ""
+
+
+def test_the_list_of_commands_in_this_test_is_complete(eyechart: Eyechart) -> None:
+    """A command that is added is tested too."""
+    from typer.main import get_command  # noqa: PLC0415 - nowhere else needed
+
+    from eyechart.cli.app import app  # noqa: PLC0415 - it is what is inspected
+
+    found = [""]
+    for name, command in get_command(app).commands.items():  # type: ignore[attr-defined]
+        found += [name, *(f"{name} {inner}" for inner in getattr(command, "commands", {}))]
+    assert sorted(found) == sorted(COMMANDS)
+    assert eyechart("--version").out == f"eyechart {__version__}\n"
+
+
+def test_help_imports_nothing_heavy() -> None:
+    """``eyechart --help`` answers at once, because numpy, scipy and pygame stay out."""
+    program = (
+        "import sys; sys.argv = ['eyechart', '--help']; from eyechart.cli import main\n"
+        "try: main()\n"
+        "except SystemExit as left: print('code', left.code)\n"
+        "print('heavy', sorted({'numpy', 'scipy', 'pygame', 'PIL', 'gymnasium', 'highway_env'} & set(sys.modules)))"
+    )
+    said = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True).stdout
+    assert "code 0\n" in said
+    assert said.endswith("heavy []\n")
+
+
+def test_a_run_from_bank_to_verdict(eyechart: Eyechart, bank: FrameBank, tmp_path: Path) -> None:
+    """Plan, run, run again, score and judge; what is for programs is JSON alone on standard output."""
+    words = ("run", "battery", "--model", STEADY, "--frames", bank.root, "--out", tmp_path / "run", "--limit", 8)
+    planned = eyechart(*words, "--dry-run")
+    assert planned.code == 0
+    assert "1 models × 8 frames × 11 conditions" in planned.err
+    assert not (tmp_path / "run").exists()
+    ran = eyechart(*words)
+    assert (ran.code, ran.out) == (0, "")
+    assert ", 0 finished, 0 sent with unknown outcome" in ran.err
+    assert ", 0 to make" in eyechart(*words).err
+    scored, judged = (eyechart(command, tmp_path / "run", "--json") for command in ("score", "verdict"))
+    assert (scored.code, judged.code) == (0, 0)
+    statistics = json.loads(scored.out)["models"][STEADY]["statistics"]
+    assert all({"value", "n", "ci", "p"} <= set(one) for one in statistics.values())
+    verdict = json.loads(judged.out)["models"][STEADY]
+    assert {"paper", "calibrated", "lateral", "evidence", "because", "notes"} <= set(verdict)
+    assert STEADY in eyechart("verdict", tmp_path / "run").out
+    assert STEADY in eyechart("score", tmp_path / "run").out
+
+
+def test_shards_are_merged_from_the_command_line(eyechart: Eyechart, bank: FrameBank, tmp_path: Path) -> None:
+    """Two shards and their merger; a shard too much is refused."""
+    words = ("run", "battery", "--model", STEADY, "--frames", bank.root, "--conditions", "real, blank")
+    for index in (1, 2):
+        assert eyechart(*words, "--out", tmp_path / str(index), "--shard", f"{index}/2").code == 0
+    merged = eyechart("merge", tmp_path / "1", tmp_path / "2", "--out", tmp_path / "merged")
+    assert merged.code == 0
+    assert merged.err == f"24 calls from 2 shards in {tmp_path / 'merged'}\n"
+    assert read_run(tmp_path / "merged")[0].conditions == ("real", "blank")
+    again = eyechart("merge", tmp_path / "1", tmp_path / "1", "--out", tmp_path / "twice")
+    assert again.code == 2
+    assert "finished in both ledgers" in again.err
+
+
+def test_unfinished_calls_are_reported(
+    eyechart: Eyechart, bank: FrameBank, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run whose endpoint was down does not call itself complete."""
+    from eyechart.calls import Reply  # noqa: PLC0415 - nowhere else needed
+
+    monkeypatch.setattr("eyechart.run.random.random", lambda: -1.0)
+    monkeypatch.setattr(stand_ins, "open_model", lambda _: stand_ins.StandIn(lambda _: Reply(error="connection")))
+    words = ("--frames", bank.root, "--out", tmp_path / "run", "--conditions", "real", "--limit", 2)
+    said = eyechart("run", "battery", "--model", STEADY, *words)
+    assert "2 calls are unfinished" in said.err
+
+
+UNKNOWN = {
+    "model": (("--model", "scripted:nobody"), "scripted:nobody", "presence"),
+    "adapter": (("--model", "gpt"), "'gpt'", "scripted:NAME"),
+    "prompt": (("--prompt", "poem"), "'poem'", ", ".join(PROMPTS)),
+    "condition": (("--conditions", "real,snow"), "'snow'", ", ".join(CONDITIONS)),
+    "empty conditions": (("--conditions", ""), "''", ", ".join(CONDITIONS)),
+    "shard": (("--shard", "3/2"), "'3/2'", "2/4"),
+    "limit": (("--limit", "0"), "--limit", "at least 1"),
+}
+
+
+@pytest.mark.parametrize("what", UNKNOWN)
+def test_an_unknown_name_is_one_line_that_lists_the_known(
+    eyechart: Eyechart, bank: FrameBank, tmp_path: Path, what: str
+) -> None:
+    """Exit 2, nothing written."""
+    words, named, known = UNKNOWN[what]
+    model = () if "--model" in words else ("--model", STEADY)
+    said = eyechart("run", "battery", *model, *words, "--frames", bank.root, "--out", tmp_path / "run")
+    assert (said.code, said.out) == (2, "")
+    assert said.err.startswith("eyechart: ")
+    assert said.err.count("\n") == 1
+    assert named in said.err
+    assert known in said.err
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("seeds", ["", "a", "1,,2", "1,1", "-1", "0.5", "1;2"])
+def test_bad_seeds_are_refused(eyechart: Eyechart, tmp_path: Path, seeds: str) -> None:
+    """In one line that says what seeds are."""
+    said = eyechart("frames", "build", "highway", "--out", tmp_path / "bank", f"--seeds={seeds}")
+    assert said.code == 2
+    assert "--seeds takes" in said.err
+    assert f"'{seeds}'" in said.err
+    assert not (tmp_path / "bank").exists()
+
+
+def test_an_unknown_simulator_or_preset_lists_the_known(eyechart: Eyechart, tmp_path: Path) -> None:
+    """Exit 2, nothing written."""
+    said = eyechart("frames", "build", "boats", "--out", tmp_path / "bank")
+    assert (said.code, said.err) == (2, f"eyechart: unknown simulator 'boats'; known: {', '.join(SIMULATORS)}\n")
+    said = eyechart("frames", "build", "highway", "--out", tmp_path / "bank", "--preset", "hard")
+    assert said.code == 2
+    assert "'hard'" in said.err
+    assert "balanced" in said.err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("run", "battery"),
+        ("run", "battery", "--model", STEADY, "--frames", "x", "--out", "y", "--seed", "one"),
+        ("run", "battery", "--model", STEADY, "--frames", "x", "--out", "y", "--concurrency", "0"),
+        ("frames", "build"),
+        ("frames", "polish"),
+        ("score",),
+        ("sing",),
+        ("merge", "x"),
+        ("list", "models", "--yaml"),
+    ],
+)
+def test_words_that_make_no_command_exit_2(eyechart: Eyechart, words: tuple[str, ...]) -> None:
+    """With a hint on standard error, and no traceback."""
+    said = eyechart(*words)
+    assert (said.code, said.out) == (2, "")
+    assert "Usage: eyechart" in said.err
+    assert "Traceback" not in said.err
+
+
+@pytest.mark.parametrize("command", ["score", "verdict", "frames check", "frames show"])
+def test_a_folder_that_is_not_there_is_one_line(eyechart: Eyechart, tmp_path: Path, command: str) -> None:
+    """With the command that makes one."""
+    out = ("--out", tmp_path / "sheet.png") if command == "frames show" else ()
+    said = eyechart(*command.split(), tmp_path / "none", *out)
+    assert (said.code, said.out) == (2, "")
+    assert said.err.startswith(f"eyechart: {tmp_path / 'none'}")
+    assert "'eyechart " in said.err
+    assert said.err.count("\n") == 1
+
+
+def test_checking_a_bank_answers_in_words_and_in_json(eyechart: Eyechart, tmp_path: Path) -> None:
+    """Exit 0 for a bank as recorded, 1 where something differs, with the file's name."""
+    bank = banks.build_bank(tmp_path / "bank", scenarios=["light"])
+    assert eyechart("frames", "check", bank.root).code == 0
+    fine = eyechart("frames", "check", bank.root, "--json")
+    assert (fine.code, json.loads(fine.out)) == (0, {"bank": str(bank.root), "ok": True, "problems": []})
+    (bank.root / "images" / "light-0-1.png").write_bytes(b"x")
+    damaged = eyechart("frames", "check", bank.root, "--json")
+    assert damaged.code == 1
+    assert "'images/light-0-1.png'" in json.loads(damaged.out)["problems"][0]
+
+
+def test_a_contact_sheet_is_written(eyechart: Eyechart, bank: FrameBank, tmp_path: Path) -> None:
+    """A picture of every frame, or of a counterfactual; an unknown one is refused."""
+    from eyechart.frames import decode  # noqa: PLC0415 - nowhere else needed
+
+    for extra in ((), ("--counterfactual", "lead_far"), ("--limit", "2")):
+        out = tmp_path / "sheets" / f"{len(extra)}.png"
+        assert eyechart("frames", "show", bank.root, "--out", out, *extra).code == 0
+        assert decode(out.read_bytes(), "sheet").std() > 0
+    said = eyechart("frames", "show", bank.root, "--out", tmp_path / "no.png", "--counterfactual", "snow")
+    assert said.code == 2
+    assert "'snow'" in said.err
+    assert not (tmp_path / "no.png").exists()
+
+
+@pytest.mark.parametrize("what", ["models", "conditions", "prompts", "simulators"])
+def test_lists_are_for_people_and_for_programs(eyechart: Eyechart, what: str) -> None:
+    """Every name stands at the beginning of a line, and as a key of the JSON."""
+    listed = json.loads(eyechart("list", what, "--json").out)
+    lines = eyechart("list", what).out.splitlines()
+    assert len(listed) == len(lines) > 0
+    assert all(line.startswith(name) and says in line for line, (name, says) in zip(lines, listed.items(), strict=True))
+    expected = {"conditions": set(CONDITIONS), "prompts": set(PROMPTS)}.get(what)
+    assert expected in (None, set(listed))
+
+
+def test_a_fault_of_the_machine_is_one_line(eyechart: Eyechart, bank: FrameBank, tmp_path: Path) -> None:
+    """A file where a folder has to be is said in one line, as bad input is."""
+    (tmp_path / "file").touch()
+    said = eyechart("frames", "show", bank.root, "--out", tmp_path / "file" / "sheet.png")
+    assert said.code == 2
+    assert said.err.startswith("eyechart: ")
+    assert str(tmp_path / "file") in said.err
+    assert said.err.count("\n") == 1
+
+
+def tool(*words: object) -> subprocess.CompletedProcess[str]:
+    """Run the tool in a process of its own."""
+    line = [sys.executable, "-c", "from eyechart.cli import main; main()", *map(str, words)]
+    return subprocess.run(line, check=False, capture_output=True, text=True)
+
+
+def test_a_traceback_comes_only_with_debug(tmp_path: Path) -> None:
+    """--debug may stand anywhere."""
+    plain = tool("score", tmp_path)
+    assert (plain.returncode, plain.stdout) == (2, "")
+    assert "Traceback" not in plain.stderr
+    for words in (("--debug", "score", tmp_path), ("score", tmp_path, "--debug")):
+        said = tool(*words)
+        assert said.returncode == 1
+        assert "Traceback" in said.stderr
+        assert "LedgerError" in said.stderr
+
+
+def test_ctrl_c_says_what_is_kept_and_exits_130(bank: FrameBank, tmp_path: Path) -> None:
+    """The same command then goes on."""
+    program = "import stand_ins; stand_ins.install(); stand_ins.PAUSE_S = 0.3; from eyechart.cli import main; main()"
+    words = ("run", "battery", "--model", NOISY, "--frames", str(bank.root), "--out", str(tmp_path / "run"))
+    env = os.environ | {"PYTHONPATH": str(Path(stand_ins.__file__).parent)}
+    with subprocess.Popen(
+        [sys.executable, "-c", program, *words], env=env, stderr=subprocess.PIPE, text=True
+    ) as running:
+        while running.poll() is None and stand_ins.rows_in(tmp_path / "run" / LEDGER, "replies") < 3:
+            time.sleep(0.01)
+        running.send_signal(signal.SIGINT)
+        _, said = running.communicate(timeout=20)
+    assert running.returncode == 130
+    assert said.endswith("interrupted: finished calls are kept; the same command resumes\n")
+    assert "Traceback" not in said
+    assert stand_ins.rows_in(tmp_path / "run" / LEDGER, "replies") >= 3
+
+
+def test_a_closed_pipe_is_no_fault() -> None:
+    """``eyechart list prompts | head -1`` ends without a traceback."""
+    line = f"{sys.executable} -c 'from eyechart.cli import main; main()' list prompts | head -c 1"
+    said = subprocess.run(["bash", "-c", line], check=True, capture_output=True, text=True)
+    assert len(said.stdout) == 1
+    assert said.stderr == ""

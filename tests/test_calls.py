@@ -1,0 +1,68 @@
+import os
+import subprocess
+import sys
+from dataclasses import fields, replace
+from itertools import combinations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eyechart.calls import TRANSIENT, CallKey, Query, Reply
+
+KEY = CallKey("battery", "scripted:depth", "baseline@0", "f1", "real")
+WORDS = st.text(st.characters(exclude_categories=["C"]))
+
+
+def test_a_query_has_no_field_for_ground_truth() -> None:
+    """What a model may see: the words, the picture, and a seed for its sampling."""
+    assert [field.name for field in fields(Query)] == ["system", "user", "image", "seed"]
+    with pytest.raises((AttributeError, TypeError)):
+        Query("", "", None, 0).lead_gap_m = 5.0  # type: ignore[attr-defined]
+
+
+def test_a_keys_seed_differs_by_every_field_and_by_the_run() -> None:
+    """Also between real and its repeat, so that a model that samples may disagree with itself."""
+    changed = [replace(KEY, **{field.name: "x"}) for field in fields(CallKey) if field.name != "repeat"]
+    changed += [KEY, replace(KEY, repeat=1), replace(KEY, condition="real_repeat"), replace(KEY, repeat=11)]
+    seeds = [key.seed(0) for key in changed] + [KEY.seed(1)]
+    assert len(set(seeds)) == len(seeds)
+    assert all(0 <= seed < 2**63 for seed in seeds)
+
+
+@given(st.lists(st.tuples(st.integers(0, 99), *[WORDS] * 5, st.integers(0, 9)), min_size=2, max_size=6, unique=True))
+def test_different_keys_have_different_seeds(parts: list[tuple[int, str, str, str, str, str, int]]) -> None:
+    """A field's end cannot be taken for the next one's beginning."""
+    seeds = [CallKey(*key).seed(run) for run, *key in parts]
+    assert all(one != other for one, other in combinations(seeds, 2))
+
+
+@pytest.mark.parametrize("hash_seed", ["0", "1", "12345"])
+def test_a_keys_seed_is_equal_in_every_process(hash_seed: str) -> None:
+    """Python's own hash of a string is not; this one is."""
+    program = f"from eyechart.calls import CallKey; print({KEY!r}.seed(7))"
+    env = os.environ | {"PYTHONHASHSEED": hash_seed}
+    told = subprocess.run([sys.executable, "-c", program], env=env, check=True, capture_output=True, text=True)
+    assert int(told.stdout) == KEY.seed(7)
+
+
+def test_the_digest_of_a_query_tells_no_picture_from_an_empty_one() -> None:
+    """And words from picture, and where one ends and the next begins; the seed has no part in it."""
+    queries = [
+        Query("a", "b", None, 0),
+        Query("a", "b", b"", 0),
+        Query("a", "b", b"-", 0),
+        Query("a", "b", b"+", 0),
+        Query("ab", "", None, 0),
+        Query("", "ab", None, 0),
+        Query("a", "b-", None, 0),
+        Query("b", "a", None, 0),
+    ]
+    assert len({query.sha256() for query in queries}) == len(queries)
+    assert replace(queries[0], seed=5).sha256() == queries[0].sha256()
+
+
+def test_no_reply_is_an_error_of_its_own_accord() -> None:
+    """An empty Reply says nothing, and claims neither a token nor a second."""
+    assert Reply() == Reply("", None, None, "", None, None, None)
+    assert "exception" not in TRANSIENT

@@ -1,0 +1,180 @@
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import banks
+from eyechart.conditions import (
+    BATTERY,
+    CONDITIONS,
+    MID_GREY,
+    available,
+    find_condition,
+    flip,
+    partner,
+    require_partners,
+    show,
+)
+from eyechart.errors import BankError, SpecError
+from eyechart.frames import COUNTERFACTUALS, Frame, FrameBank, MirrorAxis, decode
+
+
+@pytest.fixture(scope="module")
+def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
+    """Return a bank that no test changes."""
+    return banks.build_bank(tmp_path_factory.mktemp("conditions") / "bank")
+
+
+def pixels(condition: str, frame: Frame, bank: FrameBank, seed: int = 0) -> np.ndarray:
+    """Return the pixels that a condition shows."""
+    picture = show(condition, frame, bank, seed)
+    assert picture is not None
+    return decode(picture, condition)
+
+
+@pytest.mark.parametrize("name", CONDITIONS)
+def test_every_condition_keeps_its_contract(name: str, bank: FrameBank) -> None:
+    """A picture of the frame's size, the same in any order of making; an error where it is not available."""
+    assert CONDITIONS[name].name == name
+    assert CONDITIONS[name].image
+    assert CONDITIONS[name].asks
+    assert CONDITIONS[name].counterfactual == (name in COUNTERFACTUALS) == (name not in BATTERY)
+    able = [frame for frame in bank if available(name, frame)]
+    forward = {frame.id: show(name, frame, bank, 3) for frame in able}
+    for frame in reversed(able):
+        assert show(name, frame, bank, 3) == forward[frame.id]
+    for frame in able:
+        picture = forward[frame.id]
+        if picture is None:
+            assert name == "text_only"
+        else:
+            assert decode(picture, name).shape == decode(bank.image(frame), "real").shape
+    for frame in bank:
+        if not available(name, frame):
+            with pytest.raises(BankError, match=f"frame '{frame.id}'"):
+                show(name, frame, bank, 3)
+
+
+def test_the_battery_is_the_eight_of_the_table_in_its_order() -> None:
+    """Table t:conditions of the paper."""
+    expected = ("real", "real_repeat", "blank", "noise", "shuffled", "cross_scenario", "text_only", "mirrored")
+    assert expected == BATTERY
+    assert (*expected, *COUNTERFACTUALS) == tuple(CONDITIONS)
+
+
+def test_real_and_its_repeat_are_the_very_bytes_of_the_frame(bank: FrameBank) -> None:
+    """Nothing is encoded anew, so that nothing but the call differs."""
+    for frame in bank:
+        assert show("real", frame, bank, 0) == show("real_repeat", frame, bank, 1) == bank.image(frame)
+
+
+def test_blank_is_uniform_mid_grey(bank: FrameBank) -> None:
+    """Of the frame's size, whatever the seed."""
+    for frame in bank:
+        assert (pixels("blank", frame, bank, seed=frame.step) == MID_GREY).all()
+    assert MID_GREY == 128
+
+
+def test_noise_is_of_its_key(bank: FrameBank) -> None:
+    """The same twice; another for another frame or another run seed; spread over all values."""
+    shown = [pixels("noise", frame, bank) for frame in bank]
+    assert len({picture.tobytes() for picture in shown}) == len(bank)
+    assert not np.array_equal(shown[0], pixels("noise", bank.frames[0], bank, seed=1))
+    values = np.concatenate([picture.ravel() for picture in shown])
+    assert (values.min(), values.max()) == (0, 255)
+    assert abs(values.mean() - 127.5) < 2
+
+
+def test_text_only_shows_nothing(bank: FrameBank) -> None:
+    """None, not an empty picture."""
+    assert {show("text_only", frame, bank, 0) for frame in bank} == {None}
+
+
+def test_counterfactuals_are_the_drawn_ones_and_only_where_drawn(bank: FrameBank) -> None:
+    """A frame without a lead has none, and says so."""
+    for name in COUNTERFACTUALS:
+        for frame in bank:
+            assert available(name, frame) == (frame.truth["lead_gap_m"] is not None)
+            if available(name, frame):
+                assert show(name, frame, bank, 0) == bank.image(frame, name)
+        assert {available(name, frame) for frame in bank} == {True, False}
+
+
+@st.composite
+def scenarios(draw: st.DrawFn) -> FrameBank:
+    """Draw a bank of frames without pictures: partners are chosen before any is read."""
+    kinds = draw(st.lists(st.sampled_from("abcd"), min_size=1, max_size=12))
+    frames = tuple(Frame(f"f{at}", kind, kind, at, "vertical", f"{at}.png") for at, kind in enumerate(kinds))
+    return FrameBank(Path("nowhere"), frames, banks.manifest())
+
+
+@given(scenarios(), st.integers(0, 2**63 - 1), st.sampled_from(["shuffled", "cross_scenario"]))
+def test_a_partner_is_another_frame_of_the_right_scenario_or_an_error(bank: FrameBank, seed: int, name: str) -> None:
+    """Never the frame itself; where there is no other, the message names the frame and what the bank lacks."""
+    count = Counter(frame.scenario for frame in bank)
+    for frame in bank:
+        same = name == "shuffled"
+        if (count[frame.scenario] > 1) if same else (len(count) > 1):
+            chosen = partner(frame, bank, seed, name)
+            assert chosen.id != frame.id
+            assert (chosen.scenario == frame.scenario) is same
+            assert partner(frame, bank, seed, name) == chosen
+        else:
+            with pytest.raises(BankError) as refused:
+                partner(frame, bank, seed, name)
+            assert f"frame '{frame.id}' has no partner for {name}" in str(refused.value)
+            assert f"'{frame.scenario}'" in str(refused.value)
+            with pytest.raises(BankError, match="has no partner"):
+                require_partners((name,), bank)
+
+
+def test_every_possible_partner_is_chosen_by_some_seed(bank: FrameBank) -> None:
+    """The choice is not stuck to one frame of the bank."""
+    frame = bank.frames[0]
+    own = {other.id for other in bank if other.scenario == frame.scenario} - {frame.id}
+    assert {partner(frame, bank, seed, "shuffled").id for seed in range(100)} == own
+    others = {other.id for other in bank if other.scenario != frame.scenario}
+    assert {partner(frame, bank, seed, "cross_scenario").id for seed in range(200)} == others
+
+
+def test_conditions_that_need_no_partner_ask_for_none(bank: FrameBank) -> None:
+    """One frame is enough for the rest of the battery."""
+    alone = replace(bank, frames=bank.frames[:1])
+    require_partners(tuple(name for name in CONDITIONS if name not in {"shuffled", "cross_scenario"}), alone)
+    with pytest.raises(BankError, match="another frame in scenario 'light'"):
+        require_partners(("shuffled",), alone)
+
+
+@pytest.mark.parametrize("axis", ["vertical", "horizontal"])
+def test_mirroring_follows_the_frames_axis_and_twice_is_the_identity(axis: MirrorAxis, tmp_path: Path) -> None:
+    """Rows for a top-down road, columns for a forward camera."""
+    bank = banks.build_bank(tmp_path / "bank", scenarios=["light"], episodes=1, axis=axis)
+    for frame in bank:
+        real, mirrored = pixels("real", frame, bank), pixels("mirrored", frame, bank)
+        assert np.array_equal(mirrored, real[::-1] if axis == "vertical" else real[:, ::-1])
+        assert not np.array_equal(mirrored, real)
+        assert np.array_equal(flip(flip(real, axis), axis), real)
+
+
+def test_a_frame_without_an_axis_is_not_mirrored(tmp_path: Path) -> None:
+    """It is not available, an error when asked for, and no axis is guessed."""
+    bank = banks.build_bank(tmp_path / "bank", scenarios=["light"], episodes=1, axis="none")
+    frame = bank.frames[0]
+    assert not available("mirrored", frame)
+    with pytest.raises(BankError, match=f"frame '{frame.id}' has no mirror axis"):
+        show("mirrored", frame, bank, 0)
+    with pytest.raises(SpecError, match="not 'none'"):
+        flip(pixels("real", frame, bank), "none")
+    assert all(available(name, frame) for name in BATTERY if name != "mirrored")
+
+
+def test_an_unknown_condition_lists_the_known() -> None:
+    """So that the next try succeeds."""
+    with pytest.raises(SpecError) as refused:
+        find_condition("grey")
+    assert "'grey'" in str(refused.value)
+    assert all(name in str(refused.value) for name in CONDITIONS)
