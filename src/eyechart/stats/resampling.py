@@ -15,7 +15,7 @@ Floats = npt.NDArray[np.float64]
 ENUMERATED_MULTISETS = 2_000_000
 """Up to so many multisets of episodes the bootstrap is enumerated: 12 episodes have 1 352 078."""
 
-CHUNK_BYTES = 2**26
+CHUNK_BYTES = 2**24
 """Resamples are drawn so many bytes at a time; the draws do not depend on it."""
 
 TIE = 1e-9
@@ -176,11 +176,9 @@ def median_by_counts(values: npt.ArrayLike, episode: npt.ArrayLike, counts: npt.
     step = max(1, CHUNK_BYTES // (8 * len(ordered)))
     for start in range(0, len(taken), step):
         below = np.cumsum(taken[start : start + step].astype(np.int32)[:, episodes], axis=1, dtype=np.int32)
-        for row, each in enumerate(below, start):
-            n = int(each[-1])
-            if n:
-                low, high = np.searchsorted(each, [(n + 1) // 2, n // 2 + 1])
-                out[row] = (ordered[low] + ordered[high]) / 2
+        n = below[:, -1:]
+        low, high = np.argmax(below >= (n + 1) // 2, axis=1), np.argmax(below >= n // 2 + 1, axis=1)
+        out[start : start + step] = np.where(n[:, 0] > 0, (ordered[low] + ordered[high]) / 2, np.nan)
     return out
 
 
