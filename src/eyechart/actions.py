@@ -160,6 +160,8 @@ _JSON_KEYS = ("action", "decision", "answer")
 _READ_AT_MOST = 100_000
 """Characters of a reply that are read for a decision; the ledger keeps all of it."""
 _BRACES_AT_MOST = 1000
+_SHORT = 80
+"""Characters up to which an action in lower case is an answer; in longer prose "the road is straight" is none."""
 
 
 def read_decision(text: str, finish_reason: str | None, error: str | None, space: ActionSpace) -> Decision:
@@ -167,7 +169,8 @@ def read_decision(text: str, finish_reason: str | None, error: str | None, space
 
     In order: an error, a cut-off (``length``) or a filter's refusal is the reason there is no decision. What
     stands in ``<think>`` is no answer. Then the whole text as an action; the last JSON object's ``action``; the
-    last ``action: X``; an action in capitals named alone; outside a refusal, an action in any case named alone.
+    last ``action: X``; an action in capitals named alone; in a short reply that refuses nothing, an action in any
+    case named alone.
     Several different candidates, or one that is negated, are ``unparsed``. Source: paper, section Corpus and
     parsing.
     """
@@ -181,7 +184,7 @@ def read_decision(text: str, finish_reason: str | None, error: str | None, space
     if not visible:
         return Decision(None, "empty")
     refuses = _REFUSAL.search(visible) is not None
-    action = _find_action(visible, space, any_case=not refuses)
+    action = _find_action(visible, space, any_case=not refuses and len(visible) <= _SHORT)
     if action is not None:
         return Decision(action)
     return Decision(None, "refused" if refuses else "unparsed")

@@ -1,5 +1,6 @@
 """An input condition decides which picture is shown for a frame; everything else of the query stays the same."""
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -103,10 +104,11 @@ def partner(frame: Frame, bank: FrameBank, seed: int, condition: str) -> Frame:
     Raises BankError, naming frame and scenario, where the bank holds no such frame.
     """
     if condition == "shuffled":
-        others = [other for other in bank if other.scenario == frame.scenario and other.id != frame.id]
+        others = [other for other in bank.scenarios[frame.scenario] if other.id != frame.id]
         need = f"another frame in scenario '{frame.scenario}'"
     else:
-        others = [other for other in bank if other.scenario != frame.scenario]
+        elsewhere = (frames for scenario, frames in bank.scenarios.items() if scenario != frame.scenario)
+        others = list(itertools.chain.from_iterable(elsewhere))
         need = f"a frame of another scenario than '{frame.scenario}'"
     if not others:
         raise BankError(f"frame '{frame.id}' has no partner for {condition}: the bank needs {need}")
@@ -154,8 +156,8 @@ def require_partners(names: tuple[str, ...], bank: FrameBank) -> None:
     """Raise BankError before any call is made if a frame lacks the partner that a condition needs."""
     for name in _NEEDS_PARTNER:
         if name in names:
-            for frame in bank:
-                partner(frame, bank, 0, name)
+            for frames in bank.scenarios.values():
+                partner(frames[0], bank, 0, name)
 
 
 def _pixels(frame: Frame, bank: FrameBank) -> RGB:

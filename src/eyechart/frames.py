@@ -158,6 +158,10 @@ class FrameBank:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_by_id", {frame.id: frame for frame in self.frames})
+        grouped: dict[str, list[Frame]] = {}
+        for frame in self.frames:
+            grouped.setdefault(frame.scenario, []).append(frame)
+        object.__setattr__(self, "_by_scenario", {name: tuple(frames) for name, frames in grouped.items()})
 
     def __iter__(self) -> Iterator[Frame]:
         return iter(self.frames)
@@ -182,6 +186,12 @@ class FrameBank:
         if counterfactual not in frame.counterfactuals:
             raise BankError(f"frame '{frame.id}' has no counterfactual picture '{counterfactual}'")
         return read_bounded(self.root, frame.counterfactuals[counterfactual])
+
+    @property
+    def scenarios(self) -> Mapping[str, tuple[Frame, ...]]:
+        """Return the frames of each scenario, in the bank's order."""
+        by_scenario: dict[str, tuple[Frame, ...]] = self.__dict__["_by_scenario"]
+        return by_scenario
 
     @property
     def name(self) -> str:

@@ -49,6 +49,7 @@ def battery(
         study.run(planned, concurrency=concurrency, progress=move)
     if left := calls - planned.counts()[1]:
         say(f"{left} calls are unfinished: their last error may pass, and the same command tries them again")
+        raise typer.Exit(1)
     say(f"done: 'eyechart verdict {out}' judges, 'eyechart score {out}' prints every statistic")
 
 
