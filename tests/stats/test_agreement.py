@@ -1,3 +1,4 @@
+import itertools
 import math
 
 import numpy as np
@@ -175,6 +176,21 @@ def test_the_swap_permutation_agrees_with_the_hypergeometric_law() -> None:
     mirrored = ["RIGHT"] * 4 + ["STOP"] * 2 + ["RIGHT"] * 2 + ["STOP"] * 16
     result = agreement.swap_test(real, mirrored, PARTNER, seed=3, resamples=20_000)
     assert result.p == pytest.approx(stats.hypergeom(24, 6, 6).sf(3), abs=0.004)
+
+
+@given(pairs=st.lists(st.tuples(st.sampled_from("LR"), st.sampled_from("LRSU")), min_size=1, max_size=6))
+@settings(deadline=None, max_examples=15)
+def test_the_swap_permutation_is_that_of_all_re_pairings(pairs: list) -> None:
+    """P and mean of the random tables against every order of the mirrored decisions, one by one."""
+    real, mirrored = (np.array(column) for column in zip(*pairs, strict=True))
+    wanted = np.where(real == "L", "R", "L")
+    swaps = [np.count_nonzero(wanted == np.array(order)) for order in itertools.permutations(mirrored)]
+    result = agreement.swap_test(real, mirrored, {"L": "R", "R": "L"}, seed=5, resamples=4000)
+    share = np.mean(np.array(swaps) >= swaps[0])
+    assert result.p == pytest.approx(share, abs=4 * math.sqrt(share * (1 - share) / 4000) + 1 / 4000)
+    assert result.detail["resample_mean"] == pytest.approx(
+        np.mean(swaps), abs=4 * np.std(swaps) / math.sqrt(4000) + 1e-9
+    )
 
 
 def test_without_directions_the_swap_test_cannot_say() -> None:

@@ -44,6 +44,21 @@ def test_mcnemar_is_scipys_two_sided_binomial_test(b: int, c: int) -> None:
     assert paired.mcnemar_exact(b, c).p == pytest.approx(expected, rel=1e-9)
 
 
+@given(n=st.integers(0, 300), share=st.floats(0, 1))
+@settings(deadline=None, max_examples=60)
+def test_the_tail_of_the_fair_coin_is_the_sum_of_its_ways(n: int, share: float) -> None:
+    """Either tail, against math.comb term by term, to the last bit."""
+    k = round(share * n)
+    assert paired._fair_coin_tail(k, n) == sum(math.comb(n, i) for i in range(k, n + 1)) / 2**n
+
+
+def test_fifty_thousand_discordant_pairs_are_counted_exactly_at_once() -> None:
+    """Two hundred wins more than losses: the normal approximation with continuity correction is near."""
+    wins, n = 25_100, 50_000
+    approximation = stats.norm.sf((wins - 0.5 - n / 2) / math.sqrt(n / 4))
+    assert paired._fair_coin_tail(wins, n) == pytest.approx(approximation, rel=1e-4)
+
+
 def spread(first: np.ndarray, second: np.ndarray) -> int:
     """Return the sum of squared differences of the marginal counts."""
     return int(((np.bincount(first, minlength=3) - np.bincount(second, minlength=3)) ** 2).sum())

@@ -116,6 +116,38 @@ def test_twelve_episodes_are_enumerated_and_the_draws_agree() -> None:
     assert exact == resampling.cluster_bootstrap(sums, seed=1)
 
 
+def test_the_size_of_a_chunk_changes_no_draw(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One resample at a time, or all of them, are the draws of one generator, counted."""
+    draws = np.random.default_rng(6).integers(7, size=(50, 7))
+    expected = np.array([np.bincount(draw, minlength=7) for draw in draws])
+    for size in (1, 3 * 8 * 7, 2**24):
+        monkeypatch.setattr(resampling, "CHUNK_BYTES", size)
+        assert np.array_equal(np.vstack(list(resampling._drawn(np.random.default_rng(6), 50, 7))), expected)
+
+
+@given(seed=st.integers(0, 999), frames=st.integers(0, 9))
+@settings(deadline=None, max_examples=40)
+def test_a_median_by_counts_is_the_median_of_the_repeated_values(seed: int, frames: int) -> None:
+    """Every value written out as often as its episode was taken, then numpy.median; nothing taken is NaN."""
+    rng = np.random.default_rng(seed)
+    values, episode = rng.integers(0, 5, frames) / 2, rng.integers(0, 3, frames)
+    counts = rng.integers(0, 3, (6, 3))
+    repeated = [np.repeat(values, row[episode]) for row in counts]
+    expected = [np.median(each) if len(each) else math.nan for each in repeated]
+    found = resampling.median_by_counts(values, episode, counts)
+    assert found == pytest.approx(np.array(expected), nan_ok=True)
+
+
+@pytest.mark.parametrize("enumerate_up_to", [0, 10_000])
+def test_the_bootstrap_of_counts_is_that_of_sums(enumerate_up_to: int) -> None:
+    """A ratio of sums, once from the sums and once from how often each episode was taken, from one seed."""
+    sums = np.array([[1.0, 4], [3, 5], [0, 2], [2, 2]])
+    options = {"seed": 3, "resamples": 200, "enumerate_up_to": enumerate_up_to}
+    by_sums = resampling.cluster_bootstrap(sums, **options)
+    by_counts = resampling.episode_bootstrap(4, lambda counts: resampling.ratio_of_sums(counts @ sums), **options)
+    assert by_counts == by_sums
+
+
 def test_the_multiset_weights_sum_to_one_and_their_mean_is_the_value() -> None:
     """A mean over episodes has its own value as bootstrap mean, and a variance of (k-1)/k times s^2/k."""
     sums = np.random.default_rng(1).normal(size=(9, 1))

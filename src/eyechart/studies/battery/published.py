@@ -302,19 +302,21 @@ def _counts_by_episode(rows: Codes, columns: Codes, episodes: Codes) -> Floats:
 
 def _v_of_tables(tables: Floats) -> Floats:
     """Return Cramér's V of each table, shape (m, rows, columns), without correction, empty lines dropped."""
-    rows, columns = tables.sum(axis=2), tables.sum(axis=1)
-    n, cells = rows.sum(axis=1), tables.shape[1] * tables.shape[2]
+    rows, columns, n = tables.sum(axis=2), tables.sum(axis=1), tables.sum(axis=(1, 2))
     expected = rows[:, :, None] * columns[:, None, :]
-    share = (tables**2 / np.maximum(expected, 1.0)).reshape(-1, cells).sum(axis=1)
+    share = np.divide(tables**2, expected, out=np.zeros_like(tables), where=expected > 0).sum(axis=(1, 2))
     shorter = np.minimum((rows > 0).sum(axis=1), (columns > 0).sum(axis=1)) - 1
     v = np.sqrt(np.maximum(share - 1, 0) / np.maximum(shorter, 1))
     return np.where((n > 0), np.where(shorter > 0, v, 0.0), np.nan)
 
 
 def _information_of_tables(tables: Floats) -> Floats:
-    rows, columns = tables.sum(axis=2), tables.sum(axis=1)
-    n, joint = rows.sum(axis=1), _xlogx(tables).sum(axis=(1, 2))
-    inner = joint - _xlogx(rows).sum(axis=1) - _xlogx(columns).sum(axis=1)
+    n = tables.sum(axis=(1, 2))
+    inner = (
+        _xlogx(tables).sum(axis=(1, 2))
+        - _xlogx(tables.sum(axis=2)).sum(axis=1)
+        - _xlogx(tables.sum(axis=1)).sum(axis=1)
+    )
     return np.where(n > 0, np.maximum(0.0, inner / np.maximum(n, 1) + np.log2(np.maximum(n, 1))), np.nan)
 
 
