@@ -18,6 +18,7 @@ from eyechart.conditions import BATTERY
 from eyechart.seeds import key_seed
 from eyechart.stats.agreement import clears_floor, rate, swap_test
 from eyechart.stats.association import contingency, cramers_v, entropy_bits, modal_share, quantile_bins
+from eyechart.stats.paired import paired_difference
 from eyechart.stats.resampling import (
     cluster_bootstrap,
     episode_bootstrap,
@@ -211,7 +212,8 @@ class Published:
         modal = self._bootstrap(sums, lambda counts: counts.max(axis=1) / counts.sum(axis=1), "modal_share")
         counts = dict(zip(*(each.tolist() for each in np.unique(real[have], return_counts=True)), strict=True))
         detail = {**(found["modal_share"].detail or {}), "counts": counts}
-        found["modal_share"] = replace(found["modal_share"], ci=modal.ci, detail=detail)
+        most, n = max(counts.values()), sum(counts.values())
+        found["modal_share"] = replace(found["modal_share"], ci=modal.ci or rate(most, n).ci, detail=detail)
         found["entropy"] = replace(found["entropy"], ci=entropy.ci)
         return found
 
@@ -219,9 +221,10 @@ class Published:
         if not have.any():
             return cannot_say("no frame has both answers")
         sums = _sums_by_episode(np.column_stack([hits, np.ones(len(hits))]), self._episodes[have])
-        found = self._bootstrap(sums, ratio_of_sums, name)
-        detail = {"k": int(hits.sum()), "episodes": len(sums)}
-        return replace(found, value=float(hits.mean()), n=len(hits), detail=detail)
+        found, k, n = self._bootstrap(sums, ratio_of_sums, name), int(hits.sum()), len(hits)
+        if found.ci is None:
+            found = replace(found, ci=rate(k, n).ci, method=f"Wilson interval; {found.method}")
+        return replace(found, value=k / n, n=n, detail={"k": k, "episodes": len(sums)})
 
     def _difference(self, one: Floats, have_one: Mask, other: Floats, have_other: Mask, name: str) -> Statistic:
         if not have_one.any() or not have_other.any():
@@ -231,11 +234,19 @@ class Published:
         columns[have_other, 2], columns[:, 3] = other, have_other
         sums = _sums_by_episode(columns, self._episodes)
         found = self._bootstrap(sums, lambda s: ratio_of_sums(s[:, :2]) - ratio_of_sums(s[:, 2:]), name)
+        if found.ci is None:
+            paired = have_one & have_other
+            tango = paired_difference(columns[paired, 0], columns[paired, 2])
+            found = replace(found, ci=tango.ci, method=f"{tango.method}; {found.method}")
         return replace(found, value=float(one.mean() - other.mean()), n=len(one), detail=None)
 
     def _bootstrap(self, sums: Floats, statistic: Callable[[Floats], Floats], name: str) -> Statistic:
         seed = self.how.seed_of(name)
-        return cluster_bootstrap(sums, statistic, seed=seed, resamples=self.how.resamples, enumerate_up_to=ENUMERATE)
+        found = cluster_bootstrap(sums, statistic, seed=seed, resamples=self.how.resamples, enumerate_up_to=ENUMERATE)
+        if found.ci is not None and found.ci[0] == found.ci[1]:
+            # No width would claim certainty; it only says that no episode differs from another.
+            return replace(found, ci=None, note="the episodes do not differ, so resampling them shows no spread")
+        return found
 
     def _bootstrap_medians(self, values: Floats, one: Mask, other: Mask) -> Statistic:
         """Return median(values[one]) - median(values[other]) with its interval over the episodes of either."""
