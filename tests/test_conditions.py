@@ -11,6 +11,7 @@ import banks
 from eyechart.conditions import (
     BATTERY,
     CONDITIONS,
+    COUNTERFACTUALS,
     MID_GREY,
     available,
     find_condition,
@@ -20,7 +21,7 @@ from eyechart.conditions import (
     show,
 )
 from eyechart.errors import BankError, SpecError
-from eyechart.frames import COUNTERFACTUALS, Frame, FrameBank, MirrorAxis, decode
+from eyechart.frames import Frame, FrameBank, MirrorAxis, decode
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,8 @@ ROOT = Path(__file__).parents[1] / "src"
 
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("cli",),
-    ("report",),
+    ("testing",),
+    ("report", "gate"),
     ("verdicts",),
     ("studies",),
     ("run", "manifest"),

@@ -95,6 +95,9 @@ CONDITIONS: dict[str, Condition] = {
 BATTERY: tuple[str, ...] = tuple(name for name, condition in CONDITIONS.items() if not condition.counterfactual)
 """The eight conditions of Table t:conditions."""
 
+COUNTERFACTUALS: tuple[str, ...] = tuple(name for name, condition in CONDITIONS.items() if condition.counterfactual)
+"""Pictures of the same moment with one thing changed, where the simulator can draw them."""
+
 _NEEDS_PARTNER = ("shuffled", "cross_scenario")
 
 

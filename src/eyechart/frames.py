@@ -27,9 +27,6 @@ MirrorAxis = Literal["vertical", "horizontal", "none"]
 Scalar = str | int | float | bool | None
 RGB = NDArray[np.uint8]
 
-COUNTERFACTUALS: tuple[str, ...] = ("lead_near", "lead_far", "recoloured")
-"""Pictures of the same moment in which one thing was changed, where the simulator can draw them."""
-
 FORMAT = "eyechart-bank/1"
 _EXACT = 2**53
 MAX_PIXELS = 25_000_000

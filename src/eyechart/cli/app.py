@@ -22,6 +22,7 @@ app.command()(demo.demo)
 app.command()(running.merge)
 app.command()(results.score)
 app.command()(results.verdict)
+app.command()(results.gate)
 
 
 def _version(value: bool) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from eyechart.conditions import BATTERY, CONDITIONS, find_condition, require_partners
+from eyechart.conditions import BATTERY, COUNTERFACTUALS, find_condition, require_partners
 from eyechart.errors import BankError, LedgerError, SpecError
 from eyechart.frames import FrameBank, check, open_bank
 from eyechart.ledger import Ledger
@@ -87,7 +87,7 @@ def plan(
 
 def _conditions_of(bank: FrameBank) -> tuple[str, ...]:
     drawn = {name for frame in bank for name in frame.counterfactuals}
-    return BATTERY + tuple(name for name, one in CONDITIONS.items() if one.counterfactual and name in drawn)
+    return BATTERY + tuple(name for name in COUNTERFACTUALS if name in drawn)
 
 
 def _resumed(out: Path, manifest: RunManifest, bank: FrameBank) -> RunManifest:
