@@ -41,10 +41,11 @@ class Plan:
 
     def keys_of(self, model: str) -> Iterator[CallKey]:
         """Yield the planned calls of one model, in the bank's order."""
+        prompt = self.prompt.key
         for frame in self.frames:
             for condition in self.conditions:
                 if stimuli.available(condition, frame):
-                    key = CallKey(self.study, model, self.prompt.key, frame.id, condition)
+                    key = CallKey(self.study, model, prompt, frame.id, condition)
                     if self.shard is None or in_shard(key, *self.shard):
                         yield key
 
