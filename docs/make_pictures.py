@@ -56,7 +56,9 @@ def draw(bank: FrameBank, out: Path) -> None:
             sheet.paste(pixels, (LABEL_W, top))
         for column, name in enumerate(CONTROLLERS):
             left, given = LABEL_W + PICTURE_W + 16 + column * CELL, answer(name, picture)
-            pen.rounded_rectangle((left + 3, top + 30, left + CELL - 3, top + 70), 6, SAME if given == real[name] else OTHER)
+            pen.rounded_rectangle(
+                (left + 3, top + 30, left + CELL - 3, top + 70), 6, SAME if given == real[name] else OTHER
+            )
             pen.text((left + CELL / 2, top + PICTURE_H / 2), given, INK, small, anchor="mm")
     out.parent.mkdir(parents=True, exist_ok=True)
     sheet.quantize(128).save(out, optimize=True)

@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[1] / "src"
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("cli",),
     ("testing",),
-    ("report", "gate"),
+    ("report", "gate", "calibrate"),
     ("verdicts",),
     ("studies",),
     ("run", "manifest"),
@@ -31,7 +31,7 @@ FLOORS = {
 }
 """Inside a package whose modules are peers, only its floor is shared."""
 
-ASSEMBLED = {"cli", "report", "studies.battery", "simulators.highway"}
+ASSEMBLED = {"cli", "report", "calibrate", "studies.battery", "simulators.highway"}
 """Packages that are one room split into modules: their modules import each other, without a cycle."""
 
 ALLOWED_FROM_ANYWHERE = {"eyechart"}

@@ -200,8 +200,10 @@ def _depth_test(found: Mapping[str, Statistic]) -> tuple[str, str]:
 
 
 def _self_inconsistent(found: Mapping[str, Statistic]) -> Ruling | None:
-    differs, kappa = found["self_disagreement"], found["kappa"]
+    differs, kappa, excess = found["self_disagreement"], found["kappa"], found["bound_consistency"]
     if differs.ci is None or kappa.ci is None or not (differs.ci[0] > FLOOR and kappa.ci[1] < FLOOR):
+        return None
+    if excess.p is None or excess.p >= ALPHA:
         return None
     words = f"it disagrees with itself on the same picture (s = {_number(differs)}), about as often as chance would"
     return _ruling("self_inconsistent", "kappa", kappa, words)
@@ -245,6 +247,8 @@ def _presence(found: Mapping[str, Statistic]) -> Ruling | None:
 def _refusal(found: Mapping[str, Statistic]) -> Ruling | None:
     response, decision = found["presence_response"], found["presence"]
     if response.p is None or response.p >= ALPHA or (decision.p is not None and decision.p < ALPHA):
+        return None
+    if not _bounds(found):
         return None
     return _ruling(
         "refusal_effect", "presence_response", response, "real and blank differ in outputs, not in decisions"
@@ -338,5 +342,7 @@ def _notes(found: Mapping[str, Statistic], model: ModelScore) -> tuple[str, ...]
         notes.append(f"it refused {refused} non-pictures (blank, noise or text only)")
     if found["depth_interventional"].p is None and found["depth_observational"].p is None:
         notes.append(f"whether it follows the gap was not tested: {found['depth_observational'].note}")
+    if found["bound_scene"].p is None:
+        notes.append("whether a picture of another scenario changes its answer was not tested")
     notes.append(f"calibrated tests are its own, each at alpha {ALPHA}, tried in the order of the rules")
     return tuple(notes)

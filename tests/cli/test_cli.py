@@ -35,6 +35,8 @@ COMMANDS = (
     "merge",
     "score",
     "verdict",
+    "plan",
+    "calibrate",
     "list",
     "list models",
     "list conditions",

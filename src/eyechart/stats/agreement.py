@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from functools import lru_cache
 from statistics import NormalDist
 
 import numpy as np
@@ -131,6 +132,49 @@ def cohens_kappa(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 
     return Statistic(kappa, n, ci, method=f"Cohen's kappa, {100 * level:g}% {how}", detail=detail)
 
 
+def excess_agreement(columns: npt.ArrayLike, *, margin: float = 0.10, alpha: float = 0.01) -> Statistic:
+    """Test whether answers that ought to be one answer agree by less than ``margin`` more often than by chance.
+
+    ``columns``, shape (frames, m) with m of 2 or more, holds codes of the answers to m pictures of each frame that
+    call for the same answer; -1 is no answer. ``value`` is the agreement within frames, over all pairs of columns,
+    less the agreement of answers to different frames (chance, given the marginals). ``p`` belongs to the null "the
+    excess is ``margin`` or more"; the upper end of ``ci``, two-sided at 1 - 2 alpha, lies below the margin exactly
+    when p < alpha. Both are those of Wilson's score at the effective number of pairs: pairs of one frame may resemble
+    each other, so their number is divided by the design effect, 1 at least (Kish 1965). ``n`` counts the frames with
+    a pair; below two of them the value is None.
+    """
+    given = np.asarray(columns)
+    if given.ndim != 2 or given.shape[1] < 2 or given.dtype.kind not in "iu" or not 0 < alpha < 0.5:
+        raise ValueError(f"give integer codes of shape (frames, m), m of 2 or more, got {given.dtype} {given.shape}")
+    method = f"agreement within frames less that between frames, {100 * (1 - 2 * alpha):g}% Wilson interval"
+    pairs, hits = np.zeros(len(given)), np.zeros(len(given))
+    expected = 0.0
+    for i in range(given.shape[1]):
+        for j in range(i):
+            both = (given[:, i] >= 0) & (given[:, j] >= 0)
+            n = int(both.sum())
+            if n < 2:
+                continue
+            same = both & (given[:, i] == given[:, j])
+            size = int(given.max()) + 1
+            one, other = (np.bincount(given[both, column], minlength=size) for column in (i, j))
+            pairs, hits = pairs + both, hits + same
+            expected += (float(one @ other) - int(same.sum())) / (n - 1)
+    total, frames = float(pairs.sum()), int(np.count_nonzero(pairs))
+    if frames < 2:
+        return cannot_say(f"{frames} frames have two answers to compare", frames, method)
+    agree, chance = float(hits.sum()) / total, expected / total
+    binomial = agree * (1 - agree) * total
+    spread = float(((hits - agree * pairs) ** 2).sum())
+    effect = max(1.0, spread / binomial) if binomial > 0 else 1.0
+    low, high = _wilson(agree * total / effect, total / effect, 1 - 2 * alpha)
+    null = chance + margin
+    deviation = math.sqrt(max(null * (1 - null), 0.0) * effect / total)
+    p = NormalDist().cdf((agree - null) / deviation) if deviation else float(agree >= null)
+    detail = {"agreement": agree, "chance": chance, "pairs": int(total), "design_effect": effect, "margin": margin}
+    return Statistic(agree - chance, frames, (low - chance, high - chance), p, method, detail=detail)
+
+
 def kappa_from_marginal(agree_repeat: float, marginal: npt.ArrayLike) -> Statistic:
     """Return kappa from an agreement rate when both raters share one marginal.
 
@@ -214,6 +258,7 @@ def binomial_tail(k: int, n: int, chance: float) -> float:
     return float(special.bdtrc(k - 1, n, chance))
 
 
+@lru_cache(maxsize=1024)
 def trials_needed(true_rate: float, chance: float, *, alpha: float = 0.05, power: float = 0.80) -> int:
     """Return the fewest trials at which an exact one-sided binomial test has the wanted power.
 
@@ -230,6 +275,23 @@ def trials_needed(true_rate: float, chance: float, *, alpha: float = 0.05, power
         if critical <= n and binomial_tail(critical, n, true_rate) >= power:
             return n
     raise ValueError(f"100 000 trials do not separate {true_rate=} from {chance=}")
+
+
+def detectable_share(n: int, chance: float = 0.5, *, alpha: float = 0.01, power: float = 0.80) -> float | None:
+    """Return the smallest true rate that an exact one-sided binomial test of ``n`` trials finds with this power.
+
+    The test rejects where p < ``alpha``, as the rules do. None where even ``n`` successes would not reject.
+    """
+    if n < 0 or not 0 <= chance < 1 or not 0 < alpha < 1 or not 0 < power < 1:
+        raise ValueError(f"no such design: {n=}, {chance=}, {alpha=}, {power=}")
+    critical = next((k for k in range(n + 1) if binomial_tail(k, n, chance) < alpha), None)
+    if critical is None:
+        return None
+    low, high = chance, 1.0
+    while high - low > 1e-9:
+        middle = (low + high) / 2
+        low, high = (low, middle) if binomial_tail(critical, n, middle) >= power else (middle, high)
+    return high
 
 
 def binary_metrics(*, tp: int, fn: int, tn: int, fp: int) -> dict[str, Statistic]:
@@ -326,7 +388,7 @@ def _normal_quantile(level: float) -> float:
     return NormalDist().inv_cdf(0.5 + level / 2)
 
 
-def _wilson(k: int, n: int, level: float) -> tuple[float, float]:
+def _wilson(k: float, n: float, level: float) -> tuple[float, float]:
     z = _normal_quantile(level)
     centre = (k + z * z / 2) / (n + z * z)
     half = z / (n + z * z) * math.sqrt(k * (n - k) / n + z * z / 4)
