@@ -2,8 +2,10 @@
 
 import json
 import re
+import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 from eyechart.errors import SpecError
@@ -16,6 +18,7 @@ MISSING: tuple[Missing, ...] = ("unparsed", "truncated", "refused", "empty", "er
 UNPARSED = "UNPARSED"
 """The response-level symbol of every reply without a decision; no action may have this name."""
 
+_TOML_BYTES = 1_000_000
 _NAME = re.compile(r"[^\W_](.*[^\W_])?")
 
 
@@ -123,6 +126,42 @@ class ActionSpace:
             )
         except (KeyError, TypeError, ValueError) as error:
             raise SpecError(f"an action space needs name, actions, mirror_pairs, brake and proceed: {error}") from error
+
+
+def read_space(path: Path) -> ActionSpace:
+    """Read an action space from a TOML file: name, actions, mirror_pairs, brake, proceed; the last three may be left out.
+
+    Raises SpecError naming the file and what is wrong in it.
+    """
+    return space_from(read_toml(path), str(path), path.stem)
+
+
+def space_from(values: dict[str, object], where: str, name: str) -> ActionSpace:
+    """Build a space from the plain values of a file; ``name`` is its name where the file gives none."""
+    known = {"name": name, "actions": None, "mirror_pairs": [], "brake": [], "proceed": []}
+    for key in values:
+        if key not in known:
+            raise SpecError(f"{where}: an action space has no '{key}'; it has {', '.join(known)}")
+    if "actions" not in values:
+        raise SpecError(f"{where}: no actions; write for example actions = [\"STOP\", \"GO\"]")
+    try:
+        return ActionSpace.from_dict({**known, **values})
+    except SpecError as error:
+        raise SpecError(f"{where}: {error}") from error
+
+
+def read_toml(path: Path) -> dict[str, object]:
+    """Read a TOML file of at most 1 MB; raises SpecError naming it and the line at fault."""
+    try:
+        with path.open("rb") as file:
+            text = file.read(_TOML_BYTES + 1)
+        if len(text) > _TOML_BYTES:
+            raise SpecError(f"{path} has more than {_TOML_BYTES} bytes, too many for settings")
+        return tomllib.loads(text.decode("utf-8-sig"))
+    except OSError as error:
+        raise SpecError(f"{path} cannot be read: {error.strerror}") from error
+    except (ValueError, RecursionError) as error:
+        raise SpecError(f"{path} is no TOML file: {error}") from error
 
 
 def _list(value: object) -> list[Sequence[object]]:

@@ -27,6 +27,9 @@ MirrorAxis = Literal["vertical", "horizontal", "none"]
 Scalar = str | int | float | bool | None
 RGB = NDArray[np.uint8]
 
+IMPORTED = "import"
+"""The simulator's name in a bank whose pictures were taken from elsewhere."""
+
 FORMAT = "eyechart-bank/1"
 _EXACT = 2**53
 MAX_PIXELS = 25_000_000
@@ -53,7 +56,8 @@ class Frame:
     """A rendered image with its place in the bank and its ground truth, which no model sees.
 
     ``truth`` maps a name with its unit (``lead_gap_m``) to a number, a flag, a word, or None for "there is
-    none" (no lead). ``file`` and ``counterfactuals`` are paths inside the bank.
+    none" (no lead). ``file`` and ``counterfactuals`` are paths inside the bank. ``fields`` maps the bank's prompt
+    columns to what a prompt may say of the frame; they are no ground truth.
     """
 
     id: str
@@ -64,11 +68,14 @@ class Frame:
     file: str
     truth: Mapping[str, Scalar] = field(default_factory=dict)
     counterfactuals: Mapping[str, str] = field(default_factory=dict)
+    fields: Mapping[str, Scalar] = field(default_factory=dict)
 
     def geometry(self) -> str:
         """Return the digest of the frame's identity and its ground truth to 3 decimals (docs/decisions/0007)."""
         truth = {name: _canonical(self.truth[name]) for name in sorted(self.truth)}
         parts = [self.id, self.scenario, self.episode, self.step, self.mirror_axis, truth]
+        if self.fields:
+            parts.append({name: _canonical(self.fields[name]) for name in sorted(self.fields)})
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
 
 
@@ -104,7 +111,9 @@ class BankManifest:
     """What a bank says of itself: where its pictures come from, and the digests that fix them.
 
     ``picture`` is the kind of picture in words, for the scope of every verdict. ``geometry`` maps a frame id
-    to its digest, ``images`` a file to its SHA-256.
+    to its digest, ``images`` a file to its SHA-256. ``prompt_columns`` are the columns that prompts may say,
+    ``absent`` the places that the source did not record (scenario, episode, step), and ``independent`` its
+    owner's word that the frames are independent draws; a bank that says none of these is as it always was.
     """
 
     simulator: str
@@ -116,6 +125,9 @@ class BankManifest:
     versions: Mapping[str, str] = field(default_factory=dict)
     geometry: Mapping[str, str] = field(default_factory=dict)
     images: Mapping[str, str] = field(default_factory=dict)
+    prompt_columns: tuple[str, ...] = ()
+    absent: tuple[str, ...] = ()
+    independent: bool = False
 
     @property
     def fingerprint(self) -> str:
@@ -138,6 +150,9 @@ class BankManifest:
             "fingerprint": self.fingerprint,
             "action_space": self.action_space.as_dict(),
             "gap": gap,
+            **({"prompt_columns": list(self.prompt_columns)} if self.prompt_columns else {}),
+            **({"absent": list(self.absent)} if self.absent else {}),
+            **({"independent": True} if self.independent else {}),
             "settings": dict(self.settings),
             "versions": dict(self.versions),
             "geometry": dict(self.geometry),
@@ -257,7 +272,7 @@ def open_bank(root: Path) -> FrameBank:
     Only text is read. The geometry is checked against the manifest's fingerprint here, the pictures by ``check``.
     """
     manifest = _read_manifest(root / "manifest.json")
-    frames = read_metadata(root / "metadata.jsonl")
+    frames = read_metadata(root / "metadata.jsonl", manifest.prompt_columns)
     bank = FrameBank(root=root, frames=frames, manifest=manifest)
     problems = _geometry_problems(bank)
     if problems:
@@ -283,6 +298,9 @@ def _read_manifest(path: Path) -> BankManifest:
             versions=_words(raw["versions"]),
             geometry=_words(raw["geometry"]),
             images=_words(raw["images"]),
+            prompt_columns=tuple(map(str, _listed(raw, "prompt_columns"))),
+            absent=tuple(map(str, _listed(raw, "absent"))),
+            independent=_flag(raw, "independent"),
         )
         recorded = raw["fingerprint"]
     except FileNotFoundError as error:
@@ -312,6 +330,20 @@ def _gap(raw: Mapping[str, object]) -> Gap:
     return Gap(str(raw["column"]), float(threshold), str(raw["unit"]))
 
 
+def _listed(raw: Mapping[str, object], name: str) -> list[object]:
+    value = raw.get(name, [])
+    if not isinstance(value, list):
+        raise TypeError(f"{name} is {value!r}, not a list")
+    return value
+
+
+def _flag(raw: Mapping[str, object], name: str) -> bool:
+    value = raw.get(name, False)
+    if not isinstance(value, bool):
+        raise TypeError(f"{name} is {value!r}, neither true nor false")
+    return value
+
+
 def _words(raw: Mapping[str, object]) -> dict[str, str]:
     for name, value in raw.items():
         if not isinstance(value, str):
@@ -319,7 +351,7 @@ def _words(raw: Mapping[str, object]) -> dict[str, str]:
     return {name: str(value) for name, value in raw.items()}
 
 
-def read_metadata(path: Path) -> tuple[Frame, ...]:
+def read_metadata(path: Path, prompt_columns: tuple[str, ...] = ()) -> tuple[Frame, ...]:
     """Read a bank's ``metadata.jsonl``; raises BankError with the line at fault."""
     frames: list[Frame] = []
     try:
@@ -328,7 +360,7 @@ def read_metadata(path: Path) -> tuple[Frame, ...]:
         raise BankError(f"{path} cannot be read: {error.strerror}") from error
     for number, line in enumerate(lines, 1):
         try:
-            frames.append(_frame_from_row(_plain(line.decode())))
+            frames.append(_frame_from_row(_plain(line.decode()), prompt_columns))
         except BankError as error:
             raise BankError(f"{path}, line {number}: {error}") from error
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
@@ -348,13 +380,14 @@ def _axis(value: Scalar) -> MirrorAxis:
     raise ValueError(f"mirror_axis is {value!r}, not vertical, horizontal or none")
 
 
-def _frame_from_row(row: dict[str, Scalar]) -> Frame:
+def _frame_from_row(row: dict[str, Scalar], prompt_columns: tuple[str, ...]) -> Frame:
     axis = _axis(row["mirror_axis"])
     pictures = {
         name.removesuffix(_FILE_SUFFIX): str(row[name]) for name in row if name.endswith(_FILE_SUFFIX) and row[name]
     }
     truth = {name: row[name] for name in row if name not in _RESERVED and not name.endswith(_FILE_SUFFIX)}
     frame_id = str(row["frame_id"])
+    fields = {name: truth.pop(name) for name in prompt_columns}
     return Frame(
         id=frame_id,
         scenario=str(row["scenario"]),
@@ -364,6 +397,7 @@ def _frame_from_row(row: dict[str, Scalar]) -> Frame:
         file=str(row["file_name"]),
         truth=rounded_truth(truth, frame_id),
         counterfactuals=pictures,
+        fields=rounded_truth(fields, frame_id),
     )
 
 
@@ -388,7 +422,7 @@ def check(root: Path) -> list[str]:
     An empty list means that the bank is what its manifest says. Raises BankError if it cannot be opened at all.
     """
     manifest = _read_manifest(root / "manifest.json")
-    bank = FrameBank(root=root, frames=read_metadata(root / "metadata.jsonl"), manifest=manifest)
+    bank = FrameBank(root=root, frames=read_metadata(root / "metadata.jsonl", manifest.prompt_columns), manifest=manifest)
     problems = _geometry_problems(bank)
     used = [file for frame in bank for file in _files(frame)]
     for file in used:
@@ -446,7 +480,12 @@ class BankWriter:
         """Add a frame with its encoded pictures; ``frame.file`` and ``frame.counterfactuals`` name where they go."""
         if frame.id in self._geometry:
             raise BankError(f"frame '{frame.id}' was added twice")
-        truth = rounded_truth(frame.truth, frame.id)
+        if (given := frame.fields.keys()) != set(self._manifest.prompt_columns) or given & frame.truth.keys():
+            raise BankError(
+                f"frame '{frame.id}' has the prompt columns {sorted(given)}, the manifest declares "
+                f"{sorted(self._manifest.prompt_columns)}; each is given once, and none is ground truth"
+            )
+        truth = rounded_truth({**frame.truth, **frame.fields}, frame.id)
         if clash := sorted(name for name in truth if name in _RESERVED or name.endswith(_FILE_SUFFIX)):
             raise BankError(f"frame '{frame.id}': truth may not use the reserved names {clash}")
         if frame.counterfactuals.keys() != counterfactuals.keys():

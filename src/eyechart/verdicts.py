@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from eyechart.actions import ActionSpace
+from eyechart.frames import BankManifest
 from eyechart.stats.agreement import trials_needed
 from eyechart.stats.paired import pairs_to_bound
 from eyechart.stats.resampling import holm
@@ -124,7 +125,7 @@ def _judge_one(score: BatteryScore, model: ModelScore) -> Verdict:
         evidence=evidence,
         trust=TRUST[calibrated.label],
         scope=scope(score, model),
-        notes=_notes(found, model),
+        notes=_notes(found, model, score.bank.manifest),
     )
 
 
@@ -318,16 +319,20 @@ def scope(score: BatteryScore, model: ModelScore | None = None) -> str:
     """Return the sentence that bounds a verdict: bank, kind of picture, episodes, model, prompt, date, and what not."""
     bank, run = score.bank, score.manifest
     frames = model.answers.frames if model else next(iter(score.models.values())).answers.frames
-    episodes = len({frame.episode for frame in frames})
+    episodes = f"{len({frame.episode for frame in frames})} episodes"
+    if "episode" in bank.manifest.absent:
+        episodes = "declared independent" if bank.manifest.independent else "no episodes recorded"
     who = f"{model.model}@{model.version}" if model else "each model"
     return (
-        f"On bank {bank.name} ({bank.manifest.picture}; {len(frames)} frames, {episodes} episodes), {who} "
+        f"On bank {bank.name} ({bank.manifest.picture}; {len(frames)} frames, {episodes}), {who} "
         f"with prompt {run.prompt.key} on {run.created}; not tested: other prompts, other cameras, closed loop."
     )
 
 
-def _notes(found: Mapping[str, Statistic], model: ModelScore) -> tuple[str, ...]:
+def _notes(found: Mapping[str, Statistic], model: ModelScore, bank: BankManifest) -> tuple[str, ...]:
     notes = []
+    if "scenario" in bank.absent:
+        notes.append("whether it follows the kind of scene was not tested: the bank records no scenarios")
     if model.answered < model.planned:
         notes.append(f"partial: {model.answered} of {model.planned} planned calls are finished")
     if (found["unparsed_rate"].value or 0.0) > 0.0:

@@ -15,7 +15,9 @@ def battery(
     model: Annotated[list[str], typer.Option(help="A model's SPEC; give it again for more models.")],
     frames: Annotated[Path, typer.Option(help="Folder of the frame bank.")],
     out: Annotated[Path, typer.Option(help="Folder of the run; the same one resumes it.")],
-    prompt: Annotated[str, typer.Option(help="See 'eyechart list prompts'.")] = "baseline",
+    prompt: Annotated[
+        str | None, typer.Option(help="A name of 'eyechart list prompts', or FILE.toml; default: one that suits the bank.")
+    ] = None,
     conditions: Annotated[str | None, typer.Option(help="With commas; default: all that the bank has.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of stimuli, sampling and the order of calls.")] = 0,
     limit: Annotated[int | None, typer.Option(help="So many frames, from every episode in turn.")] = None,
@@ -37,6 +39,8 @@ def battery(
         limit=limit,
         shard=None if shard is None else read_shard(shard),
     )
+    for name, why in planned.left_out.items():
+        say(f"left out: {name}, because {why}")
     calls, finished, unknown = planned.counts()
     plan = planned.plan
     say(

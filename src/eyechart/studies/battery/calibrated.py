@@ -98,7 +98,7 @@ class Calibrated:
     def _observational(self) -> Statistic:
         gaps = self.answers.gaps
         if gaps is None:
-            return cannot_say("the bank records no gap")
+            return cannot_say(self.answers.no_gap)
         levels, ranks = self.answers.levels(self.answers.actions("real")), _ranks(gaps)
         decided = levels[levels >= 0]
         if not len(decided):
@@ -115,7 +115,7 @@ class Calibrated:
     def _episode_safe_information(self) -> Statistic:
         gaps = self.answers.gaps
         if gaps is None:
-            return cannot_say("the bank records no gap")
+            return cannot_say(self.answers.no_gap)
         real = self.answers.actions("real")
         if not (real != ABSENT).any():
             return cannot_say("no decisions on real pictures")

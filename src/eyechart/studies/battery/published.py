@@ -93,7 +93,8 @@ class Published:
     def _agreements(self, level: str) -> Statistics:
         differ: dict[str, tuple[Floats, Mask]] = {}
         found: Statistics = {}
-        for name in BATTERY[1:]:
+        swapped = tuple(name for name in ("text_swapped",) if name in self.answers.decisions)
+        for name in (*BATTERY[1:], *swapped):
             real, other, have = self.answers.both("real", name, level)
             differ[name] = ((real != other).astype(np.float64), have)
             found[f"agree.{name}"] = self._share((real == other).astype(np.float64), have, f"agree.{name}.{level}")
@@ -143,7 +144,7 @@ class Published:
     def _gap_tests(self, level: str) -> Statistics:
         gaps = self.answers.gaps
         if gaps is None or self.answers.gap is None:
-            missing = cannot_say("the bank records no gap")
+            missing = cannot_say(self.answers.no_gap)
             return {"obstacle": missing, "mutual_information": missing}
         real = self.answers.symbols("real", level)
         have = real != ABSENT
@@ -179,6 +180,8 @@ class Published:
         space = self.answers.space
         if not space.mirror_pairs:
             return cannot_say("no action of this space exchanges under reflection")
+        if all(frame.mirror_axis == "none" for frame in self.answers.frames):
+            return cannot_say("no frame of the bank has a mirror axis")
         real, mirrored = self.answers.actions("real"), self.answers.responses("mirrored")
         have = (real != ABSENT) & (mirrored != ABSENT)
         if not have.any():
@@ -190,7 +193,7 @@ class Published:
     def _gap_order(self) -> Statistic:
         gaps, space = self.answers.gaps, self.answers.space
         if gaps is None:
-            return cannot_say("the bank records no gap")
+            return cannot_say(self.answers.no_gap)
         real = self.answers.actions("real")
         finite = gaps[np.isfinite(gaps)]
         capped = np.where(np.isfinite(gaps), gaps, finite.max() if finite.size else 0.0)

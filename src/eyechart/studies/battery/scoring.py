@@ -68,14 +68,18 @@ class BatteryScore:
 def score(path: Path, *, resamples: int = 5000, independent: bool = False) -> BatteryScore:
     """Score the battery in a run's folder, finished or not.
 
-    ``independent`` declares that frames outside episodes are independent draws. Raises LedgerError or BankError
+    ``independent`` declares that frames outside episodes are independent draws, as a bank's manifest may. Raises LedgerError or BankError
     where the folder is no run.
     """
     manifest, bank = read_run(path)
+    independent = independent or bank.manifest.independent
     how = Resampling(resamples=resamples, seed=manifest.seed)
     plan = plan_of(manifest, bank)
     with Ledger(path / LEDGER) as ledger:
-        answers = {spec: read_answers(spec, ledger.replies(spec), bank, plan.frames) for spec in manifest.models}
+        answers = {
+            spec: read_answers(spec, ledger.replies(spec), bank, plan.frames, independent=independent)
+            for spec in manifest.models
+        }
         accounting = {spec: ledger.accounting(spec) for spec in manifest.models}
     statistics = {spec: statistics_of(one, how, independent=independent) for spec, one in answers.items()}
     corrected = _corrected(statistics)
