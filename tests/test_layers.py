@@ -15,7 +15,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("verdicts",),
     ("studies",),
     ("run", "manifest"),
-    ("models", "simulators", "ledger", "prompts"),
+    ("models", "simulators", "ledger", "prompts", "importing"),
     ("perception",),
     ("calls", "conditions"),
     ("frames",),
@@ -31,7 +31,7 @@ FLOORS = {
 }
 """Inside a package whose modules are peers, only its floor is shared."""
 
-ASSEMBLED = {"cli", "report", "calibrate", "studies.battery", "simulators.highway"}
+ASSEMBLED = {"cli", "report", "calibrate", "studies.battery", "simulators.highway", "importing"}
 """Packages that are one room split into modules: their modules import each other, without a cycle."""
 
 ALLOWED_FROM_ANYWHERE = {"eyechart"}

@@ -129,7 +129,7 @@ class ActionSpace:
 
 
 def read_space(path: Path) -> ActionSpace:
-    """Read an action space from a TOML file: name, actions, mirror_pairs, brake, proceed; the last three may be left out.
+    """Read an action space from a TOML file: actions, and if wanted name, mirror_pairs, brake and proceed.
 
     Raises SpecError naming the file and what is wrong in it.
     """
@@ -138,12 +138,12 @@ def read_space(path: Path) -> ActionSpace:
 
 def space_from(values: dict[str, object], where: str, name: str) -> ActionSpace:
     """Build a space from the plain values of a file; ``name`` is its name where the file gives none."""
-    known = {"name": name, "actions": None, "mirror_pairs": [], "brake": [], "proceed": []}
+    known: dict[str, object] = {"name": name, "actions": None, "mirror_pairs": [], "brake": [], "proceed": []}
     for key in values:
         if key not in known:
             raise SpecError(f"{where}: an action space has no '{key}'; it has {', '.join(known)}")
     if "actions" not in values:
-        raise SpecError(f"{where}: no actions; write for example actions = [\"STOP\", \"GO\"]")
+        raise SpecError(f'{where}: no actions; write for example actions = ["STOP", "GO"]')
     try:
         return ActionSpace.from_dict({**known, **values})
     except SpecError as error:

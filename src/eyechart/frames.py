@@ -86,6 +86,11 @@ def _canonical(value: Scalar) -> Scalar | list[str]:
     return [f"{value}.000" if isinstance(value, int) else f"{round(value, 3) + 0.0:.3f}"]
 
 
+def is_reserved(name: str) -> bool:
+    """Return whether a bank needs this column's name for itself."""
+    return name in _RESERVED or name.endswith(_FILE_SUFFIX)
+
+
 def rounded_truth(truth: Mapping[str, object], frame_id: str) -> dict[str, Scalar]:
     """Return ground truth as plain values, floats to 3 decimals.
 
@@ -373,7 +378,8 @@ def read_metadata(path: Path, prompt_columns: tuple[str, ...] = ()) -> tuple[Fra
     return tuple(frames)
 
 
-def _axis(value: Scalar) -> MirrorAxis:
+def read_axis(value: Scalar) -> MirrorAxis:
+    """Return a word as a mirror axis; raises ValueError where it is none."""
     for axis in get_args(MirrorAxis):
         if value == axis:
             return cast("MirrorAxis", axis)
@@ -381,7 +387,7 @@ def _axis(value: Scalar) -> MirrorAxis:
 
 
 def _frame_from_row(row: dict[str, Scalar], prompt_columns: tuple[str, ...]) -> Frame:
-    axis = _axis(row["mirror_axis"])
+    axis = read_axis(row["mirror_axis"])
     pictures = {
         name.removesuffix(_FILE_SUFFIX): str(row[name]) for name in row if name.endswith(_FILE_SUFFIX) and row[name]
     }
@@ -422,7 +428,9 @@ def check(root: Path) -> list[str]:
     An empty list means that the bank is what its manifest says. Raises BankError if it cannot be opened at all.
     """
     manifest = _read_manifest(root / "manifest.json")
-    bank = FrameBank(root=root, frames=read_metadata(root / "metadata.jsonl", manifest.prompt_columns), manifest=manifest)
+    bank = FrameBank(
+        root=root, frames=read_metadata(root / "metadata.jsonl", manifest.prompt_columns), manifest=manifest
+    )
     problems = _geometry_problems(bank)
     used = [file for frame in bank for file in _files(frame)]
     for file in used:
@@ -486,7 +494,7 @@ class BankWriter:
                 f"{sorted(self._manifest.prompt_columns)}; each is given once, and none is ground truth"
             )
         truth = rounded_truth({**frame.truth, **frame.fields}, frame.id)
-        if clash := sorted(name for name in truth if name in _RESERVED or name.endswith(_FILE_SUFFIX)):
+        if clash := sorted(name for name in truth if is_reserved(name)):
             raise BankError(f"frame '{frame.id}': truth may not use the reserved names {clash}")
         if frame.counterfactuals.keys() != counterfactuals.keys():
             raise BankError(

@@ -28,6 +28,7 @@ COMMANDS = (
     "demo",
     "frames",
     "frames build",
+    "frames import",
     "frames check",
     "frames show",
     "run",

@@ -86,7 +86,11 @@ def test_models_conditions_and_frames_may_be_added_to_a_run(bank: FrameBank, tmp
     plan_and_run(bank, out, NOISY, conditions=["mirrored"], limit=2)
     grown = plan_and_run(bank, out, NOISY, STEADY)
     manifest = read_run(out)[0]
-    assert (set(manifest.models), set(manifest.conditions), manifest.limit) == ({NOISY, STEADY}, set(WITHOUT_TEXT), None)
+    assert (set(manifest.models), set(manifest.conditions), manifest.limit) == (
+        {NOISY, STEADY},
+        set(WITHOUT_TEXT),
+        None,
+    )
     whole = plan_and_run(bank, tmp_path / "whole", NOISY, STEADY)
     assert replies(out) == replies(tmp_path / "whole")
     assert grown.counts() == whole.counts()

@@ -16,7 +16,8 @@ def battery(
     frames: Annotated[Path, typer.Option(help="Folder of the frame bank.")],
     out: Annotated[Path, typer.Option(help="Folder of the run; the same one resumes it.")],
     prompt: Annotated[
-        str | None, typer.Option(help="A name of 'eyechart list prompts', or FILE.toml; default: one that suits the bank.")
+        str | None,
+        typer.Option(help="A name of 'eyechart list prompts', or FILE.toml; default: one that suits the bank."),
     ] = None,
     conditions: Annotated[str | None, typer.Option(help="With commas; default: all that the bank has.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of stimuli, sampling and the order of calls.")] = 0,

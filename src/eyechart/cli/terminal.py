@@ -73,7 +73,7 @@ def _lines(what: str, unit: str) -> Callable[[int, int], None]:
     def move(done: int, total: int) -> None:
         first.append(done) if not first else None
         now = time.monotonic()
-        if now - last[0] < 5.0 and done < total:
+        if now - last[0] < 2.0 and done < total:
             return
         last[0] = now
         rate = (done - first[0]) / max(now - start, 1e-9)

@@ -68,8 +68,8 @@ class BatteryScore:
 def score(path: Path, *, resamples: int = 5000, independent: bool = False) -> BatteryScore:
     """Score the battery in a run's folder, finished or not.
 
-    ``independent`` declares that frames outside episodes are independent draws, as a bank's manifest may. Raises LedgerError or BankError
-    where the folder is no run.
+    ``independent`` declares that frames outside episodes are independent draws, as a bank's manifest may. Raises
+    LedgerError or BankError where the folder is no run.
     """
     manifest, bank = read_run(path)
     independent = independent or bank.manifest.independent
