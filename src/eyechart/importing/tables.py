@@ -156,7 +156,7 @@ def _lines(path: Path, progress: Progress | None) -> Iterator[str]:
                     progress(_position(file), size)
                 yield line
     except UnicodeError as error:
-        raise SourceError(f"{path}, line {number + 1} is no {encoding} text; save the table as UTF-8") from error
+        raise SourceError(f"{path} is no {encoding} text after line {number}; save the table as UTF-8") from error
     except OSError as error:
         raise SourceError(f"{path} cannot be read: {error.strerror}") from error
 
