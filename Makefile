@@ -12,7 +12,7 @@ BENCH := $(VENV)/.bench
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
 	@echo "make test         the tests of the core"
-	@echo "make test-models  the tests that need extras (Hugging Face datasets)"
+	@echo "make test-models  the tests that need extras (Hugging Face datasets, Parquet, LeRobot)"
 	@echo "make lint         ruff and mypy"
 	@echo "make bench        ratios against what one would otherwise do"
 
@@ -57,7 +57,7 @@ $(DEV): $(CORE)
 	@touch $@
 
 $(MODELS): $(DEV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,hub]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,hub,parquet,lerobot]'
 	@touch $@
 
 $(BENCH): $(DEV)

@@ -89,7 +89,7 @@ def plan(
     )
     manifest = _resumed(out, manifest, bank)
     the_plan = plan_of(manifest, bank, models=tuple(models), conditions=chosen, limit=limit)
-    return Battery(the_plan, models, manifest, out, {} if conditions else left_out)
+    return Battery(the_plan, models, manifest, out, {} if conditions else _expected(left_out, formulation))
 
 
 def _prompt_for(bank: FrameBank, name: str | None) -> Prompt:
@@ -100,8 +100,17 @@ def _prompt_for(bank: FrameBank, name: str | None) -> Prompt:
     return find_prompt("baseline")
 
 
+def _expected(left_out: Mapping[str, str], prompt: Prompt) -> dict[str, str]:
+    """Return those of the conditions left out that one would look for."""
+    return {
+        name: why
+        for name, why in left_out.items()
+        if name in BATTERY or (CONDITIONS[name].swaps_text and prompt.fields)
+    }
+
+
 def _conditions_of(bank: FrameBank, prompt: Prompt) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Return the conditions that the bank can supply, and why it cannot supply the others of the battery."""
+    """Return the conditions that the bank can supply, and why it cannot supply the others."""
     left_out: dict[str, str] = {}
     for name, one in CONDITIONS.items():
         if one.swaps_text and not prompt.fields:
@@ -114,8 +123,7 @@ def _conditions_of(bank: FrameBank, prompt: Prompt) -> tuple[tuple[str, ...], di
                 require_partners((name,), bank, prompt.fields)
             except BankError as error:
                 left_out[name] = str(error)
-    chosen = tuple(name for name in CONDITIONS if name not in left_out)
-    return chosen, {name: why for name, why in left_out.items() if name in BATTERY or prompt.fields}
+    return tuple(name for name in CONDITIONS if name not in left_out), left_out
 
 
 def _resumed(out: Path, manifest: RunManifest, bank: FrameBank) -> RunManifest:
