@@ -40,12 +40,13 @@ def draw(bank: FrameBank, out: Path) -> None:
     """Write the picture: a row a condition; answers that differ from the real frame's are tinted."""
     frame, big, small = chosen(bank), ImageFont.load_default(15), ImageFont.load_default(13)
     width = LABEL_W + PICTURE_W + 16 + CELL * len(CONTROLLERS)
-    sheet = Image.new("RGB", (width, TOP + ROW * len(CONDITIONS) + 6), "white")
+    shown = [condition for condition in CONDITIONS.values() if not condition.swaps_text]
+    sheet = Image.new("RGB", (width, TOP + ROW * len(shown) + 6), "white")
     pen = ImageDraw.Draw(sheet)
     for column, name in enumerate(CONTROLLERS):
         pen.text((LABEL_W + PICTURE_W + 16 + column * CELL + CELL / 2, TOP / 2), name, INK, small, anchor="mm")
     real = {name: answer(name, show("real", frame, bank, 0)) for name in CONTROLLERS}
-    for row, condition in enumerate(CONDITIONS.values()):
+    for row, condition in enumerate(shown):
         top, picture = TOP + row * ROW, show(condition.name, frame, bank, 0)
         pen.text((8, top + PICTURE_H / 2), condition.name, INK, big, anchor="lm")
         if picture is None:

@@ -17,6 +17,7 @@ from eyechart.frames import check, decode
 from eyechart.importing import Choices, costs, import_lerobot, import_table
 from eyechart.models import ADAPTERS
 from eyechart.studies import battery
+from eyechart.verdicts import judge
 
 pytestmark = pytest.mark.models
 
