@@ -212,6 +212,8 @@ def test_what_is_wrong_with_a_table_is_one_line_and_leaves_nothing(
         ('{"photo": ["0/00.jpg"]}\n', "row 1: 'photo' is a list, not a plain value"),
         ("[" * 100_000, "row 1 is no JSON object"),
         ("\n\n", "is empty"),
+        ('{"photo": "\\ud800.jpg"}\n', "row 1 is no JSON object"),
+        ('{"photo": "0/00.jpg", "lidar_m": 1' + "0" * 400 + "}\n", "row 1: the gap 'lidar_m' is 1000000"),
         ('{"photo": "0/00.jpg", "lidar_m": NaN}\n', "row 1: the gap 'lidar_m' is nan, not a number"),
     ],
 )

@@ -3,6 +3,7 @@
 import difflib
 import math
 import re
+import sys
 from collections.abc import Mapping, Sequence
 
 from eyechart.errors import SourceError
@@ -72,7 +73,7 @@ def read_number(cell: Cell, what: str) -> float | None:
         return None
     if isinstance(cell, str) and _NUMBER.fullmatch(cell.strip()):
         cell = float(cell)
-    if isinstance(cell, bool | str) or not math.isfinite(cell):
+    if isinstance(cell, bool | str) or not abs(cell) <= sys.float_info.max:
         raise SourceError(f"{what} is {_quoted(cell)}, not a number; leave the cell empty where there is none")
     return float(cell)
 

@@ -119,6 +119,8 @@ def _json_rows(path: Path, lines: Iterator[str], columns: tuple[str, ...]) -> It
 def _json_row(path: Path, number: int, line: str) -> dict[str, Cell]:
     try:
         row = json.loads(line)
+        if "\\u" in line:
+            json.dumps(row, ensure_ascii=False).encode()  # half of a surrogate pair is no text that a file can hold
     except (ValueError, RecursionError) as error:
         raise SourceError(f"{path}, row {number} is no JSON object: {error}") from error
     if not isinstance(row, dict):
