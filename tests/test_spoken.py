@@ -114,6 +114,33 @@ def test_who_follows_the_text_is_told_from_who_follows_the_picture(
     assert {name: found[name] for name in eight} == dict(eight)
 
 
+def test_who_follows_a_text_that_goes_with_the_gap_is_not_taken_for_one_who_sees_it(ask: Ask, tmp_path: Path) -> None:
+    """The listener brakes near by its own text and not by another's; the looker does by both."""
+    rows = [{**row, "speed": f"{50 - (row['lidar_m'] or 60) / 2} km/h"} for row in photographs.rows()]  # type: ignore[operator]
+    photographs.take(tmp_path / "photos", rows)
+    (tmp_path / "t.csv").write_text(photographs.as_csv(rows))
+    choices = Choices(PLACES, "horizontal", TWO, threshold=18.0, unit="m", prompt_columns=("speed",))
+    near = import_table(tmp_path / "photos", tmp_path / "t.csv", tmp_path / "bank", choices)
+    specs = ["driver:listens", "driver:looks"]
+    said = (
+        SAID.replace("HALT", "HALT or CRAWL")
+        + '\n[action_space]\nactions = ["HALT", "CRAWL", "GO"]\nbrake = ["HALT", "CRAWL"]\n'
+    )
+    battery.run(battery.plan(near.root, specs, tmp_path / "run", prompt=str(ask(said))))
+    scored = battery.score(tmp_path / "run", resamples=1000)
+    assert {spec: one.calibrated.label for spec, one in judge(scored).items()} == {
+        "driver:listens": "image_invariant",
+        "driver:looks": "depth",
+    }
+    heard = scored.models["driver:listens"].statistics["depth_observational"]
+    assert heard.detail is not None
+    assert float(str(heard.detail["p_real"])) < 0.01 < float(str(heard.detail["p_text_swapped"]))
+    battery.run(battery.plan(near.root, specs, tmp_path / "real", prompt=str(ask(said)), conditions=BATTERY))
+    unasked = battery.score(tmp_path / "real", resamples=200).models["driver:looks"].statistics["depth_observational"]
+    assert unasked.p is None
+    assert "text_swapped must be asked too" in unasked.note
+
+
 def test_text_swapped_is_there_only_where_the_prompt_says_something(bank: FrameBank, ask: Ask, tmp_path: Path) -> None:
     """It is none of the eight; asked by name for a prompt that says nothing, it is refused."""
     assert "text_swapped" not in BATTERY

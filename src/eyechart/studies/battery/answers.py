@@ -31,7 +31,7 @@ class Answers:
     """A model's decisions. ``decisions[condition]`` is aligned with ``frames``; None where there is no reply.
 
     ``finished`` counts the calls about these frames whose reply is final; ``no_gap`` says why there is no gap to
-    test, where ``gap`` is None.
+    test, where ``gap`` is None. ``told`` says whether the prompt said something of each frame.
     """
 
     model: str
@@ -41,6 +41,7 @@ class Answers:
     decisions: Mapping[str, tuple[Decision | None, ...]]
     finished: int = 0
     no_gap: str = NO_GAP
+    told: bool = False
 
     def responses(self, condition: str) -> Symbols:
         """Return response-level symbols, one per frame: the action, UNPARSED, or ``ABSENT``."""
@@ -123,6 +124,7 @@ def read_answers(
     frames: tuple[Frame, ...],
     *,
     independent: bool = False,
+    told: bool = False,
 ) -> Answers:
     """Read every reply of a model as a decision; replies about frames that are not asked for are left out.
 
@@ -154,4 +156,5 @@ def read_answers(
         decisions={condition: tuple(column) for condition, column in sorted(decisions.items())},
         finished=finished,
         no_gap=NO_EPISODES if silent and gap is not None else NO_GAP,
+        told=told,
     )

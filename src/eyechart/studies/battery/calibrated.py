@@ -96,13 +96,30 @@ class Calibrated:
         return replace(found, method=f"braking level, lead_near over lead_far: {found.method}", detail=detail)
 
     def _observational(self) -> Statistic:
+        """Test the trend on real pictures; where the text differs by frame, also under another frame's text.
+
+        A text that goes with the gap makes its follower seem to see; under another frame's text it does not. The
+        greater p of the two holds its level whichever of them is null.
+        """
+        found = self._trend("real")
+        if not self.answers.told or found.p is None:
+            return found
+        swapped = self._trend("text_swapped")
+        if swapped.p is None:
+            why = "the prompt says something of each frame, so that text_swapped must be asked too"
+            return cannot_say(f"{why}: {swapped.note}", found.n)
+        ps = {"p_real": found.p, "p_text_swapped": swapped.p}
+        weaker = swapped if swapped.p > found.p else found
+        return replace(weaker, detail={**(weaker.detail or {}), **ps}, method=f"{weaker.method}; real and text_swapped")
+
+    def _trend(self, condition: str) -> Statistic:
         gaps = self.answers.gaps
         if gaps is None:
             return cannot_say(self.answers.no_gap)
-        levels, ranks = self.answers.levels(self.answers.actions("real")), _ranks(gaps)
+        levels, ranks = self.answers.levels(self.answers.actions(condition)), _ranks(gaps)
         decided = levels[levels >= 0]
         if not len(decided):
-            return cannot_say("no decisions on real pictures")
+            return cannot_say(f"no decisions on {condition} pictures")
         if (decided == decided[0]).all():
             return replace(cannot_say("the braking level never changes", len(decided)), p=1.0)
         seed, resamples = self.how.seed_of("depth_observational"), self.how.resamples

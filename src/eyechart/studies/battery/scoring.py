@@ -74,10 +74,10 @@ def score(path: Path, *, resamples: int = 5000, independent: bool = False) -> Ba
     manifest, bank = read_run(path)
     independent = independent or bank.manifest.independent
     how = Resampling(resamples=resamples, seed=manifest.seed)
-    plan = plan_of(manifest, bank)
+    plan, told = plan_of(manifest, bank), bool(manifest.prompt.fields)
     with Ledger(path / LEDGER) as ledger:
         answers = {
-            spec: read_answers(spec, ledger.replies(spec), bank, plan.frames, independent=independent)
+            spec: read_answers(spec, ledger.replies(spec), bank, plan.frames, independent=independent, told=told)
             for spec in manifest.models
         }
         accounting = {spec: ledger.accounting(spec) for spec in manifest.models}
