@@ -158,13 +158,15 @@ def _episodes(bank: FrameBank) -> dict[str, int]:
 
 
 def _calls(bank: FrameBank) -> dict[str, int]:
-    """Return how many frames can be shown under each condition."""
+    """Return how many frames can be shown under each condition that needs no prompt with fields."""
     of_scenario = Counter(frame.scenario for frame in bank)
     calls = {}
-    for name in CONDITIONS:
+    for name, condition in CONDITIONS.items():
+        if condition.swaps_text:
+            continue
         shown = [frame for frame in bank if available(name, frame)]
-        if name == "shuffled":
-            shown = [frame for frame in shown if of_scenario[frame.scenario] > 1]
+        if name == "shuffled" and min(of_scenario.values()) < 2:
+            shown = []
         elif name == "cross_scenario" and len(of_scenario) < 2:
             shown = []
         calls[name] = len(shown)
