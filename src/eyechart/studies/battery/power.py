@@ -165,9 +165,9 @@ def _calls(bank: FrameBank) -> dict[str, int]:
         if condition.swaps_text:
             continue
         shown = [frame for frame in bank if available(name, frame)]
-        if name == "shuffled" and min(of_scenario.values()) < 2:
-            shown = []
-        elif name == "cross_scenario" and len(of_scenario) < 2:
+        if (name == "shuffled" and min(of_scenario.values()) < 2) or (
+            name == "cross_scenario" and len(of_scenario) < 2
+        ):
             shown = []
         calls[name] = len(shown)
     return calls
