@@ -35,6 +35,7 @@ COMMANDS = (
     "merge",
     "score",
     "verdict",
+    "gate",
     "plan",
     "calibrate",
     "list",
