@@ -342,9 +342,10 @@ def scope(score: BatteryScore, model: ModelScore | None = None) -> str:
     frames = model.answers.frames if model else next(iter(score.models.values())).answers.frames
     episodes = len({frame.episode for frame in frames})
     who = f"{model.model}@{model.version}" if model else "each model"
+    size = f"{_count(len(frames), 'frame')}, {_count(episodes, 'episode')}"
     return (
-        f"On bank {bank.name} ({bank.manifest.picture}; {_count(len(frames), 'frame')}, "
-        f"{_count(episodes, 'episode')}), {who} with prompt {run.prompt.key} on {run.created}; not tested: other prompts, other cameras, closed loop."
+        f"On bank {bank.name} ({bank.manifest.picture}; {size}), {who} with prompt {run.prompt.key} on {run.created}; "
+        "not tested: other prompts, other cameras, closed loop."
     )
 
 
@@ -374,8 +375,9 @@ def _notes(found: Mapping[str, Statistic], model: ModelScore) -> tuple[str, ...]
             notes.append(f"{need} episodes in each scenario, or counterfactual pictures, would test it")
     if found["bound_scene"].p is None:
         notes.append("whether a picture of another scenario changes its answer was not tested")
+    most = POSITIVE_CLAIMS * ALPHA
     notes.append(
-        f"up to {POSITIVE_CLAIMS} positive claims are tested in order, each at alpha {ALPHA}: a false one has a "
-        f"chance of at most {POSITIVE_CLAIMS * ALPHA:.2f}, which adds up over the models and prompts that are tried on one bank"
+        f"up to {POSITIVE_CLAIMS} positive claims are tested in order, each at alpha {ALPHA}: a false one has a chance of "
+        f"at most {most:.2f}, which adds up over the models and prompts that are tried on one bank"
     )
     return tuple(notes)
