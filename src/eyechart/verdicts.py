@@ -377,7 +377,7 @@ def _notes(found: Mapping[str, Statistic], model: ModelScore) -> tuple[str, ...]
         notes.append("whether a picture of another scenario changes its answer was not tested")
     most = POSITIVE_CLAIMS * ALPHA
     notes.append(
-        f"up to {POSITIVE_CLAIMS} positive claims are tested in order, each at alpha {ALPHA}: a false one has a chance of "
-        f"at most {most:.2f}, which adds up over the models and prompts that are tried on one bank"
+        f"up to {POSITIVE_CLAIMS} positive claims are tested in order, each at alpha {ALPHA}: a false one has a chance "
+        f"of at most {most:.2f}, which adds up over the models and prompts that are tried on one bank"
     )
     return tuple(notes)
