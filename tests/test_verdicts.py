@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import simulated
+from eyechart import verdicts
 from eyechart.actions import DRIVING
 from eyechart.frames import Frame
 from eyechart.stats.statistic import Statistic
@@ -170,6 +171,48 @@ def test_ten_frames_decide_nothing() -> None:
     calibrated, _, _, _ = rule_on(simulated.answers(lambda *_: "SLOW", world))
     assert calibrated.label == "undecided"
     assert "about 49 frames" in calibrated.because, calibrated.because
+
+
+def test_a_few_refused_blanks_do_not_show_that_the_picture_is_not_used() -> None:
+    """On ten frames one that brakes by distance and refuses blanks is no refusal effect: nothing is bounded."""
+
+    def declines(condition: str, frame: Frame, rng: np.random.Generator) -> str | None:
+        return None if simulated.blind(condition) else depth(condition, frame, rng)
+
+    world = simulated.frames(scenarios=2, episodes=1, steps=5)
+    calibrated, _, _, _ = rule_on(simulated.answers(declines, world, counterfactuals=False))
+    assert calibrated.label == "undecided"
+
+
+def test_a_coin_is_told_from_a_controller_that_follows_the_gap_now_and_then() -> None:
+    """Without a gap a coin is self-inconsistent, and one that looks in 4 of 10 answers is hardly ever called so."""
+
+    def coin(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+        del condition, frame
+        return str(rng.choice(DRIVING.actions))
+
+    def noisy(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+        return coin(condition, frame, rng) if rng.uniform() < 0.6 else depth(condition, frame, rng)
+
+    found: dict[simulated.Rule, list[str]] = {coin: [], noisy: []}
+    for rule, labels in found.items():
+        for seed in range(12):
+            answered = simulated.answers(rule, WORLD, counterfactuals=False, seed=seed)
+            labels.append(rule_on(replace(answered, gap=None))[0].label)
+    assert found[coin].count("self_inconsistent") >= 9
+    assert found[noisy].count("self_inconsistent") <= 1
+
+
+def test_one_scenario_leaves_another_untested_and_says_so() -> None:
+    """A verdict on a single scenario notes that no picture of another one was shown."""
+    whole = simulated.answers(depth, WORLD)
+    part = replace(whole, decisions={name: one for name, one in whole.decisions.items() if name != "cross_scenario"})
+    notes = []
+    for answered in (whole, part):
+        found = statistics_of(answered, Resampling(resamples=99, intervals=False))
+        notes.append(verdicts._notes(found, ModelScore("simulated", "0", 0, 0, answered, found, {})))
+    note = "whether a picture of another scenario changes its answer was not tested"
+    assert [note in one for one in notes] == [False, True]
 
 
 def test_paint_that_changes_the_answer_is_content() -> None:

@@ -23,7 +23,7 @@ PAPER_UNPARSED = 0.20
 SWAP_RATE = 0.5
 UNPARSED = 0.05
 FLOOR = 0.2
-"""``self_inconsistent`` needs a lower bound of s above this and an upper bound of kappa below it."""
+"""``self_inconsistent`` needs a lower bound of s above this and a kappa of real against real_repeat below it."""
 
 POSITIVE_CLAIMS = 6
 """depth, self_inconsistent, content (Holm over two tests), scene_cue, presence_only, refusal_effect."""
@@ -211,13 +211,13 @@ def _depth_test(found: Mapping[str, Statistic]) -> tuple[str, str]:
 
 
 def _self_inconsistent(found: Mapping[str, Statistic]) -> Ruling | None:
-    differs, kappa, excess = found["self_disagreement"], found["kappa"], found["bound_consistency"]
-    if differs.ci is None or kappa.ci is None or not (differs.ci[0] > FLOOR and kappa.ci[1] < FLOOR):
+    differs, kappa, pooled = found["self_disagreement"], found["kappa"].value, found["kappa_pooled"]
+    if differs.ci is None or differs.ci[0] <= FLOOR or kappa is None or kappa >= FLOOR:
         return None
-    if excess.p is None or excess.p >= ALPHA:
+    if pooled.p is None or pooled.p >= ALPHA:
         return None
     words = f"it disagrees with itself on the same picture (s = {_number(differs)}), about as often as chance would"
-    return _ruling("self_inconsistent", "kappa", kappa, words)
+    return _ruling("self_inconsistent", "kappa_pooled", pooled, words)
 
 
 def _content(found: Mapping[str, Statistic]) -> Ruling | None:
