@@ -5,7 +5,7 @@ import json
 import os
 import platform
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -132,6 +132,13 @@ def asked_of(bank: FrameBank, prompt: Prompt) -> FrameBank:
     return replace(bank, manifest=replace(bank.manifest, action_space=prompt.space))
 
 
+def _shard(value: Sequence[object]) -> tuple[int, int]:
+    index, count = (int(str(part)) for part in value)
+    if not 1 <= index <= count:
+        raise ValueError(f"shard {index}/{count} does not satisfy 1 <= i <= n")
+    return index, count
+
+
 def read_run(path: Path) -> tuple[RunManifest, FrameBank]:
     """Read a run's manifest and the text of its bank; raises LedgerError or BankError naming the file at fault."""
     file = path / _FILE
@@ -144,7 +151,10 @@ def read_run(path: Path) -> tuple[RunManifest, FrameBank]:
         raw["conditions"] = tuple(find_condition(name).name for name in raw["conditions"])
         raw["seed"] = int(raw["seed"])
         raw["limit"] = None if raw["limit"] is None else int(raw["limit"])
-        raw["shard"] = None if raw["shard"] is None else (int(raw["shard"][0]), int(raw["shard"][1]))
+        raw["shard"] = None if raw["shard"] is None else _shard(raw["shard"])
+        for name in ("study", "created", "bank_path", "fingerprint"):
+            if not isinstance(raw[name], str) or not raw[name].isprintable():
+                raise LedgerError(f"{file}: {name} is {raw[name]!r}, not a line of text")
         manifest = RunManifest(**raw)
     except FileNotFoundError as error:
         raise LedgerError(f"{file} does not exist: is {path} a run? 'eyechart run battery' makes one") from error

@@ -5,27 +5,29 @@ error rate and say ``undecided`` rather than accept a null. Both are declared in
 docs/decisions/0006-two-sets-of-rules.md.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from eyechart.actions import ActionSpace
 from eyechart.frames import BankManifest
 from eyechart.stats.agreement import trials_needed
+from eyechart.stats.exchange import episodes_needed
 from eyechart.stats.paired import pairs_to_bound
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.battery import BatteryScore, ModelScore
+from eyechart.studies.battery import ALPHA, MARGIN, BatteryScore, ModelScore
 
 PAPER_ALPHA = 0.05
 PAPER_UNPARSED = 0.20
 """Above this unparsed rate over all calls the paper's rules do not score. The paper prints no cut: any in
 (.05, .28) gives the five verdicts of Table t:frontier."""
 SWAP_RATE = 0.5
-ALPHA = 0.01
-MARGIN = 0.10
 UNPARSED = 0.05
 FLOOR = 0.2
-"""``self_inconsistent`` needs a lower bound of s above this and an upper bound of kappa below it."""
+"""``self_inconsistent`` needs a lower bound of s above this and a kappa of real against real_repeat below it."""
+
+POSITIVE_CLAIMS = 6
+"""depth, self_inconsistent, content (Holm over two tests), scene_cue, presence_only, refusal_effect."""
 
 CALIBRATED_LABELS = (
     "not_scorable",
@@ -143,6 +145,8 @@ def _paper_blind(found: Mapping[str, Statistic], corrected: Mapping[str, float |
     if unparsed.value is None or unparsed.value > PAPER_UNPARSED:
         return _ruling("not_scorable", "unparsed_rate", unparsed, f"above {PAPER_UNPARSED}")
     response, decision = corrected["cramers_v"], found["cramers_v.decision"]
+    if len(_asked(found["cramers_v"])) < 2:
+        return Ruling("not_scorable", "cramers_v", "fewer than two conditions were asked: there is nothing to compare")
     if response is None or response >= PAPER_ALPHA:
         return _ruling("image_invariant", "cramers_v", found["cramers_v"], "no answer depends on the condition")
     if decision.p is None or decision.p >= PAPER_ALPHA:
@@ -153,6 +157,11 @@ def _paper_blind(found: Mapping[str, Statistic], corrected: Mapping[str, float |
             "self_inconsistent", "clears_floor", f"IDI {_number(idi)} is not above 1.5 s, s = {_number(floor)}"
         )
     return None
+
+
+def _asked(association: Statistic) -> Sequence[object]:
+    rows = (association.detail or {}).get("rows", ())
+    return rows if isinstance(rows, list | tuple) else ()
 
 
 def _paper_ungraded(found: Mapping[str, Statistic]) -> Ruling | None:
@@ -182,7 +191,9 @@ def calibrated_rules(found: Mapping[str, Statistic], *, swaps: bool) -> tuple[Ru
     """Return the calibrated label and how the question of distance was put (interventional, observational, none)."""
     name, evidence = _depth_test(found)
     unparsed, depth = found["unparsed_reference"], found[name]
-    if unparsed.value is None or unparsed.value > UNPARSED:
+    if unparsed.value is None:
+        return Ruling("undecided", "unparsed_reference", "no call with the real picture has come back"), evidence
+    if unparsed.value > UNPARSED:
         return _ruling("not_scorable", "unparsed_reference", unparsed, f"above {UNPARSED}"), evidence
     if depth.p is not None and depth.p < ALPHA:
         label = "depth_lateral" if swaps else "depth"
@@ -201,13 +212,13 @@ def _depth_test(found: Mapping[str, Statistic]) -> tuple[str, str]:
 
 
 def _self_inconsistent(found: Mapping[str, Statistic]) -> Ruling | None:
-    differs, kappa, excess = found["self_disagreement"], found["kappa"], found["bound_consistency"]
-    if differs.ci is None or kappa.ci is None or not (differs.ci[0] > FLOOR and kappa.ci[1] < FLOOR):
+    differs, kappa, pooled = found["self_disagreement"], found["kappa"].value, found["kappa_pooled"]
+    if differs.ci is None or differs.ci[0] <= FLOOR or kappa is None or kappa >= FLOOR:
         return None
-    if excess.p is None or excess.p >= ALPHA:
+    if pooled.p is None or pooled.p >= ALPHA:
         return None
     words = f"it disagrees with itself on the same picture (s = {_number(differs)}), about as often as chance would"
-    return _ruling("self_inconsistent", "kappa", kappa, words)
+    return _ruling("self_inconsistent", "kappa_pooled", pooled, words)
 
 
 def _content(found: Mapping[str, Statistic]) -> Ruling | None:
@@ -265,13 +276,24 @@ def _invariant(found: Mapping[str, Statistic]) -> Ruling | None:
 
 
 def _undecided(found: Mapping[str, Statistic]) -> Ruling:
-    floor = found["self_disagreement"].value
-    if floor is None:
-        return Ruling("undecided", "self_disagreement", "real or real_repeat has no decisions to compare")
-    need = pairs_to_bound(min(floor, 0.9), margin=MARGIN, alpha=ALPHA)
-    have = found["bound_content_shuffled"].n
-    words = f"no rule's test decided at alpha {ALPHA}; with this self-disagreement about {need} frames bound an effect"
-    return Ruling("undecided", "bound_content_shuffled", f"{words} below {MARGIN} (there are {have})")
+    """Say which absence could not be bounded, and what would decide it."""
+    bounds = {name: found[f"bound_{name}"] for name in ("content_shuffled", "blank", "content_recoloured", "scene")}
+    for condition, name in (("shuffled", "content_shuffled"), ("blank", "blank")):
+        if bounds[name].p is None:
+            words = f"no frame has decisions on real, real_repeat and {condition}, so no absence can be bounded"
+            return Ruling("undecided", f"bound_{name}", words)
+    presence = found["presence"].p
+    if presence is not None and presence < ALPHA:
+        bounds.pop("blank")  # the effect of a blank is shown; what is open is the effect of content
+    open_ones = {name: bound for name, bound in bounds.items() if bound.p is not None and bound.p >= ALPHA}
+    if not open_ones:
+        return Ruling("undecided", "presence", f"no rule's test decided at alpha {ALPHA}")
+    name, bound = max(open_ones.items(), key=lambda item: item[1].p or 0.0)
+    detail = bound.detail or {}
+    discordant = (float(str(detail.get("b", 0))) + float(str(detail.get("c", 0)))) / max(bound.n, 1)
+    need = pairs_to_bound(min(discordant, 0.9), margin=MARGIN, alpha=ALPHA)
+    words = f"no test decided; an effect of {MARGIN} is not excluded (were there none, about {need} frames would)"
+    return _ruling("undecided", f"bound_{name}", bound, words)
 
 
 def lateral_rules(found: Mapping[str, Statistic], model: ModelScore, space: ActionSpace) -> Ruling:
@@ -316,17 +338,22 @@ def _p(p: float) -> str:
 
 
 def scope(score: BatteryScore, model: ModelScore | None = None) -> str:
-    """Return the sentence that bounds a verdict: bank, kind of picture, episodes, model, prompt, date, and what not."""
+    """Return the sentence that bounds a verdict: bank, picture, episodes, model, prompt, date, what was not tested."""
     bank, run = score.bank, score.manifest
     frames = model.answers.frames if model else next(iter(score.models.values())).answers.frames
-    episodes = f"{len({frame.episode for frame in frames})} episodes"
+    episodes = _count(len({frame.episode for frame in frames}), "episode")
     if "episode" in bank.manifest.absent:
         episodes = "declared independent" if bank.manifest.independent else "no episodes recorded"
     who = f"{model.model}@{model.version}" if model else "each model"
+    size = f"{_count(len(frames), 'frame')}, {episodes}"
     return (
-        f"On bank {bank.name} ({bank.manifest.picture}; {len(frames)} frames, {episodes}), {who} "
-        f"with prompt {run.prompt.key} on {run.created}; not tested: other prompts, other cameras, closed loop."
+        f"On bank {bank.name} ({bank.manifest.picture}; {size}), {who} with prompt {run.prompt.key} on {run.created}; "
+        "not tested: other prompts, other cameras, closed loop."
     )
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def _notes(found: Mapping[str, Statistic], model: ModelScore, bank: BankManifest) -> tuple[str, ...]:
@@ -347,7 +374,15 @@ def _notes(found: Mapping[str, Statistic], model: ModelScore, bank: BankManifest
         notes.append(f"it refused {refused} non-pictures (blank, noise or text only)")
     if found["depth_interventional"].p is None and found["depth_observational"].p is None:
         notes.append(f"whether it follows the gap was not tested: {found['depth_observational'].note}")
+        if model.answers.gap is not None:
+            strata = len({frame.scenario for frame in model.answers.frames})
+            need = episodes_needed(strata, alpha=ALPHA)
+            notes.append(f"{need} episodes in each scenario, or counterfactual pictures, would test it")
     if found["bound_scene"].p is None:
         notes.append("whether a picture of another scenario changes its answer was not tested")
-    notes.append(f"calibrated tests are its own, each at alpha {ALPHA}, tried in the order of the rules")
+    most = POSITIVE_CLAIMS * ALPHA
+    notes.append(
+        f"up to {POSITIVE_CLAIMS} positive claims are tested in order, each at alpha {ALPHA}: a false one has a chance "
+        f"of at most {most:.2f}, which adds up over the models and prompts that are tried on one bank"
+    )
     return tuple(notes)

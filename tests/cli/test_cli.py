@@ -36,6 +36,7 @@ COMMANDS = (
     "merge",
     "score",
     "verdict",
+    "gate",
     "plan",
     "calibrate",
     "list",

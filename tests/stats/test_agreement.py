@@ -223,11 +223,11 @@ def test_an_empty_class_leaves_its_rate_and_the_balanced_accuracy_unsaid() -> No
 
 
 def test_a_coin_agrees_with_itself_as_with_others() -> None:
-    """Of 144 frames answered three times by a five-sided coin the excess is bounded below .10, in nearly every draw."""
+    """Of 144 frames answered four times by a five-sided coin kappa is bounded below .10 in nearly every draw."""
     bounded = 0
     for seed in range(50):
-        tosses = np.random.default_rng(seed).integers(0, 5, size=(144, 3))
-        found = agreement.excess_agreement(tosses)
+        tosses = np.random.default_rng(seed).integers(0, 5, size=(144, 4))
+        found = agreement.pooled_kappa(tosses)
         assert found.value is not None
         assert found.p is not None
         assert found.ci is not None
@@ -236,22 +236,25 @@ def test_a_coin_agrees_with_itself_as_with_others() -> None:
     assert bounded >= 48
 
 
-def test_an_excess_at_the_margin_is_hardly_ever_bounded() -> None:
-    """Frames that keep a third of their answers have an excess of .10, and the bound holds its level."""
+def test_a_kappa_at_the_margin_is_hardly_ever_bounded() -> None:
+    """Where each answer is kept with probability √.1 and else tossed, kappa is .10, and the bound holds its level."""
     false = 0
     for seed in range(300):
         rng = np.random.default_rng(seed)
         own = np.repeat(rng.integers(0, 5, size=(60, 1)), 3, axis=1)
-        kept = rng.uniform(size=(60, 3)) < (0.10 / 0.8) ** 0.5
-        false += (agreement.excess_agreement(np.where(kept, own, rng.integers(0, 5, size=(60, 3)))).p or 0.0) < 0.01
+        kept = rng.uniform(size=(60, 3)) < 0.10**0.5
+        false += (agreement.pooled_kappa(np.where(kept, own, rng.integers(0, 5, size=(60, 3)))).p or 0.0) < 0.01
     assert false <= 9  # P(Bin(300, .01) > 9) is .001
 
 
-def test_excess_agreement_is_one_for_one_minus_chance() -> None:
-    """Three equal columns of two answers, half each, agree always; by chance, between frames, just under half."""
+def test_pooled_kappa_of_equal_columns_is_one() -> None:
+    """Three equal columns of two answers agree always, whatever chance; one answer alone cannot say."""
     codes = np.repeat(np.array([[0], [1]] * 10), 3, axis=1)
-    found = agreement.excess_agreement(codes)
-    assert found.value == pytest.approx(1 - 9 / 19)
+    found = agreement.pooled_kappa(codes)
+    assert found.value == pytest.approx(1.0)
+    assert found.detail is not None
+    assert found.detail["chance"] == pytest.approx(9 / 19)
+    assert agreement.pooled_kappa(np.zeros((20, 3), dtype=int)).value is None
     assert found.n == 20
     assert found.p == pytest.approx(1.0, abs=1e-3)
 
@@ -260,7 +263,7 @@ def test_missing_answers_leave_their_pairs_out() -> None:
     """A column without answers changes nothing, and fewer than two frames cannot say."""
     codes = np.random.default_rng(0).integers(0, 3, size=(30, 2))
     wider = np.column_stack([codes, np.full(30, -1)])
-    assert agreement.excess_agreement(wider) == agreement.excess_agreement(codes)
-    assert agreement.excess_agreement(np.array([[0, 1]])).value is None
+    assert agreement.pooled_kappa(wider) == agreement.pooled_kappa(codes)
+    assert agreement.pooled_kappa(np.array([[0, 1]])).value is None
     with pytest.raises(ValueError, match="integer codes of shape"):
-        agreement.excess_agreement(np.zeros((4, 2)))
+        agreement.pooled_kappa(np.zeros((4, 2)))

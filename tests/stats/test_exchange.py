@@ -309,3 +309,19 @@ def test_episodes_needed_reach_alpha() -> None:
     assert exchange.smallest_p([400]) == 0.0
     with pytest.raises(ValueError, match="number of episodes"):
         exchange.smallest_p([-1])
+
+
+def test_a_sampled_p_is_never_zero() -> None:
+    """With random arrangements the data count as one of them: perfect separation gives 1/(B+1), not 0."""
+    episodes, steps = 12, 6
+    rank = np.random.default_rng(0).permuted(np.tile(np.arange(episodes * steps, dtype=float), (1, 1)), axis=1)[0]
+    level = (rank < np.median(rank)).astype(np.int64) * 2
+    episode, step = np.repeat(np.arange(episodes), steps), np.tile(np.arange(steps), episodes)
+    stratum = np.zeros(episodes * steps, dtype=np.int64)
+    sampled = exchange.exchange_test(level, rank, stratum, episode, step, seed=0, resamples=200)
+    assert "B=200" in sampled.method
+    assert sampled.p == pytest.approx(1 / 201)
+    assert exchange.exchange_mi_test(level, level, stratum, episode, step, seed=0, resamples=200).p == pytest.approx(
+        1 / 201
+    )
+    assert exchange.iid_trend_test(level, rank, stratum, seed=0, resamples=200).p == pytest.approx(1 / 201)

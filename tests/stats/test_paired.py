@@ -162,3 +162,12 @@ def test_pairs_that_are_none_are_refused(first: list, second: list, message: str
     """The error says what a pair must be."""
     with pytest.raises(ValueError, match=message):
         paired.paired_difference(first, second)
+
+
+def test_a_sampled_label_swap_is_never_impossible() -> None:
+    """With random swaps the data count as one of them: a complete change of answers gives 1/(B+1), not 0."""
+    first = np.array(["a", "b", "c", "d", "e"] * 40)
+    second = np.array(["z"] * 200)
+    found = paired.label_swap_test(first, second, seed=0, resamples=200)
+    assert "B=200" in found.method
+    assert found.p == pytest.approx(1 / 201)

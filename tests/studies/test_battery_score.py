@@ -147,3 +147,11 @@ def test_a_missing_reply_is_absent_and_not_unparsed() -> None:
     holes: tuple[Decision | None, ...] = (None, *whole.decisions["blank"][1:])
     part: Answers = replace(whole, decisions={**whole.decisions, "blank": holes})
     assert statistics_of(part, HOW)["agree.blank"].n == len(WORLD) - 1
+
+
+def test_a_gap_at_the_threshold_is_far() -> None:
+    """The obstacle test is strict: exactly 18 m is not near."""
+    world = tuple(replace(f, truth={"lead_gap_m": 18.0 if f.step % 2 else 17.999}) for f in WORLD)
+    found = statistics_of(replace(simulated.answers(by_gap, WORLD), frames=world), HOW)["obstacle"]
+    near = found.detail["columns"].index("near")
+    assert sum(row[near] for row in found.detail["table"]) == len(WORLD) / 2

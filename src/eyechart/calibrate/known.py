@@ -138,7 +138,7 @@ NULLS: Mapping[str, tuple[float, frozenset[str]]] = {
     "depth_interventional": (0.01, frozenset(KNOWN) - FOLLOW_GAP),
     "depth_observational": (0.01, frozenset(KNOWN) - FOLLOW_GAP),
     "depth_information": (0.01, frozenset(KNOWN) - FOLLOW_GAP - {"inverted"}),
-    "bound_consistency": (0.01, frozenset(("depth", "inverted", "nuisance", "scene_only", "time"))),
+    "kappa_pooled": (0.01, frozenset(("noisy_depth",))),
     "content_shuffled": (0.01, _LOOKS_AT_NO_DETAIL | {"crash_colour"}),
     "content_recoloured": (0.01, frozenset(KNOWN) - {"crash_colour"}),
     "scene_cue": (0.01, BLIND_TO_ROADS | {"crash_colour"}),

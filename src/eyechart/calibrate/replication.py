@@ -5,7 +5,7 @@ import random
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from eyechart.seeds import key_seed
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.answers import ABSENT, Answers
-from eyechart.studies.battery.calibrated import COUNTERFACTUAL_TESTS
+from eyechart.studies.battery.calibrated import COUNTERFACTUAL_TESTS, Calibrated
 from eyechart.studies.battery.published import Resampling
 from eyechart.studies.battery.scoring import ModelScore, statistics_of
 
@@ -121,10 +121,12 @@ def answers_of(known: Known, setting: Setting, world: World, rng: random.Random)
     return Answers(known.name, world.frames, DRIVING, gap, decisions)
 
 
-def without_counterfactuals(found: Mapping[str, Statistic]) -> dict[str, Statistic]:
+def without_counterfactuals(answers: Answers, found: Mapping[str, Statistic]) -> dict[str, Statistic]:
     """Return the statistics that the same answers would give on a bank without counterfactual pictures."""
+    kept = {name: column for name, column in answers.decisions.items() if name not in COUNTERFACTUALS}
     missing = cannot_say("the bank has no counterfactual pictures")
-    return {**found, **dict.fromkeys(COUNTERFACTUAL_TESTS, missing)}
+    pooled = Calibrated(replace(answers, decisions=kept), Resampling()).kappa_pooled()
+    return {**found, **dict.fromkeys(COUNTERFACTUAL_TESTS, missing), "kappa_pooled": pooled}
 
 
 def _outcome(
@@ -140,7 +142,7 @@ def _outcome(
             scenarios=len(set(answers.scenarios.tolist())),
             varied=_varied(answers, counterfactuals=counterfactuals),
         )
-        statistics = found if counterfactuals else without_counterfactuals(found)
+        statistics = found if counterfactuals else without_counterfactuals(answers, found)
         label = verdicts.calibrated_rules(statistics, swaps=lateral == "swaps")[0].label
         rulings.append(Ruled(label, deserved(known, shows), is_false(label, known.name, varied=shows.varied)))
     return Outcome(

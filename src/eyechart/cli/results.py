@@ -60,7 +60,13 @@ def print_table(scored: "BatteryScore", verdicts: "Mapping[str, Verdict]") -> No
     from eyechart.verdicts import TRUST, scope
 
     console = table_console()
-    console.print(verdict_table(scored, verdicts))
+    table = verdict_table(scored, verdicts)
+    if console.measure(table).minimum <= console.width:
+        console.print(table)
+    else:  # a narrow terminal: a line for each label instead of columns that are cut
+        for spec, one in verdicts.items():
+            labels = f"{one.calibrated.label}; lateral {one.lateral.label}; paper's rules {one.paper.label}"
+            console.print(f"{spec}: {labels}", markup=False)
     for label in dict.fromkeys(one.calibrated.label for one in verdicts.values()):
         console.print(f"{label}: {TRUST[label]}", markup=False)
     console.print(f"Scope: {scope(scored)}", markup=False)

@@ -20,7 +20,7 @@ def battery(
         typer.Option(help="A name of 'eyechart list prompts', or FILE.toml; default: one that suits the bank."),
     ] = None,
     conditions: Annotated[str | None, typer.Option(help="With commas; default: all that the bank has.")] = None,
-    seed: Annotated[int, typer.Option(help="Seed of stimuli, sampling and the order of calls.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of stimuli, sampling and the order of calls.")] = 0,
     limit: Annotated[int | None, typer.Option(help="So many frames, from every episode in turn.")] = None,
     shard: Annotated[str | None, typer.Option(help="i/n: make only these calls; join with 'merge'.")] = None,
     concurrency: Annotated[int, typer.Option(min=1, help="Calls under way at once, a model.")] = 8,

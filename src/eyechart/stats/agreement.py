@@ -132,47 +132,55 @@ def cohens_kappa(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 
     return Statistic(kappa, n, ci, method=f"Cohen's kappa, {100 * level:g}% {how}", detail=detail)
 
 
-def excess_agreement(columns: npt.ArrayLike, *, margin: float = 0.10, alpha: float = 0.01) -> Statistic:
-    """Test whether answers that ought to be one answer agree by less than ``margin`` more often than by chance.
+def pooled_kappa(columns: npt.ArrayLike, *, margin: float = 0.10, alpha: float = 0.01) -> Statistic:
+    """Test whether answers that ought to be one answer agree beyond chance by less than ``margin``.
 
     ``columns``, shape (frames, m) with m of 2 or more, holds codes of the answers to m pictures of each frame that
-    call for the same answer; -1 is no answer. ``value`` is the agreement within frames, over all pairs of columns,
-    less the agreement of answers to different frames (chance, given the marginals). ``p`` belongs to the null "the
-    excess is ``margin`` or more"; the upper end of ``ci``, two-sided at 1 - 2 alpha, lies below the margin exactly
-    when p < alpha. Both are those of Wilson's score at the effective number of pairs: pairs of one frame may resemble
-    each other, so their number is divided by the design effect, 1 at least (Kish 1965). ``n`` counts the frames with
-    a pair; below two of them the value is None.
+    call for the same answer; -1 is no answer. ``value`` is (agreement - chance) / (1 - chance): agreement is that of
+    answers to one frame, over all pairs of columns, and chance that of answers to different frames. ``p`` belongs to
+    the null "kappa is ``margin`` or more"; the upper end of ``ci``, two-sided at 1 - 2 alpha, lies below the margin
+    exactly when p < alpha. Both are those of Wilson's score, chance held fixed, at the effective number of pairs:
+    pairs of one frame may resemble each other, so their number is divided by the design effect, 1 at least (Kish
+    1965). ``n`` counts the frames with a pair. The value is None below two of them, and where all answers are one.
     """
     given = np.asarray(columns)
     if given.ndim != 2 or given.shape[1] < 2 or given.dtype.kind not in "iu" or not 0 < alpha < 0.5:
         raise ValueError(f"give integer codes of shape (frames, m), m of 2 or more, got {given.dtype} {given.shape}")
-    method = f"agreement within frames less that between frames, {100 * (1 - 2 * alpha):g}% Wilson interval"
-    pairs, hits = np.zeros(len(given)), np.zeros(len(given))
-    expected = 0.0
-    for i in range(given.shape[1]):
-        for j in range(i):
-            both = (given[:, i] >= 0) & (given[:, j] >= 0)
-            n = int(both.sum())
-            if n < 2:
-                continue
-            same = both & (given[:, i] == given[:, j])
-            size = int(given.max()) + 1
-            one, other = (np.bincount(given[both, column], minlength=size) for column in (i, j))
-            pairs, hits = pairs + both, hits + same
-            expected += (float(one @ other) - int(same.sum())) / (n - 1)
+    method = f"pooled kappa, {100 * (1 - 2 * alpha):g}% Wilson interval of the agreement, chance held fixed"
+    pairs, hits, expected = _pairs_within(given)
     total, frames = float(pairs.sum()), int(np.count_nonzero(pairs))
     if frames < 2:
         return cannot_say(f"{frames} frames have two answers to compare", frames, method)
     agree, chance = float(hits.sum()) / total, expected / total
+    if chance >= 1:
+        return cannot_say("all answers are the same: chance agreement is 1", frames, method)
     binomial = agree * (1 - agree) * total
     spread = float(((hits - agree * pairs) ** 2).sum())
     effect = max(1.0, spread / binomial) if binomial > 0 else 1.0
     low, high = _wilson(agree * total / effect, total / effect, 1 - 2 * alpha)
-    null = chance + margin
-    deviation = math.sqrt(max(null * (1 - null), 0.0) * effect / total)
-    p = NormalDist().cdf((agree - null) / deviation) if deviation else float(agree >= null)
+    null = chance + margin * (1 - chance)
+    deviation = math.sqrt(null * (1 - null) * effect / total)
+    p = NormalDist().cdf((agree - null) / deviation)
     detail = {"agreement": agree, "chance": chance, "pairs": int(total), "design_effect": effect, "margin": margin}
-    return Statistic(agree - chance, frames, (low - chance, high - chance), p, method, detail=detail)
+    value, low, high = ((share - chance) / (1 - chance) for share in (agree, low, high))
+    return Statistic(value, frames, (low, high), p, method, detail=detail)
+
+
+def _pairs_within(columns: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], float]:
+    """Return each frame's pairs and agreeing pairs, and how many pairs would agree were they of different frames."""
+    pairs, hits, expected = np.zeros(len(columns)), np.zeros(len(columns)), 0.0
+    for i in range(columns.shape[1]):
+        for j in range(i):
+            both = (columns[:, i] >= 0) & (columns[:, j] >= 0)
+            n = int(both.sum())
+            if n < 2:
+                continue
+            same = both & (columns[:, i] == columns[:, j])
+            size = int(columns.max()) + 1
+            one, other = (np.bincount(columns[both, place], minlength=size) for place in (i, j))
+            pairs, hits = pairs + both, hits + same
+            expected += (float(one @ other) - int(same.sum())) / (n - 1)
+    return pairs, hits, expected
 
 
 def kappa_from_marginal(agree_repeat: float, marginal: npt.ArrayLike) -> Statistic:

@@ -61,28 +61,6 @@ def permute_mutual_information(tables: npt.ArrayLike, *, seed: int, resamples: i
     return Statistic(max(0.0, (observed + constant) / n), n, p=p, method=method, detail=detail)
 
 
-def permute_chi2(tables: npt.ArrayLike, *, seed: int, resamples: int = 5000) -> Statistic:
-    """Test independence by i.i.d. permutation with Pearson's chi-squared (no correction) as statistic.
-
-    ``tables``, ``p`` and the degenerate cases as for `permute_mutual_information`. ``value`` is chi-squared.
-    """
-    stack = _stack(tables)
-    total = stack.sum(axis=0)
-    n, method = int(total.sum()), f"chi-squared, i.i.d. permutation, B={resamples}"
-    if n == 0:
-        return cannot_say("the table is empty", method=method)
-    rows, columns = total.sum(axis=1), total.sum(axis=0)
-    if min(np.count_nonzero(rows), np.count_nonzero(columns)) < 2:
-        note = "one row or one column: nothing can depend on it"
-        return Statistic(0.0, n, p=1.0, method=method, note=note)
-    expected = np.outer(rows, columns) / n
-    weights = np.divide(1.0, expected, out=np.zeros_like(expected), where=expected > 0)
-    resampled = np.einsum("bij,ij->b", _random_tables(stack, resamples, seed).astype(float) ** 2, weights)
-    observed = float((total**2 * weights).sum())
-    p = permutation_p(_at_least(resampled, observed), resamples)
-    return Statistic(max(0.0, observed - n), n, p=p, method=method)
-
-
 def holm(p_values: Sequence[float | None]) -> list[float | None]:
     """Return Holm's adjusted p values in the given order (Holm 1979).
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from eyechart.stats.agreement import cohens_kappa, excess_agreement, rate
+from eyechart.stats.agreement import cohens_kappa, pooled_kappa, rate
 from eyechart.stats.association import quantile_bins
 from eyechart.stats.exchange import exchange_mi_test, exchange_test, iid_trend_test
 from eyechart.stats.paired import bounded_below, label_swap_test, sign_test
@@ -26,8 +26,11 @@ LEVEL = 1 - 2 * ALPHA
 FEWEST_PAIRS = 7
 """With fewer pairs an exact sign test cannot reach alpha .01 (2 to the power of -7 is .0078)."""
 
+SAME = ("real", "real_repeat", "mirrored", "recoloured")
+"""Pictures of a frame that call for one answer: the reflection for the mirrored one, and paint for none."""
+
 COUNTERFACTUAL_TESTS = ("depth_interventional", "content_recoloured", "bound_content_recoloured")
-"""The tests that a bank without counterfactual pictures cannot make; no other reads these pictures."""
+"""The tests that a bank without counterfactual pictures cannot make; of the others only ``kappa_pooled`` reads some."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,7 @@ class Calibrated:
             "unparsed_reference": self._unparsed_reference(),
             "self_disagreement": self._self_disagreement(),
             "kappa": self._kappa(),
-            "bound_consistency": self._consistency(),
+            "kappa_pooled": self.kappa_pooled(),
             "depth_interventional": self._interventional(),
             "depth_observational": self._observational(),
             "depth_information": self._episode_safe_information(),
@@ -75,16 +78,16 @@ class Calibrated:
         real, repeat, _ = self.answers.both("real", "real_repeat", "decision")
         return cohens_kappa(real, repeat, level=LEVEL)
 
-    def _consistency(self) -> Statistic:
-        """Bound how far the answers to a picture, its repeat and its reflection (turned back) agree beyond chance."""
+    def kappa_pooled(self) -> Statistic:
+        """Bound the agreement beyond chance of the answers to all pictures of a frame that call for one answer."""
         space = self.answers.space
-        columns = {name: self.answers.actions(name) for name in ("real", "real_repeat", "mirrored")}
-        codes = np.full((len(self.answers.frames), len(columns)), -1, dtype=np.int64)
-        for place, (name, given) in enumerate(columns.items()):
+        codes = np.full((len(self.answers.frames), len(SAME)), -1, dtype=np.int64)
+        for place, name in enumerate(SAME):
+            given = self.answers.actions(name)
             for code, action in enumerate(space.actions):
                 codes[given == (space.mirror(action) if name == "mirrored" else action), place] = code
-        found = excess_agreement(codes, margin=MARGIN, alpha=ALPHA)
-        return replace(found, method=f"real, real_repeat and mirrored: {found.method}")
+        found = pooled_kappa(codes, margin=MARGIN, alpha=ALPHA)
+        return replace(found, method=f"{', '.join(SAME)}: {found.method}")
 
     def _interventional(self) -> Statistic:
         near, far, _ = self.answers.both("lead_near", "lead_far", "decision")
