@@ -140,19 +140,33 @@ class BankManifest:
         lines = "\n".join(f"{frame}\x1f{digest}" for frame, digest in self.geometry.items())
         return hashlib.sha256(lines.encode()).hexdigest()
 
+    @property
+    def declaration(self) -> str:
+        """Return the digest of what the bank declares of itself: its picture in words, gap, actions and settings."""
+        words = {name: value for name, value in self._declared().items() if name != "versions"}
+        return hashlib.sha256(json.dumps(words, sort_keys=True).encode()).hexdigest()
+
     def as_dict(self) -> dict[str, object]:
         """Return the manifest as plain JSON values."""
+        return {
+            "format": FORMAT,
+            "fingerprint": self.fingerprint,
+            "declaration": self.declaration,
+            **self._declared(),
+            "geometry": dict(self.geometry),
+            "images": dict(self.images),
+        }
+
+    def _declared(self) -> dict[str, object]:
         gap = (
             None
             if self.gap is None
             else {"column": self.gap.column, "threshold": self.gap.threshold, "unit": self.gap.unit}
         )
         return {
-            "format": FORMAT,
             "simulator": self.simulator,
             "preset": self.preset,
             "picture": self.picture,
-            "fingerprint": self.fingerprint,
             "action_space": self.action_space.as_dict(),
             "gap": gap,
             **({"prompt_columns": list(self.prompt_columns)} if self.prompt_columns else {}),
@@ -160,8 +174,6 @@ class BankManifest:
             **({"independent": True} if self.independent else {}),
             "settings": dict(self.settings),
             "versions": dict(self.versions),
-            "geometry": dict(self.geometry),
-            "images": dict(self.images),
         }
 
 
@@ -307,7 +319,7 @@ def _read_manifest(path: Path) -> BankManifest:
             absent=tuple(map(str, _listed(raw, "absent"))),
             independent=_flag(raw, "independent"),
         )
-        recorded = raw["fingerprint"]
+        recorded, declared = raw["fingerprint"], raw["declaration"]
     except FileNotFoundError as error:
         raise BankError(
             f"{path} does not exist: is {path.parent} a frame bank? 'eyechart frames build' makes one"
@@ -318,6 +330,11 @@ def _read_manifest(path: Path) -> BankManifest:
         raise BankError(f"{path} is no bank manifest: {error!r}") from error
     if recorded != manifest.fingerprint:
         raise BankError(f"{path}: the fingerprint does not match the geometry that the manifest lists")
+    if declared != manifest.declaration:
+        raise BankError(
+            f"{path}: what the bank declares of itself (picture, gap, actions or settings) was changed after it was "
+            "made; make it anew with what it should declare"
+        )
     return manifest
 
 
