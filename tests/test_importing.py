@@ -296,7 +296,7 @@ def test_a_missing_column_costs_its_own_tests_by_name_and_the_battery_still_runs
     if missing == "mirror":
         assert verdict.lateral.label == "not_tested"
     if missing == "scenario":
-        assert any("no scenarios" in note for note in verdict.notes)
+        assert any("another scenario changes its answer was not tested" in note for note in verdict.notes)
         with pytest.raises(EyechartError, match="'cross_scenario' cannot be shown"):
             battery.plan(bank.root, ["driver:looks"], tmp_path / "other", conditions=["real", "cross_scenario"])
     if missing == "episode":

@@ -41,8 +41,8 @@ ALLOWED_FROM_ANYWHERE = {"eyechart"}
 DOORS = {"models", "simulators"}
 """Packages whose ``__init__`` is the floor of their modules: the Protocol, and the registry that opens them by name."""
 
-OPENS_BY_NAME = {"eyechart.models", "eyechart.simulators"}
-"""The only modules that import by a name that is not written as an import."""
+OPENS_BY_NAME = {"eyechart.models", "eyechart.simulators", "eyechart.importing.parquet"}
+"""The only modules that import by a name that is not written as an import: two registries and the extras of imports."""
 
 
 BY_NAME = re.compile(r"'(import_module|__import__)'")

@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from eyechart.actions import ActionSpace
-from eyechart.frames import BankManifest
 from eyechart.stats.agreement import trials_needed
 from eyechart.stats.exchange import episodes_needed
 from eyechart.stats.paired import pairs_to_bound
@@ -127,7 +126,7 @@ def _judge_one(score: BatteryScore, model: ModelScore) -> Verdict:
         evidence=evidence,
         trust=TRUST[calibrated.label],
         scope=scope(score, model),
-        notes=_notes(found, model, score.bank.manifest),
+        notes=_notes(found, model),
     )
 
 
@@ -356,10 +355,8 @@ def _count(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
-def _notes(found: Mapping[str, Statistic], model: ModelScore, bank: BankManifest) -> tuple[str, ...]:
+def _notes(found: Mapping[str, Statistic], model: ModelScore) -> tuple[str, ...]:
     notes = []
-    if "scenario" in bank.absent:
-        notes.append("whether it follows the kind of scene was not tested: the bank records no scenarios")
     if model.answered < model.planned:
         notes.append(f"partial: {model.answered} of {model.planned} planned calls are finished")
     if (found["unparsed_rate"].value or 0.0) > 0.0:
