@@ -573,7 +573,7 @@ def test_metadata_written_on_windows_are_read(bank: FrameBank) -> None:
 )
 def test_what_a_bank_declares_cannot_be_edited(tmp_path: Path, words: str, instead: str) -> None:
     """A changed threshold, kind of picture or action name would change verdicts and their scope."""
-    bank = build_bank(tmp_path / "bank")
+    bank = banks.build_bank(tmp_path / "bank")
     file = bank.root / "manifest.json"
     text = file.read_text(encoding="utf-8")
     assert words in text
