@@ -86,7 +86,9 @@ def test_every_controller_of_the_demo_is_calibrated() -> None:
 
 def test_a_rule_that_takes_a_null_for_evidence_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without its bounds the rule of image invariance calls small samples blind, and the printed rates show it."""
-    monkeypatch.setattr(verdicts, "_invariant", lambda _: verdicts.Ruling("image_invariant", "bound_blank", "broken"))
+    monkeypatch.setattr(
+        verdicts.calibrated, "_invariant", lambda _: verdicts.Ruling("image_invariant", "bound_blank", "broken")
+    )
     broken = calibrate(replications=2, seed=0, settings=["small_10"])
     found = broken.false_claims("image_invariant", "small_10", VARIANTS[0])
     assert not found.holds
@@ -340,7 +342,9 @@ def test_the_command_exits_1_where_a_target_is_missed(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A broken rule ends the command with 1, and the miss is printed."""
-    monkeypatch.setattr(verdicts, "_invariant", lambda _: verdicts.Ruling("image_invariant", "bound_blank", "broken"))
+    monkeypatch.setattr(
+        verdicts.calibrated, "_invariant", lambda _: verdicts.Ruling("image_invariant", "bound_blank", "broken")
+    )
     words = ["calibrate", "--replications", "2", "--processes", "1", "--setting", "small_10"]
     monkeypatch.setattr(sys, "argv", ["eyechart", *words])
     with pytest.raises(SystemExit) as left:

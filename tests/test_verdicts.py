@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import simulated
-from eyechart import verdicts
 from eyechart.actions import DRIVING
 from eyechart.frames import Frame
 from eyechart.stats.statistic import Statistic
@@ -20,6 +19,7 @@ from eyechart.verdicts import (
     TRUST,
     Ruling,
     calibrated_rules,
+    judging,
     lateral_rules,
     paper_rules,
 )
@@ -210,7 +210,7 @@ def test_one_scenario_leaves_another_untested_and_says_so() -> None:
     notes = []
     for answered in (whole, part):
         found = statistics_of(answered, Resampling(resamples=99, intervals=False))
-        notes.append(verdicts._notes(found, ModelScore("simulated", "0", 0, 0, answered, found, {})))
+        notes.append(judging._notes(found, ModelScore("simulated", "0", 0, 0, answered, found, {})))
     note = "whether a picture of another scenario changes its answer was not tested"
     assert [note in one for one in notes] == [False, True]
 
