@@ -15,7 +15,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("report", "gate", "calibrate"),
     ("verdicts",),
     ("studies",),
-    ("run", "manifest"),
+    ("run", "manifest", "costs", "integrity"),
     ("models", "simulators", "ledger", "prompts", "importing", "limits"),
     ("perception",),
     ("calls", "conditions", "modes"),

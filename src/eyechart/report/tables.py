@@ -10,6 +10,8 @@ from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import BatteryScore, ModelScore
 from eyechart.verdicts import Verdict
 
+MARK = " (!)"
+"""Stands behind a verdict of a run that failed a guard; the guard is printed in words below."""
 _COLOUR = {
     "depth_lateral": "bold green",
     "depth": "green",
@@ -43,7 +45,7 @@ def verdict_table(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> Table
         deciding = score.models[spec].statistics[name]
         table.add_row(
             Text(spec),
-            Text(label, style=_COLOUR.get(label, "red")),
+            Text(f"{label}{MARK if verdict.failed else ''}", style=_COLOUR.get(label, "red")),
             verdict.lateral.label,
             verdict.paper.label,
             f"{name}{_short(deciding)}",
@@ -89,8 +91,9 @@ def frontier_table(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> Tabl
         table.add_column(Text(spec), justify="right")
     for row in next(iter(columns.values()), {}):
         table.add_row(row, *(column[row] for column in columns.values()))
-    table.add_row("verdict (paper)", *(verdicts[spec].paper.label for spec in columns))
-    table.add_row("verdict (calibrated)", *(verdicts[spec].calibrated.label for spec in columns))
+    marks = {spec: MARK if verdicts[spec].failed else "" for spec in columns}
+    table.add_row("verdict (paper)", *(verdicts[spec].paper.label + marks[spec] for spec in columns))
+    table.add_row("verdict (calibrated)", *(verdicts[spec].calibrated.label + marks[spec] for spec in columns))
     return table
 
 
