@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from statistics import NormalDist
 
 import numpy as np
 import numpy.typing as npt
@@ -164,30 +163,6 @@ def quantile_bins(
         codes[none] = len(inner) + 1 if (~none).any() else 0
     sizes = np.bincount(codes) if len(codes) else np.zeros(0, dtype=np.int64)
     return Bins(codes, tuple(inner.tolist()), tuple(sizes.tolist()), last)
-
-
-def pearson_p(r: float, n: int, *, level: float = 0.95) -> Statistic:
-    """Return a Pearson correlation ``r`` of ``n`` pairs with its two-sided t-test p.
-
-    The interval is Fisher's z; None below four pairs or at r = +-1. Equals ``scipy.stats.pearsonr``. p is
-    None below three pairs. ValueError when r is outside [-1, 1].
-    """
-    if not -1 <= r <= 1:
-        raise ValueError(f"r={r} is no correlation: give a number between -1 and 1")
-    method = f"Pearson correlation, two-sided t test, {100 * level:g}% Fisher interval"
-    if n < 3:
-        return Statistic(r, n, method=method, note="three pairs are needed for a test")
-    if abs(r) == 1:
-        return Statistic(r, n, p=0.0 if n > 2 else None, method=method)
-    from scipy import special  # noqa: PLC0415 - slow to import
-
-    t = abs(r) * math.sqrt((n - 2) / (1 - r * r))
-    p = 2 * float(special.stdtr(n - 2, -t))
-    if n < 4:
-        return Statistic(r, n, p=p, method=method)
-    half = NormalDist().inv_cdf(0.5 + level / 2) / math.sqrt(n - 3)
-    ci = (math.tanh(math.atanh(r) - half), math.tanh(math.atanh(r) + half))
-    return Statistic(r, n, ci, p, method)
 
 
 def _labels(values: npt.ArrayLike, which: str) -> npt.NDArray[np.generic]:
