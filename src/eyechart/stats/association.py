@@ -9,6 +9,8 @@ import numpy.typing as npt
 
 from eyechart.stats.statistic import Statistic, cannot_say
 
+Floats = npt.NDArray[np.float64]
+
 
 @dataclass(frozen=True, slots=True)
 class Contingency:
@@ -163,6 +165,37 @@ def quantile_bins(
         codes[none] = len(inner) + 1 if (~none).any() else 0
     sizes = np.bincount(codes) if len(codes) else np.zeros(0, dtype=np.int64)
     return Bins(codes, tuple(inner.tolist()), tuple(sizes.tolist()), last)
+
+
+def cramers_v_of_tables(tables: Floats) -> Floats:
+    """Return Cramér's V of each table, shape (m, rows, columns), uncorrected; NaN where one is empty."""
+    rows, columns, n = tables.sum(axis=2), tables.sum(axis=1), tables.sum(axis=(1, 2))
+    expected = rows[:, :, None] * columns[:, None, :]
+    share = np.divide(tables**2, expected, out=np.zeros_like(tables), where=expected > 0).sum(axis=(1, 2))
+    shorter = np.minimum((rows > 0).sum(axis=1), (columns > 0).sum(axis=1)) - 1
+    v = np.sqrt(np.maximum(share - 1, 0) / np.maximum(shorter, 1))
+    return np.where((n > 0), np.where(shorter > 0, v, 0.0), np.nan)
+
+
+def information_of_tables(tables: Floats) -> Floats:
+    """Return the plug-in mutual information of each table, shape (m, rows, columns), in bits; NaN if empty."""
+    n = tables.sum(axis=(1, 2))
+    inner = (
+        _xlogx(tables).sum(axis=(1, 2))
+        - _xlogx(tables.sum(axis=2)).sum(axis=1)
+        - _xlogx(tables.sum(axis=1)).sum(axis=1)
+    )
+    return np.where(n > 0, np.maximum(0.0, inner / np.maximum(n, 1) + np.log2(np.maximum(n, 1))), np.nan)
+
+
+def entropy_of_counts(counts: Floats) -> Floats:
+    """Return the entropy of each row of counts, shape (m, labels), in bits; NaN where a row is empty."""
+    n = counts.sum(axis=1)
+    return np.where(n > 0, np.log2(np.maximum(n, 1)) - _xlogx(counts).sum(axis=1) / np.maximum(n, 1), np.nan)
+
+
+def _xlogx(counts: Floats) -> Floats:
+    return np.asarray(counts * np.log2(np.maximum(counts, 1.0)))
 
 
 def _labels(values: npt.ArrayLike, which: str) -> npt.NDArray[np.generic]:
