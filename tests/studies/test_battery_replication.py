@@ -39,14 +39,14 @@ def test_each_run_has_the_value_that_its_score_has() -> None:
     for side, answers in (("first", first), ("second", second)):
         scored = statistics_of(answers, Resampling(resamples=50, intervals=False))
         for name, one in found.items():
-            if one.detail is not None:
+            if name != "answer_shift" and one.detail is not None:
                 assert one.detail[side] == pytest.approx(scored[name].value), name
                 compared += 1
     assert compared > 50
     assert all(
         one.value == pytest.approx(one.detail["second"] - one.detail["first"])
-        for one in found.values()
-        if one.detail is not None
+        for name, one in found.items()
+        if name != "answer_shift" and one.detail is not None
     )
 
 
@@ -72,12 +72,21 @@ def test_a_model_that_became_blind_is_found_by_name() -> None:
     assert found["noise_floor"].p == 1
 
 
+def test_another_constant_answer_is_a_change() -> None:
+    """Most statistics do not ask which answer was given: only the shift tells always STOP from always LEFT."""
+    stop, left = (simulated.answers(lambda *_, said=said: said, WORLD) for said in ("STOP", "LEFT"))
+    found = differences(stop, left, resamples=500)
+    assert (found["answer_shift"].value, found["across_runs"].value) == (1, 0)
+    assert found["answer_shift"].p == pytest.approx(1 / 501)
+    assert {one.p for name, one in found.items() if name not in {"answer_shift", "across_runs"}} <= {1, None}
+
+
 def test_chance_is_not_taken_for_change() -> None:
     """Two runs of a coin toss: the test rejects at its level (P of more than 7 in 40 at .05 is .0007)."""
     rejected = 0
     for seed in range(40):
         one, other = (simulated.answers(coin, WORLD, seed=2 * seed + k) for k in (0, 1))
-        rejected += differences(one, other, seed=seed, resamples=99)["idi"].p <= 0.05
+        rejected += differences(one, other, seed=seed, resamples=99)["answer_shift"].p <= 0.05
     assert rejected <= 7
 
 

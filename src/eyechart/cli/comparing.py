@@ -14,7 +14,7 @@ def compare(
     first: Annotated[Path, typer.Argument(help="Folder of a run.")],
     second: Annotated[Path, typer.Argument(help="Folder of its replication.")],
     every: Annotated[bool, typer.Option("--all", help="Print every statistic, not only the main ones.")] = False,
-    resamples: Annotated[int, typer.Option(min=99, help="Exchanges of the runs, and resamples of episodes.")] = 2000,
+    resamples: Annotated[int, typer.Option(min=999, help="Exchanges of the runs, and resamples of episodes.")] = 2000,
     json: _Json = False,
 ) -> None:
     """Compare two runs on one bank, per verdict and per statistic, with a test of difference.

@@ -112,6 +112,7 @@ def statistics_table(score: ModelScore) -> Table:
 
 MAIN = (
     "across_runs",
+    "answer_shift",
     "unparsed_rate",
     "noise_floor",
     "idi",
@@ -135,9 +136,10 @@ def replication_table(one: Replication, *, every: bool = False) -> Table:
     for name, found in one.differences.items():
         if every or name in MAIN or name in one.changed:
             sides = [number(_side(found, side)) for side in ("first", "second")]
-            value = number(found.value) if name == "across_runs" or found.value is None else f"{found.value:+.3f}"
+            signed = found.value is not None and name not in {"across_runs", "answer_shift"}
+            value = f"{found.value:+.3f}" if signed else number(found.value)
             p = p_value(found.p), p_value(one.holm[name])
-            note = "agreement, no difference" if name == "across_runs" else found.note
+            note = {"across_runs": "share answered alike", "answer_shift": "distance"}.get(name, found.note)
             table.add_row(name, *sides, value, _interval(found), str(found.n), *p, Text(note))
     return table
 

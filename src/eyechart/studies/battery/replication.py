@@ -34,9 +34,11 @@ def differences(first: Answers, second: Answers, *, seed: int = 0, resamples: in
     """Return how much each statistic of one model differs between two runs, by the statistic's name.
 
     A value is the second run's minus the first's, over the frames and conditions that both were asked about; its
-    interval resamples episodes, both runs together. ``across_runs`` is no difference: it is the share of real pictures
-    that the second run answers as the first did, to be held against ``agree.real_repeat``, which asks the same within
-    one run. Raises SpecError where the two have no frame or no action space in common.
+    interval resamples episodes, both runs together. Two are no differences. ``across_runs`` is the share of real
+    pictures that the second run answers as the first did, to be held against ``agree.real_repeat``, which asks the same
+    within one run. ``answer_shift`` is the total variation distance between the two runs' answers to real pictures:
+    statistics that do not ask which answer was given, and most do not, cannot tell always STOP from always LEFT. Raises
+    SpecError where the two have no frame or no action space in common.
     """
     pair = _Pair(first, second, seed, resamples)
     found: dict[str, Statistic] = {}
@@ -48,7 +50,7 @@ def differences(first: Answers, second: Answers, *, seed: int = 0, resamples: in
     found["mirror_swap_rate"] = pair.test(pair.codes("response"), pair.swaps, "mirror_swap_rate")
     for name, measure in pair.diversity().items():
         found[name] = pair.test(pair.codes("decision"), measure, name)
-    return {"across_runs": pair.across(), **found}
+    return {"across_runs": pair.across(), "answer_shift": pair.shift(), **found}
 
 
 @dataclass(frozen=True)
@@ -230,6 +232,22 @@ class _Pair:
             return _ratio(counts.max(axis=1), counts.sum(axis=1))
 
         return {"modal_share": modal, "entropy": entropy}
+
+    def shift(self) -> Statistic:
+        """Return the total variation distance of the runs' answers to real pictures, with its randomisation p."""
+        codes = self.codes("response")[:, self._row["real"]]
+        codes = codes[:, (codes >= 0).all(axis=0)]
+        n, method = codes.shape[1], f"total variation distance of answers to real pictures, B={self.resamples}"
+        if not n:
+            return cannot_say("no real picture was answered in both runs", method=method)
+        one, other = (np.eye(len(self._names))[codes[run]] for run in (0, 1))
+        moved = one - other
+        rng = np.random.default_rng(key_seed("compare", self.seed, "answer_shift", "exchange"))
+        signs = rng.choice([-1.0, 1.0], size=(self.resamples, n))
+        distances = np.abs(signs @ moved).sum(axis=1) / (2 * n)
+        value = float(np.abs(moved.sum(axis=0)).sum() / (2 * n))
+        p = permutation_p(int((distances >= value - 1e-12).sum()), self.resamples)
+        return Statistic(value, n, p=p, method=method, detail={"expected_by_chance": float(distances.mean())})
 
     def across(self) -> Statistic:
         """Return the share of real pictures that both runs answer alike, with its interval over episodes."""
