@@ -3,7 +3,7 @@
 import asyncio
 import importlib
 import inspect
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import pytest
 
@@ -11,18 +11,32 @@ from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
 from eyechart.models import ADAPTERS, open_model, require_options
 from eyechart.modes import RequestMode
+from faults import Loopback
+from ollama_stand_in import StandIn
 
-EXAMPLES: dict[str, RequestMode] = {
-    "scripted": RequestMode("scripted:constant"),
-    "openai": RequestMode("openai:m", base_url="http://127.0.0.1:9/v1"),
-}
-"""A model of every adapter that can be opened here, without weights, a key, or a server that listens."""
+
+@pytest.fixture(scope="module")
+def examples() -> Iterator[dict[str, RequestMode]]:
+    """Yield a model of every adapter that can be opened here, without weights or a key."""
+    with Loopback(StandIn().app()) as ollama:
+        yield {
+            "scripted": RequestMode("scripted:constant"),
+            "openai": RequestMode("openai:m", base_url="http://127.0.0.1:9/v1"),
+            "ollama": RequestMode("ollama:llava", base_url=f"http://127.0.0.1:{ollama.port}"),
+            "python": RequestMode("python:test_door:decide"),
+        }
+
+
+def decide(prompt: str, image: bytes | None) -> str:
+    """Answer as a callable of one's own."""
+    del prompt, image
+    return "GO"
 
 
 @pytest.mark.parametrize("adapter", ADAPTERS)
-def test_every_adapter_opens_a_model_that_keeps_the_door(adapter: str) -> None:
+def test_every_adapter_opens_a_model_that_keeps_the_door(adapter: str, examples: dict[str, RequestMode]) -> None:
     """A version and facts in words, an answer that is a Reply or an error of its kind, and two closings."""
-    mode = EXAMPLES[adapter]
+    mode = examples[adapter]
     model = open_model(mode.spec, mode)
     assert isinstance(model.version, str)
     assert model.version.isprintable()

@@ -21,10 +21,19 @@ def _show(rows: dict[str, str], *, json: bool) -> None:
 
 @app.command()
 def models(json: _Json = False) -> None:
-    """List the models that need no weights; each scripted one is a known answer."""
-    from eyechart.models.scripted import names
+    """List the models that there are, and how others are named; each scripted one is a known answer."""
+    from importlib import import_module
 
-    _show({f"scripted:{name}": says for name, says in names().items()}, json=json)
+    from eyechart.models import ADAPTERS
+
+    _show(
+        {
+            f"{adapter}:{name}": says
+            for adapter, module in ADAPTERS.items()
+            for name, says in import_module(module).names().items()
+        },
+        json=json,
+    )
 
 
 @app.command()
