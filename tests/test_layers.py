@@ -17,7 +17,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("verdicts",),
     ("studies",),
     ("run", "manifest", "costs", "integrity"),
-    ("models", "simulators", "ledger", "prompts", "importing", "limits"),
+    ("models", "simulators", "ledger", "prompts", "importing", "limits", "stimuli"),
     ("perception",),
     ("calls", "conditions", "modes"),
     ("frames", "reader"),

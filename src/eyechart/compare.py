@@ -40,10 +40,14 @@ class Replication:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Every model that both runs asked. ``apart`` says in words what the two runs did not have in common."""
+    """Every model that both runs asked. ``apart`` says in words what the two runs did not have in common.
+
+    ``marks`` are the guards that failed in either run: its numbers are not to be relied on.
+    """
 
     models: Mapping[str, Replication]
     apart: tuple[str, ...]
+    marks: tuple[str, ...] = ()
 
     @property
     def replicated(self) -> bool:
@@ -55,6 +59,7 @@ class Comparison:
         return {
             "replicated": self.replicated,
             "apart": list(self.apart),
+            "failed_guards": list(self.marks),
             "models": {
                 spec: {
                     "replicated": one.replicated,
@@ -108,7 +113,7 @@ def compare(first: BatteryScore, second: BatteryScore, *, resamples: int = 2000)
         for spec in common
         for words in judgement[spec].marks
     ]
-    return Comparison(models, (*_apart(first, second), *marks))
+    return Comparison(models, _apart(first, second), tuple(marks))
 
 
 def _apart(first: BatteryScore, second: BatteryScore) -> tuple[str, ...]:

@@ -36,6 +36,7 @@ COMMANDS = (
     "merge",
     "score",
     "verdict",
+    "costs",
     "gate",
     "compare",
     "transfer",

@@ -11,7 +11,7 @@ from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import BatteryScore, ModelScore
 from eyechart.verdicts import Verdict
 
-MARK = " (!)"
+MARK = " !"
 """Stands behind a verdict of a run that failed a guard; the guard is printed in words below."""
 _COLOUR = {
     "depth_lateral": "bold green",

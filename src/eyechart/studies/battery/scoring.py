@@ -5,10 +5,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from eyechart.costs import Account, accounts
+from eyechart.costs import Account, Book
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank
-from eyechart.integrity import Guard, guards
+from eyechart.integrity import Guard, Watch
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
 from eyechart.models.prices import Prices, read_prices
@@ -148,9 +148,12 @@ def _took(ledger: Ledger, manifest: RunManifest, plan: Plan, prices: Prices) -> 
     spent: dict[str, dict[str, Account]] = {}
     kept: dict[str, tuple[Guard, ...]] = {}
     for spec in manifest.models:
-        sent, mode = list(ledger.attempts(spec)), manifest.mode(spec)
-        spent[spec] = accounts(sent, mode, plan.bank.manifest.action_space, prices)
-        kept[spec] = guards(sent, list(plan.keys_of(spec)), mode, manifest.fingerprint)
+        mode = manifest.mode(spec)
+        book, watch = Book(mode, plan.bank.manifest.action_space, prices), Watch(mode)
+        for one in ledger.attempts(spec):
+            book.add(one)
+            watch.add(one)
+        spent[spec], kept[spec] = book.accounts(), watch.guards(plan.keys_of(spec), manifest.fingerprint)
     return spent, kept
 
 
