@@ -28,6 +28,7 @@ class RunManifest:
     """What a run was planned to do. ``models`` maps a SPEC to the version that answered.
 
     ``shard`` is (i, n), counted from 1, or None for the whole; ``limit`` the number of frames, or None for all.
+    ``stop_early`` says that a model is no longer asked once its verdict is settled.
     """
 
     study: str
@@ -41,13 +42,14 @@ class RunManifest:
     bank_path: str
     fingerprint: str
     versions: Mapping[str, str]
+    stop_early: bool = False
 
     def extended(self, other: "RunManifest") -> "RunManifest":
         """Return this manifest with another's models, conditions and limit added.
 
         Raises LedgerError that names what differs where the two are not parts of one run.
         """
-        for name in ("study", "seed", "prompt", "fingerprint", "shard"):
+        for name in ("study", "seed", "prompt", "fingerprint", "shard", "stop_early"):
             mine, theirs = getattr(self, name), getattr(other, name)
             if mine != theirs:
                 shown = (mine.key, theirs.key) if isinstance(mine, Prompt) else (mine, theirs)
@@ -152,6 +154,8 @@ def read_run(path: Path) -> tuple[RunManifest, FrameBank]:
         raw["seed"] = int(raw["seed"])
         raw["limit"] = None if raw["limit"] is None else int(raw["limit"])
         raw["shard"] = None if raw["shard"] is None else _shard(raw["shard"])
+        if not isinstance(raw.setdefault("stop_early", False), bool):
+            raise LedgerError(f"{file}: stop_early is {raw['stop_early']!r}, neither true nor false")
         for name in ("study", "created", "bank_path", "fingerprint"):
             if not isinstance(raw[name], str) or not raw[name].isprintable():
                 raise LedgerError(f"{file}: {name} is {raw[name]!r}, not a line of text")

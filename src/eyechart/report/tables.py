@@ -46,7 +46,7 @@ def verdict_table(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> Table
             Text(label, style=_COLOUR.get(label, "red")),
             verdict.lateral.label,
             verdict.paper.label,
-            f"{name}{_short(deciding)}",
+            f"{name}{_short(deciding)}" if verdict.stopped is None else f"{name} {_short_e(deciding)}",
         )
     return table
 
@@ -54,6 +54,11 @@ def verdict_table(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> Table
 def _short(one: Statistic) -> str:
     """Return what matters most of a statistic in few characters: its p, else its value."""
     return f", p {p_value(one.p)}" if one.p is not None else f" {number(one.value, 2)}"
+
+
+def _short_e(one: Statistic) -> str:
+    """Return an e-value in few characters; it stopped a run."""
+    return f"e {one.value:.3g}, stopped early" if one.value is not None else "stopped early"
 
 
 def frontier_rows(score: ModelScore) -> dict[str, str]:

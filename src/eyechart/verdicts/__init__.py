@@ -6,6 +6,7 @@ docs/decisions/0006-two-sets-of-rules.md.
 """
 
 from eyechart.verdicts.calibrated import CALIBRATED_LABELS, TRUST, calibrated_rules
+from eyechart.verdicts.early import NOT_JUDGED
 from eyechart.verdicts.judging import Verdict, judge, scope
 from eyechart.verdicts.lateral import lateral_rules
 from eyechart.verdicts.paper import PAPER_LABELS, paper_rules
@@ -13,6 +14,7 @@ from eyechart.verdicts.ruling import Ruling
 
 __all__ = [
     "CALIBRATED_LABELS",
+    "NOT_JUDGED",
     "PAPER_LABELS",
     "TRUST",
     "Ruling",

@@ -3,9 +3,25 @@
 Source: paper, section The Input-Ablation Battery.
 """
 
-from eyechart.studies.battery.calibrated import ALPHA, MARGIN
+from eyechart.studies.battery.calibrated import ALPHA, FLOOR, MARGIN, UNPARSED_CUT
 from eyechart.studies.battery.merging import merge
 from eyechart.studies.battery.planning import Battery, plan, run
 from eyechart.studies.battery.scoring import BatteryScore, ModelScore, score
+from eyechart.studies.battery.stopping import GUARANTEE, VALIDITY, Stopped
 
-__all__ = ["ALPHA", "MARGIN", "Battery", "BatteryScore", "ModelScore", "merge", "plan", "run", "score"]
+__all__ = [
+    "ALPHA",
+    "FLOOR",
+    "GUARANTEE",
+    "MARGIN",
+    "UNPARSED_CUT",
+    "VALIDITY",
+    "Battery",
+    "BatteryScore",
+    "ModelScore",
+    "Stopped",
+    "merge",
+    "plan",
+    "run",
+    "score",
+]
