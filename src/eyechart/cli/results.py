@@ -69,6 +69,8 @@ def print_table(scored: "BatteryScore", verdicts: "Mapping[str, Verdict]") -> No
             console.print(f"{spec}: {labels}", markup=False)
     for label in dict.fromkeys(one.calibrated.label for one in verdicts.values()):
         console.print(f"{label}: {TRUST[label]}", markup=False)
+    if any(one.stopped for one in verdicts.values()):
+        console.print("e (n/N): stopped early after n of N calls, by evidence that may be looked at after every call.")
     console.print(f"Scope: {scope(scored)}", markup=False)
 
 

@@ -81,15 +81,13 @@ def _before(planned: "Battery") -> list[str]:
     """Say what stopping early guarantees, and the most and the typical number of calls."""
     from eyechart.studies.battery import GUARANTEE, VALIDITY
 
-    calls, models = planned.counts()[0], len(planned.plan.models)
-    typical = ", ".join(
-        f"{label} {count}" for label, count in sorted(planned.typical().items(), key=lambda one: one[1])
-    )
+    most = max(sum(1 for _ in planned.plan.keys_of(model)) for model in planned.plan.models)
+    counts = sorted(planned.typical().items(), key=lambda one: one[1])
+    typical = ", ".join(f"{count} ({label})" for label, count in counts)
     return [
         f"stop early: {GUARANTEE}",
         f"stop early: {VALIDITY}",
-        f"stop early: at most {calls // max(models, 1)} calls a model; where nothing contradicts it, it settles after: "
-        f"{typical or 'none, this bank is too small'}",
+        f"stop early: at most {most} calls a model; of a controller that never wavers {typical or 'as many'}",
     ]
 
 

@@ -35,7 +35,7 @@ def sign_test(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 0.9
     if n == 0:
         return Statistic(None, 0, p=1.0, method=method, note="no discordant pairs", detail=detail)
     p = _fair_coin_tail(wins, n)
-    return Statistic(wins / n, n, _clopper_pearson(wins, n, level), p, method, detail=detail)
+    return Statistic(wins / n, n, clopper_pearson(wins, n, level), p, method, detail=detail)
 
 
 def mcnemar_exact(b: int, c: int) -> Statistic:
@@ -190,7 +190,8 @@ def _fair_coin_tail(k: int, n: int) -> float:
     return float((2**n - ways if complement else ways) / 2**n)
 
 
-def _clopper_pearson(k: int, n: int, level: float) -> tuple[float, float]:
+def clopper_pearson(k: int, n: int, level: float = 0.95) -> tuple[float, float]:
+    """Return the exact two-sided interval of a share k/n (Clopper & Pearson 1934), as R ``binom.test`` does."""
     if not 0 < level < 1:
         raise ValueError(f"level={level} must lie between 0 and 1, for example 0.95")
     from scipy import special  # noqa: PLC0415 - slow to import

@@ -14,14 +14,17 @@ def early_rules(found: Mapping[str, Statistic], stopped: Stopped, lateral: Rulin
     """Return the calibrated label of a run that stopped, and how the question of distance was put."""
     label = "depth_lateral" if stopped.label == "depth" and lateral.label == "swaps" else stopped.label
     evidence = "interventional" if stopped.interventional else "none"
-    return Ruling(label, stopped.decided_by, _because(found[stopped.decided_by], stopped.words())), evidence
+    because = _because(found, stopped.decided_by, stopped.words())
+    if stopped.with_it:
+        because += f"; so are {', '.join(stopped.with_it)}"
+    return Ruling(label, stopped.decided_by, because), evidence
 
 
 def early_lateral(found: Mapping[str, Statistic], stopped: Stopped) -> Ruling | None:
     """Return the lateral label of a run that stopped; None where the ordinary rules apply."""
     if stopped.lateral is None:
         return None
-    return Ruling(stopped.lateral, stopped.lateral_by, _because(found[stopped.lateral_by], "stopped early"))
+    return Ruling(stopped.lateral, stopped.lateral_by, _because(found, stopped.lateral_by, "stopped early"))
 
 
 def early_paper(stopped: Stopped) -> Ruling:
@@ -29,7 +32,9 @@ def early_paper(stopped: Stopped) -> Ruling:
     return Ruling(NOT_JUDGED, stopped.decided_by, f"{stopped.words()}: the paper's tests need the whole run")
 
 
-def _because(evidence: Statistic, how: str) -> str:
+def _because(found: Mapping[str, Statistic], name: str, how: str) -> str:
+    evidence = found[name]
     threshold = float(str((evidence.detail or {})["threshold"]))
     says = evidence.note.partition(": ")[2]
-    return f"{how}: {says}: e = {evidence.value:.4g}, at least {threshold:g}, after {evidence.n} frames"
+    e = f"{name} = {evidence.value:.4g}"
+    return f"{how}: {says}: settled by {e}, at least {threshold:g}, after {evidence.n} frames"

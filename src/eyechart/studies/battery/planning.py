@@ -54,7 +54,7 @@ class Battery:
         return typical(self.plan)
 
 
-def plan(
+def plan(  # noqa: PLR0913 - what a battery can be asked for
     bank_path: Path,
     specs: Sequence[str],
     out: Path,

@@ -167,16 +167,16 @@ def _with_evidence(
         return dict(found)
     if stopped is None:
         return {**found, **course.statistics()}
-    bare = {
-        name: one if name == stopped.lateral_by else replace(one, ci=None, p=None, note=_note(one.note, stopped))
-        for name, one in found.items()
-    }
+    bare = {name: one if name == stopped.lateral_by else _bare(one) for name, one in found.items()}
     return {**bare, **course.statistics()}
 
 
-def _note(note: str, stopped: Stopped) -> str:
-    words = f"{stopped.words()}: p and interval would hold at a fixed size only"
-    return f"{note}; {words}" if note else words
+def _bare(one: Statistic) -> Statistic:
+    """Return a statistic of a run that stopped early without what holds at a fixed size only."""
+    words = "stopped early: a p or an interval would hold at a fixed size only"
+    tested = {name for name in one.detail or {} if name.startswith("p_") or name.endswith("_p") or name == "bounded"}
+    detail = None if one.detail is None else {name: of for name, of in one.detail.items() if name not in tested}
+    return replace(one, ci=None, p=None, note=f"{one.note}; {words}" if one.note else words, detail=detail)
 
 
 def statistics_of(answers: Answers, how: Resampling, *, independent: bool = False) -> dict[str, Statistic]:

@@ -83,7 +83,8 @@ def layout_of(frames: Sequence[Frame], asked: Mapping[str, tuple[str, ...]], spa
 class Stopped:
     """Where a model's verdict was settled before its run ended.
 
-    ``label`` is the calibrated one, without its lateral axis; ``lateral`` is None where the ordinary lateral rules
+    ``label`` is the calibrated one, without its lateral axis, ``decided_by`` the first of the claims that it rests on
+    and ``with_it`` the others; ``lateral`` is None where the ordinary lateral rules
     apply (turns cannot be tested, or all frames were asked for them). ``calls`` counts the calls up to the stop, of
     ``planned``; ``beyond`` those that were under way and ended after it, which count for nothing.
     """
@@ -97,12 +98,14 @@ class Stopped:
     planned: int
     beyond: int = 0
     interventional: bool = False
+    with_it: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
         return {
             "rule": self.label,
             "decided_by": self.decided_by,
+            "with": list(self.with_it),
             "frames": self.frames,
             "calls": self.calls,
             "planned": self.planned,
@@ -202,8 +205,11 @@ class Course:
             self.lateral = next((label for label in LATERAL if self._all(label, LATERAL)), None)
 
     def _all(self, label: str, rules: Mapping[str, tuple[str, ...]]) -> bool:
-        needed = [name for name in rules[label] if name in self.claims or name in REQUIRED or name == rules[label][0]]
-        return all(name in self.claims and self.claims[name].settled for name in needed)
+        return all(name in self.claims and self.claims[name].settled for name in self._needed(rules[label]))
+
+    def _needed(self, names: tuple[str, ...]) -> list[str]:
+        """Return the claims that a label needs on this bank; the first always, others where they can be tested."""
+        return [name for name in names if name in self.claims or name in REQUIRED or name == names[0]]
 
     def stopped(self, finished: int) -> Stopped | None:
         """Return where it was settled, None where it was not, or only when every call had been made.
@@ -228,7 +234,12 @@ class Course:
             planned=self.layout.planned,
             beyond=finished - len(self.counted),
             interventional="near_far" in self.claims,
+            with_it=self._with_it(self.label),
         )
+
+    def _with_it(self, label: str) -> tuple[str, ...]:
+        names = self._needed(RULES[label])[1:] + ([] if label == "not_scorable" else ["scorable"])
+        return tuple(PREFIX + name for name in names)
 
     def statistics(self) -> dict[str, Statistic]:
         """Return every claim's e-value under its name."""
