@@ -16,7 +16,7 @@ from eyechart.models import Model, open_model
 from eyechart.prompts import Prompt, find_prompt, neutral, require_sayable
 from eyechart.run import Plan, Progress, execute, spread
 from eyechart.studies.battery.stopping import NEEDED
-from eyechart.studies.battery.watching import EarlyStop, typical
+from eyechart.studies.battery.watching import EarlyStop, layout_for, typical
 from eyechart.studies.battery.watching import Progress as HowFar
 
 STUDY = "battery"
@@ -51,7 +51,7 @@ class Battery:
 
     def typical(self) -> dict[str, int]:
         """Return how many calls a clear controller of each kind takes where the run stops early."""
-        return typical(self.plan)
+        return typical(layout_for(self.plan, self.plan.models[0]))
 
 
 def plan(  # noqa: PLR0913 - what a battery can be asked for

@@ -17,7 +17,7 @@ from eyechart.studies.battery.calibrated import Calibrated
 from eyechart.studies.battery.planning import plan_of
 from eyechart.studies.battery.published import Published, Resampling
 from eyechart.studies.battery.stopping import Course, Stopped
-from eyechart.studies.battery.watching import layout
+from eyechart.studies.battery.watching import layout_for
 
 HOLM = ("cramers_v", "cramers_v.decision", "obstacle", "mutual_information", "mutual_information.decision")
 """The tests whose p is corrected over the models of a run (Holm 1979)."""
@@ -142,7 +142,7 @@ def _course(plan: Plan, answers: Answers, finished: Collection[tuple[str, str]])
         for frame, one in zip(answers.frames, column, strict=True)
         if one is not None and (frame.id, name) in finished
     }
-    course = Course(layout(plan, answers.model))
+    course = Course(layout_for(plan, answers.model))
     course.advance(given)
     return course
 

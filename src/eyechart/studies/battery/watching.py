@@ -21,7 +21,7 @@ class Progress:
     left: int
 
 
-def layout(plan: Plan, model: str) -> Layout:
+def layout_for(plan: Plan, model: str) -> Layout:
     """Return what a plan asks of a model."""
     asked: dict[str, list[str]] = {frame.id: [] for frame in plan.frames}
     for key in plan.keys_of(model):
@@ -38,7 +38,7 @@ class EarlyStop:
         self._given: dict[str, Given] = {}
         self.courses: dict[str, Course] = {}
         for model in plan.models:
-            course = Course(layout(plan, model))
+            course = Course(layout_for(plan, model))
             asked = {(frame, name) for frame, names in course.layout.asked.items() for name in names}
             self._given[model] = given = {
                 (key.frame, key.condition): _read(reply, self._space)
@@ -81,22 +81,21 @@ def _read(reply: Reply, space: ActionSpace) -> Decision:
     return read_decision(reply.text, reply.finish_reason, reply.error, space)
 
 
-def typical(plan: Plan) -> dict[str, int]:
-    """Return how many calls a model of each kind takes that never wavers, for the labels that this bank can settle."""
-    layout_ = layout(plan, plan.models[0] if plan.models else "")
+def typical(asked: Layout) -> dict[str, int]:
+    """Return how many calls a model of each kind takes that never wavers, for the labels that can be settled early."""
     found = {}
     for label in RULES:
-        course = Course(layout_)
-        course.advance(_unwavering(label, layout_))
+        course = Course(asked)
+        course.advance(_unwavering(label, asked))
         stopped = course.stopped(len(course.counted))
         if stopped is not None and stopped.label == label:
             found[label] = stopped.calls
     return found
 
 
-def _unwavering(label: str, layout_: Layout) -> Mapping[tuple[str, str], Decision]:
+def _unwavering(label: str, layout: Layout) -> Mapping[tuple[str, str], Decision]:
     """Return the answers of a clear controller that never turns; it goes on where it may, and brakes where it must."""
-    space = layout_.space
+    space = layout.space
     straight = [action for action in space.actions if action not in space.directional] or list(space.actions)
     brake = space.brake[0] if space.brake else straight[-1]
     go = next((action for action in straight if action != brake), straight[0])
@@ -109,7 +108,5 @@ def _unwavering(label: str, layout_: Layout) -> Mapping[tuple[str, str], Decisio
         "image_invariant": {},
     }
     return {
-        (frame, name): answers[label].get(name, Decision(go))
-        for frame, names in layout_.asked.items()
-        for name in names
+        (frame, name): answers[label].get(name, Decision(go)) for frame, names in layout.asked.items() for name in names
     }
