@@ -41,8 +41,7 @@ class MeanProcess:
             raise ValueError(f"a mean over {frames} frames with payoffs from {low} is no design")
         self._left, self._low, self._bank = frames, low, bank
         self._sum = 0.0
-        self._wealth = [weight for _, weight in BETS]
-        self._log_scale = 0.0
+        self._log_wealth = [math.log(weight) for _, weight in BETS]
         self.log_e = math.inf if self._certain() else 0.0
 
     def add(self, payoff: float) -> None:
@@ -62,13 +61,12 @@ class MeanProcess:
             self._bet((payoff - mean) / room)
 
     def _bet(self, edge: float) -> None:
-        edge = max(edge, -1.0)
-        self._wealth = [(1 + share * edge) * wealth for (share, _), wealth in zip(BETS, self._wealth, strict=True)]
-        total = sum(self._wealth)
-        self.log_e = self._log_scale + math.log(total)
-        if not 1e-100 < total < 1e100:
-            self._wealth = [wealth / total for wealth in self._wealth]
-            self._log_scale = self.log_e
+        self._log_wealth = [
+            wealth + (math.log1p(share * edge) if share * edge > -1 else -math.inf)
+            for (share, _), wealth in zip(BETS, self._log_wealth, strict=True)
+        ]
+        most = max(self._log_wealth)
+        self.log_e = most + math.log(sum(math.exp(one - most) for one in self._log_wealth))
 
     def _certain(self) -> bool:
         """Return whether no payoffs of the frames that are left could bring the bank's sum to 0 (of ``bank`` alone)."""
