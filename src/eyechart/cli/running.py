@@ -100,10 +100,10 @@ def _after(planned: "Battery") -> list[str]:
         if one.stopped is None:
             lines.append(f"{model}: not stopped early, {one.left} of {calls} calls left")
             continue
-        kept = one.stopped.planned - one.stopped.calls - one.stopped.beyond
-        saved += kept
-        beyond = f", {one.stopped.beyond} under way then do not count" if one.stopped.beyond else ""
-        lines.append(f"{model}: {one.stopped.words()}: {kept} calls saved ({kept / calls:.0%}){beyond}")
+        saved += one.stopped.saved
+        beyond = f", {one.stopped.beyond} ended after the stop and do not count" if one.stopped.beyond else ""
+        share = f"{one.stopped.saved} calls saved ({one.stopped.saved / calls:.0%})"
+        lines.append(f"{model}: {one.stopped.words()}: {share}{beyond}")
     return [*lines, f"calls saved: {saved} of {planned_calls} ({saved / max(planned_calls, 1):.0%})"]
 
 

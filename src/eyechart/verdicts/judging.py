@@ -131,6 +131,5 @@ def _notes(found: Mapping[str, Statistic], model: ModelScore) -> tuple[str, ...]
 
 
 def _how_stopped(stopped: Stopped) -> str:
-    saved = stopped.planned - stopped.calls - stopped.beyond
-    note = f"{stopped.words()}, after {stopped.frames} frames; {saved} calls saved"
-    return f"{note}; {stopped.beyond} were under way and do not count" if stopped.beyond else note
+    note = f"{stopped.words()}, after {stopped.frames} frames; {stopped.saved} calls saved"
+    return f"{note}; {stopped.beyond} ended after the stop and do not count" if stopped.beyond else note

@@ -86,7 +86,7 @@ class Stopped:
     ``label`` is the calibrated one, without its lateral axis, ``decided_by`` the first of the claims that it rests on
     and ``with_it`` the others; ``lateral`` is None where the ordinary lateral rules
     apply (turns cannot be tested, or all frames were asked for them). ``calls`` counts the calls up to the stop, of
-    ``planned``; ``beyond`` those that were under way and ended after it, which count for nothing.
+    ``planned``; ``beyond`` those that were under way, or had overtaken a slower one, and count for nothing.
     """
 
     label: str
@@ -100,6 +100,11 @@ class Stopped:
     interventional: bool = False
     with_it: tuple[str, ...] = ()
 
+    @property
+    def saved(self) -> int:
+        """Return the number of calls that were not made."""
+        return self.planned - self.calls - self.beyond
+
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
         return {
@@ -109,7 +114,7 @@ class Stopped:
             "frames": self.frames,
             "calls": self.calls,
             "planned": self.planned,
-            "saved": self.planned - self.calls - self.beyond,
+            "saved": self.saved,
             "beyond": self.beyond,
         }
 
