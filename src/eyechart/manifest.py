@@ -15,6 +15,7 @@ from eyechart.conditions import find_condition
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank, open_bank
 from eyechart.prompts import Prompt
+from eyechart.reader import READER
 
 FORMAT = "eyechart-run/1"
 LEDGER = "ledger.sqlite"
@@ -29,6 +30,7 @@ class RunManifest:
 
     ``shard`` is (i, n), counted from 1, or None for the whole; ``limit`` the number of frames, or None for all.
     ``stop_early`` says that a model is no longer asked once its verdict is settled.
+    ``reader`` is the version of the reader of replies that the run was begun under.
     """
 
     study: str
@@ -43,6 +45,7 @@ class RunManifest:
     fingerprint: str
     versions: Mapping[str, str]
     stop_early: bool = False
+    reader: int = READER
 
     def extended(self, other: "RunManifest") -> "RunManifest":
         """Return this manifest with another's models, conditions and limit added.
@@ -152,6 +155,7 @@ def read_run(path: Path) -> tuple[RunManifest, FrameBank]:
         raw["models"] = dict(raw["models"])
         raw["conditions"] = tuple(find_condition(name).name for name in raw["conditions"])
         raw["seed"] = int(raw["seed"])
+        raw["reader"] = int(raw["reader"])
         raw["limit"] = None if raw["limit"] is None else int(raw["limit"])
         raw["shard"] = None if raw["shard"] is None else _shard(raw["shard"])
         if not isinstance(raw.setdefault("stop_early", False), bool):

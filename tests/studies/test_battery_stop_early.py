@@ -20,6 +20,7 @@ import stand_ins
 from eyechart.actions import Decision
 from eyechart.calls import Query, Reply
 from eyechart.cli.app import app
+from eyechart.compare import compare
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank
 from eyechart.gate import hold
@@ -381,3 +382,10 @@ def test_only_calls_that_count_are_in_the_statistics(stopped: Path) -> None:
     assert len(kept) == scored.stopped.calls == scored.answered
     with Ledger(stopped / LEDGER) as ledger:
         assert len(list(ledger.replies(STEADY))) == scored.stopped.calls + scored.stopped.beyond
+
+
+def test_a_stopped_run_is_not_compared(stopped: Path) -> None:
+    """Its answers chose its frames, so that no test that exchanges the runs holds."""
+    scored = study.score(stopped, resamples=99)
+    with pytest.raises(SpecError, match="standin:steady stopped early in the first run"):
+        compare(scored, scored)

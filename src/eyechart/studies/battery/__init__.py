@@ -6,6 +6,7 @@ Source: paper, section The Input-Ablation Battery.
 from eyechart.studies.battery.calibrated import ALPHA, FLOOR, MARGIN, UNPARSED_CUT
 from eyechart.studies.battery.merging import merge
 from eyechart.studies.battery.planning import Battery, plan, run
+from eyechart.studies.battery.replication import differences
 from eyechart.studies.battery.scoring import BatteryScore, ModelScore, score
 from eyechart.studies.battery.stopping import GUARANTEE, VALIDITY, Stopped
 
@@ -20,6 +21,7 @@ __all__ = [
     "BatteryScore",
     "ModelScore",
     "Stopped",
+    "differences",
     "merge",
     "plan",
     "run",

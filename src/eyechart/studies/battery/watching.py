@@ -3,9 +3,10 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from eyechart.actions import ActionSpace, Decision, read_decision
+from eyechart.actions import ActionSpace, Decision
 from eyechart.calls import TRANSIENT, CallKey, Reply
 from eyechart.ledger import Ledger
+from eyechart.reader import read_decision
 from eyechart.run import Plan
 from eyechart.studies.battery.stopping import RULES, Course, Layout, Stopped, layout_of
 
