@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import pages
+import test_layers
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = ("add-a-condition.md", "add-a-model.md", "add-a-simulator.md", "add-a-statistic.md")
@@ -21,6 +22,7 @@ def test_the_page_followed_to_the_letter_ends_in_passing_tests(name: str, tmp_pa
     printed = pages.follow(page, tree)
     assert re.search(r"^\d+ passed", printed[0], re.MULTILINE)
     assert "skipped" not in printed[0]
+    assert test_layers.violations(tree / "src") == []
     written = [step.path for step in pages.steps(page) if step.path.endswith(".py")]
     for words in (["check"], ["format", "--check"]):
         ruff = [str(Path(sys.executable).with_name("ruff")), *words, *written]
