@@ -132,14 +132,17 @@ def run_battery(
     return read_report(out)
 
 
-def read_report(run: Path | str, *, resamples: int = 5000, independent: bool = False) -> Report:
+def read_report(
+    run: Path | str, *, resamples: int = 5000, independent: bool = False, reread: bool = False
+) -> Report:
     """Score and judge a run, finished or not, as ``eyechart verdict`` does; it makes no call and changes nothing.
 
     ``resamples`` are drawn in each permutation test and bootstrap; ``independent`` declares that frames outside
-    episodes are independent draws. Raises LedgerError or BankError where the folder is no run, SpecError where
-    independence is declared of a bank with episodes.
+    episodes are independent draws; ``reread`` reads the replies of a run that was begun under another version of the
+    reader by today's. Raises LedgerError or BankError where the folder is no run, or needs ``reread``, and SpecError
+    where independence is declared of a bank with episodes.
     """
-    scored = battery.score(Path(run), resamples=resamples, independent=independent)
+    scored = battery.score(Path(run), resamples=resamples, independent=independent, reread=reread)
     return Report(Path(run), scored, judge(scored))
 
 

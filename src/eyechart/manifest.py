@@ -15,6 +15,7 @@ from eyechart.conditions import find_condition
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank, open_bank
 from eyechart.prompts import Prompt
+from eyechart.reader import READER
 
 FORMAT = "eyechart-run/1"
 LEDGER = "ledger.sqlite"
@@ -28,6 +29,7 @@ class RunManifest:
     """What a run was planned to do. ``models`` maps a SPEC to the version that answered.
 
     ``shard`` is (i, n), counted from 1, or None for the whole; ``limit`` the number of frames, or None for all.
+    ``reader`` is the version of the reader of replies that the run was begun under.
     """
 
     study: str
@@ -41,6 +43,7 @@ class RunManifest:
     bank_path: str
     fingerprint: str
     versions: Mapping[str, str]
+    reader: int = READER
 
     def extended(self, other: "RunManifest") -> "RunManifest":
         """Return this manifest with another's models, conditions and limit added.
@@ -150,6 +153,7 @@ def read_run(path: Path) -> tuple[RunManifest, FrameBank]:
         raw["models"] = dict(raw["models"])
         raw["conditions"] = tuple(find_condition(name).name for name in raw["conditions"])
         raw["seed"] = int(raw["seed"])
+        raw["reader"] = int(raw["reader"])
         raw["limit"] = None if raw["limit"] is None else int(raw["limit"])
         raw["shard"] = None if raw["shard"] is None else _shard(raw["shard"])
         for name in ("study", "created", "bank_path", "fingerprint"):
