@@ -132,9 +132,7 @@ def run_battery(
     return read_report(out)
 
 
-def read_report(
-    run: Path | str, *, resamples: int = 5000, independent: bool = False, reread: bool = False
-) -> Report:
+def read_report(run: Path | str, *, resamples: int = 5000, independent: bool = False, reread: bool = False) -> Report:
     """Score and judge a run, finished or not, as ``eyechart verdict`` does; it makes no call and changes nothing.
 
     ``resamples`` are drawn in each permutation test and bootstrap; ``independent`` declares that frames outside

@@ -74,7 +74,7 @@ def share(steps: int, rng: np.random.Generator) -> dict[str, int]:
 
 
 def trend(gaps: npt.NDArray[np.float64]) -> float:
-    """Return Spearman's correlation of gaps without ties with their order."""
+    """Return Spearman's correlation of gaps, shape (steps,), in metres and without ties, with their order."""
     ranks = np.argsort(np.argsort(gaps))
     return float(np.corrcoef(ranks, np.arange(len(ranks)))[0, 1])
 
