@@ -37,7 +37,7 @@ format: $(DEV)
 	$(BIN)/ruff format .
 
 docs: $(DOCS)
-	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
+	$(BIN)/python -m sphinx -E -W --keep-going -q -b html docs build/docs
 	$(BIN)/python docs/check_site.py build/docs
 
 bench: $(BENCH)

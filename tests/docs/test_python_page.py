@@ -3,11 +3,15 @@
 import importlib
 import re
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+from typer.main import get_command
 
 from eyechart.api import run_battery
+from eyechart.cli.app import app
 from eyechart.frames import FrameBank, open_bank
 from eyechart.simulators.highway import Highway
 from known import Demo
@@ -66,3 +70,17 @@ def test_every_name_of_the_table_exists() -> None:
     for name in names:
         module, _, attribute = name.rpartition(".")
         assert hasattr(importlib.import_module(module), attribute), name
+
+
+def test_every_command_has_its_row() -> None:
+    """What a command does can be done from Python: docs/python.md says with what."""
+    rows = "\n".join(line.split(" | ")[0] for line in PAGE.splitlines() if line.startswith("| `eyechart "))
+    for name in commands(get_command(app), "eyechart"):
+        if name != "eyechart demo" and not name.startswith("eyechart list "):
+            assert f"`{name}`" in rows, f"give '{name}' a row in docs/python.md"
+
+
+def commands(group: Any, name: str) -> Iterator[str]:  # noqa: ANN401 - click's own types are not exported
+    """Yield the full name of every command."""
+    for word, found in group.commands.items():
+        yield from commands(found, f"{name} {word}") if hasattr(found, "commands") else (f"{name} {word}",)
