@@ -6,14 +6,16 @@ CORE := $(VENV)/.core
 DEV := $(VENV)/.dev
 MODELS := $(VENV)/.models
 BENCH := $(VENV)/.bench
+DOCS := $(VENV)/.docs
 
-.PHONY: help demo test test-models lint format bench clean
+.PHONY: help demo test test-models lint format docs bench clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
 	@echo "make test         the tests of the core"
 	@echo "make test-models  the tests that need extras (Hugging Face datasets, Parquet, LeRobot)"
 	@echo "make lint         ruff and mypy"
+	@echo "make docs         the site, in build/docs"
 	@echo "make bench        ratios against what one would otherwise do"
 
 demo: $(CORE)
@@ -33,6 +35,10 @@ lint: $(DEV)
 format: $(DEV)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+
+docs: $(DOCS)
+	$(BIN)/python -m sphinx -E -W --keep-going -q -b html docs build/docs
+	$(BIN)/python docs/check_site.py build/docs
 
 bench: $(BENCH)
 	$(BIN)/python benchmarks/bench_statistics.py
@@ -58,6 +64,10 @@ $(DEV): $(CORE)
 
 $(MODELS): $(DEV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,hub,parquet,lerobot]'
+	@touch $@
+
+$(DOCS): $(CORE)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
 	@touch $@
 
 $(BENCH): $(DEV)

@@ -93,7 +93,10 @@ def today() -> str:
 
 
 def write_run(out: Path, manifest: RunManifest, bank: FrameBank) -> None:
-    """Write a run's manifest and the text of its bank (no pictures) into the run's folder."""
+    """Write a run's manifest and the text of its bank (no pictures) into the run's folder.
+
+    Raises LedgerError where ``out`` is taken by something that is no run.
+    """
     copy = out / _BANK
     if not is_run(out):
         if not is_free(out):

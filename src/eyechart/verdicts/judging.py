@@ -7,10 +7,17 @@ from eyechart.stats.exchange import episodes_needed
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import ALPHA, GUARANTEE, BatteryScore, ModelScore, Stopped
 from eyechart.verdicts.calibrated import POSITIVE_CLAIMS, TRUST, calibrated_rules
+from eyechart.verdicts.card import card, numbers
 from eyechart.verdicts.early import early_lateral, early_paper, early_rules
 from eyechart.verdicts.lateral import lateral_rules
 from eyechart.verdicts.paper import paper_rules
 from eyechart.verdicts.ruling import Ruling, number
+
+_ASKED = {
+    "interventional": "intervention: the same moment with the lead vehicle near and far",
+    "observational": "observation: whether braking goes with the gap that frames happen to have",
+    "none": "nothing: it could not be tested",
+}
 
 
 @dataclass(frozen=True)
@@ -19,7 +26,8 @@ class Verdict:
 
     ``lateral`` is its own axis; ``evidence`` says how the question of distance was put: by intervention on the
     picture, by observation, or not at all. ``trust`` and ``scope`` are one sentence each. ``stopped`` says where the
-    run settled it early: it then rests on e-values, and the paper's label is ``not_judged``.
+    run settled it early: it then rests on e-values, and the paper's label is ``not_judged``. ``print`` it for the
+    evidence in words; a notebook shows it as a card.
     """
 
     model: str
@@ -49,6 +57,30 @@ class Verdict:
             "notes": list(self.notes),
             "stopped_early": None if self.stopped is None else self.stopped.as_dict(),
         }
+
+    def __repr__(self) -> str:
+        labels = f"{self.calibrated.label}; lateral {self.lateral.label}; paper's rules {self.paper.label}"
+        return f"<Verdict on {self.model}: {labels}>"
+
+    def __str__(self) -> str:
+        lines = (self.calibrated.because, self.lateral.because, self.trust, *self.notes)
+        return "\n  ".join([f"{self.model}: {self.calibrated.label}, evidence {self.evidence}", *lines])
+
+    def _repr_html_(self) -> str:
+        ruling = self.calibrated
+        return card(
+            model=self.model,
+            label=ruling.label,
+            sentence=self.trust,
+            rows=(
+                ("because", ruling.words),
+                ("decided by", numbers(ruling.decided_by, ruling.statistic)),
+                ("distance asked by", _ASKED.get(self.evidence, self.evidence)),
+                ("lateral", f"{self.lateral.label}: {self.lateral.because}"),
+                ("paper's rules", f"{self.paper.label}: {self.paper.because}"),
+            ),
+            small=(*self.notes, self.scope),
+        )
 
 
 def judge(score: BatteryScore) -> dict[str, Verdict]:

@@ -52,6 +52,9 @@ class BatteryScore:
     models: Mapping[str, ModelScore]
     accounting: Mapping[str, Accounting]
 
+    def __repr__(self) -> str:
+        return f"<BatteryScore of {', '.join(self.models) or 'no model'} on {self.bank.name}>"
+
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values; what two runs may differ in (timing, attempts) stands under ``accounting``."""
         return {
