@@ -239,7 +239,9 @@ def test_a_run_that_was_cut_before_its_stop_is_unfinished(bank: FrameBank, tmp_p
         study.run(planned, concurrency=1, progress=_cut_at(100))
     scored = study.score(out, resamples=99)
     assert scored.models[STEADY].stopped is None
-    assert judge(scored)[STEADY].notes[0].startswith("partial: ")
+    note = judge(scored)[STEADY].notes[0]
+    assert note.startswith("partial: ")
+    assert "nothing is settled early" in note
     gate = hold(scored, ["depth"])
     assert gate.exit_code == 2
     assert "unfinished" in gate.checks[0].because

@@ -55,10 +55,12 @@ def battery(
     for name, why in planned.left_out.items():
         say(f"left out: {name}, because {why}")
     calls, finished, unknown = planned.counts()
-    plan = planned.plan
+    plan, to_make = planned.plan, f"{calls - finished}"
+    if stop_early:
+        to_make = f"at most {sum(one.left for one in planned.progress().values())}"
     say(
         f"{len(plan.models)} models × {len(plan.frames)} frames × {len(plan.conditions)} conditions: {calls} calls, "
-        f"{finished} finished, {unknown} sent with unknown outcome, {calls - finished} to make"
+        f"{finished} finished, {unknown} sent with unknown outcome, {to_make} to make"
     )
     if stop_early:
         for line in _before(planned):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from eyechart.stats.exchange import episodes_needed
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import ALPHA, GUARANTEE, BatteryScore, ModelScore, Stopped
+from eyechart.studies.battery.stopping import PREFIX
 from eyechart.verdicts.calibrated import POSITIVE_CLAIMS, TRUST, calibrated_rules
 from eyechart.verdicts.card import card, numbers
 from eyechart.verdicts.early import early_lateral, early_paper, early_rules
@@ -133,7 +134,10 @@ def _notes(found: Mapping[str, Statistic], model: ModelScore) -> tuple[str, ...]
     if model.stopped is not None:
         notes.append(_how_stopped(model.stopped))
     elif model.answered < model.planned:
-        notes.append(f"partial: {model.answered} of {model.planned} planned calls are finished")
+        unsettled = "; nothing is settled early, and tests of a fixed size hold at the end only"
+        early = any(name.startswith(PREFIX) for name in found)
+        words = f"partial: {model.answered} of {model.planned} planned calls are finished"
+        notes.append(words + (unsettled if early else ""))
     if (found["unparsed_rate"].value or 0.0) > 0.0:
         reasons = (found["unparsed_rate"].detail or {}).get("reasons", {})
         notes.append(f"{number(found['unparsed_rate'])} of the calls hold no decision: {reasons}")

@@ -111,6 +111,8 @@ class Stopped:
             "rule": self.label,
             "decided_by": self.decided_by,
             "with": list(self.with_it),
+            "lateral": self.lateral,
+            "lateral_by": self.lateral_by,
             "frames": self.frames,
             "calls": self.calls,
             "planned": self.planned,
