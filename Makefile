@@ -5,14 +5,17 @@ BIN := $(VENV)/bin
 CORE := $(VENV)/.core
 DEV := $(VENV)/.dev
 MODELS := $(VENV)/.models
+BROWSER := $(VENV)/.browser
 BENCH := $(VENV)/.bench
+AXE := axe-core@4.14.1
 
-.PHONY: help demo test test-models lint format bench clean
+.PHONY: help demo test test-models test-browser lint format bench clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
 	@echo "make test         the tests of the core"
 	@echo "make test-models  the tests that need extras (Hugging Face datasets)"
+	@echo "make test-browser  the report in headless Chromium, which has to be installed with its driver"
 	@echo "make lint         ruff and mypy"
 	@echo "make bench        ratios against what one would otherwise do"
 
@@ -20,10 +23,20 @@ demo: $(CORE)
 	$(BIN)/eyechart demo --out demo
 
 test: $(DEV)
-	$(BIN)/python -m pytest -n 2 -m "not models"
+	$(BIN)/python -m pytest -n 2 -m "not models and not browser"
 
 test-models: $(MODELS)
 	$(BIN)/python -m pytest -m models
+
+# Without npm, which fetches axe-core, the test that needs it is left out, and the target says so.
+test-browser: $(BROWSER)
+	@if command -v npm >/dev/null; then \
+	  folder=$$(mktemp -d) && npm install --silent --no-audit --no-fund --prefix $$folder $(AXE) && \
+	  EYECHART_AXE=$$folder/node_modules/axe-core/axe.min.js $(BIN)/python -m pytest -m browser; \
+	  status=$$?; rm -rf $$folder; exit $$status; \
+	else \
+	  echo "npm is not there: without axe-core"; $(BIN)/python -m pytest -m "browser and not axe"; \
+	fi
 
 lint: $(DEV)
 	$(BIN)/ruff check .
@@ -58,6 +71,10 @@ $(DEV): $(CORE)
 
 $(MODELS): $(DEV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,hub]'
+	@touch $@
+
+$(BROWSER): $(DEV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,browser]'
 	@touch $@
 
 $(BENCH): $(DEV)

@@ -77,7 +77,7 @@ def agreement(everyone: Sequence[Subject]) -> Drawing:
 
 def _room(everyone: Sequence[Subject]) -> float:
     """Return the margin in inches that the longest name of a model needs."""
-    return 0.3 + 0.075 * max([12, *(len(plain(who.label, 34)) for who in everyone)])
+    return 0.3 + 0.068 * max([12, *(len(plain(who.label, 34)) for who in everyone)])
 
 
 def _agree(who: Subject, condition: str) -> float | None:
@@ -115,6 +115,7 @@ def gap_by_action(who: Subject, place: int) -> list[Drawing]:
     real, gaps = answers.actions("real"), answers.gaps
     finite = gaps[np.isfinite(gaps)]
     farthest = float(finite.max()) if finite.size else 1.0
+    leadless = not np.isfinite(gaps).all()
     nowhere = farthest * 1.16
     actions = answers.space.actions
     figure, axes = canvas(3.5, 0.6 + 0.42 * len(actions), (0.95, 0.15, 0.5, 0.05))
@@ -132,24 +133,25 @@ def gap_by_action(who: Subject, place: int) -> list[Drawing]:
             told.append(f"{action}: {len(mine)} frames, median {middle:.1f} {answers.gap.unit}")
         else:
             told.append(f"{action}: never")
-    counts = [int((real == action).sum()) for action in actions]
-    _strip_axes(axes, [f"{plain(action, 12)} ({n})" for action, n in zip(actions, counts, strict=True)], nowhere)
+    names = [f"{plain(action, 12)} ({np.count_nonzero(real == action)})" for action in actions]
+    _strip_axes(axes, names, nowhere, leadless=leadless)
     axes.axvline(answers.gap.threshold, color=MUTED, linestyle=(0, (4, 3)), linewidth=0.9, zorder=0)
     axes.set_xlabel(f"{plain(answers.gap.column, 24)} ({plain(answers.gap.unit, 8)})", fontsize=8.5)
-    if not np.isfinite(gaps).all():
+    if leadless:
         axes.axvline((farthest + nowhere) / 2, color=LINE, linewidth=0.8, zorder=0)
     title = f"Gap by action, {who.label}"
     says = f"Each mark is a real frame; squares brake, triangles proceed; the bar is the median. {'; '.join(told)}"
     return [Drawing(f"gap-{place:02d}", title, says, figure)]
 
 
-def _strip_axes(axes: Axes, names: Sequence[str], nowhere: float) -> None:
+def _strip_axes(axes: Axes, names: Sequence[str], nowhere: float, *, leadless: bool) -> None:
     axes.set_ylim(len(names) - 0.5, -0.5)
-    axes.set_xlim(0, nowhere * 1.06)
+    axes.set_xlim(0, nowhere * (1.06 if leadless else 0.92))
     axes.set_yticks(range(len(names)), names)
     axes.tick_params(axis="y", length=0)
-    kept = [float(tick) for tick in axes.get_xticks() if 0 <= tick < nowhere * 0.84]
-    axes.set_xticks([*kept, nowhere], [*(f"{tick:g}" for tick in kept), "none"])
+    kept = [float(tick) for tick in axes.get_xticks() if 0 <= tick < nowhere * (0.84 if leadless else 0.92)]
+    extra = [nowhere] if leadless else []
+    axes.set_xticks([*kept, *extra], [*(f"{tick:g}" for tick in kept), *("none" for _ in extra)])
     for y in range(len(names)):
         axes.axhline(y, color=LINE, linewidth=0.6, zorder=0)
     axes.spines["left"].set_visible(False)

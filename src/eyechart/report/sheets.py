@@ -160,7 +160,7 @@ def write_sheets(everyone: Sequence[Subject], folder: Path) -> list[Path]:
 def _csv_cells(cell: Cell, kind: str) -> list[str]:
     if kind == "interval":
         return ["", ""] if not isinstance(cell, tuple) else [repr(cell[0]), repr(cell[1])]
-    if cell is None:
+    if cell is None or cell == "—":
         return [""]
     if not isinstance(cell, str):
         return [repr(cell)]
@@ -201,4 +201,5 @@ _LATEX = {
 def _latex(text: str) -> str:
     if text == "<10⁻⁴":
         return "$<10^{-4}$"
-    return "".join(_LATEX.get(sign, sign) for sign in _one_line(text))
+    escaped = "".join(_LATEX.get(sign, sign) for sign in _one_line(text))
+    return f"{{{escaped[0]}}}{escaped[1:]}" if escaped[:1] in {"[", "*"} else escaped  # or the line above takes it

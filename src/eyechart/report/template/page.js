@@ -107,8 +107,9 @@
       const item = make("li");
       const button = make("button");
       button.type = "button";
-      button.append(make("span", "", run.frames[frame].id), make("span", "n", `${found.length}`));
-      button.setAttribute("aria-label", `${run.frames[frame].id}, ${found.length} calls match`);
+      const count = make("span", "n", `${found.length}`);
+      count.append(make("span", "unseen", " calls match"));
+      button.append(make("span", "", run.frames[frame].id), " ", count);
       button.tabIndex = -1;
       button.addEventListener("click", () => choose(place, true));
       item.append(button);
@@ -132,7 +133,8 @@
     const button = buttons[chosen];
     button.setAttribute("aria-current", "true");
     button.tabIndex = 0;
-    list.scrollTop = Math.min(Math.max(list.scrollTop, button.offsetTop + button.offsetHeight - list.offsetTop - list.clientHeight), button.offsetTop - list.offsetTop);
+    const item = button.parentNode;
+    list.scrollTop = Math.min(Math.max(list.scrollTop, item.offsetTop + item.offsetHeight - list.clientHeight), item.offsetTop);
     if (focus) button.focus({ preventScroll: true });
     show(...listed[chosen]);
   };
