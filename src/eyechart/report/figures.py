@@ -3,7 +3,7 @@
 Source: paper, figures bicb (agreement) and mi (entropy against information), tables t:frontier and t:qwenorder.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.patches import Rectangle
+from matplotlib.transforms import Bbox
 
 from eyechart.actions import UNPARSED, ActionSpace
 from eyechart.report.drawing import BLUE, INK, LINE, MUTED, PAPER, VERMILLION, Drawing, canvas, plain, style
@@ -22,6 +23,12 @@ _REDS = LinearSegmentedColormap.from_list("same", ["#ffffff", "#fddbc7", "#ef8a6
 _BLUES = LinearSegmentedColormap.from_list("count", ["#ffffff", "#c6dbef", "#6baed6", "#08519c"])
 FLOOR_FACTOR = 1.5
 """IDI clears the noise floor s above so many times s."""
+
+_ON_COLOUR = "#202020"
+"""Ink on a coloured cell: the same in light and in dark."""
+
+Box = tuple[float, float, float, float]
+"""Left, bottom, right and top, in pixels."""
 
 _MARKS = {"brake": ("s", VERMILLION), "proceed": ("^", BLUE), "other": ("o", MUTED)}
 
@@ -89,8 +96,7 @@ def _agree(who: Subject, condition: str) -> float | None:
 def _cell(axes: Axes, x: int, y: int, share: float | None, text: str, colours: LinearSegmentedColormap) -> None:
     face = "none" if share is None else colours(share)
     axes.add_patch(Rectangle((x - 0.48, y - 0.47), 0.96, 0.94, facecolor=face, edgecolor=LINE, linewidth=0.6))
-    # On a coloured cell the text keeps its colour in light and in dark.
-    ink = MUTED if share is None else "#ffffff" if share > 0.72 else "#202020"
+    ink = MUTED if share is None else "#ffffff" if share > 0.72 else _ON_COLOUR
     axes.text(x, y, text, ha="center", va="center", color=ink, fontsize=8)
 
 
@@ -193,7 +199,7 @@ def information(everyone: Sequence[Subject]) -> Drawing:
 def _labelled(axes: Axes, points: Sequence[tuple[Subject, float, float]]) -> None:
     """Draw the points, and each name at the nearest place where it covers no other name."""
     inverse = axes.transData.inverted()
-    taken: list[tuple[float, float, float, float]] = []
+    taken: list[Box] = []
     seen = sorted(points, key=lambda one: (one[1], one[2], one[0].label))
     pixels = [axes.transData.transform((x, y)) for _, x, y in seen]
     taken += [(float(x) - 4, float(y) - 4, float(x) + 4, float(y) + 4) for x, y in pixels]
@@ -201,30 +207,33 @@ def _labelled(axes: Axes, points: Sequence[tuple[Subject, float, float]]) -> Non
     for (who, x, y), (px, py) in zip(seen, pixels, strict=True):
         label = plain(who.label, 30)
         axes.scatter([x], [y], s=34, color=BLUE, edgecolors=PAPER, linewidths=0.8, zorder=3)
-        wide = 6.6 * len(label)
-        spots = [
-            (float(px) + side, float(py) + up)
-            for up in (0, 14, -14, 28, -28, *range(42, 300, 14))
-            for side in (9, 26, 60, 9 - 18 - wide, -60 - wide, 120)
-        ]
-        for left, middle in spots:
-            box = (left, middle - 7, left + wide, middle + 7)
-            inside = box[0] > bounds.x0 and box[2] < bounds.x1 + 12 and box[1] > bounds.y0 and box[3] < bounds.y1
-            if inside and not any(_overlap(box, other) for other in taken):
-                break
-        else:
-            left, middle = spots[0]
-            box = (left, middle - 7, left + wide, middle + 7)
+        wide = 6.2 * len(label)
+        box, side = next(
+            (spot for spot in _spots(float(px), float(py), wide) if _free(spot[0], bounds, taken)),
+            next(_spots(float(px), float(py), wide)),
+        )
         taken.append(box)
-        tx, ty = inverse.transform((left, middle))
-        axes.text(tx, ty, label, fontsize=8, va="center", zorder=4)
-        if abs(middle - py) > 8 or abs(left - px) > 12:
-            near = left if left > px else left + wide
-            ex, ey = inverse.transform((near, middle))
-            axes.plot([x, ex], [y, ey], color=MUTED, linewidth=0.5, zorder=2)
+        near, middle = box[0] if side == "left" else box[2], (box[1] + box[3]) / 2
+        tx, ty = inverse.transform((near, middle))
+        axes.text(tx, ty, label, fontsize=8, ha=side, va="center", zorder=4)
+        if abs(middle - py) > 8 or abs(near - px) > 12:
+            axes.plot([x, tx], [y, ty], color=MUTED, linewidth=0.5, zorder=2)
 
 
-def _overlap(one: tuple[float, float, float, float], other: tuple[float, float, float, float]) -> bool:
+def _spots(px: float, py: float, wide: float) -> Iterator[tuple[Box, str]]:
+    """Yield boxes for a name beside a point, the nearest first, with the end of the name that is at the point."""
+    for up in (0, 14, -14, 28, -28, *range(42, 300, 14)):
+        for away in (9, 34, 80):
+            yield (px + away, py + up - 7, px + away + wide, py + up + 7), "left"
+            yield (px - away - wide, py + up - 7, px - away, py + up + 7), "right"
+
+
+def _free(box: Box, bounds: Bbox, taken: Sequence[Box]) -> bool:
+    inside = box[0] > bounds.x0 and box[2] < bounds.x1 + 12 and box[1] > bounds.y0 and box[3] < bounds.y1
+    return inside and not any(_overlap(box, other) for other in taken)
+
+
+def _overlap(one: Box, other: Box) -> bool:
     return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
 
 
@@ -275,8 +284,10 @@ def _transitions(
             count = int(((rows == one) & (columns == other)).sum())
             _cell(axes, x, y, count / total if total else None, str(count) if total else "", _BLUES)
             if (one, other) in marked:
-                box = Rectangle((x - 0.44, y - 0.43), 0.88, 0.86, fill=False, edgecolor=INK, linewidth=1.1, zorder=5)
-                axes.add_patch(box)
+                edge = _ON_COLOUR if total else INK
+                axes.add_patch(
+                    Rectangle((x - 0.44, y - 0.43), 0.88, 0.86, fill=False, edgecolor=edge, linewidth=1.1, zorder=5)
+                )
             if count:
                 told.append(f"{one} to {other}: {count}")
     _grid(axes, [plain(one, 9) for one in actions], [plain(one, 11) for one in actions])
