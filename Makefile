@@ -14,8 +14,8 @@ AXE := axe-core@4.14.1
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
 	@echo "make test         the tests of the core"
-	@echo "make test-models  the tests that need extras (Hugging Face datasets)"
-	@echo "make test-browser  the report in headless Chromium, which has to be installed with its driver"
+	@echo "make test-models  the tests that need extras (Hugging Face datasets, Parquet, LeRobot)"
+	@echo "make test-browser the report in headless Chromium, which has to be installed with its driver"
 	@echo "make lint         ruff and mypy"
 	@echo "make bench        ratios against what one would otherwise do"
 
@@ -70,7 +70,7 @@ $(DEV): $(CORE)
 	@touch $@
 
 $(MODELS): $(DEV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,hub]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,hub,parquet,lerobot]'
 	@touch $@
 
 $(BROWSER): $(DEV)

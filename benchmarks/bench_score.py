@@ -41,7 +41,7 @@ def make_run(out: Path, *, models: int, episodes: int, steps: int) -> int:
                     episode=f"e{episode}",
                     step=step,
                     mirror_axis="vertical",
-                    file="images/one.png",
+                    file=f"images/{frame_id}.png",
                     truth={"lead_gap_m": gaps[frame_id]},
                 )
                 writer.add(frame, picture, {})

@@ -40,12 +40,13 @@ def draw(bank: FrameBank, out: Path) -> None:
     """Write the picture: a row a condition; answers that differ from the real frame's are tinted."""
     frame, big, small = chosen(bank), ImageFont.load_default(15), ImageFont.load_default(13)
     width = LABEL_W + PICTURE_W + 16 + CELL * len(CONTROLLERS)
-    sheet = Image.new("RGB", (width, TOP + ROW * len(CONDITIONS) + 6), "white")
+    shown = [condition for condition in CONDITIONS.values() if not condition.swaps_text]
+    sheet = Image.new("RGB", (width, TOP + ROW * len(shown) + 6), "white")
     pen = ImageDraw.Draw(sheet)
     for column, name in enumerate(CONTROLLERS):
         pen.text((LABEL_W + PICTURE_W + 16 + column * CELL + CELL / 2, TOP / 2), name, INK, small, anchor="mm")
     real = {name: answer(name, show("real", frame, bank, 0)) for name in CONTROLLERS}
-    for row, condition in enumerate(CONDITIONS.values()):
+    for row, condition in enumerate(shown):
         top, picture = TOP + row * ROW, show(condition.name, frame, bank, 0)
         pen.text((8, top + PICTURE_H / 2), condition.name, INK, big, anchor="lm")
         if picture is None:
@@ -56,7 +57,9 @@ def draw(bank: FrameBank, out: Path) -> None:
             sheet.paste(pixels, (LABEL_W, top))
         for column, name in enumerate(CONTROLLERS):
             left, given = LABEL_W + PICTURE_W + 16 + column * CELL, answer(name, picture)
-            pen.rounded_rectangle((left + 3, top + 30, left + CELL - 3, top + 70), 6, SAME if given == real[name] else OTHER)
+            pen.rounded_rectangle(
+                (left + 3, top + 30, left + CELL - 3, top + 70), 6, SAME if given == real[name] else OTHER
+            )
             pen.text((left + CELL / 2, top + PICTURE_H / 2), given, INK, small, anchor="mm")
     out.parent.mkdir(parents=True, exist_ok=True)
     sheet.quantize(128).save(out, optimize=True)

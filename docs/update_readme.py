@@ -15,7 +15,7 @@ BLOCK = re.compile(r"(<!-- demo: .*? -->\n).*?(<!-- end of demo -->)", re.DOTALL
 def demo_output(folder: Path) -> str:
     """Return what the demo prints on standard output, its date masked and trailing blanks removed."""
     command = [Path(sys.executable).with_name("eyechart"), "demo", "--out", str(folder)]
-    printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout  # noqa: S603
+    printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     lines = [line.rstrip() for line in printed.splitlines()]
     return re.sub(r"\d{4}-\d\d-\d\d", "DATE", "\n".join(lines)).strip("\n")
 
@@ -25,7 +25,8 @@ def shown() -> str:
     found = BLOCK.search(README.read_text(encoding="utf-8"))
     if found is None:
         raise SystemExit("README.md has lost the marks of its demo block")
-    return found.group().removeprefix(found.group(1)).removesuffix(found.group(2)).strip("\n`text").strip("\n")
+    block = found.group().removeprefix(found.group(1)).removesuffix(found.group(2))
+    return block.removeprefix("```text\n").removesuffix("\n```\n")
 
 
 if __name__ == "__main__":

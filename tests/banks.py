@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from eyechart.actions import DRIVING
+from eyechart.conditions import COUNTERFACTUALS
 from eyechart.frames import (
-    COUNTERFACTUALS,
     LEAD_GAP,
     RGB,
     BankManifest,

@@ -11,6 +11,7 @@ import banks
 from eyechart.conditions import (
     BATTERY,
     CONDITIONS,
+    COUNTERFACTUALS,
     MID_GREY,
     available,
     find_condition,
@@ -20,7 +21,7 @@ from eyechart.conditions import (
     show,
 )
 from eyechart.errors import BankError, SpecError
-from eyechart.frames import COUNTERFACTUALS, Frame, FrameBank, MirrorAxis, decode
+from eyechart.frames import Frame, FrameBank, MirrorAxis, decode
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +43,8 @@ def test_every_condition_keeps_its_contract(name: str, bank: FrameBank) -> None:
     assert CONDITIONS[name].name == name
     assert CONDITIONS[name].image
     assert CONDITIONS[name].asks
-    assert CONDITIONS[name].counterfactual == (name in COUNTERFACTUALS) == (name not in BATTERY)
+    assert CONDITIONS[name].counterfactual == (name in COUNTERFACTUALS)
+    assert (name in BATTERY) == (not (CONDITIONS[name].counterfactual or CONDITIONS[name].swaps_text))
     able = [frame for frame in bank if available(name, frame)]
     forward = {frame.id: show(name, frame, bank, 3) for frame in able}
     for frame in reversed(able):
@@ -63,7 +65,7 @@ def test_the_battery_is_the_eight_of_the_table_in_its_order() -> None:
     """Table t:conditions of the paper."""
     expected = ("real", "real_repeat", "blank", "noise", "shuffled", "cross_scenario", "text_only", "mirrored")
     assert expected == BATTERY
-    assert (*expected, *COUNTERFACTUALS) == tuple(CONDITIONS)
+    assert (*expected, *COUNTERFACTUALS, "text_swapped") == tuple(CONDITIONS)
 
 
 def test_real_and_its_repeat_are_the_very_bytes_of_the_frame(bank: FrameBank) -> None:
@@ -144,7 +146,8 @@ def test_every_possible_partner_is_chosen_by_some_seed(bank: FrameBank) -> None:
 def test_conditions_that_need_no_partner_ask_for_none(bank: FrameBank) -> None:
     """One frame is enough for the rest of the battery."""
     alone = replace(bank, frames=bank.frames[:1])
-    require_partners(tuple(name for name in CONDITIONS if name not in {"shuffled", "cross_scenario"}), alone)
+    needy = {"shuffled", "cross_scenario", "text_swapped"}
+    require_partners(tuple(name for name in CONDITIONS if name not in needy), alone)
     with pytest.raises(BankError, match="another frame in scenario 'light'"):
         require_partners(("shuffled",), alone)
 

@@ -565,3 +565,18 @@ def test_metadata_written_on_windows_are_read(bank: FrameBank) -> None:
     text = (bank.root / "metadata.jsonl").read_bytes()
     (bank.root / "metadata.jsonl").write_bytes(text.replace(b"\n", b"\r\n"))
     assert read_metadata(bank.root / "metadata.jsonl") == bank.frames
+
+
+@pytest.mark.parametrize(
+    ("words", "instead"),
+    [('"threshold": 18.0', '"threshold": 40.0'), ("boxes on grey", "a photograph"), ('"SLOW"', '"SLOWER"')],
+)
+def test_what_a_bank_declares_cannot_be_edited(tmp_path: Path, words: str, instead: str) -> None:
+    """A changed threshold, kind of picture or action name would change verdicts and their scope."""
+    bank = banks.build_bank(tmp_path / "bank")
+    file = bank.root / "manifest.json"
+    text = file.read_text(encoding="utf-8")
+    assert words in text
+    file.write_text(text.replace(words, instead), encoding="utf-8")
+    with pytest.raises(BankError, match=r"manifest\.json: what the bank declares of itself"):
+        open_bank(bank.root)

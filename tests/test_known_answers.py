@@ -54,6 +54,13 @@ def test_json_has_the_names_that_scripts_rely_on(demo: Demo) -> None:
             assert {"value", "n", "ci", "p"} <= statistic.keys()
 
 
+def test_a_repeat_is_asked_anew_and_never_answered_from_the_first_call(demo: Demo) -> None:
+    """A coin toss disagrees with itself on four of five repeats; a cache of contents would make it agree on all."""
+    models = battery.score(demo.run, resamples=99).models
+    assert models["scripted:random"].statistics["noise_floor"].value > 0.65
+    assert models["scripted:depth"].statistics["noise_floor"].value == 0
+
+
 def test_a_finished_demo_makes_no_further_calls(demo: Demo) -> None:
     """A second demo in the same folder finds every call finished and prints the same."""
     before = (demo.run / "ledger.sqlite").read_bytes()

@@ -2,6 +2,7 @@ import sqlite3
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 from hypothesis import given
@@ -46,7 +47,7 @@ def test_a_reply_comes_back_verbatim(path: Path) -> None:
         "f3": Reply("a\0b\r\n\u2028ü😀", "length"),
     }
     fill(path, *((replace(KEY, frame=frame), reply) for frame, reply in replies.items()))
-    with Ledger(path) as ledger:
+    with Ledger(path, create=True) as ledger:
         assert {key.frame: reply for key, reply in ledger.replies(MODEL)} == replies
         assert list(ledger.replies("nobody")) == []
 
@@ -54,7 +55,7 @@ def test_a_reply_comes_back_verbatim(path: Path) -> None:
 @given(st.text(st.characters()))
 def test_any_text_can_be_kept(text: str) -> None:
     """Also one that is no Unicode: a lone surrogate, which broken escapes in JSON give, is kept as its escape."""
-    with Ledger(Path(":memory:"), create=True) as ledger:
+    with TemporaryDirectory() as folder, Ledger(Path(folder) / "ledger", create=True) as ledger:
         ledger.close(ledger.begin(KEY, "digest"), Reply(text, error_detail=text))
         ((_, reply),) = ledger.replies(MODEL)
         assert reply.text == reply.error_detail == text.encode("utf-8", "backslashreplace").decode()
@@ -89,7 +90,7 @@ def test_an_attempt_is_there_before_its_reply(path: Path) -> None:
 def test_a_finished_call_cannot_begin_again(path: Path) -> None:
     """It is paid for once; an error that will not pass finishes it too."""
     fill(path, (KEY, FULL), (OTHER, Reply(error="auth")))
-    with Ledger(path) as ledger:
+    with Ledger(path, create=True) as ledger:
         for key in (KEY, OTHER):
             with pytest.raises(LedgerError, match="finished already"):
                 ledger.begin(key, "digest")
@@ -114,7 +115,7 @@ def test_a_transient_error_leaves_a_call_unfinished(path: Path, error: str) -> N
 def test_unknown_outcomes_are_those_of_unfinished_calls(path: Path) -> None:
     """An attempt without a reply is forgotten when a later one finishes its call; its row stays."""
     fill(path, (KEY, None), (OTHER, None), (OTHER, FULL))
-    with Ledger(path) as ledger:
+    with Ledger(path, create=True) as ledger:
         assert ledger.unknown() == {KEY}
         counted = ledger.accounting(MODEL)
     assert (counted.calls, counted.attempts, counted.finished, counted.unknown, counted.errors) == (2, 3, 1, 2, 0)
@@ -124,7 +125,7 @@ def test_accounting_adds_up_what_one_model_took(path: Path) -> None:
     """Tokens that nobody reported are None, not 0."""
     theirs = replace(KEY, model="other")
     fill(path, (KEY, FULL), (OTHER, replace(FULL, seconds=0.25)), (theirs, Reply(error="timeout", seconds=9.0)))
-    with Ledger(path) as ledger:
+    with Ledger(path, create=True) as ledger:
         mine, other, nobody = (ledger.accounting(model) for model in (MODEL, "other", "nobody"))
     assert (mine.prompt_tokens, mine.completion_tokens, mine.seconds, mine.errors) == (20, 2, 0.75, 0)
     assert (other.calls, other.finished, other.errors, other.prompt_tokens, other.seconds) == (1, 0, 1, None, 9.0)
@@ -147,7 +148,7 @@ def test_absorbing_keeps_every_attempt_and_reply(path: Path, tmp_path: Path) -> 
     more = tmp_path / "it's more.sqlite"
     third = replace(KEY, frame="f3")
     fill(more, (third, Reply(error="timeout")), (third, FULL), (OTHER, None), (OTHER, FULL))
-    with Ledger(path) as ledger, Ledger(more) as other:
+    with Ledger(path, create=True) as ledger, Ledger(more) as other:
         assert ledger.absorb(other) == 1
         assert ledger.finished() == {KEY, OTHER, third}
         assert ledger.unknown() == set()
@@ -164,7 +165,7 @@ def test_absorbing_a_call_that_both_finished_copies_nothing(path: Path, tmp_path
     fill(path, (KEY, FULL))
     fill(tmp_path / "double", (OTHER, FULL), (KEY, FULL))
     fill(tmp_path / "fine", (OTHER, FULL))
-    with Ledger(path) as ledger:
+    with Ledger(path, create=True) as ledger:
         with Ledger(tmp_path / "double") as double, pytest.raises(LedgerError, match=r"double: 1 calls .*frame='f1'"):
             ledger.absorb(double)
         assert ledger.finished() == {KEY}
@@ -178,7 +179,7 @@ def test_a_failed_absorption_is_undone(path: Path, tmp_path: Path, monkeypatch: 
     """Nothing of it stays, and the next one succeeds."""
     fill(path, (KEY, FULL))
     fill(tmp_path / "more", (OTHER, FULL))
-    with Ledger(path) as ledger, Ledger(tmp_path / "more") as more:
+    with Ledger(path, create=True) as ledger, Ledger(tmp_path / "more") as more:
         with monkeypatch.context() as broken:
             broken.setattr("eyechart.ledger._COPY_REPLIES", "INSERT INTO nowhere VALUES (?)")
             with pytest.raises(sqlite3.OperationalError):
@@ -206,14 +207,26 @@ def test_what_is_no_ledger_is_refused_by_name_and_left_alone(path: Path) -> None
     assert path.read_bytes() == before
 
 
-@pytest.mark.parametrize("create", [True, False])
-def test_a_file_that_was_cut_before_its_first_table_is_an_empty_ledger(path: Path, create: bool) -> None:  # noqa: FBT001
-    """A run that was killed while it made its ledger resumes."""
+def test_a_file_that_was_cut_before_its_first_table_is_an_empty_ledger(path: Path) -> None:
+    """A run that was killed while it made its ledger reads as empty, and resumes."""
     path.touch()
-    with Ledger(path, create=create) as ledger:
+    with Ledger(path) as ledger:
         assert ledger.finished() == set()
+    with Ledger(path, create=True) as ledger:
         ledger.close(ledger.begin(KEY, "digest"), FULL)
         assert ledger.finished() == {KEY}
+
+
+def test_a_ledger_that_is_read_is_not_written(path: Path) -> None:
+    """Without ``create`` a ledger only reads, also where its folder and file cannot be written."""
+    with Ledger(path, create=True) as ledger:
+        ledger.close(ledger.begin(KEY, "digest"), FULL)
+    before = path.read_bytes()
+    with Ledger(path) as ledger, pytest.raises(sqlite3.OperationalError, match="readonly"):
+        ledger.begin(replace(KEY, frame="f9"), "digest")
+    with Ledger(path) as ledger:
+        assert ledger.finished() == {KEY}
+    assert path.read_bytes() == before
 
 
 def test_a_ledger_of_a_later_format_is_refused(path: Path) -> None:
@@ -250,5 +263,5 @@ def test_opening_an_existing_ledger_to_create_it_keeps_its_rows(path: Path) -> N
     """Resuming opens the ledger as beginning does."""
     fill(path, (KEY, FULL))
     fill(path, (OTHER, FULL))
-    with Ledger(path) as ledger:
+    with Ledger(path, create=True) as ledger:
         assert ledger.finished() == {KEY, OTHER}

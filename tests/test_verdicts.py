@@ -9,6 +9,7 @@ import simulated
 from eyechart.actions import DRIVING
 from eyechart.frames import Frame
 from eyechart.stats.statistic import Statistic
+from eyechart.studies.battery import ALPHA, MARGIN
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.published import Resampling
 from eyechart.studies.battery.scoring import ModelScore, statistics_of
@@ -18,6 +19,7 @@ from eyechart.verdicts import (
     TRUST,
     Ruling,
     calibrated_rules,
+    judging,
     lateral_rules,
     paper_rules,
 )
@@ -168,7 +170,49 @@ def test_ten_frames_decide_nothing() -> None:
     world = simulated.frames(scenarios=2, episodes=1, steps=5)
     calibrated, _, _, _ = rule_on(simulated.answers(lambda *_: "SLOW", world))
     assert calibrated.label == "undecided"
-    assert "about 49 frames" in calibrated.because
+    assert "about 49 frames" in calibrated.because, calibrated.because
+
+
+def test_a_few_refused_blanks_do_not_show_that_the_picture_is_not_used() -> None:
+    """On ten frames one that brakes by distance and refuses blanks is no refusal effect: nothing is bounded."""
+
+    def declines(condition: str, frame: Frame, rng: np.random.Generator) -> str | None:
+        return None if simulated.blind(condition) else depth(condition, frame, rng)
+
+    world = simulated.frames(scenarios=2, episodes=1, steps=5)
+    calibrated, _, _, _ = rule_on(simulated.answers(declines, world, counterfactuals=False))
+    assert calibrated.label == "undecided"
+
+
+def test_a_coin_is_told_from_a_controller_that_follows_the_gap_now_and_then() -> None:
+    """Without a gap a coin is self-inconsistent, and one that looks in 4 of 10 answers is hardly ever called so."""
+
+    def coin(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+        del condition, frame
+        return str(rng.choice(DRIVING.actions))
+
+    def noisy(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+        return coin(condition, frame, rng) if rng.uniform() < 0.6 else depth(condition, frame, rng)
+
+    found: dict[simulated.Rule, list[str]] = {coin: [], noisy: []}
+    for rule, labels in found.items():
+        for seed in range(12):
+            answered = simulated.answers(rule, WORLD, counterfactuals=False, seed=seed)
+            labels.append(rule_on(replace(answered, gap=None))[0].label)
+    assert found[coin].count("self_inconsistent") >= 9
+    assert found[noisy].count("self_inconsistent") <= 1
+
+
+def test_one_scenario_leaves_another_untested_and_says_so() -> None:
+    """A verdict on a single scenario notes that no picture of another one was shown."""
+    whole = simulated.answers(depth, WORLD)
+    part = replace(whole, decisions={name: one for name, one in whole.decisions.items() if name != "cross_scenario"})
+    notes = []
+    for answered in (whole, part):
+        found = statistics_of(answered, Resampling(resamples=99, intervals=False))
+        notes.append(judging._notes(found, ModelScore("simulated", "0", 0, 0, answered, found, {})))
+    note = "whether a picture of another scenario changes its answer was not tested"
+    assert [note in one for one in notes] == [False, True]
 
 
 def test_paint_that_changes_the_answer_is_content() -> None:
@@ -186,8 +230,75 @@ def test_a_run_without_answers_is_not_scorable() -> None:
     """No answers at all give a verdict without a claim, and no exception."""
     empty = Answers("simulated", WORLD, DRIVING, simulated.LEAD_GAP, {})
     calibrated, evidence, lateral, paper = rule_on(empty)
-    assert (calibrated.label, evidence, lateral.label) == ("not_scorable", "none", "not_tested")
+    assert (calibrated.label, evidence, lateral.label) == ("undecided", "none", "not_tested")
+    assert "no call with the real picture" in calibrated.because
     assert paper.label == "not_scorable"
+
+
+def test_a_battery_of_one_condition_claims_nothing() -> None:
+    """An association over one condition is no evidence of invariance, under either set of rules."""
+    whole = simulated.answers(lambda *_: "SLOW", WORLD)
+    calibrated, _, _, paper = rule_on(replace(whole, decisions={"real": whole.decisions["real"]}))
+    assert calibrated.label == "undecided"
+    assert "real_repeat and shuffled" in calibrated.because
+    assert (paper.label, paper.because) == (
+        "not_scorable",
+        "fewer than two conditions were asked: there is nothing to compare",
+    )
+
+
+def parity(condition: str, frame: Frame, rng: np.random.Generator) -> str | None:
+    """Answer by a hash of the frame, and refuse non-pictures."""
+    del rng
+    return None if simulated.blind(condition) else ("SLOW", "STRAIGHT")[sum(map(ord, frame.id)) % 2]
+
+
+@pytest.mark.parametrize("asked", [("real", "real_repeat", "blank"), simulated.CONDITIONS])
+def test_a_refusal_effect_needs_bounds_on_content(asked: tuple[str, ...]) -> None:
+    """A refuser of blanks whose answers follow the picture is never said not to use its camera."""
+    answered = simulated.answers(parity, WORLD, counterfactuals=False)
+    kept = {name: given for name, given in answered.decisions.items() if name in asked}
+    calibrated, _, _, _ = rule_on(replace(answered, decisions=kept))
+    assert calibrated.label == ("undecided" if len(asked) == 3 else "content")
+
+
+def held(**changes: Statistic) -> dict[str, Statistic]:
+    """Return the statistics of a presence-only controller with some of them replaced."""
+
+    def presence(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+        del frame, rng
+        return "STOP" if simulated.blind(condition) else "SLOW"
+
+    return {**statistics_of(simulated.answers(presence, WORLD), HOW), **changes}
+
+
+def test_presence_needs_every_bound_on_content() -> None:
+    """One effect of content that is not bounded leaves the verdict open, and is named."""
+    assert calibrated_rules(held(), swaps=False)[0].label == "presence_only"
+    for name in ("bound_content_shuffled", "bound_content_recoloured", "bound_scene"):
+        loose = Statistic(0.05, 144, (-0.02, 0.12), 0.03, detail={"b": 10, "c": 3})
+        ruling = calibrated_rules(held(**{name: loose}), swaps=False)[0]
+        assert (ruling.label, ruling.decided_by) == ("undecided", name)
+
+
+def test_content_is_corrected_over_its_two_tests() -> None:
+    """A p of .008 in one of two tests is .016 after Holm, and no claim; .004 is one."""
+    weak, strong = Statistic(0.7, 50, p=0.008), Statistic(0.7, 50, p=0.004)
+    assert calibrated_rules(held(content_shuffled=weak), swaps=False)[0].label == "presence_only"
+    assert calibrated_rules(held(content_shuffled=strong), swaps=False)[0].label == "content"
+
+
+def test_rules_test_at_one_percent_and_bound_at_ten() -> None:
+    """Alpha is .01, the margin .10, and the intervals of the calibrated tests are at 98 %."""
+    assert (ALPHA, MARGIN) == (0.01, 0.10)
+    found = held()
+    z = 2.3263
+    assert found["self_disagreement"].ci == pytest.approx((0, z**2 / (144 + z**2)), abs=1e-4)
+    assert found["unparsed_reference"].ci == pytest.approx((0, z**2 / (288 + z**2)), abs=1e-4)
+    assert found["bound_content_shuffled"].ci == pytest.approx((-(z**2) / (144 + z**2), z**2 / (144 + z**2)), abs=1e-4)
+    assert found["bound_content_shuffled"].detail["margin"] == MARGIN
+    almost = Statistic(0.7, 50, p=0.012)
+    assert calibrated_rules(held(scene_cue=almost), swaps=False)[0].label == "presence_only"
 
 
 @pytest.mark.parametrize("missing", simulated.CONDITIONS[1:])

@@ -2,8 +2,10 @@
 
 import json
 import re
+import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 from eyechart.errors import SpecError
@@ -16,6 +18,7 @@ MISSING: tuple[Missing, ...] = ("unparsed", "truncated", "refused", "empty", "er
 UNPARSED = "UNPARSED"
 """The response-level symbol of every reply without a decision; no action may have this name."""
 
+_TOML_BYTES = 1_000_000
 _NAME = re.compile(r"[^\W_](.*[^\W_])?")
 
 
@@ -125,6 +128,42 @@ class ActionSpace:
             raise SpecError(f"an action space needs name, actions, mirror_pairs, brake and proceed: {error}") from error
 
 
+def read_space(path: Path) -> ActionSpace:
+    """Read an action space from a TOML file: actions, and if wanted name, mirror_pairs, brake and proceed.
+
+    Raises SpecError naming the file and what is wrong in it.
+    """
+    return space_from(read_toml(path), str(path), path.stem)
+
+
+def space_from(values: dict[str, object], where: str, name: str) -> ActionSpace:
+    """Build a space from the plain values of a file; ``name`` is its name where the file gives none."""
+    known: dict[str, object] = {"name": name, "actions": None, "mirror_pairs": [], "brake": [], "proceed": []}
+    for key in values:
+        if key not in known:
+            raise SpecError(f"{where}: an action space has no '{key}'; it has {', '.join(known)}")
+    if "actions" not in values:
+        raise SpecError(f'{where}: no actions; write for example actions = ["STOP", "GO"]')
+    try:
+        return ActionSpace.from_dict({**known, **values})
+    except SpecError as error:
+        raise SpecError(f"{where}: {error}") from error
+
+
+def read_toml(path: Path) -> dict[str, object]:
+    """Read a TOML file of at most 1 MB; raises SpecError naming it and the line at fault."""
+    try:
+        with path.open("rb") as file:
+            text = file.read(_TOML_BYTES + 1)
+        if len(text) > _TOML_BYTES:
+            raise SpecError(f"{path} has more than {_TOML_BYTES} bytes, too many for settings")
+        return tomllib.loads(text.decode("utf-8-sig"))
+    except OSError as error:
+        raise SpecError(f"{path} cannot be read: {error.strerror}") from error
+    except (ValueError, RecursionError) as error:
+        raise SpecError(f"{path} is no TOML file: {error}") from error
+
+
 def _list(value: object) -> list[Sequence[object]]:
     if not isinstance(value, list | tuple):
         raise TypeError(f"expected a list, got {value!r}")
@@ -160,6 +199,8 @@ _JSON_KEYS = ("action", "decision", "answer")
 _READ_AT_MOST = 100_000
 """Characters of a reply that are read for a decision; the ledger keeps all of it."""
 _BRACES_AT_MOST = 1000
+_SHORT = 80
+"""Characters up to which an action in lower case is an answer; in longer prose "the road is straight" is none."""
 
 
 def read_decision(text: str, finish_reason: str | None, error: str | None, space: ActionSpace) -> Decision:
@@ -167,7 +208,8 @@ def read_decision(text: str, finish_reason: str | None, error: str | None, space
 
     In order: an error, a cut-off (``length``) or a filter's refusal is the reason there is no decision. What
     stands in ``<think>`` is no answer. Then the whole text as an action; the last JSON object's ``action``; the
-    last ``action: X``; an action in capitals named alone; outside a refusal, an action in any case named alone.
+    last ``action: X``; an action in capitals named alone; in a short reply that refuses nothing, an action in any
+    case named alone.
     Several different candidates, or one that is negated, are ``unparsed``. Source: paper, section Corpus and
     parsing.
     """
@@ -181,7 +223,7 @@ def read_decision(text: str, finish_reason: str | None, error: str | None, space
     if not visible:
         return Decision(None, "empty")
     refuses = _REFUSAL.search(visible) is not None
-    action = _find_action(visible, space, any_case=not refuses)
+    action = _find_action(visible, space, any_case=not refuses and len(visible) <= _SHORT)
     if action is not None:
         return Decision(action)
     return Decision(None, "refused" if refuses else "unparsed")

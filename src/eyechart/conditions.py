@@ -1,5 +1,6 @@
 """An input condition decides which picture is shown for a frame; everything else of the query stays the same."""
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -18,7 +19,8 @@ class Condition:
 
     ``make(frame, bank, seed)`` returns the encoded picture, or None where the condition shows none; it raises
     BankError where the bank cannot supply it. ``seed`` is the frame's own, so the order of calls has no say.
-    ``counterfactual`` marks pictures that the simulator drew of the same moment with one thing changed.
+    ``counterfactual`` marks pictures that the simulator drew of the same moment with one thing changed,
+    ``swaps_text`` the condition that keeps the picture and says what a prompt says of another frame.
     """
 
     name: str
@@ -26,6 +28,7 @@ class Condition:
     asks: str
     make: Callable[[Frame, FrameBank, int], bytes | None]
     counterfactual: bool = False
+    swaps_text: bool = False
 
 
 def _real(frame: Frame, bank: FrameBank, seed: int) -> bytes:
@@ -89,10 +92,16 @@ CONDITIONS: dict[str, Condition] = {
     "lead_near": Condition("lead_near", "same moment, lead vehicle near", "does distance decide?", _lead_near, True),
     "lead_far": Condition("lead_far", "same moment, lead vehicle far", "does distance decide?", _lead_far, True),
     "recoloured": Condition("recoloured", "same moment, ego recoloured", "does paint decide?", _recoloured, True),
+    "text_swapped": Condition("text_swapped", "true frame, other text", "does the text decide?", _real, False, True),
 }
 
-BATTERY: tuple[str, ...] = tuple(name for name, condition in CONDITIONS.items() if not condition.counterfactual)
+BATTERY: tuple[str, ...] = tuple(
+    name for name, condition in CONDITIONS.items() if not (condition.counterfactual or condition.swaps_text)
+)
 """The eight conditions of Table t:conditions."""
+
+COUNTERFACTUALS: tuple[str, ...] = tuple(name for name, condition in CONDITIONS.items() if condition.counterfactual)
+"""Pictures of the same moment with one thing changed, where the simulator can draw them."""
 
 _NEEDS_PARTNER = ("shuffled", "cross_scenario")
 
@@ -103,10 +112,11 @@ def partner(frame: Frame, bank: FrameBank, seed: int, condition: str) -> Frame:
     Raises BankError, naming frame and scenario, where the bank holds no such frame.
     """
     if condition == "shuffled":
-        others = [other for other in bank if other.scenario == frame.scenario and other.id != frame.id]
+        others = [other for other in bank.scenarios[frame.scenario] if other.id != frame.id]
         need = f"another frame in scenario '{frame.scenario}'"
     else:
-        others = [other for other in bank if other.scenario != frame.scenario]
+        elsewhere = (frames for scenario, frames in bank.scenarios.items() if scenario != frame.scenario)
+        others = list(itertools.chain.from_iterable(elsewhere))
         need = f"a frame of another scenario than '{frame.scenario}'"
     if not others:
         raise BankError(f"frame '{frame.id}' has no partner for {condition}: the bank needs {need}")
@@ -132,6 +142,22 @@ def show(condition: str, frame: Frame, bank: FrameBank, run_seed: int) -> bytes 
     return find_condition(condition).make(frame, bank, seed)
 
 
+def speaker(name: str, frame: Frame, bank: FrameBank, run_seed: int, fields: tuple[str, ...]) -> Frame:
+    """Return the frame of which a prompt's ``fields`` speak under a condition: itself, or for text_swapped another.
+
+    The other says something else in these fields; it is of the same scenario where there is such a frame. Raises
+    BankError where no frame of the bank says anything else.
+    """
+    if not find_condition(name).swaps_text:
+        return frame
+    told = [frame.fields[field] for field in fields]
+    others = [other for other in bank if [other.fields[field] for field in fields] != told]
+    near = [other for other in others if other.scenario == frame.scenario] or others
+    if not near:
+        raise BankError(f"frame '{frame.id}' cannot be told another frame's text: all frames say the same {told}")
+    return near[int(np.random.default_rng(key_seed("text", run_seed, name, frame.id)).integers(len(near)))]
+
+
 def find_condition(name: str) -> Condition:
     """Return the condition of this name; raises SpecError that lists the known ones."""
     if name not in CONDITIONS:
@@ -150,12 +176,17 @@ def available(name: str, frame: Frame) -> bool:
     return not (name == "mirrored" and frame.mirror_axis == "none")
 
 
-def require_partners(names: tuple[str, ...], bank: FrameBank) -> None:
-    """Raise BankError before any call is made if a frame lacks the partner that a condition needs."""
-    for name in _NEEDS_PARTNER:
-        if name in names:
-            for frame in bank:
-                partner(frame, bank, 0, name)
+def require_partners(names: tuple[str, ...], bank: FrameBank, fields: tuple[str, ...] = ()) -> None:
+    """Raise BankError before any call is made if a frame lacks the partner that a condition needs.
+
+    ``fields`` are what the prompt says of a frame, for text_swapped.
+    """
+    for name in names:
+        if name in _NEEDS_PARTNER:
+            for frames in bank.scenarios.values():
+                partner(frames[0], bank, 0, name)
+        elif find_condition(name).swaps_text:
+            speaker(name, bank.frames[0], bank, 0, fields)
 
 
 def _pixels(frame: Frame, bank: FrameBank) -> RGB:

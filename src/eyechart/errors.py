@@ -9,6 +9,10 @@ class BankError(EyechartError):
     """A frame bank is damaged, incomplete, or too small for what was asked of it."""
 
 
+class SourceError(EyechartError):
+    """A table, a folder of pictures or a data set that should become a bank is not what it must be."""
+
+
 class LedgerError(EyechartError):
     """A run's ledger or manifest does not fit what was asked of it."""
 

@@ -93,7 +93,8 @@ class Accounting:
 class Ledger:
     """One run's ledger. Every write is committed before the method returns, so a killed process loses none.
 
-    Use as a context manager. Raises LedgerError where the file is missing (unless ``create``) or no ledger.
+    Without ``create`` it is opened to be read only, also from a medium that cannot be written. Use as a context
+    manager. Raises LedgerError where the file is missing (unless ``create``) or no ledger.
     """
 
     def __init__(self, path: Path, *, create: bool = False) -> None:
@@ -101,28 +102,35 @@ class Ledger:
             raise LedgerError(f"{path} does not exist: is {path.parent} a run? 'eyechart run battery' makes one")
         self.path = path
         try:
-            # Autocommit: each INSERT below is its own durable transaction.
-            self._sql = sqlite3.connect(path, isolation_level=None)
+            self._sql = _connect(path, "mode=rwc" if create else "mode=ro")
+            try:
+                self._prepare(create=create)
+            except BaseException:
+                self._sql.close()
+                raise
         except sqlite3.DatabaseError as error:
             raise LedgerError(f"{path} is no ledger: {error}") from error
-        try:
-            self._prepare()
-        except sqlite3.DatabaseError as error:
-            self._sql.close()
-            raise LedgerError(f"{path} is no ledger: {error}") from error
-        except LedgerError:
-            self._sql.close()
-            raise
 
-    def _prepare(self) -> None:
-        (version,) = self._sql.execute("PRAGMA user_version").fetchone()
+    def _prepare(self, *, create: bool) -> None:
+        try:
+            (version,) = self._sql.execute("PRAGMA user_version").fetchone()
+        except sqlite3.OperationalError:
+            if create or self.path.with_name(f"{self.path.name}-wal").exists():
+                raise
+            self._sql.close()  # a medium that cannot be written bears no WAL index, and needs none: nobody writes
+            self._sql = _connect(self.path, "immutable=1")
+            (version,) = self._sql.execute("PRAGMA user_version").fetchone()
         (tables,) = self._sql.execute("SELECT count(*) FROM sqlite_master").fetchone()
         new = version == 0 and tables == 0  # also what a run leaves that was killed while it made its ledger
         if not new and version != _VERSION:  # before the first write: it may be somebody else's database
             raise LedgerError(f"{self.path} is a ledger of format {version}; this eyechart reads format {_VERSION}")
-        self._sql.execute("PRAGMA journal_mode = WAL")
-        self._sql.execute("PRAGMA synchronous = NORMAL")
-        self._sql.execute("PRAGMA foreign_keys = ON")
+        if new and not create:
+            self._sql.close()
+            self._sql = sqlite3.connect(":memory:", isolation_level=None)
+        if create:
+            self._sql.execute("PRAGMA journal_mode = WAL")
+            self._sql.execute("PRAGMA synchronous = NORMAL")
+            self._sql.execute("PRAGMA foreign_keys = ON")
         if new:
             self._sql.executescript(f"BEGIN; {_SCHEMA} {_APPEND_ONLY} PRAGMA user_version = {_VERSION}; COMMIT;")
 
@@ -223,6 +231,11 @@ class Ledger:
 def _storable(text: str) -> str:
     """Return the text with a lone surrogate, which is no Unicode and no file can hold, written as its escape."""
     return text.encode("utf-8", "backslashreplace").decode()
+
+
+def _connect(path: Path, mode: str) -> sqlite3.Connection:
+    # Autocommit: each INSERT is its own durable transaction.
+    return sqlite3.connect(f"{path.absolute().as_uri()}?{mode}", isolation_level=None, uri=True)
 
 
 def _now() -> str:

@@ -5,7 +5,7 @@ import json
 import os
 import platform
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -100,7 +100,7 @@ def write_run(out: Path, manifest: RunManifest, bank: FrameBank) -> None:
         for name in _BANK_TEXT:
             shutil.copyfile(bank.root / name, partial / name)
         partial.replace(copy)
-    values = {"format": FORMAT, **asdict(manifest)}
+    values = {"format": FORMAT, **asdict(manifest), "prompt": manifest.prompt.as_dict()}
     partial_file = out / f".{_FILE}"
     with partial_file.open("w", encoding="utf-8") as file:
         file.write(json.dumps(values, indent=1, ensure_ascii=False) + "\n")
@@ -125,6 +125,20 @@ def is_free(path: Path) -> bool:
     return not left or (left == {_BANK} and all(item.name in _BANK_TEXT for item in (path / _BANK).iterdir()))
 
 
+def asked_of(bank: FrameBank, prompt: Prompt) -> FrameBank:
+    """Return a bank with the action space that a prompt asks for, where it asks for one of its own."""
+    if prompt.space is None:
+        return bank
+    return replace(bank, manifest=replace(bank.manifest, action_space=prompt.space))
+
+
+def _shard(value: Sequence[object]) -> tuple[int, int]:
+    index, count = (int(str(part)) for part in value)
+    if not 1 <= index <= count:
+        raise ValueError(f"shard {index}/{count} does not satisfy 1 <= i <= n")
+    return index, count
+
+
 def read_run(path: Path) -> tuple[RunManifest, FrameBank]:
     """Read a run's manifest and the text of its bank; raises LedgerError or BankError naming the file at fault."""
     file = path / _FILE
@@ -132,18 +146,21 @@ def read_run(path: Path) -> tuple[RunManifest, FrameBank]:
         raw = json.loads(file.read_text(encoding="utf-8"))
         if raw.pop("format") != FORMAT:
             raise LedgerError(f"{file} is of another format than {FORMAT!r}")
-        raw["prompt"] = Prompt(**raw["prompt"])
+        raw["prompt"] = Prompt.from_dict(raw["prompt"])
         raw["models"] = dict(raw["models"])
         raw["conditions"] = tuple(find_condition(name).name for name in raw["conditions"])
         raw["seed"] = int(raw["seed"])
         raw["limit"] = None if raw["limit"] is None else int(raw["limit"])
-        raw["shard"] = None if raw["shard"] is None else (int(raw["shard"][0]), int(raw["shard"][1]))
+        raw["shard"] = None if raw["shard"] is None else _shard(raw["shard"])
+        for name in ("study", "created", "bank_path", "fingerprint"):
+            if not isinstance(raw[name], str) or not raw[name].isprintable():
+                raise LedgerError(f"{file}: {name} is {raw[name]!r}, not a line of text")
         manifest = RunManifest(**raw)
     except FileNotFoundError as error:
         raise LedgerError(f"{file} does not exist: is {path} a run? 'eyechart run battery' makes one") from error
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError, SpecError) as error:
         raise LedgerError(f"{file} is no run manifest: {error!r}") from error
-    bank = open_bank(path / _BANK)
+    bank = asked_of(open_bank(path / _BANK), manifest.prompt)
     if bank.manifest.fingerprint != manifest.fingerprint:
         raise LedgerError(f"{path / _BANK} is not the bank of this run: its fingerprint differs from that in {file}")
     return manifest, bank

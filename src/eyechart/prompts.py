@@ -2,12 +2,19 @@
 
 Source: paper, section Prompt formulation gates measured grounding. The paper names five of its six (baseline,
 minimal, chain-of-thought, few-shot, anti-degeneracy) and prints none; the wording, and the sixth, are ours.
+A formulation of one's own comes from a TOML file, and may say of each frame what its bank declares sayable.
 """
 
 import hashlib
+import json
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
+from eyechart.actions import DRIVING, ActionSpace, read_toml, space_from
 from eyechart.errors import SpecError
+from eyechart.frames import FrameBank
 
 _TASK = (
     "You control the green vehicle in a top-down view of a highway. It drives to the right; the other vehicles are "
@@ -18,19 +25,79 @@ _TASK = (
 _ONE_WORD = "Answer with one word: STOP, SLOW, STRAIGHT, LEFT or RIGHT."
 
 
+ACTIONS = "actions"
+"""The field that stands for the names of the actions; no prompt column may have this name."""
+
+_FIELD = re.compile(r"\{\{([\w][\w .-]*)\}\}|\{([\w][\w .-]*)\}")
+
+
 @dataclass(frozen=True, slots=True)
 class Prompt:
-    """A formulation: a system message and a user message, sent with the picture of the condition."""
+    """A formulation: a system message and a user message, sent with the picture of the condition.
+
+    In a ``template`` ``{column}`` stands for what a frame has in that prompt column, ``{actions}`` for the names of
+    the actions, and ``{{word}}`` for ``{word}``; other braces are themselves. ``space`` is the action space that the
+    prompt asks for, None for that of the bank.
+    """
 
     name: str
     system: str
     user: str
+    template: bool = False
+    space: ActionSpace | None = None
 
     @property
     def key(self) -> str:
-        """Return ``name@hash``, which changes with any change of the wording."""
-        wording = f"{self.system}\x1f{self.user}".encode()
-        return f"{self.name}@{hashlib.sha256(wording).hexdigest()[:8]}"
+        """Return ``name@hash``, which changes with any change of the wording or of the actions it asks for."""
+        wording = f"{self.system}\x1f{self.user}"
+        if self.space is not None:
+            wording += f"\x1f{json.dumps(self.space.as_dict())}"
+        return f"{self.name}@{hashlib.sha256(wording.encode()).hexdigest()[:8]}"
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Return the columns that it says of a frame, in order."""
+        if not self.template:
+            return ()
+        named = [match.group(2) for text in (self.system, self.user) for match in _FIELD.finditer(text)]
+        return tuple(dict.fromkeys(name for name in named if name not in {None, ACTIONS}))
+
+    def render(self, said: Mapping[str, object], space: ActionSpace) -> tuple[str, str]:
+        """Return the system and the user message about a frame; ``said`` maps every field to what is said of it."""
+        if not self.template:
+            return self.system, self.user
+        values = {**said, ACTIONS: ", ".join(space.actions)}
+
+        def fill(match: re.Match[str]) -> str:
+            return f"{{{match.group(1)}}}" if match.group(1) else str(values[match.group(2)])
+
+        return _FIELD.sub(fill, self.system), _FIELD.sub(fill, self.user)
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the wording and its key as plain JSON values."""
+        return {
+            "name": self.name,
+            "system": self.system,
+            "user": self.user,
+            **({"template": True} if self.template else {}),
+            **({} if self.space is None else {"action_space": self.space.as_dict()}),
+            "key": self.key,
+        }
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, object]) -> "Prompt":
+        """Build a prompt from plain values; raises SpecError where its key is not that of its wording."""
+        space = values.get("action_space")
+        prompt = cls(
+            name=str(values["name"]),
+            system=str(values["system"]),
+            user=str(values["user"]),
+            template=values.get("template") is True,
+            space=ActionSpace.from_dict(space) if isinstance(space, dict) else None,
+        )
+        if values.get("key", prompt.key) != prompt.key:
+            raise SpecError(f"the wording of prompt '{prompt.name}' has key {prompt.key}, not {values['key']}")
+        return prompt
 
 
 PROMPTS: dict[str, Prompt] = {
@@ -64,7 +131,60 @@ PROMPTS: dict[str, Prompt] = {
 
 
 def find_prompt(name: str) -> Prompt:
-    """Return the prompt of this name; raises SpecError that lists the known ones."""
+    """Return the prompt of this name, or of this TOML file; raises SpecError that lists the known ones."""
+    if name.endswith(".toml"):
+        return read_prompt(Path(name))
     if name not in PROMPTS:
-        raise SpecError(f"unknown prompt '{name}'; known are {', '.join(PROMPTS)}")
+        raise SpecError(f"unknown prompt '{name}'; known are {', '.join(PROMPTS)}, or a FILE.toml of your own")
     return PROMPTS[name]
+
+
+def read_prompt(path: Path) -> Prompt:
+    """Read a prompt from a TOML file: user, and, if wanted, name, system and a table action_space.
+
+    Raises SpecError naming the file and what is wrong in it.
+    """
+    values = read_toml(path)
+    known = ("name", "system", "user", "action_space")
+    for key in values:
+        if key not in known:
+            raise SpecError(f"{path}: a prompt has no '{key}'; it has {', '.join(known)}")
+    words = {"name": path.stem, "system": "", **values}
+    for key in ("name", "system", "user"):
+        if not isinstance(words.get(key), str):
+            raise SpecError(f"{path}: '{key}' must be a text; write for example {key} = \"...\"")
+    name, user, space = str(words["name"]), str(words["user"]), values.get("action_space")
+    if not user.strip() or not re.fullmatch(r"[\w.-]+", name):
+        raise SpecError(f"{path}: a prompt needs a user message, and a name of letters, digits, '.', '-' and '_'")
+    if space is not None and not isinstance(space, dict):
+        raise SpecError(f"{path}: action_space must be a table: [action_space]")
+    asked = None if space is None else space_from(space, str(path), name)
+    return Prompt(name, str(words["system"]), user, template=True, space=asked)
+
+
+def neutral(picture: str, space: ActionSpace) -> Prompt:
+    """Return the plainest prompt for pictures of one's own: what they are, and which actions there are."""
+    names = f"{', '.join(space.actions[:-1])} or {space.actions[-1]}"
+    return Prompt(
+        "neutral",
+        "",
+        f"You control a machine by its camera ({picture}). Choose its next action. Answer with one word: {names}.",
+    )
+
+
+def require_sayable(prompt: Prompt, bank: FrameBank) -> None:
+    """Raise SpecError where a prompt asks for what no prompt may say, or leaves actions of the bank's space unsaid."""
+    declared, space = bank.manifest.prompt_columns, bank.manifest.action_space
+    allowed = f"a prompt of this bank may say: {', '.join((*declared, ACTIONS))}"
+    for name in prompt.fields:
+        if name in bank.frames[0].truth:
+            raise SpecError(f"prompt '{prompt.name}' asks for {{{name}}}, which is ground truth; {allowed}")
+        if name not in declared:
+            raise SpecError(f"prompt '{prompt.name}' asks for {{{name}}}, which is no prompt column; {allowed}")
+    said = " ".join(prompt.render(bank.frames[0].fields, space)).upper()
+    unsaid = [action for action in space.actions if action.upper() not in said]
+    if unsaid or (prompt in PROMPTS.values() and set(space.actions) != set(DRIVING.actions)):
+        raise SpecError(
+            f"prompt '{prompt.name}' does not ask for the actions {', '.join(space.actions)} of action space "
+            f"'{space.name}'; give one that does with --prompt FILE.toml"
+        )

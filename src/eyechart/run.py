@@ -39,12 +39,19 @@ class Plan:
         """Return the planned calls, in the bank's order."""
         return [key for model in self.models for key in self.keys_of(model)]
 
+    def words(self, key: CallKey) -> tuple[str, str]:
+        """Return the system and the user message of a call; those of a built-in prompt are the same for every frame."""
+        frame = self.bank.frame(key.frame)
+        told = stimuli.speaker(key.condition, frame, self.bank, self.seed, self.prompt.fields)
+        return self.prompt.render(told.fields, self.bank.manifest.action_space)
+
     def keys_of(self, model: str) -> Iterator[CallKey]:
         """Yield the planned calls of one model, in the bank's order."""
+        prompt = self.prompt.key
         for frame in self.frames:
             for condition in self.conditions:
                 if stimuli.available(condition, frame):
-                    key = CallKey(self.study, model, self.prompt.key, frame.id, condition)
+                    key = CallKey(self.study, model, prompt, frame.id, condition)
                     if self.shard is None or in_shard(key, *self.shard):
                         yield key
 
@@ -172,7 +179,7 @@ class _Execution:
     async def _call(self, key: CallKey, model: Model) -> bool:
         """Make a call; return whether it is finished."""
         picture = self._stimuli.show(key.condition, key.frame)
-        query = Query(self._plan.prompt.system, self._plan.prompt.user, picture, key.seed(self._plan.seed))
+        query = Query(*self._plan.words(key), picture, key.seed(self._plan.seed))
         for number in range(1, self._attempts + 1):
             attempt = self._ledger.begin(key, query.sha256())
             reply = await _ask(model, query)

@@ -7,12 +7,12 @@ counts of shuffled and cross_scenario (Qwen, Cosmos3, MiniCPM), or of blank, noi
 in order, from the real ones or a constant outwards, until Cramér's V was the printed one; the others are the real ones.
 
 The gaps themselves are pinned by p: MiniCPM's two rare actions (.125) allow quantile bins of 72/36/36 or of
-62/10/36/36, and only four bins allow I = .122 at p = .030 (Kimi-K3) and I = .106 at p = .244 (Kimi-K2.6).
+62/10/36/36, and Kimi-K3's I = .122 at p = .030 needs four bins; with three its p is below .005.
 """
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -203,9 +203,9 @@ REFUSES_BLANKS = Hosted(
 """One action and parse failures only, 1 on real and 54 on blank frames (section The Input-Ablation Battery)."""
 
 
-def build_bank(out: Path, gaps_m: Mapping[float, int] = GAPS_M) -> FrameBank:
+def build_bank(out: Path) -> FrameBank:
     """Write the bank of 4 scenarios × 3 episodes × 12 steps, its gaps spread over all of them."""
-    gaps = [gap for gap, frames in gaps_m.items() for _ in range(frames)]
+    gaps = [gap for gap, frames in GAPS_M.items() for _ in range(frames)]
     return write_bank(out, [gaps[37 * place % len(gaps)] for place in range(len(gaps))], [_grey(0)] * len(gaps))
 
 
@@ -316,7 +316,7 @@ class Symmetric:
     """The paper's synthetic pixel-grounded policy: away from the darker half of the picture, else STRAIGHT."""
 
     version: str = "1"
-    margin: float = field(default=0.1)
+    margin: float = 0.1
 
     async def answer(self, query: Query) -> Reply:
         """Answer from the pixels alone; no picture is as symmetric as a grey one."""

@@ -38,6 +38,7 @@ p (action vs. obstacle) <10⁻⁴  0.0016 0.370  0.483  0.120
 VERDICTS = ("depth", "depth", "presence_only", "not_scorable", "self_inconsistent")
 
 NOT_DETERMINED = {
+    ("p (permutation)", "Cosmos3-SR-33B"): "1/5001 says that no draw exceeded; with a p of .0001 4 seeds in 7 say so",
     ("p (permutation)", "MiniCPM-V-4.5"): "a share of 5000 random permutations, whose draws are not published",
     ("p (permutation)", "Kimi-K2.6"): "likewise",
     ("p (permutation)", "Kimi-K3"): "likewise",
@@ -98,8 +99,8 @@ def test_a_drawn_cell_is_met_within_its_error(columns: dict, row: str, model: st
 
 
 def test_the_table_leaves_nothing_out() -> None:
-    """Seventy cells: 67 to the last digit, and three that are shares of random draws."""
-    assert (len(EXACT), len(DRAWN)) == (67, 3)
+    """Seventy cells: 66 to the last digit, and four that are shares of random draws."""
+    assert (len(EXACT), len(DRAWN)) == (66, 4)
     assert {cell[:2] for cell in cells()} >= set(NOT_DETERMINED)
 
 

@@ -1,3 +1,4 @@
+import itertools
 import math
 
 import numpy as np
@@ -177,6 +178,21 @@ def test_the_swap_permutation_agrees_with_the_hypergeometric_law() -> None:
     assert result.p == pytest.approx(stats.hypergeom(24, 6, 6).sf(3), abs=0.004)
 
 
+@given(pairs=st.lists(st.tuples(st.sampled_from("LR"), st.sampled_from("LRSU")), min_size=1, max_size=6))
+@settings(deadline=None, max_examples=15)
+def test_the_swap_permutation_is_that_of_all_re_pairings(pairs: list) -> None:
+    """P and mean of the random tables against every order of the mirrored decisions, one by one."""
+    real, mirrored = (np.array(column) for column in zip(*pairs, strict=True))
+    wanted = np.where(real == "L", "R", "L")
+    swaps = [np.count_nonzero(wanted == np.array(order)) for order in itertools.permutations(mirrored)]
+    result = agreement.swap_test(real, mirrored, {"L": "R", "R": "L"}, seed=5, resamples=4000)
+    share = np.mean(np.array(swaps) >= swaps[0])
+    assert result.p == pytest.approx(share, abs=4 * math.sqrt(share * (1 - share) / 4000) + 1 / 4000)
+    assert result.detail["resample_mean"] == pytest.approx(
+        np.mean(swaps), abs=4 * np.std(swaps) / math.sqrt(4000) + 1e-9
+    )
+
+
 def test_without_directions_the_swap_test_cannot_say() -> None:
     """No directional action, no power: None with the reason."""
     result = agreement.swap_test(["STOP"] * 4, ["LEFT"] * 4, PARTNER, seed=1)
@@ -204,3 +220,50 @@ def test_an_empty_class_leaves_its_rate_and_the_balanced_accuracy_unsaid() -> No
     assert (metrics["acc"].value, metrics["sens"].value) == (0.75, 0.75)
     assert metrics["spec"].value is None
     assert metrics["bal"].value is None
+
+
+def test_a_coin_agrees_with_itself_as_with_others() -> None:
+    """Of 144 frames answered four times by a five-sided coin kappa is bounded below .10 in nearly every draw."""
+    bounded = 0
+    for seed in range(50):
+        tosses = np.random.default_rng(seed).integers(0, 5, size=(144, 4))
+        found = agreement.pooled_kappa(tosses)
+        assert found.value is not None
+        assert found.p is not None
+        assert found.ci is not None
+        assert (found.p < 0.01) == (found.ci[1] < 0.10)
+        bounded += found.p < 0.01
+    assert bounded >= 48
+
+
+def test_a_kappa_at_the_margin_is_hardly_ever_bounded() -> None:
+    """Where each answer is kept with probability √.1 and else tossed, kappa is .10, and the bound holds its level."""
+    false = 0
+    for seed in range(300):
+        rng = np.random.default_rng(seed)
+        own = np.repeat(rng.integers(0, 5, size=(60, 1)), 3, axis=1)
+        kept = rng.uniform(size=(60, 3)) < 0.10**0.5
+        false += (agreement.pooled_kappa(np.where(kept, own, rng.integers(0, 5, size=(60, 3)))).p or 0.0) < 0.01
+    assert false <= 9  # P(Bin(300, .01) > 9) is .001
+
+
+def test_pooled_kappa_of_equal_columns_is_one() -> None:
+    """Three equal columns of two answers agree always, whatever chance; one answer alone cannot say."""
+    codes = np.repeat(np.array([[0], [1]] * 10), 3, axis=1)
+    found = agreement.pooled_kappa(codes)
+    assert found.value == pytest.approx(1.0)
+    assert found.detail is not None
+    assert found.detail["chance"] == pytest.approx(9 / 19)
+    assert agreement.pooled_kappa(np.zeros((20, 3), dtype=int)).value is None
+    assert found.n == 20
+    assert found.p == pytest.approx(1.0, abs=1e-3)
+
+
+def test_missing_answers_leave_their_pairs_out() -> None:
+    """A column without answers changes nothing, and fewer than two frames cannot say."""
+    codes = np.random.default_rng(0).integers(0, 3, size=(30, 2))
+    wider = np.column_stack([codes, np.full(30, -1)])
+    assert agreement.pooled_kappa(wider) == agreement.pooled_kappa(codes)
+    assert agreement.pooled_kappa(np.array([[0, 1]])).value is None
+    with pytest.raises(ValueError, match="integer codes of shape"):
+        agreement.pooled_kappa(np.zeros((4, 2)))

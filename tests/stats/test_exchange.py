@@ -138,6 +138,44 @@ def test_the_sampled_exchange_agrees_with_the_exact_one(monkeypatch: pytest.Monk
     assert sampled == exchange.exchange_test(level, gap, *bank(), seed=0, resamples=20_000)
 
 
+@given(seed=st.integers(0, 999), k=st.integers(1, 4), steps=st.integers(1, 7))
+@settings(deadline=None, max_examples=30)
+def test_pair_tables_are_counted_frame_by_frame(seed: int, k: int, steps: int) -> None:
+    """Every action episode against every gap episode, one frame at a time; action 3 is no decision."""
+    rng = np.random.default_rng(seed)
+    actions, bins = rng.integers(0, 4, (k, steps)), rng.integers(0, 2, (k, steps))
+    expected = np.zeros((k, k, 3, 2))
+    for i, j, t in itertools.product(range(k), range(k), range(steps)):
+        if actions[i, t] < 3:
+            expected[i, j, actions[i, t], bins[j, t]] += 1
+    assert np.array_equal(exchange._pair_tables(actions, bins, (3, 2)).reshape(k, k, 3, 2), expected)
+
+
+def test_an_episode_of_a_thousand_steps_does_not_overflow_its_counts() -> None:
+    """The type of the counts grows with the number of steps."""
+    actions, bins = np.zeros((2, 1000), dtype=np.int64), np.zeros((2, 1000), dtype=np.int64)
+    assert exchange._pair_tables(actions, bins, (1, 1)).ravel().tolist() == [1000] * 4
+
+
+def test_the_size_of_a_chunk_changes_no_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One resample at a time, or all of them, from one seed: the sampled tests give the same p."""
+    level, gap = nuisance_follower(np.random.default_rng(3))
+    bins = association.quantile_bins(gap).codes
+    monkeypatch.setattr(exchange, "ENUMERATED_ARRANGEMENTS", 0)
+
+    def results() -> list[tuple[float | None, float | None]]:
+        found = [
+            exchange.exchange_test(level, gap, *bank(), seed=1, alpha=0.05, resamples=99),
+            exchange.exchange_mi_test(level, bins, *bank(), seed=1, alpha=0.05, resamples=99),
+            exchange.iid_trend_test(level, gap, bank()[0], seed=1, resamples=99),
+        ]
+        return [(one.value, one.p) for one in found]
+
+    whole = results()
+    monkeypatch.setattr(exchange, "CHUNK_BYTES", 1)
+    assert results() == whole
+
+
 def exact_time_follower(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return levels that are the step itself, gaps that close with it, and which answers arrived (90 %)."""
     step = bank()[2]
@@ -271,3 +309,19 @@ def test_episodes_needed_reach_alpha() -> None:
     assert exchange.smallest_p([400]) == 0.0
     with pytest.raises(ValueError, match="number of episodes"):
         exchange.smallest_p([-1])
+
+
+def test_a_sampled_p_is_never_zero() -> None:
+    """With random arrangements the data count as one of them: perfect separation gives 1/(B+1), not 0."""
+    episodes, steps = 12, 6
+    rank = np.random.default_rng(0).permuted(np.tile(np.arange(episodes * steps, dtype=float), (1, 1)), axis=1)[0]
+    level = (rank < np.median(rank)).astype(np.int64) * 2
+    episode, step = np.repeat(np.arange(episodes), steps), np.tile(np.arange(steps), episodes)
+    stratum = np.zeros(episodes * steps, dtype=np.int64)
+    sampled = exchange.exchange_test(level, rank, stratum, episode, step, seed=0, resamples=200)
+    assert "B=200" in sampled.method
+    assert sampled.p == pytest.approx(1 / 201)
+    assert exchange.exchange_mi_test(level, level, stratum, episode, step, seed=0, resamples=200).p == pytest.approx(
+        1 / 201
+    )
+    assert exchange.iid_trend_test(level, rank, stratum, seed=0, resamples=200).p == pytest.approx(1 / 201)

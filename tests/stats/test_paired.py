@@ -44,6 +44,21 @@ def test_mcnemar_is_scipys_two_sided_binomial_test(b: int, c: int) -> None:
     assert paired.mcnemar_exact(b, c).p == pytest.approx(expected, rel=1e-9)
 
 
+@given(n=st.integers(0, 300), share=st.floats(0, 1))
+@settings(deadline=None, max_examples=60)
+def test_the_tail_of_the_fair_coin_is_the_sum_of_its_ways(n: int, share: float) -> None:
+    """Either tail, against math.comb term by term, to the last bit."""
+    k = round(share * n)
+    assert paired._fair_coin_tail(k, n) == sum(math.comb(n, i) for i in range(k, n + 1)) / 2**n
+
+
+def test_fifty_thousand_discordant_pairs_are_counted_exactly_at_once() -> None:
+    """Two hundred wins more than losses: the normal approximation with continuity correction is near."""
+    wins, n = 25_100, 50_000
+    approximation = stats.norm.sf((wins - 0.5 - n / 2) / math.sqrt(n / 4))
+    assert paired._fair_coin_tail(wins, n) == pytest.approx(approximation, rel=1e-4)
+
+
 def spread(first: np.ndarray, second: np.ndarray) -> int:
     """Return the sum of squared differences of the marginal counts."""
     return int(((np.bincount(first, minlength=3) - np.bincount(second, minlength=3)) ** 2).sum())
@@ -147,3 +162,12 @@ def test_pairs_that_are_none_are_refused(first: list, second: list, message: str
     """The error says what a pair must be."""
     with pytest.raises(ValueError, match=message):
         paired.paired_difference(first, second)
+
+
+def test_a_sampled_label_swap_is_never_impossible() -> None:
+    """With random swaps the data count as one of them: a complete change of answers gives 1/(B+1), not 0."""
+    first = np.array(["a", "b", "c", "d", "e"] * 40)
+    second = np.array(["z"] * 200)
+    found = paired.label_swap_test(first, second, seed=0, resamples=200)
+    assert "B=200" in found.method
+    assert found.p == pytest.approx(1 / 201)

@@ -22,6 +22,8 @@ from eyechart.studies import battery as study
 from eyechart.studies.battery import planning
 
 NOISY, STEADY = stand_ins.SPECS
+WITHOUT_TEXT = tuple(name for name, one in CONDITIONS.items() if not one.swaps_text)
+"""The built-in prompts say nothing of a frame."""
 
 
 @pytest.fixture(autouse=True)
@@ -56,7 +58,7 @@ def test_planning_writes_and_asks_nothing(bank: FrameBank, tmp_path: Path) -> No
     planned = study.plan(bank.root, [NOISY, STEADY], tmp_path / "run")
     able = 12 * 8 + 3 * sum(bool(frame.counterfactuals) for frame in bank)
     assert planned.counts() == (2 * able, 0, 0)
-    assert planned.plan.conditions == tuple(CONDITIONS)
+    assert planned.plan.conditions == WITHOUT_TEXT
     assert list(tmp_path.iterdir()) == []
 
 
@@ -84,7 +86,11 @@ def test_models_conditions_and_frames_may_be_added_to_a_run(bank: FrameBank, tmp
     plan_and_run(bank, out, NOISY, conditions=["mirrored"], limit=2)
     grown = plan_and_run(bank, out, NOISY, STEADY)
     manifest = read_run(out)[0]
-    assert (set(manifest.models), set(manifest.conditions), manifest.limit) == ({NOISY, STEADY}, set(CONDITIONS), None)
+    assert (set(manifest.models), set(manifest.conditions), manifest.limit) == (
+        {NOISY, STEADY},
+        set(WITHOUT_TEXT),
+        None,
+    )
     whole = plan_and_run(bank, tmp_path / "whole", NOISY, STEADY)
     assert replies(out) == replies(tmp_path / "whole")
     assert grown.counts() == whole.counts()
@@ -180,13 +186,16 @@ def test_unknown_names_are_refused_while_planning(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_bank_too_small_for_a_partner_is_refused_while_planning(tmp_path: Path) -> None:
-    """Before the first call; without these conditions it can be run."""
+def test_a_condition_that_a_bank_is_too_small_for_is_refused_by_name_and_else_left_out(tmp_path: Path) -> None:
+    """Before the first call, and the plan says what was left out and why."""
     small = banks.build_bank(tmp_path / "bank", scenarios=["light"], episodes=1, steps=1, drawn=False)
-    with pytest.raises(
-        BankError, match="has no partner for shuffled: the bank needs another frame in scenario 'light'"
-    ):
-        study.plan(small.root, [STEADY], tmp_path / "run")
+    why = "has no partner for shuffled: the bank needs another frame in scenario 'light'"
+    with pytest.raises(BankError, match=why):
+        study.plan(small.root, [STEADY], tmp_path / "run", conditions=["real", "shuffled"])
+    planned = study.plan(small.root, [STEADY], tmp_path / "run")
+    assert planned.plan.conditions == ("real", "real_repeat", "blank", "noise", "text_only", "mirrored")
+    assert list(planned.left_out) == ["shuffled", "cross_scenario"]
+    assert why in planned.left_out["shuffled"]
     assert plan_and_run(small, tmp_path / "run", STEADY, conditions=["real", "noise"]).counts() == (2, 2, 0)
 
 
@@ -270,7 +279,7 @@ def test_unfinished_shards_merge_and_the_whole_resumes(bank: FrameBank, tmp_path
     plan_and_run(bank, tmp_path / "1", STEADY, shard=(1, 3))
     second = study.plan(bank.root, [STEADY], tmp_path / "2", shard=(2, 3))
     study.run(replace(second, plan=replace(second.plan, frames=second.plan.frames[:3])))
-    with Ledger(tmp_path / "2" / LEDGER) as ledger:
+    with Ledger(tmp_path / "2" / LEDGER, create=True) as ledger:
         ledger.begin(next(key for key in second.plan.keys_of(STEADY) if key not in ledger.finished()), "cut")
     study.merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
     planned = study.plan(bank.root, [STEADY], tmp_path / "merged")

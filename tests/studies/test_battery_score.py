@@ -78,6 +78,15 @@ def test_every_number_has_its_n_and_is_finite(scored: dict[str, Statistic]) -> N
         assert one.value is None or one.n > 0, name
 
 
+def test_no_interval_claims_certainty() -> None:
+    """Where all episodes are alike a share has a Wilson interval, and no statistic an interval without width."""
+    found = statistics_of(simulated.answers(lambda *_: "SLOW", WORLD), HOW)
+    assert found["noise_floor"].value == 0
+    assert found["noise_floor"].ci == pytest.approx((0, 0.026), abs=5e-4)
+    assert found["idi_adj"].ci[0] < 0 < found["idi_adj"].ci[1]
+    assert [name for name, one in found.items() if one.ci is not None and one.ci[0] == one.ci[1]] == []
+
+
 def test_scoring_twice_gives_the_same_numbers() -> None:
     """Every seed is derived from the run's and the test's name, so a second scoring repeats the first."""
     answered = simulated.answers(by_gap, WORLD)
@@ -138,3 +147,11 @@ def test_a_missing_reply_is_absent_and_not_unparsed() -> None:
     holes: tuple[Decision | None, ...] = (None, *whole.decisions["blank"][1:])
     part: Answers = replace(whole, decisions={**whole.decisions, "blank": holes})
     assert statistics_of(part, HOW)["agree.blank"].n == len(WORLD) - 1
+
+
+def test_a_gap_at_the_threshold_is_far() -> None:
+    """The obstacle test is strict: exactly 18 m is not near."""
+    world = tuple(replace(f, truth={"lead_gap_m": 18.0 if f.step % 2 else 17.999}) for f in WORLD)
+    found = statistics_of(replace(simulated.answers(by_gap, WORLD), frames=world), HOW)["obstacle"]
+    near = found.detail["columns"].index("near")
+    assert sum(row[near] for row in found.detail["table"]) == len(WORLD) / 2

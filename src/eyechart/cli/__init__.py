@@ -1,5 +1,6 @@
 """The command line: one short function a command; nothing heavy is imported before its command runs."""
 
+import os
 import sys
 
 from eyechart.cli.app import app
@@ -13,6 +14,9 @@ def main() -> None:
         sys.argv.remove("--debug")
     try:
         app(prog_name="eyechart")
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or its last flush would complain
+        sys.exit(141)  # as a shell reports SIGPIPE
     except (EyechartError, OSError) as error:
         if debug:
             raise

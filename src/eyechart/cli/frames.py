@@ -1,13 +1,16 @@
-"""``eyechart frames``: build, check and show frame banks."""
+"""``eyechart frames``: build, import, check and show frame banks."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from eyechart.cli.terminal import print_json, progress, say
 
-app = typer.Typer(help="Build, check and show frame banks.", no_args_is_help=True)
+if TYPE_CHECKING:
+    from eyechart.frames import MirrorAxis
+
+app = typer.Typer(help="Build, import, check and show frame banks.", no_args_is_help=True)
 
 
 @app.command(epilog="Example: eyechart frames build highway --preset balanced --out bank")
@@ -25,6 +28,64 @@ def build(
     with progress("frames", "frames") as move:
         bank = open_simulator(simulator).build(out, preset=preset, seeds=chosen, steps=steps, progress=move)
     say(f"{len(bank)} frames in {out}, fingerprint {bank.manifest.fingerprint[:16]}")
+
+
+@app.command(
+    "import",
+    epilog="Example: eyechart frames import photos --table photos.csv --map gap=lidar_m --map episode=drive "
+    "--threshold 18 --unit m --mirror horizontal --actions rover.toml --picture 'forward camera of our rover' "
+    "--out bank. A robot data set: eyechart frames import pusht --format lerobot --every 10 --out bank",
+)
+def import_(
+    folder: Annotated[Path, typer.Argument(help="Folder of the pictures, or of a LeRobotDataset v3.")],
+    out: Annotated[Path, typer.Option(help="Folder of the new bank.")],
+    table: Annotated[Path | None, typer.Option(help="CSV, JSON lines or Parquet; a row a picture.")] = None,
+    map_: Annotated[
+        list[str] | None, typer.Option("--map", help="PLACE=COLUMN; places: file, gap, episode, step, scenario.")
+    ] = None,
+    mirror: Annotated[
+        str, typer.Option(help="vertical (seen from above), horizontal (forward camera) or none.")
+    ] = "none",
+    actions: Annotated[
+        Path | None, typer.Option(help="TOML file of the action space; default: the driving one.")
+    ] = None,
+    threshold: Annotated[float | None, typer.Option(help="A smaller gap is near.")] = None,
+    unit: Annotated[str | None, typer.Option(help="Unit of the gap.")] = None,
+    picture: Annotated[str, typer.Option(help="What the pictures are, in words.")] = "pictures of a camera",
+    prompt_columns: Annotated[str, typer.Option(help="Columns that prompts may say, with commas.")] = "",
+    independent: Annotated[bool, typer.Option("--independent", help="Declare the frames independent draws.")] = False,
+    format_: Annotated[str, typer.Option("--format", help="table or lerobot.")] = "table",
+    camera: Annotated[str | None, typer.Option(help="Camera of a LeRobotDataset.")] = None,
+    every: Annotated[int, typer.Option(min=1, help="Take every Nth frame of an episode.")] = 1,
+) -> None:
+    """Make a bank of pictures of your own; says what the columns that are missing cost."""
+    from eyechart.actions import DRIVING, read_space
+    from eyechart.errors import SpecError
+    from eyechart.importing import Choices, costs, import_lerobot, import_table
+
+    choices = Choices(
+        columns=_places(map_ or []),
+        mirror=_axis(mirror),
+        space=DRIVING if actions is None else read_space(actions),
+        threshold=threshold,
+        unit=unit,
+        picture=picture,
+        prompt_columns=tuple(name.strip() for name in prompt_columns.split(",") if name.strip()),
+        independent=independent,
+        every=every,
+    )
+    if format_ not in {"table", "lerobot"}:
+        raise SpecError(f"--format takes table or lerobot, not '{format_}'")
+    if (format_ == "table") != (table is not None):
+        raise SpecError("give --table FILE of the pictures, or --format lerobot, and not both")
+    with progress("import", "rows and frames") as move:
+        if table is None:
+            bank = import_lerobot(folder, out, choices, camera=camera, reads=move, progress=move)
+        else:
+            bank = import_table(folder, table, out, choices, reads=move, progress=move)
+    say(f"{len(bank)} frames in {out}, fingerprint {bank.manifest.fingerprint[:16]}")
+    for line in costs(bank):
+        say(line)
 
 
 @app.command(epilog="Example: eyechart frames check bank")
@@ -64,6 +125,28 @@ def show(
     opened = open_bank(bank)
     contact_sheet(replace(opened, frames=spread(opened.frames, limit)), out, counterfactual=counterfactual)
     say(f"wrote {out}")
+
+
+def _places(words: list[str]) -> dict[str, str]:
+    from eyechart.errors import SpecError
+
+    places: dict[str, str] = {}
+    for word in words:
+        place, equals, column = word.partition("=")
+        if not equals or place in places:
+            raise SpecError(f"--map takes PLACE=COLUMN once a place, for example gap=lidar_m; got '{word}'")
+        places[place] = column
+    return places
+
+
+def _axis(word: str) -> "MirrorAxis":
+    from eyechart.errors import SpecError
+    from eyechart.frames import read_axis
+
+    try:
+        return read_axis(word)
+    except ValueError as error:
+        raise SpecError(f"--mirror takes vertical, horizontal or none, not '{word}'") from error
 
 
 def _seeds(text: str) -> tuple[int, ...]:

@@ -60,7 +60,46 @@ def print_table(scored: "BatteryScore", verdicts: "Mapping[str, Verdict]") -> No
     from eyechart.verdicts import TRUST, scope
 
     console = table_console()
-    console.print(verdict_table(scored, verdicts))
+    table = verdict_table(scored, verdicts)
+    if console.measure(table).minimum <= console.width:
+        console.print(table)
+    else:  # a narrow terminal: a line for each label instead of columns that are cut
+        for spec, one in verdicts.items():
+            labels = f"{one.calibrated.label}; lateral {one.lateral.label}; paper's rules {one.paper.label}"
+            console.print(f"{spec}: {labels}", markup=False)
     for label in dict.fromkeys(one.calibrated.label for one in verdicts.values()):
         console.print(f"{label}: {TRUST[label]}", markup=False)
     console.print(f"Scope: {scope(scored)}", markup=False)
+
+
+def gate(
+    run: _Run,
+    require: Annotated[str, typer.Option(help="depth, depth_lateral, swaps; several with commas.")] = "depth",
+    max_unparsed: Annotated[float | None, typer.Option(help="Highest rate of calls without a decision.")] = None,
+    junit: Annotated[Path | None, typer.Option(help="Write the checks as JUnit XML.")] = None,
+    json: _Json = False,
+    independent: _Independent = False,
+) -> None:
+    """Hold a run to what is required. Exit 0: it holds; 1: it fails; 2: the run cannot say, or bad input.
+
+    An empty or unfinished run never passes. Example: eyechart gate run --require depth,swaps --junit gate.xml
+    """
+    from eyechart.gate import hold, read_requirements
+    from eyechart.studies import battery as study
+
+    wanted = read_requirements(require)
+    held = hold(study.score(run, independent=independent), wanted, max_unparsed=max_unparsed)
+    if junit is not None:
+        partial = junit.with_name(f".{junit.name}.part")
+        partial.write_bytes(held.junit())
+        partial.replace(junit)
+    if json:
+        print_json(held.as_dict())
+    else:
+        words = {True: "holds", False: "FAILS", None: "cannot say"}
+        for check in held.checks:
+            typer.echo(f"{words[check.holds]:<10}  {check.model}  {check.requirement}: {check.because}")
+        if not held.checks:
+            typer.echo("cannot say: the run holds no model")
+    if held.exit_code:
+        raise typer.Exit(held.exit_code)

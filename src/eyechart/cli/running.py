@@ -15,9 +15,12 @@ def battery(
     model: Annotated[list[str], typer.Option(help="A model's SPEC; give it again for more models.")],
     frames: Annotated[Path, typer.Option(help="Folder of the frame bank.")],
     out: Annotated[Path, typer.Option(help="Folder of the run; the same one resumes it.")],
-    prompt: Annotated[str, typer.Option(help="See 'eyechart list prompts'.")] = "baseline",
+    prompt: Annotated[
+        str | None,
+        typer.Option(help="A name of 'eyechart list prompts', or FILE.toml; default: one that suits the bank."),
+    ] = None,
     conditions: Annotated[str | None, typer.Option(help="With commas; default: all that the bank has.")] = None,
-    seed: Annotated[int, typer.Option(help="Seed of stimuli, sampling and the order of calls.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of stimuli, sampling and the order of calls.")] = 0,
     limit: Annotated[int | None, typer.Option(help="So many frames, from every episode in turn.")] = None,
     shard: Annotated[str | None, typer.Option(help="i/n: make only these calls; join with 'merge'.")] = None,
     concurrency: Annotated[int, typer.Option(min=1, help="Calls under way at once, a model.")] = 8,
@@ -37,6 +40,8 @@ def battery(
         limit=limit,
         shard=None if shard is None else read_shard(shard),
     )
+    for name, why in planned.left_out.items():
+        say(f"left out: {name}, because {why}")
     calls, finished, unknown = planned.counts()
     plan = planned.plan
     say(
@@ -49,6 +54,7 @@ def battery(
         study.run(planned, concurrency=concurrency, progress=move)
     if left := calls - planned.counts()[1]:
         say(f"{left} calls are unfinished: their last error may pass, and the same command tries them again")
+        raise typer.Exit(1)
     say(f"done: 'eyechart verdict {out}' judges, 'eyechart score {out}' prints every statistic")
 
 

@@ -73,7 +73,7 @@ def _lines(what: str, unit: str) -> Callable[[int, int], None]:
     def move(done: int, total: int) -> None:
         first.append(done) if not first else None
         now = time.monotonic()
-        if now - last[0] < 5.0 and done < total:
+        if now - last[0] < 2.0 and done < total:
             return
         last[0] = now
         rate = (done - first[0]) / max(now - start, 1e-9)
@@ -87,5 +87,10 @@ def table_console(width: int | None = None) -> "Console":
     """Return a console on standard output, as wide as the terminal, or 120 columns where there is none."""
     from rich.console import Console
 
-    console = Console(highlight=False)
-    return console if console.is_terminal else Console(highlight=False, width=width or 120)
+    class Piped(Console):
+        def on_broken_pipe(self) -> None:
+            """Leave the broken pipe to ``main``: nobody reads on, which is no answer to any question."""
+            raise BrokenPipeError
+
+    console = Piped(highlight=False)
+    return console if console.is_terminal else Piped(highlight=False, width=width or 120)

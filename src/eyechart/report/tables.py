@@ -37,7 +37,7 @@ def verdict_table(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> Table
     """Return one row a model: both verdicts, the lateral label, and the statistic that decided."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     for name in ("model", "verdict", "lateral", "paper's rules", "decided by"):
-        table.add_column(name, overflow="fold")
+        table.add_column(name, no_wrap=True)
     for spec, verdict in verdicts.items():
         label, name = verdict.calibrated.label, verdict.calibrated.decided_by
         deciding = score.models[spec].statistics[name]

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from functools import lru_cache
 from statistics import NormalDist
 
 import numpy as np
@@ -131,6 +132,57 @@ def cohens_kappa(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 
     return Statistic(kappa, n, ci, method=f"Cohen's kappa, {100 * level:g}% {how}", detail=detail)
 
 
+def pooled_kappa(columns: npt.ArrayLike, *, margin: float = 0.10, alpha: float = 0.01) -> Statistic:
+    """Test whether answers that ought to be one answer agree beyond chance by less than ``margin``.
+
+    ``columns``, shape (frames, m) with m of 2 or more, holds codes of the answers to m pictures of each frame that
+    call for the same answer; -1 is no answer. ``value`` is (agreement - chance) / (1 - chance): agreement is that of
+    answers to one frame, over all pairs of columns, and chance that of answers to different frames. ``p`` belongs to
+    the null "kappa is ``margin`` or more"; the upper end of ``ci``, two-sided at 1 - 2 alpha, lies below the margin
+    exactly when p < alpha. Both are those of Wilson's score, chance held fixed, at the effective number of pairs:
+    pairs of one frame may resemble each other, so their number is divided by the design effect, 1 at least (Kish
+    1965). ``n`` counts the frames with a pair. The value is None below two of them, and where all answers are one.
+    """
+    given = np.asarray(columns)
+    if given.ndim != 2 or given.shape[1] < 2 or given.dtype.kind not in "iu" or not 0 < alpha < 0.5:
+        raise ValueError(f"give integer codes of shape (frames, m), m of 2 or more, got {given.dtype} {given.shape}")
+    method = f"pooled kappa, {100 * (1 - 2 * alpha):g}% Wilson interval of the agreement, chance held fixed"
+    pairs, hits, expected = _pairs_within(given)
+    total, frames = float(pairs.sum()), int(np.count_nonzero(pairs))
+    if frames < 2:
+        return cannot_say(f"{frames} frames have two answers to compare", frames, method)
+    agree, chance = float(hits.sum()) / total, expected / total
+    if chance >= 1:
+        return cannot_say("all answers are the same: chance agreement is 1", frames, method)
+    binomial = agree * (1 - agree) * total
+    spread = float(((hits - agree * pairs) ** 2).sum())
+    effect = max(1.0, spread / binomial) if binomial > 0 else 1.0
+    low, high = _wilson(agree * total / effect, total / effect, 1 - 2 * alpha)
+    null = chance + margin * (1 - chance)
+    deviation = math.sqrt(null * (1 - null) * effect / total)
+    p = NormalDist().cdf((agree - null) / deviation)
+    detail = {"agreement": agree, "chance": chance, "pairs": int(total), "design_effect": effect, "margin": margin}
+    value, low, high = ((share - chance) / (1 - chance) for share in (agree, low, high))
+    return Statistic(value, frames, (low, high), p, method, detail=detail)
+
+
+def _pairs_within(columns: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], float]:
+    """Return each frame's pairs and agreeing pairs, and how many pairs would agree were they of different frames."""
+    pairs, hits, expected = np.zeros(len(columns)), np.zeros(len(columns)), 0.0
+    for i in range(columns.shape[1]):
+        for j in range(i):
+            both = (columns[:, i] >= 0) & (columns[:, j] >= 0)
+            n = int(both.sum())
+            if n < 2:
+                continue
+            same = both & (columns[:, i] == columns[:, j])
+            size = int(columns.max()) + 1
+            one, other = (np.bincount(columns[both, place], minlength=size) for place in (i, j))
+            pairs, hits = pairs + both, hits + same
+            expected += (float(one @ other) - int(same.sum())) / (n - 1)
+    return pairs, hits, expected
+
+
 def kappa_from_marginal(agree_repeat: float, marginal: npt.ArrayLike) -> Statistic:
     """Return kappa from an agreement rate when both raters share one marginal.
 
@@ -214,6 +266,7 @@ def binomial_tail(k: int, n: int, chance: float) -> float:
     return float(special.bdtrc(k - 1, n, chance))
 
 
+@lru_cache(maxsize=1024)
 def trials_needed(true_rate: float, chance: float, *, alpha: float = 0.05, power: float = 0.80) -> int:
     """Return the fewest trials at which an exact one-sided binomial test has the wanted power.
 
@@ -230,6 +283,23 @@ def trials_needed(true_rate: float, chance: float, *, alpha: float = 0.05, power
         if critical <= n and binomial_tail(critical, n, true_rate) >= power:
             return n
     raise ValueError(f"100 000 trials do not separate {true_rate=} from {chance=}")
+
+
+def detectable_share(n: int, chance: float = 0.5, *, alpha: float = 0.01, power: float = 0.80) -> float | None:
+    """Return the smallest true rate that an exact one-sided binomial test of ``n`` trials finds with this power.
+
+    The test rejects where p < ``alpha``, as the rules do. None where even ``n`` successes would not reject.
+    """
+    if n < 0 or not 0 <= chance < 1 or not 0 < alpha < 1 or not 0 < power < 1:
+        raise ValueError(f"no such design: {n=}, {chance=}, {alpha=}, {power=}")
+    critical = next((k for k in range(n + 1) if binomial_tail(k, n, chance) < alpha), None)
+    if critical is None:
+        return None
+    low, high = chance, 1.0
+    while high - low > 1e-9:
+        middle = (low + high) / 2
+        low, high = (low, middle) if binomial_tail(critical, n, middle) >= power else (middle, high)
+    return high
 
 
 def binary_metrics(*, tp: int, fn: int, tn: int, fp: int) -> dict[str, Statistic]:
@@ -326,7 +396,7 @@ def _normal_quantile(level: float) -> float:
     return NormalDist().inv_cdf(0.5 + level / 2)
 
 
-def _wilson(k: int, n: int, level: float) -> tuple[float, float]:
+def _wilson(k: float, n: float, level: float) -> tuple[float, float]:
     z = _normal_quantile(level)
     centre = (k + z * z / 2) / (n + z * z)
     half = z / (n + z * z) * math.sqrt(k * (n - k) / n + z * z / 4)

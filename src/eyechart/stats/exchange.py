@@ -26,7 +26,7 @@ Pairs = Floats | Counts
 ENUMERATED_ARRANGEMENTS = 20_000
 """Up to so many exchanges of episodes the null distribution is enumerated instead of sampled."""
 
-CHUNK_BYTES = 2**26
+CHUNK_BYTES = 2**24
 """Resamples are drawn so many bytes at a time; the draws do not depend on it."""
 
 TIE = 1e-9

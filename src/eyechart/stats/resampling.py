@@ -15,7 +15,7 @@ Floats = npt.NDArray[np.float64]
 ENUMERATED_MULTISETS = 2_000_000
 """Up to so many multisets of episodes the bootstrap is enumerated: 12 episodes have 1 352 078."""
 
-CHUNK_BYTES = 2**26
+CHUNK_BYTES = 2**24
 """Resamples are drawn so many bytes at a time; the draws do not depend on it."""
 
 TIE = 1e-9
@@ -59,28 +59,6 @@ def permute_mutual_information(tables: npt.ArrayLike, *, seed: int, resamples: i
     p = permutation_p(_at_least(resampled, observed), resamples)
     detail = {"resample_mean": max(0.0, (float(resampled.mean()) + constant) / n)}
     return Statistic(max(0.0, (observed + constant) / n), n, p=p, method=method, detail=detail)
-
-
-def permute_chi2(tables: npt.ArrayLike, *, seed: int, resamples: int = 5000) -> Statistic:
-    """Test independence by i.i.d. permutation with Pearson's chi-squared (no correction) as statistic.
-
-    ``tables``, ``p`` and the degenerate cases as for `permute_mutual_information`. ``value`` is chi-squared.
-    """
-    stack = _stack(tables)
-    total = stack.sum(axis=0)
-    n, method = int(total.sum()), f"chi-squared, i.i.d. permutation, B={resamples}"
-    if n == 0:
-        return cannot_say("the table is empty", method=method)
-    rows, columns = total.sum(axis=1), total.sum(axis=0)
-    if min(np.count_nonzero(rows), np.count_nonzero(columns)) < 2:
-        note = "one row or one column: nothing can depend on it"
-        return Statistic(0.0, n, p=1.0, method=method, note=note)
-    expected = np.outer(rows, columns) / n
-    weights = np.divide(1.0, expected, out=np.zeros_like(expected), where=expected > 0)
-    resampled = np.einsum("bij,ij->b", _random_tables(stack, resamples, seed).astype(float) ** 2, weights)
-    observed = float((total**2 * weights).sum())
-    p = permutation_p(_at_least(resampled, observed), resamples)
-    return Statistic(max(0.0, observed - n), n, p=p, method=method)
 
 
 def holm(p_values: Sequence[float | None]) -> list[float | None]:
@@ -176,11 +154,9 @@ def median_by_counts(values: npt.ArrayLike, episode: npt.ArrayLike, counts: npt.
     step = max(1, CHUNK_BYTES // (8 * len(ordered)))
     for start in range(0, len(taken), step):
         below = np.cumsum(taken[start : start + step].astype(np.int32)[:, episodes], axis=1, dtype=np.int32)
-        for row, each in enumerate(below, start):
-            n = int(each[-1])
-            if n:
-                low, high = np.searchsorted(each, [(n + 1) // 2, n // 2 + 1])
-                out[row] = (ordered[low] + ordered[high]) / 2
+        n = below[:, -1:]
+        low, high = np.argmax(below >= (n + 1) // 2, axis=1), np.argmax(below >= n // 2 + 1, axis=1)
+        out[start : start + step] = np.where(n[:, 0] > 0, (ordered[low] + ordered[high]) / 2, np.nan)
     return out
 
 

@@ -19,6 +19,9 @@ Mask = NDArray[np.bool_]
 ABSENT = ""
 """The symbol of a call that was not planned or has not come back."""
 
+NO_GAP = "the bank records no gap"
+NO_EPISODES = "the bank records no episodes, and nobody declared its frames independent (--independent)"
+
 READINGS_KEPT = 1000
 """Of so many different replies the decision is kept, because controllers repeat themselves."""
 
@@ -27,7 +30,8 @@ READINGS_KEPT = 1000
 class Answers:
     """A model's decisions. ``decisions[condition]`` is aligned with ``frames``; None where there is no reply.
 
-    ``finished`` counts the calls about these frames whose reply is final.
+    ``finished`` counts the calls about these frames whose reply is final; ``no_gap`` says why there is no gap to
+    test, where ``gap`` is None. ``told`` says whether the prompt said something of each frame.
     """
 
     model: str
@@ -36,6 +40,8 @@ class Answers:
     gap: Gap | None
     decisions: Mapping[str, tuple[Decision | None, ...]]
     finished: int = 0
+    no_gap: str = NO_GAP
+    told: bool = False
 
     def responses(self, condition: str) -> Symbols:
         """Return response-level symbols, one per frame: the action, UNPARSED, or ``ABSENT``."""
@@ -116,8 +122,14 @@ def read_answers(
     replies: Iterable[tuple[CallKey, Reply]],
     bank: FrameBank,
     frames: tuple[Frame, ...],
+    *,
+    independent: bool = False,
+    told: bool = False,
 ) -> Answers:
-    """Read every reply of a model as a decision; replies about frames that are not asked for are left out."""
+    """Read every reply of a model as a decision; replies about frames that are not asked for are left out.
+
+    Where the bank records no episodes, its gap is read only if the frames were declared ``independent``.
+    """
     place = {frame.id: index for index, frame in enumerate(frames)}
     space = bank.manifest.action_space
     decisions: dict[str, list[Decision | None]] = {}
@@ -135,11 +147,14 @@ def read_answers(
                 decisions[key.condition] = [None] * len(frames)
             decisions[key.condition][place[key.frame]] = read(reply.text, reply.finish_reason, reply.error)
             finished += reply.error not in TRANSIENT
+    gap, silent = bank.manifest.gap, "episode" in bank.manifest.absent and not independent
     return Answers(
         model=model,
         frames=frames,
         space=space,
-        gap=bank.manifest.gap,
+        gap=None if silent else gap,
         decisions={condition: tuple(column) for condition, column in sorted(decisions.items())},
         finished=finished,
+        no_gap=NO_EPISODES if silent and gap is not None else NO_GAP,
+        told=told,
     )

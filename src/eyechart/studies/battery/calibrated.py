@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from eyechart.stats.agreement import cohens_kappa, rate
+from eyechart.stats.agreement import cohens_kappa, pooled_kappa, rate
 from eyechart.stats.association import quantile_bins
 from eyechart.stats.exchange import exchange_mi_test, exchange_test, iid_trend_test
 from eyechart.stats.paired import bounded_below, label_swap_test, sign_test
@@ -25,6 +25,12 @@ LEVEL = 1 - 2 * ALPHA
 
 FEWEST_PAIRS = 7
 """With fewer pairs an exact sign test cannot reach alpha .01 (2 to the power of -7 is .0078)."""
+
+SAME = ("real", "real_repeat", "mirrored", "recoloured")
+"""Pictures of a frame that call for one answer: the reflection for the mirrored one, and paint for none."""
+
+COUNTERFACTUAL_TESTS = ("depth_interventional", "content_recoloured", "bound_content_recoloured")
+"""The tests that a bank without counterfactual pictures cannot make; of the others only ``kappa_pooled`` reads some."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +51,7 @@ class Calibrated:
             "unparsed_reference": self._unparsed_reference(),
             "self_disagreement": self._self_disagreement(),
             "kappa": self._kappa(),
+            "kappa_pooled": self.kappa_pooled(),
             "depth_interventional": self._interventional(),
             "depth_observational": self._observational(),
             "depth_information": self._episode_safe_information(),
@@ -71,6 +78,17 @@ class Calibrated:
         real, repeat, _ = self.answers.both("real", "real_repeat", "decision")
         return cohens_kappa(real, repeat, level=LEVEL)
 
+    def kappa_pooled(self) -> Statistic:
+        """Bound the agreement beyond chance of the answers to all pictures of a frame that call for one answer."""
+        space = self.answers.space
+        codes = np.full((len(self.answers.frames), len(SAME)), -1, dtype=np.int64)
+        for place, name in enumerate(SAME):
+            given = self.answers.actions(name)
+            for code, action in enumerate(space.actions):
+                codes[given == (space.mirror(action) if name == "mirrored" else action), place] = code
+        found = pooled_kappa(codes, margin=MARGIN, alpha=ALPHA)
+        return replace(found, method=f"{', '.join(SAME)}: {found.method}")
+
     def _interventional(self) -> Statistic:
         near, far, _ = self.answers.both("lead_near", "lead_far", "decision")
         if len(near) < FEWEST_PAIRS:
@@ -81,13 +99,30 @@ class Calibrated:
         return replace(found, method=f"braking level, lead_near over lead_far: {found.method}", detail=detail)
 
     def _observational(self) -> Statistic:
+        """Test the trend on real pictures; where the text differs by frame, also under another frame's text.
+
+        A text that goes with the gap makes its follower seem to see; under another frame's text it does not. The
+        greater p of the two holds its level whichever of them is null.
+        """
+        found = self._trend("real")
+        if not self.answers.told or found.p is None:
+            return found
+        swapped = self._trend("text_swapped")
+        if swapped.p is None:
+            why = "the prompt says something of each frame, so that text_swapped must be asked too"
+            return cannot_say(f"{why}: {swapped.note}", found.n)
+        ps = {"p_real": found.p, "p_text_swapped": swapped.p}
+        weaker = swapped if swapped.p > found.p else found
+        return replace(weaker, detail={**(weaker.detail or {}), **ps}, method=f"{weaker.method}; real and text_swapped")
+
+    def _trend(self, condition: str) -> Statistic:
         gaps = self.answers.gaps
         if gaps is None:
-            return cannot_say("the bank records no gap")
-        levels, ranks = self.answers.levels(self.answers.actions("real")), _ranks(gaps)
+            return cannot_say(self.answers.no_gap)
+        levels, ranks = self.answers.levels(self.answers.actions(condition)), _ranks(gaps)
         decided = levels[levels >= 0]
         if not len(decided):
-            return cannot_say("no decisions on real pictures")
+            return cannot_say(f"no decisions on {condition} pictures")
         if (decided == decided[0]).all():
             return replace(cannot_say("the braking level never changes", len(decided)), p=1.0)
         seed, resamples = self.how.seed_of("depth_observational"), self.how.resamples
@@ -100,7 +135,7 @@ class Calibrated:
     def _episode_safe_information(self) -> Statistic:
         gaps = self.answers.gaps
         if gaps is None:
-            return cannot_say("the bank records no gap")
+            return cannot_say(self.answers.no_gap)
         real = self.answers.actions("real")
         if not (real != ABSENT).any():
             return cannot_say("no decisions on real pictures")

@@ -2,18 +2,18 @@
 
 import sqlite3
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from eyechart.conditions import BATTERY, CONDITIONS, find_condition, require_partners
+from eyechart.conditions import BATTERY, CONDITIONS, available, find_condition, require_partners
 from eyechart.errors import BankError, LedgerError, SpecError
-from eyechart.frames import FrameBank, check, open_bank
+from eyechart.frames import IMPORTED, FrameBank, check, open_bank
 from eyechart.ledger import Ledger
-from eyechart.manifest import LEDGER, RunManifest, is_free, is_run, read_run, today, versions, write_run
+from eyechart.manifest import LEDGER, RunManifest, asked_of, is_free, is_run, read_run, today, versions, write_run
 from eyechart.models import Model, open_model
-from eyechart.prompts import find_prompt
+from eyechart.prompts import Prompt, find_prompt, neutral, require_sayable
 from eyechart.run import Plan, Progress, execute, spread
 
 STUDY = "battery"
@@ -27,6 +27,8 @@ class Battery:
     models: Mapping[str, Model]
     manifest: RunManifest
     out: Path
+    left_out: Mapping[str, str] = field(default_factory=dict)
+    """Conditions that the bank cannot supply, each with the reason; only where none were asked for by name."""
 
     def counts(self) -> tuple[int, int, int]:
         """Return how many calls are planned, how many of them are finished, and how many have an unknown outcome."""
@@ -42,7 +44,7 @@ def plan(
     specs: Sequence[str],
     out: Path,
     *,
-    prompt: str = "baseline",
+    prompt: str | None = None,
     conditions: Sequence[str] | None = None,
     seed: int = 0,
     limit: int | None = None,
@@ -50,23 +52,28 @@ def plan(
 ) -> Battery:
     """Plan a battery, or the rest of one that ``out`` holds already; nothing is written or asked yet.
 
-    ``conditions`` default to the eight of Table t:conditions and the counterfactuals that the bank has.
-    Raises BankError where a picture is not the one that the bank's manifest recorded, SpecError for an unknown
-    name, and LedgerError where ``out`` holds another run.
+    ``conditions`` default to the eight of Table t:conditions and the counterfactuals, those that the bank can supply,
+    and text_swapped where the prompt has fields. ``prompt`` is a name or a TOML file; it defaults to ``baseline``, and
+    to a plain one for imported frames. Raises BankError where a picture is not the one that the bank's manifest
+    recorded, SpecError for an unknown name, and LedgerError where ``out`` holds another run.
     """
     models = {spec: open_model(spec) for spec in dict.fromkeys(specs)}
     if not models:
         raise SpecError("a battery needs at least one --model, see 'eyechart list models'")
-    formulation = find_prompt(prompt)
     if problems := check(bank_path):
         raise BankError(
             f"the bank {bank_path} is damaged: {problems[0]} ({len(problems)} in all, 'eyechart frames check')"
         )
     bank = open_bank(bank_path)
-    chosen = tuple(dict.fromkeys(conditions)) if conditions else _conditions_of(bank)
+    formulation = _prompt_for(bank, prompt)
+    bank = asked_of(bank, formulation)
+    require_sayable(formulation, bank)
+    supplied, left_out = _conditions_of(bank, formulation)
+    chosen = tuple(dict.fromkeys(conditions)) if conditions else supplied
     for name in chosen:
         find_condition(name)
-    require_partners(chosen, bank)
+        if name in left_out:
+            raise BankError(f"condition '{name}' cannot be shown: {left_out[name]}")
     manifest = RunManifest(
         study=STUDY,
         created=today(),
@@ -82,12 +89,41 @@ def plan(
     )
     manifest = _resumed(out, manifest, bank)
     the_plan = plan_of(manifest, bank, models=tuple(models), conditions=chosen, limit=limit)
-    return Battery(the_plan, models, manifest, out)
+    return Battery(the_plan, models, manifest, out, {} if conditions else _expected(left_out, formulation))
 
 
-def _conditions_of(bank: FrameBank) -> tuple[str, ...]:
-    drawn = {name for frame in bank for name in frame.counterfactuals}
-    return BATTERY + tuple(name for name, one in CONDITIONS.items() if one.counterfactual and name in drawn)
+def _prompt_for(bank: FrameBank, name: str | None) -> Prompt:
+    if name is not None:
+        return find_prompt(name)
+    if bank.manifest.simulator == IMPORTED:
+        return neutral(bank.manifest.picture, bank.manifest.action_space)
+    return find_prompt("baseline")
+
+
+def _expected(left_out: Mapping[str, str], prompt: Prompt) -> dict[str, str]:
+    """Return those of the conditions left out that one would look for."""
+    return {
+        name: why
+        for name, why in left_out.items()
+        if name in BATTERY or (CONDITIONS[name].swaps_text and prompt.fields)
+    }
+
+
+def _conditions_of(bank: FrameBank, prompt: Prompt) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Return the conditions that the bank can supply, and why it cannot supply the others."""
+    left_out: dict[str, str] = {}
+    for name, one in CONDITIONS.items():
+        if one.swaps_text and not prompt.fields:
+            left_out[name] = f"prompt '{prompt.name}' says nothing of a frame"
+        elif one.counterfactual or name == "mirrored":
+            if not any(available(name, frame) for frame in bank):
+                left_out[name] = "no frame has a mirror axis" if name == "mirrored" else "no frame has its picture"
+        else:
+            try:
+                require_partners((name,), bank, prompt.fields)
+            except BankError as error:
+                left_out[name] = str(error)
+    return tuple(name for name in CONDITIONS if name not in left_out), left_out
 
 
 def _resumed(out: Path, manifest: RunManifest, bank: FrameBank) -> RunManifest:

@@ -18,6 +18,7 @@ from eyechart.conditions import BATTERY
 from eyechart.seeds import key_seed
 from eyechart.stats.agreement import clears_floor, rate, swap_test
 from eyechart.stats.association import contingency, cramers_v, entropy_bits, modal_share, quantile_bins
+from eyechart.stats.paired import paired_difference
 from eyechart.stats.resampling import (
     cluster_bootstrap,
     episode_bootstrap,
@@ -44,10 +45,14 @@ ENUMERATE = 30_000
 
 @dataclass(frozen=True, slots=True)
 class Resampling:
-    """How many resamples are drawn, and the seed from which each test derives its own by its name."""
+    """How many resamples are drawn, and the seed from which each test derives its own by its name.
+
+    ``intervals=False`` leaves out the bootstrap intervals, which no rule reads and which take most of the time.
+    """
 
     resamples: int = 5000
     seed: int = 0
+    intervals: bool = True
 
     def seed_of(self, name: str) -> int:
         """Return the seed of the test of this name."""
@@ -88,7 +93,8 @@ class Published:
     def _agreements(self, level: str) -> Statistics:
         differ: dict[str, tuple[Floats, Mask]] = {}
         found: Statistics = {}
-        for name in BATTERY[1:]:
+        swapped = tuple(name for name in ("text_swapped",) if name in self.answers.decisions)
+        for name in (*BATTERY[1:], *swapped):
             real, other, have = self.answers.both("real", name, level)
             differ[name] = ((real != other).astype(np.float64), have)
             found[f"agree.{name}"] = self._share((real == other).astype(np.float64), have, f"agree.{name}.{level}")
@@ -138,7 +144,7 @@ class Published:
     def _gap_tests(self, level: str) -> Statistics:
         gaps = self.answers.gaps
         if gaps is None or self.answers.gap is None:
-            missing = cannot_say("the bank records no gap")
+            missing = cannot_say(self.answers.no_gap)
             return {"obstacle": missing, "mutual_information": missing}
         real = self.answers.symbols("real", level)
         have = real != ABSENT
@@ -174,6 +180,8 @@ class Published:
         space = self.answers.space
         if not space.mirror_pairs:
             return cannot_say("no action of this space exchanges under reflection")
+        if all(frame.mirror_axis == "none" for frame in self.answers.frames):
+            return cannot_say("no frame of the bank has a mirror axis")
         real, mirrored = self.answers.actions("real"), self.answers.responses("mirrored")
         have = (real != ABSENT) & (mirrored != ABSENT)
         if not have.any():
@@ -185,7 +193,7 @@ class Published:
     def _gap_order(self) -> Statistic:
         gaps, space = self.answers.gaps, self.answers.space
         if gaps is None:
-            return cannot_say("the bank records no gap")
+            return cannot_say(self.answers.no_gap)
         real = self.answers.actions("real")
         finite = gaps[np.isfinite(gaps)]
         capped = np.where(np.isfinite(gaps), gaps, finite.max() if finite.size else 0.0)
@@ -211,7 +219,8 @@ class Published:
         modal = self._bootstrap(sums, lambda counts: counts.max(axis=1) / counts.sum(axis=1), "modal_share")
         counts = dict(zip(*(each.tolist() for each in np.unique(real[have], return_counts=True)), strict=True))
         detail = {**(found["modal_share"].detail or {}), "counts": counts}
-        found["modal_share"] = replace(found["modal_share"], ci=modal.ci, detail=detail)
+        most, n = max(counts.values()), sum(counts.values())
+        found["modal_share"] = replace(found["modal_share"], ci=modal.ci or rate(most, n).ci, detail=detail)
         found["entropy"] = replace(found["entropy"], ci=entropy.ci)
         return found
 
@@ -219,9 +228,10 @@ class Published:
         if not have.any():
             return cannot_say("no frame has both answers")
         sums = _sums_by_episode(np.column_stack([hits, np.ones(len(hits))]), self._episodes[have])
-        found = self._bootstrap(sums, ratio_of_sums, name)
-        detail = {"k": int(hits.sum()), "episodes": len(sums)}
-        return replace(found, value=float(hits.mean()), n=len(hits), detail=detail)
+        found, k, n = self._bootstrap(sums, ratio_of_sums, name), int(hits.sum()), len(hits)
+        if found.ci is None:
+            found = replace(found, ci=rate(k, n).ci, method=f"Wilson interval; {found.method}")
+        return replace(found, value=k / n, n=n, detail={"k": k, "episodes": len(sums)})
 
     def _difference(self, one: Floats, have_one: Mask, other: Floats, have_other: Mask, name: str) -> Statistic:
         if not have_one.any() or not have_other.any():
@@ -231,23 +241,38 @@ class Published:
         columns[have_other, 2], columns[:, 3] = other, have_other
         sums = _sums_by_episode(columns, self._episodes)
         found = self._bootstrap(sums, lambda s: ratio_of_sums(s[:, :2]) - ratio_of_sums(s[:, 2:]), name)
+        if found.ci is None:
+            paired = have_one & have_other
+            tango = paired_difference(columns[paired, 0], columns[paired, 2])
+            found = replace(found, ci=tango.ci, method=f"{tango.method}; {found.method}")
         return replace(found, value=float(one.mean() - other.mean()), n=len(one), detail=None)
 
     def _bootstrap(self, sums: Floats, statistic: Callable[[Floats], Floats], name: str) -> Statistic:
+        if not self.how.intervals:
+            return _without_interval(len(sums), statistic(sums.sum(axis=0, keepdims=True)))
         seed = self.how.seed_of(name)
-        return cluster_bootstrap(sums, statistic, seed=seed, resamples=self.how.resamples, enumerate_up_to=ENUMERATE)
+        found = cluster_bootstrap(sums, statistic, seed=seed, resamples=self.how.resamples, enumerate_up_to=ENUMERATE)
+        if found.ci is not None and found.ci[0] == found.ci[1]:
+            # No width would claim certainty; it only says that no episode differs from another.
+            return replace(found, ci=None, note="the episodes do not differ, so resampling them shows no spread")
+        return found
 
     def _bootstrap_medians(self, values: Floats, one: Mask, other: Mask) -> Statistic:
         """Return median(values[one]) - median(values[other]) with its interval over the episodes of either."""
         used = one | other
         numbers, episodes = np.unique(self._episodes[used], return_inverse=True)
         values, one, other = values[used], one[used], other[used]
+
+        def apart(counts: Floats) -> Floats:
+            return median_by_counts(values[one], episodes[one], counts) - median_by_counts(
+                values[other], episodes[other], counts
+            )
+
+        if not self.how.intervals:
+            return _without_interval(len(numbers), apart(np.ones((1, len(numbers)))))
         return episode_bootstrap(
             len(numbers),
-            lambda counts: (
-                median_by_counts(values[one], episodes[one], counts)
-                - median_by_counts(values[other], episodes[other], counts)
-            ),
+            apart,
             seed=self.how.seed_of("gap_order"),
             resamples=self.how.resamples,
             enumerate_up_to=ENUMERATE,
@@ -282,6 +307,14 @@ def _clears(idi: Statistic, floor: Statistic) -> Statistic:
     if idi.value is None or floor.value is None:
         return cannot_say("IDI or the noise floor could not be measured", method=method)
     return Statistic(float(clears_floor(idi.value, floor.value)), idi.n, method=method)
+
+
+def _without_interval(episodes: int, values: Floats) -> Statistic:
+    """Return what the bootstrap returns, but for its interval."""
+    method = "no interval asked for"
+    if math.isnan(values[0]):
+        return cannot_say("the statistic is undefined on these episodes", episodes, method)
+    return Statistic(float(values[0]), episodes, method=method)
 
 
 def _sums_by_episode(columns: Floats, episodes: Codes) -> Floats:

@@ -1,9 +1,11 @@
 """Scoring a run: ledger and bank to decisions to statistics; it only reads, and gives the same bytes every time."""
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from eyechart.errors import SpecError
 from eyechart.frames import FrameBank
 from eyechart.ledger import Accounting, Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
@@ -68,14 +70,27 @@ class BatteryScore:
 def score(path: Path, *, resamples: int = 5000, independent: bool = False) -> BatteryScore:
     """Score the battery in a run's folder, finished or not.
 
-    ``independent`` declares that frames outside episodes are independent draws. Raises LedgerError or BankError
-    where the folder is no run.
+    ``independent`` declares that frames outside episodes are independent draws, as a bank's manifest may. Raises
+    LedgerError or BankError where the folder is no run, SpecError where that is declared of a bank with episodes.
     """
     manifest, bank = read_run(path)
+    if (
+        independent
+        and max(Counter(frame.episode for frame in bank).values()) > 1
+        and "episode" not in bank.manifest.absent
+    ):
+        raise SpecError(
+            f"{path}: the frames of an episode are not independent draws, and this bank records episodes; "
+            "leave out --independent"
+        )
+    independent = independent or bank.manifest.independent
     how = Resampling(resamples=resamples, seed=manifest.seed)
-    plan = plan_of(manifest, bank)
+    plan, told = plan_of(manifest, bank), bool(manifest.prompt.fields)
     with Ledger(path / LEDGER) as ledger:
-        answers = {spec: read_answers(spec, ledger.replies(spec), bank, plan.frames) for spec in manifest.models}
+        answers = {
+            spec: read_answers(spec, ledger.replies(spec), bank, plan.frames, independent=independent, told=told)
+            for spec in manifest.models
+        }
         accounting = {spec: ledger.accounting(spec) for spec in manifest.models}
     statistics = {spec: statistics_of(one, how, independent=independent) for spec, one in answers.items()}
     corrected = _corrected(statistics)

@@ -1,0 +1,165 @@
+"""One replication: one simulated bank, all known controllers on it, and both sets of rules on what they answered."""
+
+import multiprocessing
+import random
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from eyechart import verdicts
+from eyechart.actions import DRIVING, Decision, read_decision
+from eyechart.calibrate.known import KNOWN, NULLS, Known, Shows, answer_all, deserved, is_false
+from eyechart.calibrate.settings import SETTINGS, Setting
+from eyechart.calibrate.tally import Calibration, Outcome, Ruled, tally
+from eyechart.calibrate.world import World, make_world
+from eyechart.calls import Reply
+from eyechart.conditions import COUNTERFACTUALS
+from eyechart.errors import SpecError
+from eyechart.frames import LEAD_GAP
+from eyechart.models.scripted import Answer
+from eyechart.seeds import key_seed
+from eyechart.stats.resampling import holm
+from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.studies.battery.answers import ABSENT, Answers
+from eyechart.studies.battery.calibrated import COUNTERFACTUAL_TESTS, Calibrated
+from eyechart.studies.battery.published import Resampling
+from eyechart.studies.battery.scoring import ModelScore, statistics_of
+
+RESAMPLES = 999
+"""Resamples of each permutation test; the level of such a test does not depend on their number."""
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One replication of one setting. Everything random in it comes from these three."""
+
+    setting: str
+    replication: int
+    seed: int
+
+
+def calibrate(
+    *,
+    replications: int,
+    seed: int = 0,
+    processes: int = 1,
+    settings: Sequence[str] | None = None,
+    progress: Progress | None = None,
+) -> Calibration:
+    """Simulate ``replications`` banks of every setting and judge all known controllers on each.
+
+    The result depends on the seed and on nothing else, least of all on ``processes``. ``progress`` is called with
+    (banks done, banks in all). Raises SpecError for an unknown setting or a number below 1.
+    """
+    chosen = tuple(settings) if settings is not None else tuple(SETTINGS)
+    for name in chosen:
+        if name not in SETTINGS:
+            raise SpecError(f"unknown setting '{name}'; known are {', '.join(SETTINGS)}")
+    if replications < 1 or processes < 1:
+        raise SpecError(f"give 1 or more replications and processes, not {replications} and {processes}")
+    tasks = [Task(name, number, seed) for number in range(replications) for name in chosen]
+    found: list[tuple[str, list[Outcome]]] = []
+    with _mapped(tasks, processes) as outcomes:
+        for task, outcome in zip(tasks, outcomes, strict=True):
+            found.append((task.setting, outcome))
+            if progress is not None:
+                progress(len(found), len(tasks))
+    return tally(found, settings=chosen, replications=replications, seed=seed, resamples=RESAMPLES)
+
+
+@contextmanager
+def _mapped(tasks: Sequence[Task], processes: int) -> Iterator[Iterator[list[Outcome]]]:
+    """Yield the outcomes of tasks in their order, made by this process or by several others."""
+    if processes == 1:
+        yield map(replicate, tasks)
+        return
+    # Spawned, not forked: a thread of the progress bar may hold a lock at the moment of a fork.
+    pool = ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn"))
+    try:
+        yield pool.map(replicate, tasks)
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def replicate(task: Task) -> list[Outcome]:
+    """Draw the bank of a task and return what both sets of rules say of every known controller on it."""
+    setting = SETTINGS[task.setting]
+    key = ("calibrate", task.seed, task.setting, task.replication)
+    world = make_world(setting, np.random.default_rng(key_seed(*key, "world")))
+    answered = {
+        name: answers_of(one, setting, world, random.Random(key_seed(*key, name)))  # noqa: S311 - no secret
+        for name, one in KNOWN.items()
+    }
+    how = Resampling(resamples=RESAMPLES, seed=key_seed(*key, "tests"), intervals=False)
+    found = {name: statistics_of(one, how) for name, one in answered.items()}
+    # The paper corrects over the models of a run; here these are all controllers on one bank.
+    corrected = holm([one["cramers_v"].p for one in found.values()])
+    return [
+        _outcome(KNOWN[name], setting, answered[name], found[name], p) for name, p in zip(found, corrected, strict=True)
+    ]
+
+
+def answers_of(known: Known, setting: Setting, world: World, rng: random.Random) -> Answers:
+    """Return a controller's answers to a world, read from its replies as those of a run are."""
+    read: dict[Answer, Decision] = {}
+
+    def decision(answer: Answer | None) -> Decision | None:
+        if answer is None:
+            return None
+        if answer not in read:
+            reply = answer if isinstance(answer, Reply) else Reply(text=answer, finish_reason="stop")
+            read[answer] = read_decision(reply.text, reply.finish_reason, reply.error, DRIVING)
+        return read[answer]
+
+    decisions = {condition: tuple(map(decision, column)) for condition, column in answer_all(known, world, rng).items()}
+    gap = LEAD_GAP if setting.gaps else None
+    return Answers(known.name, world.frames, DRIVING, gap, decisions)
+
+
+def without_counterfactuals(answers: Answers, found: Mapping[str, Statistic]) -> dict[str, Statistic]:
+    """Return the statistics that the same answers would give on a bank without counterfactual pictures."""
+    kept = {name: column for name, column in answers.decisions.items() if name not in COUNTERFACTUALS}
+    missing = cannot_say("the bank has no counterfactual pictures")
+    pooled = Calibrated(replace(answers, decisions=kept), Resampling()).kappa_pooled()
+    return {**found, **dict.fromkeys(COUNTERFACTUAL_TESTS, missing), "kappa_pooled": pooled}
+
+
+def _outcome(
+    known: Known, setting: Setting, answers: Answers, found: Mapping[str, Statistic], corrected: float | None
+) -> Outcome:
+    model = ModelScore(known.name, "simulated", 0, 0, answers, found, {"cramers_v": corrected})
+    lateral = verdicts.lateral_rules(found, model, answers.space).label
+    rulings = []
+    for counterfactuals in (True, False):
+        shows = Shows(
+            counterfactuals=counterfactuals,
+            exchanges=setting.exchanges,
+            scenarios=len(set(answers.scenarios.tolist())),
+            varied=_varied(answers, counterfactuals=counterfactuals),
+        )
+        statistics = found if counterfactuals else without_counterfactuals(answers, found)
+        label = verdicts.calibrated_rules(statistics, swaps=lateral == "swaps")[0].label
+        rulings.append(Ruled(label, deserved(known, shows), is_false(label, known.name, varied=shows.varied)))
+    return Outcome(
+        controller=known.name,
+        paper=verdicts.paper_rules(found, model.holm).label,
+        rulings=(rulings[0], rulings[1]),
+        lateral=lateral,
+        p_values={test: found[test].p for test in NULLS},
+    )
+
+
+def _varied(answers: Answers, *, counterfactuals: bool) -> bool:
+    """Return whether a controller gave more than one answer over all conditions of a bank."""
+    first = answers.responses("real")[0]
+    for condition in answers.decisions:
+        if counterfactuals or condition not in COUNTERFACTUALS:
+            given = answers.responses(condition)
+            if ((given != first) & (given != ABSENT)).any():
+                return True
+    return False

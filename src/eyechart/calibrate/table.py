@@ -1,0 +1,135 @@
+"""The tables of a calibration, as Markdown that reads well in a terminal too."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+from eyechart.calibrate.known import KNOWN, NULLS
+from eyechart.calibrate.settings import POWER, SETTINGS
+from eyechart.calibrate.tally import CLAIMS, FALSE, VARIANTS, WANTED, Calibration
+from eyechart.stats.agreement import rate
+from eyechart.stats.statistic import Statistic
+from eyechart.verdicts import CALIBRATED_LABELS, PAPER_LABELS
+
+Cells = Sequence[Sequence[str]]
+
+
+def tables(found: Calibration) -> str:
+    """Return everything that a calibration found, one table below the other."""
+    parts = [
+        f"{found.replications} replications of each setting, seed {found.seed}, {found.resamples} resamples a test.",
+        _settings(found),
+    ]
+    if "default" in found.settings:
+        counts = found.labels["default"][VARIANTS[0]]
+        deserve = {name: one.calibrated for name, one in KNOWN.items()}
+        title = f"Calibrated rules, setting default, {VARIANTS[0]}: share of each label"
+        parts.append(_confusion(title, counts, deserve, CALIBRATED_LABELS, found.replications))
+        deserve = {name: one.paper for name, one in KNOWN.items()}
+        title = "The paper's rules, setting default: share of each label"
+        parts.append(_confusion(title, found.paper["default"], deserve, PAPER_LABELS, found.replications))
+    parts += [_right(found, variant) for variant in VARIANTS]
+    parts += [_false_claims(found), _type_one(found), _power(found), _targets(found)]
+    return "\n\n".join(part for part in parts if part)
+
+
+def _table(title: str, head: Sequence[str], rows: Cells) -> str:
+    """Return a Markdown table whose columns are as wide as their widest cell."""
+    wide = [max(len(row[place]) for row in (head, *rows)) for place in range(len(head))]
+
+    def line(cells: Sequence[str]) -> str:
+        return "| " + " | ".join(f"{cell:<{width}}" for cell, width in zip(cells, wide, strict=True)) + " |"
+
+    rule = "|" + "|".join("-" * (width + 2) for width in wide) + "|"
+    return "\n".join([f"### {title}", "", line(head), rule, *map(line, rows)])
+
+
+def _share(one: Statistic) -> str:
+    return "—" if one.value is None else f"{one.value:.3f}"
+
+
+def _with_interval(one: Statistic) -> str:
+    return "—" if one.value is None or one.ci is None else f"{one.value:.4f} [{one.ci[0]:.4f}, {one.ci[1]:.4f}]"
+
+
+def _settings(found: Calibration) -> str:
+    return _table("Settings", ("setting", "bank"), [(name, SETTINGS[name].says) for name in found.settings])
+
+
+def _confusion(
+    title: str, counts: Mapping[str, Mapping[str, int]], deserve: Mapping[str, str], labels: Sequence[str], n: int
+) -> str:
+    given = [label for label in labels if any(label in one for one in counts.values()) or label in deserve.values()]
+    rows = [
+        (name, deserve[name], *(f"{one[label] / n:.3f}" if label in one else "" for label in given))
+        for name, one in counts.items()
+    ]
+    return _table(title, ("controller", "deserves", *given), rows)
+
+
+def _right(found: Calibration, variant: str) -> str:
+    rows = [(name, *(_share(found.right(setting, variant, name)) for setting in found.settings)) for name in KNOWN]
+    undecided = ("undecided, of all", *(_share(found.undecided(setting, variant)) for setting in found.settings))
+    return _table(f"Share of right labels, {variant}", ("controller", *found.settings), [*rows, undecided])
+
+
+def _false_claims(found: Calibration) -> str:
+    rows = []
+    for setting in found.settings:
+        for variant in VARIANTS:
+            each = [found.false_claims(claim, setting, variant) for claim in CLAIMS]
+            cells = [
+                f"{one.pooled.value:.4f} of {one.pooled.n}"
+                + (f" ({one.worst} {one.worst_rate.value:.3f})" if one.worst_rate.value else "")
+                for one in each
+            ]
+            rows.append((setting, variant.split()[0], *cells))
+    title = "False claims: share over the controllers of which the claim is untrue (the one worst off)"
+    return _table(title, ("setting", "counterfactuals", *CLAIMS), rows)
+
+
+def _type_one(found: Calibration) -> str:
+    """Return how often each test rejected under its null: in the default setting, over all, and where most."""
+    rows = []
+    for test, (alpha, names) in NULLS.items():
+        each = {setting: found.type_one(setting, test) for setting in found.settings}
+        made = {setting: one for setting, one in each.items() if one.value is not None}
+        counts = [found.tests[setting][test][name] for setting in found.settings for name in names]
+        over_all = rate(sum(one[1] for one in counts), sum(one[0] for one in counts))
+        worst = max(made, key=lambda setting: made[setting].value or 0.0, default="")
+        first = made.get("default")
+        rows.append(
+            (
+                test,
+                f"{alpha:g}",
+                "—" if first is None else f"{_with_interval(first)} of {first.n}",
+                f"{_with_interval(over_all)} of {over_all.n}",
+                f"{worst} {_share(made[worst])} of {made[worst].n}" if worst else "—",
+            )
+        )
+    title = "Type-I error of each test: share of rejections where its null is true, with Wilson's 95 % interval"
+    return _table(title, ("test", "alpha", "default", "all settings", "most in"), rows)
+
+
+def _power(found: Calibration) -> str:
+    """Return how the share of right labels grows with the number of frames."""
+    sizes = [name for name in POWER if name in found.settings]
+    if len(sizes) < 2:
+        return ""
+    head = [f"{_frames(name)} frames" for name in sizes]
+
+    def cell(name: str) -> Callable[[str], str]:
+        return lambda setting: " / ".join(_share(found.right(setting, variant, name)) for variant in VARIANTS)
+
+    rows = [(name, *map(cell(name), sizes)) for name in KNOWN]
+    return _table("Power: share of right labels against n, with / without counterfactuals", ("controller", *head), rows)
+
+
+def _frames(setting: str) -> int:
+    one = SETTINGS[setting]
+    return one.scenarios * one.episodes * one.frames
+
+
+def _targets(found: Calibration) -> str:
+    wanted = ", ".join(f"false {claim} {variant} at most {most}" for (claim, variant), most in FALSE.items())
+    says = f"Targets: right at least .95 with counterfactuals for {', '.join(WANTED)}; {wanted}."
+    misses = found.misses()
+    return "\n".join([says, *(f"missed: {one}" for one in misses)] if misses else [says, "All targets hold."])

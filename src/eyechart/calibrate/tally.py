@@ -1,0 +1,295 @@
+"""Counting what many replications said: how often right, how often false, how often each test rejected."""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from eyechart.calibrate.known import KNOWN, NULLS, is_false
+from eyechart.calibrate.settings import POWER, SETTINGS
+from eyechart.errors import SpecError
+from eyechart.stats.agreement import rate
+from eyechart.stats.statistic import Statistic
+
+FORMAT = "eyechart-calibration/1"
+VARIANTS = ("with counterfactuals", "without counterfactuals")
+CLAIMS: Mapping[str, tuple[str, ...]] = {
+    "depth": ("depth", "depth_lateral"),
+    "image_invariant": ("image_invariant",),
+    "self_inconsistent": ("self_inconsistent",),
+    "refusal_effect": ("refusal_effect",),
+}
+"""The positive claims that can be untrue, and the labels that make them."""
+
+RIGHT = 0.95
+"""The share of right labels that is wanted of each controller in `WANTED`, default setting, with counterfactuals."""
+
+WANTED = (
+    "constant",
+    "refuse_blank",
+    "declines_blank_depth",
+    "truncating",
+    "depth",
+    "depth_lateral",
+    "noisy_depth",
+    "presence",
+    "inverted",
+    "nuisance",
+    "scene_only",
+    "random",
+    "self_inconsistent",
+    "time",
+)
+
+FALSE: Mapping[tuple[str, str], float] = {
+    ("depth", VARIANTS[0]): 0.02,
+    ("depth", VARIANTS[1]): 0.05,
+    **{
+        (claim, variant): 0.02
+        for claim in ("image_invariant", "self_inconsistent", "refusal_effect")
+        for variant in VARIANTS
+    },
+}
+"""The largest share of false claims that is wanted, over the controllers of which the claim is untrue."""
+
+
+STRICT_FROM = 200
+"""From so many replications on a target is held against the share itself; below, against its 95 % interval."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ruled:
+    """The calibrated label that was given, the one that was deserved, and whether the given one is untrue."""
+
+    label: str
+    deserved: str
+    false: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What one replication said of one controller: both sets of rules, and the p of every test.
+
+    ``rulings`` stand in the order of `VARIANTS`.
+    """
+
+    controller: str
+    paper: str
+    rulings: tuple[Ruled, Ruled]
+    lateral: str
+    p_values: Mapping[str, float | None]
+
+
+@dataclass(frozen=True, slots=True)
+class FalseClaims:
+    """How often a claim was made that is untrue: over all who could be wronged, and of the one worst off."""
+
+    claim: str
+    setting: str
+    variant: str
+    pooled: Statistic
+    worst: str
+    worst_rate: Statistic
+    wanted: float
+
+    @property
+    def holds(self) -> bool:
+        """Return whether the share is as wanted, and no single controller is surely above it."""
+        surely = any(one.ci is not None and one.ci[0] > self.wanted for one in (self.pooled, self.worst_rate))
+        strict = self.worst_rate.n >= STRICT_FROM
+        return not surely and not (strict and (self.pooled.value or 0.0) > self.wanted)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Everything that was counted, over ``replications`` banks of each setting.
+
+    ``labels[setting][variant][controller]`` counts calibrated labels, ``paper[setting][controller]`` the paper's, and
+    ``lateral[setting][controller]`` the lateral ones; ``rights[setting][variant][controller]`` counts deserved
+    labels, and ``falses``, with the places of ``labels``, untrue ones.
+    ``tests[setting][test][controller]`` is (made, rejected).
+    """
+
+    replications: int
+    seed: int
+    resamples: int
+    settings: tuple[str, ...]
+    labels: Mapping[str, Mapping[str, Mapping[str, Mapping[str, int]]]]
+    paper: Mapping[str, Mapping[str, Mapping[str, int]]]
+    lateral: Mapping[str, Mapping[str, Mapping[str, int]]]
+    rights: Mapping[str, Mapping[str, Mapping[str, int]]]
+    falses: Mapping[str, Mapping[str, Mapping[str, Mapping[str, int]]]]
+    tests: Mapping[str, Mapping[str, Mapping[str, tuple[int, int]]]]
+
+    def right(self, setting: str, variant: str, controller: str) -> Statistic:
+        """Return how often a controller got the calibrated label that it deserves there."""
+        return rate(self.rights[setting][variant].get(controller, 0), self.replications)
+
+    def undecided(self, setting: str, variant: str) -> Statistic:
+        """Return what fraction of all verdicts of a setting is ``undecided``."""
+        counts = self.labels[setting][variant].values()
+        return rate(sum(one.get("undecided", 0) for one in counts), self.replications * len(counts))
+
+    def false_claims(self, claim: str, setting: str, variant: str) -> FalseClaims:
+        """Return how often a claim was untrue."""
+        by_controller = {
+            name: sum(self.falses[setting][variant][name].get(label, 0) for label in CLAIMS[claim])
+            for name in KNOWN
+            if is_false(claim, name)
+        }
+        worst = max(by_controller, key=lambda name: by_controller[name])
+        return FalseClaims(
+            claim=claim,
+            setting=setting,
+            variant=variant,
+            pooled=rate(sum(by_controller.values()), self.replications * len(by_controller)),
+            worst=worst,
+            worst_rate=rate(by_controller[worst], self.replications),
+            wanted=FALSE[claim, variant],
+        )
+
+    def every_false_claim(self) -> list[FalseClaims]:
+        """Return the false claims of every kind, setting and variant."""
+        return [
+            self.false_claims(claim, setting, variant)
+            for claim in CLAIMS
+            for setting in self.settings
+            for variant in VARIANTS
+        ]
+
+    def type_one(self, setting: str, test: str) -> Statistic:
+        """Return how often a test rejected where its null is true, at its own level."""
+        made, rejected = 0, 0
+        for name in NULLS[test][1]:
+            one = self.tests[setting][test][name]
+            made, rejected = made + one[0], rejected + one[1]
+        return rate(rejected, made)
+
+    def misses(self) -> list[str]:
+        """Return every target that is missed, in words; empty where all hold."""
+        found = []
+        if "default" in self.settings:
+            for name in WANTED:
+                share = self.right("default", VARIANTS[0], name)
+                high = 1.0 if share.ci is None else share.ci[1]
+                if high < RIGHT or (share.n >= STRICT_FROM and (share.value or 0.0) < RIGHT):
+                    found.append(f"{name} is right in {share.value:.3f} of {share.n} replications, wanted {RIGHT}")
+        found += [
+            f"false {one.claim} in {one.setting}, {one.variant}: {one.pooled.value:.4f} of {one.pooled.n} "
+            f"(worst {one.worst} {one.worst_rate.value:.3f} of {one.worst_rate.n}), wanted {one.wanted}"
+            for one in self.every_false_claim()
+            if not one.holds
+        ]
+        return found
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values: the counts, and what is read from them."""
+        return {
+            "format": FORMAT,
+            "replications": self.replications,
+            "seed": self.seed,
+            "resamples": self.resamples,
+            "settings": {name: SETTINGS[name].says for name in self.settings},
+            "controllers": {
+                name: {"says": one.says, "calibrated": one.calibrated, "paper": one.paper}
+                for name, one in KNOWN.items()
+            },
+            "labels": self.labels,
+            "paper": self.paper,
+            "lateral": self.lateral,
+            "rights": self.rights,
+            "falses": self.falses,
+            "right": {
+                setting: {
+                    variant: {name: _plain(self.right(setting, variant, name)) for name in KNOWN}
+                    for variant in VARIANTS
+                }
+                for setting in self.settings
+            },
+            "undecided": {
+                setting: {variant: _plain(self.undecided(setting, variant)) for variant in VARIANTS}
+                for setting in self.settings
+            },
+            "false_claims": [
+                {
+                    "claim": one.claim,
+                    "setting": one.setting,
+                    "variant": one.variant,
+                    **_plain(one.pooled),
+                    "worst": {"controller": one.worst, **_plain(one.worst_rate)},
+                    "wanted": one.wanted,
+                    "holds": one.holds,
+                }
+                for one in self.every_false_claim()
+            ],
+            "type_one": {
+                setting: {test: {"alpha": NULLS[test][0], **_plain(self.type_one(setting, test))} for test in NULLS}
+                for setting in self.settings
+            },
+            "tests": self.tests,
+            "power": [setting for setting in POWER if setting in self.settings],
+            "misses": self.misses(),
+        }
+
+
+def read_calibration(raw: Mapping[str, Any]) -> Calibration:
+    """Return the calibration that `Calibration.as_dict` wrote; raises SpecError where it is something else."""
+    if raw.get("format") != FORMAT:
+        raise SpecError(f"this is no calibration of format {FORMAT!r}, but {raw.get('format')!r}")
+    tests = {
+        setting: {test: {name: (made, rejected) for name, (made, rejected) in by.items()} for test, by in found.items()}
+        for setting, found in raw["tests"].items()
+    }
+    counts: dict[str, Any] = {name: raw[name] for name in ("labels", "paper", "lateral", "rights", "falses")}
+    counts |= {name: int(raw[name]) for name in ("replications", "seed", "resamples")}
+    return Calibration(settings=tuple(raw["settings"]), tests=tests, **counts)
+
+
+def _plain(share: Statistic) -> dict[str, object]:
+    return {"value": share.value, "n": share.n, "ci": None if share.ci is None else list(share.ci)}
+
+
+def tally(
+    found: Iterable[tuple[str, Sequence[Outcome]]],
+    *,
+    settings: tuple[str, ...],
+    replications: int,
+    seed: int,
+    resamples: int,
+) -> Calibration:
+    """Count the outcomes of every setting; the order in which they come has no effect."""
+    labels = {s: {variant: {name: Counter[str]() for name in KNOWN} for variant in VARIANTS} for s in settings}
+    paper = {s: {name: Counter[str]() for name in KNOWN} for s in settings}
+    lateral = {s: {name: Counter[str]() for name in KNOWN} for s in settings}
+    rights = {s: {variant: Counter[str]() for variant in VARIANTS} for s in settings}
+    falses = {s: {variant: {name: Counter[str]() for name in KNOWN} for variant in VARIANTS} for s in settings}
+    tests = {s: {test: dict.fromkeys(KNOWN, (0, 0)) for test in NULLS} for s in settings}
+    for setting, outcomes in found:
+        for one in outcomes:
+            for variant, ruled in zip(VARIANTS, one.rulings, strict=True):
+                labels[setting][variant][one.controller][ruled.label] += 1
+                rights[setting][variant][one.controller] += ruled.label == ruled.deserved
+                if ruled.false:
+                    falses[setting][variant][one.controller][ruled.label] += 1
+            paper[setting][one.controller][one.paper] += 1
+            lateral[setting][one.controller][one.lateral] += 1
+            for test, p in one.p_values.items():
+                made, rejected = tests[setting][test][one.controller]
+                if p is not None:
+                    tests[setting][test][one.controller] = (made + 1, rejected + (p < NULLS[test][0]))
+    return Calibration(
+        replications=replications,
+        seed=seed,
+        resamples=resamples,
+        settings=settings,
+        labels={s: {v: _sorted(by) for v, by in variants.items()} for s, variants in labels.items()},
+        paper={s: _sorted(by) for s, by in paper.items()},
+        lateral={s: _sorted(by) for s, by in lateral.items()},
+        rights={s: {v: dict(sorted(by.items())) for v, by in variants.items()} for s, variants in rights.items()},
+        falses={s: {v: _sorted(by) for v, by in variants.items()} for s, variants in falses.items()},
+        tests=tests,
+    )
+
+
+def _sorted(counts: Mapping[str, Counter[str]]) -> dict[str, dict[str, int]]:
+    return {name: dict(sorted(one.items())) for name, one in counts.items()}

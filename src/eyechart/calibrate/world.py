@@ -1,0 +1,151 @@
+"""A simulated world: frames of autocorrelated episodes, and what a controller sees of each under each condition.
+
+No picture is drawn. What the image-only reader would read from it is simulated, and the scripted controllers decide on
+that reading as they decide on a picture's. Every constant stands in docs/calibration.md.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eyechart.calibrate.settings import ROADS, Episode, Setting
+from eyechart.frames import Frame
+from eyechart.models.scripted import Sight
+from eyechart.perception.renderer import Reading
+from eyechart.perception.scene import Scene
+
+GAP_AR = 0.85
+"""Correlation of the log gap from one frame to the next within an episode."""
+GAP_LOG_SD = 0.7
+EPISODE_SHARE = 0.2
+"""The share of the variance of the log gap that a whole episode has in common."""
+NEAREST_M, FARTHEST_M = 5.0, 76.0
+"""No gap is smaller; a lead beyond the picture's edge is no lead."""
+
+SIDE_STAYS = 0.7
+"""Chance that a side is next as it is now; half of the sides are clear."""
+PHASE_DRIFT, PHASE_SD = 0.06, 0.03
+"""By how much, in periods a frame, the phase of the lane markings moves."""
+
+NEAR_M, FAR_M = (7.0, 9.0), (50.0, 60.0)
+"""Where ``lead_near`` and ``lead_far`` put the lead, in metres."""
+
+NO_PICTURE, UNIFORM, NOISE = Sight("no_picture", None), Sight("uniform", None), Sight("unknown", None)
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """What is shown for one frame: the sight, and how much of the shown episode has passed, or None for no road."""
+
+    sight: Sight
+    passed: float | None
+
+
+@dataclass(frozen=True)
+class World:
+    """Frames with their ground truth, and what each condition shows for them; None where it shows nothing."""
+
+    frames: tuple[Frame, ...]
+    passed: tuple[float, ...]
+    shown: Mapping[str, tuple[Shown | None, ...]]
+
+
+def make_world(setting: Setting, rng: np.random.Generator) -> World:
+    """Draw one bank of a setting and everything that is shown of it; equal for all controllers."""
+    episodes = setting.draw(rng)
+    frames: list[Frame] = []
+    passed: list[float] = []
+    readings: list[Reading] = []
+    for number, episode in enumerate(episodes):
+        scenario, length = episode
+        gaps = _gaps(episode, rng, ordered=setting.ordered)
+        phases = _phases(length, rng)
+        left, right = _side(length, rng), _side(length, rng)
+        for step in range(length):
+            gap_m = None if gaps[step] > FARTHEST_M else round(float(gaps[step]), 3)
+            name = f"{scenario}-{number}"
+            truth = {"lead_gap_m": gap_m}
+            frames.append(Frame(f"{name}-{step:02d}", scenario, name, step, "vertical", "-", truth))
+            passed.append(step / length)
+            road = ROADS[scenario]
+            scene = Scene(gap_m, bool(left[step]), bool(right[step]))
+            readings.append(Reading(scene, "green", road.lanes, road.lanes // 2, 4, float(phases[step]), road.ramp))
+    shown = _shown(frames, passed, readings, rng)
+    return World(tuple(frames), tuple(passed), shown)
+
+
+def _gaps(episode: Episode, rng: np.random.Generator, *, ordered: bool) -> NDArray[np.float64]:
+    """Return an episode's gaps in metres: a stationary AR(1) process of their logarithm about the scenario's median."""
+    scenario, length = episode
+    noise = rng.standard_normal(length)
+    path = np.empty(length)
+    path[0] = noise[0]
+    for step in range(1, length):
+        path[step] = GAP_AR * path[step - 1] + math.sqrt(1 - GAP_AR**2) * noise[step]
+    own = math.sqrt(EPISODE_SHARE) * rng.standard_normal() + math.sqrt(1 - EPISODE_SHARE) * path
+    gaps = np.maximum(ROADS[scenario].median_gap_m * np.exp(GAP_LOG_SD * own), NEAREST_M)
+    return np.asarray(np.sort(gaps)[::-1] if ordered else gaps)
+
+
+def _phases(length: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Return the phase of the lane markings, in [0, 1): a drift with noise from a random start."""
+    moves = rng.normal(PHASE_DRIFT, PHASE_SD, size=length)
+    return np.asarray((rng.uniform() + np.cumsum(moves)) % 1.0)
+
+
+def _side(length: int, rng: np.random.Generator) -> NDArray[np.bool_]:
+    """Return whether one side is clear, frame by frame: a two-state chain."""
+    changes = rng.uniform(size=length) >= SIDE_STAYS
+    changes[0] = rng.uniform() < 1 / 2
+    return np.asarray(np.cumsum(changes) % 2 == 1)
+
+
+def _shown(
+    frames: Sequence[Frame], passed: Sequence[float], readings: Sequence[Reading], rng: np.random.Generator
+) -> dict[str, tuple[Shown | None, ...]]:
+    """Return what each condition shows; a condition that the bank cannot supply for any frame is left out."""
+    roads = [Shown(Sight("road", one), time) for one, time in zip(readings, passed, strict=True)]
+
+    def changed(other: Sequence[Reading | None]) -> tuple[Shown | None, ...]:
+        pairs = zip(other, passed, strict=True)
+        return tuple(None if one is None else Shown(Sight("road", one), time) for one, time in pairs)
+
+    def all_of(sight: Sight) -> tuple[Shown, ...]:
+        return (Shown(sight, None),) * len(roads)
+
+    scenarios = np.array([frame.scenario for frame in frames])
+    shown: dict[str, tuple[Shown | None, ...]] = {
+        "real": tuple(roads),
+        "real_repeat": tuple(roads),
+        "blank": all_of(UNIFORM),
+        "noise": all_of(NOISE),
+        "text_only": all_of(NO_PICTURE),
+        "mirrored": changed([one.mirrored() for one in readings]),
+        "shuffled": tuple(roads[place] for place in _partners(scenarios, rng, same=True)),
+        "lead_near": changed([_moved(one, rng.uniform(*NEAR_M)) for one in readings]),
+        "lead_far": changed([_moved(one, rng.uniform(*FAR_M)) for one in readings]),
+        "recoloured": changed([replace(one, ego_colour="red") for one in readings]),
+    }
+    if len(set(scenarios.tolist())) > 1:
+        shown["cross_scenario"] = tuple(roads[place] for place in _partners(scenarios, rng, same=False))
+    return shown
+
+
+def _partners(scenarios: NDArray[np.str_], rng: np.random.Generator, *, same: bool) -> list[int]:
+    """Return for each frame the number of another one of its scenario, or of another scenario."""
+    places = np.arange(len(scenarios))
+    found = []
+    for place, scenario in enumerate(scenarios):
+        others = places[((scenarios == scenario) == same) & (places != place)]
+        found.append(int(others[rng.integers(len(others))]))
+    return found
+
+
+def _moved(reading: Reading, gap_m: float) -> Reading | None:
+    """Return the reading with the lead at another gap, or None where there is no lead to move."""
+    if reading.scene.gap_m is None:
+        return None
+    return replace(reading, scene=replace(reading.scene, gap_m=gap_m))

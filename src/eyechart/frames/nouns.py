@@ -1,0 +1,222 @@
+"""A frame with its ground truth, and a bank of frames with the manifest that fixes it."""
+
+import hashlib
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from eyechart.actions import ActionSpace
+from eyechart.errors import BankError
+from eyechart.frames.pictures import read_bounded
+
+MirrorAxis = Literal["vertical", "horizontal", "none"]
+"""The flip that exchanges left and right: vertical for a top-down horizontal road, horizontal for a forward camera."""
+
+Scalar = str | int | float | bool | None
+IMPORTED = "import"
+"""The simulator's name in a bank whose pictures were taken from elsewhere."""
+
+FORMAT = "eyechart-bank/1"
+FILE_SUFFIX = "_file_name"
+RESERVED = {"file_name", "frame_id", "scenario", "episode", "step", "mirror_axis"}
+_EXACT = 2**53
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """Which column of ground truth the battery's gap tests read, in what unit, and what counts as near."""
+
+    column: str
+    threshold: float
+    unit: str
+
+
+LEAD_GAP = Gap(column="lead_gap_m", threshold=18.0, unit="m")
+"""The paper's gap: centre to centre to the lead vehicle, near below 18 m."""
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """A rendered image with its place in the bank and its ground truth, which no model sees.
+
+    ``truth`` maps a name with its unit (``lead_gap_m``) to a number, a flag, a word, or None for "there is
+    none" (no lead). ``file`` and ``counterfactuals`` are paths inside the bank. ``fields`` maps the bank's prompt
+    columns to what a prompt may say of the frame; they are no ground truth.
+    """
+
+    id: str
+    scenario: str
+    episode: str
+    step: int
+    mirror_axis: MirrorAxis
+    file: str
+    truth: Mapping[str, Scalar] = field(default_factory=dict)
+    counterfactuals: Mapping[str, str] = field(default_factory=dict)
+    fields: Mapping[str, Scalar] = field(default_factory=dict)
+
+    def geometry(self) -> str:
+        """Return the digest of the frame's identity and its ground truth to 3 decimals (docs/decisions/0007)."""
+        truth = {name: _canonical(self.truth[name]) for name in sorted(self.truth)}
+        parts = [self.id, self.scenario, self.episode, self.step, self.mirror_axis, truth]
+        if self.fields:
+            parts.append({name: _canonical(self.fields[name]) for name in sorted(self.fields)})
+        return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
+
+
+def _canonical(value: Scalar) -> Scalar | list[str]:
+    """Return a number as a list with its decimals, so that 5 is 5.0 and no word; all else as it is."""
+    if value is None or isinstance(value, bool | str):
+        return value
+    return [f"{value}.000" if isinstance(value, int) else f"{round(value, 3) + 0.0:.3f}"]
+
+
+def is_reserved(name: str) -> bool:
+    """Return whether a bank needs this column's name for itself."""
+    return name in RESERVED or name.endswith(FILE_SUFFIX)
+
+
+def rounded_truth(truth: Mapping[str, object], frame_id: str) -> dict[str, Scalar]:
+    """Return ground truth as plain values, floats to 3 decimals.
+
+    Raises BankError for NaN, infinity, whole numbers above 2**53, and other types.
+    """
+    plain: dict[str, Scalar] = {}
+    for name, raw in truth.items():
+        value = raw.item() if isinstance(raw, np.generic) else raw
+        if isinstance(value, float):
+            if not math.isfinite(value):
+                raise BankError(f"frame '{frame_id}': truth '{name}' is {value}; use None for 'there is none'")
+            value = round(value, 3) + 0.0
+        if isinstance(value, int) and abs(value) > _EXACT:
+            raise BankError(f"frame '{frame_id}': truth '{name}' is too large a number to be exact; write it as a word")
+        if not isinstance(value, str | int | float | bool | None):
+            raise BankError(f"frame '{frame_id}': truth '{name}' is a {type(value).__name__}, not a plain value")
+        plain[name] = value
+    return plain
+
+
+@dataclass(frozen=True, slots=True)
+class BankManifest:
+    """What a bank says of itself: where its pictures come from, and the digests that fix them.
+
+    ``picture`` is the kind of picture in words, for the scope of every verdict. ``geometry`` maps a frame id
+    to its digest, ``images`` a file to its SHA-256. ``prompt_columns`` are the columns that prompts may say,
+    ``absent`` the places that the source did not record (scenario, episode, step), and ``independent`` its
+    owner's word that the frames are independent draws; a bank that says none of these is as it always was.
+    """
+
+    simulator: str
+    preset: str
+    picture: str
+    action_space: ActionSpace
+    gap: Gap | None
+    settings: Mapping[str, object] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
+    geometry: Mapping[str, str] = field(default_factory=dict)
+    images: Mapping[str, str] = field(default_factory=dict)
+    prompt_columns: tuple[str, ...] = ()
+    absent: tuple[str, ...] = ()
+    independent: bool = False
+
+    @property
+    def fingerprint(self) -> str:
+        """Return the digest of the geometry of every frame in order; pixels have no part in it."""
+        lines = "\n".join(f"{frame}\x1f{digest}" for frame, digest in self.geometry.items())
+        return hashlib.sha256(lines.encode()).hexdigest()
+
+    @property
+    def declaration(self) -> str:
+        """Return the digest of what the bank declares of itself: its picture in words, gap, actions and settings."""
+        words = {name: value for name, value in self._declared().items() if name != "versions"}
+        return hashlib.sha256(json.dumps(words, sort_keys=True).encode()).hexdigest()
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the manifest as plain JSON values."""
+        return {
+            "format": FORMAT,
+            "fingerprint": self.fingerprint,
+            "declaration": self.declaration,
+            **self._declared(),
+            "geometry": dict(self.geometry),
+            "images": dict(self.images),
+        }
+
+    def _declared(self) -> dict[str, object]:
+        gap = (
+            None
+            if self.gap is None
+            else {"column": self.gap.column, "threshold": self.gap.threshold, "unit": self.gap.unit}
+        )
+        return {
+            "simulator": self.simulator,
+            "preset": self.preset,
+            "picture": self.picture,
+            "action_space": self.action_space.as_dict(),
+            "gap": gap,
+            **({"prompt_columns": list(self.prompt_columns)} if self.prompt_columns else {}),
+            **({"absent": list(self.absent)} if self.absent else {}),
+            **({"independent": True} if self.independent else {}),
+            "settings": dict(self.settings),
+            "versions": dict(self.versions),
+        }
+
+
+@dataclass(frozen=True)
+class FrameBank:
+    """Frames on disk with their manifest. Opening one reads text only; pictures are read when asked for."""
+
+    root: Path
+    frames: tuple[Frame, ...]
+    manifest: BankManifest
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_by_id", {frame.id: frame for frame in self.frames})
+        grouped: dict[str, list[Frame]] = {}
+        for frame in self.frames:
+            grouped.setdefault(frame.scenario, []).append(frame)
+        object.__setattr__(self, "_by_scenario", {name: tuple(frames) for name, frames in grouped.items()})
+
+    def __iter__(self) -> Iterator[Frame]:
+        return iter(self.frames)
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def frame(self, frame_id: str) -> Frame:
+        """Return the frame of this id; raises BankError where the bank has none."""
+        by_id: dict[str, Frame] = self.__dict__["_by_id"]
+        if frame_id not in by_id:
+            raise BankError(f"the bank {self.root} has no frame '{frame_id}'")
+        return by_id[frame_id]
+
+    def image(self, frame: Frame, counterfactual: str | None = None) -> bytes:
+        """Return the encoded picture of a frame, or of one of its counterfactuals.
+
+        Raises BankError for a missing counterfactual, a file outside the bank, or one that is too large.
+        """
+        if counterfactual is None:
+            return read_bounded(self.root, frame.file)
+        if counterfactual not in frame.counterfactuals:
+            raise BankError(f"frame '{frame.id}' has no counterfactual picture '{counterfactual}'")
+        return read_bounded(self.root, frame.counterfactuals[counterfactual])
+
+    @property
+    def scenarios(self) -> Mapping[str, tuple[Frame, ...]]:
+        """Return the frames of each scenario, in the bank's order."""
+        by_scenario: dict[str, tuple[Frame, ...]] = self.__dict__["_by_scenario"]
+        return by_scenario
+
+    @property
+    def name(self) -> str:
+        """Return the bank's short name: its preset and the head of its fingerprint."""
+        return f"{self.manifest.simulator}-{self.manifest.preset}@{self.manifest.fingerprint[:8]}"
+
+
+def files_of(frame: Frame) -> list[str]:
+    """Return a frame's files in the order in which a manifest lists them."""
+    return [frame.file, *(frame.counterfactuals[name] for name in sorted(frame.counterfactuals))]

@@ -1,0 +1,70 @@
+"""Pictures on disk: their bytes are bounded before they are read, their pixels before they are decoded."""
+
+import io
+import warnings
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
+
+from eyechart.errors import BankError
+
+RGB = NDArray[np.uint8]
+MAX_PIXELS = 25_000_000
+MAX_IMAGE_BYTES = 64_000_000
+
+
+def inside(root: Path, file: str) -> Path:
+    """Return the path of a bank's file; raises BankError where it would lead outside the bank."""
+    pure = PurePosixPath(file)
+    path = root / pure
+    try:
+        outside = pure.is_absolute() or ".." in pure.parts or not path.resolve().is_relative_to(root.resolve())
+    except (OSError, ValueError, RuntimeError) as error:  # a name too long, with a NUL, or a loop of links
+        raise BankError(f"{file!r} is no file of the bank {root}: {error}") from error
+    if outside:
+        raise BankError(f"'{file}' leads outside the bank {root}; a bank's pictures must lie inside it")
+    return path
+
+
+def read_bounded(root: Path, file: str) -> bytes:
+    """Return a bank file's bytes; raises BankError if it is missing, no file, outside the bank, or above 64 MB."""
+    path = inside(root, file)
+    try:
+        if path.exists() and not path.is_file():
+            raise BankError(f"'{file}' of the bank {root} is no file")
+        if path.stat().st_size > MAX_IMAGE_BYTES:
+            raise BankError(f"'{file}' has {path.stat().st_size} bytes; the limit is {MAX_IMAGE_BYTES}")
+        return path.read_bytes()
+    except OSError as error:
+        raise BankError(f"'{file}' of the bank {root} cannot be read: {error.strerror}") from error
+
+
+def decode(picture: bytes, name: str) -> RGB:
+    """Decode a picture to RGB, shape (h, w, 3), uint8; its size is checked before a pixel is decoded.
+
+    Raises BankError, naming the picture, if it is no picture, is truncated, or has more than 25 megapixels.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            opened = Image.open(io.BytesIO(picture), formats=("PNG", "JPEG", "WEBP", "BMP"))
+        with opened:
+            width, height = opened.size
+            if width * height > MAX_PIXELS:
+                raise BankError(
+                    f"'{name}' has {width}×{height} pixels; the limit is {MAX_PIXELS // 1_000_000} megapixels"
+                )
+            return np.asarray(opened.convert("RGB"), dtype=np.uint8)
+    except Image.DecompressionBombError as error:
+        raise BankError(f"'{name}' has more than {MAX_PIXELS // 1_000_000} megapixels") from error
+    except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as error:
+        raise BankError(f"'{name}' is damaged or no picture: {error}") from error
+
+
+def encode(rgb: RGB) -> bytes:
+    """Encode an RGB picture, shape (h, w, 3), uint8, as PNG."""
+    buffer = io.BytesIO()
+    Image.fromarray(rgb, mode=None).save(buffer, "PNG", compress_level=1)
+    return buffer.getvalue()

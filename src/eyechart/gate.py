@@ -1,0 +1,154 @@
+"""A gate holds a run to what is required of it: yes, no, or "cannot say"; it never passes for want of evidence."""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from eyechart.errors import SpecError
+from eyechart.studies.battery import BatteryScore, ModelScore
+from eyechart.verdicts import Verdict, judge
+
+REQUIREMENTS: dict[str, str] = {
+    "depth": "the calibrated verdict is depth or depth_lateral",
+    "depth_lateral": "the calibrated verdict is depth_lateral",
+    "swaps": "the lateral label is swaps",
+}
+UNPARSED = "max_unparsed"
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One requirement on one model: ``holds`` is True, False, or None where the run cannot say, with the reason."""
+
+    model: str
+    requirement: str
+    holds: bool | None
+    because: str
+
+
+@dataclass(frozen=True, slots=True)
+class Gate:
+    """Every check of a gate. ``exit_code`` is 0 where all hold, 1 where one fails, else 2."""
+
+    checks: tuple[Check, ...]
+
+    @property
+    def exit_code(self) -> int:
+        """Return 0 for holds, 1 for fails, 2 for cannot say; nothing checked is "cannot say"."""
+        outcomes = [check.holds for check in self.checks]
+        if False in outcomes:
+            return 1
+        return 0 if outcomes and None not in outcomes else 2
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        words = {True: "holds", False: "fails", None: "cannot say"}
+        checks = [
+            {
+                "model": one.model,
+                "requirement": one.requirement,
+                "holds": one.holds,
+                "outcome": words[one.holds],
+                "because": one.because,
+            }
+            for one in self.checks
+        ]
+        return {"exit_code": self.exit_code, "checks": checks}
+
+    def junit(self) -> bytes:
+        """Return the checks as JUnit XML: a failure where one fails, an error where the run cannot say."""
+        count = {
+            "tests": str(len(self.checks)),
+            "failures": str(sum(check.holds is False for check in self.checks)),
+            "errors": str(sum(check.holds is None for check in self.checks)),
+            "skipped": "0",
+        }
+        suites = ET.Element("testsuites", count)
+        suite = ET.SubElement(suites, "testsuite", {"name": "eyechart gate", **count})
+        for check in self.checks:
+            case = ET.SubElement(suite, "testcase", classname=_printable(check.model), name=check.requirement)
+            if check.holds is not True:
+                kind = "failure" if check.holds is False else "error"
+                ET.SubElement(case, kind, message=_printable(check.because))
+        ET.indent(suites)
+        return bytes(ET.tostring(suites, encoding="utf-8", xml_declaration=True))
+
+
+def _printable(text: str) -> str:
+    """Return text without the control characters that XML cannot hold."""
+    return "".join(character for character in text if character.isprintable() or character in "\n\t")
+
+
+def read_requirements(text: str) -> tuple[str, ...]:
+    """Read ``depth,swaps``; raises SpecError that lists the known requirements."""
+    wanted = tuple(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
+    unknown = [name for name in wanted if name not in REQUIREMENTS]
+    if unknown or not wanted:
+        raise SpecError(f"--require takes one or more of {', '.join(REQUIREMENTS)}, with commas; got '{text}'")
+    return wanted
+
+
+def hold(score: BatteryScore, require: Sequence[str], *, max_unparsed: float | None = None) -> Gate:
+    """Hold every model of a scored battery to the requirements, and to an unparsed rate over all calls.
+
+    A run without calls, one with calls still to make, and a model whose calls failed cannot say. Raises SpecError
+    for an unknown requirement or a rate outside [0, 1].
+    """
+    wanted = read_requirements(",".join(require))
+    if max_unparsed is not None and not 0 <= max_unparsed <= 1:
+        raise SpecError(f"--max-unparsed takes a rate between 0 and 1, got {max_unparsed}")
+    verdicts = judge(score)
+    checks: list[Check] = []
+    for spec, model in score.models.items():
+        reason = _no_evidence(model)
+        for requirement in wanted:
+            holds, because = (None, reason) if reason else _claim(requirement, verdicts[spec])
+            checks.append(Check(spec, requirement, holds, because))
+        if max_unparsed is not None:
+            checks.append(_unparsed(spec, model, max_unparsed, reason))
+    return Gate(tuple(checks))
+
+
+def _no_evidence(model: ModelScore) -> str:
+    """Return why a model's calls are no evidence at all, or nothing."""
+    if model.planned == 0 or model.answered == 0:
+        return "the run holds no finished call of this model"
+    if model.answered < model.planned:
+        return f"the run is unfinished: {model.answered} of {model.planned} calls"
+    errors = _reasons(model).get("error", 0)
+    if errors:
+        return (
+            f"{errors} of {model.answered} calls ended in an error (see the ledger), so they say nothing of the model"
+        )
+    return ""
+
+
+def _reasons(model: ModelScore) -> Mapping[str, int]:
+    found: dict[str, int] = {}
+    for column in model.answers.decisions.values():
+        for one in column:
+            if one is not None and one.missing is not None:
+                found[one.missing] = found.get(one.missing, 0) + 1
+    return found
+
+
+def _claim(requirement: str, verdict: Verdict) -> tuple[bool | None, str]:
+    if requirement == "swaps":
+        lateral = verdict.lateral
+        holds = None if lateral.label in {"no_power", "not_tested"} else lateral.label == "swaps"
+        return holds, f"{lateral.label}: {lateral.because}"
+    label, because = verdict.calibrated.label, f"{verdict.calibrated.label}: {verdict.calibrated.because}"
+    if label in ({"depth", "depth_lateral"} if requirement == "depth" else {"depth_lateral"}):
+        return True, because
+    if label == "undecided" or verdict.evidence == "none":
+        return None, f"{because} (evidence on distance: {verdict.evidence})"
+    if label == "depth" and verdict.lateral.label in {"no_power", "not_tested"}:
+        return None, f"{verdict.lateral.label}: {verdict.lateral.because}"
+    return False, because
+
+
+def _unparsed(spec: str, model: ModelScore, most: float, reason: str) -> Check:
+    rate = model.statistics["unparsed_rate"]
+    if reason or rate.value is None:
+        return Check(spec, UNPARSED, None, reason or rate.note)
+    return Check(spec, UNPARSED, rate.value <= most, f"unparsed rate {rate.value:.3f}, at most {most} (n = {rate.n})")

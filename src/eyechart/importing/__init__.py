@@ -1,0 +1,6 @@
+"""Pictures of one's own become a frame bank: a folder with a table, or a LeRobotDataset."""
+
+from eyechart.importing.bank import Choices, costs, import_table
+from eyechart.importing.lerobot import import_lerobot
+
+__all__ = ["Choices", "costs", "import_lerobot", "import_table"]

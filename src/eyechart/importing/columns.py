@@ -1,0 +1,132 @@
+"""Columns get their places: which one names the picture, the gap, the episode; the others are kept as ground truth."""
+
+import difflib
+import math
+import re
+import sys
+from collections.abc import Mapping, Sequence
+
+from eyechart.errors import SourceError
+from eyechart.frames import Scalar, is_reserved
+from eyechart.importing.tables import Cell
+
+ROLES: dict[str, tuple[str, ...]] = {
+    "file": ("file", "file_name"),
+    "gap": ("gap",),
+    "episode": ("episode",),
+    "step": ("step",),
+    "scenario": ("scenario",),
+}
+"""The places of a bank, each with the columns that are taken for it where ``--map`` names none."""
+
+_NUMBER = re.compile(r"[+-]?(0|[1-9]\d*)(\.\d*)?([eE][+-]?\d+)?|[+-]?\.\d+([eE][+-]?\d+)?")
+_WHOLE = re.compile(r"[+-]?(0|[1-9]\d*)")
+_EXACT = 2**53
+
+
+def places(asked: Mapping[str, str], columns: Sequence[str], table: str) -> dict[str, str]:
+    """Return the column of each place that has one; an empty name leaves a place without.
+
+    Raises SourceError for an unknown place, and for a column that the table has not, with the nearest that it has.
+    """
+    for place, column in asked.items():
+        if place not in ROLES:
+            raise SourceError(f"--map {place}={column}: there is no place '{place}'; places are {', '.join(ROLES)}")
+        if column and column not in columns:
+            raise SourceError(f"--map {place}={column}: {no_column(column, columns, table)}")
+    found = {}
+    for place, names in ROLES.items():
+        column = asked.get(place, next((name for name in names if name in columns), ""))
+        if column:
+            found[place] = column
+    if "file" not in found:
+        raise SourceError(
+            f"{table} has no column 'file'; name the pictures' column with --map file=COLUMN; {_has(columns)}"
+        )
+    taken = list(found.values())
+    for place, column in found.items():
+        if taken.count(column) > 1:
+            raise SourceError(f"column '{column}' cannot be {place} and something else too")
+    return found
+
+
+def no_column(column: str, columns: Sequence[str], table: str) -> str:
+    """Say that a table has no such column, which one may be meant, and which there are."""
+    near = difflib.get_close_matches(column, columns, n=1, cutoff=0.4)
+    return f"{table} has no column '{column}'{f'; did you mean {near[0]!r}?' if near else ';'} {_has(columns)}"
+
+
+def _has(columns: Sequence[str]) -> str:
+    shown = ", ".join(name for name in columns[:30] if name)
+    return f"it has {shown}{', …' if len(columns) > 30 else ''}"
+
+
+def others(taken: Mapping[str, str], said: Sequence[str], columns: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return the columns that are kept as ground truth, and those left out because a bank needs their names."""
+    free = [name for name in columns if name and name not in {*taken.values(), *said}]
+    return [name for name in free if not is_reserved(name)], [name for name in free if is_reserved(name)]
+
+
+def read_number(cell: Cell, what: str) -> float | None:
+    """Return a cell as a finite number, None where it is empty; ``what`` names row and column in the SourceError."""
+    if cell is None:
+        return None
+    if isinstance(cell, str) and _NUMBER.fullmatch(cell.strip()):
+        cell = float(cell)
+    if isinstance(cell, bool | str) or not abs(cell) <= sys.float_info.max:
+        raise SourceError(f"{what} is {_quoted(cell)}, not a number; leave the cell empty where there is none")
+    return float(cell)
+
+
+def read_step(cell: Cell, what: str) -> int:
+    """Return a cell as a whole number."""
+    number = read_number(cell, what)
+    if number is None or number != int(number) or abs(number) > _EXACT:
+        raise SourceError(f"{what} is {_quoted(cell)}, not a whole number; a step counts the frames of an episode")
+    return int(number)
+
+
+def read_label(cell: Cell, what: str) -> str:
+    """Return a cell as a name; 3.0 is '3'."""
+    text = (
+        str(int(cell)) if isinstance(cell, float) and math.isfinite(cell) and cell == int(cell) else str(cell).strip()
+    )
+    if cell is None or not text:
+        raise SourceError(f"{what} is empty; every row needs one, or none: leave the column out with an empty --map")
+    return text
+
+
+def read_said(cell: Cell, what: str) -> Scalar:
+    """Return a cell as it will be said in a prompt: text as it stands."""
+    if cell is None or (isinstance(cell, float) and not math.isfinite(cell)):
+        raise SourceError(f"{what} is {_quoted(cell)}; a prompt column needs something to say in every row")
+    return cell
+
+
+def read_truth(cells: Sequence[Cell], name: str, *, typed: bool) -> list[Scalar]:
+    """Return a column of ground truth, all numbers or all words; where it is not ``typed``, its text decides."""
+    have = [cell for cell in cells if cell is not None]
+    if not typed and have and all(_NUMBER.fullmatch(str(cell).strip()) for cell in have):
+        whole = all(_WHOLE.fullmatch(str(cell).strip()) for cell in have)
+        numbers = [None if cell is None else float(cell) for cell in cells]
+        if all(number is None or abs(number) < _EXACT for number in numbers):
+            return [None if number is None else int(number) if whole else number for number in numbers]
+    kinds = {"number" if isinstance(cell, int | float) and not isinstance(cell, bool) else type(cell) for cell in have}
+    if len(kinds) > 1:
+        return [None if cell is None else str(cell) for cell in cells]
+    return [_finite(cell, name, row) for row, cell in enumerate(cells, 1)]
+
+
+def _finite(cell: Cell, name: str, row: int) -> Scalar:
+    if isinstance(cell, float) and not math.isfinite(cell):
+        if math.isnan(cell):
+            return None
+        raise SourceError(f"row {row}: '{name}' is {cell}, which no bank can hold; leave the cell empty")
+    if isinstance(cell, int) and abs(cell) > _EXACT:
+        return str(cell)
+    return cell
+
+
+def _quoted(cell: Cell) -> str:
+    text = "empty" if cell is None else repr(cell)
+    return text if len(text) <= 60 else f"{text[:60]}…"

@@ -1,0 +1,191 @@
+"""A table is read row by row within bounds of memory, whatever its format and its size."""
+
+import codecs
+import csv
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TextIO
+
+from eyechart.errors import SourceError
+from eyechart.importing import parquet
+
+Cell = parquet.Cell
+Row = Mapping[str, Cell]
+Progress = Callable[[int, int], None]
+"""Called with (done, in all) while a long work goes on."""
+
+MOST_LINE = 4_000_000
+"""Characters of one line of a table; more is no table of frames."""
+MOST_CELL = parquet.MOST_CELL
+"""Characters of one cell."""
+MOST_COLUMNS = 2_000
+
+_MARKS = (
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+_DELIMITERS = ",;\t"
+_REPORT_EVERY = 5_000
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table's columns, and its rows in order; an empty cell is None.
+
+    ``typed`` says whether its numbers are numbers; in a CSV file every cell is text. ``count`` is the number of
+    rows, None where only reading tells.
+    """
+
+    name: str
+    columns: tuple[str, ...]
+    rows: Iterator[Row]
+    typed: bool
+    count: int | None = None
+
+
+def open_table(path: Path, progress: Progress | None = None) -> Table:
+    """Open a table by its ending: .csv, .tsv, .jsonl, .ndjson or .parquet. ``progress`` counts what was read of it.
+
+    Raises SourceError, also while its rows are read, that names the table, the row and what is wrong.
+    """
+    if path.suffix.lower() not in OPENERS:
+        raise SourceError(f"{path} is no table that can be read; known endings are {', '.join(OPENERS)}")
+    if not path.is_file():
+        raise SourceError(f"{path} does not exist or is no file; --table names the table of the frames")
+    return OPENERS[path.suffix.lower()](path, progress)
+
+
+def _csv(path: Path, progress: Progress | None) -> Table:
+    lines = _lines(path, progress)
+    head = next(lines, "")
+    delimiter = max(_DELIMITERS, key=head.count)
+    reader = csv.reader(_chain(head, lines), delimiter=delimiter)
+    try:
+        columns = tuple(name.strip() for name in next(reader, []))
+    except csv.Error as error:
+        raise SourceError(f"{path}: the first line is no header: {error}") from error
+    _check_columns(path, columns)
+    return Table(path.name, columns, _csv_rows(path, reader, columns), typed=False)
+
+
+def _csv_rows(path: Path, reader: "Iterator[list[str]]", columns: tuple[str, ...]) -> Iterator[Row]:
+    number = 0
+    try:
+        for cells in reader:
+            if not cells:
+                continue
+            number += 1
+            if len(cells) != len(columns):
+                raise SourceError(f"{path}, row {number} has {len(cells)} cells; the header has {len(columns)}")
+            yield {name: cell if cell.strip() else None for name, cell in zip(columns, cells, strict=True) if name}
+    except csv.Error as error:
+        raise SourceError(f"{path}, row {number + 1}: {error}; is a quote not closed?") from error
+
+
+def _check_columns(path: Path, columns: tuple[str, ...]) -> None:
+    if not any(columns):
+        raise SourceError(f"{path} is empty; its first line must name the columns")
+    if len(columns) > MOST_COLUMNS:
+        raise SourceError(f"{path} has {len(columns)} columns; the limit is {MOST_COLUMNS}")
+    for name in columns:
+        if name and columns.count(name) > 1:
+            raise SourceError(f"{path} has two columns '{name}'; rename one")
+
+
+def _json_lines(path: Path, progress: Progress | None) -> Table:
+    lines = (line for line in _lines(path, progress) if line.strip())
+    head = next(lines, None)
+    if head is None:
+        raise SourceError(f"{path} is empty; each line must be a JSON object")
+    columns = tuple(_json_row(path, 1, head))
+    _check_columns(path, columns)
+    return Table(path.name, columns, _json_rows(path, _chain(head, lines), columns), typed=True)
+
+
+def _json_rows(path: Path, lines: Iterator[str], columns: tuple[str, ...]) -> Iterator[Row]:
+    for number, line in enumerate(lines, 1):
+        row = _json_row(path, number, line)
+        for name, cell in row.items():
+            if name not in columns:
+                raise SourceError(f"{path}, row {number} has a column '{name}' that the first row has not")
+            if not isinstance(cell, str | int | float | bool | None):
+                raise SourceError(f"{path}, row {number}: '{name}' is a {type(cell).__name__}, not a plain value")
+        yield {name: None if row.get(name) == "" else row.get(name) for name in columns}
+
+
+def _json_row(path: Path, number: int, line: str) -> dict[str, Cell]:
+    try:
+        row = json.loads(line)
+        if "\\u" in line:
+            json.dumps(row, ensure_ascii=False).encode()  # half of a surrogate pair is no text that a file can hold
+    except (ValueError, RecursionError) as error:
+        raise SourceError(f"{path}, row {number} is no JSON object: {error}") from error
+    if not isinstance(row, dict):
+        raise SourceError(f"{path}, row {number} is a {type(row).__name__}, no JSON object")
+    return row
+
+
+def _parquet(path: Path, progress: Progress | None) -> Table:
+    opened = parquet.open_parquet(path)
+    _check_columns(path, opened.columns)
+    return Table(path.name, opened.columns, _counted(opened.rows(), opened.count, progress), True, opened.count)
+
+
+def _counted(rows: Iterator[Row], count: int, progress: Progress | None) -> Iterator[Row]:
+    for number, row in enumerate(rows):
+        if progress is not None and number % _REPORT_EVERY == 0:
+            progress(number, count)
+        yield row
+
+
+def _lines(path: Path, progress: Progress | None) -> Iterator[str]:
+    """Yield a text file's lines, none longer than `MOST_LINE`, without its byte order mark."""
+    size, number = path.stat().st_size, 0
+    try:
+        with path.open("rb") as raw:
+            encoding = _encoding(raw.read(4))
+        with path.open(encoding=encoding, newline="") as file:
+            while line := file.readline(MOST_LINE + 1):
+                number += 1
+                if len(line) > MOST_LINE:
+                    raise SourceError(
+                        f"{path}, line {number} is longer than {MOST_LINE} characters: no table of frames"
+                    )
+                if progress is not None and number % _REPORT_EVERY == 0:
+                    progress(_position(file), size)
+                yield line
+    except UnicodeError as error:
+        raise SourceError(f"{path} is no {encoding} text after line {number}; save the table as UTF-8") from error
+    except OSError as error:
+        raise SourceError(f"{path} cannot be read: {error.strerror}") from error
+
+
+def _position(file: TextIO) -> int:
+    return file.buffer.tell()
+
+
+def _encoding(head: bytes) -> str:
+    for mark, encoding in _MARKS:
+        if head.startswith(mark):
+            return encoding
+    if len(head) > 1 and head[1] == 0:
+        return "utf-16-le"
+    return "utf-16-be" if len(head) > 1 and head[0] == 0 else "utf-8"
+
+
+def _chain(first: str, rest: Iterator[str]) -> Iterator[str]:
+    if first:
+        yield first
+    yield from rest
+
+
+OPENERS: dict[str, Callable[[Path, Progress | None], Table]] = {
+    ".csv": _csv,
+    ".tsv": _csv,
+    ".jsonl": _json_lines,
+    ".ndjson": _json_lines,
+    ".parquet": _parquet,
+}

@@ -1,0 +1,234 @@
+"""Power before money: what a bank can and cannot decide, known before a call is made."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from eyechart.conditions import CONDITIONS, available
+from eyechart.frames import FrameBank
+from eyechart.stats.agreement import detectable_share, trials_needed
+from eyechart.stats.exchange import exchange_test
+from eyechart.stats.paired import bounded_below, pairs_to_bound
+from eyechart.studies.battery.calibrated import ALPHA, FEWEST_PAIRS, MARGIN
+
+POWER = 0.80
+SWAP_RATE = 0.65
+"""The swap rate that is to be told from chance."""
+CHANCES = (0.2, 0.5)
+"""What a swap rate is by chance: of five actions taken evenly, and of two."""
+
+DEMAND = "demand"
+"""The column of ground truth that names the action which a frame demands, where a bank has it."""
+
+PRESENCE_FRAMES = 8
+"""With fewer frames no swap of labels reaches alpha .01, two-sided (twice 2 to the power of -8 is .0078)."""
+
+_DISAGREEMENTS = tuple(share / 100 for share in range(91))
+
+
+@dataclass(frozen=True)
+class BankPower:
+    """What a bank can decide at alpha .01 with power .8.
+
+    ``calls`` counts a model's calls by condition. ``smallest_win_share`` is of counterfactual pairs whose braking
+    level differs, were all to differ; None where no share can be found. ``directional`` counts the frames that demand
+    a turn, None where the bank does not say. ``smallest_bound`` is the smallest effect whose absence the frames can
+    show of a model that never disagrees with itself, and ``largest_disagreement`` the self-disagreement up to which
+    an effect below the margin can be bounded; None where it cannot. ``cannot_say`` maps a test to the reason.
+    """
+
+    bank: str
+    frames: int
+    episodes: Mapping[str, int]
+    calls: Mapping[str, int]
+    pairs: int
+    smallest_win_share: float | None
+    smallest_p: float | None
+    directional: int | None
+    directional_needed: Mapping[str, int]
+    smallest_swap_rate: float | None
+    smallest_bound: float | None
+    frames_to_bound: int
+    largest_disagreement: float | None
+    cannot_say: Mapping[str, str]
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return {
+            "format": "eyechart-plan/1",
+            "bank": self.bank,
+            "frames": self.frames,
+            "episodes": dict(self.episodes),
+            "calls_per_model": sum(self.calls.values()),
+            "calls": dict(self.calls),
+            "alpha": ALPHA,
+            "power": POWER,
+            "margin": MARGIN,
+            "counterfactual_pairs": self.pairs,
+            "smallest_win_share": self.smallest_win_share,
+            "smallest_p_exchange": self.smallest_p,
+            "directional_frames": self.directional,
+            "directional_needed": dict(self.directional_needed),
+            "smallest_swap_rate": self.smallest_swap_rate,
+            "smallest_bound": self.smallest_bound,
+            "frames_to_bound": self.frames_to_bound,
+            "largest_disagreement": self.largest_disagreement,
+            "cannot_say": dict(self.cannot_say),
+        }
+
+    def asked(self, spec: str) -> dict[str, object]:
+        """Return what asking a model takes; the cost is None where its adapter states no price."""
+        del spec  # scripted models cost nothing that could be priced
+        return {"calls": sum(self.calls.values()), "cost": None}
+
+    def lines(self, specs: Sequence[str]) -> list[str]:
+        """Return the same in words, a line each."""
+        episodes = ", ".join(f"{scenario} {count}" for scenario, count in self.episodes.items())
+        calls = ", ".join(f"{name} {count}" for name, count in self.calls.items())
+        needed = " or ".join(f"{n} against {chance}" for chance, n in self.directional_needed.items())
+        said = [
+            f"bank {self.bank}: {self.frames} frames; episodes by scenario: {episodes}",
+            f"calls a model: {sum(self.calls.values())} ({calls})",
+            (
+                f"distance by intervention: {self.pairs} counterfactual pairs; smallest win share found with power "
+                f"{POWER}: {_number(self.smallest_win_share)}, of pairs whose braking level differs, were all to differ"
+            ),
+            f"distance by observation: smallest p when episodes are exchanged: {_number(self.smallest_p)}",
+            (
+                f"turns: {_count(self.directional)} frames demand one; to tell a swap rate of {SWAP_RATE} from chance "
+                f"takes {needed}; smallest rate found against .5: {_number(self.smallest_swap_rate)}"
+            ),
+            (
+                f"absence: the smallest effect that can be bounded is {_number(self.smallest_bound)}; below {MARGIN} "
+                f"it takes {self.frames_to_bound} frames, and here a self-disagreement of at most "
+                f"{_number(self.largest_disagreement)}"
+            ),
+        ]
+        said += [f"model {spec}: {self.asked(spec)['calls']} calls, cost —" for spec in specs]
+        said += [f"cannot say: {test}: {why}" for test, why in self.cannot_say.items()]
+        return said
+
+
+def _number(value: float | None) -> str:
+    return "—" if value is None else f"{value:.3g}"
+
+
+def _count(value: int | None) -> str:
+    return "—" if value is None else str(value)
+
+
+def power_of(bank: FrameBank) -> BankPower:
+    """Return what a bank can decide; only its text is read."""
+    calls = _calls(bank)
+    pairs = sum(all(name in frame.counterfactuals for name in ("lead_near", "lead_far")) for frame in bank)
+    demanded = [frame.truth.get(DEMAND) for frame in bank]
+    directional = bank.manifest.action_space.directional
+    turns = sum(one in directional for one in demanded) if any(demanded) else None
+    smallest, why = _smallest_p(bank)
+    return BankPower(
+        bank=bank.name,
+        frames=len(bank),
+        episodes=_episodes(bank),
+        calls=calls,
+        pairs=pairs,
+        smallest_win_share=detectable_share(pairs, alpha=ALPHA, power=POWER),
+        smallest_p=smallest,
+        directional=turns,
+        directional_needed={
+            f"{chance:g}": trials_needed(SWAP_RATE, chance, alpha=ALPHA, power=POWER) for chance in CHANCES
+        },
+        smallest_swap_rate=None if turns is None else detectable_share(turns, alpha=ALPHA, power=POWER),
+        smallest_bound=_smallest_bound(len(bank)),
+        frames_to_bound=pairs_to_bound(margin=MARGIN, alpha=ALPHA),
+        largest_disagreement=max(
+            (share for share in _DISAGREEMENTS if pairs_to_bound(share, margin=MARGIN, alpha=ALPHA) <= len(bank)),
+            default=None,
+        ),
+        cannot_say=_cannot_say(bank, calls, pairs, why),
+    )
+
+
+def _episodes(bank: FrameBank) -> dict[str, int]:
+    of_scenario: dict[str, set[str]] = {}
+    for frame in bank:
+        of_scenario.setdefault(frame.scenario, set()).add(frame.episode)
+    return {scenario: len(episodes) for scenario, episodes in sorted(of_scenario.items())}
+
+
+def _calls(bank: FrameBank) -> dict[str, int]:
+    """Return how many frames can be shown under each condition that needs no prompt with fields."""
+    of_scenario = Counter(frame.scenario for frame in bank)
+    calls = {}
+    for name, condition in CONDITIONS.items():
+        if condition.swaps_text:
+            continue
+        shown = [frame for frame in bank if available(name, frame)]
+        if (name == "shuffled" and min(of_scenario.values()) < 2) or (
+            name == "cross_scenario" and len(of_scenario) < 2
+        ):
+            shown = []
+        calls[name] = len(shown)
+    return calls
+
+
+def _smallest_p(bank: FrameBank) -> tuple[float | None, str]:
+    """Return the smallest p of the exchange of episodes, and why it cannot decide ("" where it can)."""
+    if bank.manifest.gap is None:
+        return None, "the bank records no gap"
+    levels, ranks = np.zeros(len(bank), dtype=np.int64), np.arange(len(bank), dtype=np.float64)
+    columns = [np.array([getattr(frame, name) for frame in bank]) for name in ("scenario", "episode", "step")]
+    try:
+        found = exchange_test(levels, ranks, *columns, seed=0, alpha=ALPHA)
+    except ValueError as error:
+        return None, str(error)
+    smallest = (found.detail or {}).get("smallest_p")
+    return (None if smallest is None else float(str(smallest))), "" if found.p is not None else found.note
+
+
+def _smallest_bound(frames: int) -> float | None:
+    """Return the upper bound of a difference that is never seen on so many frames."""
+    none = np.zeros(frames)
+    interval = bounded_below(none, none, margin=MARGIN, alpha=ALPHA).ci
+    return None if interval is None else interval[1]
+
+
+def _cannot_say(bank: FrameBank, calls: Mapping[str, int], pairs: int, exchange: str) -> dict[str, str]:
+    """Return every test that this bank leaves without an answer, by name, with what is missing."""
+    found: dict[str, str] = {}
+    if pairs < FEWEST_PAIRS:
+        found["depth_interventional"] = f"{pairs} counterfactual pairs; {FEWEST_PAIRS} are needed"
+    if exchange:
+        found["depth_observational"] = found["depth_information"] = exchange
+    if bank.manifest.gap is None:
+        found |= dict.fromkeys(("obstacle", "mutual_information", "gap_order"), "the bank records no gap")
+    for condition, tests in _READS.items():
+        if not calls[condition]:
+            found |= dict.fromkeys(tests, f"no frame can be shown {condition}")
+    if not bank.manifest.action_space.directional:
+        found["mirror_swap_rate"] = "no action of this space exchanges under reflection"
+    if len(bank) < PRESENCE_FRAMES:
+        found["presence"] = f"{len(bank)} frames; {PRESENCE_FRAMES} are needed"
+    need = pairs_to_bound(margin=MARGIN, alpha=ALPHA)
+    for condition, name in _BOUNDS.items():
+        if calls[condition] < need:
+            found.setdefault(name, f"{calls[condition]} frames can be shown {condition}; {need} are needed")
+    return found
+
+
+_READS: Mapping[str, tuple[str, ...]] = {
+    "shuffled": ("content_shuffled", "bound_content_shuffled", "scene_cue"),
+    "cross_scenario": ("scene_cue", "bound_scene"),
+    "recoloured": ("content_recoloured", "bound_content_recoloured"),
+    "mirrored": ("mirror_swap_rate",),
+}
+"""The tests that a condition carries."""
+
+_BOUNDS: Mapping[str, str] = {
+    "blank": "bound_blank",
+    "shuffled": "bound_content_shuffled",
+    "recoloured": "bound_content_recoloured",
+    "cross_scenario": "bound_scene",
+}
+"""The bounds of an absence, and the condition that each compares with a repeat."""

@@ -1,0 +1,23 @@
+"""What a test suite asks of a run: ``assert_grounded(run, "depth")``."""
+
+from pathlib import Path
+
+from eyechart.gate import hold
+from eyechart.studies import battery
+
+
+def assert_grounded(run: Path | str, *require: str, max_unparsed: float | None = None, resamples: int = 5000) -> None:
+    """Raise AssertionError unless every model of a run meets every requirement.
+
+    ``require`` are names of `eyechart.gate.REQUIREMENTS`, ``depth`` if none is given. "Cannot say" is not enough:
+    an empty or unfinished run fails too. Raises LedgerError or BankError where the folder is no run.
+    """
+    gate = hold(battery.score(Path(run), resamples=resamples), require or ("depth",), max_unparsed=max_unparsed)
+    if gate.exit_code:
+        outcome = {False: "fails", None: "cannot say"}
+        wrong = [
+            f"{check.model} {check.requirement}: {outcome[check.holds]}: {check.because}"
+            for check in gate.checks
+            if check.holds is not True
+        ]
+        raise AssertionError("\n".join(wrong) or f"{run} holds no model")

@@ -1,0 +1,55 @@
+"""The page on frames of one's own cannot rot: its files are read, its commands parsed, its Python run."""
+
+import re
+from pathlib import Path
+
+import pytest
+from typer.main import get_command
+
+import photographs
+from eyechart.actions import read_space
+from eyechart.cli.app import app
+from eyechart.frames import open_bank
+from eyechart.importing.columns import ROLES
+from eyechart.prompts import read_prompt
+
+PAGE = (Path(__file__).parents[2] / "docs/bring-your-own-frames.md").read_text(encoding="utf-8")
+
+
+def blocks(kind: str) -> list[str]:
+    """Return the page's blocks of a kind."""
+    return re.findall(rf"^```{kind}\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+
+
+def test_its_commands_and_options_exist() -> None:
+    """Every line names a command and options that there are."""
+    lines = [line for block in blocks("sh") for line in block.splitlines()]
+    assert len(lines) >= 6
+    for line in lines:
+        command, words = get_command(app), line.split()[1:]
+        while hasattr(command, "commands"):
+            command = command.commands[words.pop(0)]
+        known = {option for parameter in command.params for option in parameter.opts}
+        assert {word for word in words if word.startswith("--")} <= known
+
+
+def test_its_example_runs_as_it_stands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The two TOML files are read, and the Python makes a bank with nothing missing."""
+    space, prompt = blocks("toml")
+    (tmp_path / "rover.toml").write_text(space)
+    (tmp_path / "ask.toml").write_text(prompt)
+    assert read_space(tmp_path / "rover.toml").brake == ("HALT", "CRAWL")
+    assert read_prompt(tmp_path / "ask.toml").fields == ("speed",)
+    rows = photographs.rows()
+    photographs.take(tmp_path / "photos", rows)
+    (tmp_path / "photos.csv").write_text(photographs.as_csv(rows))
+    monkeypatch.chdir(tmp_path)
+    exec(compile(blocks("python")[0], "the page", "exec"), {})  # noqa: S102 - it is what is tested
+    bank = open_bank(tmp_path / "bank")
+    assert len(bank) == len(rows)
+    assert bank.manifest.action_space.name == "rover"
+
+
+def test_it_has_a_row_for_every_place() -> None:
+    """What each missing column costs."""
+    assert [place for place in ROLES if f"| `{place}` |" not in PAGE] == []

@@ -1,0 +1,294 @@
+"""Parquet tables and LeRobotDatasets become banks, within bounds of memory."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import photographs
+from eyechart.actions import read_space
+from eyechart.errors import SourceError
+from eyechart.frames import check, decode
+from eyechart.importing import Choices, costs, import_lerobot, import_table
+from eyechart.models import ADAPTERS
+from eyechart.studies import battery
+from eyechart.verdicts import judge
+
+pytestmark = pytest.mark.models
+
+CAMERA = "observation.images.front"
+PLACES = {"file": "photo", "episode": "drive", "step": "tick", "scenario": "place", "gap": "lidar_m"}
+WHOLE = Choices(columns=PLACES, mirror="horizontal", threshold=18.0, unit="m", picture="forward camera of a rover")
+
+
+def arrow() -> tuple[Any, Any]:
+    """Return pyarrow and its Parquet part."""
+    import pyarrow as pa  # noqa: PLC0415 - an extra
+    import pyarrow.parquet as pq  # noqa: PLC0415 - an extra
+
+    return pa, pq
+
+
+def write_table(path: Path, columns: dict[str, object], **options: object) -> Path:
+    """Write columns as a Parquet file."""
+    pa, pq = arrow()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    pq.write_table(pa.table(columns), path, **options)
+    return path
+
+
+def columns_of(rows: list[photographs.Row]) -> dict[str, object]:
+    """Return rows as columns."""
+    return {name: [row[name] for row in rows] for name in rows[0]}
+
+
+@pytest.fixture
+def photos(tmp_path: Path) -> Path:
+    """Return a folder of photographs."""
+    photographs.take(tmp_path / "photos", photographs.rows())
+    return tmp_path / "photos"
+
+
+def test_a_parquet_table_gives_the_bank_of_the_same_csv(photos: Path, tmp_path: Path) -> None:
+    """Columns that are no plain values are left out; nulls are empty cells."""
+    rows = photographs.rows()
+    (tmp_path / "t.csv").write_text(photographs.as_csv(rows))
+    columns = {**columns_of(rows), "scan": [[1.0, 2.0]] * len(rows), "raw": [b"x"] * len(rows)}
+    table = write_table(tmp_path / "t.parquet", columns, row_group_size=7)
+    banks = [import_table(photos, tmp_path / name, tmp_path / f"{name}-bank", WHOLE) for name in ("t.csv", table.name)]
+    assert banks[0].manifest.fingerprint == banks[1].manifest.fingerprint
+
+
+BOMBS = """
+import sys, pyarrow as pa, pyarrow.parquet as pq
+kind, path = sys.argv[1:]
+if kind == "cell":
+    column = pa.array(["0/00.jpg", "x" * 300_000_000], pa.large_string())
+elif kind == "repeated":
+    column = pa.DictionaryArray.from_arrays(pa.array([0] * 30_000, pa.int32()), pa.array(["x" * 1_000_000]))
+elif kind == "rows":
+    column = pa.DictionaryArray.from_arrays(pa.array([0] * 60_000_000, pa.int8()), pa.array(["0/00.jpg"]))
+else:
+    column = pa.array(["0/00.jpg"] * 3 + ["x" * 90_000] * 5)
+options = {"use_dictionary": False, "column_encoding": {"file": "DELTA_BYTE_ARRAY"}} if kind == "prefixes" else {}
+pq.write_table(pa.table({"file": column}), path, compression="zstd", **options)
+"""
+
+READER = """
+import resource, sys
+from pathlib import Path
+resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[3]), int(sys.argv[3])))
+from eyechart.importing import Choices, import_table
+from eyechart.errors import SourceError
+try:
+    import_table(Path(sys.argv[1]), Path(sys.argv[2]), Path(sys.argv[1]) / "bank", Choices())
+except SourceError as error:
+    print(error)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        ("cell", "unpacks to 3000000"),
+        ("repeated", "row 1: 'file' has more than 100000 characters"),
+        ("rows", "has more than 100000 frames; take every Nth of them with --every N"),
+        ("prefixes", "is encoded as DELTA_BYTE_ARRAY"),
+    ],
+)
+def test_a_table_that_unpacks_to_gigabytes_is_refused_in_bounded_memory(tmp_path: Path, kind: str, said: str) -> None:
+    """A few kilobytes that stand for 0.3 to 30 GB: one line, and at most 600 MB in use at any time."""
+    bomb = tmp_path / "bomb.parquet"
+    subprocess.run([sys.executable, "-c", BOMBS, kind, str(bomb)], check=True)
+    assert bomb.stat().st_size < 1_000_000
+    words = [sys.executable, "-c", READER, str(tmp_path), str(bomb), str(8 * 2**30)]
+    out = subprocess.run(words, check=True, capture_output=True, text=True).stdout.splitlines()
+    assert len(out) == 2
+    assert said in out[0]
+    assert int(out[1]) < 600_000, "kilobytes"
+    assert not (tmp_path / "bank").exists()
+
+
+def test_a_file_that_is_no_parquet_is_one_line(photos: Path, tmp_path: Path) -> None:
+    """Torn in the footer, in a page, or no Parquet at all."""
+    whole = write_table(tmp_path / "t.parquet", columns_of(photographs.rows())).read_bytes()
+    for content in (b"", b"PAR1PAR1", whole[:-20], whole[:4] + bytes(300) + whole[304:]):
+        (tmp_path / "t.parquet").write_bytes(content)
+        with pytest.raises(SourceError, match=r"t\.parquet cannot be read as Parquet") as refused:
+            import_table(photos, tmp_path / "t.parquet", tmp_path / "bank", WHOLE)
+        assert "\n" not in str(refused.value)
+        assert not (tmp_path / "bank").exists()
+
+
+def film(path: Path, gaps: list[float | None], fps: int) -> None:
+    """Write a small video: one drawn picture a frame."""
+    import av  # noqa: PLC0415 - an extra
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mpeg4", rate=fps)
+        stream.width, stream.height, stream.pix_fmt = photographs.SIZE[1], photographs.SIZE[0], "yuv420p"
+        stream.bit_rate = 4_000_000
+        for gap in gaps:
+            picture = av.VideoFrame.from_ndarray(photographs.draw(gap), format="rgb24")
+            container.mux(stream.encode(picture))
+        container.mux(stream.encode())
+
+
+def lerobot(root: Path, *, episodes: int = 8, length: int = 10, fps: int = 10, version: str = "v3.0") -> list[float]:
+    """Write a LeRobotDataset v3: two video files of half of the episodes each, one data file each; return the gaps."""
+    rng, gaps, meta = np.random.default_rng(1), [], []
+    half = episodes // 2
+    for file in range(2):
+        inside = [round(float(gap), 2) for gap in rng.uniform(3, 60, half * length)]
+        gaps += inside
+        film(root / f"videos/{CAMERA}/chunk-000/file-{file:03d}.mp4", list(inside), fps)
+        numbers = [file * half + episode for episode in range(half) for _ in range(length)]
+        steps = list(range(length)) * half
+        data = {
+            "observation.state": [[gap, 1.0] for gap in inside],
+            "timestamp": np.array([step / fps for step in steps], dtype=np.float32),
+            "frame_index": steps,
+            "episode_index": numbers,
+            "index": [file * half * length + place for place in range(half * length)],
+            "task_index": [number % 2 for number in numbers],
+        }
+        write_table(root / f"data/chunk-000/file-{file:03d}.parquet", data)
+        meta += [
+            {
+                "episode_index": file * half + episode,
+                "data/chunk_index": 0,
+                "data/file_index": file,
+                f"videos/{CAMERA}/chunk_index": 0,
+                f"videos/{CAMERA}/file_index": file,
+                f"videos/{CAMERA}/from_timestamp": episode * length / fps,
+                f"videos/{CAMERA}/to_timestamp": (episode + 1) * length / fps,
+                "tasks": ["drive"],
+                "length": length,
+            }
+            for episode in range(half)
+        ]
+    write_table(
+        root / "meta/episodes/chunk-000/file-000.parquet", {name: [one[name] for one in meta] for name in meta[0]}
+    )
+    write_table(root / "meta/tasks.parquet", {"task_index": [0, 1], "__index_level_0__": ["cross the yard", "park"]})
+    info = {
+        "codebase_version": version,
+        "fps": fps,
+        "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
+        "video_path": "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4",
+        "features": {
+            CAMERA: {"dtype": "video", "shape": [*photographs.SIZE, 3], "names": ["height", "width", "channels"]},
+            "observation.state": {"dtype": "float32", "shape": [2], "names": ["gap", "speed"]},
+        },
+    }
+    (root / "meta/info.json").write_text(json.dumps(info))
+    return gaps
+
+
+ROBOT = Choices(
+    columns={"gap": "observation.state.gap", "scenario": "task"}, mirror="horizontal", threshold=18.0, unit="m"
+)
+
+
+def test_a_lerobot_data_set_becomes_a_bank_and_a_verdict(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every frame shows its own moment: the box in the decoded picture is as high as its gap says."""
+    gaps = lerobot(tmp_path / "set")
+    (tmp_path / "rover.toml").write_text(photographs.SPACE)
+    choices = replace(ROBOT, space=read_space(tmp_path / "rover.toml"))
+    bank = import_lerobot(tmp_path / "set", tmp_path / "bank", choices)
+    assert len(bank) == len(gaps)
+    assert check(bank.root) == []
+    for frame, gap in zip(bank, gaps, strict=True):
+        assert frame.truth["observation.state.gap"] == gap
+        assert frame.id == f"episode-{frame.episode}/frame-{frame.step}.png"
+        shown = photographs.height(decode(bank.image(frame), frame.file))
+        assert abs(shown - photographs.height(photographs.draw(gap))) <= 2
+    assert {frame.scenario for frame in bank} == {"cross the yard", "park"}
+    assert costs(bank) == []
+    monkeypatch.setitem(ADAPTERS, "driver", "photographs")
+    battery.run(battery.plan(bank.root, ["driver:looks"], tmp_path / "run"))
+    verdict = judge(battery.score(tmp_path / "run", resamples=500))["driver:looks"]
+    assert (verdict.calibrated.label, verdict.evidence) == ("depth", "observational")
+
+
+def test_every_tenth_frame_of_a_long_video_is_looked_up(tmp_path: Path) -> None:
+    """Frames between are not taken, and those taken are the right ones."""
+    lerobot(tmp_path / "set", episodes=2, length=120)
+    whole = import_lerobot(tmp_path / "set", tmp_path / "whole", ROBOT)
+    some = import_lerobot(tmp_path / "set", tmp_path / "some", replace(ROBOT, every=40))
+    assert [frame.step for frame in some] == [0, 40, 80] * 2
+    for frame in some:
+        assert some.image(frame) == whole.image(whole.frame(frame.id))
+
+
+def spoil(root: Path, what: str) -> None:
+    """Damage a data set."""
+    info = json.loads((root / "meta/info.json").read_text())
+    if what == "version":
+        info["codebase_version"] = "v2.1"
+    if what == "outside":
+        info["video_path"] = "../../{video_key}.mp4"
+    if what == "no camera":
+        del info["features"][CAMERA]
+    if what == "two cameras":
+        info["features"]["observation.images.rear"] = info["features"][CAMERA]
+    (root / "meta/info.json").write_text(json.dumps(info))
+    spoil_files(root, what)
+
+
+def spoil_files(root: Path, what: str) -> None:
+    """Damage the files of a data set."""
+    if what == "no video":
+        (root / f"videos/{CAMERA}/chunk-000/file-001.mp4").unlink()
+    if what == "torn video":
+        video = root / f"videos/{CAMERA}/chunk-000/file-001.mp4"
+        video.write_bytes(video.read_bytes()[:400])
+    if what == "short video":
+        film(root / f"videos/{CAMERA}/chunk-000/file-001.mp4", [9.0] * 12, 10)
+    if what == "no episodes":
+        (root / "meta/episodes/chunk-000/file-000.parquet").unlink()
+    if what == "no data":
+        for path in (root / "data/chunk-000").iterdir():
+            path.unlink()
+
+
+@pytest.mark.parametrize(
+    ("what", "said"),
+    [
+        ("version", "says version v2.1 at 10 frames a second; this reads v3"),
+        ("outside", "leads outside the data set"),
+        ("no camera", "lists no feature of dtype video"),
+        ("two cameras", "choose one with --camera: observation.images.front, observation.images.rear"),
+        ("no video", "cannot be read as a video"),
+        ("torn video", "cannot be read as a video"),
+        ("short video", "shows nothing at 1.200 s, where frame 'episode-5/frame-2.png' should be"),
+        ("no episodes", "holds no chunk-*/file-*.parquet"),
+        ("no data", "holds no chunk-*/file-*.parquet"),
+    ],
+)
+def test_what_is_wrong_with_a_data_set_is_one_line_and_leaves_nothing(tmp_path: Path, what: str, said: str) -> None:
+    """The line names the file at fault."""
+    lerobot(tmp_path / "set")
+    spoil(tmp_path / "set", what)
+    with pytest.raises(SourceError) as refused:
+        import_lerobot(tmp_path / "set", tmp_path / "bank", ROBOT)
+    assert said in str(refused.value)
+    assert "\n" not in str(refused.value)
+    assert [path.name for path in tmp_path.iterdir()] == ["set"]
+
+
+def test_a_camera_and_the_places_of_a_data_set_are_its_own(tmp_path: Path) -> None:
+    """An unknown camera lists those that there are; the episode of a frame is not to be mapped."""
+    lerobot(tmp_path / "set")
+    with pytest.raises(SourceError, match=f"--camera rear: .* there are {CAMERA}"):
+        import_lerobot(tmp_path / "set", tmp_path / "bank", ROBOT, camera="rear")
+    mapped = replace(ROBOT, columns={"episode": "task_index"})
+    with pytest.raises(SourceError, match="--map episode=…: a LeRobotDataset says itself which episode a frame is"):
+        import_lerobot(tmp_path / "set", tmp_path / "bank", mapped)

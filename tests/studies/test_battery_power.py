@@ -1,0 +1,160 @@
+"""Power before money: what a bank can decide is said before a call is made, and tests that cannot are named."""
+
+import json
+import sys
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import banks
+from eyechart import cli
+from eyechart.actions import ActionSpace
+from eyechart.frames import Frame, FrameBank
+from eyechart.stats.agreement import binomial_tail, detectable_share
+from eyechart.studies import battery
+from eyechart.studies.battery.power import power_of
+
+
+@pytest.fixture(scope="module")
+def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
+    """Return a bank of 18 frames that no test changes: 3 scenarios × 2 episodes × 3 steps."""
+    return banks.build_bank(tmp_path_factory.mktemp("power") / "bank")
+
+
+def repeated(bank: FrameBank, times: int) -> FrameBank:
+    """Return a bank with every episode so many times over; its pictures are those of the first."""
+    frames = tuple(
+        replace(frame, id=f"{frame.id}-{copy}", episode=f"{frame.episode}-{copy}")
+        for copy in range(times)
+        for frame in bank
+    )
+    return replace(bank, frames=frames)
+
+
+def test_calls_are_counted_as_a_run_would_make_them(bank: FrameBank, tmp_path: Path) -> None:
+    """The number of calls is that of the battery's own plan, condition by condition."""
+    planned = battery.plan(bank.root, ["scripted:depth"], tmp_path / "run")
+    made = Counter(key.condition for key in planned.plan.keys_of("scripted:depth"))
+    assert power_of(bank).calls == made
+
+
+def test_a_large_bank_can_say_everything(bank: FrameBank) -> None:
+    """With ten times the episodes no test is left without an answer."""
+    found = power_of(repeated(bank, 10))
+    assert found.cannot_say == {}
+    assert (found.frames, found.pairs) == (180, 150)
+    assert found.episodes == {"dense": 20, "light": 20, "merge": 20}
+    assert found.smallest_p == pytest.approx(1 / 5001)
+    assert found.smallest_bound == pytest.approx(0.0292, abs=0.001)
+
+
+def test_two_episodes_a_scenario_cannot_be_exchanged(bank: FrameBank) -> None:
+    """Eight arrangements give a p of .125 at best, and the tests that need it are named with the reason."""
+    found = power_of(bank)
+    assert found.smallest_p == pytest.approx(1 / 8)
+    assert set(found.cannot_say) == {
+        "depth_observational",
+        "depth_information",
+        "bound_blank",
+        "bound_content_shuffled",
+        "bound_content_recoloured",
+        "bound_scene",
+    }
+    assert "0.125 at best" in found.cannot_say["depth_observational"]
+    assert found.cannot_say["bound_blank"] == "18 frames can be shown blank; 49 are needed"
+    assert found.largest_disagreement is None
+
+
+def test_a_bank_without_anything_extra_names_every_silent_test(bank: FrameBank) -> None:
+    """No gap, no mirror, one scenario and no counterfactuals silence their tests by name."""
+
+    def bare(frame: Frame) -> Frame:
+        return replace(frame, scenario="road", mirror_axis="none", counterfactuals={}, truth={})
+
+    manifest = replace(bank.manifest, gap=None)
+    found = power_of(replace(bank, frames=tuple(map(bare, bank.frames)), manifest=manifest))
+    assert set(found.cannot_say) >= {
+        "depth_interventional",
+        "depth_observational",
+        "depth_information",
+        "obstacle",
+        "mutual_information",
+        "gap_order",
+        "content_recoloured",
+        "scene_cue",
+        "mirror_swap_rate",
+    }
+    assert "content_shuffled" not in found.cannot_say
+    assert (found.pairs, found.smallest_win_share, found.directional) == (0, None, None)
+    assert found.cannot_say["depth_observational"] == "the bank records no gap"
+
+
+def test_one_frame_of_a_scenario_leaves_shuffled_without_pictures(bank: FrameBank) -> None:
+    """A single frame has no partner, no presence test, and nothing is divided by zero."""
+    found = power_of(replace(bank, frames=bank.frames[:1]))
+    assert (found.calls["shuffled"], found.calls["cross_scenario"], found.calls["real"]) == (0, 0, 1)
+    assert {"content_shuffled", "scene_cue", "presence"} <= set(found.cannot_say)
+
+
+def test_steps_that_repeat_in_an_episode_are_named(bank: FrameBank) -> None:
+    """A bank whose steps cannot be put in order says so instead of failing."""
+    found = power_of(replace(bank, frames=tuple(replace(frame, step=0) for frame in bank.frames)))
+    assert found.smallest_p is None
+    assert "occurs twice in one episode" in found.cannot_say["depth_observational"]
+
+
+def test_an_action_space_without_directions_has_no_mirror_test(bank: FrameBank) -> None:
+    """Actions that no reflection exchanges leave the mirror test without an answer."""
+    space = ActionSpace("speed", ("STOP", "STRAIGHT"), (), ("STOP",), ("STRAIGHT",))
+    found = power_of(replace(bank, manifest=replace(bank.manifest, action_space=space)))
+    assert found.cannot_say["mirror_swap_rate"] == "no action of this space exchanges under reflection"
+    assert found.directional == 0
+
+
+@pytest.mark.parametrize("n", [7, 15, 50, 144])
+def test_the_smallest_share_is_found_with_its_power_and_no_smaller_one_is(n: int) -> None:
+    """At the share the exact test has power .8; a little below it has less."""
+    share = detectable_share(n)
+    assert share is not None
+    critical = next(k for k in range(n + 1) if binomial_tail(k, n, 0.5) < 0.01)
+    assert binomial_tail(critical, n, share) == pytest.approx(0.8, abs=1e-6)
+    assert binomial_tail(critical, n, share - 0.01) < 0.8
+
+
+def test_six_trials_find_nothing_at_alpha_01() -> None:
+    """Six wins of six have p = .0156: no share can be found, and seven can."""
+    assert detectable_share(6) is None
+    assert detectable_share(0) is None
+    assert detectable_share(7) == pytest.approx(0.8 ** (1 / 7))
+    with pytest.raises(ValueError, match="no such design"):
+        detectable_share(7, 1.0)
+
+
+@pytest.mark.parametrize(("words", "code"), [(["--json"], 0), ([], 0), (["--model", "nobody:x"], 2)])
+def test_the_command_prints_the_plan(
+    bank: FrameBank,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    words: list[str],
+    code: int,
+) -> None:
+    """Words for people, JSON for programs, one line and exit 2 for a model that does not exist."""
+    monkeypatch.setattr(sys, "argv", ["eyechart", "plan", str(bank.root), "--model", "scripted:depth", *words])
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    said = capsys.readouterr()
+    assert left.value.code == code
+    if code:
+        assert "unknown model 'nobody:x'" in said.err
+    elif words:
+        raw = json.loads(said.out)
+        assert raw["format"] == "eyechart-plan/1"
+        assert raw["calls_per_model"] == sum(raw["calls"].values()) == 189
+        assert raw["models"] == {"scripted:depth": {"calls": 189, "cost": None}}
+        assert raw["directional_needed"] == {"0.2": 13, "0.5": 112}
+        assert "depth_observational" in raw["cannot_say"]
+    else:
+        assert "model scripted:depth: 189 calls, cost —" in said.out
+        assert "cannot say: bound_blank: 18 frames can be shown blank; 49 are needed" in said.out

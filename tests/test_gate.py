@@ -1,0 +1,125 @@
+"""The gate: what passes, what fails, and what cannot say."""
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import stand_ins
+from banks import build_bank
+from eyechart import models
+from eyechart.calls import Query, Reply
+from eyechart.cli.app import app
+from eyechart.errors import SpecError
+from eyechart.gate import REQUIREMENTS, Check, Gate, read_requirements
+from eyechart.studies import battery
+from eyechart.testing import assert_grounded
+from known import Demo
+
+
+class Locked:
+    """A model whose every call is refused by its endpoint: the key is wrong."""
+
+    version = "0"
+
+    async def answer(self, query: Query) -> Reply:
+        """Fail as an endpoint does without a key."""
+        del query
+        return Reply(error="auth", error_detail="401 <script>\x00")
+
+
+def run_of(spec: str, folder: Path, **options: object) -> Path:
+    """Run a battery of one model on the tiny bank and return its folder."""
+    bank = build_bank(folder / "bank")
+    planned = battery.plan(bank.root, [spec], folder / "run", **options)
+    battery.run(planned)
+    return folder / "run"
+
+
+@pytest.mark.parametrize(
+    ("require", "controller", "code"),
+    [
+        ("depth", "depth", 0),
+        ("depth", "depth_lateral", 0),
+        ("depth,swaps", "depth_lateral", 0),
+        ("depth_lateral", "depth_lateral", 0),
+        ("depth", "presence", 1),
+        ("depth_lateral", "one_sided", 1),
+        ("swaps", "one_sided", 1),
+        ("swaps", "depth", 2),
+        ("depth", "truncating", 1),
+    ],
+)
+def test_the_exit_code_is_the_answer(demo: Demo, tmp_path: Path, require: str, controller: str, code: int) -> None:
+    """0 holds, 1 fails, 2 cannot say, on a complete run of one controller."""
+    run = tmp_path / "run"
+    battery.run(battery.plan(demo.bank, [f"scripted:{controller}"], run))
+    result = CliRunner().invoke(app, ["gate", str(run), "--require", require, "--junit", str(tmp_path / "gate.xml")])
+    assert result.exit_code == code, result.output
+    suite = ET.parse(tmp_path / "gate.xml").getroot()[0]  # noqa: S314 - our own file
+    assert int(suite.get("failures")) == (code == 1)
+    assert int(suite.get("errors")) == (code == 2)
+    if code:
+        with pytest.raises(AssertionError, match="fails" if code == 1 else "cannot say"):
+            assert_grounded(run, *require.split(","))
+    else:
+        assert_grounded(run, *require.split(","))
+
+
+def test_an_unfinished_run_cannot_say(demo: Demo, tmp_path: Path) -> None:
+    """A grounded controller with half of its calls does not pass."""
+    run = tmp_path / "run"
+    planned = battery.plan(demo.bank, ["scripted:depth"], run, shard=(1, 2))
+    battery.run(planned)
+    battery.merge([run], tmp_path / "merged")
+    result = CliRunner().invoke(app, ["gate", str(tmp_path / "merged")])
+    assert result.exit_code == 2
+    assert "unfinished" in result.output
+
+
+def test_a_run_whose_calls_failed_cannot_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Failed authentication says nothing of the model, and its words cannot break the JUnit file."""
+    monkeypatch.setitem(models.ADAPTERS, "standin", "stand_ins")
+    monkeypatch.setattr(stand_ins, "open_model", lambda name: Locked())  # noqa: ARG005
+    run = run_of("standin:locked", tmp_path)
+    result = CliRunner().invoke(app, ["gate", str(run), "--junit", str(tmp_path / "gate.xml")])
+    assert result.exit_code == 2
+    assert "ended in an error" in result.output
+    ET.parse(tmp_path / "gate.xml")  # noqa: S314 - our own file
+
+
+def test_an_empty_gate_never_passes() -> None:
+    """No checks at all are "cannot say", and one failure outweighs what cannot be said."""
+    assert Gate(()).exit_code == 2
+    assert Gate((Check("m", "depth", None, ""), Check("m", "swaps", False, ""))).exit_code == 1
+    assert Gate((Check("m", "depth", True, ""), Check("m", "swaps", None, ""))).exit_code == 2
+
+
+def test_a_run_without_calls_cannot_say(demo: Demo, tmp_path: Path) -> None:
+    """A run that was planned and cut before its first call does not pass."""
+    run = tmp_path / "run"
+    planned = battery.plan(demo.bank, ["scripted:depth"], run)
+    with pytest.raises(KeyboardInterrupt):
+        battery.run(planned, progress=_interrupt)
+    assert CliRunner().invoke(app, ["gate", str(run)]).exit_code == 2
+
+
+def _interrupt(done: int, total: int) -> None:
+    del done, total
+    raise KeyboardInterrupt
+
+
+def test_too_many_unparsed_calls_fail(demo: Demo) -> None:
+    """``--max-unparsed`` is a check of its own."""
+    result = CliRunner().invoke(app, ["gate", str(demo.run), "--max-unparsed", "0.1", "--json"])
+    assert result.exit_code == 1
+    assert '"max_unparsed"' in result.output
+
+
+@pytest.mark.parametrize("text", ["", "deph", "depth,,left"])
+def test_an_unknown_requirement_lists_the_known(text: str) -> None:
+    """A wrong name is told what there is."""
+    with pytest.raises(SpecError, match="depth, depth_lateral, swaps"):
+        read_requirements(text)
+    assert set(REQUIREMENTS) == {"depth", "depth_lateral", "swaps"}
