@@ -6,11 +6,11 @@ over; an attempt without a reply was sent with its outcome unknown. Rows are nev
 
 import datetime as dt
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from eyechart.calls import TRANSIENT, CallKey, Reply
 from eyechart.errors import LedgerError
@@ -49,6 +49,10 @@ _KEY = ", ".join(field.name for field in fields(CallKey))
 _KEY_IS = " AND ".join(f"{field.name} = ?" for field in fields(CallKey))
 _REPLY = tuple(field.name for field in fields(Reply))
 _REPLY_NAMES = ", ".join(_REPLY)
+_SUMS = (
+    "count(DISTINCT a.call), count(*), count(*) - count(r.attempt), coalesce(sum(final), 0), "
+    "count(r.error), sum(prompt_tokens), sum(completion_tokens), coalesce(sum(seconds), 0.0)"
+)
 _COPY_ATTEMPTS = f"""
 INSERT INTO attempts (id, call, number, request_sha256, sent_at)
 SELECT a.id + ?, mine.id,
@@ -196,14 +200,21 @@ class Ledger:
 
     def accounting(self, model: str) -> Accounting:
         """Return the attempts, tokens and seconds that a model took."""
-        attempts = self._sql.execute(
-            "SELECT count(DISTINCT a.call), count(*), count(*) - count(r.attempt), coalesce(sum(final), 0), "
-            "count(r.error), sum(prompt_tokens), sum(completion_tokens), coalesce(sum(seconds), 0.0) FROM attempts a "
-            "LEFT JOIN replies r ON r.attempt = a.id WHERE a.call IN (SELECT id FROM calls WHERE model = ?)",
+        sums = self._sql.execute(
+            f"SELECT {_SUMS} FROM attempts a LEFT JOIN replies r ON r.attempt = a.id "
+            "WHERE a.call IN (SELECT id FROM calls WHERE model = ?)",
             (model,),
         ).fetchone()
-        calls, sent, unknown, finished, errors, prompt_tokens, completion_tokens, seconds = attempts
-        return Accounting(calls, sent, finished, unknown, errors, prompt_tokens, completion_tokens, seconds)
+        return _accounted(sums)
+
+    def by_condition(self, model: str) -> dict[str, Accounting]:
+        """Return what a model's calls of each condition took."""
+        rows = self._sql.execute(
+            f"SELECT condition, {_SUMS} FROM attempts a LEFT JOIN replies r ON r.attempt = a.id "
+            "JOIN calls ON calls.id = a.call WHERE model = ? GROUP BY condition ORDER BY condition",
+            (model,),
+        )
+        return {condition: _accounted(sums) for condition, *sums in rows}
 
     def absorb(self, other: "Ledger") -> int:
         """Copy every call of another ledger into this one, attempts and replies included; return how many are new.
@@ -226,6 +237,11 @@ class Ledger:
         finally:
             self._sql.execute("DETACH other")
         return new
+
+
+def _accounted(sums: Sequence[Any]) -> Accounting:
+    calls, sent, unknown, finished, errors, prompt_tokens, completion_tokens, seconds = sums
+    return Accounting(calls, sent, finished, unknown, errors, prompt_tokens, completion_tokens, seconds)
 
 
 def _storable(text: str) -> str:

@@ -19,7 +19,8 @@ from eyechart.prompts import Prompt
 FORMAT = "eyechart-run/1"
 LEDGER = "ledger.sqlite"
 _FILE = "run.json"
-_BANK = "bank"
+BANK = "bank"
+"""The run's copy of the bank's text; in a bundle with the pictures that the run used."""
 _BANK_TEXT = ("manifest.json", "metadata.jsonl")
 
 
@@ -89,12 +90,12 @@ def today() -> str:
 
 def write_run(out: Path, manifest: RunManifest, bank: FrameBank) -> None:
     """Write a run's manifest and the text of its bank (no pictures) into the run's folder."""
-    copy = out / _BANK
+    copy = out / BANK
     if not is_run(out):
         if not is_free(out):
             raise LedgerError(f"{out} exists and is no run; choose another place with --out")
         shutil.rmtree(copy, ignore_errors=True)  # of a run that was cut before it had a manifest
-        partial = out / f".{_BANK}"
+        partial = out / f".{BANK}"
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir()
         for name in _BANK_TEXT:
@@ -121,8 +122,8 @@ def is_free(path: Path) -> bool:
     """
     if not path.is_dir():
         return not path.exists()
-    left = {item.name for item in path.iterdir()} - {".lock", f".{_FILE}", f".{_BANK}"}
-    return not left or (left == {_BANK} and all(item.name in _BANK_TEXT for item in (path / _BANK).iterdir()))
+    left = {item.name for item in path.iterdir()} - {".lock", f".{_FILE}", f".{BANK}"}
+    return not left or (left == {BANK} and all(item.name in _BANK_TEXT for item in (path / BANK).iterdir()))
 
 
 def asked_of(bank: FrameBank, prompt: Prompt) -> FrameBank:
@@ -160,7 +161,7 @@ def read_run(path: Path) -> tuple[RunManifest, FrameBank]:
         raise LedgerError(f"{file} does not exist: is {path} a run? 'eyechart run battery' makes one") from error
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError, SpecError) as error:
         raise LedgerError(f"{file} is no run manifest: {error!r}") from error
-    bank = asked_of(open_bank(path / _BANK), manifest.prompt)
+    bank = asked_of(open_bank(path / BANK), manifest.prompt)
     if bank.manifest.fingerprint != manifest.fingerprint:
-        raise LedgerError(f"{path / _BANK} is not the bank of this run: its fingerprint differs from that in {file}")
+        raise LedgerError(f"{path / BANK} is not the bank of this run: its fingerprint differs from that in {file}")
     return manifest, bank

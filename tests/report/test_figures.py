@@ -12,7 +12,8 @@ import stand_ins
 from eyechart.calls import Query, Reply
 from eyechart.report.drawing import plain
 from eyechart.report.evidence import Subject, read_evidence, subjects
-from eyechart.report.figures import figures, pair_counts, write_figures
+from eyechart.report.comparisons import pair_counts, pair_words
+from eyechart.report.figures import figures, write_figures
 from report_runs import Reported, make_run
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -27,7 +28,7 @@ def everyone(hostile: Reported) -> list[Subject]:
 def test_every_figure_has_an_accessible_name(hostile: Reported) -> None:
     """A title and a description, which the figure's root names, in the page and in the file."""
     drawn = [one for many in hostile.made.drawings.values() for one in many]
-    assert len(drawn) == 3 + 3 * 2
+    assert len(drawn) == 4 + 3 * 2
     for drawing in drawn:
         root = ET.fromstring(drawing.svg())  # noqa: S314 - drawn here
         names = [child.text for child in root if child.tag in {f"{SVG}title", f"{SVG}desc"}]
@@ -98,8 +99,11 @@ def test_the_counterfactual_pairs_are_counted(bank: Path, tmp_path: Path) -> Non
     one, other = subjects(read_evidence([run]))
     pairs = len(one.model.answers.both("lead_near", "lead_far", "decision")[0])
     assert pairs > 5
-    assert pair_counts(one) == f"{pairs} of {pairs} pairs are braked harder near, 0 harder far, 0 alike"
-    assert pair_counts(other) == f"0 of {pairs} pairs are braked harder near, 0 harder far, {pairs} alike"
+    assert (pair_counts(one), pair_counts(other)) == ((pairs, 0, 0), (0, pairs, 0))
+    assert pair_words((pairs, 0, 0)) == f"{pairs} of {pairs} pairs are braked harder near, 0 harder far, 0 alike"
+    assert pair_words((0, 0, 0)) == "no counterfactual pair has two decisions"
+    (drawing,) = figures([one, other])["pairs"]
+    assert f"standin:steady: 0 of {pairs} pairs" in drawing.description
 
 
 def test_a_label_keeps_no_control_sign_and_is_not_too_long() -> None:

@@ -18,7 +18,7 @@ from eyechart.errors import LedgerError
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, write_run
 from eyechart.models import ADAPTERS
-from eyechart.report.browser import LONGEST, collect_texts, embedded_json
+from eyechart.report.browser import LONGEST, collect_texts, embedded_json, frames_shown
 from eyechart.report.evidence import read_evidence, subjects
 from eyechart.report.page import make_page
 from eyechart.report.pictures import LEFT_OUT, make_album
@@ -206,8 +206,9 @@ def test_a_partial_run_says_that_it_is_partial(bank: Path, tmp_path: Path) -> No
     made = report(run, tmp_path / "page.html").html
     assert '<span class="flag">partial</span>' in made
     assert "planned calls are finished" in made
-    calls = [call for column in data_of(made)["runs"][0]["models"][0]["calls"].values() for call in column if call]
-    assert "error connection: <b>refused</b>" in [call[3] for call in calls if call[3:]]
+    held = data_of(made)
+    calls = [call for column in held["runs"][0]["models"][0]["calls"].values() for call in column if call]
+    assert "error connection: <b>refused</b>" in [held["notes"][call[3]] for call in calls if call[3:]]
 
 
 def test_an_empty_run_gives_a_page_without_a_claim(bank: Path, tmp_path: Path) -> None:
@@ -229,7 +230,7 @@ def test_a_bank_without_gap_axis_and_counterfactuals_says_cannot_say(tmp_path: P
     """Sections that need what the bank lacks say so in words and show no figure."""
     root = banks.build_bank(tmp_path / "bank", axis="none", drawn=False).root
     made = report(make_run(root, tmp_path / "run", {"noisy": noisy}), tmp_path / "page.html")
-    assert "The run has no counterfactual pictures" in made.html
+    assert "the run has no counterfactual pictures" in made.html
     assert made.made.drawings["mirror"] == []
     assert made.made.drawings["counterfactual"] == []
     assert len(made.made.drawings["gap"]) == 1
@@ -239,14 +240,14 @@ def test_counterfactual_pairs_stand_side_by_side_with_their_decisions(bank: Path
     """The moment's pictures, and below each the decision that it got."""
     made = report(make_run(bank, tmp_path / "run", {"steady": stand_ins.stop}), tmp_path / "page.html").html
     pair = made.partition('<div class="pair">')[2].partition("</table>")[0]
-    assert re.findall(r"<figcaption><code>(.*?)</code>", pair) == [
+    assert re.findall(r'<th scope="col"><code>(.*?)</code>', pair) == [
         "lead_near",
         "lead_far",
         "real",
         "recoloured",
     ]
     assert pair.count('<img src="data:image/webp') == 4
-    assert pair.count("<td>STOP</td>") == 4
+    assert re.findall(r'<span class="chip brake">.*?</span>(\w+)</span>', pair) == ["STOP"] * 4
     assert re.search(r"0 of \d+ pairs are braked harder near", made)
 
 
@@ -270,9 +271,10 @@ def test_a_folder_that_is_no_run_is_refused(tmp_path: Path) -> None:
 def test_pictures_are_made_smaller_until_they_fit(bank: Path, tmp_path: Path) -> None:
     """And what does not fit at all is left out, with a sentence."""
     evidence = read_evidence([make_run(bank, tmp_path / "run", {"noisy": noisy}, limit=6)])
-    whole = make_album(evidence)
+    shown = frames_shown(evidence)
+    whole = make_album(evidence, shown)
     assert LEFT_OUT not in whole.places[0]["real"]
-    some = make_album(evidence, budget=900)
+    some = make_album(evidence, shown, budget=900)
     assert LEFT_OUT in some.places[0]["noise"] + some.places[0]["mirrored"]
     assert any("left out" in note for note in some.notes)
     assert sum(len(base64.b64decode(uri.partition(",")[2])) for uri in some.uris) <= 900
@@ -285,11 +287,11 @@ def test_replies_share_the_room_that_there_is(bank: Path, tmp_path: Path) -> Non
         return Reply("x" * (10 if query.seed % 3 else 1000 + query.seed % 500), "stop")
 
     evidence = read_evidence([make_run(bank, tmp_path / "run", {"wordy": wordy}, limit=6)])
-    texts = collect_texts(evidence, budget=4000)
+    texts = collect_texts(evidence, frames_shown(evidence), budget=4000)
     assert 10 < texts.limit < 1000
     assert sum(min(len(text), texts.limit) for text in texts.numbers) <= 4000
     assert texts.cut == sum(len(text) > texts.limit for text in texts.numbers) > 0
-    assert collect_texts(evidence).limit == LONGEST
+    assert collect_texts(evidence, frames_shown(evidence)).limit == LONGEST
 
 
 def test_the_verdict_card_holds_what_bounds_the_verdict(bank: Path, tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from eyechart.cli.terminal import say
+from eyechart.cli.terminal import patience, say
 
 
 def report(
@@ -27,14 +27,16 @@ def report(
     from eyechart.report.page import make_page, write_page
     from eyechart.report.sheets import write_sheets
 
-    evidence = read_evidence(runs, frames or (), independent=independent)
-    page = make_page(evidence)
-    write_page(page, out)
+    with patience("report") as tell:
+        evidence = read_evidence(runs, frames or (), independent=independent, tell=tell)
+        page = make_page(evidence, tell=tell)
+        write_page(page, out)
+        if figures is not None:
+            tell("files of figures")
+            say(f"{len(write_figures(page.drawings, figures))} files of figures in {figures}")
     for run in evidence:
         if run.pictures is None:
             say(f"{run.name}: without pictures, because {run.about_pictures}; give the bank with --frames")
-    if figures is not None:
-        say(f"{len(write_figures(page.drawings, figures))} files of figures in {figures}")
     if tables is not None:
         say(f"{len(write_sheets(subjects(evidence), tables))} tables in {tables}")
     say(f"wrote {out}, {len(page.html) / 1e6:.1f} MB")

@@ -1,22 +1,32 @@
 """What the browser of frames shows: every call with its verbatim reply and its decision, as JSON inside the page."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from markupsafe import Markup
 
 from eyechart.actions import Decision
 from eyechart.calls import Reply
-from eyechart.conditions import CONDITIONS
-from eyechart.frames import Frame
+from eyechart.conditions import CONDITIONS, speaker
+from eyechart.frames import Frame, Scalar
 from eyechart.report.evidence import Evidence
 from eyechart.report.pictures import Album
+from eyechart.run import spread
 
 LONGEST = 400_000
 """Characters of one reply that the page holds; the ledger has all of it."""
 BUDGET = 8_000_000
 """Characters of all replies together that the page holds."""
+
+MOST_FRAMES = 3000
+MOST_CALLS = 120_000
+"""Frames and calls of all runs together that the page lists; frames beyond are left out, evenly over the episodes."""
+MOST_COLUMNS = 30
+_LONGEST_WORD = 100
+_LONGEST_NOTE = 500
+_NOTES = 1_000_000
+"""Characters of all notes on finish reasons and errors together."""
 
 _ESCAPES = {ord(sign): f"\\u{ord(sign):04x}" for sign in "<>&\u2028\u2029"}
 
@@ -34,38 +44,84 @@ class Texts:
         return sum(len(text) > self.limit for text in self.numbers)
 
 
-def collect_texts(evidence: Sequence[Evidence], *, budget: int = BUDGET) -> Texts:
-    """Return the distinct replies of all runs with numbers, and the length to which they fit the budget together."""
-    numbers: dict[str, int] = {}
+def frames_shown(
+    evidence: Sequence[Evidence], *, frames: int = MOST_FRAMES, calls: int = MOST_CALLS
+) -> tuple[tuple[int, ...], ...]:
+    """Return, run by run, the numbers of the frames that the page lists."""
+    every = sum(len(run.frames) for run in evidence)
+    asked = sum(len(run.frames) * len(run.conditions) * len(run.score.models) for run in evidence)
+    part = min(1.0, frames / max(1, every), calls / max(1, asked))
+    found = []
     for run in evidence:
+        kept = {frame.id for frame in spread(run.frames, max(1, int(part * len(run.frames))))} if run.frames else set()
+        found.append(tuple(place for place, frame in enumerate(run.frames) if frame.id in kept))
+    return tuple(found)
+
+
+def collect_texts(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]], *, budget: int = BUDGET) -> Texts:
+    """Return the distinct replies about the shown frames, and the length to which they fit the budget together."""
+    numbers: dict[str, int] = {}
+    for run, places in zip(evidence, shown, strict=True):
+        kept = {run.frames[place].id for place in places}
         for spec in run.score.models:
-            for reply in run.replies[spec].values():
-                numbers.setdefault(reply.text, len(numbers))
-    limit, left = LONGEST, budget
-    lengths = sorted(map(len, numbers))
-    for place, length in enumerate(lengths):
-        share = left // (len(lengths) - place)
+            for (frame, _), reply in run.replies[spec].items():
+                if frame in kept:
+                    numbers.setdefault(reply.text, len(numbers))
+    return Texts(numbers, _fitting(numbers, LONGEST, budget))
+
+
+def _fitting(texts: Collection[str], longest: int, budget: int) -> int:
+    """Return the length to which texts are cut so that all of them together fit a budget; short ones stay whole."""
+    left = budget
+    for place, length in enumerate(sorted(map(len, texts))):
+        share = left // (len(texts) - place)
         if length > share:
-            limit = min(limit, share)
-            break
+            return min(longest, share)
         left -= length
-    return Texts(numbers, limit)
+    return longest
 
 
-def browser_data(evidence: Sequence[Evidence], album: Album, texts: Texts) -> dict[str, object]:
-    """Return plain JSON values: runs with frames and calls, distinct replies, distinct pictures."""
+def _collect_notes(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]]) -> Texts:
+    notes: dict[str, int] = {}
+    for run, places in zip(evidence, shown, strict=True):
+        kept = {run.frames[place].id for place in places}
+        for spec in run.score.models:
+            for (frame, _), reply in run.replies[spec].items():
+                if frame in kept and (note := _note(reply)):
+                    notes.setdefault(note, len(notes))
+    return Texts(notes, _fitting(notes, _LONGEST_NOTE, _NOTES))
+
+
+def _note(reply: Reply) -> str:
+    notes = [] if reply.finish_reason in {None, "stop"} else [f"finish reason {reply.finish_reason}"]
+    if reply.error is not None:
+        notes.append(f"error {reply.error}: {reply.error_detail}")
+    return "; ".join(notes)
+
+
+def browser_data(
+    evidence: Sequence[Evidence], album: Album, texts: Texts, shown: Sequence[Sequence[int]]
+) -> dict[str, object]:
+    """Return plain JSON values: runs with their shown frames and calls, distinct replies, distinct pictures."""
+    notes = _collect_notes(evidence, shown)
     return {
+        "notes": [note[: notes.limit] for note in notes.numbers],
         "texts": [text[: texts.limit] for text in texts.numbers],
         "cut": {str(number): len(text) for text, number in texts.numbers.items() if len(text) > texts.limit},
         "pictures": list(album.uris),
-        "runs": [_run(run, places, texts) for run, places in zip(evidence, album.places, strict=True)],
+        "runs": [
+            _run(run, places, (texts, notes), taken)
+            for run, places, taken in zip(evidence, album.places, shown, strict=True)
+        ],
     }
 
 
-def _run(run: Evidence, places: dict[str, tuple[int, ...]], texts: Texts) -> dict[str, object]:
-    frames = next(iter(run.score.models.values())).answers.frames if run.score.models else ()
+def _run(
+    run: Evidence, places: dict[str, tuple[int, ...]], texts: tuple[Texts, Texts], taken: Sequence[int]
+) -> dict[str, object]:
     space = run.score.bank.manifest.action_space
     roles = dict.fromkeys(space.brake, "brake") | dict.fromkeys(space.proceed, "proceed")
+    frames = [run.frames[place] for place in taken]
     return {
         "name": run.name,
         "conditions": [
@@ -73,43 +129,62 @@ def _run(run: Evidence, places: dict[str, tuple[int, ...]], texts: Texts) -> dic
         ],
         "actions": list(space.actions),
         "roles": roles,
+        "asked": len(run.frames),
         "frames": [
-            {"id": frame.id, "scenario": frame.scenario, "episode": frame.episode, "step": frame.step, "truth": truth}
-            for frame, truth in ((frame, _truth(frame)) for frame in frames)
+            {
+                "id": frame.id,
+                "scenario": frame.scenario,
+                "episode": frame.episode,
+                "step": frame.step,
+                "truth": _words(frame.truth),
+                **_said(run, frame),
+            }
+            for frame in frames
         ],
-        "pictures": {name: list(numbers) for name, numbers in places.items()},
+        "pictures": {name: [numbers[place] for place in taken] for name, numbers in places.items()},
         "models": [
-            {"name": spec, "calls": {name: _calls(run, spec, name, frames, texts) for name in run.conditions}}
+            {"name": spec, "calls": {name: _calls(run, spec, name, taken, texts) for name in run.conditions}}
             for spec in run.score.models
         ],
     }
 
 
-def _truth(frame: Frame) -> list[list[str]]:
-    return [[name, "none" if value is None else str(value)] for name, value in frame.truth.items()]
+def _words(values: Mapping[str, Scalar]) -> list[list[str]]:
+    shown = [[name, "none" if value is None else str(value)[:_LONGEST_WORD]] for name, value in values.items()]
+    more = len(shown) - MOST_COLUMNS
+    return shown if more <= 0 else [*shown[:MOST_COLUMNS], ["and more columns", str(more)]]
+
+
+def _said(run: Evidence, frame: Frame) -> dict[str, object]:
+    """Return what the prompt says of a frame, and of which other frame it speaks under text_swapped."""
+    fields = run.score.manifest.prompt.fields
+    if not fields:
+        return {}
+    told: dict[str, object] = {"said": _words({name: frame.fields[name] for name in fields})}
+    for name in run.conditions:
+        if CONDITIONS[name].swaps_text:
+            other = speaker(name, frame, run.score.bank, run.score.manifest.seed, fields)
+            told["told"] = {name: [other.id, _words({field: other.fields[field] for field in fields})]}
+    return told
 
 
 def _calls(
-    run: Evidence, spec: str, condition: str, frames: Sequence[Frame], texts: Texts
+    run: Evidence, spec: str, condition: str, taken: Sequence[int], texts: tuple[Texts, Texts]
 ) -> list[list[int | str | bool] | None]:
-    """Return per frame: the reply's number, the action or why there is none, whether it is an action, and a note."""
-    given = run.score.models[spec].answers.decisions.get(condition, (None,) * len(frames))
+    """Return per frame: the reply's number, the action or why there is none, whether it is one, a note's number."""
+    given = run.score.models[spec].answers.decisions.get(condition, (None,) * len(run.frames))
     found: list[list[int | str | bool] | None] = []
-    for frame, decision in zip(frames, given, strict=True):
-        reply = run.replies[spec].get((frame.id, condition))
+    for place in taken:
+        reply, decision = run.replies[spec].get((run.frames[place].id, condition)), given[place]
         found.append(None if reply is None or decision is None else _call(reply, decision, texts))
     return found
 
 
-def _call(reply: Reply, decision: Decision, texts: Texts) -> list[int | str | bool]:
+def _call(reply: Reply, decision: Decision, texts: tuple[Texts, Texts]) -> list[int | str | bool]:
     word = decision.action if decision.action is not None else str(decision.missing)
-    notes = []
-    if reply.finish_reason not in {None, "stop"}:
-        notes.append(f"finish reason {reply.finish_reason}")
-    if reply.error is not None:
-        notes.append(f"error {reply.error}: {reply.error_detail[:2000]}")
-    call: list[int | str | bool] = [texts.numbers[reply.text], word, decision.action is not None]
-    return [*call, "; ".join(notes)] if notes else call
+    call: list[int | str | bool] = [texts[0].numbers[reply.text], word, decision.action is not None]
+    note = _note(reply)
+    return [*call, texts[1].numbers[note]] if note else call
 
 
 def embedded_json(values: object) -> Markup:

@@ -4,7 +4,7 @@ import io
 import re
 import unicodedata
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from html import escape
@@ -12,7 +12,9 @@ from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 INK = "#1c1f23"
 MUTED = "#5a616c"
@@ -53,6 +55,9 @@ _STYLE: Any = {
     "ytick.labelsize": 8.5,
     "path.simplify": False,
 }
+ON_COLOUR = "#202020"
+"""Ink on a coloured cell: the same in light and in dark."""
+
 _TAG = re.compile(r"<[^>]*>")
 _ID = re.compile(r'(\bid="|url\(#|xlink:href="#)')
 _LONGEST = 40
@@ -60,13 +65,17 @@ _LONGEST = 40
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure. ``name`` is its file's stem and the prefix of every id in it; ``wide`` asks for a row of its own."""
+    """A figure. ``name`` is its file's stem and the prefix of every id in it; ``wide`` asks for a row of its own.
+
+    ``of`` is the model that it is about, where a section has one figure a model.
+    """
 
     name: str
     title: str
     description: str
     figure: Figure
     wide: bool = False
+    of: str = ""
 
     def svg(self, *, inline: bool = False) -> str:
         """Return the figure as SVG: a file of its own, or for a page, in the page's colours."""
@@ -137,3 +146,30 @@ def plain(text: str, longest: int = _LONGEST) -> str:
         return shown
     half = (longest - 1) // 2
     return f"{shown[:half]}…{shown[-half:]}"
+
+
+def cell(axes: Axes, x: int, y: int, share: float | None, text: str, colours: LinearSegmentedColormap) -> None:
+    """Draw a cell of a grid, coloured by a share from 0 to 1; a share of None has no colour."""
+    face = "none" if share is None else colours(share)
+    axes.add_patch(Rectangle((x - 0.48, y - 0.47), 0.96, 0.94, facecolor=face, edgecolor=LINE, linewidth=0.6))
+    ink = MUTED if share is None else "#ffffff" if share > 0.72 else ON_COLOUR
+    axes.text(x, y, text, ha="center", va="center", color=ink, fontsize=8)
+
+
+def grid(axes: Axes, columns: Sequence[str], rows: Sequence[str], *, rotation: float = 0) -> None:
+    """Name the columns (above) and the rows of a grid of cells."""
+    axes.set_xlim(-0.5, max(1, len(columns)) - 0.5)
+    axes.set_ylim(max(1, len(rows)) - 0.5, -0.5)
+    how: dict[str, Any] = {"rotation": rotation, "ha": "left", "rotation_mode": "anchor"} if rotation else {}
+    axes.set_xticks(range(len(columns)), columns, **how)
+    axes.set_yticks(range(len(rows)), rows)
+    axes.xaxis.tick_top()
+    axes.xaxis.set_label_position("top")
+    axes.tick_params(length=0)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+
+
+def room(labels: Sequence[str]) -> float:
+    """Return the margin in inches that the longest name of a model needs."""
+    return 0.3 + 0.068 * max([12, *(len(plain(label, 34)) for label in labels)])

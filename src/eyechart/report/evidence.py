@@ -1,18 +1,26 @@
 """The evidence of a run is all that a report shows: scores, verdicts, verbatim replies, and pictures."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from eyechart.actions import Decision
 from eyechart.calls import Reply
+from eyechart.conditions import source
 from eyechart.errors import BankError
-from eyechart.frames import FrameBank, check, open_bank
-from eyechart.ledger import Ledger
-from eyechart.manifest import LEDGER
+from eyechart.frames import Frame, FrameBank, check, open_bank
+from eyechart.ledger import Accounting, Ledger
+from eyechart.manifest import BANK, LEDGER
 from eyechart.studies import battery as study
 from eyechart.studies.battery import BatteryScore, ModelScore
+from eyechart.studies.battery.planning import plan_of
 from eyechart.verdicts import Verdict, judge
+
+SHOWN = "every picture is the one that the run recorded (SHA-256), and the geometry is the same"
+
+Tell = Callable[[str], None]
+"""Is told in words what is under way, for whoever waits."""
 
 Replies = Mapping[tuple[str, str], Reply]
 """A model's replies by frame and condition."""
@@ -24,7 +32,7 @@ class Evidence:
 
     ``pictures`` is None where the bank's pictures cannot be shown; ``about_pictures`` then says why, else that they
     are those that the run recorded. ``unknown`` counts each model's calls that were sent and whose outcome is not
-    known.
+    known; ``took`` says what the calls of each model and condition took.
     """
 
     name: str
@@ -32,6 +40,7 @@ class Evidence:
     verdicts: Mapping[str, Verdict]
     replies: Mapping[str, Replies]
     unknown: Mapping[str, int]
+    took: Mapping[str, Mapping[str, Accounting]]
     pictures: FrameBank | None
     about_pictures: str
 
@@ -39,6 +48,11 @@ class Evidence:
     def conditions(self) -> tuple[str, ...]:
         """Return the run's conditions."""
         return self.score.manifest.conditions
+
+    @cached_property
+    def frames(self) -> tuple[Frame, ...]:
+        """Return the frames that the run asks about."""
+        return next((model.answers.frames for model in self.score.models.values()), ())
 
 
 @dataclass(frozen=True)
@@ -65,13 +79,40 @@ class Subject:
         return None if given is None else given[frame]
 
 
-def read_evidence(runs: Sequence[Path], banks: Sequence[Path] = (), *, independent: bool = False) -> list[Evidence]:
+def read_evidence(
+    runs: Sequence[Path], banks: Sequence[Path] = (), *, independent: bool = False, tell: Tell = lambda _: None
+) -> list[Evidence]:
     """Score and judge runs, and find their pictures: in one of ``banks``, or where each run's manifest says.
 
     Raises LedgerError or BankError where a folder is no run. Pictures that are missing or differ raise nothing.
     """
-    names = _names(runs)
-    return [_read_one(path, name, banks, independent=independent) for path, name in zip(runs, names, strict=True)]
+    found = []
+    for path, name in zip(runs, _names(runs), strict=True):
+        tell(f"scoring {name}")
+        scored = study.score(path, independent=independent)
+        tell(f"checking the pictures of {name}")
+        found.append(evidence_of(name, scored, path / LEDGER, *_find_pictures(scored, path, banks)))
+    return found
+
+
+def evidence_of(name: str, scored: BatteryScore, ledger_path: Path, pictures: FrameBank | None, about: str) -> Evidence:
+    """Return the evidence of a scored run, whose pictures somebody has looked for."""
+    with Ledger(ledger_path) as ledger:
+        replies = {
+            spec: {(key.frame, key.condition): reply for key, reply in ledger.replies(spec)} for spec in scored.models
+        }
+        unknown = [key.model for key in ledger.unknown()]
+        took = {spec: ledger.by_condition(spec) for spec in scored.models}
+    counts = {spec: unknown.count(spec) for spec in scored.models}
+    return Evidence(name, scored, judge(scored), replies, counts, took, pictures, about)
+
+
+def used_pictures(scored: BatteryScore) -> set[str]:
+    """Return the files of the bank's pictures that the planned calls show, or are made of."""
+    plan = plan_of(scored.manifest, scored.bank)
+    shown = {(key.condition, key.frame) for key in plan.keys()}  # noqa: SIM118 - a plan is no mapping
+    found = {source(name, scored.bank.frame(frame), scored.bank, plan.seed) for name, frame in shown}
+    return {file for file in found if file is not None}
 
 
 def subjects(evidence: Sequence[Evidence]) -> list[Subject]:
@@ -91,31 +132,26 @@ def _names(runs: Sequence[Path]) -> list[str]:
     ]
 
 
-def _read_one(path: Path, name: str, banks: Sequence[Path], *, independent: bool) -> Evidence:
-    scored = study.score(path, independent=independent)
-    with Ledger(path / LEDGER) as ledger:
-        replies = {
-            spec: {(key.frame, key.condition): reply for key, reply in ledger.replies(spec)} for spec in scored.models
-        }
-        unknown = [key.model for key in ledger.unknown()]
-    pictures, about = _find_pictures(scored, banks)
-    counts = {spec: unknown.count(spec) for spec in scored.models}
-    return Evidence(name, scored, judge(scored), replies, counts, pictures, about)
-
-
-def _find_pictures(scored: BatteryScore, banks: Sequence[Path]) -> tuple[FrameBank | None, str]:
+def _find_pictures(scored: BatteryScore, run: Path, banks: Sequence[Path]) -> tuple[FrameBank | None, str]:
     """Return the bank with the pictures that the run was made on, or None with the reason in words."""
     why = "no bank was given"
-    for place in banks or (Path(scored.manifest.bank_path),):
+    for place in banks or _usual_places(scored, run):
         try:
             bank = open_bank(place)
             problem = _problem(bank, scored)
         except BankError:
             problem = f"the bank '{place.name}' is not there or cannot be opened"
         if problem is None:
-            return bank, "every picture is the one that the run recorded (SHA-256), and the geometry is the same"
+            return bank, SHOWN
         why = problem
     return None, why
+
+
+def _usual_places(scored: BatteryScore, run: Path) -> list[Path]:
+    """Return where a run's pictures may be: its own copy of the bank, if it holds any, and where its manifest says."""
+    own = run / BANK
+    held = [own] if any((own / file).is_file() for file in used_pictures(scored)) else []
+    return [*held, Path(scored.manifest.bank_path)]
 
 
 def _problem(bank: FrameBank, scored: BatteryScore) -> str | None:
@@ -127,5 +163,5 @@ def _problem(bank: FrameBank, scored: BatteryScore) -> str | None:
         )
     if mine.images != recorded.images:
         return f"the bank '{bank.root.name}' has other pictures of the same geometry than the run was made on"
-    problems = check(bank.root)
+    problems = check(bank.root, used_pictures(scored))
     return f"the bank '{bank.root.name}' is damaged: {len(problems)} differences" if problems else None

@@ -11,18 +11,23 @@ import jinja2
 from markupsafe import Markup
 
 from eyechart import __version__
-from eyechart.actions import MISSING
+from eyechart.actions import MISSING, ActionSpace
 from eyechart.conditions import CONDITIONS
-from eyechart.report.browser import browser_data, collect_texts, embedded_json
+from eyechart.report.browser import Texts, browser_data, collect_texts, embedded_json, frames_shown
 from eyechart.report.drawing import Drawing
-from eyechart.report.evidence import Evidence, Subject, subjects
-from eyechart.report.figures import figures, pair_counts
+from eyechart.report.evidence import Evidence, Subject, Tell, subjects
+from eyechart.report.figures import figures
+from eyechart.report.integrity import counts, not_covered, summed
 from eyechart.report.pictures import NO_PICTURE, Album, make_album
+from eyechart.report.portraits import role
 from eyechart.report.sheets import STATISTIC_COLUMNS, level, shown, statistic_rows
 from eyechart.stats.statistic import Statistic
+from eyechart.studies.battery.answers import NO_GAP
 
 PAIRS_SHOWN = 4
-"""Counterfactual moments that stand side by side; the browser of frames has all."""
+"""Counterfactual moments that stand side by side, fewer where many models answer; the browser of frames has all."""
+MODELS_DRAWN = 24
+"""Models that have figures of their own in the page."""
 
 _FAMILY = {
     "depth_lateral": ("sees", "●"),
@@ -36,7 +41,6 @@ _FAMILY = {
     "not_scorable": ("open", "–"),
     "undecided": ("open", "?"),
 }
-_SIZE = "@@the size of this page@@"
 
 
 @dataclass(frozen=True)
@@ -48,14 +52,15 @@ class Page:
     notes: tuple[str, ...]
 
 
-def make_page(evidence: Sequence[Evidence]) -> Page:
-    """Return the report of runs. The same runs give the same bytes."""
-    everyone = subjects(evidence)
-    drawn, album, texts = figures(everyone), make_album(evidence), collect_texts(evidence)
-    notes = [*album.notes]
-    if texts.cut:
-        notes.append(f"{texts.cut} replies are cut after {texts.limit:,} characters; the ledger has all of them.")
+def make_page(evidence: Sequence[Evidence], *, tell: Tell = lambda _: None) -> Page:
+    """Return the report of runs. The same runs give the same bytes. ``tell`` is told what is under way."""
+    everyone, shown = subjects(evidence), frames_shown(evidence)
+    tell("figures")
+    drawn = figures(everyone)
+    album, texts = make_album(evidence, shown, tell=tell), collect_texts(evidence, shown)
+    tell("the page")
     script = _asset("page.js")
+    notes = _notes(evidence, shown, album, texts, len(everyone))
     html = (
         _environment()
         .get_template("page.html")
@@ -63,27 +68,44 @@ def make_page(evidence: Sequence[Evidence]) -> Page:
             csp=_policy(script),
             css=Markup(_asset("page.css")),  # noqa: S704 - our own file
             script=Markup(script),  # noqa: S704 - our own file
-            data=embedded_json(browser_data(evidence, album, texts)),
+            data=embedded_json(browser_data(evidence, album, texts, shown)),
             title=", ".join(run.name for run in evidence),
             runs=[_run(run) for run in evidence],
             cards=[_card(who) for who in everyone],
-            figures={section: [_figure(one) for one in many] for section, many in drawn.items()},
+            figures={section: [_figure(one) for one in many[:MODELS_DRAWN]] for section, many in drawn.items()},
             pairs=[
-                one for run, places in zip(evidence, album.places, strict=True) for one in _pairs(run, places, album)
+                one
+                for run, places in zip(evidence, album.places, strict=True)
+                for one in _pairs(run, places, album, len(everyone))
             ],
-            pair_counts=[(who.label, pair_counts(who)) for who in everyone],
             statistics=[(who.label, _statistics(who)) for who in everyone],
             statistic_columns=STATISTIC_COLUMNS,
             conditions=list(CONDITIONS.values()),
             accounting=[_accounting(who) for who in everyone],
             reasons=MISSING,
             notes=notes,
-            size=_SIZE,
             version=__version__,
         )
     )
-    found = html.encode("utf-8", "backslashreplace")
-    return Page(found.replace(_SIZE.encode(), f"{len(found) / 1e6:.1f} MB".encode()), drawn, tuple(notes))
+    return Page(html.encode("utf-8", "backslashreplace"), drawn, tuple(notes))
+
+
+def _notes(
+    evidence: Sequence[Evidence], shown: Sequence[Sequence[int]], album: Album, texts: Texts, models: int
+) -> list[str]:
+    """Return in words what is not in the page, or not as it was."""
+    notes = [*album.notes]
+    every, listed = sum(len(run.frames) for run in evidence), sum(map(len, shown))
+    if listed < every:
+        notes.append(
+            f"The browser lists {listed:,} of {every:,} frames, evenly from every episode; every number on this page "
+            "counts all of them."
+        )
+    if texts.cut:
+        notes.append(f"{texts.cut} replies are cut after {texts.limit:,} characters; the ledger has all of them.")
+    if models > MODELS_DRAWN:
+        notes.append(f"Figures of one model each stand here for the first {MODELS_DRAWN} of {models} models.")
+    return notes
 
 
 def write_page(page: Page, out: Path) -> None:
@@ -118,7 +140,7 @@ def _policy(script: str) -> str:
 
 def _figure(drawing: Drawing) -> dict[str, object]:
     svg = Markup(drawing.svg(inline=True))  # noqa: S704 - drawn here; every word in it was escaped
-    return {"title": drawing.title, "svg": svg, "wide": drawing.wide, "name": drawing.name}
+    return {"title": drawing.title, "svg": svg, "wide": drawing.wide, "name": drawing.name, "of": drawing.of}
 
 
 def _card(who: Subject) -> dict[str, object]:
@@ -150,11 +172,13 @@ def _statistics(who: Subject) -> list[list[str]]:
 
 def _run(run: Evidence) -> dict[str, object]:
     manifest, bank = run.score.manifest, run.score.bank
+    rows = [counts(who) for who in subjects([run])]
     return {
         "name": run.name,
         "bank": bank.name,
         "picture": bank.manifest.picture,
-        "frames": len(next(iter(run.score.models.values())).answers.frames) if run.score.models else 0,
+        "frames": len(run.frames),
+        "models": len(run.score.models),
         "fingerprint": manifest.fingerprint,
         "created": manifest.created,
         "seed": manifest.seed,
@@ -164,8 +188,13 @@ def _run(run: Evidence) -> dict[str, object]:
         "shard": manifest.shard,
         "limit": manifest.limit,
         "gap": bank.manifest.gap,
+        "no_gap": next((model.answers.no_gap for model in run.score.models.values()), NO_GAP),
+        "space": bank.manifest.action_space,
         "has_pictures": run.pictures is not None,
         "about_pictures": run.about_pictures,
+        "counts": summed(rows),
+        "counts_by_model": list(zip(run.score.models, rows, strict=True)),
+        "not_covered": not_covered(run),
     }
 
 
@@ -181,23 +210,24 @@ def _accounting(who: Subject) -> dict[str, object]:
     }
 
 
-def _pairs(run: Evidence, places: dict[str, tuple[int, ...]], album: Album) -> list[dict[str, object]]:
+def _pairs(run: Evidence, places: dict[str, tuple[int, ...]], album: Album, models: int) -> list[dict[str, object]]:
     """Return some moments, evenly taken, with the pictures of each counterfactual and the decisions they got."""
     names = [name for name in ("lead_near", "lead_far", "real", "recoloured") if name in run.conditions]
-    models = [Subject(spec, spec, run) for spec in run.score.models]
-    frames = models[0].model.answers.frames if models else ()
-    drawn = [place for place, frame in enumerate(frames) if {"lead_near", "lead_far"} & frame.counterfactuals.keys()]
+    drawn = [
+        place for place, frame in enumerate(run.frames) if {"lead_near", "lead_far"} & frame.counterfactuals.keys()
+    ]
     if not drawn or not {"lead_near", "lead_far", "recoloured"} & set(names):
         return []
-    step = max(1, len(drawn) // PAIRS_SHOWN)
+    count = PAIRS_SHOWN if models <= 8 else PAIRS_SHOWN // 2
+    step, space = max(1, len(drawn) // count), run.score.bank.manifest.action_space
     return [
         {
-            "frame": frames[place].id,
+            "frame": run.frames[place].id,
             "run": run.name,
             "columns": [(name, _uri(album, places[name][place])) for name in names],
-            "rows": [(who.spec, [_word(who, name, place) for name in names]) for who in models],
+            "rows": [(who.spec, [_word(who, name, place, space) for name in names]) for who in subjects([run])],
         }
-        for place in drawn[::step][:PAIRS_SHOWN]
+        for place in drawn[::step][:count]
     ]
 
 
@@ -205,6 +235,11 @@ def _uri(album: Album, number: int) -> str | None:
     return None if number <= NO_PICTURE else album.uris[number]
 
 
-def _word(who: Subject, condition: str, place: int) -> str:
+def _word(who: Subject, condition: str, place: int, space: ActionSpace) -> tuple[str, str]:
+    """Return the role of a decision (brake, proceed, other, none, or nothing where there is no reply) and its word."""
     decision = who.decision(condition, place)
-    return "—" if decision is None else decision.action or f"({decision.missing})"
+    if decision is None:
+        return "", "—"
+    if decision.action is None:
+        return "none", f"({decision.missing})"
+    return role(space, decision.action), decision.action

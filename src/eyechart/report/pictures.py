@@ -3,7 +3,7 @@
 import base64
 import hashlib
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from PIL import Image
@@ -11,7 +11,7 @@ from PIL import Image
 from eyechart.conditions import available, show
 from eyechart.errors import BankError
 from eyechart.frames import RGB, Frame, FrameBank, decode
-from eyechart.report.evidence import Evidence
+from eyechart.report.evidence import Evidence, Tell
 
 NO_PICTURE = -1
 """The condition shows none."""
@@ -25,6 +25,11 @@ RUNGS: tuple[tuple[int, int], ...] = ((600, 82), (480, 75), (360, 65), (240, 55)
 """Largest width in pixels, and WebP quality: the first rung on which the album fits its budget is taken."""
 
 _NOISE = (240, 5)
+_SAMPLE = 12
+_FILL = 0.92
+"""A sample may be mistaken; so much of the budget is meant to be filled."""
+_LENT = ("real_repeat", "shuffled", "cross_scenario", "text_swapped")
+"""Conditions whose pictures are other frames', or the frame's own once more."""
 
 
 @dataclass(frozen=True)
@@ -36,23 +41,48 @@ class Album:
     notes: tuple[str, ...]
 
 
-def make_album(evidence: Sequence[Evidence], *, budget: int = BUDGET_BYTES) -> Album:
-    """Return the pictures of every frame under every condition, as large as the budget (in bytes) allows."""
-    if all(run.pictures is None for run in evidence):
-        return Album((), tuple(_nothing(run) for run in evidence), ())
-    for width, quality in RUNGS[:-1]:
-        binder = _Binder(width, quality, budget)
-        places = tuple(binder.places(run) for run in evidence)
-        if not binder.left_out:
-            return Album(tuple(binder.uris), places, binder.notes())
-    binder = _Binder(*RUNGS[-1], budget)
-    places = tuple(binder.places(run) for run in evidence)
-    return Album(tuple(binder.uris), places, binder.notes())
+def make_album(
+    evidence: Sequence[Evidence],
+    shown: Sequence[Sequence[int]],
+    *,
+    budget: int = BUDGET_BYTES,
+    tell: Tell = lambda _: None,
+) -> Album:
+    """Return the pictures of the ``shown`` frames of every run under every condition, as large as the budget allows.
+
+    A sample of the frames decides how large they are; where not even the smallest fit, frames evenly taken have
+    theirs.
+    """
+    for rung in RUNGS:
+        cost = _cost(evidence, shown, rung)
+        room = int(_FILL * budget / cost) if cost else sum(map(len, shown))
+        if room >= sum(map(len, shown)):
+            break
+    part = min(1.0, room / max(1, sum(map(len, shown))))
+    taken = [_evenly(places, round(part * len(places))) for places in shown]
+    binder = _Binder(*rung, budget, tell=tell)
+    bound = tuple(binder.places(run, places) for run, places in zip(evidence, taken, strict=True))
+    pictured = [run.pictures is not None for run in evidence]
+    left = sum(len(a) - len(b) for a, b, held in zip(shown, taken, pictured, strict=True) if held)
+    return Album(tuple(binder.uris), bound, binder.notes(left) if any(pictured) else ())
 
 
-def _nothing(run: Evidence) -> dict[str, tuple[int, ...]]:
-    frames = next(iter(run.score.models.values())).answers.frames if run.score.models else ()
-    return {name: (NO_PICTURE if name == "text_only" else LEFT_OUT,) * len(frames) for name in run.conditions}
+def _cost(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]], rung: tuple[int, int]) -> float:
+    """Return the bytes that a frame's own pictures take on a rung, in the mean over a sample; partners have theirs."""
+    binder, frames = _Binder(*rung, budget=1 << 62), 0
+    for run, places in zip(evidence, shown, strict=True):
+        if run.pictures is not None:
+            sample = _evenly(places, _SAMPLE)
+            binder.places(run, sample, own=True)
+            frames += len(sample)
+    return binder.spent / frames if frames else 0.0
+
+
+def _evenly(places: Sequence[int], count: int) -> tuple[int, ...]:
+    """Return so many of the places, evenly taken; all of them where there are no more."""
+    if count >= len(places):
+        return tuple(places)
+    return tuple(places[turn * len(places) // count] for turn in range(count))
 
 
 @dataclass
@@ -68,26 +98,27 @@ class _Binder:
     left_out: int = 0
     scaled: int = 0
     noises: int = 0
+    tell: Tell = lambda _: None
 
-    def places(self, run: Evidence) -> dict[str, tuple[int, ...]]:
-        """Return where each picture of a run stands in the album."""
-        if run.pictures is None:
-            return _nothing(run)
-        frames = next(iter(run.score.models.values())).answers.frames
-        return {name: tuple(self._along(name, frames, run.pictures, run)) for name in run.conditions}
+    def places(self, run: Evidence, taken: Sequence[int], *, own: bool = False) -> dict[str, tuple[int, ...]]:
+        """Return where each picture of a run stands in the album; ``own`` leaves out what another frame lends."""
+        nothing = {name: [NO_PICTURE if name == "text_only" else LEFT_OUT] * len(run.frames) for name in run.conditions}
+        for name, column in nothing.items():
+            if run.pictures is None or (own and name in _LENT):
+                continue
+            self.tell(f"pictures of {run.name} under {name}")
+            for place in taken:
+                column[place] = self._one(name, run.frames[place], run.pictures, run.score.manifest.seed)
+        return {name: tuple(column) for name, column in nothing.items()}
 
-    def _along(self, condition: str, frames: Sequence[Frame], bank: FrameBank, run: Evidence) -> Iterator[int]:
-        for frame in frames:
-            if not available(condition, frame) or self.left_out:
-                self.left_out += bool(self.left_out)
-                yield LEFT_OUT
-                continue
-            try:
-                picture = show(condition, frame, bank, run.score.manifest.seed)
-            except BankError:
-                yield LEFT_OUT
-                continue
-            yield NO_PICTURE if picture is None else self._keep(picture, noise=condition == "noise")
+    def _one(self, condition: str, frame: Frame, bank: FrameBank, seed: int) -> int:
+        if not available(condition, frame):
+            return LEFT_OUT
+        try:
+            picture = show(condition, frame, bank, seed)
+            return NO_PICTURE if picture is None else self._keep(picture, noise=condition == "noise")
+        except BankError:
+            return LEFT_OUT
 
     def _keep(self, picture: bytes, *, noise: bool) -> int:
         digest = hashlib.sha256(picture).hexdigest()
@@ -105,8 +136,8 @@ class _Binder:
             self.uris.append("data:image/webp;base64," + base64.b64encode(small).decode())
         return self.seen[digest]
 
-    def notes(self) -> tuple[str, ...]:
-        """Return in words what was changed or left out."""
+    def notes(self, frames_left: int) -> tuple[str, ...]:
+        """Return in words what was changed or left out; ``frames_left`` counts the frames without their pictures."""
         words = [f"{len(self.uris)} distinct pictures, {self.spent / 1e6:.2f} MB before base64, as WebP."]
         if self.scaled:
             words.append(
@@ -116,6 +147,11 @@ class _Binder:
             words.append(
                 f"{self.noises} noise pictures are shown at {_NOISE[0]} pixels and strongly compressed; the models saw "
                 "every pixel."
+            )
+        if frames_left:
+            words.append(
+                f"The pictures of {frames_left} frames do not fit into the page and were left out; frames evenly "
+                "taken have theirs."
             )
         if self.left_out:
             words.append(f"{self.left_out} pictures do not fit into the page and were left out.")

@@ -73,7 +73,7 @@
   const matches = (frame) => {
     const words = field.text.value.toLowerCase();
     const about = run.frames[frame];
-    const named = words === "" || [about.id, about.scenario, about.episode, ...about.truth.map((pair) => pair.join(" "))].some((text) => text.toLowerCase().includes(words));
+    const named = words === "" || [about.id, about.scenario, about.episode, ...about.truth.map((pair) => pair.join(" ")), ...(about.said || []).map((pair) => pair.join(" "))].some((text) => text.toLowerCase().includes(words));
     if (field.scenario.value && about.scenario !== field.scenario.value) return [];
     const found = [];
     for (const { name } of run.conditions) {
@@ -102,7 +102,7 @@
     listed = run.frames.map((_, frame) => [frame, matches(frame)]).filter(([, found]) => found.length);
     chosen = Math.max(0, listed.findIndex(([frame]) => frame === before));
     const calls = listed.reduce((sum, [, found]) => sum + found.length, 0);
-    at("status").textContent = `${listed.length} of ${run.frames.length} frames, ${calls} calls match.`;
+    at("status").textContent = `${listed.length} of ${run.frames.length} frames, ${calls} calls match.` + (run.asked > run.frames.length ? ` This page lists ${run.frames.length} of ${run.asked} frames.` : "");
     list.replaceChildren(...listed.map(([frame, found], place) => {
       const item = make("li");
       const button = make("button");
@@ -142,13 +142,22 @@
   const show = (frame, found) => {
     const about = run.frames[frame];
     const truth = make("p", "truth", `${about.scenario}, episode ${about.episode}, step ${about.step}`);
-    for (const [name, value] of about.truth) truth.append(` · ${name} `, make("b", "", value));
+    tell(truth, about.truth);
+    const said = make("p", "truth");
+    if (about.said) {
+      said.append("The prompt says");
+      tell(said, about.said);
+    }
     const calls = make("div", "calls");
     for (const condition of run.conditions) {
       const mine = found.filter(([name]) => name === condition.name);
       if (mine.length) calls.append(card(frame, condition, mine));
     }
-    detail.replaceChildren(make("h3", "", about.id), truth, calls);
+    detail.replaceChildren(make("h3", "", about.id), truth, ...(about.said ? [said] : []), calls);
+  };
+
+  const tell = (node, pairs) => {
+    for (const [name, value] of pairs) node.append(` · ${name} `, make("b", "", value));
   };
 
   const card = (frame, condition, mine) => {
@@ -163,6 +172,13 @@
       node.append(image);
     } else {
       node.append(make("div", "missing", picture === -1 ? "no picture is sent" : "picture not in this page"));
+    }
+    const told = run.frames[frame].told && run.frames[frame].told[condition.name];
+    if (told) {
+      const said = make("p", "truth told");
+      said.append("The prompt says of ", make("b", "", told[0]));
+      tell(said, told[1]);
+      node.append(said);
     }
     for (const [name, model, call] of mine) node.append(answer(frame, name, model, call));
     return node;
@@ -182,7 +198,7 @@
       line.append(make("span", `against ${compared}`, compared === "same" ? "= as real" : `≠ real: ${real[2] ? real[1] : `(${real[1]})`}`));
     }
     node.append(who, line, reply(call[0], `${model.name} on ${run.frames[frame].id} under ${condition}`));
-    if (call[3]) node.append(make("p", "note", call[3]));
+    if (call.length > 3) node.append(make("p", "note", data.notes[call[3]]));
     return node;
   };
 
