@@ -1,5 +1,7 @@
 """Small runs for the tests of the report: a tiny bank, stand-in models, and replies that mean harm."""
 
+import json
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -71,3 +73,10 @@ def report(run: Path, page: Path, *banks: Path) -> Reported:
     made = make_page(read_evidence([run], banks))
     write_page(made, page)
     return Reported(banks[0] if banks else run, run, page, made)
+
+
+def data_of(html: str) -> dict[str, list]:
+    """Return the data that the browser of frames reads."""
+    block = re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.DOTALL)
+    assert block is not None
+    return json.loads(block.group(1))

@@ -1,11 +1,12 @@
 """The page in headless Chromium, wide and narrow: nothing in the console, filters and keys work, axe-core is content.
 
-Run by make test-browser, which names axe-core's script in EYECHART_AXE.
+Run by make test-browser; EYECHART_CHROMIUM names another Chromium than the one on the path.
 """
 
 import os
-import tempfile
+import shutil
 from collections.abc import Iterator
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -14,182 +15,206 @@ import pytest
 from report_runs import HOSTILE, LONG, Reported
 
 pytestmark = pytest.mark.browser
-
-FLAGS = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-)
 HEIGHT_PX = 900
+ALLOWED = {"file", "data", "about"}
 
 
-@pytest.fixture(scope="module", params=[1280, 400], ids=lambda width: f"{width} px")
-def browser(request: pytest.FixtureRequest, hostile: Reported) -> Iterator[Any]:
-    """Return Chromium with a report open, as wide as the parameter."""
-    from selenium import webdriver  # noqa: PLC0415 - an extra
-    from selenium.webdriver.chrome.service import Service  # noqa: PLC0415 - an extra
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = os.environ.get("EYECHART_CHROMIUM", "/usr/bin/chromium")
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    with tempfile.TemporaryDirectory() as profile:
-        for flag in (*FLAGS, f"--user-data-dir={profile}"):
-            options.add_argument(flag)
-        driver_path = os.environ.get("EYECHART_CHROMEDRIVER", "/usr/bin/chromedriver")
-        driver = webdriver.Chrome(options=options, service=Service(driver_path))
-        size = {"width": request.param, "height": HEIGHT_PX, "deviceScaleFactor": 1, "mobile": False}
-        driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
-        driver.get(hostile.page.as_uri())
-        yield driver
-        driver.quit()
+def chromium() -> str:
+    """Return where Chromium is."""
+    found = os.environ.get("EYECHART_CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser")
+    assert found, "Chromium is not there: apt-get install chromium, or name one in EYECHART_CHROMIUM"
+    return found
 
 
-@pytest.fixture(autouse=True)
-def _clear(browser: Any) -> None:  # noqa: ANN401 - selenium is not there when types are checked
-    """Begin each test with cleared filters."""
-    browser.find_element("id", "f-clear").click()
+@pytest.fixture(scope="module")
+def engine() -> Iterator[Any]:
+    """Return a running Chromium."""
+    from playwright.sync_api import sync_playwright  # noqa: PLC0415 - an extra
+
+    with sync_playwright() as playwright:
+        running = playwright.chromium.launch(executable_path=chromium(), args=["--no-sandbox", "--disable-gpu"])
+        yield running
+        running.close()
 
 
-def choose(browser: Any, field: str, value: str) -> None:  # noqa: ANN401 - as above
+@pytest.fixture(params=[1280, 400], ids=lambda width: f"{width} px")
+def page(request: pytest.FixtureRequest, engine: Any, hostile: Reported) -> Iterator[Any]:  # noqa: ANN401
+    """Return the report open in a window as wide as the parameter; what its console says is kept in ``said``."""
+    opened = engine.new_page(viewport={"width": request.param, "height": HEIGHT_PX})
+    opened.said = []
+    opened.asked = []
+    opened.on("console", lambda message: opened.said.append(message.text))
+    opened.on("pageerror", lambda error: opened.said.append(str(error)))
+    opened.on("request", lambda asked: opened.asked.append(asked.url))
+    opened.goto(hostile.page.as_uri())
+    yield opened
+    assert opened.said == []
+    opened.close()
+
+
+def choose(page: Any, field: str, value: str) -> None:  # noqa: ANN401 - playwright is not there when types are checked
     """Set a filter."""
-    script = (
-        "const f = document.getElementById(arguments[0]); f.value = arguments[1];"
-        "if (f.value !== arguments[1]) throw new Error('no such option: ' + arguments[1]);"
-        "f.dispatchEvent(new Event('input', { bubbles: true }));"
-    )
-    browser.execute_script(script, f"f-{field}", value)
+    if field == "text":
+        page.fill("#f-text", value)
+    else:
+        page.select_option(f"#f-{field}", value)
 
 
-def texts(browser: Any, selector: str) -> list[str]:  # noqa: ANN401 - as above
+def texts(page: Any, selector: str) -> list[str]:  # noqa: ANN401 - as above
     """Return the text of every element that a selector finds, as it stands in the document."""
-    return list(
-        browser.execute_script(
-            "return [...document.querySelectorAll(arguments[0])].map(node => node.textContent)", selector
-        )
-    )
+    return [str(text) for text in page.eval_on_selector_all(selector, "nodes => nodes.map(node => node.textContent)")]
 
 
-def test_the_console_stays_empty(browser: Any) -> None:  # noqa: ANN401 - as above
-    """No error, no warning, and no violation of the page's own policy."""
-    assert browser.get_log("browser") == []
+def test_the_page_asks_for_nothing(page: Any) -> None:  # noqa: ANN401 - as above
+    """Scrolled to its end, it has requested itself and what it carries in itself."""
+    page.evaluate("document.querySelectorAll('details').forEach(one => { one.open = true; })")
+    page.evaluate("scrollTo(0, document.body.scrollHeight)")
+    page.wait_for_timeout(200)
+    assert {url.partition(":")[0] for url in page.asked} <= ALLOWED
+    assert sum(url.startswith("file:") for url in page.asked) == 1
+    broken = "nodes => nodes.filter(node => node.complete && node.naturalWidth === 0).length"
+    assert page.eval_on_selector_all("img", broken) == 0
 
 
-def test_nothing_that_a_model_wrote_ran(browser: Any) -> None:  # noqa: ANN401 - as above
+def test_nothing_that_a_model_wrote_ran(page: Any) -> None:  # noqa: ANN401 - as above
     """The replies would set a mark on the window, or the title."""
-    assert browser.execute_script("return window.pwned") is None
-    assert browser.title.startswith("eyechart report")
-    assert browser.execute_script("return document.querySelectorAll('pre script, pre img, pre b').length") == 0
+    for place in range(len(texts(page, "#list button"))):
+        page.locator("#list button").nth(place).dispatch_event("click")
+    assert page.evaluate("window.pwned") is None
+    assert page.title().startswith("eyechart report")
+    assert page.locator("pre script, pre img, pre b").count() == 0
 
 
-def test_a_hostile_reply_is_shown_word_for_word(browser: Any) -> None:  # noqa: ANN401 - as above
+def test_a_hostile_reply_is_shown_word_for_word(page: Any) -> None:  # noqa: ANN401 - as above
     """Script, quotes, control signs and marks of direction are text."""
     shown: set[str] = set()
-    for place in range(len(texts(browser, "#list button"))):
-        browser.execute_script("document.querySelectorAll('#list button')[arguments[0]].click()", place)
-        shown |= set(texts(browser, "pre.reply"))
+    for place in range(len(texts(page, "#list button"))):
+        page.locator("#list button").nth(place).dispatch_event("click")
+        shown |= set(texts(page, "pre.reply"))
     assert set(HOSTILE) <= shown
 
 
-def test_a_reply_of_200_000_characters_is_cut_until_asked_for(browser: Any) -> None:  # noqa: ANN401 - as above
+def test_a_reply_of_200_000_characters_is_cut_until_asked_for(page: Any) -> None:  # noqa: ANN401 - as above
     """A button shows all of it."""
-    choose(browser, "text", "long winded")
-    browser.execute_script("document.querySelector('#list button').click()")
-    cut = max(texts(browser, "#detail pre.reply"), key=len)
-    assert len(cut) < 2000
-    browser.execute_script("document.querySelector('#detail .answer button').click()")
-    assert LONG in texts(browser, "#detail pre.reply")
+    choose(page, "text", "long winded")
+    page.locator("#list button").first.click()
+    assert max(map(len, texts(page, "#detail pre.reply"))) < 2000
+    page.locator("#detail .answer button").first.click()
+    assert LONG in texts(page, "#detail pre.reply")
+    assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
 
 
-def test_every_filter_changes_what_is_shown(browser: Any) -> None:  # noqa: ANN401 - as above
-    """Each filter leaves fewer calls, and only such as match."""
-    every = browser.find_element("id", "status").text
-    for field, value in (
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
         ("text", "light-0-1"),
         ("scenario", "dense"),
         ("condition", "mirrored"),
         ("decision", "a STOP"),
         ("differs", "differs"),
-    ):
-        choose(browser, field, value)
-        assert browser.find_element("id", "status").text != every, field
-        if field == "condition":
-            assert set(texts(browser, "#detail h4")) == {"mirrored"}
-        if field == "differs":
-            assert all(text.startswith("≠") for text in texts(browser, "#detail .against"))
-        browser.find_element("id", "f-clear").click()
-        assert browser.find_element("id", "status").text == every
-    choose(browser, "model", "1")
-    assert set(texts(browser, "#detail .who")) == {"standin:steady"}
+    ],
+)
+def test_every_filter_changes_what_is_shown(page: Any, field: str, value: str) -> None:  # noqa: ANN401 - as above
+    """Each filter leaves fewer calls, and only such as match; Clear brings all back."""
+    every = page.inner_text("#status")
+    choose(page, field, value)
+    assert page.inner_text("#status") != every
+    if field == "scenario":
+        assert all(text.startswith("dense") for text in texts(page, "#list button"))
+    if field == "condition":
+        assert set(texts(page, "#detail h4")) == {"mirrored"}
+    if field == "decision":
+        assert {text.removeprefix("■ ") for text in texts(page, "#detail .chip")} == {"STOP"}
+    if field == "differs":
+        assert all(text.startswith("≠") for text in texts(page, "#detail .against"))
+    page.click("#f-clear")
+    assert page.inner_text("#status") == every
 
 
-def test_filters_that_nothing_matches_say_so(browser: Any) -> None:  # noqa: ANN401 - as above
+def test_a_model_can_be_chosen(page: Any) -> None:  # noqa: ANN401 - as above
+    """Then only its replies are shown."""
+    choose(page, "model", "1")
+    assert set(texts(page, "#detail .who")) == {"standin:steady"}
+
+
+def test_filters_that_nothing_matches_say_so(page: Any) -> None:  # noqa: ANN401 - as above
     """An empty list, a sentence, and keys that do no harm."""
-    choose(browser, "text", "no such word anywhere")
-    assert texts(browser, "#list button") == []
-    assert texts(browser, "#detail") == ["No call matches these filters."]
-    browser.find_element("tag name", "body").send_keys("j")
-    assert browser.get_log("browser") == []
+    choose(page, "text", "no such word anywhere")
+    assert texts(page, "#list button") == []
+    assert texts(page, "#detail") == ["No call matches these filters."]
+    page.evaluate("document.activeElement.blur()")
+    page.keyboard.press("j")
 
 
-def test_the_keyboard_moves_through_the_frames(browser: Any) -> None:  # noqa: ANN401 - as above
+def test_the_keyboard_moves_through_the_frames(page: Any) -> None:  # noqa: ANN401 - as above
     """J and k from anywhere, arrows in the list, / to the filter and Escape back."""
-    from selenium.webdriver.common.keys import Keys  # noqa: PLC0415 - an extra
 
     def press(key: str) -> str:
-        browser.switch_to.active_element.send_keys(key)
-        return str(browser.execute_script("return document.querySelector('#detail h3').textContent"))
+        page.keyboard.press(key)
+        return page.inner_text("#detail h3")
 
-    assert len(texts(browser, "#list button")) > 3
-    browser.execute_script("document.querySelectorAll('#list button')[0].click(); document.activeElement.blur()")
+    def focused() -> str:
+        return str(page.evaluate("document.activeElement.id || document.activeElement.tagName"))
+
+    assert len(texts(page, "#list button")) > 3
     start = press("k")
-    moved = [press(key) for key in ("j", "j", Keys.ARROW_DOWN, Keys.ARROW_UP, "k")]
+    moved = [press(key) for key in ("j", "j", "ArrowDown", "ArrowUp", "k")]
     assert len({start, *moved}) == 4
     assert moved[4] == moved[0]
+    assert press("End") == texts(page, "#list button > span:first-child")[-1]
     press("/")
-    assert browser.switch_to.active_element.get_attribute("id") == "f-text"
-    browser.switch_to.active_element.send_keys("k")
-    assert browser.find_element("id", "f-text").get_attribute("value") == "k"
-    assert browser.switch_to.active_element.get_attribute("id") == "f-text"
-    browser.find_element("id", "f-clear").click()
+    assert focused() == "f-text"
+    page.keyboard.press("k")
+    assert (page.input_value("#f-text"), focused()) == ("k", "f-text")
+    page.click("#f-clear")
     press("/")
-    press(Keys.ESCAPE)
-    assert browser.switch_to.active_element.tag_name == "button"
-    ring = browser.execute_script("return getComputedStyle(document.activeElement).outlineStyle")
-    assert ring == "solid"
+    press("Escape")
+    assert focused() == "BUTTON"
+    assert page.evaluate("getComputedStyle(document.activeElement).outlineStyle") == "solid"
 
 
-def test_the_theme_can_be_chosen(browser: Any) -> None:  # noqa: ANN401 - as above
+def test_filters_are_reached_and_changed_by_keyboard_alone(page: Any) -> None:  # noqa: ANN401 - as above
+    """Tab goes from field to field, and a letter chooses an option."""
+    every = page.inner_text("#status")
+    page.focus("#f-model")
+    page.keyboard.press("Tab")
+    page.keyboard.press("d")
+    assert page.input_value("#f-scenario") == "dense"
+    assert page.inner_text("#status") != every
+
+
+def test_the_theme_can_be_chosen(page: Any) -> None:  # noqa: ANN401 - as above
     """Automatic, light, dark, and round again."""
-    button = browser.find_element("id", "theme")
     seen = set()
     for _ in range(3):
-        browser.execute_script("arguments[0].click()", button)
-        seen.add((button.text, browser.execute_script("return getComputedStyle(document.body).backgroundColor")))
+        page.click("#theme")
+        seen.add((page.inner_text("#theme"), page.evaluate("getComputedStyle(document.body).backgroundColor")))
     assert {text for text, _ in seen} == {"Theme: automatic", "Theme: light", "Theme: dark"}
     assert len({colour for _, colour in seen}) == 2
 
 
-def test_the_page_is_not_wider_than_the_window(browser: Any) -> None:  # noqa: ANN401 - as above
-    """Wide figures and tables scroll inside themselves."""
-    assert browser.execute_script("return document.documentElement.scrollWidth - innerWidth") <= 0
+def test_the_page_follows_the_reader_s_colour_scheme(page: Any) -> None:  # noqa: ANN401 - as above
+    """Dark where the system is dark, until a theme is chosen."""
+    colour = "getComputedStyle(document.body).backgroundColor"
+    light = page.evaluate(colour)
+    page.emulate_media(color_scheme="dark")
+    assert page.evaluate(colour) != light
 
 
-@pytest.mark.axe
-@pytest.mark.parametrize("theme", ["light", "dark"])
-def test_axe_finds_no_serious_violation(browser: Any, theme: str) -> None:  # noqa: ANN401 - as above
+def test_the_page_is_not_wider_than_the_window(page: Any) -> None:  # noqa: ANN401 - as above
+    """Wide figures and tables scroll inside themselves, also where every fold is open."""
+    page.evaluate("document.querySelectorAll('details').forEach(one => { one.open = true; })")
+    assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_no_serious_violation(page: Any, scheme: str) -> None:  # noqa: ANN401 - as above
     """Accessible names, contrast, roles and order, with every fold of the page open, light and dark."""
-    browser.execute_script(
-        "document.documentElement.dataset.theme = arguments[0];"
-        "document.querySelectorAll('details').forEach(one => { one.open = true; })",
-        theme,
-    )
-    browser.execute_script(Path(os.environ["EYECHART_AXE"]).read_text(encoding="utf-8"))
-    found = browser.execute_async_script("const done = arguments[0]; axe.run(document).then(done, done)")
+    page.emulate_media(color_scheme=scheme)
+    page.evaluate("document.querySelectorAll('details').forEach(one => { one.open = true; })")
+    axe = Path(str(files("axe_playwright_python"))) / "axe.min.js"
+    page.evaluate(axe.read_text(encoding="utf-8") + "; undefined")
+    found = page.evaluate("axe.run(document)")
     grave = [one for one in found["violations"] if one["impact"] in {"serious", "critical"}]
     assert [f"{one['id']}: {one['nodes'][0]['html'][:200]}" for one in grave] == []
     assert len(found["passes"]) > 20

@@ -10,9 +10,9 @@ import pytest
 import report_runs
 import stand_ins
 from eyechart.calls import Query, Reply
+from eyechart.report.comparisons import pair_counts, pair_words
 from eyechart.report.drawing import plain
 from eyechart.report.evidence import Subject, read_evidence, subjects
-from eyechart.report.comparisons import pair_counts, pair_words
 from eyechart.report.figures import figures, write_figures
 from report_runs import Reported, make_run
 

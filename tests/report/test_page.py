@@ -23,7 +23,7 @@ from eyechart.report.evidence import read_evidence, subjects
 from eyechart.report.page import make_page
 from eyechart.report.pictures import LEFT_OUT, make_album
 from eyechart.studies import battery as study
-from report_runs import HOSTILE, LONG, Reported, make_run, report
+from report_runs import HOSTILE, LONG, Reported, data_of, make_run, report
 
 
 class Elements(HTMLParser):
@@ -45,13 +45,6 @@ class Elements(HTMLParser):
         """Keep text under the element that was opened last."""
         if self._open:
             self.inside.setdefault(self._open[-1], []).append(data)
-
-
-def data_of(html: str) -> dict[str, list]:
-    """Return the data that the browser of frames reads."""
-    block = re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.DOTALL)
-    assert block is not None
-    return json.loads(block.group(1))
 
 
 def noisy(query: Query) -> Reply:

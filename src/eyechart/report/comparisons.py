@@ -54,7 +54,7 @@ def _agree(who: Subject, condition: str) -> float | None:
     return float((real == other).mean()) if len(real) else None
 
 
-def information(everyone: Sequence[Subject]) -> Drawing:
+def information(everyone: Sequence[Subject]) -> list[Drawing]:
     """Draw action entropy against mutual information with the gap (figure mi), each model by its name."""
     points = []
     for who in everyone:
@@ -62,6 +62,8 @@ def information(everyone: Sequence[Subject]) -> Drawing:
         x, y = found["entropy"].value, found["mutual_information.decision"].value
         if x is not None and y is not None:
             points.append((who, x, y))
+    if not points:
+        return []
     figure, axes = canvas(7.0, 4.3, (0.65, 0.2, 0.6, 0.2))
     right = max([1.0, *(x for _, x, _ in points)]) * 1.3
     top = max([0.25, *(y for _, _, y in points)]) * 1.15
@@ -80,7 +82,7 @@ def information(everyone: Sequence[Subject]) -> Drawing:
     without = f" Cannot say: {', '.join(missing)}." if missing else ""
     title = "Action entropy against mutual information with the gap"
     says = f"High entropy with information near 0 (lower right) is variety without sight. {told}.{without}"
-    return Drawing("information", title, says, figure, wide=True)
+    return [Drawing("information", title, says, figure, wide=True)]
 
 
 def _labelled(axes: Axes, points: Sequence[tuple[Subject, float, float]]) -> None:

@@ -15,7 +15,7 @@ def figures(everyone: Sequence[Subject]) -> dict[str, list[Drawing]]:
         return {
             "agreement": [agreement(everyone)] if everyone else [],
             "gap": [one for place, who in enumerate(everyone, 1) for one in gap_by_action(who, place)],
-            "information": [information(everyone)] if everyone else [],
+            "information": information(everyone),
             "mirror": [one for place, who in enumerate(everyone, 1) for one in mirror(who, place)],
             "pairs": pairs(everyone),
             "counterfactual": [one for place, who in enumerate(everyone, 1) for one in counterfactual(who, place)],
