@@ -17,6 +17,9 @@ def report(
     independent: Annotated[
         bool, typer.Option("--independent", help="Declare that frames outside episodes are independent draws.")
     ] = False,
+    reread: Annotated[
+        bool, typer.Option("--reread", help="Read the replies of a run anew that another version of the reader read.")
+    ] = False,
 ) -> None:
     """Write one self-contained HTML page with verdicts, figures, statistics and every reply.
 
@@ -28,7 +31,7 @@ def report(
     from eyechart.report.sheets import write_sheets
 
     with patience("report") as tell:
-        evidence = read_evidence(runs, frames or (), independent=independent, tell=tell)
+        evidence = read_evidence(runs, frames or (), independent=independent, reread=reread, tell=tell)
         page = make_page(evidence, tell=tell)
         write_page(page, out)
         if figures is not None:

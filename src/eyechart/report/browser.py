@@ -1,7 +1,7 @@
 """What the browser of frames shows: every call with its verbatim reply and its decision, as JSON inside the page."""
 
 import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from markupsafe import Markup
@@ -61,13 +61,21 @@ def frames_shown(
 def collect_texts(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]], *, budget: int = BUDGET) -> Texts:
     """Return the distinct replies about the shown frames, and the length to which they fit the budget together."""
     numbers: dict[str, int] = {}
-    for run, places in zip(evidence, shown, strict=True):
-        kept = {run.frames[place].id for place in places}
-        for spec in run.score.models:
-            for (frame, _), reply in run.replies[spec].items():
-                if frame in kept:
-                    numbers.setdefault(reply.text, len(numbers))
+    for reply, _ in _told(evidence, shown):
+        numbers.setdefault(reply.text, len(numbers))
     return Texts(numbers, _fitting(numbers, LONGEST, budget))
+
+
+def _told(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]]) -> Iterator[tuple[Reply, Decision]]:
+    """Yield what came back about the shown frames, in an order that no ledger decides."""
+    for run, places in zip(evidence, shown, strict=True):
+        for spec, model in run.score.models.items():
+            for condition in run.conditions:
+                given = model.answers.decisions.get(condition, (None,) * len(run.frames))
+                for place in places:
+                    reply, decision = run.replies[spec].get((run.frames[place].id, condition)), given[place]
+                    if reply is not None and decision is not None:
+                        yield reply, decision
 
 
 def _fitting(texts: Collection[str], longest: int, budget: int) -> int:
@@ -83,19 +91,18 @@ def _fitting(texts: Collection[str], longest: int, budget: int) -> int:
 
 def _collect_notes(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]]) -> Texts:
     notes: dict[str, int] = {}
-    for run, places in zip(evidence, shown, strict=True):
-        kept = {run.frames[place].id for place in places}
-        for spec in run.score.models:
-            for (frame, _), reply in run.replies[spec].items():
-                if frame in kept and (note := _note(reply)):
-                    notes.setdefault(note, len(notes))
+    for reply, decision in _told(evidence, shown):
+        if note := _note(reply, decision):
+            notes.setdefault(note, len(notes))
     return Texts(notes, _fitting(notes, _LONGEST_NOTE, _NOTES))
 
 
-def _note(reply: Reply) -> str:
+def _note(reply: Reply, decision: Decision) -> str:
     notes = [] if reply.finish_reason in {None, "stop"} else [f"finish reason {reply.finish_reason}"]
     if reply.error is not None:
         notes.append(f"error {reply.error}: {reply.error_detail}")
+    if decision.why is not None:
+        notes.append(f"unparsed: {decision.why.replace('_', ' ')}")
     return "; ".join(notes)
 
 
@@ -183,7 +190,7 @@ def _calls(
 def _call(reply: Reply, decision: Decision, texts: tuple[Texts, Texts]) -> list[int | str | bool]:
     word = decision.action if decision.action is not None else str(decision.missing)
     call: list[int | str | bool] = [texts[0].numbers[reply.text], word, decision.action is not None]
-    note = _note(reply)
+    note = _note(reply, decision)
     return [*call, texts[1].numbers[note]] if note else call
 
 

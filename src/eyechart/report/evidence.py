@@ -80,7 +80,12 @@ class Subject:
 
 
 def read_evidence(
-    runs: Sequence[Path], banks: Sequence[Path] = (), *, independent: bool = False, tell: Tell = lambda _: None
+    runs: Sequence[Path],
+    banks: Sequence[Path] = (),
+    *,
+    independent: bool = False,
+    reread: bool = False,
+    tell: Tell = lambda _: None,
 ) -> list[Evidence]:
     """Score and judge runs, and find their pictures: in one of ``banks``, or where each run's manifest says.
 
@@ -89,9 +94,9 @@ def read_evidence(
     found = []
     for path, name in zip(runs, _names(runs), strict=True):
         tell(f"scoring {name}")
-        scored = study.score(path, independent=independent)
+        scored = study.score(path, independent=independent, reread=reread)
         tell(f"checking the pictures of {name}")
-        found.append(evidence_of(name, scored, path / LEDGER, *_find_pictures(scored, path, banks)))
+        found.append(evidence_of(name, scored, path / LEDGER, *find_pictures(scored, path, banks)))
     return found
 
 
@@ -132,7 +137,7 @@ def _names(runs: Sequence[Path]) -> list[str]:
     ]
 
 
-def _find_pictures(scored: BatteryScore, run: Path, banks: Sequence[Path]) -> tuple[FrameBank | None, str]:
+def find_pictures(scored: BatteryScore, run: Path, banks: Sequence[Path]) -> tuple[FrameBank | None, str]:
     """Return the bank with the pictures that the run was made on, or None with the reason in words."""
     why = "no bank was given"
     for place in banks or _usual_places(scored, run):

@@ -145,16 +145,22 @@ def statistics_sheet(everyone: Sequence[Subject]) -> Sheet:
     return Sheet("statistics", "Every statistic with its interval, n and p", columns, rows)
 
 
-def write_sheets(everyone: Sequence[Subject], folder: Path) -> list[Path]:
-    """Write verdicts, the frontier table and the statistics as CSV, Markdown and LaTeX; return the files."""
-    folder.mkdir(parents=True, exist_ok=True)
-    written = []
+def sheet_files(everyone: Sequence[Subject]) -> dict[str, bytes]:
+    """Return verdicts, the frontier table and the statistics as CSV, Markdown and LaTeX, by their files' names."""
+    made = {}
     for sheet in (verdict_sheet(everyone), frontier_sheet(everyone), statistics_sheet(everyone)):
         for suffix, text in (("csv", sheet.csv()), ("md", sheet.markdown()), ("tex", sheet.latex())):
-            path = folder / f"{sheet.name}.{suffix}"
-            path.write_bytes(text.encode("utf-8", "backslashreplace"))
-            written.append(path)
-    return written
+            made[f"{sheet.name}.{suffix}"] = text.encode("utf-8", "backslashreplace")
+    return made
+
+
+def write_sheets(everyone: Sequence[Subject], folder: Path) -> list[Path]:
+    """Write the tables as CSV, Markdown and LaTeX; return the files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    made = {folder / name: content for name, content in sheet_files(everyone).items()}
+    for path, content in made.items():
+        path.write_bytes(content)
+    return list(made)
 
 
 def _csv_cells(cell: Cell, kind: str) -> list[str]:
