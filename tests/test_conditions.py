@@ -19,6 +19,7 @@ from eyechart.conditions import (
     partner,
     require_partners,
     show,
+    source,
 )
 from eyechart.errors import BankError, SpecError
 from eyechart.frames import Frame, FrameBank, MirrorAxis, decode
@@ -181,3 +182,19 @@ def test_an_unknown_condition_lists_the_known() -> None:
         find_condition("grey")
     assert "'grey'" in str(refused.value)
     assert all(name in str(refused.value) for name in CONDITIONS)
+
+
+def test_the_source_of_a_condition_is_the_file_that_it_shows(bank: FrameBank) -> None:
+    """Where a picture is a file of the bank it is that file; a blank, noise and a reflection are made of it."""
+    for name in CONDITIONS:
+        for frame in bank:
+            if not available(name, frame):
+                continue
+            file, picture = source(name, frame, bank, 3), show(name, frame, bank, 3)
+            if name == "text_only":
+                assert file is None
+            elif name in {"blank", "noise", "mirrored"}:
+                assert file == frame.file
+            else:
+                assert file is not None
+                assert (bank.root / file).read_bytes() == picture

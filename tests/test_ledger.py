@@ -121,6 +121,18 @@ def test_unknown_outcomes_are_those_of_unfinished_calls(path: Path) -> None:
     assert (counted.calls, counted.attempts, counted.finished, counted.unknown, counted.errors) == (2, 3, 1, 2, 0)
 
 
+def test_accounting_by_condition_adds_up_to_that_of_the_model(path: Path) -> None:
+    """Each condition has its own attempts and outcomes; one that was not asked has none."""
+    blank = replace(KEY, condition="blank", frame="f9")
+    fill(path, (KEY, FULL), (blank, Reply(error="timeout")), (blank, FULL), (replace(KEY, model="other"), FULL))
+    with Ledger(path) as ledger:
+        by, whole = ledger.by_condition(MODEL), ledger.accounting(MODEL)
+        assert ledger.by_condition("nobody") == {}
+    assert set(by) == {"blank", KEY.condition}
+    assert (by["blank"].attempts, by["blank"].errors, by["blank"].finished) == (2, 1, 1)
+    assert sum(one.attempts for one in by.values()) == whole.attempts == 3
+
+
 def test_accounting_adds_up_what_one_model_took(path: Path) -> None:
     """Tokens that nobody reported are None, not 0."""
     theirs = replace(KEY, model="other")

@@ -149,6 +149,17 @@ def show(condition: str, frame: Frame, bank: FrameBank, run_seed: int) -> bytes 
     return find_condition(condition).make(frame, bank, seed)
 
 
+def source(name: str, frame: Frame, bank: FrameBank, run_seed: int) -> str | None:
+    """Return the file of the bank of which a condition's picture of a frame is made, None where it shows none."""
+    if name == "text_only":
+        return None
+    if find_condition(name).counterfactual:
+        return frame.counterfactuals[name]
+    if name in _NEEDS_PARTNER:
+        return partner(frame, bank, key_seed("stimulus", run_seed, name, frame.id), name).file
+    return frame.file
+
+
 def speaker(name: str, frame: Frame, bank: FrameBank, run_seed: int, fields: tuple[str, ...]) -> Frame:
     """Return the frame of which a prompt's ``fields`` speak under a condition: itself, or for text_swapped another.
 

@@ -6,11 +6,12 @@ over; an attempt without a reply was sent with its outcome unknown. Rows are nev
 
 import datetime as dt
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from eyechart.calls import TRANSIENT, CallKey, Reply
 from eyechart.errors import LedgerError
@@ -44,11 +45,16 @@ _APPEND_ONLY = "".join(
     for table in ("calls", "attempts", "replies")
     for verb in ("UPDATE", "DELETE")
 )
+_OBJECTS = "SELECT type, name, sql FROM sqlite_master"
 _VERSION = 1
 _KEY = ", ".join(field.name for field in fields(CallKey))
 _KEY_IS = " AND ".join(f"{field.name} = ?" for field in fields(CallKey))
 _REPLY = tuple(field.name for field in fields(Reply))
 _REPLY_NAMES = ", ".join(_REPLY)
+_SUMS = (
+    "count(DISTINCT a.call), count(*), count(*) - count(r.attempt), coalesce(sum(final), 0), "
+    "count(r.error), sum(prompt_tokens), sum(completion_tokens), coalesce(sum(seconds), 0.0)"
+)
 _COPY_ATTEMPTS = f"""
 INSERT INTO attempts (id, call, number, request_sha256, sent_at)
 SELECT a.id + ?, mine.id,
@@ -194,16 +200,57 @@ class Ledger:
         for row in rows:
             yield CallKey(*row[:split]), Reply(*row[split:])
 
+    def attempts(self, model: str) -> Iterator[tuple[CallKey, int, str, Reply | None]]:
+        """Yield every attempt at a model's calls: key, number, digest of the request, and the reply if it is known."""
+        names = ", ".join(f"r.{name}" for name in _REPLY)
+        rows = self._sql.execute(
+            f"SELECT {_KEY}, number, request_sha256, r.attempt, {names} FROM attempts a "
+            "JOIN calls ON calls.id = a.call "
+            f"LEFT JOIN replies r ON r.attempt = a.id WHERE model = ? ORDER BY {_KEY}, number",
+            (model,),
+        )
+        split = len(fields(CallKey))
+        for row in rows:
+            reply = None if row[split + 2] is None else Reply(*row[split + 3 :])
+            yield CallKey(*row[:split]), row[split], row[split + 1], reply
+
+    def copy_to(self, path: Path) -> None:
+        """Write a copy of the ledger as it stands, also while a run appends; the same rows give the same bytes."""
+        self._sql.execute("VACUUM INTO ?", (str(path),))
+
+    def require_plain(self) -> None:
+        """Raise LedgerError where a file that came from elsewhere is damaged, or holds more than a ledger's tables."""
+        try:
+            with closing(sqlite3.connect(":memory:")) as own:
+                own.executescript(f"{_SCHEMA} {_APPEND_ONLY}")
+                expected = set(own.execute(_OBJECTS))
+            found = set(self._sql.execute(_OBJECTS))
+            (said,) = self._sql.execute("PRAGMA quick_check(1)").fetchone()
+        except sqlite3.Error as error:
+            raise LedgerError(f"{self.path} is damaged: {error}") from error
+        if found != expected:
+            strange = sorted(str(name) for _, name, _ in found ^ expected)
+            raise LedgerError(f"{self.path} is no plain ledger: {', '.join(strange[:3])} of its schema differ")
+        if said != "ok":
+            raise LedgerError(f"{self.path} is damaged: {said}")
+
     def accounting(self, model: str) -> Accounting:
         """Return the attempts, tokens and seconds that a model took."""
-        attempts = self._sql.execute(
-            "SELECT count(DISTINCT a.call), count(*), count(*) - count(r.attempt), coalesce(sum(final), 0), "
-            "count(r.error), sum(prompt_tokens), sum(completion_tokens), coalesce(sum(seconds), 0.0) FROM attempts a "
-            "LEFT JOIN replies r ON r.attempt = a.id WHERE a.call IN (SELECT id FROM calls WHERE model = ?)",
+        sums = self._sql.execute(
+            f"SELECT {_SUMS} FROM attempts a LEFT JOIN replies r ON r.attempt = a.id "
+            "WHERE a.call IN (SELECT id FROM calls WHERE model = ?)",
             (model,),
         ).fetchone()
-        calls, sent, unknown, finished, errors, prompt_tokens, completion_tokens, seconds = attempts
-        return Accounting(calls, sent, finished, unknown, errors, prompt_tokens, completion_tokens, seconds)
+        return _accounted(sums)
+
+    def by_condition(self, model: str) -> dict[str, Accounting]:
+        """Return what a model's calls of each condition took."""
+        rows = self._sql.execute(
+            f"SELECT condition, {_SUMS} FROM attempts a LEFT JOIN replies r ON r.attempt = a.id "
+            "JOIN calls ON calls.id = a.call WHERE model = ? GROUP BY condition ORDER BY condition",
+            (model,),
+        )
+        return {condition: _accounted(sums) for condition, *sums in rows}
 
     def absorb(self, other: "Ledger") -> int:
         """Copy every call of another ledger into this one, attempts and replies included; return how many are new.
@@ -226,6 +273,11 @@ class Ledger:
         finally:
             self._sql.execute("DETACH other")
         return new
+
+
+def _accounted(sums: Sequence[Any]) -> Accounting:
+    calls, sent, unknown, finished, errors, prompt_tokens, completion_tokens, seconds = sums
+    return Accounting(calls, sent, finished, unknown, errors, prompt_tokens, completion_tokens, seconds)
 
 
 def _storable(text: str) -> str:

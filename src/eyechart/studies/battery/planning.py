@@ -86,7 +86,7 @@ def plan(  # noqa: PLR0913 - what a battery can be asked for
     formulation = _prompt_for(bank, prompt)
     bank = asked_of(bank, formulation)
     require_sayable(formulation, bank)
-    supplied, left_out = _conditions_of(bank, formulation)
+    supplied, left_out = conditions_of(bank, formulation)
     chosen = tuple(dict.fromkeys(conditions)) if conditions else supplied
     for name in chosen:
         find_condition(name)
@@ -144,7 +144,7 @@ def _expected(left_out: Mapping[str, str], prompt: Prompt) -> dict[str, str]:
     }
 
 
-def _conditions_of(bank: FrameBank, prompt: Prompt) -> tuple[tuple[str, ...], dict[str, str]]:
+def conditions_of(bank: FrameBank, prompt: Prompt) -> tuple[tuple[str, ...], dict[str, str]]:
     """Return the conditions that the bank can supply, and why it cannot supply the others."""
     left_out: dict[str, str] = {}
     for name, one in CONDITIONS.items():

@@ -103,10 +103,17 @@ def score(path: Path, *, resamples: int = 5000, independent: bool = False, rerea
             f"{path}: the frames of an episode are not independent draws, and this bank records episodes; "
             "leave out --independent"
         )
+    return score_run(manifest, bank, path / LEDGER, resamples=resamples, independent=independent)
+
+
+def score_run(
+    manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, resamples: int = 5000, independent: bool = False
+) -> BatteryScore:
+    """Score the calls in a ledger by a run's manifest and its bank, whoever vouches for these."""
     independent = independent or bank.manifest.independent
     how = Resampling(resamples=resamples, seed=manifest.seed)
     plan, told = plan_of(manifest, bank), bool(manifest.prompt.fields)
-    with Ledger(path / LEDGER) as ledger:
+    with Ledger(ledger_path) as ledger:
         answers = {
             spec: read_answers(spec, ledger.replies(spec), bank, plan.frames, independent=independent, told=told)
             for spec in manifest.models
