@@ -185,8 +185,8 @@ def test_an_unknown_condition_lists_the_known() -> None:
 
 
 def test_the_source_of_a_condition_is_the_file_that_it_shows(bank: FrameBank) -> None:
-    """Where a picture is a file of the bank it is that file; a blank, noise and a reflection are made of it."""
-    for name in CONDITIONS:
+    """Of the paper's conditions and the counterfactuals: a blank, noise and a reflection are made of the frame."""
+    for name in (*BATTERY, "lead_near", "lead_far", "recoloured", "text_swapped"):
         for frame in bank:
             if not available(name, frame):
                 continue
