@@ -5,25 +5,36 @@ BIN := $(VENV)/bin
 CORE := $(VENV)/.core
 DEV := $(VENV)/.dev
 MODELS := $(VENV)/.models
+BROWSER := $(VENV)/.browser
 BENCH := $(VENV)/.bench
+DOCS := $(VENV)/.docs
 
-.PHONY: help demo test test-models lint format bench clean
+CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
+
+.PHONY: help demo test test-models test-browser lint format docs bench clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
 	@echo "make test         the tests of the core"
 	@echo "make test-models  the tests that need extras (Hugging Face datasets, Parquet, LeRobot)"
+	@echo "make test-browser the report in headless Chromium, which has to be there (apt-get install chromium)"
 	@echo "make lint         ruff and mypy"
+	@echo "make docs         the site, in build/docs"
 	@echo "make bench        ratios against what one would otherwise do"
 
 demo: $(CORE)
 	$(BIN)/eyechart demo --out demo
 
 test: $(DEV)
-	$(BIN)/python -m pytest -n 2 -m "not models"
+	$(BIN)/python -m pytest -n 2 -m "not models and not browser"
 
 test-models: $(MODELS)
 	$(BIN)/python -m pytest -m models
+
+test-browser: $(BROWSER)
+	@test -n "$${EYECHART_CHROMIUM:-$(CHROMIUM)}" || \
+	  { echo "Chromium is not there: 'apt-get install chromium', or EYECHART_CHROMIUM=/path/to/one make test-browser"; exit 1; }
+	EYECHART_CHROMIUM="$${EYECHART_CHROMIUM:-$(CHROMIUM)}" $(BIN)/python -m pytest -m browser
 
 lint: $(DEV)
 	$(BIN)/ruff check .
@@ -33,6 +44,10 @@ lint: $(DEV)
 format: $(DEV)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+
+docs: $(DOCS)
+	$(BIN)/python -m sphinx -E -W --keep-going -q -b html docs build/docs
+	$(BIN)/python docs/check_site.py build/docs
 
 bench: $(BENCH)
 	$(BIN)/python benchmarks/bench_statistics.py
@@ -59,6 +74,14 @@ $(DEV): $(CORE)
 
 $(MODELS): $(DEV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,hub,parquet,lerobot]'
+	@touch $@
+
+$(DOCS): $(CORE)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	@touch $@
+
+$(BROWSER): $(DEV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,browser]'
 	@touch $@
 
 $(BENCH): $(DEV)

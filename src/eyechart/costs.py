@@ -25,8 +25,8 @@ _READINGS_KEPT = 1000
 class Account:
     """What the calls of one model under one condition took, or under all of them.
 
-    ``calls`` were begun; ``attempts`` are requests, of which ``retries`` counts the repeated ones by reason and
-    ``errors`` the failed ones by kind; ``unknown`` were sent and never came back, because the run was killed.
+    ``calls`` were begun and ``finished`` are over; ``attempts`` are requests, of which ``retries`` counts the repeated
+    ones by reason and ``errors`` the failed ones by kind; ``unknown`` were sent and never came back.
     ``missing`` counts, by reason, the calls whose last reply holds no decision. Token sums are None where no reply
     reports any. ``cost_usd`` adds up what is known, and ``cost_from`` says of how many attempts it is reported, priced
     or unknown. Times are of the attempts that brought a reply, in seconds; ``energy_j`` is None where not measured.
@@ -34,6 +34,7 @@ class Account:
 
     calls: int
     attempts: int
+    finished: int
     retries: Mapping[str, int]
     unknown: int
     errors: Mapping[str, int]
@@ -49,6 +50,11 @@ class Account:
     seconds: float
     energy_j: float | None
     energy_measured: int
+
+    @property
+    def failed(self) -> int:
+        """Return how many attempts ended in an error."""
+        return sum(self.errors.values())
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
@@ -94,6 +100,7 @@ class Book:
             page.pending.add(one.key)
         else:
             page.pending.discard(one.key)
+            page.counts["finished"] += 1
             page.missing[missing or ""] += 1
         cost, how = self._prices.cost(self._mode, reply)
         page.cost_from[how] += 1
@@ -157,6 +164,7 @@ class _Page:
         return Account(
             calls=self.counts["calls"],
             attempts=self.counts["attempts"],
+            finished=self.counts["finished"],
             retries=dict(sorted(self.retries.items())),
             unknown=self.counts["unknown"],
             errors=dict(sorted(self.errors.items())),

@@ -7,7 +7,7 @@ over; an attempt without a reply was sent with its outcome unknown. Rows are nev
 import datetime as dt
 import sqlite3
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, fields
 from operator import attrgetter
 from pathlib import Path
@@ -48,6 +48,7 @@ _APPEND_ONLY = "".join(
     for table in ("calls", "attempts", "replies")
     for verb in ("UPDATE", "DELETE")
 )
+_OBJECTS = "SELECT type, name, sql FROM sqlite_master"
 _VERSION = 2
 _KEY = ", ".join(field.name for field in fields(CallKey))
 _KEY_IS = " AND ".join(f"{field.name} = ?" for field in fields(CallKey))
@@ -104,6 +105,7 @@ class Sent:
     number: int
     reason: str | None
     reply: Reply | None
+    request_sha256: str = ""
 
 
 class Ledger:
@@ -231,14 +233,36 @@ class Ledger:
         names = ", ".join(f"r.{name}" for name in _REPLY)
         calls = ", ".join(f"c.{field.name}" for field in fields(CallKey))
         rows = self._sql.execute(
-            f"SELECT {calls}, a.number, a.reason, r.attempt, {names} FROM attempts a JOIN calls c ON c.id = a.call "
+            f"SELECT {calls}, a.number, a.reason, a.request_sha256, r.attempt, {names} "
+            "FROM attempts a JOIN calls c ON c.id = a.call "
             "LEFT JOIN replies r ON r.attempt = a.id WHERE c.model = ? ORDER BY a.id",
             (model,),
         )
         split = len(fields(CallKey))
         for row in rows:
-            number, reason, came = row[split : split + 3]
-            yield Sent(CallKey(*row[:split]), number, reason, None if came is None else Reply(*row[split + 3 :]))
+            number, reason, digest, came = row[split : split + 4]
+            reply = None if came is None else Reply(*row[split + 4 :])
+            yield Sent(CallKey(*row[:split]), number, reason, reply, digest)
+
+    def copy_to(self, path: Path) -> None:
+        """Write a copy of the ledger as it stands, also while a run appends; the same rows give the same bytes."""
+        self._sql.execute("VACUUM INTO ?", (str(path),))
+
+    def require_plain(self) -> None:
+        """Raise LedgerError where a file that came from elsewhere is damaged, or holds more than a ledger's tables."""
+        try:
+            with closing(sqlite3.connect(":memory:")) as own:
+                own.executescript(f"{_SCHEMA} {_APPEND_ONLY}")
+                expected = set(own.execute(_OBJECTS))
+            found = set(self._sql.execute(_OBJECTS))
+            (said,) = self._sql.execute("PRAGMA quick_check(1)").fetchone()
+        except sqlite3.Error as error:
+            raise LedgerError(f"{self.path} is damaged: {error}") from error
+        if found != expected:
+            strange = sorted(str(name) for _, name, _ in found ^ expected)
+            raise LedgerError(f"{self.path} is no plain ledger: {', '.join(strange[:3])} of its schema differ")
+        if said != "ok":
+            raise LedgerError(f"{self.path} is damaged: {said}")
 
     def absorb(self, other: "Ledger") -> int:
         """Copy every call of another ledger into this one, attempts and replies included; return how many are new.

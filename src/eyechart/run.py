@@ -6,6 +6,7 @@ import random
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 from eyechart import conditions as stimuli
 from eyechart.calls import TRANSIENT, UNFINISHED, CallKey, Query, Reply
@@ -24,6 +25,18 @@ Progress = Callable[[int, int], None]
 
 _CLOSING_S = 10.0
 _NOT_SENT = Reply(error="exception")
+
+
+class Watch(Protocol):
+    """Decides, as calls finish, which of those that remain are made at all, and in which order."""
+
+    def queue(self, model: str, todo: Sequence[CallKey]) -> Iterator[CallKey]:
+        """Yield the calls of a model to make, out of ``todo``; asked for the next one only when a worker is free."""
+        ...
+
+    def finished(self, key: CallKey, reply: Reply) -> None:
+        """Take note of a finished call."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -97,8 +110,11 @@ def execute(
     attempts: int = 5,
     limits: Limits | None = None,
     progress: Progress | None = None,
+    watch: Watch | None = None,
 ) -> Outcome:
     """Make every planned call that the ledger does not hold finished, in seeded random order.
+
+    A ``watch`` may choose another order and leave calls out.
 
     A call whose error is transient is tried up to ``attempts`` times, with backoff. An interrupt leaves the
     ledger whole: what was under way stands as sent with its outcome unknown, and the same plan resumes it.
@@ -112,7 +128,7 @@ def execute(
         for spec in plan.models:
             for attempt in ledger.attempts(spec):
                 budget.made_before(spec, attempt.reply)
-    execution = _Execution(plan, models, ledger, budget, attempts=attempts, progress=progress)
+    execution = _Execution(plan, models, ledger, budget, attempts=attempts, progress=progress, watch=watch)
     try:
         asyncio.run(execution.run(todo, len(keys), concurrency))
     except BaseExceptionGroup as group:
@@ -179,7 +195,9 @@ class _Execution:
         *,
         attempts: int,
         progress: Progress | None,
+        watch: Watch | None,
     ) -> None:
+        self._watch = watch
         self._plan = plan
         self._models = models
         self._writer = _Writer(ledger)
@@ -195,7 +213,8 @@ class _Execution:
         try:
             async with asyncio.TaskGroup() as group:
                 for spec in self._plan.models:
-                    queue, pace = iter([key for key in todo if key.model == spec]), Pace(concurrency)
+                    mine, pace = [key for key in todo if key.model == spec], Pace(concurrency)
+                    queue = iter(mine) if self._watch is None else self._watch.queue(spec, mine)
                     for _ in range(concurrency):
                         group.create_task(self._work(queue, self._models[spec], pace))
         finally:
@@ -208,6 +227,8 @@ class _Execution:
             if last is None:
                 return
             self._budget.ended(key.model, last)
+            if self._watch is not None and last.error not in UNFINISHED:
+                self._watch.finished(key, last)
             self._done += last.error not in UNFINISHED  # after the await: other workers count meanwhile
             self._report()
             await asyncio.sleep(0)  # lets the other models' calls, and an interrupt, come in between
