@@ -215,7 +215,7 @@ class Ledger:
             yield CallKey(*row[:split]), row[split], row[split + 1], reply
 
     def copy_to(self, path: Path) -> None:
-        """Write a copy of the ledger as it stands, also while a run appends to it; the same rows give the same bytes."""
+        """Write a copy of the ledger as it stands, also while a run appends to it; equal rows give equal bytes."""
         self._sql.execute("VACUUM INTO ?", (str(path),))
 
     def require_plain(self) -> None:
