@@ -25,15 +25,20 @@ class Difference:
     recomputed: str
 
     def __str__(self) -> str:
-        return f"{self.where}: printed {_short(self.printed)}, recomputed {_short(self.recomputed)}"
+        return f"{printable(self.where)}: printed {_short(self.printed)}, recomputed {_short(self.recomputed)}"
 
     def as_dict(self) -> dict[str, str]:
         """Return plain JSON values."""
         return {"where": self.where, "printed": self.printed, "recomputed": self.recomputed}
 
 
+def printable(text: str) -> str:
+    """Return a text from elsewhere as a terminal may have it: without signs that move or colour what is printed."""
+    return "".join(sign if sign.isprintable() else " " for sign in text)
+
+
 def _short(text: str) -> str:
-    plain = "".join(sign if sign.isprintable() else " " for sign in text)
+    plain = printable(text)
     return f"'{plain}'" if len(plain) <= _SHOWN else f"'{plain[:_SHOWN]}…'"
 
 

@@ -228,7 +228,7 @@ def _compare_data(printed: str, recomputed: str, rounding: Rounding, how: Strict
     except (ValueError, RecursionError):
         yield Difference("report.html, frames", "data that cannot be read", "the calls of the ledger")
         return
-    if blocks[0] is not None and embedded_json(mine) != blocks[0].group(2):
+    if blocks[0] is not None and not _as_written(mine, blocks[0].group(2)):
         yield Difference("report.html, frames, data", "written in another way", "as a report writes them")
     if not how.pictures:
         for side in (mine, theirs):
@@ -236,6 +236,13 @@ def _compare_data(printed: str, recomputed: str, rounding: Rounding, how: Strict
                 side.pop("pictures", None)
     names = _Names(theirs)
     yield from compare_values(mine, theirs, rounding, names)
+
+
+def _as_written(data: object, text: str) -> bool:
+    try:
+        return embedded_json(data) == text
+    except ValueError:  # NaN and infinity, which no page holds
+        return False
 
 
 @dataclass(frozen=True)

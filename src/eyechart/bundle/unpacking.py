@@ -1,8 +1,10 @@
 """Unpacking a file that came from anywhere: only plain files, of bounded size, and only into the folder given."""
 
+import errno
 import re
 import shutil
 import stat
+import struct
 import zipfile
 import zlib
 from pathlib import Path, PurePosixPath
@@ -28,6 +30,9 @@ _FIXED = re.compile(
 )
 
 
+_DAMAGE = (zipfile.BadZipFile, zlib.error, struct.error, EOFError, NotImplementedError, RuntimeError, ValueError)
+
+
 def unpack(file: Path, folder: Path) -> list[str]:
     """Unpack a bundle into a folder; return the names of its files.
 
@@ -48,10 +53,14 @@ def unpack(file: Path, folder: Path) -> list[str]:
                 with packed.open(entry) as source, path.open("xb") as target:
                     _copy(source, target, entry)
             return [entry.filename for entry in entries]
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, UnicodeError) as error:
+    except _DAMAGE as error:
         raise BundleError(f"{file} is no bundle, or is damaged: {error}") from error
     except (FileExistsError, NotADirectoryError, IsADirectoryError) as error:
         raise BundleError(f"{file} is no bundle: two of its files have one place, {error.filename}") from error
+    except OSError as error:
+        if error.errno == errno.EINVAL:  # a place before the file's beginning
+            raise BundleError(f"{file} is no bundle, or is damaged: {error}") from error
+        raise
 
 
 def check_names(file: Path) -> None:
@@ -80,16 +89,16 @@ def _check_entry(file: Path, entry: zipfile.ZipInfo) -> None:
         raise BundleError(f"{file} is no bundle: {name[:200]!r} is no plain name of a file in it")
     bank = name.startswith("run/bank/")
     if not bank and not _FIXED.fullmatch(name):
-        raise BundleError(f"{file} is no bundle: it holds '{name[:200]}', which belongs to none")
+        raise BundleError(f"{file} is no bundle: it holds {name[:200]!r}, which belongs to none")
     mode = entry.external_attr >> 16
     if entry.is_dir() or (mode and stat.S_IFMT(mode) not in {0, stat.S_IFREG}):
-        raise BundleError(f"{file} is no bundle: '{name[:200]}' is a link or a folder, not a file")
+        raise BundleError(f"{file} is no bundle: {name[:200]!r} is a link or a folder, not a file")
     if entry.flag_bits & 0x1 or entry.compress_type not in {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:
-        raise BundleError(f"{file} is no bundle: '{name[:200]}' is encrypted, or packed in an unknown way")
+        raise BundleError(f"{file} is no bundle: {name[:200]!r} is encrypted, or packed in an unknown way")
     text = not bank or name.rpartition("/")[2] in {"manifest.json", "metadata.jsonl"}
     most = MOST_LEDGER if name == "run/ledger.sqlite" else MOST_TEXT if text else MAX_IMAGE_BYTES
     if entry.file_size > most:
-        raise BundleError(f"{file}: '{name[:200]}' has {entry.file_size} bytes, more than the {most} that it may")
+        raise BundleError(f"{file}: {name[:200]!r} has {entry.file_size} bytes, more than the {most} that it may")
 
 
 def _leads_out(part: str) -> bool:
@@ -102,5 +111,5 @@ def _copy(source: IO[bytes], target: IO[bytes], entry: zipfile.ZipInfo) -> None:
     while block := source.read(min(1 << 20, left + 1)):
         left -= len(block)
         if left < 0:
-            raise BundleError(f"'{entry.filename}' is longer than it says; it is not unpacked")
+            raise BundleError(f"{entry.filename!r} is longer than it says; it is not unpacked")
         target.write(block)

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from eyechart.bundle.comparing import Difference, Rounding, compare_tables, compare_values
+from eyechart.bundle.comparing import Difference, Rounding, compare_tables, compare_values, printable
 from eyechart.bundle.contents import (
     FORMAT,
     INDEX,
@@ -28,8 +28,11 @@ from eyechart.bundle.unpacking import unpack
 from eyechart.errors import BundleError, EyechartError
 from eyechart.frames import FrameBank, open_unchecked
 from eyechart.ledger import Ledger
-from eyechart.manifest import BANK, LEDGER, RunManifest, asked_of, read_manifest
+from eyechart.manifest import BANK, LEDGER, RUN, RunManifest, as_text, asked_of, read_manifest
 from eyechart.report.evidence import Tell
+
+_LONGER = 4
+"""A file that is so many times as long as it should be is not looked into."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +74,7 @@ def validate(file: Path, *, tell: Tell = lambda _: None) -> Validation:
         differences, compared, notes = [*_check_files(folder, names, index)], {"files": len(names)}, _unlike(recipe)
         try:
             _recompute(folder, recipe, (differences, compared, notes), tell)
-        except (EyechartError, sqlite3.Error) as error:
+        except (EyechartError, sqlite3.Error, RecursionError) as error:
             words = str(error).replace(f"{work}/", "")
             differences.append(Difference("everything that follows from the run", "results", words))
         return Validation(tuple(differences), compared, tuple(notes))
@@ -88,12 +91,12 @@ def _read_index(file: Path, folder: Path) -> dict[str, object]:
 
 
 def _check_files(folder: Path, names: list[str], index: Mapping[str, object]) -> Iterator[Difference]:
-    listed = index["files"]
+    listed, there = index["files"], set(names)
     assert isinstance(listed, dict)
-    for name in sorted({*listed, *names} - {INDEX}):
+    for name in sorted({*listed, *there} - {INDEX}):
         path = folder / name
         digest = "no file"
-        if name in names:
+        if name in there:
             with path.open("rb") as file:
                 digest = hashlib.file_digest(file, "sha256").hexdigest()
         if digest != listed.get(name):
@@ -103,7 +106,7 @@ def _check_files(folder: Path, names: list[str], index: Mapping[str, object]) ->
 def _unlike(recipe: Recipe) -> list[str]:
     here = drawn_with()
     return [
-        f"drawn with {name} {recipe.drawn_with.get(name)}, here is {version}"
+        f"drawn with {name} {printable(recipe.drawn_with.get(name, 'unknown'))[:40]}, here is {version}"
         for name, version in here.items()
         if recipe.drawn_with.get(name) != version
     ]
@@ -117,6 +120,8 @@ def _recompute(
     run = folder / RUN_FOLDER
     manifest, bank = read_manifest(run), open_unchecked(run / BANK)
     asked = asked_of(bank, manifest.prompt)
+    if (run / RUN).read_bytes() != as_text(manifest).encode():
+        differences.append(Difference(f"{RUN_FOLDER}/{RUN}", "written in another way", "as a run is written"))
     tell("checking the bank")
     differences += check_bank(manifest, asked)
     with Ledger(run / LEDGER) as ledger:
@@ -154,6 +159,9 @@ def _compare(folder: Path, recipe: Recipe, derived: Derived) -> Iterator[Differe
         printed = path.read_bytes()
         if printed == content:
             continue
+        if len(printed) > _LONGER * len(content):
+            yield Difference(name, f"{len(printed)} bytes", f"{len(content)} bytes")
+            continue
         texts = printed.decode("utf-8", "replace"), content.decode("utf-8", "replace")
         yield from _compare_file(name, texts, derived, rounding, _strictness(recipe))
 
@@ -168,12 +176,19 @@ def _compare_file(
             yield Difference(RESULTS, "no JSON", "the results")
             return
         yield from compare_values(printed, derived.results, rounding, _result_name)
-        if as_json(printed) != texts[0].encode("utf-8", "backslashreplace"):
+        if not _as_written(printed, texts[0]):
             yield Difference(RESULTS, "written in another way", "as results are written")
     elif name == REPORT:
         yield from compare_pages(*texts, rounding, how)
     elif name.startswith(TABLES):
         yield from compare_tables(name, *texts, rounding)
+
+
+def _as_written(values: object, text: str) -> bool:
+    try:
+        return as_json(values) == text.encode("utf-8", "backslashreplace")
+    except ValueError:  # NaN and infinity, which no results hold
+        return False
 
 
 def _result_name(path: tuple[str | int, ...]) -> str:
