@@ -7,9 +7,11 @@ DEV := $(VENV)/.dev
 MODELS := $(VENV)/.models
 BROWSER := $(VENV)/.browser
 BENCH := $(VENV)/.bench
+DOCS := $(VENV)/.docs
+
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo test test-models test-browser lint format bench clean
+.PHONY: help demo test test-models test-browser lint format docs bench clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -17,6 +19,7 @@ help:
 	@echo "make test-models  the tests that need extras (Hugging Face datasets, Parquet, LeRobot)"
 	@echo "make test-browser the report in headless Chromium, which has to be there (apt-get install chromium)"
 	@echo "make lint         ruff and mypy"
+	@echo "make docs         the site, in build/docs"
 	@echo "make bench        ratios against what one would otherwise do"
 
 demo: $(CORE)
@@ -42,6 +45,10 @@ format: $(DEV)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
+docs: $(DOCS)
+	$(BIN)/python -m sphinx -E -W --keep-going -q -b html docs build/docs
+	$(BIN)/python docs/check_site.py build/docs
+
 bench: $(BENCH)
 	$(BIN)/python benchmarks/bench_statistics.py
 	$(BIN)/python benchmarks/bench_bank.py
@@ -66,6 +73,10 @@ $(DEV): $(CORE)
 
 $(MODELS): $(DEV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,hub,parquet,lerobot]'
+	@touch $@
+
+$(DOCS): $(CORE)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
 	@touch $@
 
 $(BROWSER): $(DEV)

@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[1] / "src"
 
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("cli",),
-    ("testing", "bundle"),
+    ("testing", "api", "bundle"),
     ("report",),
     ("gate", "calibrate", "compare", "transfer"),
     ("verdicts",),

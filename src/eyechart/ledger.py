@@ -215,7 +215,7 @@ class Ledger:
             yield CallKey(*row[:split]), row[split], row[split + 1], reply
 
     def copy_to(self, path: Path) -> None:
-        """Write a copy of the ledger as it stands, also while a run appends to it; equal rows give equal bytes."""
+        """Write a copy of the ledger as it stands, also while a run appends; the same rows give the same bytes."""
         self._sql.execute("VACUUM INTO ?", (str(path),))
 
     def require_plain(self) -> None:
@@ -225,7 +225,7 @@ class Ledger:
                 own.executescript(f"{_SCHEMA} {_APPEND_ONLY}")
                 expected = set(own.execute(_OBJECTS))
             found = set(self._sql.execute(_OBJECTS))
-            (said,) = self._sql.execute("PRAGMA quick_check(1)").fetchone()
+            (said,) = self._sql.execute("PRAGMA integrity_check(1)").fetchone()
         except sqlite3.Error as error:
             raise LedgerError(f"{self.path} is damaged: {error}") from error
         if found != expected:

@@ -30,6 +30,7 @@ class RunManifest:
     """What a run was planned to do. ``models`` maps a SPEC to the version that answered.
 
     ``shard`` is (i, n), counted from 1, or None for the whole; ``limit`` the number of frames, or None for all.
+    ``stop_early`` says that a model is no longer asked once its verdict is settled.
     ``reader`` is the version of the reader of replies that the run was begun under.
     """
 
@@ -44,6 +45,7 @@ class RunManifest:
     bank_path: str
     fingerprint: str
     versions: Mapping[str, str]
+    stop_early: bool = False
     reader: int = READER
 
     def extended(self, other: "RunManifest") -> "RunManifest":
@@ -51,7 +53,7 @@ class RunManifest:
 
         Raises LedgerError that names what differs where the two are not parts of one run.
         """
-        for name in ("study", "seed", "prompt", "fingerprint", "shard"):
+        for name in ("study", "seed", "prompt", "fingerprint", "shard", "stop_early"):
             mine, theirs = getattr(self, name), getattr(other, name)
             if mine != theirs:
                 shown = (mine.key, theirs.key) if isinstance(mine, Prompt) else (mine, theirs)
@@ -92,7 +94,10 @@ def today() -> str:
 
 
 def write_run(out: Path, manifest: RunManifest, bank: FrameBank) -> None:
-    """Write a run's manifest and the text of its bank (no pictures) into the run's folder."""
+    """Write a run's manifest and the text of its bank (no pictures) into the run's folder.
+
+    Raises LedgerError where ``out`` is taken by something that is no run.
+    """
     copy = out / BANK
     if not is_run(out):
         if not is_free(out):
@@ -173,6 +178,8 @@ def read_manifest(path: Path) -> RunManifest:
         raw["reader"] = int(raw["reader"])
         raw["limit"] = None if raw["limit"] is None else int(raw["limit"])
         raw["shard"] = None if raw["shard"] is None else _shard(raw["shard"])
+        if not isinstance(raw.setdefault("stop_early", False), bool):
+            raise LedgerError(f"{file}: stop_early is {raw['stop_early']!r}, neither true nor false")
         for name in ("study", "created", "bank_path", "fingerprint"):
             if not isinstance(raw[name], str) or not raw[name].isprintable():
                 raise LedgerError(f"{file}: {name} is {raw[name]!r}, not a line of text")

@@ -6,6 +6,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 from eyechart import conditions as stimuli
 from eyechart.calls import TRANSIENT, CallKey, Query, Reply
@@ -20,6 +21,18 @@ Progress = Callable[[int, int], None]
 """Called with (calls finished, calls planned) whenever a call ends."""
 
 _STIMULUS_BYTES = 128_000_000
+
+
+class Watch(Protocol):
+    """Decides, as calls finish, which of those that remain are made at all, and in which order."""
+
+    def queue(self, model: str, todo: Sequence[CallKey]) -> Iterator[CallKey]:
+        """Yield the calls of a model to make, out of ``todo``; asked for the next one only when a worker is free."""
+        ...
+
+    def finished(self, key: CallKey, reply: Reply) -> None:
+        """Take note of a finished call."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -114,8 +127,11 @@ def execute(
     concurrency: int = 8,
     attempts: int = 3,
     progress: Progress | None = None,
+    watch: Watch | None = None,
 ) -> None:
     """Make every planned call that the ledger does not hold finished, in seeded random order.
+
+    A ``watch`` may choose another order and leave calls out.
 
     A call whose error is transient is tried up to ``attempts`` times, with backoff. An interrupt leaves the
     ledger whole: what was under way stands as sent with its outcome unknown, and the same plan resumes it.
@@ -124,7 +140,7 @@ def execute(
     finished = ledger.finished()
     todo = [key for key in sorted(keys) if key not in finished]
     random.Random(plan.seed).shuffle(todo)  # noqa: S311 - an order of calls, no secret
-    execution = _Execution(plan, models, ledger, concurrency, attempts, progress, len(keys))
+    execution = _Execution(plan, models, ledger, concurrency, attempts, progress, len(keys), watch)
     try:
         asyncio.run(execution.run(todo))
     except BaseExceptionGroup as group:
@@ -149,7 +165,9 @@ class _Execution:
         attempts: int,
         progress: Progress | None,
         planned: int,
+        watch: Watch | None,
     ) -> None:
+        self._watch = watch
         self._plan = plan
         self._models = models
         self._ledger = ledger
@@ -165,7 +183,8 @@ class _Execution:
         self._report()
         async with asyncio.TaskGroup() as group:
             for spec in self._plan.models:
-                queue = iter([key for key in todo if key.model == spec])
+                mine = [key for key in todo if key.model == spec]
+                queue = iter(mine) if self._watch is None else self._watch.queue(spec, mine)
                 for _ in range(self._concurrency):
                     group.create_task(self._work(queue, self._models[spec]))
 
@@ -185,6 +204,8 @@ class _Execution:
             reply = await _ask(model, query)
             self._ledger.close(attempt, reply)
             if reply.error not in TRANSIENT:
+                if self._watch is not None:
+                    self._watch.finished(key, reply)
                 return True
             if number < self._attempts:
                 await asyncio.sleep(min(30.0, 2.0 ** (number - 1)) * (0.5 + random.random() / 2))  # noqa: S311

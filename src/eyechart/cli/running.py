@@ -1,16 +1,24 @@
 """``eyechart run`` makes calls and only appends; ``eyechart merge`` joins shards."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from eyechart.cli.terminal import progress, resumable, say
 
+if TYPE_CHECKING:
+    from eyechart.studies.battery import Battery
+
 app = typer.Typer(help="Run a study: make its calls and append them to a ledger.", no_args_is_help=True)
 
 
-@app.command(epilog="Example: eyechart run battery --model scripted:depth --frames bank --out run")
+@app.command(
+    epilog="Example: eyechart run battery --model scripted:depth --frames bank --out run. With --stop-early, for each "
+    "model, a false early verdict has a chance of at most .05 however often one looks (.01 for each of not_scorable, "
+    "depth by intervention, presence_only, refusal_effect and image_invariant; that the whole run would have been "
+    "not_scorable, .02); success at following the gap by observation never stops a run. Try it with --dry-run first."
+)
 def battery(
     model: Annotated[list[str], typer.Option(help="A model's SPEC; give it again for more models.")],
     frames: Annotated[Path, typer.Option(help="Folder of the frame bank.")],
@@ -24,6 +32,9 @@ def battery(
     limit: Annotated[int | None, typer.Option(help="So many frames, from every episode in turn.")] = None,
     shard: Annotated[str | None, typer.Option(help="i/n: make only these calls; join with 'merge'.")] = None,
     concurrency: Annotated[int, typer.Option(min=1, help="Calls under way at once, a model.")] = 8,
+    stop_early: Annotated[
+        bool, typer.Option("--stop-early", help="Ask a model no more once its verdict is settled; see below.")
+    ] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the plan and make no call.")] = False,
 ) -> None:
     """Run the input-ablation battery. Interrupt it at will: the same command goes on where it stopped."""
@@ -39,23 +50,63 @@ def battery(
         seed=seed,
         limit=limit,
         shard=None if shard is None else read_shard(shard),
+        stop_early=stop_early,
     )
     for name, why in planned.left_out.items():
         say(f"left out: {name}, because {why}")
     calls, finished, unknown = planned.counts()
-    plan = planned.plan
+    plan, to_make = planned.plan, f"{calls - finished}"
+    if stop_early:
+        to_make = f"at most {sum(one.left for one in planned.progress().values())}"
     say(
         f"{len(plan.models)} models × {len(plan.frames)} frames × {len(plan.conditions)} conditions: {calls} calls, "
-        f"{finished} finished, {unknown} sent with unknown outcome, {calls - finished} to make"
+        f"{finished} finished, {unknown} sent with unknown outcome, {to_make} to make"
     )
+    if stop_early:
+        for line in _before(planned):
+            say(line)
     if dry_run:
         return
     with resumable(), progress("calls", "calls") as move:
         study.run(planned, concurrency=concurrency, progress=move)
-    if left := calls - planned.counts()[1]:
+    if stop_early:
+        for line in _after(planned):
+            say(line)
+    left = sum(one.left for one in planned.progress().values()) if stop_early else calls - planned.counts()[1]
+    if left:
         say(f"{left} calls are unfinished: their last error may pass, and the same command tries them again")
         raise typer.Exit(1)
     say(f"done: 'eyechart verdict {out}' judges, 'eyechart score {out}' prints every statistic")
+
+
+def _before(planned: "Battery") -> list[str]:
+    """Say what stopping early guarantees, and the most and the typical number of calls."""
+    from eyechart.studies.battery import GUARANTEE, VALIDITY
+
+    most = max(sum(1 for _ in planned.plan.keys_of(model)) for model in planned.plan.models)
+    counts = sorted(planned.typical().items(), key=lambda one: one[1])
+    typical = ", ".join(f"{count} ({label})" for label, count in counts)
+    return [
+        f"stop early: {GUARANTEE}",
+        f"stop early: {VALIDITY}",
+        f"stop early: at most {most} calls a model; of a controller that never wavers {typical or 'as many'}",
+    ]
+
+
+def _after(planned: "Battery") -> list[str]:
+    """Say which models were stopped early, and the calls saved."""
+    lines, planned_calls, saved = [], 0, 0
+    for model, one in planned.progress().items():
+        calls = sum(1 for _ in planned.plan.keys_of(model))
+        planned_calls += calls
+        if one.stopped is None:
+            lines.append(f"{model}: not stopped early, {one.left} of {calls} calls left")
+            continue
+        saved += one.stopped.saved
+        beyond = f", {one.stopped.beyond} ended after the stop and do not count" if one.stopped.beyond else ""
+        share = f"{one.stopped.saved} calls saved ({one.stopped.saved / calls:.0%})"
+        lines.append(f"{model}: {one.stopped.words()}: {share}{beyond}")
+    return [*lines, f"calls saved: {saved} of {planned_calls} ({saved / max(planned_calls, 1):.0%})"]
 
 
 def merge(

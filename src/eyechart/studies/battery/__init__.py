@@ -3,10 +3,27 @@
 Source: paper, section The Input-Ablation Battery.
 """
 
-from eyechart.studies.battery.calibrated import ALPHA, MARGIN
+from eyechart.studies.battery.calibrated import ALPHA, FLOOR, MARGIN, UNPARSED_CUT
 from eyechart.studies.battery.merging import merge
 from eyechart.studies.battery.planning import Battery, plan, run
 from eyechart.studies.battery.replication import differences
 from eyechart.studies.battery.scoring import BatteryScore, ModelScore, score
+from eyechart.studies.battery.stopping import GUARANTEE, VALIDITY, Stopped
 
-__all__ = ["ALPHA", "MARGIN", "Battery", "BatteryScore", "ModelScore", "differences", "merge", "plan", "run", "score"]
+__all__ = [
+    "ALPHA",
+    "FLOOR",
+    "GUARANTEE",
+    "MARGIN",
+    "UNPARSED_CUT",
+    "VALIDITY",
+    "Battery",
+    "BatteryScore",
+    "ModelScore",
+    "Stopped",
+    "differences",
+    "merge",
+    "plan",
+    "run",
+    "score",
+]

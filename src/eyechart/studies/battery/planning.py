@@ -15,6 +15,9 @@ from eyechart.manifest import LEDGER, RunManifest, asked_of, is_free, is_run, re
 from eyechart.models import Model, open_model
 from eyechart.prompts import Prompt, find_prompt, neutral, require_sayable
 from eyechart.run import Plan, Progress, execute, spread
+from eyechart.studies.battery.stopping import NEEDED
+from eyechart.studies.battery.watching import EarlyStop, layout_for, typical
+from eyechart.studies.battery.watching import Progress as HowFar
 
 STUDY = "battery"
 
@@ -38,8 +41,20 @@ class Battery:
         with Ledger(self.out / LEDGER) as ledger:
             return len(keys), len(keys & ledger.finished()), len(keys & ledger.unknown())
 
+    def progress(self) -> dict[str, HowFar]:
+        """Return how far each model of a run that stops early is."""
+        if not (self.out / LEDGER).is_file():
+            return {model: HowFar(None, sum(1 for _ in self.plan.keys_of(model))) for model in self.plan.models}
+        with Ledger(self.out / LEDGER) as ledger:
+            watch = EarlyStop(self.plan, ledger)
+        return {model: watch.progress(model) for model in self.plan.models}
 
-def plan(
+    def typical(self) -> dict[str, int]:
+        """Return how many calls a clear controller of each kind takes where the run stops early."""
+        return typical(layout_for(self.plan, self.plan.models[0]))
+
+
+def plan(  # noqa: PLR0913 - what a battery can be asked for
     bank_path: Path,
     specs: Sequence[str],
     out: Path,
@@ -49,13 +64,16 @@ def plan(
     seed: int = 0,
     limit: int | None = None,
     shard: tuple[int, int] | None = None,
+    stop_early: bool = False,
 ) -> Battery:
     """Plan a battery, or the rest of one that ``out`` holds already; nothing is written or asked yet.
 
     ``conditions`` default to the eight of Table t:conditions and the counterfactuals, those that the bank can supply,
     and text_swapped where the prompt has fields. ``prompt`` is a name or a TOML file; it defaults to ``baseline``, and
-    to a plain one for imported frames. Raises BankError where a picture is not the one that the bank's manifest
-    recorded, SpecError for an unknown name, and LedgerError where ``out`` holds another run.
+    to a plain one for imported frames. With ``stop_early`` a model is no longer asked once its verdict is settled; it
+    needs whole frames and the conditions real, real_repeat and blank. Raises BankError where a picture is not the one
+    that the bank's manifest recorded, SpecError for an unknown name or for what cannot be stopped early, and
+    LedgerError where ``out`` holds another run.
     """
     models = {spec: open_model(spec) for spec in dict.fromkeys(specs)}
     if not models:
@@ -74,6 +92,8 @@ def plan(
         find_condition(name)
         if name in left_out:
             raise BankError(f"condition '{name}' cannot be shown: {left_out[name]}")
+    if stop_early:
+        _require_stoppable(chosen, shard)
     manifest = RunManifest(
         study=STUDY,
         created=today(),
@@ -86,10 +106,25 @@ def plan(
         bank_path=str(bank_path.resolve()),
         fingerprint=bank.manifest.fingerprint,
         versions=versions(),
+        stop_early=stop_early,
     )
     manifest = _resumed(out, manifest, bank)
+    if stop_early:  # when it settles depends on all that the run asks, also where it was begun with more
+        chosen, limit = manifest.conditions, manifest.limit
     the_plan = plan_of(manifest, bank, models=tuple(models), conditions=chosen, limit=limit)
     return Battery(the_plan, models, manifest, out, {} if conditions else _expected(left_out, formulation))
+
+
+def _require_stoppable(conditions: Sequence[str], shard: tuple[int, int] | None) -> None:
+    if shard is not None:
+        raise SpecError(
+            "--stop-early needs all calls of a frame in one run: leave out --shard; machines can share the models"
+        )
+    missing = [name for name in NEEDED if name not in conditions]
+    if missing:
+        raise SpecError(
+            f"--stop-early needs the conditions {', '.join(NEEDED)}; --conditions lacks {', '.join(missing)}"
+        )
 
 
 def _prompt_for(bank: FrameBank, name: str | None) -> Prompt:
@@ -173,10 +208,19 @@ def run(battery: Battery, *, concurrency: int = 8, progress: Progress | None = N
             manifest = _resumed(battery.out, battery.manifest, battery.plan.bank)
             write_run(battery.out, manifest, battery.plan.bank)
             with Ledger(battery.out / LEDGER, create=True) as ledger:
-                execute(battery.plan, battery.models, ledger, concurrency=concurrency, progress=progress)
+                _ask(battery, manifest, ledger, concurrency, progress)
     except sqlite3.Error as error:
         raise LedgerError(f"{battery.out / LEDGER} cannot be written: {error}; the same command resumes") from error
     except Timeout as error:
         raise LedgerError(
             f"another process is writing to {battery.out}; wait for it, or choose another --out"
         ) from error
+
+
+def _ask(battery: Battery, manifest: RunManifest, ledger: Ledger, concurrency: int, progress: Progress | None) -> None:
+    """Make the calls; where all frames were asked for some conditions and it settled nothing, those left out too."""
+    for _ in range(2):
+        watch = EarlyStop(battery.plan, ledger) if manifest.stop_early else None
+        execute(battery.plan, battery.models, ledger, concurrency=concurrency, progress=progress, watch=watch)
+        if watch is None or not watch.exhausted:
+            return

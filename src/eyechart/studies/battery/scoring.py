@@ -1,8 +1,8 @@
 """Scoring a run: ledger and bank to decisions to statistics; it only reads, and gives the same bytes every time."""
 
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from eyechart.errors import LedgerError, SpecError
@@ -10,12 +10,15 @@ from eyechart.frames import FrameBank
 from eyechart.ledger import Accounting, Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
 from eyechart.reader import READER
+from eyechart.run import Plan
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers, read_answers
 from eyechart.studies.battery.calibrated import Calibrated
 from eyechart.studies.battery.planning import plan_of
 from eyechart.studies.battery.published import Published, Resampling
+from eyechart.studies.battery.stopping import Course, Stopped
+from eyechart.studies.battery.watching import layout_for
 
 HOLM = ("cramers_v", "cramers_v.decision", "obstacle", "mutual_information", "mutual_information.decision")
 """The tests whose p is corrected over the models of a run (Holm 1979)."""
@@ -25,7 +28,9 @@ HOLM = ("cramers_v", "cramers_v.decision", "obstacle", "mutual_information", "mu
 class ModelScore:
     """One model's decisions and statistics. ``holm`` maps a test to its p corrected over the run's models.
 
-    ``planned`` and ``answered`` count calls; a verdict on fewer than planned says so.
+    ``planned`` and ``answered`` count calls; a verdict on fewer than planned says so. ``stopped`` says where the run
+    settled its verdict early: then ``answers`` and ``answered`` hold the calls that count, ``statistics`` their
+    e-values, and of all others the value alone, because a p or an interval of a sample of fixed size is none here.
     """
 
     model: str
@@ -35,6 +40,7 @@ class ModelScore:
     answers: Answers
     statistics: Mapping[str, Statistic]
     holm: Mapping[str, float | None]
+    stopped: Stopped | None = None
 
 
 @dataclass(frozen=True)
@@ -46,6 +52,9 @@ class BatteryScore:
     models: Mapping[str, ModelScore]
     accounting: Mapping[str, Accounting]
 
+    def __repr__(self) -> str:
+        return f"<BatteryScore of {', '.join(self.models) or 'no model'} on {self.bank.name}>"
+
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values; what two runs may differ in (timing, attempts) stands under ``accounting``."""
         return {
@@ -54,12 +63,14 @@ class BatteryScore:
             "fingerprint": self.manifest.fingerprint,
             "prompt": self.manifest.prompt.key,
             "seed": self.manifest.seed,
+            "stop_early": self.manifest.stop_early,
             "reader": READER,
             "models": {
                 spec: {
                     "version": score.version,
                     "planned": score.planned,
                     "answered": score.answered,
+                    "stopped": None if score.stopped is None else score.stopped.as_dict(),
                     "statistics": {name: value.as_dict() for name, value in score.statistics.items()},
                     "holm": dict(score.holm),
                 }
@@ -115,8 +126,15 @@ def score_run(
             for spec in manifest.models
         }
         accounting = {spec: ledger.accounting(spec) for spec in manifest.models}
-    statistics = {spec: statistics_of(one, how, independent=independent) for spec, one in answers.items()}
-    corrected = _corrected(statistics)
+        finished = _finished(ledger, manifest.models) if manifest.stop_early else {}
+    courses = {spec: _course(plan, answers[spec], finished[spec]) for spec in finished}
+    stopped = {spec: course.stopped(answers[spec].finished) for spec, course in courses.items()}
+    answers = {spec: _counting(one, courses[spec]) if stopped.get(spec) else one for spec, one in answers.items()}
+    statistics = {
+        spec: _with_evidence(statistics_of(one, how, independent=independent), courses.get(spec), stopped.get(spec))
+        for spec, one in answers.items()
+    }
+    corrected = _corrected(statistics, {spec for spec, one in stopped.items() if one is not None})
     models = {
         spec: ModelScore(
             model=spec,
@@ -126,10 +144,65 @@ def score_run(
             answers=answers[spec],
             statistics=statistics[spec],
             holm=corrected[spec],
+            stopped=stopped.get(spec),
         )
         for spec, version in manifest.models.items()
     }
     return BatteryScore(manifest, bank, models, accounting)
+
+
+def _finished(ledger: Ledger, models: Collection[str]) -> dict[str, set[tuple[str, str]]]:
+    """Return the finished calls of each model, as (frame, condition)."""
+    found: dict[str, set[tuple[str, str]]] = {model: set() for model in models}
+    for key in ledger.finished():
+        if key.model in found:
+            found[key.model].add((key.frame, key.condition))
+    return found
+
+
+def _course(plan: Plan, answers: Answers, finished: Collection[tuple[str, str]]) -> Course:
+    """Return how far a model's evidence comes with the calls that are finished."""
+    given = {
+        (frame.id, name): one
+        for name, column in answers.decisions.items()
+        for frame, one in zip(answers.frames, column, strict=True)
+        if one is not None and (frame.id, name) in finished
+    }
+    course = Course(layout_for(plan, answers.model))
+    course.advance(given)
+    return course
+
+
+def _counting(answers: Answers, course: Course) -> Answers:
+    """Return the answers that count: those up to the stop."""
+    counted = set(course.counted)
+    decisions = {
+        name: tuple(
+            one if (frame.id, name) in counted else None for frame, one in zip(answers.frames, column, strict=True)
+        )
+        for name, column in answers.decisions.items()
+    }
+    return replace(answers, decisions=decisions, finished=len(counted))
+
+
+def _with_evidence(
+    found: Mapping[str, Statistic], course: Course | None, stopped: Stopped | None
+) -> dict[str, Statistic]:
+    """Add the e-values of a run that stops early; where it stopped, take away what holds at a fixed size only."""
+    if course is None:
+        return dict(found)
+    if stopped is None:
+        return {**found, **course.statistics()}
+    bare = {name: one if name == stopped.lateral_by else _bare(one) for name, one in found.items()}
+    return {**bare, **course.statistics()}
+
+
+def _bare(one: Statistic) -> Statistic:
+    """Return a statistic of a run that stopped early without what holds at a fixed size only."""
+    words = "stopped early: a p or an interval would hold at a fixed size only"
+    tested = {name for name in one.detail or {} if name.startswith("p_") or name.endswith("_p") or name == "bounded"}
+    detail = None if one.detail is None else {name: of for name, of in one.detail.items() if name not in tested}
+    return replace(one, ci=None, p=None, note=f"{one.note}; {words}" if one.note else words, detail=detail)
 
 
 def statistics_of(answers: Answers, how: Resampling, *, independent: bool = False) -> dict[str, Statistic]:
@@ -137,11 +210,13 @@ def statistics_of(answers: Answers, how: Resampling, *, independent: bool = Fals
     return Published(answers, how).statistics() | Calibrated(answers, how, independent).statistics()
 
 
-def _corrected(statistics: Mapping[str, Mapping[str, Statistic]]) -> dict[str, dict[str, float | None]]:
-    """Correct each test over the models; a constant model enters with p = 1."""
+def _corrected(
+    statistics: Mapping[str, Mapping[str, Statistic]], stopped: Collection[str]
+) -> dict[str, dict[str, float | None]]:
+    """Correct each test over the models; a constant model enters with p = 1, and so does one that stopped early."""
     by_model: dict[str, dict[str, float | None]] = {spec: {} for spec in statistics}
     for test in HOLM:
-        corrected = holm([found[test].p for found in statistics.values()])
+        corrected = holm([1.0 if spec in stopped else found[test].p for spec, found in statistics.items()])
         for spec, p in zip(statistics, corrected, strict=True):
-            by_model[spec][test] = p
+            by_model[spec][test] = None if spec in stopped else p
     return by_model
