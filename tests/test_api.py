@@ -19,6 +19,8 @@ from eyechart.api import Report, read_report, run_battery
 from eyechart.api import build_bank as build
 from eyechart.calls import Query, Reply
 from eyechart.errors import LedgerError, SpecError
+from eyechart.report.evidence import read_evidence
+from eyechart.report.page import make_page
 from eyechart.stats.statistic import Statistic
 from eyechart.studies import battery
 from eyechart.verdicts import Ruling, Verdict, judge
@@ -253,6 +255,14 @@ def test_a_hostile_reply_stays_out_of_the_report(tmp_path: Path, monkeypatch: py
     html = run_battery(build_bank(tmp_path / "bank"), "standin:x", tmp_path / "run")._repr_html_()
     assert "script" not in Page(html).tags
     assert "<script" not in html
+
+
+def test_a_report_is_written_as_the_page_of_the_command(report: Report, tmp_path: Path) -> None:
+    """The page of ``eyechart report``, byte by byte, with every model of the run."""
+    written = report.to_html(tmp_path / "page.html")
+    html = written.read_bytes()
+    assert all(spec.encode() in html for spec in report)
+    assert html == make_page(read_evidence([report.path])).html
 
 
 def test_a_report_without_models_says_so(report: Report) -> None:

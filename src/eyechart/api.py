@@ -68,6 +68,17 @@ class Report:
             for name, one in model.statistics.items()
         ]
 
+    def to_html(self, out: Path | str) -> Path:
+        """Write the report as one self-contained page, as ``eyechart report`` does, and return where it is.
+
+        Raises BankError or LedgerError where the run cannot be read, and OSError where the page cannot be written.
+        """
+        from eyechart.report.evidence import read_evidence  # noqa: PLC0415 - matplotlib is slow to import
+        from eyechart.report.page import make_page, write_page  # noqa: PLC0415
+
+        write_page(make_page(read_evidence([self.path])), Path(out))
+        return Path(out)
+
     def __repr__(self) -> str:
         labels = ", ".join(f"{spec}: {one.calibrated.label}" for spec, one in self.verdicts.items())
         return f"<Report on {self.path}: {labels or 'no model'}>"
