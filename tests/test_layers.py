@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[1] / "src"
 
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("cli",),
-    ("testing", "api"),
+    ("testing", "api", "bundle"),
     ("report",),
     ("gate", "calibrate", "compare", "transfer"),
     ("verdicts",),
@@ -33,7 +33,17 @@ FLOORS = {
 }
 """Inside a package whose modules are peers, only its floor is shared."""
 
-ASSEMBLED = {"frames", "verdicts", "cli", "report", "calibrate", "studies.battery", "simulators.highway", "importing"}
+ASSEMBLED = {
+    "bundle",
+    "calibrate",
+    "cli",
+    "frames",
+    "importing",
+    "report",
+    "simulators.highway",
+    "studies.battery",
+    "verdicts",
+}
 """Packages that are one room split into modules: their modules import each other, without a cycle."""
 
 ALLOWED_FROM_ANYWHERE = {"eyechart"}

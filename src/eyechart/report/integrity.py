@@ -16,6 +16,7 @@ _NOTHING = Accounting(0, 0, 0, 0, 0, None, None, 0.0)
 class Count:
     """The calls of one condition: how many were planned, came back, took how many attempts, and hold no decision.
 
+    ``partial`` says that calls are still to be made; a run that stopped early leaves some out for good.
     ``errors`` counts attempts that ended in an error, ``unknown`` attempts whose outcome is not known, and ``missing``
     the finished calls without a decision by reason, in the order of ``MISSING``.
     """
@@ -27,6 +28,7 @@ class Count:
     errors: int
     unknown: int
     missing: tuple[int, ...]
+    partial: bool = False
 
     @property
     def without(self) -> int:
@@ -46,7 +48,8 @@ def _count(who: Subject, name: str, planned: int) -> Count:
     given = [one for one in who.model.answers.decisions.get(name, ()) if one is not None]
     took = who.run.took[who.spec].get(name, _NOTHING)
     missing = tuple(sum(one.missing == reason for one in given) for reason in MISSING)
-    return Count(name, planned, took.finished, took.attempts, took.errors, took.unknown, missing)
+    partial = took.finished < planned and who.model.stopped is None
+    return Count(name, planned, took.finished, took.attempts, took.errors, took.unknown, missing, partial)
 
 
 def summed(rows: Sequence[Sequence[Count]]) -> list[Count]:
@@ -60,6 +63,7 @@ def summed(rows: Sequence[Sequence[Count]]) -> list[Count]:
             errors=sum(one.errors for one in many),
             unknown=sum(one.unknown for one in many),
             missing=tuple(map(sum, zip(*(one.missing for one in many), strict=True))),
+            partial=any(one.partial for one in many),
         )
         for many in zip(*rows, strict=True)
     ]
@@ -83,7 +87,9 @@ def _unasked(run: Evidence) -> list[str]:
     if manifest.shard is not None:
         lines.append(f"this is shard {manifest.shard[0]} of {manifest.shard[1]}: the calls of the others are not here")
     for spec, one in run.score.models.items():
-        if one.answered < one.planned:
+        if one.stopped is not None:
+            lines.append(f"{spec}: {one.stopped.words()}; the paper's tests, which need the whole run, are not judged")
+        elif one.answered < one.planned:
             lines.append(f"{spec}: {one.planned - one.answered} of {one.planned} planned calls are not finished")
     return lines
 
