@@ -54,6 +54,7 @@ bench: $(BENCH)
 	$(BIN)/python benchmarks/bench_bank.py
 	$(BIN)/python benchmarks/bench_positive_control.py
 	$(BIN)/python benchmarks/bench_score.py
+	$(BIN)/python benchmarks/bench_calls.py
 
 clean:
 	rm -rf $(VENV) demo build dist

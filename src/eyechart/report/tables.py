@@ -11,6 +11,8 @@ from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import BatteryScore, ModelScore, Stopped
 from eyechart.verdicts import Verdict
 
+MARK = " !"
+"""Stands behind a verdict of a run that failed a guard; the guard is printed in words below."""
 _COLOUR = {
     "depth_lateral": "bold green",
     "depth": "green",
@@ -44,7 +46,7 @@ def verdict_table(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> Table
         deciding = score.models[spec].statistics[name]
         table.add_row(
             Text(spec),
-            Text(label, style=_COLOUR.get(label, "red")),
+            Text(f"{label}{MARK if verdict.failed else ''}", style=_COLOUR.get(label, "red")),
             verdict.lateral.label,
             verdict.paper.label,
             f"{name}{_short(deciding)}" if verdict.stopped is None else _short_e(name, deciding, verdict.stopped),
@@ -95,13 +97,14 @@ def frontier_table(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> Tabl
         table.add_column(Text(spec), justify="right")
     for row in next(iter(columns.values()), {}):
         table.add_row(row, *(column[row] for column in columns.values()))
+    marks = {spec: MARK if verdicts[spec].failed else "" for spec in columns}
     if any(one.stopped for one in score.models.values()):
         ended = (one.stopped for one in score.models.values())
         table.add_row(
             "stopped early", *("—" if one is None else f"{one.calls} of {one.planned} calls" for one in ended)
         )
-    table.add_row("verdict (paper)", *(verdicts[spec].paper.label for spec in columns))
-    table.add_row("verdict (calibrated)", *(verdicts[spec].calibrated.label for spec in columns))
+    table.add_row("verdict (paper)", *(verdicts[spec].paper.label + marks[spec] for spec in columns))
+    table.add_row("verdict (calibrated)", *(verdicts[spec].calibrated.label + marks[spec] for spec in columns))
     return table
 
 
