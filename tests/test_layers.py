@@ -12,7 +12,8 @@ ROOT = Path(__file__).parents[1] / "src"
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("cli",),
     ("testing",),
-    ("report", "gate", "calibrate"),
+    ("report",),
+    ("gate", "calibrate", "compare", "transfer"),
     ("verdicts",),
     ("studies",),
     ("run", "manifest"),

@@ -6,6 +6,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
+from eyechart.compare import Replication
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import BatteryScore, ModelScore
 from eyechart.verdicts import Verdict
@@ -107,6 +108,45 @@ def statistics_table(score: ModelScore) -> Table:
             name, number(one.value), _interval(one), str(one.n), p_value(one.p), _holm(score, name), Text(one.note)
         )
     return table
+
+
+MAIN = (
+    "across_runs",
+    "answer_shift",
+    "unparsed_rate",
+    "noise_floor",
+    "idi",
+    "idi_adj",
+    "cramers_v",
+    "mutual_information.decision",
+    "obstacle.decision",
+    "mirror_swap_rate",
+    "modal_share",
+)
+"""What a comparison prints unless all statistics are asked for: the paper's replication paragraph, and its like."""
+
+
+def replication_table(one: Replication, *, every: bool = False) -> Table:
+    """Return one row a statistic: both runs' values, the difference with its interval, n and p."""
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, title=Text(one.model), title_justify="left")
+    table.add_column("statistic")
+    for name in ("first", "second", "difference", "95 % interval", "n", "p", "p (Holm)"):
+        table.add_column(name, justify="right")
+    table.add_column("note", overflow="fold")
+    for name, found in one.differences.items():
+        if every or name in MAIN or name in one.changed:
+            sides = [number(_side(found, side)) for side in ("first", "second")]
+            signed = found.value is not None and name not in {"across_runs", "answer_shift"}
+            value = f"{found.value:+.3f}" if signed else number(found.value)
+            p = p_value(found.p), p_value(one.holm[name])
+            note = {"across_runs": "share answered alike", "answer_shift": "distance"}.get(name, found.note)
+            table.add_row(name, *sides, value, _interval(found), str(found.n), *p, Text(note))
+    return table
+
+
+def _side(found: Statistic, side: str) -> float | None:
+    value = (found.detail or {}).get(side)
+    return value if isinstance(value, float) else None
 
 
 def _interval(one: Statistic) -> str:
