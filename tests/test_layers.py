@@ -30,6 +30,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
 FLOORS = {
     "stats": "eyechart.stats.statistic",
     "perception": "eyechart.perception.scene",
+    "studies": "eyechart.studies.battery",
 }
 """Inside a package whose modules are peers, only its floor is shared."""
 

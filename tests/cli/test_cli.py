@@ -33,6 +33,7 @@ COMMANDS = (
     "frames show",
     "run",
     "run battery",
+    "run prompts",
     "merge",
     "score",
     "verdict",
