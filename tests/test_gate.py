@@ -18,7 +18,7 @@ from eyechart.testing import assert_grounded
 from known import Demo
 
 
-class Locked:
+class Locked(stand_ins.Held):
     """A model whose every call is refused by its endpoint: the key is wrong."""
 
     version = "0"
@@ -81,7 +81,7 @@ def test_an_unfinished_run_cannot_say(demo: Demo, tmp_path: Path) -> None:
 def test_a_run_whose_calls_failed_cannot_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Failed authentication says nothing of the model, and its words cannot break the JUnit file."""
     monkeypatch.setitem(models.ADAPTERS, "standin", "stand_ins")
-    monkeypatch.setattr(stand_ins, "open_model", lambda name: Locked())  # noqa: ARG005
+    monkeypatch.setattr(stand_ins, "open_model", lambda *_: Locked())
     run = run_of("standin:locked", tmp_path)
     result = CliRunner().invoke(app, ["gate", str(run), "--junit", str(tmp_path / "gate.xml")])
     assert result.exit_code == 2

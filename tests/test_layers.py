@@ -18,7 +18,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("run", "manifest"),
     ("models", "simulators", "ledger", "prompts", "importing"),
     ("perception",),
-    ("calls", "conditions"),
+    ("calls", "conditions", "modes"),
     ("frames",),
     ("actions",),
     ("stats",),

@@ -10,12 +10,13 @@ from hypothesis import strategies as st
 
 from eyechart.calls import TRANSIENT, CallKey, Reply
 from eyechart.errors import LedgerError
-from eyechart.ledger import Ledger
+from eyechart.ledger import UNKNOWN, Ledger
 
 MODEL = "standin:steady"
 KEY = CallKey("battery", MODEL, "baseline@0", "f1", "real")
 OTHER = replace(KEY, frame="f2")
 FULL = Reply("STOP", "stop", None, "", 10, 1, 0.5)
+EVERY = Reply("GO", "stop", None, "", 10, 9, 0.5, "so so", 8, 0.25, 200, 1.5, "m-2026", "upstream", 0.001, 2.5)
 
 
 @pytest.fixture
@@ -44,6 +45,7 @@ def test_a_reply_comes_back_verbatim(path: Path) -> None:
     replies = {
         "f1": FULL,
         "f2": Reply(error="exception", error_detail="x: y"),
+        "f4": EVERY,
         "f3": Reply("a\0b\r\n\u2028ü😀", "length"),
     }
     fill(path, *((replace(KEY, frame=frame), reply) for frame, reply in replies.items()))
@@ -76,7 +78,7 @@ def test_an_attempt_is_there_before_its_reply(path: Path) -> None:
     """Another connection sees it at once: it is committed before anything is sent."""
     with Ledger(path, create=True) as ledger:
         attempt = ledger.begin(KEY, "digest")
-        ((id_, call, number, digest, _),) = rows(path, "attempts")
+        ((id_, call, number, _, digest, _),) = rows(path, "attempts")
         assert (id_, call, number, digest) == (attempt.id, attempt.call, 1, "digest")
         assert rows(path, "replies") == []
         assert ledger.unknown() == {KEY}
@@ -110,6 +112,15 @@ def test_a_transient_error_leaves_a_call_unfinished(path: Path, error: str) -> N
         ledger.close(attempt, FULL)
         assert ledger.finished() == {KEY}
         assert list(ledger.replies(MODEL)) == [(KEY, FULL)]
+
+
+def test_every_further_attempt_says_why_it_is_made(path: Path) -> None:
+    """The error of the one before it, or that its outcome is unknown, because the run was killed meanwhile."""
+    with Ledger(path, create=True) as ledger:
+        ledger.close(ledger.begin(KEY, "digest"), Reply(error="rate_limited"))
+        ledger.begin(KEY, "digest")
+        ledger.close(ledger.begin(KEY, "digest"), FULL)
+    assert [reason for _, _, _, reason, *_ in rows(path, "attempts")] == [None, "rate_limited", UNKNOWN]
 
 
 def test_unknown_outcomes_are_those_of_unfinished_calls(path: Path) -> None:
@@ -234,7 +245,7 @@ def test_a_ledger_of_a_later_format_is_refused(path: Path) -> None:
     fill(path, (KEY, FULL))
     with closing(sqlite3.connect(path)) as sql:
         sql.execute("PRAGMA user_version = 9")
-    with pytest.raises(LedgerError, match=r"format 9; this eyechart reads format 1"):
+    with pytest.raises(LedgerError, match=r"format 9; this eyechart reads format 2: use the eyechart that wrote it"):
         Ledger(path)
 
 

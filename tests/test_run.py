@@ -135,7 +135,7 @@ def test_what_a_model_raises_becomes_a_reply(plan: Plan, ledger: Ledger) -> None
     assert failed["text_only"].text == ""
 
 
-class Careless:
+class Careless(stand_ins.Held):
     """An adapter with a fault of its own."""
 
     version = "1"
@@ -231,7 +231,7 @@ def test_models_are_asked_at_the_same_time_and_each_within_its_bound(plan: Plan,
     most = {"slow": 0, "fast": 0}
     ended: list[str] = []
 
-    class Counted:
+    class Counted(stand_ins.Held):
         version = "1"
 
         def __init__(self, name: str, pause_s: float) -> None:

@@ -25,7 +25,7 @@ CREATE TABLE IF NOT EXISTS calls (
 CREATE TABLE IF NOT EXISTS attempts (
     id INTEGER PRIMARY KEY,
     call INTEGER NOT NULL REFERENCES calls (id),
-    number INTEGER NOT NULL, request_sha256 TEXT NOT NULL, sent_at TEXT NOT NULL,
+    number INTEGER NOT NULL, reason TEXT, request_sha256 TEXT NOT NULL, sent_at TEXT NOT NULL,
     UNIQUE (call, number)
 ) STRICT;
 CREATE TABLE IF NOT EXISTS replies (
@@ -33,7 +33,9 @@ CREATE TABLE IF NOT EXISTS replies (
     call INTEGER NOT NULL REFERENCES calls (id),
     final INTEGER NOT NULL, closed_at TEXT NOT NULL,
     text TEXT NOT NULL, finish_reason TEXT, error TEXT, error_detail TEXT NOT NULL,
-    prompt_tokens INTEGER, completion_tokens INTEGER, seconds REAL
+    prompt_tokens INTEGER, completion_tokens INTEGER, seconds REAL,
+    reasoning TEXT NOT NULL, reasoning_tokens INTEGER, first_byte_s REAL, status INTEGER, retry_after_s REAL,
+    served TEXT, provider TEXT, cost_usd REAL, energy_j REAL
 ) STRICT;
 CREATE UNIQUE INDEX IF NOT EXISTS one_final_reply_a_call ON replies (call) WHERE final = 1;
 CREATE INDEX IF NOT EXISTS replies_of_a_call ON replies (call);
@@ -44,16 +46,23 @@ _APPEND_ONLY = "".join(
     for table in ("calls", "attempts", "replies")
     for verb in ("UPDATE", "DELETE")
 )
-_VERSION = 1
+_VERSION = 2
 _KEY = ", ".join(field.name for field in fields(CallKey))
 _KEY_IS = " AND ".join(f"{field.name} = ?" for field in fields(CallKey))
 _REPLY = tuple(field.name for field in fields(Reply))
 _REPLY_NAMES = ", ".join(_REPLY)
+UNKNOWN = "unknown"
+"""The reason of an attempt that repeats one whose outcome is unknown: it was sent, and the run was killed."""
+_LAST_ATTEMPT = (
+    f"SELECT number, coalesce(error, '{UNKNOWN}') FROM attempts a LEFT JOIN replies r ON r.attempt = a.id "
+    "WHERE a.call = ? ORDER BY number DESC LIMIT 1"
+)
+_ADD_ATTEMPT = "INSERT INTO attempts (call, number, reason, request_sha256, sent_at) VALUES (?, ?, ?, ?, ?)"
 _COPY_ATTEMPTS = f"""
-INSERT INTO attempts (id, call, number, request_sha256, sent_at)
+INSERT INTO attempts (id, call, number, reason, request_sha256, sent_at)
 SELECT a.id + ?, mine.id,
        a.number + coalesce((SELECT max(number) FROM main.attempts b WHERE b.call = mine.id), 0),
-       a.request_sha256, a.sent_at
+       a.reason, a.request_sha256, a.sent_at
 FROM other.attempts a JOIN other.calls theirs ON theirs.id = a.call JOIN main.calls mine USING ({_KEY})
 """
 _COPY_REPLIES = f"""
@@ -65,11 +74,15 @@ FROM other.replies r JOIN other.calls theirs ON theirs.id = r.call JOIN main.cal
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """An attempt that was written and not yet closed: row ids of the attempt and of its call."""
+    """An attempt that was written and not yet closed: row ids of the attempt and of its call.
+
+    ``reason`` says why it is made where it is not the first: the error of the attempt before it, or ``UNKNOWN``.
+    """
 
     id: int
     call: int
     number: int
+    reason: str | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +136,10 @@ class Ledger:
         (tables,) = self._sql.execute("SELECT count(*) FROM sqlite_master").fetchone()
         new = version == 0 and tables == 0  # also what a run leaves that was killed while it made its ledger
         if not new and version != _VERSION:  # before the first write: it may be somebody else's database
-            raise LedgerError(f"{self.path} is a ledger of format {version}; this eyechart reads format {_VERSION}")
+            raise LedgerError(
+                f"{self.path} is a ledger of format {version}; this eyechart reads format {_VERSION}: "
+                "use the eyechart that wrote it, or run anew with another --out"
+            )
         if new and not create:
             self._sql.close()
             self._sql = sqlite3.connect(":memory:", isolation_level=None)
@@ -152,10 +168,12 @@ class Ledger:
         (call,) = sql.execute(f"SELECT id FROM calls WHERE {_KEY_IS}", astuple(key)).fetchone()
         if sql.execute("SELECT 1 FROM replies WHERE call = ? AND final = 1", (call,)).fetchone():
             raise LedgerError(f"the call {key} is finished already")
-        (number,) = sql.execute("SELECT count(*) + 1 FROM attempts WHERE call = ?", (call,)).fetchone()
-        row = (call, number, request_sha256, _now())
-        cursor = sql.execute("INSERT INTO attempts (call, number, request_sha256, sent_at) VALUES (?, ?, ?, ?)", row)
-        return Attempt(id=int(cursor.lastrowid or 0), call=call, number=number)
+        number, reason = 1, None
+        if before := sql.execute(_LAST_ATTEMPT, (call,)).fetchone():
+            number, reason = before[0] + 1, before[1]
+        row = (call, number, reason, request_sha256, _now())
+        cursor = sql.execute(_ADD_ATTEMPT, row)
+        return Attempt(id=int(cursor.lastrowid or 0), call=call, number=number, reason=reason)
 
     def close(self, attempt: Attempt, reply: Reply) -> None:
         """Record what came back. A reply with a transient error leaves the call unfinished."""

@@ -1,6 +1,7 @@
 """A run turns a plan into calls and calls into rows of the ledger; it spends money, and only appends."""
 
 import asyncio
+import contextlib
 import random
 import time
 from collections import OrderedDict
@@ -20,6 +21,7 @@ Progress = Callable[[int, int], None]
 """Called with (calls finished, calls planned) whenever a call ends."""
 
 _STIMULUS_BYTES = 128_000_000
+_CLOSING_S = 10.0
 
 
 @dataclass(frozen=True)
@@ -163,11 +165,15 @@ class _Execution:
     async def run(self, todo: list[CallKey]) -> None:
         self._done = self._planned - len(todo)
         self._report()
-        async with asyncio.TaskGroup() as group:
-            for spec in self._plan.models:
-                queue = iter([key for key in todo if key.model == spec])
-                for _ in range(self._concurrency):
-                    group.create_task(self._work(queue, self._models[spec]))
+        try:
+            async with asyncio.TaskGroup() as group:
+                for spec in self._plan.models:
+                    queue = iter([key for key in todo if key.model == spec])
+                    for _ in range(self._concurrency):
+                        group.create_task(self._work(queue, self._models[spec]))
+        finally:
+            for model in self._models.values():
+                await _close(model)
 
     async def _work(self, queue: Iterator[CallKey], model: Model) -> None:
         for key in queue:
@@ -179,7 +185,8 @@ class _Execution:
     async def _call(self, key: CallKey, model: Model) -> bool:
         """Make a call; return whether it is finished."""
         picture = self._stimuli.show(key.condition, key.frame)
-        query = Query(*self._plan.words(key), picture, key.seed(self._plan.seed))
+        seed, actions = key.seed(self._plan.seed), self._plan.bank.manifest.action_space.actions
+        query = Query(*self._plan.words(key), picture, seed, actions)
         for number in range(1, self._attempts + 1):
             attempt = self._ledger.begin(key, query.sha256())
             reply = await _ask(model, query)
@@ -193,6 +200,13 @@ class _Execution:
     def _report(self) -> None:
         if self._progress is not None:
             self._progress(self._done, self._planned)
+
+
+async def _close(model: Model) -> None:
+    """Let a model go; one that does not let itself be closed cannot undo the run."""
+    with contextlib.suppress(Exception):
+        async with asyncio.timeout(_CLOSING_S):
+            await model.close()
 
 
 async def _ask(model: Model, query: Query) -> Reply:

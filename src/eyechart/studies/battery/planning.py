@@ -13,6 +13,7 @@ from eyechart.frames import IMPORTED, FrameBank, check, open_bank
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, asked_of, is_free, is_run, read_run, today, versions, write_run
 from eyechart.models import Model, open_model
+from eyechart.modes import RequestMode
 from eyechart.prompts import Prompt, find_prompt, neutral, require_sayable
 from eyechart.run import Plan, Progress, execute, spread
 
@@ -41,7 +42,7 @@ class Battery:
 
 def plan(
     bank_path: Path,
-    specs: Sequence[str],
+    specs: Sequence[str | RequestMode],
     out: Path,
     *,
     prompt: str | None = None,
@@ -52,12 +53,15 @@ def plan(
 ) -> Battery:
     """Plan a battery, or the rest of one that ``out`` holds already; nothing is written or asked yet.
 
+    ``specs`` name the models, each by its SPEC, to be asked in the default mode, or by the mode itself.
     ``conditions`` default to the eight of Table t:conditions and the counterfactuals, those that the bank can supply,
     and text_swapped where the prompt has fields. ``prompt`` is a name or a TOML file; it defaults to ``baseline``, and
     to a plain one for imported frames. Raises BankError where a picture is not the one that the bank's manifest
     recorded, SpecError for an unknown name, and LedgerError where ``out`` holds another run.
     """
-    models = {spec: open_model(spec) for spec in dict.fromkeys(specs)}
+    given = [one if isinstance(one, RequestMode) else RequestMode(one) for one in specs]
+    asked = {mode.spec: mode for mode in given}
+    models = {spec: open_model(spec, mode) for spec, mode in asked.items()}
     if not models:
         raise SpecError("a battery needs at least one --model, see 'eyechart list models'")
     if problems := check(bank_path):
@@ -86,6 +90,8 @@ def plan(
         bank_path=str(bank_path.resolve()),
         fingerprint=bank.manifest.fingerprint,
         versions=versions(),
+        modes=asked,
+        facts={spec: dict(model.facts) for spec, model in models.items() if model.facts},
     )
     manifest = _resumed(out, manifest, bank)
     the_plan = plan_of(manifest, bank, models=tuple(models), conditions=chosen, limit=limit)

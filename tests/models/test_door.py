@@ -1,0 +1,65 @@
+"""The door that every adapter keeps: contract tests over the registry."""
+
+import asyncio
+import importlib
+import inspect
+from collections.abc import Mapping
+
+import pytest
+
+from eyechart.calls import Query, Reply
+from eyechart.errors import SpecError
+from eyechart.models import ADAPTERS, open_model, require_options
+from eyechart.modes import RequestMode
+
+EXAMPLES: dict[str, RequestMode] = {
+    "scripted": RequestMode("scripted:constant"),
+}
+"""A model of every adapter that can be opened here, without a network or weights."""
+
+
+@pytest.mark.parametrize("adapter", ADAPTERS)
+def test_every_adapter_opens_a_model_that_keeps_the_door(adapter: str) -> None:
+    """A version and facts in words, an answer that is a Reply or an error of its kind, and two closings."""
+    mode = EXAMPLES[adapter]
+    model = open_model(mode.spec, mode)
+    assert isinstance(model.version, str)
+    assert model.version.isprintable()
+    assert isinstance(model.facts, Mapping)
+    assert all(isinstance(part, str) for pair in model.facts.items() for part in pair)
+    assert inspect.iscoroutinefunction(model.answer)
+
+    async def ask_close_and_ask_again() -> tuple[Reply, Reply]:
+        first = await model.answer(Query("", "STOP or GO?", None, 1))
+        await model.close()
+        second = await model.answer(Query("", "STOP or GO?", None, 1))
+        await model.close()
+        await model.close()
+        return first, second
+
+    first, second = asyncio.run(ask_close_and_ask_again())
+    assert isinstance(first, Reply)
+    assert (first.text, first.error) == (second.text, second.error)
+    assert (first.error is None) or (first.text == "" and first.error_detail != "")
+
+
+@pytest.mark.parametrize("adapter", ADAPTERS)
+def test_every_adapter_says_what_to_write_after_its_colon(adapter: str) -> None:
+    """For ``eyechart list models``."""
+    names = importlib.import_module(ADAPTERS[adapter]).names()
+    assert names
+    assert all(name and says.strip() for name, says in names.items())
+
+
+def test_the_mode_of_another_model_is_refused() -> None:
+    """A mode is one model's."""
+    with pytest.raises(SpecError, match="the mode of 'scripted:depth' is not one of 'scripted:random'"):
+        open_model("scripted:random", RequestMode("scripted:depth"))
+
+
+def test_an_option_that_an_adapter_does_not_know_is_named_with_those_it_knows() -> None:
+    """Silence would let a mistyped option pass for one that works."""
+    mode = RequestMode("x:y", options={"thinks": True})
+    with pytest.raises(SpecError, match="'x:y' has no option 'thinks'; its options are: think: whether it thinks"):
+        require_options(mode, {"think": "whether it thinks"})
+    require_options(mode, {"thinks": ""})
