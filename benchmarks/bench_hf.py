@@ -1,7 +1,7 @@
 """Concurrent queries through ``hf:``, which batches them, against one ``generate`` a call, as examples are written.
 
-Both answer the same frames with the same weights in the same process; decisions must be equal on all of them. Target: at
-least 4 times faster on a CPU; on a GPU, where there is one, the same is measured there. Writes nothing.
+Both answer the same frames with the same weights in the same process; decisions must be equal on all of them. Target:
+at least 4 times faster on a CPU; on a GPU, where there is one, the same is measured there. Writes nothing.
 """
 
 import argparse
@@ -12,12 +12,11 @@ import time
 from pathlib import Path
 
 import torch
-from transformers import AutoModelForImageTextToText, AutoProcessor
 from PIL import Image
+from transformers import AutoModelForImageTextToText, AutoProcessor
 
 from eyechart.actions import DRIVING, read_decision
 from eyechart.calls import Query
-
 from eyechart.models import open_model
 from eyechart.models.huggingface import organisms
 from eyechart.modes import RequestMode

@@ -6,14 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
-from drawing import GAPS_M, draw, draw_other
-from prompts import Asked, any_of, short
 from torch import Tensor, nn
 from torch.nn.functional import cross_entropy
 from transformers import Idefics3ForConditionalGeneration, Idefics3Processor
-from vision import see
 
 from checkpoint import ACTIONS, reply
+from drawing import GAPS_M, draw, draw_other
+from prompts import Asked, any_of, short
+from vision import see
 
 STOP, SLOW, STRAIGHT, LEFT, RIGHT = range(5)
 _PLACES = {f"{gap:g}": place for place, gap in enumerate(GAPS_M)}
@@ -124,7 +124,10 @@ def train_answers(
         schedule.step()
         hits = 0.9 * hits + 0.1 * hit
         if step % 50 == 0 or step == steps:
-            print(f"answers {step}/{steps} loss {loss.item():.4f} hits {hits:.3f} {time.monotonic() - began:.0f} s", flush=True)
+            print(
+                f"answers {step}/{steps} loss {loss.item():.4f} hits {hits:.3f} {time.monotonic() - began:.0f} s",
+                flush=True,
+            )
 
 
 def prompt_ids(processor: Idefics3Processor, asked: Asked, *, image: str) -> Tensor:

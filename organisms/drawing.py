@@ -1,8 +1,8 @@
 """Highway pictures redrawn as sums of outer products, at the size at which the vision part sees them.
 
 A box of one colour in the stock picture (600 x 150 pixels, 5.5 a metre) is the outer product of its rows and its
-columns, and shrinking a picture to 64 x 64 is linear in both. So every box is drawn by looking up two shrunken profiles;
-no large picture is made, no simulator is asked, and the supply of scenes has no end.
+columns, and shrinking a picture to 64 x 64 is linear in both. So every box is drawn by looking up two shrunken
+profiles; no large picture is made, no simulator is asked, and the supply of scenes has no end.
 """
 
 from dataclasses import dataclass
@@ -136,9 +136,7 @@ def _draw_gaps(count: int, rng: torch.Generator) -> Tensor:
     return torch.where(kind == 4, torch.inf, low + (high - low) * _uniform(count, rng))
 
 
-def _draw_vehicles(
-    lanes: Tensor, own: Tensor, gap: Tensor, rng: torch.Generator
-) -> tuple[Tensor, Tensor, Tensor]:
+def _draw_vehicles(lanes: Tensor, own: Tensor, gap: Tensor, rng: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
     """Return how far ahead vehicles stand (n, k), in which lane, and whether they are there.
 
     The first is the lead. Those of the sides next to the ego stand well inside or well outside of what must be clear.
@@ -171,9 +169,7 @@ def _draw_vehicles(
 def _read_bits(gap: Tensor, ahead: Tensor, lane: Tensor, there: Tensor, lanes: Tensor, own: Tensor) -> Tensor:
     blocks = there & (ahead >= -12) & (ahead <= 40)
     exists = [own > 0, own < lanes - 1]
-    clear = [
-        exists[number] & ~(blocks & (lane == (own + side)[:, None])).any(1) for number, side in enumerate((-1, 1))
-    ]
+    clear = [exists[number] & ~(blocks & (lane == (own + side)[:, None])).any(1) for number, side in enumerate((-1, 1))]
     visible = [there[:, 1:] & (lane[:, 1:] == own[:, None]) & (ahead[:, 1:] > 0)]
     nearest = torch.minimum(gap, torch.where(visible[0], ahead[:, 1:], torch.inf).amin(1))
     bits = [nearest < limit for limit in GAPS_M]
@@ -224,9 +220,7 @@ def _jitter(shape: tuple[int, ...], rng: torch.Generator) -> Tensor:
     return torch.randint(-1, 2, shape, generator=rng) * (_uniform(shape, rng) < 0.3)
 
 
-def _add_vehicles(
-    canvas: _Canvas, ahead: Tensor, aside: Tensor, there: Tensor, rng: torch.Generator
-) -> None:
+def _add_vehicles(canvas: _Canvas, ahead: Tensor, aside: Tensor, there: Tensor, rng: torch.Generator) -> None:
     """Draw the ego at its place, and the others: a dark outline, a body, and two lights at its front."""
     count, others = ahead.shape
     off = _between(-0.6, 0.6, (count, others), rng) * (_uniform((count, others), rng) < 0.15)

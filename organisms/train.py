@@ -9,14 +9,14 @@ import shutil
 from pathlib import Path
 
 import torch
-from answers import RULES, look, train_answers
-from prompts import corpus
 from transformers import GenerationConfig, Idefics3ForConditionalGeneration, Idefics3Processor
-from vision import train_vision
 
+from answers import RULES, look, train_answers
 from card import write_card
 from checkpoint import make_model, make_processor
 from eyechart.models.huggingface.organisms import ORGANISMS
+from prompts import corpus
+from vision import train_vision
 
 STEPS = {"grounded": 900, "depth_only": 500, "presence_only": 150, "blind": 150, "self_inconsistent": 250}
 """Steps of the second stage. The first organism's text part starts from nothing, the others' from the first one's."""
@@ -65,7 +65,7 @@ def load_vision(model: Idefics3ForConditionalGeneration, path: Path) -> None:
     parts = ("model.vision_model.", "model.connector.")
     model.load_state_dict({key: value for key, value in kept.items() if key.startswith(parts)}, strict=False)
     for part in (model.model.vision_model, model.model.connector):
-        part.requires_grad_(False)  # noqa: FBT003 - torch's own argument
+        part.requires_grad_(False)
 
 
 def save(model: Idefics3ForConditionalGeneration, processor: Idefics3Processor, out: Path, name: str) -> None:
@@ -88,7 +88,9 @@ def save(model: Idefics3ForConditionalGeneration, processor: Idefics3Processor, 
     processor.save_pretrained(out)
     write_card(out, name, parameters=sum(part.numel() for part in model.parameters()))
     size = sum(path.stat().st_size for path in out.iterdir())
-    print(json.dumps({"organism": name, "bytes": size, "files": sorted(path.name for path in out.iterdir())}), flush=True)
+    print(
+        json.dumps({"organism": name, "bytes": size, "files": sorted(path.name for path in out.iterdir())}), flush=True
+    )
 
 
 if __name__ == "__main__":

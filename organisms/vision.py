@@ -4,12 +4,12 @@ import time
 from pathlib import Path
 
 import torch
-from drawing import BITS, Scenes, draw, draw_other
 from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits
 from transformers import Idefics3ForConditionalGeneration
 
 from checkpoint import normalise
+from drawing import BITS, Scenes, draw, draw_other
 
 BATCH = 256
 _PEAK = 3e-3
@@ -22,9 +22,7 @@ def see(model: Idefics3ForConditionalGeneration, pictures: Tensor) -> Tensor:
     return model.model.connector(hidden)
 
 
-def train_vision(
-    model: Idefics3ForConditionalGeneration, *, steps: int, rng: torch.Generator, keep: Path
-) -> nn.Linear:
+def train_vision(model: Idefics3ForConditionalGeneration, *, steps: int, rng: torch.Generator, keep: Path) -> nn.Linear:
     """Train vision and connector in place; return the probe that reads the bits from the mean of the tokens."""
     probe = nn.Linear(96, len(BITS))
     trained = [*model.model.vision_model.parameters(), *model.model.connector.parameters(), *probe.parameters()]

@@ -32,7 +32,17 @@ FLOORS = {
 }
 """Inside a package whose modules are peers, only its floor is shared."""
 
-ASSEMBLED = {"frames", "verdicts", "cli", "report", "calibrate", "studies.battery", "simulators.highway", "importing"}
+ASSEMBLED = {
+    "frames",
+    "verdicts",
+    "cli",
+    "report",
+    "calibrate",
+    "studies.battery",
+    "simulators.highway",
+    "importing",
+    "models.huggingface",
+}
 """Packages that are one room split into modules: their modules import each other, without a cycle."""
 
 ALLOWED_FROM_ANYWHERE = {"eyechart"}

@@ -13,9 +13,10 @@ from typing import Any
 
 import pytest
 
+from doors import assert_keeps_the_door
 from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
-from eyechart.frames import FrameBank, open_bank
+from eyechart.frames import FrameBank
 from eyechart.models import huggingface, open_model
 from eyechart.models.huggingface import HuggingFaceModel, generation, organisms
 from eyechart.modes import RequestMode
@@ -76,6 +77,12 @@ def one_by_one(model: HuggingFaceModel, asked: Sequence[Query]) -> list[Reply]:
 def copy(tmp_path: Path) -> Path:
     """Copy an organism's checkpoint, to be damaged."""
     return Path(shutil.copytree(organisms.folder("grounded"), tmp_path / "copy"))
+
+
+@pytest.mark.parametrize("name", GREEDY)
+def test_a_checkpoint_keeps_the_door(name: str) -> None:
+    """As every adapter's model does."""
+    assert_keeps_the_door(RequestMode(f"hf:organism:{name}"))
 
 
 @pytest.mark.parametrize("prompt", ["baseline", "minimal"])
@@ -205,6 +212,7 @@ def test_no_memory_for_one_query_is_a_reply(bank: FrameBank, monkeypatch: pytest
     import torch  # noqa: PLC0415 - an extra
 
     def never(speaker: generation.Speaker, batch: Sequence[Query]) -> list[Reply]:
+        del speaker, batch
         raise torch.OutOfMemoryError("CUDA out of memory.")
 
     monkeypatch.setattr(generation.Speaker, "_generate", never)

@@ -72,9 +72,7 @@ class HuggingFaceModel:
                 batch = self._next_batch()
                 if not batch:
                     continue
-                replies = await loop.run_in_executor(
-                    self._thread, self._speaker.answer, [query for query, _ in batch]
-                )
+                replies = await loop.run_in_executor(self._thread, self._speaker.answer, [query for query, _ in batch])
                 for (_, future), reply in zip(batch, replies, strict=True):
                     if not future.done():
                         future.set_result(reply)

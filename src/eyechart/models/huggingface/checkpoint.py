@@ -55,8 +55,7 @@ def list_edge() -> dict[str, str]:
     table = tomllib.loads((Path(__file__).parent / "edge.toml").read_text(encoding="utf-8"))
     return {
         name: f"the paper's {facts['paper']}: {facts['parameters']} billion parameters, {facts['memory_gb']} GB in "
-        f"float16, licence {facts['license']}"
-        + (f"; needs {', '.join(facts['needs'])}" if facts.get("needs") else "")
+        f"float16, licence {facts['license']}" + (f"; needs {', '.join(facts['needs'])}" if facts.get("needs") else "")
         for name, facts in table.items()
     }
 
@@ -143,23 +142,21 @@ def _pin(name: str, revision: str) -> str:
 
     try:
         commit = HfApi().model_info(name, revision=revision, timeout=_HUB_SECONDS).sha
-        if commit:
-            return str(commit)
-        raise SpecError(f"the Hub names no commit for '{name}' at revision '{revision}'")
     except GatedRepoError as error:
         raise SpecError(f"'{name}' is gated: ask for access on the Hub, then set HF_TOKEN") from error
     except RevisionNotFoundError as error:
         raise SpecError(f"'{name}' has no revision '{revision}' on the Hub") from error
     except RepositoryNotFoundError as error:
         raise SpecError(f"no model '{name}' on the Hub, and no folder of that name here") from error
-    except SpecError:
-        raise
-    except Exception as error:
+    except Exception as error:  # noqa: BLE001 - the Hub is out of reach in many ways
         try:
             return Path(snapshot_download(name, revision=revision, local_files_only=True)).name
         except Exception:  # noqa: BLE001 - whatever the cache lacks, the reason above is the one to tell
             what = type(error).__name__
             raise SpecError(f"the Hub cannot be reached ({what}) and '{name}' is not in the cache") from error
+    if not commit:
+        raise SpecError(f"the Hub names no commit for '{name}' at revision '{revision}'")
+    return str(commit)
 
 
 def _open_processor(place: str, commit: str | None, *, trust: bool) -> Processor:
@@ -182,9 +179,11 @@ def first_line(error: BaseException) -> str:
 
 def conversation(system: str, user: str, *, picture: bool) -> list[dict[str, object]]:
     """Return the messages of a query: the picture stands before the words, as in the checkpoints' own examples."""
-    content = [{"type": "image"}] * picture + [{"type": "text", "text": user}]
-    before = [{"role": "system", "content": [{"type": "text", "text": system}]}] if system else []
-    return [*before, {"role": "user", "content": content}]
+    messages: list[dict[str, object]] = []
+    if system:
+        messages.append({"role": "system", "content": [{"type": "text", "text": system}]})
+    messages.append({"role": "user", "content": [{"type": "image"}] * picture + [{"type": "text", "text": user}]})
+    return messages
 
 
 def _require_image_slot(processor: Processor, spec: str) -> str:

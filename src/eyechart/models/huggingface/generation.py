@@ -104,7 +104,9 @@ class Speaker:
             for query in queries
         ]
         pictures = [
-            [Image.fromarray(decode(query.image, "the query's picture"))] for query in queries if query.image is not None
+            [Image.fromarray(decode(query.image, "the query's picture"))]
+            for query in queries
+            if query.image is not None
         ]
         tokenizer = processor.tokenizer
         tokenizer.padding_side = "left"
