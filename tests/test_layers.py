@@ -19,7 +19,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("models", "simulators", "ledger", "prompts", "importing"),
     ("perception",),
     ("calls", "conditions", "modes"),
-    ("frames",),
+    ("frames", "reader"),
     ("actions",),
     ("stats",),
     ("errors", "seeds"),

@@ -1,9 +1,8 @@
 """An action space says which decisions exist, which exchange under reflection, which brake and which proceed."""
 
-import json
 import re
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -14,6 +13,10 @@ Missing = Literal["unparsed", "truncated", "refused", "empty", "error"]
 """Why a reply holds no decision."""
 
 MISSING: tuple[Missing, ...] = ("unparsed", "truncated", "refused", "empty", "error")
+
+Unparsed = Literal["no_action", "unknown_action", "several_actions", "negated"]
+"""Why a reply of words could not be read: it names no action, states one that the space lacks, names several that
+differ, or names one only to deny it."""
 
 UNPARSED = "UNPARSED"
 """The response-level symbol of every reply without a decision; no action may have this name."""
@@ -26,15 +29,19 @@ _NAME = re.compile(r"[^\W_](.*[^\W_])?")
 class Decision:
     """An action, or the reason there is none. There is no default and no substitute.
 
-    Raises ValueError unless exactly one of ``action`` and ``missing`` is given.
+    ``why`` says more of a reply that is ``unparsed``. Raises ValueError unless exactly one of ``action`` and
+    ``missing`` is given, and where ``why`` is given for another reason than ``unparsed``.
     """
 
     action: str | None
     missing: Missing | None = None
+    why: Unparsed | None = None
 
     def __post_init__(self) -> None:
         if (self.action is None) == (self.missing is None):
             raise ValueError("a Decision has either an action or the reason there is none, never both or neither")
+        if self.why is not None and self.missing != "unparsed":
+            raise ValueError(f"only an unparsed Decision says why, not one that is {self.missing or self.action}")
 
     @property
     def symbol(self) -> str:
@@ -178,136 +185,3 @@ DRIVING = ActionSpace(
     proceed=("STRAIGHT", "LEFT", "RIGHT"),
 )
 """The paper's five actions."""
-
-_REFUSAL = re.compile(
-    r"\b(i\s+(can(no|')t|am\s+(unable|not\s+able)|won't|will\s+not|must\s+decline)|i'm\s+(unable|not\s+able|sorry)"
-    r"|sorry|cannot\s+(assist|help|see|comply)|unable\s+to\s+(assist|help|see|determine|comply)|no\s+image\b)",
-    re.IGNORECASE,
-)
-_NEGATION = re.compile(
-    r"(\b(not|cannot|never|avoid|avoiding|no|nor|neither|without|than|instead\s+of|unable\s+to)|n't)\s+(\w+\s+)?"
-    r"((to|the|a|an|on|into|towards?|go|going|turn|turning|move|moving|change|changing|steer|lanes?)\s+){0,4}[\"'`*(]*$",
-    re.IGNORECASE,
-)
-_NEGATED = re.compile(
-    r"[\"'`*)]*\s+((is|was|would\s+be)\s+(not|never|impossible|unsafe|dangerous|blocked|occupied|taken)"
-    r"|isn't|wasn't|cannot|can't)\b",
-    re.IGNORECASE,
-)
-_THINK_TAG = re.compile(r"(</?think(?:ing)?>)", re.IGNORECASE)
-_JSON_KEYS = ("action", "decision", "answer")
-_READ_AT_MOST = 100_000
-"""Characters of a reply that are read for a decision; the ledger keeps all of it."""
-_BRACES_AT_MOST = 1000
-_SHORT = 80
-"""Characters up to which an action in lower case is an answer; in longer prose "the road is straight" is none."""
-
-
-def read_decision(text: str, finish_reason: str | None, error: str | None, space: ActionSpace) -> Decision:
-    """Read the decision from a reply's verbatim text; strict, deterministic, and never guessing.
-
-    In order: an error, a cut-off (``length``) or a filter's refusal is the reason there is no decision. What
-    stands in ``<think>`` is no answer. Then the whole text as an action; the last JSON object's ``action``; the
-    last ``action: X``; an action in capitals named alone; in a short reply that refuses nothing, an action in any
-    case named alone.
-    Several different candidates, or one that is negated, are ``unparsed``. Source: paper, section Corpus and
-    parsing.
-    """
-    if error is not None:
-        return Decision(None, "error")
-    if finish_reason == "length":
-        return Decision(None, "truncated")
-    if finish_reason in {"content_filter", "refusal"}:
-        return Decision(None, "refused")
-    visible = _without_thinking(text[-_READ_AT_MOST:]).replace("’", "'").strip()
-    if not visible:
-        return Decision(None, "empty")
-    refuses = _REFUSAL.search(visible) is not None
-    action = _find_action(visible, space, any_case=not refuses and len(visible) <= _SHORT)
-    if action is not None:
-        return Decision(action)
-    return Decision(None, "refused" if refuses else "unparsed")
-
-
-def _without_thinking(text: str) -> str:
-    """Return what stands outside thinking: its tag may have been opened by the chat template, or never closed."""
-    visible: list[str] = []
-    thinking = False
-    for part in _THINK_TAG.split(text):
-        if not _THINK_TAG.fullmatch(part):
-            visible += [] if thinking else [part]
-        elif part.startswith("</"):
-            visible = visible if thinking else []
-            thinking = False
-        else:
-            thinking = True
-    return " ".join(visible)
-
-
-def _find_action(text: str, space: ActionSpace, *, any_case: bool) -> str | None:
-    by_name = {action.upper(): action for action in space.actions}
-    if (bare := _bare(text)) in by_name:
-        return by_name[bare]
-    stated = _json_action(text)
-    if stated is not None:
-        return by_name.get(_bare(stated))
-    # Not \b: neither "non-stop" nor "right-hand" names an action.
-    name = rf"(?<!\w)(?<!\w-)({'|'.join(re.escape(one) for one in sorted(by_name, key=len, reverse=True))})(?!-?\w)"
-    marker = r"\b(?:action|answer|decision)\W{0,4}(?:[:=>→–—\n-]|\bis\b)\W{0,6}"
-    marked = list(re.finditer(marker + name, text, re.IGNORECASE))
-    if marked:
-        return _only_one([*marked[-1:], *_alternative(marked[-1], name)], by_name)
-    for flags in (0, re.IGNORECASE) if any_case else (0,):
-        found = list(re.finditer(name, text, flags))
-        if found:
-            return _only_one(found, by_name)
-    return None
-
-
-def _bare(text: str) -> str:
-    return text.strip(" \t\r\n.,;:!*`\"'_()[]").upper()
-
-
-def _alternative(marked: re.Match[str], name: str) -> list[re.Match[str]]:
-    """Return the other action that follows a marked one on its line (``ACTION: LEFT or RIGHT``), if any."""
-    following = re.compile(rf"[^\w\n]{{0,6}}(?:(?:or|and|then)[^\w\n]{{1,6}})?{name}", re.IGNORECASE)
-    other = following.match(marked.string, marked.end())
-    return [] if other is None else [other]
-
-
-def _only_one(found: list[re.Match[str]], by_name: dict[str, str]) -> str | None:
-    if len({match.group(1).upper() for match in found}) != 1 or any(map(_negated, found)):
-        return None
-    # get: ignoring case, a regular expression takes "İ" for "I", and upper() does not.
-    return by_name.get(found[0].group(1).upper())
-
-
-def _negated(match: re.Match[str]) -> bool:
-    text, start = match.string, match.start(1)
-    return bool(_NEGATION.search(text[max(0, start - 60) : start]) or _NEGATED.match(text, match.end(1)))
-
-
-def _json_action(text: str) -> str | None:
-    """Return the action of the last JSON object that has one, or None where there is none."""
-    for value in reversed(list(_json_objects(text))):
-        by_key = {key.lower(): action for key, action in value.items()}
-        for key in _JSON_KEYS:
-            if key in by_key:
-                action = by_key[key]
-                return action if isinstance(action, str) else ""
-    return None
-
-
-def _json_objects(text: str) -> Iterator[dict[str, object]]:
-    """Yield the outermost JSON objects in a text, wherever they stand; none where it has too many braces to try."""
-    decoder, start = json.JSONDecoder(), text.find("{")
-    if text.count("{") > _BRACES_AT_MOST:
-        return
-    while start >= 0:
-        end = start + 1
-        try:
-            value, end = decoder.raw_decode(text, start)
-            yield value
-        except (ValueError, RecursionError):
-            pass
-        start = text.find("{", end)

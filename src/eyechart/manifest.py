@@ -16,6 +16,7 @@ from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank, open_bank
 from eyechart.modes import RequestMode
 from eyechart.prompts import Prompt
+from eyechart.reader import READER
 
 FORMAT = "eyechart-run/2"
 LEDGER = "ledger.sqlite"
@@ -30,6 +31,7 @@ class RunManifest:
 
     ``modes`` says how each model was asked, ``facts`` what is known of it (digest, quantisation, template).
     ``shard`` is (i, n), counted from 1, or None for the whole; ``limit`` the number of frames, or None for all.
+    ``reader`` is the version of the reader of replies that the run was begun under.
     """
 
     study: str
@@ -45,6 +47,7 @@ class RunManifest:
     versions: Mapping[str, str]
     modes: Mapping[str, RequestMode] = field(default_factory=dict)
     facts: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    reader: int = READER
 
     def extended(self, other: "RunManifest") -> "RunManifest":
         """Return this manifest with another's models, conditions and limit added.
@@ -179,6 +182,7 @@ def read_run(path: Path) -> tuple[RunManifest, FrameBank]:
         raw["facts"] = {spec: dict(known) for spec, known in raw["facts"].items()}
         raw["conditions"] = tuple(find_condition(name).name for name in raw["conditions"])
         raw["seed"] = int(raw["seed"])
+        raw["reader"] = int(raw["reader"])
         raw["limit"] = None if raw["limit"] is None else int(raw["limit"])
         raw["shard"] = None if raw["shard"] is None else _shard(raw["shard"])
         for name in ("study", "created", "bank_path", "fingerprint"):

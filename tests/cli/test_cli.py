@@ -134,6 +134,22 @@ def test_a_run_from_bank_to_verdict(eyechart: Eyechart, bank: FrameBank, tmp_pat
     assert STEADY in eyechart("score", tmp_path / "run").out
 
 
+def test_a_run_of_another_reader_is_read_anew_only_when_asked(
+    eyechart: Eyechart, bank: FrameBank, tmp_path: Path
+) -> None:
+    """Decisions that another version of the reader read are never taken for today's without a word."""
+    out = tmp_path / "run"
+    assert eyechart("run", "battery", "--model", STEADY, "--frames", bank.root, "--out", out, "--limit", 8).code == 0
+    today = eyechart("verdict", out, "--json").out
+    recorded = json.loads((out / "run.json").read_text(encoding="utf-8"))
+    (out / "run.json").write_text(json.dumps(recorded | {"reader": recorded["reader"] - 1}), encoding="utf-8")
+    for command in ("verdict", "score", "gate"):
+        refused = eyechart(command, out)
+        assert refused.code == 2
+        assert "read its replies anew with --reread" in refused.err
+    assert eyechart("verdict", out, "--json", "--reread").out == today
+
+
 def test_shards_are_merged_from_the_command_line(eyechart: Eyechart, bank: FrameBank, tmp_path: Path) -> None:
     """Two shards and their merger; a shard too much is refused."""
     words = ("run", "battery", "--model", STEADY, "--frames", bank.root, "--conditions", "real, blank")

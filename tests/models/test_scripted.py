@@ -5,12 +5,13 @@ import asyncio
 import numpy as np
 import pytest
 
-from eyechart.actions import DRIVING, read_decision
+from eyechart.actions import DRIVING
 from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
 from eyechart.frames import decode, encode, open_bank
 from eyechart.models import open_model
 from eyechart.models.scripted import CONTROLLERS, names, see
+from eyechart.reader import read_decision
 from eyechart.verdicts import CALIBRATED_LABELS, PAPER_LABELS
 
 GREY = encode(np.full((150, 600, 3), 128, dtype=np.uint8))

@@ -15,12 +15,13 @@ import pytest
 
 import banks
 import stand_ins
-from eyechart.actions import Decision, read_decision
+from eyechart.actions import Decision
 from eyechart.calls import CallKey
 from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER
 from eyechart.models import ADAPTERS
+from eyechart.reader import read_decision
 from eyechart.studies import battery as study
 from eyechart.verdicts import judge
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from eyechart import verdicts
-from eyechart.actions import DRIVING, Decision, read_decision
+from eyechart.actions import DRIVING, Decision
 from eyechart.calibrate.known import KNOWN, NULLS, Known, Shows, answer_all, deserved, is_false
 from eyechart.calibrate.settings import SETTINGS, Setting
 from eyechart.calibrate.tally import Calibration, Outcome, Ruled, tally
@@ -20,6 +20,7 @@ from eyechart.conditions import COUNTERFACTUALS
 from eyechart.errors import SpecError
 from eyechart.frames import LEAD_GAP
 from eyechart.models.scripted import Answer
+from eyechart.reader import read_decision
 from eyechart.seeds import key_seed
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic, cannot_say

@@ -18,15 +18,18 @@ _Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 _Independent = Annotated[
     bool, typer.Option("--independent", help="Declare that frames outside episodes are independent draws.")
 ]
+_Reread = Annotated[
+    bool, typer.Option("--reread", help="Read the replies of a run anew that another version of the reader read.")
+]
 
 
-def score(run: _Run, json: _Json = False, independent: _Independent = False) -> None:
+def score(run: _Run, json: _Json = False, independent: _Independent = False, reread: _Reread = False) -> None:
     """Print every statistic of a run with its interval, n and p. Example: eyechart score run --json."""
     from eyechart.report.tables import frontier_table, statistics_table
     from eyechart.studies import battery as study
     from eyechart.verdicts import judge
 
-    scored = study.score(run, independent=independent)
+    scored = study.score(run, independent=independent, reread=reread)
     if json:
         print_json(scored.as_dict())
         return
@@ -36,12 +39,12 @@ def score(run: _Run, json: _Json = False, independent: _Independent = False) -> 
     console.print(frontier_table(scored, judge(scored)))
 
 
-def verdict(run: _Run, json: _Json = False, independent: _Independent = False) -> None:
+def verdict(run: _Run, json: _Json = False, independent: _Independent = False, reread: _Reread = False) -> None:
     """Print the verdict on every model of a run, and what decided it. Example: eyechart verdict run."""
     from eyechart.studies import battery as study
     from eyechart.verdicts import judge
 
-    scored = study.score(run, independent=independent)
+    scored = study.score(run, independent=independent, reread=reread)
     verdicts = judge(scored)
     if json:
         print_json({"models": {spec: one.as_dict() for spec, one in verdicts.items()}})
@@ -79,6 +82,7 @@ def gate(
     junit: Annotated[Path | None, typer.Option(help="Write the checks as JUnit XML.")] = None,
     json: _Json = False,
     independent: _Independent = False,
+    reread: _Reread = False,
 ) -> None:
     """Hold a run to what is required. Exit 0: it holds; 1: it fails; 2: the run cannot say, or bad input.
 
@@ -88,7 +92,7 @@ def gate(
     from eyechart.studies import battery as study
 
     wanted = read_requirements(require)
-    held = hold(study.score(run, independent=independent), wanted, max_unparsed=max_unparsed)
+    held = hold(study.score(run, independent=independent, reread=reread), wanted, max_unparsed=max_unparsed)
     if junit is not None:
         partial = junit.with_name(f".{junit.name}.part")
         partial.write_bytes(held.junit())

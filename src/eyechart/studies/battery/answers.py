@@ -8,10 +8,11 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from eyechart.actions import ActionSpace, Decision, read_decision
+from eyechart.actions import ActionSpace, Decision
 from eyechart.calls import TRANSIENT, CallKey, Reply
 from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank, Gap
+from eyechart.reader import read_decision
 
 Symbols = NDArray[np.str_]
 Mask = NDArray[np.bool_]

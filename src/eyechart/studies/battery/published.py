@@ -87,7 +87,8 @@ class Published:
         reasons: dict[str, int] = {}
         for one in given:
             if one.missing is not None:
-                reasons[one.missing] = reasons.get(one.missing, 0) + 1
+                reason = one.missing if one.why is None else f"{one.missing}: {one.why}"
+                reasons[reason] = reasons.get(reason, 0) + 1
         return replace(rate(sum(reasons.values()), len(given)), detail={"reasons": dict(sorted(reasons.items()))})
 
     def _agreements(self, level: str) -> Statistics:

@@ -5,10 +5,11 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from eyechart.errors import SpecError
+from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank
 from eyechart.ledger import Accounting, Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
+from eyechart.reader import READER
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers, read_answers
@@ -53,6 +54,7 @@ class BatteryScore:
             "fingerprint": self.manifest.fingerprint,
             "prompt": self.manifest.prompt.key,
             "seed": self.manifest.seed,
+            "reader": READER,
             "models": {
                 spec: {
                     "version": score.version,
@@ -67,13 +69,20 @@ class BatteryScore:
         }
 
 
-def score(path: Path, *, resamples: int = 5000, independent: bool = False) -> BatteryScore:
+def score(path: Path, *, resamples: int = 5000, independent: bool = False, reread: bool = False) -> BatteryScore:
     """Score the battery in a run's folder, finished or not.
 
-    ``independent`` declares that frames outside episodes are independent draws, as a bank's manifest may. Raises
-    LedgerError or BankError where the folder is no run, SpecError where that is declared of a bank with episodes.
+    ``independent`` declares that frames outside episodes are independent draws, as a bank's manifest may. ``reread``
+    allows the replies of a run that was begun under another version of the reader to be read by today's. Raises
+    LedgerError or BankError where the folder is no run, or needs ``reread``, and SpecError where independence is
+    declared of a bank with episodes.
     """
     manifest, bank = read_run(path)
+    if manifest.reader != READER and not reread:
+        raise LedgerError(
+            f"{path} was begun under version {manifest.reader} of the reader of replies, and this is version {READER}: "
+            "its decisions may differ from those seen before; read its replies anew with --reread"
+        )
     if (
         independent
         and max(Counter(frame.episode for frame in bank).values()) > 1
