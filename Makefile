@@ -4,20 +4,25 @@ VENV := .venv
 BIN := $(VENV)/bin
 CORE := $(VENV)/.core
 DEV := $(VENV)/.dev
+VLM := $(VENV)/.vlm
 MODELS := $(VENV)/.models
 BENCH := $(VENV)/.bench
 
-.PHONY: help demo test test-models lint format bench clean
+.PHONY: help demo demo-vlm test test-models lint format bench clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
+	@echo "make demo-vlm     the same on five tiny real vision-language models, on a CPU, offline once installed"
 	@echo "make test         the tests of the core"
-	@echo "make test-models  the tests that need extras (Hugging Face datasets, Parquet, LeRobot)"
+	@echo "make test-models  the tests that need extras (Hugging Face datasets, Parquet, LeRobot, Transformers)"
 	@echo "make lint         ruff and mypy"
 	@echo "make bench        ratios against what one would otherwise do"
 
 demo: $(CORE)
 	$(BIN)/eyechart demo --out demo
+
+demo-vlm: $(VLM)
+	$(BIN)/eyechart demo --vlm --out demo
 
 test: $(DEV)
 	$(BIN)/python -m pytest -n 2 -m "not models"
@@ -39,6 +44,7 @@ bench: $(BENCH)
 	$(BIN)/python benchmarks/bench_bank.py
 	$(BIN)/python benchmarks/bench_positive_control.py
 	$(BIN)/python benchmarks/bench_score.py
+	$(BIN)/python benchmarks/bench_hf.py
 
 clean:
 	rm -rf $(VENV) demo build dist
@@ -56,10 +62,14 @@ $(DEV): $(CORE)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	@touch $@
 
+$(VLM): $(CORE)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[transformers]'
+	@touch $@
+
 $(MODELS): $(DEV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,hub,parquet,lerobot]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,hub,parquet,lerobot,transformers,serve]'
 	@touch $@
 
 $(BENCH): $(DEV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,bench]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,bench,transformers]'
 	@touch $@

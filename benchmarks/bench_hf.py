@@ -15,12 +15,13 @@ import torch
 from PIL import Image
 from transformers import AutoModelForImageTextToText, AutoProcessor
 
-from eyechart.actions import DRIVING, read_decision
+from eyechart.actions import DRIVING
 from eyechart.calls import Query
 from eyechart.models import open_model
 from eyechart.models.huggingface import organisms
 from eyechart.modes import RequestMode
 from eyechart.prompts import PROMPTS
+from eyechart.reader import read_decision
 from eyechart.simulators import open_simulator
 
 TARGET = 4.0

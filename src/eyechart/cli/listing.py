@@ -21,10 +21,13 @@ def _show(rows: dict[str, str], *, json: bool) -> None:
 
 @app.command()
 def models(json: _Json = False) -> None:
-    """List the models that need no weights; each scripted one is a known answer."""
-    from eyechart.models.scripted import names
+    """List what a SPEC may name; each scripted one, and each organism, is a known answer."""
+    from importlib import import_module
 
-    _show({f"scripted:{name}": says for name, says in names().items()}, json=json)
+    from eyechart.models import ADAPTERS
+
+    found = {adapter: import_module(module).names() for adapter, module in ADAPTERS.items()}
+    _show({f"{adapter}:{name}": says for adapter, names in found.items() for name, says in names.items()}, json=json)
 
 
 @app.command()
