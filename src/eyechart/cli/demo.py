@@ -1,4 +1,4 @@
-"""``eyechart demo``: the main job on known answers, offline: scripted controllers, or model organisms with ``--vlm``."""
+"""``eyechart demo``: the main job on known answers, offline: scripted controllers or, with ``--vlm``, organisms."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -18,7 +18,9 @@ _AT_ONCE = 48
 def demo(
     out: Annotated[Path, typer.Option(help="Folder for the demo's bank and run.")] = Path("demo"),
     seed: Annotated[int, typer.Option(min=0, help="Another seed: other episodes, other draws.")] = 0,
-    vlm: Annotated[bool, typer.Option("--vlm", help="Ask the five model organisms: needs eyechart[transformers].")] = False,
+    vlm: Annotated[
+        bool, typer.Option("--vlm", help="Ask the five model organisms: needs eyechart[transformers].")
+    ] = False,
 ) -> None:
     """Build a highway bank, run all known-answer controllers, and print their verdicts.
 
