@@ -26,7 +26,10 @@ _TASK = (
     "What should it do next?",
     "Which action is safe?",
     "Decide: STOP, SLOW, STRAIGHT, LEFT or RIGHT?",
-    "STOP: brake hard. SLOW: reduce speed. STRAIGHT: go on. LEFT: change to the left lane. RIGHT: to the right lane.",
+    (
+        "Choose the next action: STOP: brake hard. SLOW: reduce speed. STRAIGHT: go on. LEFT: change to the left lane. "
+        "RIGHT: change to the right lane."
+    ),
     "The actions are STOP, SLOW, STRAIGHT, LEFT, RIGHT.",
 )
 _ANSWER = (

@@ -31,7 +31,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True, help="folder of the checkpoints")
     parser.add_argument("--work", type=Path, default=Path("organisms-work"), help="folder of what is in between")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--vision-steps", type=int, default=1300)
+    parser.add_argument("--vision-steps", type=int, default=700)
     parser.add_argument("--only", help="names with commas; default: all five")
     parser.add_argument("--threads", type=int, default=1)
     args = parser.parse_args()
