@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eyechart.calls import TRANSIENT, CallKey, Reply
+from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.errors import LedgerError
 from eyechart.ledger import UNKNOWN, Ledger
 
@@ -91,7 +91,7 @@ def test_an_attempt_is_there_before_its_reply(path: Path) -> None:
 
 def test_a_finished_call_cannot_begin_again(path: Path) -> None:
     """It is paid for once; an error that will not pass finishes it too."""
-    fill(path, (KEY, FULL), (OTHER, Reply(error="auth")))
+    fill(path, (KEY, FULL), (OTHER, Reply(error="wrong_json")))
     with Ledger(path, create=True) as ledger:
         for key in (KEY, OTHER):
             with pytest.raises(LedgerError, match="finished already"):
@@ -99,8 +99,8 @@ def test_a_finished_call_cannot_begin_again(path: Path) -> None:
     assert len(rows(path, "attempts")) == 2
 
 
-@pytest.mark.parametrize("error", sorted(TRANSIENT))
-def test_a_transient_error_leaves_a_call_unfinished(path: Path, error: str) -> None:
+@pytest.mark.parametrize("error", sorted(UNFINISHED))
+def test_an_error_that_may_pass_or_be_mended_leaves_a_call_unfinished(path: Path, error: str) -> None:
     """Its failures stand beside the reply that came in the end, which is the one that counts."""
     with Ledger(path, create=True) as ledger:
         ledger.close(ledger.begin(KEY, "digest"), Reply(error=error))  # type: ignore[arg-type]

@@ -20,6 +20,7 @@ from eyechart.conditions import BATTERY, show
 from eyechart.errors import BankError, SpecError
 from eyechart.frames import Frame, FrameBank
 from eyechart.ledger import Ledger
+from eyechart.limits import Limits
 from eyechart.prompts import PROMPTS
 from eyechart.run import Plan, execute, in_shard, read_shard, spread
 from stand_ins import StandIn
@@ -155,7 +156,7 @@ class Careless(stand_ins.Held):
 @pytest.mark.parametrize(("fault", "named"), [("cancels", "CancelledError"), ("answers a word", "TypeError: .* str")])
 def test_a_careless_adapter_does_not_end_the_run_unheard(plan: Plan, ledger: Ledger, fault: str, named: str) -> None:
     """A cancellation that escapes an adapter would silently end the workers; a word is no Reply. Both are rows."""
-    execute(plan, {"m": Careless(fault)}, ledger)
+    execute(plan, {"m": Careless(fault)}, ledger, limits=Limits(patience=99))
     details = [reply.error_detail for _, reply in ledger.replies("m")]
     assert len(details) == 48
     assert all(re.match(named, detail) for detail in details)
@@ -187,10 +188,27 @@ def test_transient_errors_are_tried_again_with_a_row_each(plan: Plan, ledger: Le
 
 def test_an_error_that_will_not_pass_is_not_tried_again(plan: Plan, ledger: Ledger) -> None:
     """A wrong key stays wrong."""
-    model = StandIn(lambda _: Reply(error="auth"))
-    execute(plan, {"m": model}, ledger)
+    model = StandIn(lambda _: Reply(error="bad_request"))
+    execute(plan, {"m": model}, ledger, limits=Limits(patience=99))
     assert len(model.queries) == 48
     assert ledger.accounting("m").errors == 48
+
+
+def test_every_model_is_let_go_when_a_run_ends(plan: Plan, ledger: Ledger) -> None:
+    """Also where one of them does not let itself be closed, and where the run broke off."""
+
+    class Stuck(StandIn):
+        async def close(self) -> None:
+            await super().close()
+            raise RuntimeError("stuck")
+
+    two = {"m": Stuck(), "n": StandIn()}
+    execute(replace(plan, models=("m", "n")), two, ledger)
+    assert (two["m"].closed, two["n"].closed) == (1, 1)
+    left = StandIn()
+    with pytest.raises(KeyError):
+        execute(replace(plan, models=("left", "absent")), {"left": left}, ledger)
+    assert left.closed == 1
 
 
 @pytest.mark.parametrize("concurrency", [1, 5])

@@ -26,7 +26,10 @@ TRANSIENT: frozenset[str] = frozenset({"timeout", "rate_limited", "server_error"
 """The kinds that may pass when the same call is made again."""
 
 HOPELESS: frozenset[str] = frozenset({"auth", "quota", "missing_model"})
-"""The kinds that every further call of the model would meet too."""
+"""The kinds that every further call of the model would meet too, until somebody mends what is wrong."""
+
+UNFINISHED: frozenset[str] = TRANSIENT | HOPELESS
+"""The kinds that leave a call unfinished: a resumed run makes it again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +58,12 @@ class Query:
         ):
             digest.update(len(part).to_bytes(8, "big") + part)
         return digest.hexdigest()
+
+    def schema(self) -> dict[str, object]:
+        """Return the JSON schema of an answer: an object whose action is one of ``actions``, or any text."""
+        action = {"type": "string", **({"enum": list(self.actions)} if self.actions else {})}
+        only = {"required": ["action"], "additionalProperties": False}
+        return {"type": "object", "properties": {"action": action}, **only}
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from eyechart.calls import TRANSIENT, CallKey, Reply
+from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.errors import LedgerError
 
 _SCHEMA = """
@@ -83,6 +83,16 @@ class Attempt:
     call: int
     number: int
     reason: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Sent:
+    """An attempt as it is read back: its call, its number, why it was made, and what came; None is "unknown"."""
+
+    key: CallKey
+    number: int
+    reason: str | None
+    reply: Reply | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,8 +186,8 @@ class Ledger:
         return Attempt(id=int(cursor.lastrowid or 0), call=call, number=number, reason=reason)
 
     def close(self, attempt: Attempt, reply: Reply) -> None:
-        """Record what came back. A reply with a transient error leaves the call unfinished."""
-        final = reply.error not in TRANSIENT
+        """Record what came back. An error that may pass, or that somebody can mend, leaves the call unfinished."""
+        final = reply.error not in UNFINISHED
         marks = ", ".join("?" * (4 + len(_REPLY)))
         came = (_storable(value) if isinstance(value, str) else value for value in astuple(reply))
         row = (attempt.id, attempt.call, int(final), _now(), *came)
@@ -211,6 +221,20 @@ class Ledger:
         split = len(fields(CallKey))
         for row in rows:
             yield CallKey(*row[:split]), Reply(*row[split:])
+
+    def attempts(self, model: str) -> Iterator[Sent]:
+        """Yield every attempt at a model's calls in the order of sending, with what came back."""
+        names = ", ".join(f"r.{name}" for name in _REPLY)
+        calls = ", ".join(f"c.{field.name}" for field in fields(CallKey))
+        rows = self._sql.execute(
+            f"SELECT {calls}, a.number, a.reason, r.attempt, {names} FROM attempts a JOIN calls c ON c.id = a.call "
+            "LEFT JOIN replies r ON r.attempt = a.id WHERE c.model = ? ORDER BY a.id",
+            (model,),
+        )
+        split = len(fields(CallKey))
+        for row in rows:
+            number, reason, came = row[split : split + 3]
+            yield Sent(CallKey(*row[:split]), number, reason, None if came is None else Reply(*row[split + 3 :]))
 
     def accounting(self, model: str) -> Accounting:
         """Return the attempts, tokens and seconds that a model took."""

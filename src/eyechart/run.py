@@ -9,10 +9,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from eyechart import conditions as stimuli
-from eyechart.calls import TRANSIENT, CallKey, Query, Reply
+from eyechart.calls import TRANSIENT, UNFINISHED, CallKey, Query, Reply
 from eyechart.errors import SpecError
 from eyechart.frames import Frame, FrameBank
 from eyechart.ledger import Ledger
+from eyechart.limits import Budget, Limits, Outcome, Pace, pause_s
 from eyechart.models import Model
 from eyechart.prompts import Prompt
 from eyechart.seeds import key_seed
@@ -22,6 +23,7 @@ Progress = Callable[[int, int], None]
 
 _STIMULUS_BYTES = 128_000_000
 _CLOSING_S = 10.0
+_NOT_SENT = Reply(error="exception")
 
 
 @dataclass(frozen=True)
@@ -114,9 +116,10 @@ def execute(
     ledger: Ledger,
     *,
     concurrency: int = 8,
-    attempts: int = 3,
+    attempts: int = 5,
+    limits: Limits | None = None,
     progress: Progress | None = None,
-) -> None:
+) -> Outcome:
     """Make every planned call that the ledger does not hold finished, in seeded random order.
 
     A call whose error is transient is tried up to ``attempts`` times, with backoff. An interrupt leaves the
@@ -126,11 +129,17 @@ def execute(
     finished = ledger.finished()
     todo = [key for key in sorted(keys) if key not in finished]
     random.Random(plan.seed).shuffle(todo)  # noqa: S311 - an order of calls, no secret
-    execution = _Execution(plan, models, ledger, concurrency, attempts, progress, len(keys))
+    budget = Budget(limits or Limits(), plan.models)
+    if budget.counts_all:
+        for spec in plan.models:
+            for attempt in ledger.attempts(spec):
+                budget.made_before(spec, attempt.reply)
+    execution = _Execution(plan, models, ledger, budget, attempts=attempts, progress=progress)
     try:
-        asyncio.run(execution.run(todo))
+        asyncio.run(execution.run(todo, len(keys), concurrency))
     except BaseExceptionGroup as group:
         raise _first(group) from None
+    return Outcome(dict(budget.set_aside), budget.stopped)
 
 
 def _first(error: BaseException) -> BaseException:
@@ -147,55 +156,64 @@ class _Execution:
         plan: Plan,
         models: Mapping[str, Model],
         ledger: Ledger,
-        concurrency: int,
+        budget: Budget,
+        *,
         attempts: int,
         progress: Progress | None,
-        planned: int,
     ) -> None:
         self._plan = plan
         self._models = models
         self._ledger = ledger
-        self._concurrency = concurrency
+        self._budget = budget
         self._attempts = attempts
         self._progress = progress
-        self._planned = planned
-        self._done = 0
+        self._done = self._planned = 0
         self._stimuli = _Stimuli(plan)
 
-    async def run(self, todo: list[CallKey]) -> None:
-        self._done = self._planned - len(todo)
+    async def run(self, todo: list[CallKey], planned: int, concurrency: int) -> None:
+        self._planned, self._done = planned, planned - len(todo)
         self._report()
         try:
             async with asyncio.TaskGroup() as group:
                 for spec in self._plan.models:
-                    queue = iter([key for key in todo if key.model == spec])
-                    for _ in range(self._concurrency):
-                        group.create_task(self._work(queue, self._models[spec]))
+                    queue, pace = iter([key for key in todo if key.model == spec]), Pace(concurrency)
+                    for _ in range(concurrency):
+                        group.create_task(self._work(queue, self._models[spec], pace))
         finally:
             for model in self._models.values():
                 await _close(model)
 
-    async def _work(self, queue: Iterator[CallKey], model: Model) -> None:
+    async def _work(self, queue: Iterator[CallKey], model: Model, pace: Pace) -> None:
         for key in queue:
-            finished = await self._call(key, model)
-            self._done += finished  # after the await: other workers count meanwhile
+            last = await self._call(key, model, pace)
+            if last is None:
+                return
+            self._budget.ended(key.model, last)
+            self._done += last.error not in UNFINISHED  # after the await: other workers count meanwhile
             self._report()
             await asyncio.sleep(0)  # lets the other models' calls, and an interrupt, come in between
 
-    async def _call(self, key: CallKey, model: Model) -> bool:
-        """Make a call; return whether it is finished."""
+    async def _call(self, key: CallKey, model: Model, pace: Pace) -> Reply | None:
+        """Make a call; return its last reply, or None where a limit kept it from being made."""
         picture = self._stimuli.show(key.condition, key.frame)
         seed, actions = key.seed(self._plan.seed), self._plan.bank.manifest.action_space.actions
         query = Query(*self._plan.words(key), picture, seed, actions)
+        digest, reply = query.sha256(), None
         for number in range(1, self._attempts + 1):
-            attempt = self._ledger.begin(key, query.sha256())
+            entered = await pace.enter()
+            if not self._budget.may_send(key.model):
+                pace.leave(entered, _NOT_SENT)
+                return reply
+            attempt = self._ledger.begin(key, digest)
             reply = await _ask(model, query)
             self._ledger.close(attempt, reply)
+            pace.leave(entered, reply)
+            self._budget.came(key.model, reply)
             if reply.error not in TRANSIENT:
-                return True
+                break
             if number < self._attempts:
-                await asyncio.sleep(min(30.0, 2.0 ** (number - 1)) * (0.5 + random.random() / 2))  # noqa: S311
-        return False
+                await asyncio.sleep(pause_s(number, reply))
+        return reply
 
     def _report(self) -> None:
         if self._progress is not None:

@@ -11,8 +11,9 @@ from eyechart.modes import RequestMode
 
 EXAMPLES: dict[str, RequestMode] = {
     "scripted": RequestMode("scripted:constant"),
+    "openai": RequestMode("openai:m", base_url="http://127.0.0.1:9/v1"),
 }
-"""A model of every adapter that can be opened here, without a network or weights."""
+"""A model of every adapter that can be opened here, without weights, a key, or a server that listens."""
 
 
 NEEDS_AN_EXTRA = {"hf"}

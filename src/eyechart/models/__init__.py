@@ -33,6 +33,7 @@ class Model(Protocol):
 
 ADAPTERS: dict[str, str] = {
     "scripted": "eyechart.models.scripted",
+    "openai": "eyechart.models.openai_compatible",
     "hf": "eyechart.models.huggingface",
 }
 """What a SPEC's first word means.

@@ -11,6 +11,7 @@ from eyechart.conditions import BATTERY, CONDITIONS, available, find_condition, 
 from eyechart.errors import BankError, LedgerError, SpecError
 from eyechart.frames import IMPORTED, FrameBank, check, open_bank
 from eyechart.ledger import Ledger
+from eyechart.limits import Limits, Outcome
 from eyechart.manifest import LEDGER, RunManifest, asked_of, is_free, is_run, read_run, today, versions, write_run
 from eyechart.models import Model, open_model
 from eyechart.modes import RequestMode
@@ -167,8 +168,15 @@ def plan_of(
     )
 
 
-def run(battery: Battery, *, concurrency: int = 8, progress: Progress | None = None) -> None:
-    """Make the calls of a planned battery that its ledger does not hold yet.
+def run(
+    battery: Battery,
+    *,
+    concurrency: int = 8,
+    attempts: int = 5,
+    limits: Limits | None = None,
+    progress: Progress | None = None,
+) -> Outcome:
+    """Make the calls of a planned battery that its ledger does not hold yet, and return how that ended.
 
     Raises LedgerError where another process is writing to the same run, or the ledger cannot be written.
     """
@@ -179,7 +187,15 @@ def run(battery: Battery, *, concurrency: int = 8, progress: Progress | None = N
             manifest = _resumed(battery.out, battery.manifest, battery.plan.bank)
             write_run(battery.out, manifest, battery.plan.bank)
             with Ledger(battery.out / LEDGER, create=True) as ledger:
-                execute(battery.plan, battery.models, ledger, concurrency=concurrency, progress=progress)
+                return execute(
+                    battery.plan,
+                    battery.models,
+                    ledger,
+                    concurrency=concurrency,
+                    attempts=attempts,
+                    limits=limits,
+                    progress=progress,
+                )
     except sqlite3.Error as error:
         raise LedgerError(f"{battery.out / LEDGER} cannot be written: {error}; the same command resumes") from error
     except Timeout as error:
