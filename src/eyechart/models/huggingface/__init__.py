@@ -14,6 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
 from eyechart.models import require_options
+from eyechart.models.energy import metered
 from eyechart.models.huggingface.checkpoint import OPTIONS, Checkpoint, find, list_edge
 from eyechart.models.huggingface.generation import Speaker
 from eyechart.models.huggingface.organisms import ORGANISMS
@@ -43,6 +44,9 @@ class HuggingFaceModel:
 
     async def answer(self, query: Query) -> Reply:
         """Answer one query, in a batch with those that wait beside it; a failure is a Reply."""
+        return await metered(self._queue(query))
+
+    async def _queue(self, query: Query) -> Reply:
         loop = asyncio.get_running_loop()
         future: asyncio.Future[Reply] = loop.create_future()
         self._waiting.append((query, future))

@@ -1,7 +1,10 @@
 """A batch of queries becomes one call of ``generate``, and every row of what it returns a Reply."""
 
 from collections.abc import Sequence
+from copy import deepcopy
 from typing import Any
+
+from PIL import Image
 
 from eyechart.calls import Query, Reply
 from eyechart.frames import decode
@@ -92,8 +95,6 @@ class Speaker:
 
     def _encode(self, queries: Sequence[Query]) -> Tensor:
         """Return the padded tokens and pictures of queries, on the model's device and in its precision."""
-        from PIL import Image  # noqa: PLC0415  (as the others: only where a model is asked)
-
         processor = self._checkpoint.processor
         texts = [
             processor.apply_chat_template(
@@ -124,8 +125,6 @@ class Speaker:
 
     def _decoding(self, seeds: Sequence[int]) -> tuple[Any, list[Any]]:
         """Return how tokens are chosen: the likeliest, or drawn at the mode's or the checkpoint's temperature."""
-        from copy import deepcopy  # noqa: PLC0415
-
         own = self._model.generation_config
         temperature = self._mode.temperature
         if temperature is None:
