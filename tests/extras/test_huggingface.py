@@ -196,11 +196,11 @@ def test_a_batch_too_large_for_the_memory_is_made_smaller(bank: FrameBank, monke
     plain = together(opened("organism:grounded"), asked)
     generate = generation.Speaker._generate
 
-    def small(speaker: generation.Speaker, batch: Sequence[Query]) -> list[Reply]:
+    def small(speaker: generation.Speaker, batch: Sequence[Query], inputs: object) -> list[Reply]:
         sizes.append(len(batch))
         if len(batch) > 8:
             raise torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2.00 GiB")
-        return generate(speaker, batch)
+        return generate(speaker, batch, inputs)
 
     monkeypatch.setattr(generation.Speaker, "_generate", small)
     assert together(opened("organism:grounded", options={"batch": 16}), asked) == plain
@@ -211,8 +211,8 @@ def test_no_memory_for_one_query_is_a_reply(bank: FrameBank, monkeypatch: pytest
     """It says so, and what to do."""
     import torch  # noqa: PLC0415 - an extra
 
-    def never(speaker: generation.Speaker, batch: Sequence[Query]) -> list[Reply]:
-        del speaker, batch
+    def never(speaker: generation.Speaker, batch: Sequence[Query], inputs: object) -> list[Reply]:
+        del speaker, batch, inputs
         raise torch.OutOfMemoryError("CUDA out of memory.")
 
     monkeypatch.setattr(generation.Speaker, "_generate", never)

@@ -12,14 +12,20 @@ from eyechart.models.huggingface.checkpoint import Checkpoint, conversation, fir
 from eyechart.modes import RequestMode
 
 Tensor = Any
-"""A torch tensor, or something that holds some; torch is an extra."""
+"""A torch tensor; torch is an extra."""
+
+Inputs = Any
+"""What a processor returns: tokens and pictures of a batch, on the CPU."""
 
 _TOP_K = 50
 """What Transformers cuts a draw to where a checkpoint says nothing."""
 
 
 class Speaker:
-    """The weights of a checkpoint and how they are asked; everything here runs in one thread."""
+    """The weights of a checkpoint and how they are asked.
+
+    ``prepare`` may run in one thread while ``answer`` and ``forget`` run in another; they share no tokenizer.
+    """
 
     def __init__(self, checkpoint: Checkpoint, mode: RequestMode) -> None:
         self._checkpoint = checkpoint
@@ -27,9 +33,24 @@ class Speaker:
         self._model: Any = None
         self._broken: Reply | None = None
         self._most = checkpoint.batch
+        tokenizer = checkpoint.processor.tokenizer
+        tokenizer.padding_side = "left"
+        if tokenizer.pad_token is None:
+            tokenizer.pad_token = tokenizer.eos_token
+        self._reader = deepcopy(tokenizer)
 
-    def answer(self, queries: Sequence[Query]) -> list[Reply]:
-        """Return a Reply for each query; all have a picture, or none has.
+    def prepare(self, queries: Sequence[Query]) -> Inputs | None:
+        """Return the padded tokens and pictures of queries that all have a picture, or of which none has.
+
+        None where that fails: ``answer`` then finds out for which of them.
+        """
+        try:
+            return self._encode(queries)
+        except Exception:  # noqa: BLE001 - whatever a picture or a processor does, it is a row, not the end of the run
+            return None
+
+    def answer(self, queries: Sequence[Query], inputs: Inputs | None = None) -> list[Reply]:
+        """Return a Reply for each query; ``inputs`` are what was prepared of them.
 
         A batch that fails is answered in halves, so that one query's failure, or a batch too large for the memory,
         is no other query's.
@@ -38,9 +59,11 @@ class Speaker:
             self._load()
         if self._broken is not None:
             return [self._broken] * len(queries)
+        if len(queries) <= self._most:
+            return self._answer_or_halve(queries, inputs)
         replies: list[Reply] = []
         while len(replies) < len(queries):
-            replies += self._answer_or_halve(queries[len(replies) : len(replies) + self._most])
+            replies += self._answer_or_halve(queries[len(replies) : len(replies) + self._most], None)
         return replies
 
     def forget(self) -> None:
@@ -64,28 +87,28 @@ class Speaker:
                 use_safetensors=True,
             )
             self._model = model.to(checkpoint.device).eval()
-        except Exception as error:  # noqa: BLE001 - whatever a checkpoint does, it is a row, not the end of the run
+        except Exception as error:  # noqa: BLE001 - likewise of a checkpoint
             detail = f"the weights of '{checkpoint.place}' cannot be loaded: {first_line(error)}"
             self._broken = Reply(error="missing_model", error_detail=detail)
 
-    def _answer_or_halve(self, queries: Sequence[Query]) -> list[Reply]:
+    def _answer_or_halve(self, queries: Sequence[Query], inputs: Inputs | None) -> list[Reply]:
         try:
-            return self._generate(queries)
+            return self._generate(queries, self._encode(queries) if inputs is None else inputs)
         except Exception as error:  # noqa: BLE001 - likewise
             if len(queries) == 1:
                 return [Reply(error="exception", error_detail=_say(error))]
             if _out_of_memory(error):
-                self._most = max(1, len(queries) // 2)
+                self._most = min(self._most, max(1, len(queries) // 2))
         middle = len(queries) // 2
-        return self._answer_or_halve(queries[:middle]) + self._answer_or_halve(queries[middle:])
+        return [reply for half in (queries[:middle], queries[middle:]) for reply in self.answer(half)]
 
-    def _generate(self, queries: Sequence[Query]) -> list[Reply]:
+    def _generate(self, queries: Sequence[Query], inputs: Inputs) -> list[Reply]:
         import torch  # noqa: PLC0415  (an extra)
 
-        inputs = self._encode(queries)
         config, draw = self._decoding([query.seed for query in queries])
+        moved = inputs.to(self._model.device, dtype=self._model.dtype)
         with torch.inference_mode():
-            tokens = self._model.generate(**inputs, generation_config=config, logits_processor=draw)
+            tokens = self._model.generate(**moved, generation_config=config, logits_processor=draw)
         start = inputs["input_ids"].shape[1]
         counts = inputs["attention_mask"].sum(1).tolist()
         ends = config.eos_token_id if isinstance(config.eos_token_id, list) else [config.eos_token_id]
@@ -93,8 +116,7 @@ class Speaker:
             self._read(row, int(count), ends) for row, count in zip(tokens[:, start:].tolist(), counts, strict=True)
         ]
 
-    def _encode(self, queries: Sequence[Query]) -> Tensor:
-        """Return the padded tokens and pictures of queries, on the model's device and in its precision."""
+    def _encode(self, queries: Sequence[Query]) -> Inputs:
         processor = self._checkpoint.processor
         texts = [
             processor.apply_chat_template(
@@ -109,19 +131,14 @@ class Speaker:
             for query in queries
             if query.image is not None
         ]
-        tokenizer = processor.tokenizer
-        tokenizer.padding_side = "left"
-        if tokenizer.pad_token is None:
-            tokenizer.pad_token = tokenizer.eos_token
-        written = tokenizer.bos_token is not None and texts[0].startswith(tokenizer.bos_token)
-        inputs = processor(
+        begins = processor.tokenizer.bos_token
+        return processor(
             text=texts,
             **({"images": pictures} if pictures else {}),
             padding=True,
             return_tensors="pt",
-            add_special_tokens=not written,
+            add_special_tokens=not (begins is not None and texts[0].startswith(begins)),
         )
-        return inputs.to(self._model.device, dtype=self._model.dtype)
 
     def _decoding(self, seeds: Sequence[int]) -> tuple[Any, list[Any]]:
         """Return how tokens are chosen: the likeliest, or drawn at the mode's or the checkpoint's temperature."""
@@ -133,9 +150,9 @@ class Speaker:
         config.do_sample, config.num_beams = False, 1
         config.temperature = config.top_k = config.top_p = config.min_p = None
         config.max_new_tokens, config.max_length = self._mode.max_tokens, None
-        config.pad_token_id = self._checkpoint.processor.tokenizer.pad_token_id
+        config.pad_token_id = self._reader.pad_token_id
         if config.eos_token_id is None:
-            config.eos_token_id = self._checkpoint.processor.tokenizer.eos_token_id
+            config.eos_token_id = self._reader.eos_token_id
         return config, [] if temperature == 0 else _draws(own, temperature, seeds)
 
     def _read(self, tokens: list[int], prompt_tokens: int, ends: Sequence[int | None]) -> Reply:
@@ -143,7 +160,7 @@ class Speaker:
         length = next((place + 1 for place, token in enumerate(tokens) if token in ends), None)
         said = tokens if length is None else tokens[:length]
         return Reply(
-            text=self._checkpoint.processor.tokenizer.decode(said, skip_special_tokens=True),
+            text=self._reader.decode(said, skip_special_tokens=True),
             finish_reason="length" if length is None else "stop",
             prompt_tokens=prompt_tokens,
             completion_tokens=len(said),
