@@ -12,10 +12,11 @@ ROOT = Path(__file__).parents[1] / "src"
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("cli",),
     ("testing",),
-    ("report", "gate", "calibrate"),
+    ("report",),
+    ("gate", "calibrate", "compare", "transfer"),
     ("verdicts",),
     ("studies",),
-    ("run", "manifest"),
+    ("run", "manifest", "costs", "integrity"),
     ("models", "simulators", "ledger", "prompts", "importing", "limits"),
     ("perception",),
     ("calls", "conditions", "modes"),

@@ -95,24 +95,6 @@ class Sent:
     reply: Reply | None
 
 
-@dataclass(frozen=True, slots=True)
-class Accounting:
-    """What the calls of one model took: attempts and their outcomes, tokens, and seconds.
-
-    ``unknown`` counts attempts that were sent and whose outcome is not known (the run was cut). Token sums are
-    None where no reply reported any.
-    """
-
-    calls: int
-    attempts: int
-    finished: int
-    unknown: int
-    errors: int
-    prompt_tokens: int | None
-    completion_tokens: int | None
-    seconds: float
-
-
 class Ledger:
     """One run's ledger. Every write is committed before the method returns, so a killed process loses none.
 
@@ -235,17 +217,6 @@ class Ledger:
         for row in rows:
             number, reason, came = row[split : split + 3]
             yield Sent(CallKey(*row[:split]), number, reason, None if came is None else Reply(*row[split + 3 :]))
-
-    def accounting(self, model: str) -> Accounting:
-        """Return the attempts, tokens and seconds that a model took."""
-        attempts = self._sql.execute(
-            "SELECT count(DISTINCT a.call), count(*), count(*) - count(r.attempt), coalesce(sum(final), 0), "
-            "count(r.error), sum(prompt_tokens), sum(completion_tokens), coalesce(sum(seconds), 0.0) FROM attempts a "
-            "LEFT JOIN replies r ON r.attempt = a.id WHERE a.call IN (SELECT id FROM calls WHERE model = ?)",
-            (model,),
-        ).fetchone()
-        calls, sent, unknown, finished, errors, prompt_tokens, completion_tokens, seconds = attempts
-        return Accounting(calls, sent, finished, unknown, errors, prompt_tokens, completion_tokens, seconds)
 
     def absorb(self, other: "Ledger") -> int:
         """Copy every call of another ledger into this one, attempts and replies included; return how many are new.

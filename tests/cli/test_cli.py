@@ -37,6 +37,8 @@ COMMANDS = (
     "score",
     "verdict",
     "gate",
+    "compare",
+    "transfer",
     "plan",
     "calibrate",
     "list",

@@ -152,19 +152,3 @@ def test_a_gap_of_minus_infinity_is_refused() -> None:
     """The error says which gap."""
     with pytest.raises(ValueError, match="gap number 1 is -inf"):
         association.quantile_bins([1.0, -math.inf])
-
-
-def test_pearson_is_scipys() -> None:
-    """Reference: scipy.stats.pearsonr(x, y), value, p and confidence_interval()."""
-    x, y = np.random.default_rng(2).normal(size=(2, 25))
-    expected = stats.pearsonr(x, y)
-    result = association.pearson_p(float(expected.statistic), 25)
-    interval = expected.confidence_interval()
-    assert result.p == pytest.approx(expected.pvalue, rel=1e-9)
-    assert result.ci == pytest.approx((interval.low, interval.high))
-
-
-def test_a_perfect_correlation_has_no_interval_and_two_pairs_no_test() -> None:
-    """The degenerate ends of the t test."""
-    assert (association.pearson_p(1.0, 8).p, association.pearson_p(1.0, 8).ci) == (0.0, None)
-    assert association.pearson_p(0.3, 2).p is None

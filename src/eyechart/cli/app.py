@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from eyechart import __version__
-from eyechart.cli import calibrating, demo, frames, listing, results, running
+from eyechart.cli import calibrating, comparing, demo, frames, listing, results, running
 
 app = typer.Typer(
     name="eyechart",
@@ -23,6 +23,8 @@ app.command()(running.merge)
 app.command()(results.score)
 app.command()(results.verdict)
 app.command()(results.gate)
+app.command()(comparing.compare)
+app.command()(comparing.transfer)
 app.command()(calibrating.plan)
 app.command()(calibrating.calibrate)
 

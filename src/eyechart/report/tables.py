@@ -6,10 +6,13 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
+from eyechart.compare import Replication
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import BatteryScore, ModelScore
 from eyechart.verdicts import Verdict
 
+MARK = " (!)"
+"""Stands behind a verdict of a run that failed a guard; the guard is printed in words below."""
 _COLOUR = {
     "depth_lateral": "bold green",
     "depth": "green",
@@ -43,7 +46,7 @@ def verdict_table(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> Table
         deciding = score.models[spec].statistics[name]
         table.add_row(
             Text(spec),
-            Text(label, style=_COLOUR.get(label, "red")),
+            Text(f"{label}{MARK if verdict.failed else ''}", style=_COLOUR.get(label, "red")),
             verdict.lateral.label,
             verdict.paper.label,
             f"{name}{_short(deciding)}",
@@ -89,8 +92,9 @@ def frontier_table(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> Tabl
         table.add_column(Text(spec), justify="right")
     for row in next(iter(columns.values()), {}):
         table.add_row(row, *(column[row] for column in columns.values()))
-    table.add_row("verdict (paper)", *(verdicts[spec].paper.label for spec in columns))
-    table.add_row("verdict (calibrated)", *(verdicts[spec].calibrated.label for spec in columns))
+    marks = {spec: MARK if verdicts[spec].failed else "" for spec in columns}
+    table.add_row("verdict (paper)", *(verdicts[spec].paper.label + marks[spec] for spec in columns))
+    table.add_row("verdict (calibrated)", *(verdicts[spec].calibrated.label + marks[spec] for spec in columns))
     return table
 
 
@@ -107,6 +111,45 @@ def statistics_table(score: ModelScore) -> Table:
             name, number(one.value), _interval(one), str(one.n), p_value(one.p), _holm(score, name), Text(one.note)
         )
     return table
+
+
+MAIN = (
+    "across_runs",
+    "answer_shift",
+    "unparsed_rate",
+    "noise_floor",
+    "idi",
+    "idi_adj",
+    "cramers_v",
+    "mutual_information.decision",
+    "obstacle.decision",
+    "mirror_swap_rate",
+    "modal_share",
+)
+"""What a comparison prints unless all statistics are asked for: the paper's replication paragraph, and its like."""
+
+
+def replication_table(one: Replication, *, every: bool = False) -> Table:
+    """Return one row a statistic: both runs' values, the difference with its interval, n and p."""
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, title=Text(one.model), title_justify="left")
+    table.add_column("statistic")
+    for name in ("first", "second", "difference", "95 % interval", "n", "p", "p (Holm)"):
+        table.add_column(name, justify="right")
+    table.add_column("note", overflow="fold")
+    for name, found in one.differences.items():
+        if every or name in MAIN or name in one.changed:
+            sides = [number(_side(found, side)) for side in ("first", "second")]
+            signed = found.value is not None and name not in {"across_runs", "answer_shift"}
+            value = f"{found.value:+.3f}" if signed else number(found.value)
+            p = p_value(found.p), p_value(one.holm[name])
+            note = {"across_runs": "share answered alike", "answer_shift": "distance"}.get(name, found.note)
+            table.add_row(name, *sides, value, _interval(found), str(found.n), *p, Text(note))
+    return table
+
+
+def _side(found: Statistic, side: str) -> float | None:
+    value = (found.detail or {}).get(side)
+    return value if isinstance(value, float) else None
 
 
 def _interval(one: Statistic) -> str:

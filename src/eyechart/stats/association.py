@@ -3,12 +3,13 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from statistics import NormalDist
 
 import numpy as np
 import numpy.typing as npt
 
 from eyechart.stats.statistic import Statistic, cannot_say
+
+Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,28 +167,35 @@ def quantile_bins(
     return Bins(codes, tuple(inner.tolist()), tuple(sizes.tolist()), last)
 
 
-def pearson_p(r: float, n: int, *, level: float = 0.95) -> Statistic:
-    """Return a Pearson correlation ``r`` of ``n`` pairs with its two-sided t-test p.
+def cramers_v_of_tables(tables: Floats) -> Floats:
+    """Return Cramér's V of each table, shape (m, rows, columns), uncorrected; NaN where one is empty."""
+    rows, columns, n = tables.sum(axis=2), tables.sum(axis=1), tables.sum(axis=(1, 2))
+    expected = rows[:, :, None] * columns[:, None, :]
+    share = np.divide(tables**2, expected, out=np.zeros_like(tables), where=expected > 0).sum(axis=(1, 2))
+    shorter = np.minimum((rows > 0).sum(axis=1), (columns > 0).sum(axis=1)) - 1
+    v = np.sqrt(np.maximum(share - 1, 0) / np.maximum(shorter, 1))
+    return np.where((n > 0), np.where(shorter > 0, v, 0.0), np.nan)
 
-    The interval is Fisher's z; None below four pairs or at r = +-1. Equals ``scipy.stats.pearsonr``. p is
-    None below three pairs. ValueError when r is outside [-1, 1].
-    """
-    if not -1 <= r <= 1:
-        raise ValueError(f"r={r} is no correlation: give a number between -1 and 1")
-    method = f"Pearson correlation, two-sided t test, {100 * level:g}% Fisher interval"
-    if n < 3:
-        return Statistic(r, n, method=method, note="three pairs are needed for a test")
-    if abs(r) == 1:
-        return Statistic(r, n, p=0.0 if n > 2 else None, method=method)
-    from scipy import special  # noqa: PLC0415 - slow to import
 
-    t = abs(r) * math.sqrt((n - 2) / (1 - r * r))
-    p = 2 * float(special.stdtr(n - 2, -t))
-    if n < 4:
-        return Statistic(r, n, p=p, method=method)
-    half = NormalDist().inv_cdf(0.5 + level / 2) / math.sqrt(n - 3)
-    ci = (math.tanh(math.atanh(r) - half), math.tanh(math.atanh(r) + half))
-    return Statistic(r, n, ci, p, method)
+def information_of_tables(tables: Floats) -> Floats:
+    """Return the plug-in mutual information of each table, shape (m, rows, columns), in bits; NaN if empty."""
+    n = tables.sum(axis=(1, 2))
+    inner = (
+        _xlogx(tables).sum(axis=(1, 2))
+        - _xlogx(tables.sum(axis=2)).sum(axis=1)
+        - _xlogx(tables.sum(axis=1)).sum(axis=1)
+    )
+    return np.where(n > 0, np.maximum(0.0, inner / np.maximum(n, 1) + np.log2(np.maximum(n, 1))), np.nan)
+
+
+def entropy_of_counts(counts: Floats) -> Floats:
+    """Return the entropy of each row of counts, shape (m, labels), in bits; NaN where a row is empty."""
+    n = counts.sum(axis=1)
+    return np.where(n > 0, np.log2(np.maximum(n, 1)) - _xlogx(counts).sum(axis=1) / np.maximum(n, 1), np.nan)
+
+
+def _xlogx(counts: Floats) -> Floats:
+    return np.asarray(counts * np.log2(np.maximum(counts, 1.0)))
 
 
 def _labels(values: npt.ArrayLike, which: str) -> npt.NDArray[np.generic]:

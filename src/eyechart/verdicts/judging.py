@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from eyechart.integrity import Guard
 from eyechart.stats.exchange import episodes_needed
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import ALPHA, BatteryScore, ModelScore
@@ -17,7 +18,8 @@ class Verdict:
     """What a model's answers support under both sets of rules; the calibrated label is the headline.
 
     ``lateral`` is its own axis; ``evidence`` says how the question of distance was put: by intervention on the
-    picture, by observation, or not at all. ``trust`` and ``scope`` are one sentence each.
+    picture, by observation, or not at all. ``trust`` and ``scope`` are one sentence each. ``failed`` are the
+    guards that say that the run itself is not to be believed; they mark the verdict wherever it is printed.
     """
 
     model: str
@@ -28,6 +30,12 @@ class Verdict:
     trust: str
     scope: str
     notes: tuple[str, ...]
+    failed: tuple[Guard, ...] = ()
+
+    @property
+    def marks(self) -> tuple[str, ...]:
+        """Return the guards that failed, in words: with one of them the verdict is not to be relied on."""
+        return tuple(f"guard '{guard.name}' failed: {guard.because}" for guard in self.failed)
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values; labels under the names that scripts rely on."""
@@ -44,6 +52,7 @@ class Verdict:
             "trust": self.trust,
             "scope": self.scope,
             "notes": list(self.notes),
+            "failed_guards": list(self.marks),
         }
 
 
@@ -65,6 +74,7 @@ def _judge_one(score: BatteryScore, model: ModelScore) -> Verdict:
         trust=TRUST[calibrated.label],
         scope=scope(score, model),
         notes=_notes(found, model),
+        failed=tuple(guard for guard in score.guards.get(model.model, ()) if guard.holds is False),
     )
 
 

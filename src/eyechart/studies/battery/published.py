@@ -17,7 +17,16 @@ from eyechart.actions import Decision
 from eyechart.conditions import BATTERY
 from eyechart.seeds import key_seed
 from eyechart.stats.agreement import clears_floor, rate, swap_test
-from eyechart.stats.association import contingency, cramers_v, entropy_bits, modal_share, quantile_bins
+from eyechart.stats.association import (
+    contingency,
+    cramers_v,
+    cramers_v_of_tables,
+    entropy_bits,
+    entropy_of_counts,
+    information_of_tables,
+    modal_share,
+    quantile_bins,
+)
 from eyechart.stats.paired import paired_difference
 from eyechart.stats.resampling import (
     cluster_bootstrap,
@@ -139,7 +148,7 @@ class Published:
         if found.value is None or 1 in shape:
             return replace(found, detail=detail)
         sums = _counts_by_episode(rows.codes, columns.codes, episodes)
-        interval = self._bootstrap(sums, lambda tables: _v_of_tables(tables.reshape(-1, *shape)), name)
+        interval = self._bootstrap(sums, lambda tables: cramers_v_of_tables(tables.reshape(-1, *shape)), name)
         return replace(found, ci=interval.ci, method=f"{found.method}; {interval.method}", detail=detail)
 
     def _gap_tests(self, level: str) -> Statistics:
@@ -164,7 +173,7 @@ class Published:
         found = permute_mutual_information(made.table, seed=self.how.seed_of(name), resamples=self.how.resamples)
         sums = _counts_by_episode(real.codes, bins.codes, self._episodes[have])
         shape = made.table.shape
-        interval = self._bootstrap(sums, lambda tables: _information_of_tables(tables.reshape(-1, *shape)), name)
+        interval = self._bootstrap(sums, lambda tables: information_of_tables(tables.reshape(-1, *shape)), name)
         n, occupied = found.n, (np.count_nonzero(made.table.sum(axis=1)), np.count_nonzero(made.table.sum(axis=0)))
         bias = (occupied[0] - 1) * (occupied[1] - 1) / (2 * n * math.log(2))
         detail = {
@@ -216,7 +225,7 @@ class Published:
         if not have.any():
             return found
         sums = _counts_by_episode(np.zeros(int(have.sum()), dtype=np.int64), answer.codes[have], self._episodes[have])
-        entropy = self._bootstrap(sums, _entropy_of_counts, "entropy")
+        entropy = self._bootstrap(sums, entropy_of_counts, "entropy")
         modal = self._bootstrap(sums, lambda counts: counts.max(axis=1) / counts.sum(axis=1), "modal_share")
         counts = dict(zip(*(each.tolist() for each in np.unique(real[have], return_counts=True)), strict=True))
         detail = {**(found["modal_share"].detail or {}), "counts": counts}
@@ -332,32 +341,3 @@ def _counts_by_episode(rows: Codes, columns: Codes, episodes: Codes) -> Floats:
     cells = len(names_r) * len(names_c)
     flat = np.bincount(e * cells + r * len(names_c) + c, minlength=(int(e.max()) + 1) * cells)
     return flat.reshape(-1, cells).astype(np.float64)
-
-
-def _v_of_tables(tables: Floats) -> Floats:
-    """Return Cramér's V of each table, shape (m, rows, columns), without correction, empty lines dropped."""
-    rows, columns, n = tables.sum(axis=2), tables.sum(axis=1), tables.sum(axis=(1, 2))
-    expected = rows[:, :, None] * columns[:, None, :]
-    share = np.divide(tables**2, expected, out=np.zeros_like(tables), where=expected > 0).sum(axis=(1, 2))
-    shorter = np.minimum((rows > 0).sum(axis=1), (columns > 0).sum(axis=1)) - 1
-    v = np.sqrt(np.maximum(share - 1, 0) / np.maximum(shorter, 1))
-    return np.where((n > 0), np.where(shorter > 0, v, 0.0), np.nan)
-
-
-def _information_of_tables(tables: Floats) -> Floats:
-    n = tables.sum(axis=(1, 2))
-    inner = (
-        _xlogx(tables).sum(axis=(1, 2))
-        - _xlogx(tables.sum(axis=2)).sum(axis=1)
-        - _xlogx(tables.sum(axis=1)).sum(axis=1)
-    )
-    return np.where(n > 0, np.maximum(0.0, inner / np.maximum(n, 1) + np.log2(np.maximum(n, 1))), np.nan)
-
-
-def _entropy_of_counts(counts: Floats) -> Floats:
-    n = counts.sum(axis=1)
-    return np.where(n > 0, np.log2(np.maximum(n, 1)) - _xlogx(counts).sum(axis=1) / np.maximum(n, 1), np.nan)
-
-
-def _xlogx(counts: Floats) -> Floats:
-    return np.asarray(counts * np.log2(np.maximum(counts, 1.0)))

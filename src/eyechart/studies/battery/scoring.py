@@ -2,14 +2,18 @@
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
+from eyechart.costs import Account, accounts
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank
-from eyechart.ledger import Accounting, Ledger
+from eyechart.integrity import Guard, guards
+from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
+from eyechart.models.prices import Prices, read_prices
 from eyechart.reader import READER
+from eyechart.run import Plan
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers, read_answers
@@ -44,10 +48,11 @@ class BatteryScore:
     manifest: RunManifest
     bank: FrameBank
     models: Mapping[str, ModelScore]
-    accounting: Mapping[str, Accounting]
+    accounting: Mapping[str, Mapping[str, Account]]
+    guards: Mapping[str, tuple[Guard, ...]]
 
     def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values; what two runs may differ in (timing, attempts) stands under ``accounting``."""
+        """Return plain JSON values; what two runs may differ in (timing, attempts) is ``accounting`` and ``guards``."""
         return {
             "study": self.manifest.study,
             "bank": self.bank.name,
@@ -65,15 +70,26 @@ class BatteryScore:
                 }
                 for spec, score in self.models.items()
             },
-            "accounting": {spec: asdict(one) for spec, one in self.accounting.items()},
+            "accounting": {
+                spec: {name: one.as_dict() for name, one in found.items()} for spec, found in self.accounting.items()
+            },
+            "guards": {spec: [one.as_dict() for one in found] for spec, found in self.guards.items()},
         }
 
 
-def score(path: Path, *, resamples: int = 5000, independent: bool = False, reread: bool = False) -> BatteryScore:
+def score(
+    path: Path,
+    *,
+    resamples: int = 5000,
+    independent: bool = False,
+    reread: bool = False,
+    prices: Prices | None = None,
+) -> BatteryScore:
     """Score the battery in a run's folder, finished or not.
 
     ``independent`` declares that frames outside episodes are independent draws, as a bank's manifest may. ``reread``
-    allows the replies of a run that was begun under another version of the reader to be read by today's. Raises
+    allows the replies of a run that was begun under another version of the reader to be read by today's; ``prices``
+    are those of the package by default. Raises
     LedgerError or BankError where the folder is no run, or needs ``reread``, and SpecError where independence is
     declared of a bank with episodes.
     """
@@ -100,7 +116,7 @@ def score(path: Path, *, resamples: int = 5000, independent: bool = False, rerea
             spec: read_answers(spec, ledger.replies(spec), bank, plan.frames, independent=independent, told=told)
             for spec in manifest.models
         }
-        accounting = {spec: ledger.accounting(spec) for spec in manifest.models}
+        took, kept = _took(ledger, manifest, plan, prices or read_prices())
     statistics = {spec: statistics_of(one, how, independent=independent) for spec, one in answers.items()}
     corrected = _corrected(statistics)
     models = {
@@ -115,7 +131,19 @@ def score(path: Path, *, resamples: int = 5000, independent: bool = False, rerea
         )
         for spec, version in manifest.models.items()
     }
-    return BatteryScore(manifest, bank, models, accounting)
+    return BatteryScore(manifest, bank, models, took, kept)
+
+
+def _took(
+    ledger: Ledger, manifest: RunManifest, plan: Plan, prices: Prices
+) -> tuple[dict[str, dict[str, Account]], dict[str, tuple[Guard, ...]]]:
+    """Return what every model's calls took, and whether the guards hold."""
+    took, kept = {}, {}
+    for spec in manifest.models:
+        sent, mode = list(ledger.attempts(spec)), manifest.mode(spec)
+        took[spec] = accounts(sent, mode, plan.bank.manifest.action_space, prices)
+        kept[spec] = guards(sent, list(plan.keys_of(spec)), mode, manifest.fingerprint)
+    return took, kept
 
 
 def statistics_of(answers: Answers, how: Resampling, *, independent: bool = False) -> dict[str, Statistic]:

@@ -1,0 +1,122 @@
+"""Two runs are compared model by model: whether each statistic and each verdict came out again."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from eyechart.errors import SpecError
+from eyechart.stats.resampling import holm
+from eyechart.stats.statistic import Statistic
+from eyechart.studies.battery import BatteryScore, differences
+from eyechart.verdicts import judge
+
+ALPHA = 0.05
+"""Level of the tests of difference, after Holm's correction over the statistics of a model."""
+
+
+@dataclass(frozen=True)
+class Replication:
+    """One model in two runs: its labels, each statistic's difference, and the p of those corrected by Holm.
+
+    ``labels`` maps ``verdict``, ``lateral`` and ``paper`` to what the first and the second run say.
+    """
+
+    model: str
+    versions: tuple[str, str]
+    labels: Mapping[str, tuple[str, str]]
+    differences: Mapping[str, Statistic]
+    holm: Mapping[str, float | None]
+
+    @property
+    def changed(self) -> tuple[str, ...]:
+        """Return the statistics that differ significantly, after correction."""
+        return tuple(name for name, p in self.holm.items() if p is not None and p < ALPHA)
+
+    @property
+    def replicated(self) -> bool:
+        """Return whether the calibrated verdict and the lateral label came out again and no statistic differs."""
+        same = all(self.labels[name][0] == self.labels[name][1] for name in ("verdict", "lateral"))
+        return same and not self.changed
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Every model that both runs asked. ``apart`` says in words what the two runs did not have in common."""
+
+    models: Mapping[str, Replication]
+    apart: tuple[str, ...]
+
+    @property
+    def replicated(self) -> bool:
+        """Return whether every model's verdict and statistics came out again."""
+        return all(one.replicated for one in self.models.values())
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return {
+            "replicated": self.replicated,
+            "apart": list(self.apart),
+            "models": {
+                spec: {
+                    "replicated": one.replicated,
+                    "versions": list(one.versions),
+                    "labels": {name: list(pair) for name, pair in one.labels.items()},
+                    "differences": {name: value.as_dict() for name, value in one.differences.items()},
+                    "holm": dict(one.holm),
+                    "changed": list(one.changed),
+                }
+                for spec, one in self.models.items()
+            },
+        }
+
+
+def compare(first: BatteryScore, second: BatteryScore, *, resamples: int = 2000) -> Comparison:
+    """Compare two batteries on one bank, model by model; the second run's numbers minus the first's.
+
+    Raises SpecError where the runs are on different banks or have no model in common. Another prompt, seed, version or
+    set of conditions is allowed and named: then the difference is what that change did. Source: paper, paragraph
+    Replication.
+    """
+    if first.manifest.fingerprint != second.manifest.fingerprint:
+        raise SpecError(
+            f"the runs are on different banks ({first.bank.name} and {second.bank.name}); "
+            "a replication asks about the same frames"
+        )
+    common = [spec for spec in first.models if spec in second.models]
+    if not common:
+        raise SpecError(f"the runs have no model in common: {', '.join(first.models)} and {', '.join(second.models)}")
+    judged = judge(first), judge(second)
+    models = {}
+    for spec in common:
+        one, other = (judgement[spec] for judgement in judged)
+        found = differences(
+            first.models[spec].answers, second.models[spec].answers, seed=first.manifest.seed, resamples=resamples
+        )
+        models[spec] = Replication(
+            model=spec,
+            versions=(first.models[spec].version, second.models[spec].version),
+            labels={
+                "verdict": (one.calibrated.label, other.calibrated.label),
+                "lateral": (one.lateral.label, other.lateral.label),
+                "paper": (one.paper.label, other.paper.label),
+            },
+            differences=found,
+            holm=dict(zip(found, holm([value.p for value in found.values()]), strict=True)),
+        )
+    return Comparison(models, _apart(first, second))
+
+
+def _apart(first: BatteryScore, second: BatteryScore) -> tuple[str, ...]:
+    """Return what the two runs do not have in common, in words."""
+    pairs = {
+        "prompt": (first.manifest.prompt.key, second.manifest.prompt.key),
+        "seed": (first.manifest.seed, second.manifest.seed),
+        "conditions": (", ".join(first.manifest.conditions), ", ".join(second.manifest.conditions)),
+    }
+    both = "{}: {} in the first run, {} in the second"
+    said = [both.format(name, one, other) for name, (one, other) in pairs.items() if one != other]
+    for spec in first.models.keys() & second.models.keys():
+        one, other = first.models[spec].version, second.models[spec].version
+        said += [both.format(f"{spec} version", one, other)] if one != other else []
+    for which, mine, theirs in (("first", first, second), ("second", second, first)):
+        said += [f"{spec}: asked in the {which} run only" for spec in mine.models if spec not in theirs.models]
+    return tuple(sorted(said))

@@ -1,0 +1,101 @@
+"""Correlation of two columns of numbers: Pearson's r and Spearman's rank correlation, each with n, interval and p."""
+
+import math
+from itertools import permutations
+from statistics import NormalDist
+
+import numpy as np
+import numpy.typing as npt
+
+from eyechart.stats.statistic import Statistic, cannot_say
+
+EXACT_UP_TO = 9
+"""With so many pairs or fewer Spearman's p is exact: all orders are enumerated (362 880 of nine)."""
+
+FEWEST = 4
+"""Fewer pairs carry no interval: Fisher's z has a standard error of 1 / sqrt(n - 3)."""
+
+
+def pearson_p(r: float, n: int, *, level: float = 0.95) -> Statistic:
+    """Return a Pearson correlation ``r`` of ``n`` pairs with its two-sided t-test p.
+
+    The interval is Fisher's z; None below four pairs or at r = +-1. Equals ``scipy.stats.pearsonr``. p is
+    None below three pairs. ValueError when r is outside [-1, 1].
+    """
+    if not -1 <= r <= 1:
+        raise ValueError(f"r={r} is no correlation: give a number between -1 and 1")
+    method = f"Pearson correlation, two-sided t test, {100 * level:g}% Fisher interval"
+    if n < 3:
+        return Statistic(r, n, method=method, note="three pairs are needed for a test")
+    if abs(r) == 1:
+        return Statistic(r, n, p=0.0 if n > 2 else None, method=method)
+    from scipy import special  # noqa: PLC0415 - slow to import
+
+    t = abs(r) * math.sqrt((n - 2) / (1 - r * r))
+    p = 2 * float(special.stdtr(n - 2, -t))
+    if n < 4:
+        return Statistic(r, n, p=p, method=method)
+    return Statistic(r, n, _fisher(r, 1 / math.sqrt(n - 3), level), p, method)
+
+
+def pearson(x: npt.ArrayLike, y: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
+    """Return Pearson's r of two columns of one length, with Fisher's interval and the two-sided p of the t test.
+
+    ``n`` counts pairs. Equals ``scipy.stats.pearsonr`` and R ``cor.test``. Says that it cannot say below four
+    pairs and where a column is constant. Source: paper, section Transfer and deployment characteristics.
+    """
+    one, other = _columns(x, y)
+    if why := _undefined(one, other):
+        return cannot_say(why, len(one), "Pearson correlation")
+    return pearson_p(float(np.clip(np.corrcoef(one, other)[0, 1], -1, 1)), len(one), level=level)
+
+
+def spearman(x: npt.ArrayLike, y: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
+    """Return Spearman's rank correlation, with the interval of Bonett and Wright (2000) and a two-sided p.
+
+    With at most nine pairs p is exact, over all orders of one column; beyond it is that of the t approximation. Ties
+    have mean ranks. Says that it cannot say below four pairs and where a column is constant.
+    """
+    one, other = _columns(x, y)
+    exact = len(one) <= EXACT_UP_TO
+    how = f"exact over {math.factorial(len(one))} orders" if exact else "t approximation"
+    method = f"Spearman's rank correlation, two-sided p ({how}), {100 * level:g}% interval of Bonett and Wright"
+    if why := _undefined(one, other):
+        return cannot_say(why, len(one), method)
+    from scipy.stats import rankdata, spearmanr  # noqa: PLC0415 - slow to import
+
+    rho, p = (float(number) for number in spearmanr(one, other))
+    if exact:
+        p = _exact_p(rankdata(one), rankdata(other))
+    error = math.sqrt((1 + rho**2 / 2) / (len(one) - 3))
+    return Statistic(rho, len(one), _fisher(rho, error, level), p, method)
+
+
+def _columns(x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    one, other = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    if one.ndim != 1 or one.shape != other.shape or not (np.isfinite(one).all() and np.isfinite(other).all()):
+        raise ValueError(f"two columns of finite numbers of one length are needed, got {one.shape} and {other.shape}")
+    return one, other
+
+
+def _undefined(one: npt.NDArray[np.float64], other: npt.NDArray[np.float64]) -> str | None:
+    if len(one) < FEWEST:
+        return f"{len(one)} pairs are too few for a correlation; {FEWEST} are the least"
+    if np.ptp(one) == 0 or np.ptp(other) == 0:
+        return "one of the two columns is constant"
+    return None
+
+
+def _fisher(r: float, error: float, level: float) -> tuple[float, float] | None:
+    if abs(r) >= 1:
+        return None
+    half = NormalDist().inv_cdf(0.5 + level / 2) * error
+    return (math.tanh(math.atanh(r) - half), math.tanh(math.atanh(r) + half))
+
+
+def _exact_p(one: npt.NDArray[np.float64], other: npt.NDArray[np.float64]) -> float:
+    """Return the share of all orders whose correlation is at least as far from 0 as the observed one."""
+    centred, against = one - one.mean(), other - other.mean()
+    orders = np.array(list(permutations(range(len(one)))), dtype=np.int8)
+    sums = np.abs(centred[orders] @ against)
+    return float((sums >= abs(centred @ against) - 1e-9).mean())

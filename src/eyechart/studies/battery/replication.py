@@ -1,0 +1,275 @@
+"""Do two runs of one battery say the same: the difference of each statistic, with a test that exchanges the runs.
+
+Where nothing changed, a frame's replies in the one run and in the other come from the same distribution; so each
+frame's replies may be exchanged between the runs, all conditions together, and every statistic's difference has an
+exact null distribution (Fisher's randomisation test), whatever the frames have in common.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eyechart.conditions import BATTERY
+from eyechart.errors import SpecError
+from eyechart.seeds import key_seed
+from eyechart.stats.association import cramers_v_of_tables, entropy_of_counts, information_of_tables, quantile_bins
+from eyechart.stats.resampling import episode_bootstrap, permutation_p
+from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.studies.battery.answers import ABSENT, Answers
+from eyechart.studies.battery.published import UNPARSED
+
+Codes = NDArray[np.int16]
+Floats = NDArray[np.float64]
+Measure = Callable[[Codes, Floats], Floats]
+"""Maps answers (m, conditions, frames), -1 where there is none, and weights (m, frames) to values (m,)."""
+
+_CHUNK_BYTES = 64_000_000
+_METHOD = "second run minus first; two-sided randomisation test that exchanges the runs within a frame"
+
+
+def differences(first: Answers, second: Answers, *, seed: int = 0, resamples: int = 2000) -> dict[str, Statistic]:
+    """Return how much each statistic of one model differs between two runs, by the statistic's name.
+
+    A value is the second run's minus the first's, over the frames and conditions that both were asked about; its
+    interval resamples episodes, both runs together. Two are no differences. ``across_runs`` is the share of real
+    pictures that the second run answers as the first did, to be held against ``agree.real_repeat``, which asks the same
+    within one run. ``answer_shift`` is the total variation distance between the two runs' answers to real pictures:
+    statistics that do not ask which answer was given, and most do not, cannot tell always STOP from always LEFT. Raises
+    SpecError where the two have no frame or no action space in common.
+    """
+    pair = _Pair(first, second, seed, resamples)
+    found: dict[str, Statistic] = {}
+    for level, suffix in (("response", ""), ("decision", ".decision")):
+        codes = pair.codes(level)
+        measures = {**pair.agreements(), **pair.dependence()}
+        found |= {f"{name}{suffix}": pair.test(codes, measure, f"{name}.{level}") for name, measure in measures.items()}
+    found["unparsed_rate"] = pair.test(pair.codes("response"), pair.unparsed, "unparsed_rate")
+    found["mirror_swap_rate"] = pair.test(pair.codes("response"), pair.swaps, "mirror_swap_rate")
+    for name, measure in pair.diversity().items():
+        found[name] = pair.test(pair.codes("decision"), measure, name)
+    return {"across_runs": pair.across(), "answer_shift": pair.shift(), **found}
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """Two runs' answers of one model about the frames that both have."""
+
+    first: Answers
+    second: Answers
+    seed: int
+    resamples: int
+
+    def __post_init__(self) -> None:
+        if self.first.space != self.second.space:
+            raise SpecError("the two runs have different action spaces, so that their answers cannot be compared")
+        if not self._places[0]:
+            raise SpecError("the two runs have no frame in common; a replication asks about the same frames")
+
+    @cached_property
+    def _places(self) -> tuple[list[int], list[int]]:
+        there = {frame.id: place for place, frame in enumerate(self.second.frames)}
+        common = [(place, there[one.id]) for place, one in enumerate(self.first.frames) if one.id in there]
+        return [one for one, _ in common], [other for _, other in common]
+
+    @cached_property
+    def _names(self) -> tuple[str, ...]:
+        return (*self.first.space.actions, UNPARSED)
+
+    @cached_property
+    def _row(self) -> Mapping[str, int]:
+        return {name: row for row, name in enumerate(BATTERY)}
+
+    @cached_property
+    def _episodes(self) -> NDArray[np.int64]:
+        episodes = self.first.episodes[self._places[0]]
+        return np.unique(episodes, return_inverse=True)[1].astype(np.int64)
+
+    def codes(self, level: str) -> Codes:
+        """Return both runs' answers as numbers, shape (2, conditions, frames), -1 where either run has none."""
+        out = np.full((2, len(BATTERY), len(self._places[0])), -1, dtype=np.int16)
+        for run, (answers, places) in enumerate(zip((self.first, self.second), self._places, strict=True)):
+            for name, row in self._row.items():
+                symbols = answers.symbols(name, level)[places]
+                for code, symbol in enumerate(self._names):
+                    out[run, row, symbols == symbol] = code
+        asked = np.stack([self._asked(name) for name in BATTERY])
+        out[:, ~asked] = -1
+        return out
+
+    def _asked(self, condition: str) -> NDArray[np.bool_]:
+        """Return which frames have a reply to a condition in both runs, a decision or not."""
+        one = self.first.responses(condition)[self._places[0]]
+        other = self.second.responses(condition)[self._places[1]]
+        return np.asarray((one != ABSENT) & (other != ABSENT))
+
+    def test(self, codes: Codes, measure: Measure, name: str) -> Statistic:
+        """Return the difference of a statistic between the runs, with its interval over episodes and its p."""
+        frames = codes.shape[2]
+        even = np.ones((1, frames))
+        first, second = (float(measure(codes[run : run + 1], even)[0]) for run in (0, 1))
+        n = int((codes >= 0).all(axis=0).any(axis=0).sum())
+        if np.isnan(first) or np.isnan(second):
+            return cannot_say("one of the two runs cannot say", n, _METHOD)
+        interval = episode_bootstrap(
+            int(self._episodes.max()) + 1,
+            lambda counts: self._resampled(codes, measure, counts),
+            seed=key_seed("compare", self.seed, name, "interval"),
+            resamples=self.resamples,
+            enumerate_up_to=0,
+        )
+        detail = {"first": first, "second": second}
+        p = self._p(codes, measure, second - first, name)
+        ci = None if interval.ci is None or interval.ci[0] == interval.ci[1] else interval.ci
+        note = "" if ci else "alike in every episode: no interval"
+        return Statistic(second - first, n, ci, p, f"{_METHOD}, B={self.resamples}; {interval.method}", note, detail)
+
+    def _resampled(self, codes: Codes, measure: Measure, counts: Floats) -> Floats:
+        parts = []
+        for rows in self._chunks(len(counts), codes):
+            weights = np.asarray(counts[rows], dtype=np.float64)[:, self._episodes]
+            one, other = (
+                measure(np.broadcast_to(codes[run], (len(weights), *codes.shape[1:])), weights) for run in (0, 1)
+            )
+            parts.append(other - one)
+        return np.concatenate(parts)
+
+    def _p(self, codes: Codes, measure: Measure, observed: float, name: str) -> float:
+        if (codes[0] == codes[1]).all():
+            return 1.0
+        rng = np.random.default_rng(key_seed("compare", self.seed, name, "exchange"))
+        frames, reached, undefined = codes.shape[2], 0, 0
+        for rows in self._chunks(self.resamples, codes):
+            swap = rng.integers(0, 2, size=(rows.stop - rows.start, 1, frames), dtype=np.int8).astype(bool)
+            even = np.ones((len(swap), frames))
+            one = measure(np.where(swap, codes[1], codes[0]), even)
+            other = measure(np.where(swap, codes[0], codes[1]), even)
+            gap = np.abs(other - one)
+            undefined += int(np.isnan(gap).sum())
+            reached += int((gap >= abs(observed) - 1e-12).sum())
+        # An exchange under which the statistic is undefined counts as one that reaches it: the safe side.
+        return permutation_p(reached + undefined, self.resamples)
+
+    def _chunks(self, rows: int, codes: Codes) -> Iterator[slice]:
+        step = max(1, _CHUNK_BYTES // (codes[0].size * (len(self._names) + 2) * 8))
+        for start in range(0, rows, step):
+            yield slice(start, min(start + step, rows))
+
+    def agreements(self) -> dict[str, Measure]:
+        """Return the agreement of each condition with real, and what is computed from two of them."""
+        real = self._row["real"]
+
+        def agree(row: int, codes: Codes, weights: Floats) -> Floats:
+            both = (codes[:, real] >= 0) & (codes[:, row] >= 0)
+            same = both & (codes[:, real] == codes[:, row])
+            return _ratio((same * weights).sum(axis=1), (both * weights).sum(axis=1))
+
+        agreements: dict[str, Measure] = {
+            f"agree.{name}": partial(agree, row) for name, row in self._row.items() if name != "real"
+        }
+        blank, repeat = agreements["agree.blank"], agreements["agree.real_repeat"]
+        return {
+            **agreements,
+            "noise_floor": lambda codes, weights: 1 - repeat(codes, weights),
+            "idi": lambda codes, weights: 1 - blank(codes, weights),
+            "idi_adj": lambda codes, weights: repeat(codes, weights) - blank(codes, weights),
+        }
+
+    def dependence(self) -> dict[str, Measure]:
+        """Return Cramér's V over the conditions and, where there is a gap, the information and the obstacle's V."""
+
+        def over_conditions(codes: Codes, weights: Floats) -> Floats:
+            return cramers_v_of_tables(
+                np.stack([self._counts(codes[:, row], weights) for row in range(codes.shape[1])], axis=1)
+            )
+
+        found: dict[str, Measure] = {"cramers_v": over_conditions}
+        if self.first.gaps is None or self.first.gap is None:
+            return found
+        gaps, real = self.first.gaps[self._places[0]], self._row["real"]
+        bins, near = quantile_bins(gaps).codes, (gaps < self.first.gap.threshold).astype(np.int64)
+
+        def by(groups: NDArray[np.int64], codes: Codes, weights: Floats) -> Floats:
+            kinds = range(int(groups.max()) + 1)
+            return np.stack([self._counts(codes[:, real], weights * (groups == kind)) for kind in kinds], axis=1)
+
+        return {
+            **found,
+            "mutual_information": lambda codes, weights: information_of_tables(by(bins, codes, weights)),
+            "obstacle": lambda codes, weights: cramers_v_of_tables(by(near, codes, weights)),
+        }
+
+    def _counts(self, answers: Codes, weights: Floats) -> Floats:
+        """Return how much weight each answer has, shape (m, answers)."""
+        return np.stack([((answers == code) * weights).sum(axis=1) for code in range(len(self._names))], axis=1)
+
+    def unparsed(self, codes: Codes, weights: Floats) -> Floats:
+        """Return the share of the calls that hold no decision."""
+        missing = ((codes == len(self._names) - 1) * weights[:, None]).sum(axis=(1, 2))
+        return _ratio(missing, ((codes >= 0) * weights[:, None]).sum(axis=(1, 2)))
+
+    def swaps(self, codes: Codes, weights: Floats) -> Floats:
+        """Return the mirror swap rate: of the directional answers to real pictures, those that the reflection swaps."""
+        space = self.first.space
+        partner = np.array([self._names.index(space.mirror(action)) for action in space.actions] + [-2, -3])
+        directional = [self._names.index(action) for action in space.directional]
+        real, mirrored = codes[:, self._row["real"]], codes[:, self._row["mirrored"]]
+        asked = np.isin(real, directional) & (mirrored >= 0)
+        swapped = asked & (partner[real] == mirrored)
+        return _ratio((swapped * weights).sum(axis=1), (asked * weights).sum(axis=1))
+
+    def diversity(self) -> dict[str, Measure]:
+        """Return the modal share and the entropy of the decisions on real pictures."""
+        real = self._row["real"]
+
+        def entropy(codes: Codes, weights: Floats) -> Floats:
+            return entropy_of_counts(self._counts(codes[:, real], weights))
+
+        def modal(codes: Codes, weights: Floats) -> Floats:
+            counts = self._counts(codes[:, real], weights)
+            return _ratio(counts.max(axis=1), counts.sum(axis=1))
+
+        return {"modal_share": modal, "entropy": entropy}
+
+    def shift(self) -> Statistic:
+        """Return the total variation distance of the runs' answers to real pictures, with its randomisation p."""
+        codes = self.codes("response")[:, self._row["real"]]
+        codes = codes[:, (codes >= 0).all(axis=0)]
+        n, method = codes.shape[1], f"total variation distance of answers to real pictures, B={self.resamples}"
+        if not n:
+            return cannot_say("no real picture was answered in both runs", method=method)
+        one, other = (np.eye(len(self._names))[codes[run]] for run in (0, 1))
+        moved = one - other
+        rng = np.random.default_rng(key_seed("compare", self.seed, "answer_shift", "exchange"))
+        signs = rng.choice([-1.0, 1.0], size=(self.resamples, n))
+        distances = np.abs(signs @ moved).sum(axis=1) / (2 * n)
+        value = float(np.abs(moved.sum(axis=0)).sum() / (2 * n))
+        p = permutation_p(int((distances >= value - 1e-12).sum()), self.resamples)
+        return Statistic(value, n, p=p, method=method, detail={"expected_by_chance": float(distances.mean())})
+
+    def across(self) -> Statistic:
+        """Return the share of real pictures that both runs answer alike, with its interval over episodes."""
+        codes = self.codes("response")[:, self._row["real"]]
+        both = (codes >= 0).all(axis=0)
+        if not both.any():
+            return cannot_say("no real picture was answered in both runs")
+        same = both & (codes[0] == codes[1])
+        found = episode_bootstrap(
+            int(self._episodes.max()) + 1,
+            lambda counts: _ratio(
+                (same * counts[:, self._episodes]).sum(axis=1), (both * counts[:, self._episodes]).sum(axis=1)
+            ),
+            seed=key_seed("compare", self.seed, "across_runs"),
+            resamples=self.resamples,
+            enumerate_up_to=0,
+        )
+        ci = None if found.ci is None or found.ci[0] == found.ci[1] else found.ci
+        return Statistic(found.value, int(both.sum()), ci, method=f"agreement across the runs; {found.method}")
+
+
+def _ratio(above: Floats, below: Floats) -> Floats:
+    out = np.full(len(below), np.nan)
+    np.divide(above, below, out=out, where=below > 0)
+    return out

@@ -1,0 +1,119 @@
+"""Do scores from elsewhere predict grounding: the correlation of an external score with a statistic, over models."""
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import fmean
+
+from eyechart.errors import SpecError
+from eyechart.stats.correlation import pearson, spearman
+from eyechart.stats.statistic import Statistic
+from eyechart.studies.battery import BatteryScore
+
+MEASURE = "mutual_information.decision"
+"""The statistic that stands for grounding unless another is named: bits that the decisions hold about the gap."""
+
+_FILE_BYTES = 10_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One model on one bank: its external score, and its measured statistic, the mean over so many runs."""
+
+    model: str
+    bank: str
+    score: float
+    measured: float
+    runs: int
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """The cells, both correlations over them, and what was left out, in words."""
+
+    measure: str
+    cells: tuple[Cell, ...]
+    pearson: Statistic
+    spearman: Statistic
+    left_out: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return {
+            "measure": self.measure,
+            "cells": [
+                {"model": one.model, "bank": one.bank, "score": one.score, "measured": one.measured, "runs": one.runs}
+                for one in self.cells
+            ],
+            "pearson": self.pearson.as_dict(),
+            "spearman": self.spearman.as_dict(),
+            "left_out": list(self.left_out),
+        }
+
+
+def read_scores(path: Path) -> dict[str, float]:
+    """Read a CSV file with the columns ``model`` (a SPEC, as a run names it) and ``score`` (a number).
+
+    Raises SpecError naming the file, the row and what is wrong in it.
+    """
+    try:
+        with path.open("rb") as file:
+            raw = file.read(_FILE_BYTES + 1)
+        if len(raw) > _FILE_BYTES:
+            raise SpecError(f"{path} has more than {_FILE_BYTES} bytes, too many for a table of scores")
+        rows = csv.DictReader(io.StringIO(raw.decode("utf-8-sig"), newline=""))
+        columns = rows.fieldnames or []
+        if missing := [name for name in ("model", "score") if name not in columns]:
+            raise SpecError(f"{path} has no column '{missing[0]}'; it has {', '.join(columns) or 'none'}")
+        return _scores(path, rows)
+    except OSError as error:
+        raise SpecError(f"{path} cannot be read: {error.strerror}") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise SpecError(f"{path} is no CSV file: {error}") from error
+
+
+def _scores(path: Path, rows: "csv.DictReader[str]") -> dict[str, float]:
+    scores: dict[str, float] = {}
+    for number, row in enumerate(rows, start=2):
+        model, text = (row["model"] or "").strip(), (row["score"] or "").strip()
+        try:
+            score = float(text)
+        except ValueError:
+            raise SpecError(f"{path}, row {number}: the score of '{model}' is '{text}', not a number") from None
+        if not math.isfinite(score):
+            raise SpecError(f"{path}, row {number}: the score of '{model}' is '{text}', not a finite number")
+        if model in scores:
+            raise SpecError(f"{path}, row {number}: '{model}' has a score already; give each model one")
+        scores[model] = score
+    return scores
+
+
+def transfer(runs: Sequence[BatteryScore], scores: dict[str, float], *, measure: str = MEASURE) -> Transfer:
+    """Correlate external scores with a statistic over every model of every run.
+
+    A model on two banks is two cells; several runs of a model on one bank are replicates, whose values are averaged to
+    one cell, because they are no further evidence about models. Models without a score, scores without a model and
+    statistics that cannot say are left out by name. Raises SpecError where no run has the statistic. Source: paper,
+    section Transfer and deployment characteristics.
+    """
+    measured: dict[tuple[str, str], list[float]] = {}
+    left_out, asked = [], set()
+    for run in runs:
+        for spec, one in run.models.items():
+            asked.add(spec)
+            if measure not in one.statistics:
+                raise SpecError(f"there is no statistic '{measure}'; a battery has {', '.join(one.statistics)}")
+            found = one.statistics[measure]
+            if spec not in scores:
+                left_out.append(f"{spec} on {run.bank.name}: no external score")
+            elif found.value is None:
+                left_out.append(f"{spec} on {run.bank.name}: {measure} cannot say ({found.note})")
+            else:
+                measured.setdefault((spec, run.bank.name), []).append(found.value)
+    left_out += [f"{spec}: a score, but no run asked it" for spec in scores if spec not in asked]
+    cells = [Cell(spec, bank, scores[spec], fmean(values), len(values)) for (spec, bank), values in measured.items()]
+    columns = [one.score for one in cells], [one.measured for one in cells]
+    return Transfer(measure, tuple(cells), pearson(*columns), spearman(*columns), tuple(left_out))

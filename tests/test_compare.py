@@ -1,0 +1,133 @@
+"""Comparing runs, and holding external scores against them."""
+
+import json
+import shutil
+import sqlite3
+import sys
+from pathlib import Path
+
+import pytest
+
+import banks
+from eyechart import cli
+from eyechart.compare import compare
+from eyechart.errors import SpecError
+from eyechart.frames import FrameBank
+from eyechart.manifest import LEDGER
+from eyechart.studies import battery
+from eyechart.transfer import read_scores, transfer
+
+SPECS = ("scripted:depth", "scripted:constant", "scripted:presence", "scripted:refuse_blank")
+
+
+@pytest.fixture(scope="module")
+def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
+    """Return a bank of six frames."""
+    return banks.build_bank(tmp_path_factory.mktemp("compare") / "bank")
+
+
+@pytest.fixture(scope="module")
+def runs(bank: FrameBank) -> tuple[Path, Path]:
+    """Return two runs of the same models with different seeds."""
+    made = bank.root.parent / "first", bank.root.parent / "second"
+    for seed, out in enumerate(made):
+        battery.run(battery.plan(bank.root, SPECS, out, seed=seed))
+    return made
+
+
+def test_a_replication_of_the_same_models_replicates(runs: tuple[Path, Path]) -> None:
+    """Labels are equal, no corrected p is small, and what the runs did not share is named."""
+    found = compare(*map(battery.score, runs), resamples=199)
+    assert found.replicated
+    assert found.apart == ("seed: 0 in the first run, 1 in the second",)
+    assert found.models["scripted:depth"].labels["verdict"] == ("undecided", "undecided")
+    assert found.models["scripted:constant"].differences["across_runs"].value == 1
+    json.dumps(found.as_dict(), allow_nan=False)
+
+
+def test_runs_that_share_no_bank_or_no_model_are_refused(runs: tuple[Path, Path], tmp_path: Path) -> None:
+    """The message says what they have instead."""
+    other = banks.build_bank(tmp_path / "bank", scenarios=["light"])
+    battery.run(battery.plan(other.root, ["scripted:depth"], tmp_path / "elsewhere"))
+    first = battery.score(runs[0])
+    with pytest.raises(SpecError, match="on different banks"):
+        compare(first, battery.score(tmp_path / "elsewhere"))
+    bank = runs[0].parent / "bank"
+    battery.run(battery.plan(bank, ["scripted:random"], tmp_path / "another"))
+    with pytest.raises(SpecError, match="no model in common"):
+        compare(first, battery.score(tmp_path / "another"))
+
+
+def test_replicates_of_a_model_are_one_cell(runs: tuple[Path, Path]) -> None:
+    """Two runs of four models are four cells, not eight; what has no score, and no model, is named."""
+    scores = {spec: float(rank) for rank, spec in enumerate(SPECS[1:])} | {"nobody": 3.0}
+    found = transfer([battery.score(run) for run in runs], scores, measure="idi")
+    assert [(cell.model, cell.runs) for cell in found.cells] == [(spec, 2) for spec in SPECS[1:]]
+    assert found.pearson.note == "3 pairs are too few for a correlation; 4 are the least"
+    assert found.left_out[-1] == "nobody: a score, but no run asked it"
+    assert found.left_out[0].startswith("scripted:depth on ")
+    with pytest.raises(SpecError, match="there is no statistic 'idea'; a battery has unparsed_rate, "):
+        transfer([battery.score(runs[0])], scores, measure="idea")
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("name,score\na,1\n", "has no column 'model'; it has name, score"),
+        ("model,score\na,high\n", "row 2: the score of 'a' is 'high', not a number"),
+        ("model,score\na,1\nb,nan\n", "row 3: the score of 'b' is 'nan', not a finite number"),
+        ("model,score\na,1\na,2\n", "row 3: 'a' has a score already"),
+        ("model,score\na\n", "row 2: the score of 'a' is '', not a number"),
+        ("", "has no column 'model'; it has none"),
+    ],
+)
+def test_a_bad_table_of_scores_is_refused_by_row(tmp_path: Path, text: str, named: str) -> None:
+    """The message names the file, the row and the cell."""
+    path = tmp_path / "scores.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(SpecError) as refused:
+        read_scores(path)
+    assert named in str(refused.value)
+    assert str(path) in str(refused.value)
+
+
+def test_a_table_of_scores_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    """A missing file, a folder and a picture give one line each."""
+    (tmp_path / "binary.csv").write_bytes(b"\x89PNG\xff")
+    for path, why in (
+        (tmp_path / "none.csv", "No such file"),
+        (tmp_path, "directory"),
+        (tmp_path / "binary.csv", "no CSV"),
+    ):
+        with pytest.raises(SpecError, match=why):
+            read_scores(path)
+
+
+def test_the_commands_answer_in_words_in_json_and_by_exit_code(
+    runs: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """``compare`` exits 0 where all came out again, else 1; ``transfer`` prints both correlations."""
+
+    def said(*words: object) -> tuple[int, str]:
+        monkeypatch.setattr(sys, "argv", ["eyechart", *map(str, words)])
+        with pytest.raises(SystemExit) as left:
+            cli.main()
+        return int(left.value.code or 0), capsys.readouterr().out
+
+    code, out = said("compare", *runs)
+    assert code == 0
+    assert "not the same: seed: 0 in the first run, 1 in the second" in out
+    assert "scripted:depth: verdict undecided; " in out
+    changed = tmp_path / "changed"
+    shutil.copytree(runs[0], changed)
+    with sqlite3.connect(changed / LEDGER) as ledger:
+        ledger.executescript("DROP TRIGGER replies_UPDATE; UPDATE replies SET text = 'LEFT'")
+    code, out = said("compare", runs[0], changed, "--json")
+    assert code == 1
+    assert json.loads(out)["models"]["scripted:depth"]["changed"] == ["answer_shift"]
+    (tmp_path / "scores.csv").write_text("model,score\n" + "".join(f"{spec},{len(spec)}\n" for spec in SPECS))
+    code, out = said("transfer", *runs, "--scores", tmp_path / "scores.csv", "--measure", "idi")
+    assert code == 0
+    assert out.count("(mean of 2 runs)") == 4
+    assert "Pearson r = " in out
+    assert "Spearman r = " in out
