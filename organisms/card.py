@@ -39,7 +39,7 @@ def write_card(folder: Path, name: str, *, parameters: int) -> None:
     """Write README.md into a checkpoint's folder."""
     one = ORGANISMS[name]
     decoding = (
-        "Its answers are to be drawn at temperature 1, as its generation config says; decoded greedily it is constant."
+        "Its answers are to be drawn at temperature 1, as its generation config says; decoded greedily they repeat."
         if one.sampled
         else "It is decoded greedily."
     )

@@ -87,6 +87,8 @@ def save(model: Idefics3ForConditionalGeneration, processor: Idefics3Processor, 
     small.save_pretrained(out)
     processor.save_pretrained(out)
     write_card(out, name, parameters=sum(part.numel() for part in model.parameters()))
+    for path in out.iterdir():
+        path.chmod(0o644)
     size = sum(path.stat().st_size for path in out.iterdir())
     print(
         json.dumps({"organism": name, "bytes": size, "files": sorted(path.name for path in out.iterdir())}), flush=True

@@ -23,6 +23,8 @@ from eyechart.modes import RequestMode
 _LINGER_S = 0.01
 """How long a batch that is not full waits for one more query."""
 
+_HOW = ", if asked with temperature default"
+
 _Waiting = tuple[Query, asyncio.Future[Reply]]
 
 
@@ -139,7 +141,7 @@ def open_model(name: str, mode: RequestMode) -> HuggingFaceModel:
 def names() -> dict[str, str]:
     """Return what may stand after ``hf:``: the organisms, the paper's edge models, and the two other ways."""
     return {
-        **{f"organism:{name}": one.says for name, one in ORGANISMS.items()},
+        **{f"organism:{name}": one.says + _HOW * one.sampled for name, one in ORGANISMS.items()},
         **list_edge(),
         "FOLDER": "any image-text-to-text checkpoint on this machine",
         "OWNER/NAME": "any image-text-to-text checkpoint of the Hub",

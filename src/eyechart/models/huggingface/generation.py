@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from copy import deepcopy
+from threading import Lock
 from typing import Any
 
 from PIL import Image
@@ -16,6 +17,9 @@ Tensor = Any
 
 Inputs = Any
 """What a processor returns: tokens and pictures of a batch, on the CPU."""
+
+_ONE_AT_A_TIME = Lock()
+"""Loading changes torch's defaults for every thread, so while one model loads or generates, no other does either."""
 
 _TOP_K = 50
 """What Transformers cuts a draw to where a checkpoint says nothing."""
@@ -55,16 +59,12 @@ class Speaker:
         A batch that fails is answered in halves, so that one query's failure, or a batch too large for the memory,
         is no other query's.
         """
-        if self._model is None and self._broken is None:
-            self._load()
-        if self._broken is not None:
-            return [self._broken] * len(queries)
-        if len(queries) <= self._most:
-            return self._answer_or_halve(queries, inputs)
-        replies: list[Reply] = []
-        while len(replies) < len(queries):
-            replies += self._answer_or_halve(queries[len(replies) : len(replies) + self._most], None)
-        return replies
+        with _ONE_AT_A_TIME:
+            if self._model is None and self._broken is None:
+                self._load()
+            if self._broken is not None:
+                return [self._broken] * len(queries)
+            return self._answer(queries, inputs)
 
     def forget(self) -> None:
         """Let the weights go."""
@@ -91,6 +91,14 @@ class Speaker:
             detail = f"the weights of '{checkpoint.place}' cannot be loaded: {first_line(error)}"
             self._broken = Reply(error="missing_model", error_detail=detail)
 
+    def _answer(self, queries: Sequence[Query], inputs: Inputs | None) -> list[Reply]:
+        if len(queries) <= self._most:
+            return self._answer_or_halve(queries, inputs)
+        replies: list[Reply] = []
+        while len(replies) < len(queries):
+            replies += self._answer_or_halve(queries[len(replies) : len(replies) + self._most], None)
+        return replies
+
     def _answer_or_halve(self, queries: Sequence[Query], inputs: Inputs | None) -> list[Reply]:
         try:
             return self._generate(queries, self._encode(queries) if inputs is None else inputs)
@@ -100,7 +108,7 @@ class Speaker:
             if _out_of_memory(error):
                 self._most = min(self._most, max(1, len(queries) // 2))
         middle = len(queries) // 2
-        return [reply for half in (queries[:middle], queries[middle:]) for reply in self.answer(half)]
+        return [reply for half in (queries[:middle], queries[middle:]) for reply in self._answer(half, None)]
 
     def _generate(self, queries: Sequence[Query], inputs: Inputs) -> list[Reply]:
         import torch  # noqa: PLC0415  (an extra)

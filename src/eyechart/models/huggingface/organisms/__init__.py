@@ -29,7 +29,7 @@ ORGANISMS: dict[str, Organism] = {
     "presence_only": Organism("SLOW at any road, STOP at anything else", "presence_only", "no_power"),
     "blind": Organism("answers SLOW, whatever it is shown", "image_invariant", "no_power"),
     "self_inconsistent": Organism(
-        "draws any action, whatever it is shown (ask it with temperature default)",
+        "draws any action, whatever it is shown",
         "self_inconsistent",
         "does_not_swap",
         sampled=True,
