@@ -211,6 +211,35 @@ FAULTS: dict[str, Handler] = {
 """Every fault by its name, in words that the tests use."""
 
 
+class Loopback:
+    """An application served on 127.0.0.1 by a thread of its own while the ``with`` block lasts."""
+
+    def __init__(self, app: web.Application, port: int = 0) -> None:
+        """Serve the application at this port, or at a free one."""
+        self.port = port
+        self._loop = asyncio.new_event_loop()
+        self._runner = web.AppRunner(app, shutdown_timeout=0.1, access_log=None)
+        self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
+
+    def __enter__(self) -> Self:
+        self._loop.run_until_complete(self._start())
+        self._thread.start()
+        return self
+
+    async def _start(self) -> None:
+        await self._runner.setup()
+        await web.TCPSite(self._runner, "127.0.0.1", self.port).start()
+        self.port = self._runner.addresses[0][1]
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        asyncio.run_coroutine_threadsafe(self._runner.cleanup(), self._loop).result(10)
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(10)
+        self._loop.close()
+
+
 @dataclass
 class FaultServer:
     """The server in a thread of its own; ``faults`` are dealt to the calls in the order in which they first come.
@@ -259,26 +288,15 @@ class FaultServer:
         return app
 
     def __enter__(self) -> Self:
-        self._loop = asyncio.new_event_loop()
-        self._runner = web.AppRunner(self.app(), shutdown_timeout=0.1, access_log=None)
-        self._loop.run_until_complete(self._start())
-        self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
-        self._thread.start()
+        self._served = Loopback(self.app(), self.port)
+        self._served.__enter__()
+        self.port = self._served.port
         return self
-
-    async def _start(self) -> None:
-        await self._runner.setup()
-        site = web.TCPSite(self._runner, "127.0.0.1", self.port)
-        await site.start()
-        self.port = self._runner.addresses[0][1]
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        asyncio.run_coroutine_threadsafe(self._runner.cleanup(), self._loop).result(10)
-        self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join(10)
-        self._loop.close()
+        self._served.__exit__(kind, error, trace)
 
 
 def seeded_action(asked: dict[str, object]) -> str:

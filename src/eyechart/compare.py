@@ -102,7 +102,13 @@ def compare(first: BatteryScore, second: BatteryScore, *, resamples: int = 2000)
             differences=found,
             holm=dict(zip(found, holm([value.p for value in found.values()]), strict=True)),
         )
-    return Comparison(models, _apart(first, second))
+    marks = [
+        f"{spec} in the {which} run: {words}"
+        for which, judgement in zip(("first", "second"), judged, strict=True)
+        for spec in common
+        for words in judgement[spec].marks
+    ]
+    return Comparison(models, (*_apart(first, second), *marks))
 
 
 def _apart(first: BatteryScore, second: BatteryScore) -> tuple[str, ...]:
@@ -117,6 +123,8 @@ def _apart(first: BatteryScore, second: BatteryScore) -> tuple[str, ...]:
     for spec in first.models.keys() & second.models.keys():
         one, other = first.models[spec].version, second.models[spec].version
         said += [both.format(f"{spec} version", one, other)] if one != other else []
+        if not first.manifest.mode(spec).same_request(second.manifest.mode(spec)):
+            said.append(f"{spec} was asked in another request mode in the second run")
     for which, mine, theirs in (("first", first, second), ("second", second, first)):
         said += [f"{spec}: asked in the {which} run only" for spec in mine.models if spec not in theirs.models]
     return tuple(sorted(said))

@@ -259,11 +259,23 @@ def _refuse_secrets(mode: RequestMode) -> None:
         at = f"{parts.scheme}://{parts.hostname}…"
         raise SpecError(f"base_url {at} holds a user, a query or a fragment: leave it out")
     held = str({**asdict(mode), "measured": None})
-    for variable, value in os.environ.items():
-        if _SECRET_VARIABLE.search(variable) and len(value) >= _SECRET_CHARACTERS and value in held:
+    for variable, value in _secrets():
+        if value in held:
             raise SpecError(
                 f"the mode holds the value of the environment variable {variable}; write ${variable} in single quotes"
             )
+
+
+def without_secrets(text: str) -> str:
+    """Return a text without the values of the environment's variables that are keys by their name."""
+    for variable, value in _secrets():
+        text = text.replace(value, f"[${variable}]")
+    return text
+
+
+def _secrets() -> list[tuple[str, str]]:
+    known = os.environ.items()
+    return [one for one in known if _SECRET_VARIABLE.search(one[0]) and len(one[1]) >= _SECRET_CHARACTERS]
 
 
 def _names(value: object) -> list[str]:

@@ -15,6 +15,7 @@ from eyechart.frames import Frame, FrameBank
 from eyechart.ledger import Ledger
 from eyechart.limits import Budget, Limits, Outcome, Pace, pause_s
 from eyechart.models import Model
+from eyechart.modes import without_secrets
 from eyechart.prompts import Prompt
 from eyechart.seeds import key_seed
 
@@ -240,6 +241,6 @@ async def _ask(model: Model, query: Query) -> Reply:
         # An adapter's own cancelled request; let through, it would end a worker of the run without a word.
         reply = Reply(error="exception", error_detail="CancelledError: the adapter cancelled its own request")
     except Exception as error:  # noqa: BLE001 - whatever an adapter raises is a row, not the end of the run
-        reply = Reply(error="exception", error_detail=f"{type(error).__name__}: {error}"[:2000])
+        reply = Reply(error="exception", error_detail=without_secrets(f"{type(error).__name__}: {error}")[:2000])
     seconds = time.perf_counter() - start
     return reply if reply.seconds is not None else replace(reply, seconds=seconds)

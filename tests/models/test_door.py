@@ -1,6 +1,7 @@
 """The door that every adapter keeps: contract tests over the registry."""
 
 import importlib
+from collections.abc import Iterator
 
 import pytest
 
@@ -8,12 +9,26 @@ from doors import assert_keeps_the_door
 from eyechart.errors import SpecError
 from eyechart.models import ADAPTERS, open_model, require_options
 from eyechart.modes import RequestMode
+from faults import Loopback
+from ollama_stand_in import StandIn
 
-EXAMPLES: dict[str, RequestMode] = {
-    "scripted": RequestMode("scripted:constant"),
-    "openai": RequestMode("openai:m", base_url="http://127.0.0.1:9/v1"),
-}
-"""A model of every adapter that can be opened here, without weights, a key, or a server that listens."""
+
+@pytest.fixture(scope="module")
+def examples() -> Iterator[dict[str, RequestMode]]:
+    """Yield a model of every adapter that can be opened here, without weights or a key."""
+    with Loopback(StandIn().app()) as ollama:
+        yield {
+            "scripted": RequestMode("scripted:constant"),
+            "openai": RequestMode("openai:m", base_url="http://127.0.0.1:9/v1"),
+            "ollama": RequestMode("ollama:llava", base_url=f"http://127.0.0.1:{ollama.port}"),
+            "python": RequestMode("python:test_door:decide"),
+        }
+
+
+def decide(prompt: str, image: bytes | None) -> str:
+    """Answer as a callable of one's own."""
+    del prompt, image
+    return "GO"
 
 
 NEEDS_AN_EXTRA = {"hf"}
@@ -21,9 +36,9 @@ NEEDS_AN_EXTRA = {"hf"}
 
 
 @pytest.mark.parametrize("adapter", [name for name in ADAPTERS if name not in NEEDS_AN_EXTRA])
-def test_every_adapter_opens_a_model_that_keeps_the_door(adapter: str) -> None:
+def test_every_adapter_opens_a_model_that_keeps_the_door(adapter: str, examples: dict[str, RequestMode]) -> None:
     """A version and facts in words, an answer that is a Reply or an error of its kind, and two closings."""
-    assert_keeps_the_door(EXAMPLES[adapter])
+    assert_keeps_the_door(examples[adapter])
 
 
 @pytest.mark.parametrize("adapter", ADAPTERS)

@@ -21,13 +21,19 @@ def _show(rows: dict[str, str], *, json: bool) -> None:
 
 @app.command()
 def models(json: _Json = False) -> None:
-    """List what a SPEC may name; each scripted one, and each organism, is a known answer."""
+    """List the models that there are, and how others are named; scripted ones and organisms are known answers."""
     from importlib import import_module
 
     from eyechart.models import ADAPTERS
 
-    found = {adapter: import_module(module).names() for adapter, module in ADAPTERS.items()}
-    _show({f"{adapter}:{name}": says for adapter, names in found.items() for name, says in names.items()}, json=json)
+    _show(
+        {
+            f"{adapter}:{name}": says
+            for adapter, module in ADAPTERS.items()
+            for name, says in import_module(module).names().items()
+        },
+        json=json,
+    )
 
 
 @app.command()

@@ -25,6 +25,7 @@ _Reread = Annotated[
 
 def score(run: _Run, json: _Json = False, independent: _Independent = False, reread: _Reread = False) -> None:
     """Print every statistic of a run with its interval, n and p. Example: eyechart score run --json."""
+    from eyechart.report.costs import costs_table
     from eyechart.report.tables import frontier_table, statistics_table
     from eyechart.studies import battery as study
     from eyechart.verdicts import judge
@@ -36,7 +37,10 @@ def score(run: _Run, json: _Json = False, independent: _Independent = False, rer
     console = table_console(160)
     for one in scored.models.values():
         console.print(statistics_table(one))
-    console.print(frontier_table(scored, judge(scored)))
+    verdicts = judge(scored)
+    console.print(frontier_table(scored, verdicts))
+    print_marks(verdicts)
+    console.print(costs_table(scored.accounting, every=False))
 
 
 def verdict(run: _Run, json: _Json = False, independent: _Independent = False, reread: _Reread = False) -> None:
@@ -53,13 +57,13 @@ def verdict(run: _Run, json: _Json = False, independent: _Independent = False, r
     console = table_console()
     for spec, one in verdicts.items():
         console.print(f"{spec}: {one.calibrated.label}, evidence {one.evidence}", style="bold", markup=False)
-        for line in (one.calibrated.because, one.lateral.because, one.trust, *one.notes):
+        for line in (*one.marks, one.calibrated.because, one.lateral.because, one.trust, *one.notes):
             console.print(f"  {line}", markup=False)
 
 
 def print_table(scored: "BatteryScore", verdicts: "Mapping[str, Verdict]") -> None:
     """Print the table of verdicts, what each verdict in it means, and the scope of all of them."""
-    from eyechart.report.tables import verdict_table
+    from eyechart.report.tables import MARK, verdict_table
     from eyechart.verdicts import TRUST, scope
 
     console = table_console()
@@ -69,10 +73,54 @@ def print_table(scored: "BatteryScore", verdicts: "Mapping[str, Verdict]") -> No
     else:  # a narrow terminal: a line for each label instead of columns that are cut
         for spec, one in verdicts.items():
             labels = f"{one.calibrated.label}; lateral {one.lateral.label}; paper's rules {one.paper.label}"
-            console.print(f"{spec}: {labels}", markup=False)
+            console.print(f"{spec}: {labels}{MARK if one.failed else ''}", markup=False)
+    print_marks(verdicts)
     for label in dict.fromkeys(one.calibrated.label for one in verdicts.values()):
         console.print(f"{label}: {TRUST[label]}", markup=False)
     console.print(f"Scope: {scope(scored)}", markup=False)
+
+
+def print_marks(verdicts: "Mapping[str, Verdict]") -> None:
+    """Print in words what the mark behind a verdict stands for."""
+    from eyechart.report.tables import MARK
+
+    console = table_console()
+    for spec, one in verdicts.items():
+        for words in one.marks:
+            console.print(f"{MARK.strip()} {spec}: {words}", markup=False)
+
+
+def costs(
+    run: _Run,
+    prices: Annotated[Path | None, typer.Option(help="FILE.toml of prices; it comes before the table.")] = None,
+    every: Annotated[bool, typer.Option("--all", help="A line for every condition too.")] = False,
+    json: _Json = False,
+) -> None:
+    """Print what a run's calls took, by model: attempts and their outcomes, tokens, dollars, seconds, joules.
+
+    Example: eyechart costs run --all --json
+    """
+    from eyechart.models.prices import read_prices
+    from eyechart.report.costs import costs_table
+    from eyechart.studies import battery as study
+
+    took, kept = study.took(run, prices=read_prices(prices))
+    if json:
+        print_json(
+            {
+                "accounting": {
+                    spec: {name: one.as_dict() for name, one in found.items()} for spec, found in took.items()
+                },
+                "guards": {spec: [guard.as_dict() for guard in found] for spec, found in kept.items()},
+            }
+        )
+        return
+    table_console(160).print(costs_table(took, every=every))
+    console = table_console()
+    for spec, found in kept.items():
+        for guard in found:
+            words = {True: "holds", False: "FAILS", None: "cannot say"}[guard.holds]
+            console.print(f"{words:<10}  {spec}  guard '{guard.name}': {guard.because}", markup=False)
 
 
 def gate(

@@ -34,6 +34,8 @@ class Model(Protocol):
 ADAPTERS: dict[str, str] = {
     "scripted": "eyechart.models.scripted",
     "openai": "eyechart.models.openai_compatible",
+    "ollama": "eyechart.models.ollama",
+    "python": "eyechart.models.python_callable",
     "hf": "eyechart.models.huggingface",
 }
 """What a SPEC's first word means.

@@ -5,8 +5,22 @@ Source: paper, section The Input-Ablation Battery.
 
 from eyechart.studies.battery.calibrated import ALPHA, MARGIN
 from eyechart.studies.battery.merging import merge
-from eyechart.studies.battery.planning import Battery, plan, run
+from eyechart.studies.battery.planning import Battery, expected, plan, run, within
 from eyechart.studies.battery.replication import differences
-from eyechart.studies.battery.scoring import BatteryScore, ModelScore, score
+from eyechart.studies.battery.scoring import BatteryScore, ModelScore, score, took
 
-__all__ = ["ALPHA", "MARGIN", "Battery", "BatteryScore", "ModelScore", "differences", "merge", "plan", "run", "score"]
+__all__ = [
+    "ALPHA",
+    "MARGIN",
+    "Battery",
+    "BatteryScore",
+    "ModelScore",
+    "differences",
+    "expected",
+    "merge",
+    "plan",
+    "run",
+    "score",
+    "took",
+    "within",
+]

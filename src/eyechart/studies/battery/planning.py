@@ -7,13 +7,16 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from eyechart.calls import CallKey
 from eyechart.conditions import BATTERY, CONDITIONS, available, find_condition, require_partners
+from eyechart.costs import Estimate, estimate
 from eyechart.errors import BankError, LedgerError, SpecError
 from eyechart.frames import IMPORTED, FrameBank, check, open_bank
 from eyechart.ledger import Ledger
 from eyechart.limits import Limits, Outcome
 from eyechart.manifest import LEDGER, RunManifest, asked_of, is_free, is_run, read_run, today, versions, write_run
 from eyechart.models import Model, open_model
+from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
 from eyechart.prompts import Prompt, find_prompt, neutral, require_sayable
 from eyechart.run import Plan, Progress, execute, spread
@@ -165,6 +168,27 @@ def plan_of(
         frames=spread(bank.frames, manifest.limit if whole else limit),
         seed=manifest.seed,
         shard=manifest.shard,
+    )
+
+
+def expected(battery: Battery, prices: Prices, *, concurrency: int) -> tuple[Estimate, ...]:
+    """Return what the calls that are still to be made are expected to take, by model."""
+    finished: set[CallKey] = set()
+    if (battery.out / LEDGER).is_file():
+        with Ledger(battery.out / LEDGER) as ledger:
+            finished = ledger.finished()
+    left = {spec: sum(key not in finished for key in battery.plan.keys_of(spec)) for spec in battery.plan.models}
+    return tuple(
+        estimate(battery.manifest.mode(spec), calls, prices, concurrency=concurrency) for spec, calls in left.items()
+    )
+
+
+def within(battery: Battery, prices: Prices, *, calls: int | None = None, cost_usd: float | None = None) -> Limits:
+    """Return the limits of a battery's run: so many requests, so many dollars by these prices."""
+    return Limits(
+        calls=calls,
+        cost_usd=cost_usd,
+        cost=lambda spec, reply: prices.cost(battery.manifest.mode(spec), reply)[0],
     )
 
 

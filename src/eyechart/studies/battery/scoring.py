@@ -21,6 +21,9 @@ from eyechart.studies.battery.calibrated import Calibrated
 from eyechart.studies.battery.planning import plan_of
 from eyechart.studies.battery.published import Published, Resampling
 
+Took = tuple[dict[str, dict[str, Account]], dict[str, tuple[Guard, ...]]]
+"""By model: accounts by condition, and guards."""
+
 HOLM = ("cramers_v", "cramers_v.decision", "obstacle", "mutual_information", "mutual_information.decision")
 """The tests whose p is corrected over the models of a run (Holm 1979)."""
 
@@ -116,7 +119,7 @@ def score(
             spec: read_answers(spec, ledger.replies(spec), bank, plan.frames, independent=independent, told=told)
             for spec in manifest.models
         }
-        took, kept = _took(ledger, manifest, plan, prices or read_prices())
+        spent, kept = _took(ledger, manifest, plan, prices or read_prices())
     statistics = {spec: statistics_of(one, how, independent=independent) for spec, one in answers.items()}
     corrected = _corrected(statistics)
     models = {
@@ -131,19 +134,24 @@ def score(
         )
         for spec, version in manifest.models.items()
     }
-    return BatteryScore(manifest, bank, models, took, kept)
+    return BatteryScore(manifest, bank, models, spent, kept)
 
 
-def _took(
-    ledger: Ledger, manifest: RunManifest, plan: Plan, prices: Prices
-) -> tuple[dict[str, dict[str, Account]], dict[str, tuple[Guard, ...]]]:
-    """Return what every model's calls took, and whether the guards hold."""
-    took, kept = {}, {}
+def took(path: Path, *, prices: Prices | None = None) -> Took:
+    """Return what every model's calls took, and whether the guards hold, without the statistics."""
+    manifest, bank = read_run(path)
+    with Ledger(path / LEDGER) as ledger:
+        return _took(ledger, manifest, plan_of(manifest, bank), prices or read_prices())
+
+
+def _took(ledger: Ledger, manifest: RunManifest, plan: Plan, prices: Prices) -> Took:
+    spent: dict[str, dict[str, Account]] = {}
+    kept: dict[str, tuple[Guard, ...]] = {}
     for spec in manifest.models:
         sent, mode = list(ledger.attempts(spec)), manifest.mode(spec)
-        took[spec] = accounts(sent, mode, plan.bank.manifest.action_space, prices)
+        spent[spec] = accounts(sent, mode, plan.bank.manifest.action_space, prices)
         kept[spec] = guards(sent, list(plan.keys_of(spec)), mode, manifest.fingerprint)
-    return took, kept
+    return spent, kept
 
 
 def statistics_of(answers: Answers, how: Resampling, *, independent: bool = False) -> dict[str, Statistic]:
