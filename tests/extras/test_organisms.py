@@ -1,15 +1,15 @@
 """The organisms deserve the labels that they were trained for, through the whole battery and the ordinary adapter."""
 
+import importlib.util
 from collections import Counter
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER
 from eyechart.models.huggingface.organisms import ORGANISMS
-from eyechart.modes import RequestMode
-from eyechart.simulators import open_simulator
 from eyechart.studies import battery as study
 from eyechart.verdicts import judge
 
@@ -18,14 +18,34 @@ pytestmark = [pytest.mark.models, pytest.mark.filterwarnings("ignore")]
 SPECS = {f"hf:organism:{name}": one for name, one in ORGANISMS.items()}
 
 
+ROOT = Path(__file__).parents[2]
+
+
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Run the battery of all five: 144 frames under every condition, decoded as each checkpoint says."""
+def page() -> ModuleType:
+    """Return the program that writes the demo's output into the page about organisms."""
+    spec = importlib.util.spec_from_file_location("page", ROOT / "docs" / "update_model_organisms.py")
+    program = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(program)
+    return program
+
+
+@pytest.fixture(scope="module")
+def printed(page: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
+    """Run ``eyechart demo --vlm``: all five, 144 frames, eleven conditions; return what it prints, and its run."""
     base = tmp_path_factory.mktemp("organisms")
-    open_simulator("highway").build(base / "bank", seeds=(11, 12, 13))
-    modes = [RequestMode(spec, temperature=None, max_tokens=16) for spec in SPECS]
-    study.run(study.plan(base / "bank", modes, base / "run"), concurrency=48)
-    return base / "run"
+    return page.demo_output(base), base / "run-vlm-0"
+
+
+@pytest.fixture(scope="module")
+def run(printed: tuple[str, Path]) -> Path:
+    """Return the demo's run."""
+    return printed[1]
+
+
+def test_the_page_shows_what_the_demo_prints(page: ModuleType, printed: tuple[str, Path]) -> None:
+    """docs/update_model_organisms.py writes it."""
+    assert page.shown() == printed[0]
 
 
 def test_every_organism_gets_the_labels_that_it_was_trained_for(run: Path) -> None:
