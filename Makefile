@@ -6,16 +6,22 @@ CORE := $(VENV)/.core
 DEV := $(VENV)/.dev
 VLM := $(VENV)/.vlm
 MODELS := $(VENV)/.models
+BROWSER := $(VENV)/.browser
 BENCH := $(VENV)/.bench
+DOCS := $(VENV)/.docs
 
-.PHONY: help demo demo-vlm test test-models lint format bench clean
+CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
+
+.PHONY: help demo demo-vlm test test-models test-browser lint format docs bench clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
 	@echo "make demo-vlm     the same on five tiny real vision-language models, on a CPU, offline once installed"
 	@echo "make test         the tests of the core"
 	@echo "make test-models  the tests that need extras (Hugging Face datasets, Parquet, LeRobot, Transformers)"
+	@echo "make test-browser the report in headless Chromium, which has to be there (apt-get install chromium)"
 	@echo "make lint         ruff and mypy"
+	@echo "make docs         the site, in build/docs"
 	@echo "make bench        ratios against what one would otherwise do"
 
 demo: $(CORE)
@@ -25,10 +31,15 @@ demo-vlm: $(VLM)
 	$(BIN)/eyechart demo --vlm --out demo
 
 test: $(DEV)
-	$(BIN)/python -m pytest -n 2 -m "not models"
+	$(BIN)/python -m pytest -n 2 -m "not models and not browser"
 
 test-models: $(MODELS)
 	$(BIN)/python -m pytest -m models
+
+test-browser: $(BROWSER)
+	@test -n "$${EYECHART_CHROMIUM:-$(CHROMIUM)}" || \
+	  { echo "Chromium is not there: 'apt-get install chromium', or EYECHART_CHROMIUM=/path/to/one make test-browser"; exit 1; }
+	EYECHART_CHROMIUM="$${EYECHART_CHROMIUM:-$(CHROMIUM)}" $(BIN)/python -m pytest -m browser
 
 lint: $(DEV)
 	$(BIN)/ruff check .
@@ -39,12 +50,17 @@ format: $(DEV)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
+docs: $(DOCS)
+	$(BIN)/python -m sphinx -E -W --keep-going -q -b html docs build/docs
+	$(BIN)/python docs/check_site.py build/docs
+
 bench: $(BENCH)
 	$(BIN)/python benchmarks/bench_statistics.py
 	$(BIN)/python benchmarks/bench_bank.py
 	$(BIN)/python benchmarks/bench_positive_control.py
 	$(BIN)/python benchmarks/bench_score.py
 	$(BIN)/python benchmarks/bench_hf.py
+	$(BIN)/python benchmarks/bench_calls.py
 
 clean:
 	rm -rf $(VENV) demo build dist
@@ -68,6 +84,14 @@ $(VLM): $(CORE)
 
 $(MODELS): $(DEV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,hub,parquet,lerobot,transformers,serve]'
+	@touch $@
+
+$(DOCS): $(CORE)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	@touch $@
+
+$(BROWSER): $(DEV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,browser]'
 	@touch $@
 
 $(BENCH): $(DEV)

@@ -9,7 +9,7 @@ from eyechart.models import open_model
 from eyechart.modes import RequestMode
 
 
-def assert_keeps_the_door(mode: RequestMode) -> None:
+def assert_keeps_the_door(mode: RequestMode, image: bytes | None = None) -> None:
     """Assert a version and facts in words, an answer that is a Reply or an error of its kind, and two closings."""
     model = open_model(mode.spec, mode)
     assert isinstance(model.version, str)
@@ -18,10 +18,12 @@ def assert_keeps_the_door(mode: RequestMode) -> None:
     assert all(isinstance(part, str) for pair in model.facts.items() for part in pair)
     assert inspect.iscoroutinefunction(model.answer)
 
+    query = Query("", "STOP or GO?", image, 1)
+
     async def ask_close_and_ask_again() -> tuple[Reply, Reply]:
-        first = await model.answer(Query("", "STOP or GO?", None, 1))
+        first = await model.answer(query)
         await model.close()
-        second = await model.answer(Query("", "STOP or GO?", None, 1))
+        second = await model.answer(query)
         await model.close()
         await model.close()
         return first, second

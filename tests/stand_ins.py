@@ -88,6 +88,11 @@ def open_model(name: str, mode: RequestMode) -> StandIn:
     return StandIn({"noisy": noisy, "steady": stop}[name], pause_s=PAUSE_S)
 
 
+def names() -> dict[str, str]:
+    """Return what the stand-ins are called."""
+    return {"noisy": "answers at random", "steady": "answers STOP"}
+
+
 def install() -> None:
     """Make ``standin:NAME`` a SPEC."""
     models.ADAPTERS["standin"] = "stand_ins"

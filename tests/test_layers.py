@@ -11,13 +11,13 @@ ROOT = Path(__file__).parents[1] / "src"
 
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("cli",),
-    ("testing",),
+    ("testing", "api", "bundle"),
     ("report",),
     ("gate", "calibrate", "compare", "transfer"),
     ("verdicts",),
     ("studies",),
     ("run", "manifest", "costs", "integrity"),
-    ("models", "simulators", "ledger", "prompts", "importing", "limits"),
+    ("models", "simulators", "ledger", "prompts", "importing", "limits", "stimuli"),
     ("perception",),
     ("calls", "conditions", "modes"),
     ("frames", "reader"),
@@ -35,15 +35,16 @@ FLOORS = {
 """Inside a package whose modules are peers, only its floor is shared: for models, a request and its energy."""
 
 ASSEMBLED = {
-    "frames",
-    "verdicts",
-    "cli",
-    "report",
+    "bundle",
     "calibrate",
-    "studies.battery",
-    "simulators.highway",
+    "cli",
+    "frames",
     "importing",
     "models.huggingface",
+    "report",
+    "simulators.highway",
+    "studies.battery",
+    "verdicts",
 }
 """Packages that are one room split into modules: their modules import each other, without a cycle."""
 

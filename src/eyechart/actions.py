@@ -144,7 +144,10 @@ def read_space(path: Path) -> ActionSpace:
 
 
 def space_from(values: dict[str, object], where: str, name: str) -> ActionSpace:
-    """Build a space from the plain values of a file; ``name`` is its name where the file gives none."""
+    """Build a space from the plain values of a file; ``name`` is its name where the file gives none.
+
+    Raises SpecError, beginning with ``where``, for a key that no space has, for no actions, and for an illegal space.
+    """
     known: dict[str, object] = {"name": name, "actions": None, "mirror_pairs": [], "brake": [], "proceed": []}
     for key in values:
         if key not in known:

@@ -1,6 +1,6 @@
 """Two runs are compared model by model: whether each statistic and each verdict came out again."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from eyechart.errors import SpecError
@@ -40,10 +40,14 @@ class Replication:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Every model that both runs asked. ``apart`` says in words what the two runs did not have in common."""
+    """Every model that both runs asked. ``apart`` says in words what the two runs did not have in common.
+
+    ``marks`` are the guards that failed in either run: its numbers are not to be relied on.
+    """
 
     models: Mapping[str, Replication]
     apart: tuple[str, ...]
+    marks: tuple[str, ...] = ()
 
     @property
     def replicated(self) -> bool:
@@ -55,6 +59,7 @@ class Comparison:
         return {
             "replicated": self.replicated,
             "apart": list(self.apart),
+            "failed_guards": list(self.marks),
             "models": {
                 spec: {
                     "replicated": one.replicated,
@@ -72,9 +77,9 @@ class Comparison:
 def compare(first: BatteryScore, second: BatteryScore, *, resamples: int = 2000) -> Comparison:
     """Compare two batteries on one bank, model by model; the second run's numbers minus the first's.
 
-    Raises SpecError where the runs are on different banks or have no model in common. Another prompt, seed, version or
-    set of conditions is allowed and named: then the difference is what that change did. Source: paper, paragraph
-    Replication.
+    Raises SpecError where the runs are on different banks, have no model in common, or stopped early. Another prompt,
+    seed, version or set of conditions is allowed and named: then the difference is what that change did. Source: paper,
+    paragraph Replication.
     """
     if first.manifest.fingerprint != second.manifest.fingerprint:
         raise SpecError(
@@ -84,6 +89,7 @@ def compare(first: BatteryScore, second: BatteryScore, *, resamples: int = 2000)
     common = [spec for spec in first.models if spec in second.models]
     if not common:
         raise SpecError(f"the runs have no model in common: {', '.join(first.models)} and {', '.join(second.models)}")
+    _require_whole(common, first, second)
     judged = judge(first), judge(second)
     models = {}
     for spec in common:
@@ -108,7 +114,17 @@ def compare(first: BatteryScore, second: BatteryScore, *, resamples: int = 2000)
         for spec in common
         for words in judgement[spec].marks
     ]
-    return Comparison(models, (*_apart(first, second), *marks))
+    return Comparison(models, _apart(first, second), tuple(marks))
+
+
+def _require_whole(common: Sequence[str], first: BatteryScore, second: BatteryScore) -> None:
+    for which, run in (("first", first), ("second", second)):
+        for spec in common:
+            if run.models[spec].stopped is not None:
+                raise SpecError(
+                    f"{spec} stopped early in the {which} run: its answers chose its frames, so no test compares them"
+                    "; leave --stop-early out of runs that are to be compared"
+                )
 
 
 def _apart(first: BatteryScore, second: BatteryScore) -> tuple[str, ...]:

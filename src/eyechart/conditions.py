@@ -95,10 +95,17 @@ CONDITIONS: dict[str, Condition] = {
     "text_swapped": Condition("text_swapped", "true frame, other text", "does the text decide?", _real, False, True),
 }
 
-BATTERY: tuple[str, ...] = tuple(
-    name for name, condition in CONDITIONS.items() if not (condition.counterfactual or condition.swaps_text)
+BATTERY: tuple[str, ...] = (
+    "real",
+    "real_repeat",
+    "blank",
+    "noise",
+    "shuffled",
+    "cross_scenario",
+    "text_only",
+    "mirrored",
 )
-"""The eight conditions of Table t:conditions."""
+"""The eight conditions of Table t:conditions; the paper's statistics are of these, whatever else is asked."""
 
 COUNTERFACTUALS: tuple[str, ...] = tuple(name for name, condition in CONDITIONS.items() if condition.counterfactual)
 """Pictures of the same moment with one thing changed, where the simulator can draw them."""
@@ -140,6 +147,17 @@ def show(condition: str, frame: Frame, bank: FrameBank, run_seed: int) -> bytes 
     """
     seed = key_seed("stimulus", run_seed, condition, frame.id)
     return find_condition(condition).make(frame, bank, seed)
+
+
+def source(name: str, frame: Frame, bank: FrameBank, run_seed: int) -> str | None:
+    """Return the file of the bank of which a condition's picture of a frame is made, None where it shows none."""
+    if name == "text_only":
+        return None
+    if find_condition(name).counterfactual:
+        return frame.counterfactuals[name]
+    if name in _NEEDS_PARTNER:
+        return partner(frame, bank, key_seed("stimulus", run_seed, name, frame.id), name).file
+    return frame.file
 
 
 def speaker(name: str, frame: Frame, bank: FrameBank, run_seed: int, fields: tuple[str, ...]) -> Frame:

@@ -113,7 +113,7 @@ def _no_evidence(model: ModelScore) -> str:
     """Return why a model's calls are no evidence at all, or nothing."""
     if model.planned == 0 or model.answered == 0:
         return "the run holds no finished call of this model"
-    if model.answered < model.planned:
+    if model.answered < model.planned and model.stopped is None:
         return f"the run is unfinished: {model.answered} of {model.planned} calls"
     errors = _reasons(model).get("error", 0)
     if errors:
@@ -149,6 +149,9 @@ def _claim(requirement: str, verdict: Verdict) -> tuple[bool | None, str]:
 
 def _unparsed(spec: str, model: ModelScore, most: float, reason: str) -> Check:
     rate = model.statistics["unparsed_rate"]
+    if model.stopped is not None:
+        words = f"{model.stopped.words()}, and the rate is over the calls of a whole run"
+        return Check(spec, UNPARSED, None, reason or words)
     if reason or rate.value is None:
         return Check(spec, UNPARSED, None, reason or rate.note)
     return Check(spec, UNPARSED, rate.value <= most, f"unparsed rate {rate.value:.3f}, at most {most} (n = {rate.n})")

@@ -4,8 +4,11 @@ A guard holds, fails, or cannot say. A failed guard marks the verdict wherever i
 """
 
 import statistics
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from array import array
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from collections.abc import Set as AbstractSet
+from dataclasses import asdict, dataclass, field
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.ledger import Sent
@@ -17,6 +20,8 @@ SUDDEN = 0.1
 """A repeat that comes in less than this share of the first answer's time was hardly computed."""
 MOST = 0.9
 """The share of pairs from which on it is no accident."""
+
+_TEXTS_KEPT = 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,87 +38,134 @@ class Guard:
         return {**asdict(self), "outcome": outcome}
 
 
-def guards(sent: Sequence[Sent], planned: Sequence[CallKey], mode: RequestMode, fingerprint: str) -> tuple[Guard, ...]:
+def guards(sent: Iterable[Sent], planned: Iterable[CallKey], mode: RequestMode, fingerprint: str) -> tuple[Guard, ...]:
     """Return every guard of one model's calls; ``fingerprint`` is that of the bank's geometry, which was checked."""
-    last = {one.key: one.reply for one in sent if one.reply is not None and one.reply.error is None}
-    return (
-        _picture(last, mode),
-        _outcomes(sent, planned),
-        Guard("geometry", True, f"the frames have the geometry that the run was made on ({fingerprint[:8]})"),
-        _constant(last),
-        _cache(sent, mode),
-    )
+    watch = Watch(mode)
+    for one in sent:
+        watch.add(one)
+    return watch.guards(planned, fingerprint)
 
 
-def _picture(last: Mapping[CallKey, Reply], mode: RequestMode) -> Guard:
+class Watch:
+    """Looks at attempts one by one, in the order of sending, without keeping them."""
+
+    def __init__(self, mode: RequestMode) -> None:
+        self._mode = mode
+        self._outcomes = _Outcomes()
+        self._repeats = _Repeats()
+        self._texts: set[str] = set()
+        self._replies = 0
+        self._tokens: dict[str, array[int]] = {name: array("q") for name in ("real", "text_only")}
+
+    def add(self, one: Sent) -> None:
+        """Look at an attempt."""
+        self._outcomes.add(one)
+        reply = one.reply
+        if reply is None or reply.error is not None:
+            return
+        self._replies += 1
+        if len(self._texts) < _TEXTS_KEPT:
+            self._texts.add(reply.text.strip())
+        if one.key.condition in self._tokens and reply.prompt_tokens:
+            self._tokens[one.key.condition].append(reply.prompt_tokens)
+        if one.key.condition in {"real", "real_repeat"}:
+            self._repeats.add(one.key.frame, reply)
+
+    def guards(self, planned: Iterable[CallKey], fingerprint: str) -> tuple[Guard, ...]:
+        """Return every guard, now that all attempts were looked at."""
+        same = f"the frames have the geometry that the run was made on ({fingerprint[:8]})"
+        return (
+            _picture(self._tokens["real"], self._tokens["text_only"], self._mode),
+            self._outcomes.guard(planned),
+            Guard("geometry", True, same),
+            _constant(self._texts, self._replies),
+            self._repeats.guard(self._mode),
+        )
+
+
+def _picture(shown: Sequence[int], bare: Sequence[int], mode: RequestMode) -> Guard:
     found = mode.measured
     if found is not None and found.sees_image is not None:
         says = f"the model {'saw' if found.sees_image else 'did not see'} the probe's pictures"
         return Guard("picture", found.sees_image, says)
-    adds = _added_tokens(last)
+    adds = statistics.median(shown) - statistics.median(bare) if shown and bare else None
     if adds:
         return Guard("picture", True, f"a picture adds {adds:.0f} tokens to the prompt, as the server counts it")
     counted = "" if adds is None else "; a picture adds no token to the prompt, as the server counts it"
     return Guard("picture", None, f"no probe has shown that pictures arrive{counted}")
 
 
-def _added_tokens(last: Mapping[CallKey, Reply]) -> float | None:
-    """Return how many prompt tokens a picture adds to the same words, or None where nobody counts them."""
-    shown, bare = (
-        [reply.prompt_tokens for key, reply in last.items() if key.condition == name and reply.prompt_tokens]
-        for name in ("real", "text_only")
-    )
-    return statistics.median(shown) - statistics.median(bare) if shown and bare else None
-
-
-def _outcomes(sent: Sequence[Sent], planned: Sequence[CallKey]) -> Guard:
-    finals: dict[CallKey, int] = {}
-    failed = retried = unknown = 0
-    for one in sent:
-        retried += one.number > 1
-        unknown += one.reply is None
-        if one.reply is not None and one.reply.error not in UNFINISHED:
-            finals[one.key] = finals.get(one.key, 0) + 1
-            failed += one.reply.error is not None
-    twice = sum(count > 1 for count in finals.values())
-    without = sum(key not in finals for key in planned)
-    counted = f"{len(sent)} attempts, {retried} of them repeated, {unknown} of unknown outcome, {failed} calls failed"
-    if twice or without:
-        return Guard("outcomes", False, f"{without} planned calls have no outcome, {twice} have two; {counted}")
-    return Guard("outcomes", True, f"each of {len(planned)} planned calls has one outcome; {counted}")
-
-
-def _constant(last: Mapping[CallKey, Reply]) -> Guard:
-    texts = {reply.text.strip() for reply in last.values()}
-    if len(last) < FEWEST:
-        return Guard("degeneracy", None, f"{len(last)} replies are too few to call them constant")
+def _constant(texts: AbstractSet[str], replies: int) -> Guard:
+    if replies < FEWEST:
+        return Guard("degeneracy", None, f"{replies} replies are too few to call them constant")
     if len(texts) == 1:
-        return Guard("degeneracy", False, f"all {len(last)} replies are the same: {min(texts)[:40]!r}")
-    return Guard("degeneracy", True, f"{len(texts)} different replies among {len(last)}")
+        return Guard("degeneracy", False, f"all {replies} replies are the same: {min(texts)[:40]!r}")
+    more = " or more" if len(texts) == _TEXTS_KEPT else ""
+    return Guard("degeneracy", True, f"{len(texts)}{more} different replies among {replies}")
 
 
-def _cache(sent: Sequence[Sent], mode: RequestMode) -> Guard:
-    """Compare real_repeat with real of the same frame: a cache answers the later one at once, or never differs."""
-    pairs = _pairs(sent)
-    if len(pairs) < FEWEST:
-        return Guard("cache", None, f"{len(pairs)} frames have two answers to the same picture; {FEWEST} are needed")
-    same = sum(first.text == later.text and first.reasoning == later.reasoning for first, later in pairs)
-    sudden = sum(
-        first.text == later.text and (later.seconds or 0.0) < SUDDEN * (first.seconds or 0.0) for first, later in pairs
-    )
-    if mode.temperature and same == len(pairs):
-        says = f"real_repeat equals real to the byte on all {same} frames, at temperature {mode.temperature:g}"
-        return Guard("cache", False, f"a cache is suspected: {says}")
-    if mode.spec.partition(":")[0] != "scripted" and sudden >= MOST * len(pairs):
-        says = f"on {sudden} of {len(pairs)} frames the repeat is equal and came in under {SUDDEN:.0%} of the time"
-        return Guard("cache", False, f"a cache is suspected: {says}")
-    return Guard("cache", True, f"{same} of {len(pairs)} repeats are equal, and they were not answered suddenly")
+@dataclass(slots=True)
+class _Outcomes:
+    """Which calls have an outcome, known by the hashes of their keys, and how they came to it."""
+
+    finals: set[int] = field(default_factory=set)
+    counts: Counter[str] = field(default_factory=Counter)
+
+    def add(self, one: Sent) -> None:
+        """Count an attempt."""
+        self.counts["sent"] += 1
+        self.counts["repeated"] += one.number > 1
+        self.counts["unknown"] += one.reply is None
+        if one.reply is not None and one.reply.error not in UNFINISHED:
+            self.counts["twice"] += hash(one.key) in self.finals
+            self.counts["failed"] += one.reply.error is not None
+            self.finals.add(hash(one.key))
+
+    def guard(self, planned: Iterable[CallKey]) -> Guard:
+        """Return whether every planned call has exactly one outcome."""
+        calls = without = 0
+        for key in planned:
+            calls += 1
+            without += hash(key) not in self.finals
+        found = self.counts
+        counted = (
+            f"{found['sent']} attempts, {found['repeated']} of them repeated, {found['unknown']} of unknown outcome, "
+            f"{found['failed']} calls failed"
+        )
+        if found["twice"] or without:
+            words = f"{without} planned calls have no outcome, {found['twice']} have two; {counted}"
+            return Guard("outcomes", False, words)
+        return Guard("outcomes", True, f"each of {calls} planned calls has one outcome; {counted}")
 
 
-def _pairs(sent: Sequence[Sent]) -> list[tuple[Reply, Reply]]:
-    """Return (first, later) of the replies to real and real_repeat, in the order in which they were asked."""
-    by_frame: dict[str, list[Reply]] = {}
-    for one in sent:
-        if one.key.condition in {"real", "real_repeat"} and one.reply is not None and one.reply.error is None:
-            by_frame.setdefault(one.key.frame, []).append(one.reply)
-    return [(replies[0], replies[1]) for replies in by_frame.values() if len(replies) == 2]
+@dataclass(slots=True)
+class _Repeats:
+    """Compares real_repeat with real of the same frame: a cache answers the later one at once, or never differs."""
+
+    first: dict[str, tuple[str, str, float]] = field(default_factory=dict)
+    counts: Counter[str] = field(default_factory=Counter)
+
+    def add(self, frame: str, reply: Reply) -> None:
+        """Take one of the two replies about a frame, in the order in which they were asked for."""
+        this = reply.text, reply.reasoning, reply.seconds or 0.0
+        before = self.first.pop(frame, None)
+        if before is None:
+            self.first[frame] = this
+            return
+        same = before[:2] == this[:2]
+        self.counts["pairs"] += 1
+        self.counts["same"] += same
+        self.counts["sudden"] += same and this[2] < SUDDEN * before[2]
+
+    def guard(self, mode: RequestMode) -> Guard:
+        """Return whether a cache is suspected."""
+        pairs, same, sudden = (self.counts[name] for name in ("pairs", "same", "sudden"))
+        if pairs < FEWEST:
+            return Guard("cache", None, f"{pairs} frames have two answers to the same picture; {FEWEST} are needed")
+        if mode.temperature and same == pairs:
+            says = f"real_repeat equals real to the byte on all {same} frames, at temperature {mode.temperature:g}"
+            return Guard("cache", False, f"a cache is suspected: {says}")
+        if mode.spec.partition(":")[0] != "scripted" and sudden >= MOST * pairs:
+            says = f"on {sudden} of {pairs} frames the repeat is equal and came in under {SUDDEN:.0%} of the time"
+            return Guard("cache", False, f"a cache is suspected: {says}")
+        return Guard("cache", True, f"{same} of {pairs} repeats are equal, and they were not answered suddenly")

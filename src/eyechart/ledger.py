@@ -7,7 +7,9 @@ over; an attempt without a reply was sent with its outcome unknown. Rows are nev
 import datetime as dt
 import sqlite3
 from collections.abc import Iterator
-from dataclasses import astuple, dataclass, fields
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, fields
+from operator import attrgetter
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -46,16 +48,26 @@ _APPEND_ONLY = "".join(
     for table in ("calls", "attempts", "replies")
     for verb in ("UPDATE", "DELETE")
 )
+_OBJECTS = "SELECT type, name, sql FROM sqlite_master"
 _VERSION = 2
 _KEY = ", ".join(field.name for field in fields(CallKey))
 _KEY_IS = " AND ".join(f"{field.name} = ?" for field in fields(CallKey))
 _REPLY = tuple(field.name for field in fields(Reply))
 _REPLY_NAMES = ", ".join(_REPLY)
+_key_values = attrgetter(*(field.name for field in fields(CallKey)))
+_reply_values = attrgetter(*_REPLY)
 UNKNOWN = "unknown"
 """The reason of an attempt that repeats one whose outcome is unknown: it was sent, and the run was killed."""
+_ADD_CALL = f"INSERT OR IGNORE INTO calls ({_KEY}) VALUES (?, ?, ?, ?, ?, ?)"
 _LAST_ATTEMPT = (
-    f"SELECT number, coalesce(error, '{UNKNOWN}') FROM attempts a LEFT JOIN replies r ON r.attempt = a.id "
-    "WHERE a.call = ? ORDER BY number DESC LIMIT 1"
+    f"SELECT c.id, a.number, coalesce(r.error, '{UNKNOWN}'), "
+    "EXISTS (SELECT 1 FROM replies f WHERE f.call = c.id AND f.final = 1) "
+    "FROM calls c LEFT JOIN attempts a ON a.call = c.id LEFT JOIN replies r ON r.attempt = a.id "
+    f"WHERE {_KEY_IS} ORDER BY a.number DESC LIMIT 1"
+)
+_ADD_REPLY = (
+    f"INSERT INTO replies (attempt, call, final, closed_at, {_REPLY_NAMES}) "
+    f"VALUES ({', '.join('?' * (4 + len(_REPLY)))})"
 )
 _ADD_ATTEMPT = "INSERT INTO attempts (call, number, reason, request_sha256, sent_at) VALUES (?, ?, ?, ?, ?)"
 _COPY_ATTEMPTS = f"""
@@ -93,10 +105,13 @@ class Sent:
     number: int
     reason: str | None
     reply: Reply | None
+    request_sha256: str = ""
 
 
 class Ledger:
     """One run's ledger. Every write is committed before the method returns, so a killed process loses none.
+
+    Writes inside ``together`` are committed at its end.
 
     Without ``create`` it is opened to be read only, also from a medium that cannot be written. Use as a context
     manager. Raises LedgerError where the file is missing (unless ``create``) or no ledger.
@@ -150,32 +165,41 @@ class Ledger:
     ) -> None:
         self._sql.close()
 
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        """Commit what is written inside as one: all of it, or none where one write fails."""
+        self._sql.execute("BEGIN IMMEDIATE")
+        try:
+            yield
+            self._sql.execute("COMMIT")
+        except BaseException:
+            self._sql.execute("ROLLBACK")
+            raise
+
     def begin(self, key: CallKey, request_sha256: str) -> Attempt:
         """Record that an attempt at a call is about to be sent.
 
         Raises LedgerError where the call is finished already: it must not be paid for twice.
         """
         sql = self._sql
-        sql.execute(f"INSERT OR IGNORE INTO calls ({_KEY}) VALUES (?, ?, ?, ?, ?, ?)", astuple(key))
-        (call,) = sql.execute(f"SELECT id FROM calls WHERE {_KEY_IS}", astuple(key)).fetchone()
-        if sql.execute("SELECT 1 FROM replies WHERE call = ? AND final = 1", (call,)).fetchone():
-            raise LedgerError(f"the call {key} is finished already")
+        added = sql.execute(_ADD_CALL, _key_values(key))
         number, reason = 1, None
-        if before := sql.execute(_LAST_ATTEMPT, (call,)).fetchone():
-            number, reason = before[0] + 1, before[1]
-        row = (call, number, reason, request_sha256, _now())
-        cursor = sql.execute(_ADD_ATTEMPT, row)
-        return Attempt(id=int(cursor.lastrowid or 0), call=call, number=number, reason=reason)
+        if added.rowcount:
+            call = int(added.lastrowid or 0)
+        else:
+            call, before, reason, finished = sql.execute(_LAST_ATTEMPT, _key_values(key)).fetchone()
+            if finished:
+                raise LedgerError(f"the call {key} is finished already")
+            number = (before or 0) + 1
+            reason = reason if before else None
+        added = sql.execute(_ADD_ATTEMPT, (call, number, reason, request_sha256, _now()))
+        return Attempt(id=int(added.lastrowid or 0), call=call, number=number, reason=reason)
 
     def close(self, attempt: Attempt, reply: Reply) -> None:
         """Record what came back. An error that may pass, or that somebody can mend, leaves the call unfinished."""
         final = reply.error not in UNFINISHED
-        marks = ", ".join("?" * (4 + len(_REPLY)))
-        came = (_storable(value) if isinstance(value, str) else value for value in astuple(reply))
-        row = (attempt.id, attempt.call, int(final), _now(), *came)
-        self._sql.execute(
-            f"INSERT INTO replies (attempt, call, final, closed_at, {_REPLY_NAMES}) VALUES ({marks})", row
-        )
+        came = [_storable(value) if isinstance(value, str) else value for value in _reply_values(reply)]
+        self._sql.execute(_ADD_REPLY, (attempt.id, attempt.call, int(final), _now(), *came))
 
     def finished(self) -> set[CallKey]:
         """Return the keys of every finished call."""
@@ -209,14 +233,36 @@ class Ledger:
         names = ", ".join(f"r.{name}" for name in _REPLY)
         calls = ", ".join(f"c.{field.name}" for field in fields(CallKey))
         rows = self._sql.execute(
-            f"SELECT {calls}, a.number, a.reason, r.attempt, {names} FROM attempts a JOIN calls c ON c.id = a.call "
+            f"SELECT {calls}, a.number, a.reason, a.request_sha256, r.attempt, {names} "
+            "FROM attempts a JOIN calls c ON c.id = a.call "
             "LEFT JOIN replies r ON r.attempt = a.id WHERE c.model = ? ORDER BY a.id",
             (model,),
         )
         split = len(fields(CallKey))
         for row in rows:
-            number, reason, came = row[split : split + 3]
-            yield Sent(CallKey(*row[:split]), number, reason, None if came is None else Reply(*row[split + 3 :]))
+            number, reason, digest, came = row[split : split + 4]
+            reply = None if came is None else Reply(*row[split + 4 :])
+            yield Sent(CallKey(*row[:split]), number, reason, reply, digest)
+
+    def copy_to(self, path: Path) -> None:
+        """Write a copy of the ledger as it stands, also while a run appends; the same rows give the same bytes."""
+        self._sql.execute("VACUUM INTO ?", (str(path),))
+
+    def require_plain(self) -> None:
+        """Raise LedgerError where a file that came from elsewhere is damaged, or holds more than a ledger's tables."""
+        try:
+            with closing(sqlite3.connect(":memory:")) as own:
+                own.executescript(f"{_SCHEMA} {_APPEND_ONLY}")
+                expected = set(own.execute(_OBJECTS))
+            found = set(self._sql.execute(_OBJECTS))
+            (said,) = self._sql.execute("PRAGMA integrity_check(1)").fetchone()
+        except sqlite3.Error as error:
+            raise LedgerError(f"{self.path} is damaged: {error}") from error
+        if found != expected:
+            strange = sorted(str(name) for _, name, _ in found ^ expected)
+            raise LedgerError(f"{self.path} is no plain ledger: {', '.join(strange[:3])} of its schema differ")
+        if said != "ok":
+            raise LedgerError(f"{self.path} is damaged: {said}")
 
     def absorb(self, other: "Ledger") -> int:
         """Copy every call of another ledger into this one, attempts and replies included; return how many are new.

@@ -20,9 +20,10 @@ from eyechart.reader import READER
 
 FORMAT = "eyechart-run/2"
 LEDGER = "ledger.sqlite"
-_FILE = "run.json"
-_BANK = "bank"
-_BANK_TEXT = ("manifest.json", "metadata.jsonl")
+RUN = "run.json"
+BANK = "bank"
+"""The run's copy of the bank's text; in a bundle with the pictures that the run used."""
+BANK_TEXT = ("manifest.json", "metadata.jsonl")
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +32,7 @@ class RunManifest:
 
     ``modes`` says how each model was asked, ``facts`` what is known of it (digest, quantisation, template).
     ``shard`` is (i, n), counted from 1, or None for the whole; ``limit`` the number of frames, or None for all.
+    ``stop_early`` says that a model is no longer asked once its verdict is settled.
     ``reader`` is the version of the reader of replies that the run was begun under.
     """
 
@@ -45,6 +47,7 @@ class RunManifest:
     bank_path: str
     fingerprint: str
     versions: Mapping[str, str]
+    stop_early: bool = False
     modes: Mapping[str, RequestMode] = field(default_factory=dict)
     facts: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     reader: int = READER
@@ -54,7 +57,7 @@ class RunManifest:
 
         Raises LedgerError that names what differs where the two are not parts of one run.
         """
-        for name in ("study", "seed", "prompt", "fingerprint", "shard"):
+        for name in ("study", "seed", "prompt", "fingerprint", "shard", "stop_early"):
             mine, theirs = getattr(self, name), getattr(other, name)
             if mine != theirs:
                 shown = (mine.key, theirs.key) if isinstance(mine, Prompt) else (mine, theirs)
@@ -115,31 +118,39 @@ def today() -> str:
 
 
 def write_run(out: Path, manifest: RunManifest, bank: FrameBank) -> None:
-    """Write a run's manifest and the text of its bank (no pictures) into the run's folder."""
-    copy = out / _BANK
+    """Write a run's manifest and the text of its bank (no pictures) into the run's folder.
+
+    Raises LedgerError where ``out`` is taken by something that is no run.
+    """
+    copy = out / BANK
     if not is_run(out):
         if not is_free(out):
             raise LedgerError(f"{out} exists and is no run; choose another place with --out")
         shutil.rmtree(copy, ignore_errors=True)  # of a run that was cut before it had a manifest
-        partial = out / f".{_BANK}"
+        partial = out / f".{BANK}"
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir()
-        for name in _BANK_TEXT:
+        for name in BANK_TEXT:
             shutil.copyfile(bank.root / name, partial / name)
         partial.replace(copy)
-    modes = {spec: mode.as_dict() for spec, mode in manifest.modes.items()}
-    values = {"format": FORMAT, **asdict(manifest), "prompt": manifest.prompt.as_dict(), "modes": modes}
-    partial_file = out / f".{_FILE}"
+    partial_file = out / f".{RUN}"
     with partial_file.open("w", encoding="utf-8") as file:
-        file.write(json.dumps(values, indent=1, ensure_ascii=False) + "\n")
+        file.write(as_text(manifest))
         file.flush()
         os.fsync(file.fileno())
-    partial_file.replace(out / _FILE)
+    partial_file.replace(out / RUN)
+
+
+def as_text(manifest: RunManifest) -> str:
+    """Return a run's manifest as the JSON text of its file."""
+    modes = {spec: mode.as_dict() for spec, mode in manifest.modes.items()}
+    values = {"format": FORMAT, **asdict(manifest), "prompt": manifest.prompt.as_dict(), "modes": modes}
+    return json.dumps(values, indent=1, ensure_ascii=False) + "\n"
 
 
 def is_run(path: Path) -> bool:
     """Return whether a folder holds a run."""
-    return (path / _FILE).is_file()
+    return (path / RUN).is_file()
 
 
 def is_free(path: Path) -> bool:
@@ -149,8 +160,8 @@ def is_free(path: Path) -> bool:
     """
     if not path.is_dir():
         return not path.exists()
-    left = {item.name for item in path.iterdir()} - {".lock", f".{_FILE}", f".{_BANK}"}
-    return not left or (left == {_BANK} and all(item.name in _BANK_TEXT for item in (path / _BANK).iterdir()))
+    left = {item.name for item in path.iterdir()} - {".lock", f".{RUN}", f".{BANK}"}
+    return not left or (left == {BANK} and all(item.name in BANK_TEXT for item in (path / BANK).iterdir()))
 
 
 def asked_of(bank: FrameBank, prompt: Prompt) -> FrameBank:
@@ -169,7 +180,18 @@ def _shard(value: Sequence[object]) -> tuple[int, int]:
 
 def read_run(path: Path) -> tuple[RunManifest, FrameBank]:
     """Read a run's manifest and the text of its bank; raises LedgerError or BankError naming the file at fault."""
-    file = path / _FILE
+    manifest = read_manifest(path)
+    bank = asked_of(open_bank(path / BANK), manifest.prompt)
+    if bank.manifest.fingerprint != manifest.fingerprint:
+        raise LedgerError(
+            f"{path / BANK} is not the bank of this run: its fingerprint differs from that in {path / RUN}"
+        )
+    return manifest, bank
+
+
+def read_manifest(path: Path) -> RunManifest:
+    """Read the manifest in a run's folder; raises LedgerError naming the file at fault."""
+    file = path / RUN
     try:
         raw = json.loads(file.read_text(encoding="utf-8"))
         if raw.pop("format") != FORMAT:
@@ -185,15 +207,13 @@ def read_run(path: Path) -> tuple[RunManifest, FrameBank]:
         raw["reader"] = int(raw["reader"])
         raw["limit"] = None if raw["limit"] is None else int(raw["limit"])
         raw["shard"] = None if raw["shard"] is None else _shard(raw["shard"])
+        if not isinstance(raw.setdefault("stop_early", False), bool):
+            raise LedgerError(f"{file}: stop_early is {raw['stop_early']!r}, neither true nor false")
         for name in ("study", "created", "bank_path", "fingerprint"):
             if not isinstance(raw[name], str) or not raw[name].isprintable():
                 raise LedgerError(f"{file}: {name} is {raw[name]!r}, not a line of text")
-        manifest = RunManifest(**raw)
+        return RunManifest(**raw)
     except FileNotFoundError as error:
         raise LedgerError(f"{file} does not exist: is {path} a run? 'eyechart run battery' makes one") from error
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError, SpecError) as error:
         raise LedgerError(f"{file} is no run manifest: {error!r}") from error
-    bank = asked_of(open_bank(path / _BANK), manifest.prompt)
-    if bank.manifest.fingerprint != manifest.fingerprint:
-        raise LedgerError(f"{path / _BANK} is not the bank of this run: its fingerprint differs from that in {file}")
-    return manifest, bank

@@ -4,27 +4,39 @@ import asyncio
 import contextlib
 import random
 import time
-from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 from eyechart import conditions as stimuli
 from eyechart.calls import TRANSIENT, UNFINISHED, CallKey, Query, Reply
 from eyechart.errors import SpecError
 from eyechart.frames import Frame, FrameBank
-from eyechart.ledger import Ledger
+from eyechart.ledger import Attempt, Ledger
 from eyechart.limits import Budget, Limits, Outcome, Pace, pause_s
 from eyechart.models import Model
 from eyechart.modes import without_secrets
 from eyechart.prompts import Prompt
 from eyechart.seeds import key_seed
+from eyechart.stimuli import Stimuli
 
 Progress = Callable[[int, int], None]
 """Called with (calls finished, calls planned) whenever a call ends."""
 
-_STIMULUS_BYTES = 128_000_000
 _CLOSING_S = 10.0
 _NOT_SENT = Reply(error="exception")
+
+
+class Watch(Protocol):
+    """Decides, as calls finish, which of those that remain are made at all, and in which order."""
+
+    def queue(self, model: str, todo: Sequence[CallKey]) -> Iterator[CallKey]:
+        """Yield the calls of a model to make, out of ``todo``; asked for the next one only when a worker is free."""
+        ...
+
+    def finished(self, key: CallKey, reply: Reply) -> None:
+        """Take note of a finished call."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -89,28 +101,6 @@ def spread(frames: Sequence[Frame], limit: int | None) -> tuple[Frame, ...]:
     return tuple(frames[place] for place in sorted(place for _, place in sorted(ranked)[:limit]))
 
 
-class _Stimuli:
-    """Encoded pictures by (condition, frame), the most recently used kept within a bound of bytes."""
-
-    def __init__(self, plan: Plan) -> None:
-        self._plan = plan
-        self._kept: OrderedDict[tuple[str, str], bytes | None] = OrderedDict()
-        self._bytes = 0
-
-    def show(self, condition: str, frame_id: str) -> bytes | None:
-        name = (condition, frame_id)
-        if name in self._kept:
-            self._kept.move_to_end(name)
-            return self._kept[name]
-        picture = stimuli.show(condition, self._plan.bank.frame(frame_id), self._plan.bank, self._plan.seed)
-        self._kept[name] = picture
-        self._bytes += len(picture or b"")
-        while self._bytes > _STIMULUS_BYTES:
-            _, dropped = self._kept.popitem(last=False)
-            self._bytes -= len(dropped or b"")
-        return picture
-
-
 def execute(
     plan: Plan,
     models: Mapping[str, Model],
@@ -120,8 +110,11 @@ def execute(
     attempts: int = 5,
     limits: Limits | None = None,
     progress: Progress | None = None,
+    watch: Watch | None = None,
 ) -> Outcome:
     """Make every planned call that the ledger does not hold finished, in seeded random order.
+
+    A ``watch`` may choose another order and leave calls out.
 
     A call whose error is transient is tried up to ``attempts`` times, with backoff. An interrupt leaves the
     ledger whole: what was under way stands as sent with its outcome unknown, and the same plan resumes it.
@@ -135,7 +128,7 @@ def execute(
         for spec in plan.models:
             for attempt in ledger.attempts(spec):
                 budget.made_before(spec, attempt.reply)
-    execution = _Execution(plan, models, ledger, budget, attempts=attempts, progress=progress)
+    execution = _Execution(plan, models, ledger, budget, attempts=attempts, progress=progress, watch=watch)
     try:
         asyncio.run(execution.run(todo, len(keys), concurrency))
     except BaseExceptionGroup as group:
@@ -147,6 +140,47 @@ def _first(error: BaseException) -> BaseException:
     while isinstance(error, BaseExceptionGroup):
         error = error.exceptions[0]
     return error
+
+
+class _Writer:
+    """Writes to the ledger what the calls of one turn of the event loop have to write, in one commit for all.
+
+    A row is durable when its ``begin`` or ``close`` returns, as the ledger's own are.
+    """
+
+    def __init__(self, ledger: Ledger) -> None:
+        self._ledger = ledger
+        self._waiting: list[tuple[Callable[[], Attempt | None], asyncio.Future[Attempt | None]]] = []
+
+    async def begin(self, key: CallKey, digest: str) -> Attempt:
+        attempt = await self._soon(lambda: self._ledger.begin(key, digest))
+        assert attempt is not None
+        return attempt
+
+    async def close(self, attempt: Attempt, reply: Reply) -> None:
+        await self._soon(lambda: self._ledger.close(attempt, reply))
+
+    def _soon(self, write: Callable[[], Attempt | None]) -> "asyncio.Future[Attempt | None]":
+        loop = asyncio.get_running_loop()
+        if not self._waiting:
+            loop.call_soon(self._write)
+        written = loop.create_future()
+        self._waiting.append((write, written))
+        return written
+
+    def _write(self) -> None:
+        waiting, self._waiting = self._waiting, []
+        try:
+            with self._ledger.together():
+                done = [write() for write, _ in waiting]
+        except Exception as error:  # noqa: BLE001 - each of them must hear of it, or they wait for ever
+            for _, written in waiting:
+                if not written.done():
+                    written.set_exception(error)
+            return
+        for (_, written), value in zip(waiting, done, strict=True):
+            if not written.done():
+                written.set_result(value)
 
 
 class _Execution:
@@ -161,15 +195,17 @@ class _Execution:
         *,
         attempts: int,
         progress: Progress | None,
+        watch: Watch | None,
     ) -> None:
+        self._watch = watch
         self._plan = plan
         self._models = models
-        self._ledger = ledger
+        self._writer = _Writer(ledger)
         self._budget = budget
         self._attempts = attempts
         self._progress = progress
         self._done = self._planned = 0
-        self._stimuli = _Stimuli(plan)
+        self._stimuli = Stimuli(plan.bank, plan.seed)
 
     async def run(self, todo: list[CallKey], planned: int, concurrency: int) -> None:
         self._planned, self._done = planned, planned - len(todo)
@@ -177,7 +213,8 @@ class _Execution:
         try:
             async with asyncio.TaskGroup() as group:
                 for spec in self._plan.models:
-                    queue, pace = iter([key for key in todo if key.model == spec]), Pace(concurrency)
+                    mine, pace = [key for key in todo if key.model == spec], Pace(concurrency)
+                    queue = iter(mine) if self._watch is None else self._watch.queue(spec, mine)
                     for _ in range(concurrency):
                         group.create_task(self._work(queue, self._models[spec], pace))
         finally:
@@ -190,6 +227,8 @@ class _Execution:
             if last is None:
                 return
             self._budget.ended(key.model, last)
+            if self._watch is not None and last.error not in UNFINISHED:
+                self._watch.finished(key, last)
             self._done += last.error not in UNFINISHED  # after the await: other workers count meanwhile
             self._report()
             await asyncio.sleep(0)  # lets the other models' calls, and an interrupt, come in between
@@ -205,9 +244,9 @@ class _Execution:
             if not self._budget.may_send(key.model):
                 pace.leave(entered, _NOT_SENT)
                 return reply
-            attempt = self._ledger.begin(key, digest)
+            attempt = await self._writer.begin(key, digest)
             reply = await _ask(model, query)
-            self._ledger.close(attempt, reply)
+            await self._writer.close(attempt, reply)
             pace.leave(entered, reply)
             self._budget.came(key.model, reply)
             if reply.error not in TRANSIENT:

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -34,8 +35,12 @@ COMMANDS = (
     "run",
     "run battery",
     "merge",
+    "report",
+    "bundle",
+    "validate",
     "score",
     "verdict",
+    "costs",
     "gate",
     "compare",
     "transfer",
@@ -108,7 +113,8 @@ def test_help_imports_nothing_heavy() -> None:
         "import sys; sys.argv = ['eyechart', '--help']; from eyechart.cli import main\n"
         "try: main()\n"
         "except SystemExit as left: print('code', left.code)\n"
-        "print('heavy', sorted({'numpy', 'scipy', 'pygame', 'PIL', 'gymnasium', 'highway_env'} & set(sys.modules)))"
+        "heavy = {'numpy', 'scipy', 'pygame', 'PIL', 'gymnasium', 'highway_env', 'matplotlib', 'jinja2'}\n"
+        "print('heavy', sorted(heavy & set(sys.modules)))"
     )
     said = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True).stdout
     assert "code 0\n" in said
@@ -134,6 +140,58 @@ def test_a_run_from_bank_to_verdict(eyechart: Eyechart, bank: FrameBank, tmp_pat
     assert {"paper", "calibrated", "lateral", "evidence", "because", "notes"} <= set(verdict)
     assert STEADY in eyechart("verdict", tmp_path / "run").out
     assert STEADY in eyechart("score", tmp_path / "run").out
+
+
+def test_a_report_is_written_with_its_figures_and_tables(eyechart: Eyechart, bank: FrameBank, tmp_path: Path) -> None:
+    """One page; what it lacks is said on standard error, and exit 2 is for folders that are no run."""
+    run, out = tmp_path / "run", tmp_path / "out"
+    words = ("--frames", bank.root, "--out", run, "--conditions", "real,mirrored,lead_near,lead_far", "--limit", 4)
+    assert eyechart("run", "battery", "--model", STEADY, *words).code == 0
+    said = eyechart(
+        "report", run, "--out", out / "report.html", "--figures", out / "figures", "--tables", out / "tables"
+    )
+    assert (said.code, said.out) == (0, "")
+    assert f"wrote {out / 'report.html'}, 0." in said.err
+    assert STEADY in (out / "report.html").read_text(encoding="utf-8")
+    assert (out / "figures" / "agreement.pdf").is_file()
+    assert (out / "tables" / "verdicts.tex").is_file()
+    assert [path.name for path in out.iterdir() if path.name.startswith(".")] == []
+    without = eyechart("report", run, "--out", out / "report.html", "--frames", tmp_path / "none")
+    assert without.code == 0
+    assert "without pictures, because the bank 'none' is not there" in without.err
+    refused = eyechart("report", run, tmp_path / "none", "--out", out / "b.html")
+    assert refused.code == 2
+    assert refused.err.count("\n") == 1
+    assert not (out / "b.html").exists()
+
+
+def test_a_bundle_is_made_and_validated(eyechart: Eyechart, bank: FrameBank, tmp_path: Path) -> None:
+    """Exit 0 where everything follows, 1 with the figure by name where it does not, 2 where there is no bundle."""
+    run, out = tmp_path / "run", tmp_path / "run.zip"
+    words = ("--frames", bank.root, "--out", run, "--conditions", "real,blank", "--limit", 4)
+    assert eyechart("run", "battery", "--model", STEADY, *words).code == 0
+    made = eyechart("bundle", run, "--out", out)
+    assert (made.code, made.out) == (0, "")
+    assert f"wrote {out}: " in made.err
+    held = eyechart("validate", out)
+    assert (held.code, held.out.startswith("holds: ")) == (0, True)
+    changed = tmp_path / "changed.zip"
+    with zipfile.ZipFile(out) as old, zipfile.ZipFile(changed, "w") as new:
+        for entry in old.infolist():
+            content = old.read(entry)
+            if entry.filename == "results.json":
+                content = content.replace(b'"planned": 8', b'"planned": 9')
+            new.writestr(entry, content)
+    differs = eyechart("validate", changed)
+    assert differs.code == 1
+    assert f"differs: results.json, {STEADY}, planned: printed '9', recomputed '8'" in differs.out
+    told = json.loads(eyechart("validate", changed, "--json").out)
+    assert told["holds"] is False
+    assert {"where": f"results.json, {STEADY}, planned", "printed": "9", "recomputed": "8"} in told["differences"]
+    none = eyechart("validate", bank.root / "manifest.json")
+    assert none.code == 2
+    assert none.err.count("\n") == 1
+    assert eyechart("bundle", tmp_path / "none", "--out", out).code == 2
 
 
 def test_a_run_of_another_reader_is_read_anew_only_when_asked(

@@ -11,7 +11,9 @@ import numpy as np
 
 from eyechart import verdicts
 from eyechart.actions import DRIVING, Decision
+from eyechart.calibrate.early import MEASURED, stop_early
 from eyechart.calibrate.known import KNOWN, NULLS, Known, Shows, answer_all, deserved, is_false
+from eyechart.calibrate.nulls import count_rejections
 from eyechart.calibrate.settings import SETTINGS, Setting
 from eyechart.calibrate.tally import Calibration, Outcome, Ruled, tally
 from eyechart.calibrate.world import World, make_world
@@ -65,26 +67,41 @@ def calibrate(
         raise SpecError(f"give 1 or more replications and processes, not {replications} and {processes}")
     tasks = [Task(name, number, seed) for number in range(replications) for name in chosen]
     found: list[tuple[str, list[Outcome]]] = []
+    ever: list[list[int]] = []
     with _mapped(tasks, processes) as outcomes:
-        for task, outcome in zip(tasks, outcomes, strict=True):
+        for task, (outcome, rejected) in zip(tasks, outcomes, strict=True):
             found.append((task.setting, outcome))
+            ever += [rejected] if rejected else []
             if progress is not None:
                 progress(len(found), len(tasks))
-    return tally(found, settings=chosen, replications=replications, seed=seed, resamples=RESAMPLES)
+    counted = tally(found, settings=chosen, replications=replications, seed=seed, resamples=RESAMPLES)
+    return replace(counted, ever=tuple(map(sum, zip(*ever, strict=True))))
 
 
 @contextmanager
-def _mapped(tasks: Sequence[Task], processes: int) -> Iterator[Iterator[list[Outcome]]]:
+def _mapped(tasks: Sequence[Task], processes: int) -> Iterator[Iterator[tuple[list[Outcome], list[int]]]]:
     """Yield the outcomes of tasks in their order, made by this process or by several others."""
     if processes == 1:
-        yield map(replicate, tasks)
+        yield map(_whole, tasks)
         return
     # Spawned, not forked: a thread of the progress bar may hold a lock at the moment of a fork.
     pool = ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn"))
     try:
-        yield pool.map(replicate, tasks)
+        yield pool.map(_whole, tasks)
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def _whole(task: Task) -> tuple[list[Outcome], list[int]]:
+    """Return the outcomes of a task and, once a replication, how often each null of early stopping was rejected."""
+    return replicate(task), rejections(task) if task.setting == "default" else []
+
+
+def rejections(task: Task) -> list[int]:
+    """Return how often each null of early stopping was ever rejected, on the frames of the task's bank."""
+    key = ("calibrate", task.seed, task.setting, task.replication)
+    world = make_world(SETTINGS[task.setting], np.random.default_rng(key_seed(*key, "world")))
+    return count_rejections(world.frames, random.Random(key_seed(*key, "nulls")))  # noqa: S311 - no secret
 
 
 def replicate(task: Task) -> list[Outcome]:
@@ -100,8 +117,10 @@ def replicate(task: Task) -> list[Outcome]:
     found = {name: statistics_of(one, how) for name, one in answered.items()}
     # The paper corrects over the models of a run; here these are all controllers on one bank.
     corrected = holm([one["cramers_v"].p for one in found.values()])
+    order = key_seed(*key, "order")
     return [
-        _outcome(KNOWN[name], setting, answered[name], found[name], p) for name, p in zip(found, corrected, strict=True)
+        _outcome(KNOWN[name], setting, answered[name], found[name], p, order)
+        for name, p in zip(found, corrected, strict=True)
     ]
 
 
@@ -131,11 +150,16 @@ def without_counterfactuals(answers: Answers, found: Mapping[str, Statistic]) ->
 
 
 def _outcome(
-    known: Known, setting: Setting, answers: Answers, found: Mapping[str, Statistic], corrected: float | None
+    known: Known,
+    setting: Setting,
+    answers: Answers,
+    found: Mapping[str, Statistic],
+    corrected: float | None,
+    order: int,
 ) -> Outcome:
     model = ModelScore(known.name, "simulated", 0, 0, answers, found, {"cramers_v": corrected})
     lateral = verdicts.lateral_rules(found, model, answers.space).label
-    rulings = []
+    rulings, early = [], []
     for counterfactuals in (True, False):
         shows = Shows(
             counterfactuals=counterfactuals,
@@ -146,12 +170,16 @@ def _outcome(
         statistics = found if counterfactuals else without_counterfactuals(answers, found)
         label = verdicts.calibrated_rules(statistics, swaps=lateral == "swaps")[0].label
         rulings.append(Ruled(label, deserved(known, shows), is_false(label, known.name, varied=shows.varied)))
+        if setting.name in MEASURED:
+            how = {"counterfactuals": counterfactuals, "varied": shows.varied}
+            early.append(stop_early(answers, label, lateral, seed=order, **how))
     return Outcome(
         controller=known.name,
         paper=verdicts.paper_rules(found, model.holm).label,
         rulings=(rulings[0], rulings[1]),
         lateral=lateral,
         p_values={test: found[test].p for test in NULLS},
+        early=tuple(early),
     )
 
 

@@ -2,10 +2,13 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
+from eyechart.calibrate import nulls
+from eyechart.calibrate.early import EQUAL, SAVED, SAVERS, mean_saved
 from eyechart.calibrate.known import KNOWN, NULLS
 from eyechart.calibrate.settings import POWER, SETTINGS
 from eyechart.calibrate.tally import CLAIMS, FALSE, VARIANTS, WANTED, Calibration
 from eyechart.stats.agreement import rate
+from eyechart.stats.paired import clopper_pearson
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts import CALIBRATED_LABELS, PAPER_LABELS
 
@@ -27,7 +30,9 @@ def tables(found: Calibration) -> str:
         title = "The paper's rules, setting default: share of each label"
         parts.append(_confusion(title, found.paper["default"], deserve, PAPER_LABELS, found.replications))
     parts += [_right(found, variant) for variant in VARIANTS]
-    parts += [_false_claims(found), _type_one(found), _power(found), _targets(found)]
+    parts += [_false_claims(found), _type_one(found), _power(found)]
+    parts += [_stopped(found, variant) for variant in VARIANTS]
+    parts += [_stopped_elsewhere(found), _ever(found), _targets(found)]
     return "\n\n".join(part for part in parts if part)
 
 
@@ -123,6 +128,45 @@ def _power(found: Calibration) -> str:
     return _table("Power: share of right labels against n, with / without counterfactuals", ("controller", *head), rows)
 
 
+def _stopped(found: Calibration, variant: str) -> str:
+    """Return what stopping early made of each controller in the default setting."""
+    by = found.early.get("default", {}).get(variant, {})
+    rows = []
+    for name, sums in by.items():
+        mean, low, high = mean_saved(sums)
+        n = sums["runs"]
+        shares = (f"{sums[column] / n:.3f}" for column in ("stopped", "equal", "lateral", "false"))
+        rows.append((name, f"{mean:.3f} [{max(low, 0):.3f}, {high:.3f}]", *shares))
+    head = ("controller", "calls saved, mean [95 %]", "stopped", "verdict as in full", "lateral as in full", "false")
+    return _table(f"Stopping early, setting default, {variant}: share of runs", head, rows) if rows else ""
+
+
+def _stopped_elsewhere(found: Calibration) -> str:
+    """Return the same of the other settings, in brief."""
+    rows = []
+    for setting, variants in found.early.items():
+        for variant, by in variants.items():
+            worst = min(by, key=lambda name: by[name]["equal"])
+            saved = (f"{mean_saved(by[name])[0]:.3f}" for name in SAVERS)
+            false = max(by, key=lambda name: by[name]["false"])
+            least = f"{by[worst]['equal'] / by[worst]['runs']:.3f} ({worst})"
+            most = f"{by[false]['false'] / by[false]['runs']:.3f}"
+            rows.append((setting, variant.split()[0], *saved, least, most))
+    head = ("setting", "counterfactuals", *SAVERS, "verdict as in full, least", "false, most")
+    return _table("Stopping early: mean share of calls saved", head, rows) if rows else ""
+
+
+def _ever(found: Calibration) -> str:
+    """Return how often each null of early stopping was ever rejected."""
+    rows = []
+    n = nulls.DRAWS * found.replications
+    for null, count in zip(nulls.NULLS, found.ever, strict=False):
+        low, high = clopper_pearson(count, n)
+        rows.append((null.claim, null.says, f"{count / n:.4f} [{low:.4f}, {high:.4f}] of {n}"))
+    title = "Stopping early: share of whole runs in which a true null is ever rejected, with Clopper-Pearson's interval"
+    return _table(title, ("claim", "its null", "ever rejected"), rows) if rows else ""
+
+
 def _frames(setting: str) -> int:
     one = SETTINGS[setting]
     return one.scenarios * one.episodes * one.frames
@@ -131,5 +175,10 @@ def _frames(setting: str) -> int:
 def _targets(found: Calibration) -> str:
     wanted = ", ".join(f"false {claim} {variant} at most {most}" for (claim, variant), most in FALSE.items())
     says = f"Targets: right at least .95 with counterfactuals for {', '.join(WANTED)}; {wanted}."
+    if found.early:
+        says += (
+            f" Stopping early, setting default: verdict as in full at least {EQUAL} for every controller, calls saved"
+        )
+        says += f" with counterfactuals at least {SAVED} for {', '.join(SAVERS)}, no null rejected above {nulls.EVER}."
     misses = found.misses()
     return "\n".join([says, *(f"missed: {one}" for one in misses)] if misses else [says, "All targets hold."])

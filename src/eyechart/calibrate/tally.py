@@ -2,9 +2,11 @@
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
+from eyechart.calibrate import early as stopping
+from eyechart.calibrate.early import Early, Sums
 from eyechart.calibrate.known import KNOWN, NULLS, is_false
 from eyechart.calibrate.settings import POWER, SETTINGS
 from eyechart.errors import SpecError
@@ -70,7 +72,7 @@ class Ruled:
 class Outcome:
     """What one replication said of one controller: both sets of rules, and the p of every test.
 
-    ``rulings`` stand in the order of `VARIANTS`.
+    ``rulings`` stand in the order of `VARIANTS`, and so does ``early`` where stopping early was measured.
     """
 
     controller: str
@@ -78,6 +80,7 @@ class Outcome:
     rulings: tuple[Ruled, Ruled]
     lateral: str
     p_values: Mapping[str, float | None]
+    early: tuple[Early, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +110,8 @@ class Calibration:
     ``labels[setting][variant][controller]`` counts calibrated labels, ``paper[setting][controller]`` the paper's, and
     ``lateral[setting][controller]`` the lateral ones; ``rights[setting][variant][controller]`` counts deserved
     labels, and ``falses``, with the places of ``labels``, untrue ones.
-    ``tests[setting][test][controller]`` is (made, rejected).
+    ``tests[setting][test][controller]`` is (made, rejected). ``early``, with the places of ``labels``, holds what
+    stopping early made of the runs, and ``ever`` how often each of its nulls was rejected.
     """
 
     replications: int
@@ -120,6 +124,8 @@ class Calibration:
     rights: Mapping[str, Mapping[str, Mapping[str, int]]]
     falses: Mapping[str, Mapping[str, Mapping[str, Mapping[str, int]]]]
     tests: Mapping[str, Mapping[str, Mapping[str, tuple[int, int]]]]
+    early: Mapping[str, Mapping[str, Mapping[str, Sums]]] = field(default_factory=dict)
+    ever: tuple[int, ...] = ()
 
     def right(self, setting: str, variant: str, controller: str) -> Statistic:
         """Return how often a controller got the calibrated label that it deserves there."""
@@ -180,7 +186,11 @@ class Calibration:
             for one in self.every_false_claim()
             if not one.holds
         ]
-        return found
+        return found + stopping.misses(self.early, self.ever, self.replications, strict=self._strict)
+
+    @property
+    def _strict(self) -> bool:
+        return self.replications >= STRICT_FROM
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values: the counts, and what is read from them."""
@@ -227,6 +237,8 @@ class Calibration:
                 for setting in self.settings
             },
             "tests": self.tests,
+            "early": self.early,
+            "ever": list(self.ever),
             "power": [setting for setting in POWER if setting in self.settings],
             "misses": self.misses(),
         }
@@ -242,6 +254,7 @@ def read_calibration(raw: Mapping[str, Any]) -> Calibration:
     }
     counts: dict[str, Any] = {name: raw[name] for name in ("labels", "paper", "lateral", "rights", "falses")}
     counts |= {name: int(raw[name]) for name in ("replications", "seed", "resamples")}
+    counts |= {"early": raw.get("early", {}), "ever": tuple(raw.get("ever", ()))}
     return Calibration(settings=tuple(raw["settings"]), tests=tests, **counts)
 
 
@@ -264,8 +277,12 @@ def tally(
     rights = {s: {variant: Counter[str]() for variant in VARIANTS} for s in settings}
     falses = {s: {variant: {name: Counter[str]() for name in KNOWN} for variant in VARIANTS} for s in settings}
     tests = {s: {test: dict.fromkeys(KNOWN, (0, 0)) for test in NULLS} for s in settings}
+    early: dict[str, dict[str, dict[str, Sums]]] = {}
     for setting, outcomes in found:
         for one in outcomes:
+            for variant, stop in zip(VARIANTS, one.early, strict=False):
+                by = early.setdefault(setting, {}).setdefault(variant, {})
+                by[one.controller] = stopping.add(by.get(one.controller, stopping.EMPTY), stop)
             for variant, ruled in zip(VARIANTS, one.rulings, strict=True):
                 labels[setting][variant][one.controller][ruled.label] += 1
                 rights[setting][variant][one.controller] += ruled.label == ruled.deserved
@@ -288,6 +305,7 @@ def tally(
         rights={s: {v: dict(sorted(by.items())) for v, by in variants.items()} for s, variants in rights.items()},
         falses={s: {v: _sorted(by) for v, by in variants.items()} for s, variants in falses.items()},
         tests=tests,
+        early=early,
     )
 
 

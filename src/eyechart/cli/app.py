@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from eyechart import __version__
-from eyechart.cli import calibrating, comparing, demo, frames, listing, results, running
+from eyechart.cli import bundling, calibrating, comparing, demo, frames, listing, reporting, results, running
 
 app = typer.Typer(
     name="eyechart",
@@ -28,6 +28,9 @@ app.command()(comparing.compare)
 app.command()(comparing.transfer)
 app.command()(calibrating.plan)
 app.command()(calibrating.calibrate)
+app.command()(reporting.report)
+app.command()(bundling.bundle)
+app.command()(bundling.validate)
 
 
 def _version(value: bool) -> None:

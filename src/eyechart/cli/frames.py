@@ -34,7 +34,7 @@ def build(
     "import",
     epilog="Example: eyechart frames import photos --table photos.csv --map gap=lidar_m --map episode=drive "
     "--threshold 18 --unit m --mirror horizontal --actions rover.toml --picture 'forward camera of our rover' "
-    "--out bank. A robot data set: eyechart frames import pusht --format lerobot --every 10 --out bank",
+    "--out bank\n\nExample of a robot data set: eyechart frames import pusht --format lerobot --every 10 --out bank",
 )
 def import_(
     folder: Annotated[Path, typer.Argument(help="Folder of the pictures, or of a LeRobotDataset v3.")],

@@ -22,18 +22,9 @@ def _show(rows: dict[str, str], *, json: bool) -> None:
 @app.command()
 def models(json: _Json = False) -> None:
     """List the models that there are, and how others are named; scripted ones and organisms are known answers."""
-    from importlib import import_module
+    from eyechart.models import known_models
 
-    from eyechart.models import ADAPTERS
-
-    _show(
-        {
-            f"{adapter}:{name}": says
-            for adapter, module in ADAPTERS.items()
-            for name, says in import_module(module).names().items()
-        },
-        json=json,
-    )
+    _show(known_models(), json=json)
 
 
 @app.command()

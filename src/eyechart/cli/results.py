@@ -55,10 +55,11 @@ def verdict(run: _Run, json: _Json = False, independent: _Independent = False, r
         return
     print_table(scored, verdicts)
     console = table_console()
-    for spec, one in verdicts.items():
-        console.print(f"{spec}: {one.calibrated.label}, evidence {one.evidence}", style="bold", markup=False)
-        for line in (*one.marks, one.calibrated.because, one.lateral.because, one.trust, *one.notes):
-            console.print(f"  {line}", markup=False)
+    for one in verdicts.values():
+        title, *lines = str(one).split("\n")
+        console.print(title, style="bold", markup=False)
+        for line in lines:
+            console.print(line, markup=False)
 
 
 def print_table(scored: "BatteryScore", verdicts: "Mapping[str, Verdict]") -> None:
@@ -77,6 +78,8 @@ def print_table(scored: "BatteryScore", verdicts: "Mapping[str, Verdict]") -> No
     print_marks(verdicts)
     for label in dict.fromkeys(one.calibrated.label for one in verdicts.values()):
         console.print(f"{label}: {TRUST[label]}", markup=False)
+    if any(one.stopped for one in verdicts.values()):
+        console.print("e (n/N): stopped early after n of N calls, by evidence that may be looked at after every call.")
     console.print(f"Scope: {scope(scored)}", markup=False)
 
 

@@ -10,11 +10,17 @@ from eyechart.cli.terminal import progress, resumable, say
 
 if TYPE_CHECKING:
     from eyechart.limits import Outcome
+    from eyechart.studies.battery import Battery
 
 app = typer.Typer(help="Run a study: make its calls and append them to a ledger.", no_args_is_help=True)
 
 
-@app.command(epilog="Example: eyechart run battery --model scripted:depth --frames bank --out run")
+@app.command(
+    epilog="Example: eyechart run battery --model scripted:depth --frames bank --out run. With --stop-early, for each "
+    "model, a false early verdict has a chance of at most .05 however often one looks (.01 for each of not_scorable, "
+    "depth by intervention, presence_only, refusal_effect and image_invariant; that the whole run would have been "
+    "not_scorable, .02); success at following the gap by observation never stops a run. Try it with --dry-run first."
+)
 def battery(
     frames: Annotated[Path, typer.Option(help="Folder of the frame bank.")],
     out: Annotated[Path, typer.Option(help="Folder of the run; the same one resumes it.")],
@@ -41,6 +47,9 @@ def battery(
     max_calls: Annotated[int | None, typer.Option(min=1, help="Stop at so many requests of this run.")] = None,
     max_cost: Annotated[float | None, typer.Option(min=0, help="Stop at so many US dollars of this run.")] = None,
     prices: Annotated[Path | None, typer.Option(help="FILE.toml of prices; it comes before the table.")] = None,
+    stop_early: Annotated[
+        bool, typer.Option("--stop-early", help="Ask a model no more once its verdict is settled; see below.")
+    ] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the plan and make no call.")] = False,
 ) -> None:
     """Run the input-ablation battery. Interrupt it at will: the same command goes on where it stopped.
@@ -75,26 +84,33 @@ def battery(
         seed=seed,
         limit=limit,
         shard=None if shard is None else read_shard(shard),
+        stop_early=stop_early,
     )
-    for name, why in planned.left_out.items():
-        say(f"left out: {name}, because {why}")
-    calls, finished, unknown = planned.counts()
-    plan = planned.plan
-    say(
-        f"{len(plan.models)} models × {len(plan.frames)} frames × {len(plan.conditions)} conditions: {calls} calls, "
-        f"{finished} finished, {unknown} sent with unknown outcome, {calls - finished} to make"
-    )
-    for spec, facts in planned.manifest.facts.items():
-        if "warning" in facts and spec in plan.models:
-            say(f"warning: {spec}: {facts['warning']}")
-    for expected in study.expected(planned, table, concurrency=concurrency):
-        say(expected.words)
+    for line in (*_planned(planned), *(one.words for one in study.expected(planned, table, concurrency=concurrency))):
+        say(line)
+    for line in _before(planned) if stop_early else ():
+        say(line)
     if dry_run:
         return
     limits = study.within(planned, table, calls=max_calls, cost_usd=max_cost)
     with resumable(), progress("calls", "calls") as move:
         outcome = study.run(planned, concurrency=concurrency, limits=limits, progress=move)
-    _tell(outcome, calls - planned.counts()[1], out)
+    for line in _after(planned) if stop_early else ():
+        say(line)
+    _tell(outcome, planned.left(), out)
+
+
+def _planned(planned: "Battery") -> list[str]:
+    """Say what is left out and why, how many calls there are, and what the models themselves give to think about."""
+    plan, (calls, finished, unknown) = planned.plan, planned.counts()
+    to_make = f"{'at most ' if planned.manifest.stop_early else ''}{planned.left()}"
+    facts = planned.manifest.facts
+    size = f"{len(plan.models)} models × {len(plan.frames)} frames × {len(plan.conditions)} conditions"
+    return [
+        *(f"left out: {name}, because {why}" for name, why in planned.left_out.items()),
+        f"{size}: {calls} calls, {finished} finished, {unknown} sent with unknown outcome, {to_make} to make",
+        *(f"warning: {one}: {facts[one]['warning']}" for one in plan.models if "warning" in facts.get(one, {})),
+    ]
 
 
 def _tell(outcome: "Outcome", left: int, out: Path) -> None:
@@ -108,6 +124,36 @@ def _tell(outcome: "Outcome", left: int, out: Path) -> None:
         say(f"{left} calls are unfinished: their last error may pass, and the same command tries them again")
         raise typer.Exit(1)
     say(f"done: 'eyechart verdict {out}' judges, 'eyechart score {out}' prints every statistic")
+
+
+def _before(planned: "Battery") -> list[str]:
+    """Say what stopping early guarantees, and the most and the typical number of calls."""
+    from eyechart.studies.battery import GUARANTEE, VALIDITY
+
+    most = max(sum(1 for _ in planned.plan.keys_of(model)) for model in planned.plan.models)
+    counts = sorted(planned.typical().items(), key=lambda one: one[1])
+    typical = ", ".join(f"{count} ({label})" for label, count in counts)
+    return [
+        f"stop early: {GUARANTEE}",
+        f"stop early: {VALIDITY}",
+        f"stop early: at most {most} calls a model; of a controller that never wavers {typical or 'as many'}",
+    ]
+
+
+def _after(planned: "Battery") -> list[str]:
+    """Say which models were stopped early, and the calls saved."""
+    lines, planned_calls, saved = [], 0, 0
+    for model, one in planned.progress().items():
+        calls = sum(1 for _ in planned.plan.keys_of(model))
+        planned_calls += calls
+        if one.stopped is None:
+            lines.append(f"{model}: not stopped early, {one.left} of {calls} calls left")
+            continue
+        saved += one.stopped.saved
+        beyond = f", {one.stopped.beyond} ended after the stop and do not count" if one.stopped.beyond else ""
+        share = f"{one.stopped.saved} calls saved ({one.stopped.saved / calls:.0%})"
+        lines.append(f"{model}: {one.stopped.words()}: {share}{beyond}")
+    return [*lines, f"calls saved: {saved} of {planned_calls} ({saved / max(planned_calls, 1):.0%})"]
 
 
 def merge(

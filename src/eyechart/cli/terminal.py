@@ -52,6 +52,30 @@ def progress(what: str, unit: str) -> Iterator[Callable[[int, int], None]]:
 
 
 @contextmanager
+def patience(what: str, every_s: float = 2.0) -> Iterator[Callable[[str], None]]:
+    """Yield a function that is told what is under way; what takes longer than ``every_s`` is said on standard error."""
+    import threading
+
+    under_way: list[str] = []
+    over = threading.Event()
+
+    def watch() -> None:
+        said = ""
+        while not over.wait(every_s):
+            if under_way and under_way[-1] != said:
+                said = under_way[-1]
+                say(f"{what}: {said}")
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield under_way.append
+    finally:
+        over.set()
+        watcher.join()
+
+
+@contextmanager
 def resumable() -> Iterator[None]:
     """Let an interrupt end the command with one line that says what is kept, and exit 130."""
     import typer

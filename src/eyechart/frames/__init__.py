@@ -13,7 +13,7 @@ from eyechart.frames.nouns import (
     rounded_truth,
 )
 from eyechart.frames.pictures import MAX_IMAGE_BYTES, MAX_PIXELS, RGB, decode, encode, inside, read_bounded
-from eyechart.frames.reading import check, open_bank, read_axis, read_metadata
+from eyechart.frames.reading import check, open_bank, open_unchecked, read_axis, read_metadata
 from eyechart.frames.writing import BankWriter
 
 __all__ = [
@@ -35,6 +35,7 @@ __all__ = [
     "inside",
     "is_reserved",
     "open_bank",
+    "open_unchecked",
     "read_axis",
     "read_bounded",
     "read_metadata",

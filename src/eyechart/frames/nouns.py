@@ -181,6 +181,10 @@ class FrameBank:
             grouped.setdefault(frame.scenario, []).append(frame)
         object.__setattr__(self, "_by_scenario", {name: tuple(frames) for name, frames in grouped.items()})
 
+    def __repr__(self) -> str:
+        episodes = len({frame.episode for frame in self.frames})
+        return f"<FrameBank {self.name}: {len(self)} frames, {episodes} episodes, in {self.root}>"
+
     def __iter__(self) -> Iterator[Frame]:
         return iter(self.frames)
 

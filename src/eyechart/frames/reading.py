@@ -4,7 +4,7 @@ import hashlib
 import json
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, cast, get_args
 
@@ -182,18 +182,23 @@ def _geometry_problems(bank: FrameBank) -> list[str]:
     return problems
 
 
-def check(root: Path) -> list[str]:
+def open_unchecked(root: Path) -> FrameBank:
+    """Open a bank whose ground truth may differ from what its manifest recorded; ``check`` says how."""
+    manifest = _read_manifest(root / "manifest.json")
+    frames = read_metadata(root / "metadata.jsonl", manifest.prompt_columns)
+    return FrameBank(root=root, frames=frames, manifest=manifest)
+
+
+def check(root: Path, files: Collection[str] | None = None) -> list[str]:
     """Recompute a bank's fingerprint and the hash of every picture; return what differs, one line each, by name.
 
-    An empty list means that the bank is what its manifest says. Raises BankError if it cannot be opened at all.
+    ``files`` are the pictures to look at, all if none are given. An empty list means that the bank is what its
+    manifest says. Raises BankError if it cannot be opened at all.
     """
-    manifest = _read_manifest(root / "manifest.json")
-    bank = FrameBank(
-        root=root, frames=read_metadata(root / "metadata.jsonl", manifest.prompt_columns), manifest=manifest
-    )
-    problems = _geometry_problems(bank)
+    bank = open_unchecked(root)
+    manifest, problems = bank.manifest, _geometry_problems(bank)
     used = [file for frame in bank for file in files_of(frame)]
-    for file in used:
+    for file in used if files is None else [file for file in used if file in files]:
         try:
             picture = read_bounded(root, file)
             decode(picture, file)

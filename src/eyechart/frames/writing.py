@@ -37,7 +37,11 @@ class BankWriter:
         return self
 
     def add(self, frame: Frame, picture: bytes, counterfactuals: Mapping[str, bytes]) -> None:
-        """Add a frame with its encoded pictures; ``frame.file`` and ``frame.counterfactuals`` name where they go."""
+        """Add a frame with its encoded pictures; ``frame.file`` and ``frame.counterfactuals`` name where they go.
+
+        Raises BankError, naming the frame, where an id or a file is given twice, a picture is missing or leads out of
+        the bank, or the truth could not be read back as it is.
+        """
         if frame.id in self._geometry:
             raise BankError(f"frame '{frame.id}' was added twice")
         if (given := frame.fields.keys()) != set(self._manifest.prompt_columns) or given & frame.truth.keys():

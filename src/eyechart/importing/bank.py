@@ -155,7 +155,10 @@ def _check_choices(choices: Choices, places: Mapping[str, str], table: Table) ->
 
 
 def frames_of(kept: Kept, choices: Choices, locate: Callable[[str, str], str]) -> list[Frame]:
-    """Return the frames that the rows say, no picture looked at yet; ``locate`` makes a path of a file's name."""
+    """Return the frames that the rows say, no picture looked at yet; ``locate`` makes a path of a file's name.
+
+    Raises SourceError, naming table and row, for a cell that is not what its place needs.
+    """
     columns = {name: [row.get(name) for row in kept.rows] for name in kept.table.columns if name}
     truth_names, _ = reading.others(kept.places, choices.prompt_columns, kept.table.columns)
     truth: dict[str, list[Scalar]] = {

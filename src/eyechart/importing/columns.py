@@ -79,7 +79,7 @@ def read_number(cell: Cell, what: str) -> float | None:
 
 
 def read_step(cell: Cell, what: str) -> int:
-    """Return a cell as a whole number."""
+    """Return a cell as a whole number; raises SourceError, beginning with ``what``, where it is none."""
     number = read_number(cell, what)
     if number is None or number != int(number) or abs(number) > _EXACT:
         raise SourceError(f"{what} is {_quoted(cell)}, not a whole number; a step counts the frames of an episode")
@@ -87,7 +87,7 @@ def read_step(cell: Cell, what: str) -> int:
 
 
 def read_label(cell: Cell, what: str) -> str:
-    """Return a cell as a name; 3.0 is '3'."""
+    """Return a cell as a name; 3.0 is '3'. Raises SourceError, beginning with ``what``, where it is empty."""
     text = (
         str(int(cell)) if isinstance(cell, float) and math.isfinite(cell) and cell == int(cell) else str(cell).strip()
     )
@@ -97,7 +97,7 @@ def read_label(cell: Cell, what: str) -> str:
 
 
 def read_said(cell: Cell, what: str) -> Scalar:
-    """Return a cell as it will be said in a prompt: text as it stands."""
+    """Return a cell as it will be said in a prompt: text as it stands. Raises SourceError where there is nothing."""
     if cell is None or (isinstance(cell, float) and not math.isfinite(cell)):
         raise SourceError(f"{what} is {_quoted(cell)}; a prompt column needs something to say in every row")
     return cell

@@ -48,7 +48,7 @@ class ParquetTable:
         return (*self.plain, *(name for names in self.vectors.values() for name in names))
 
     def rows(self) -> Iterator[dict[str, Cell]]:
-        """Yield the rows in order, a batch in memory at a time."""
+        """Yield the rows in order, a batch in memory at a time; raises SourceError where the file cannot be read."""
         pa, pq = require("pyarrow", "pyarrow", self.extra), require("pyarrow.parquet", "pyarrow", self.extra)
         try:
             with pq.ParquetFile(self.path, read_dictionary=list(self.words), buffer_size=1 << 20) as file:

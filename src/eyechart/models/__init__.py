@@ -60,6 +60,15 @@ def open_model(spec: str, mode: RequestMode | None = None) -> Model:
     return model
 
 
+def known_models() -> dict[str, str]:
+    """Return what may be written as a SPEC, with what it is in words."""
+    return {
+        f"{adapter}:{name}": says
+        for adapter, module in ADAPTERS.items()
+        for name, says in import_module(module).names().items()
+    }
+
+
 def require_options(mode: RequestMode, known: Mapping[str, str]) -> None:
     """Raise SpecError where a mode has an option that its adapter does not know; ``known`` says each in words."""
     for name in mode.options:

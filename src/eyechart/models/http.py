@@ -257,6 +257,8 @@ def _proxy(base_url: str) -> str | None:
 def _retry_after(headers: Mapping[str, str]) -> float | None:
     """Return the seconds after which a server wants to be asked again (RFC 9110: a number or a date)."""
     said = headers.get("Retry-After", "").strip()
+    if not said:
+        return None
     with contextlib.suppress(ValueError):
         return number_of(float(said))
     with contextlib.suppress(ValueError, TypeError):

@@ -8,10 +8,10 @@ from rich.text import Text
 
 from eyechart.compare import Replication
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.battery import BatteryScore, ModelScore
+from eyechart.studies.battery import BatteryScore, ModelScore, Stopped
 from eyechart.verdicts import Verdict
 
-MARK = " (!)"
+MARK = " !"
 """Stands behind a verdict of a run that failed a guard; the guard is printed in words below."""
 _COLOUR = {
     "depth_lateral": "bold green",
@@ -49,7 +49,7 @@ def verdict_table(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> Table
             Text(f"{label}{MARK if verdict.failed else ''}", style=_COLOUR.get(label, "red")),
             verdict.lateral.label,
             verdict.paper.label,
-            f"{name}{_short(deciding)}",
+            f"{name}{_short(deciding)}" if verdict.stopped is None else _short_e(name, deciding, verdict.stopped),
         )
     return table
 
@@ -57,6 +57,11 @@ def verdict_table(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> Table
 def _short(one: Statistic) -> str:
     """Return what matters most of a statistic in few characters: its p, else its value."""
     return f", p {p_value(one.p)}" if one.p is not None else f" {number(one.value, 2)}"
+
+
+def _short_e(name: str, one: Statistic, stopped: Stopped) -> str:
+    """Return an e-value in few characters, and how many of the calls had been made when its run stopped."""
+    return f"{name.partition('.')[2]}, e {number(one.value, 0)} ({stopped.calls}/{stopped.planned})"
 
 
 def frontier_rows(score: ModelScore) -> dict[str, str]:
@@ -93,6 +98,11 @@ def frontier_table(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> Tabl
     for row in next(iter(columns.values()), {}):
         table.add_row(row, *(column[row] for column in columns.values()))
     marks = {spec: MARK if verdicts[spec].failed else "" for spec in columns}
+    if any(one.stopped for one in score.models.values()):
+        ended = (one.stopped for one in score.models.values())
+        table.add_row(
+            "stopped early", *("—" if one is None else f"{one.calls} of {one.planned} calls" for one in ended)
+        )
     table.add_row("verdict (paper)", *(verdicts[spec].paper.label + marks[spec] for spec in columns))
     table.add_row("verdict (calibrated)", *(verdicts[spec].calibrated.label + marks[spec] for spec in columns))
     return table

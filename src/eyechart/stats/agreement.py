@@ -83,7 +83,7 @@ def idi_adj_from_counts(agree_blank: int, disagree_repeat: int, n: int) -> Stati
 
 
 def clears_floor(idi_value: float, s: float) -> bool:
-    """Return whether IDI > 1.5 s, strictly (both rates between 0 and 1).
+    """Return whether IDI > 1.5 s, strictly; ValueError unless both are rates between 0 and 1.
 
     A flag of the paper and no gate: no IDI can clear the floor once s > 2/3. Source: section The
     Input-Ablation Battery.
@@ -142,6 +142,7 @@ def pooled_kappa(columns: npt.ArrayLike, *, margin: float = 0.10, alpha: float =
     exactly when p < alpha. Both are those of Wilson's score, chance held fixed, at the effective number of pairs:
     pairs of one frame may resemble each other, so their number is divided by the design effect, 1 at least (Kish
     1965). ``n`` counts the frames with a pair. The value is None below two of them, and where all answers are one.
+    ValueError for columns of another shape or kind, or an ``alpha`` outside (0, .5).
     """
     given = np.asarray(columns)
     if given.ndim != 2 or given.shape[1] < 2 or given.dtype.kind not in "iu" or not 0 < alpha < 0.5:
@@ -187,7 +188,7 @@ def kappa_from_marginal(agree_repeat: float, marginal: npt.ArrayLike) -> Statist
     """Return kappa from an agreement rate when both raters share one marginal.
 
     ``agree_repeat`` is a share; ``marginal`` holds the counts of each label. The value is None when only
-    one label occurs. Kappa is (agreement - sum p^2) / (1 - sum p^2).
+    one label occurs. Kappa is (agreement - sum p^2) / (1 - sum p^2). ValueError where either is no such number.
     """
     counts = np.asarray(marginal, dtype=float)
     if counts.ndim != 1 or counts.size == 0 or (counts < 0).any() or counts.sum() <= 0:
@@ -254,7 +255,10 @@ def swap_test(
 
 
 def binomial_tail(k: int, n: int, chance: float) -> float:
-    """Return the exact one-sided p, P(X >= k) for X binomial with ``n`` trials and probability ``chance``."""
+    """Return the exact one-sided p, P(X >= k) for X binomial with ``n`` trials and probability ``chance``.
+
+    ValueError unless 0 <= k <= n and 0 <= chance <= 1.
+    """
     if not 0 <= k <= n or not 0 <= chance <= 1:
         raise ValueError(f"a binomial tail needs 0 <= k <= n and a chance in [0, 1], got {k}, {n}, {chance}")
     if k == 0 or chance == 1:
@@ -289,6 +293,7 @@ def detectable_share(n: int, chance: float = 0.5, *, alpha: float = 0.01, power:
     """Return the smallest true rate that an exact one-sided binomial test of ``n`` trials finds with this power.
 
     The test rejects where p < ``alpha``, as the rules do. None where even ``n`` successes would not reject.
+    ValueError for a negative ``n`` or a share outside its range.
     """
     if n < 0 or not 0 <= chance < 1 or not 0 < alpha < 1 or not 0 < power < 1:
         raise ValueError(f"no such design: {n=}, {chance=}, {alpha=}, {power=}")
@@ -306,7 +311,8 @@ def binary_metrics(*, tp: int, fn: int, tn: int, fp: int) -> dict[str, Statistic
     """Return accuracy, balanced accuracy, sensitivity and specificity of a confusion matrix.
 
     Keys ``acc``, ``bal``, ``sens``, ``spec``. Rates carry Wilson intervals; ``bal``, a mean of two rates,
-    carries none. A rate over no frames is None, and ``bal`` with it. Source: Table t:guardian.
+    carries none. A rate over no frames is None, and ``bal`` with it. ValueError for a negative count. Source: Table
+    t:positive-guardian.
     """
     for name, count in (("tp", tp), ("fn", fn), ("tn", tn), ("fp", fp)):
         if count < 0:
@@ -323,7 +329,7 @@ def binary_metrics(*, tp: int, fn: int, tn: int, fp: int) -> dict[str, Statistic
 def selective_metrics(*, tp: int, fn: int, tn: int, fp: int, n: int) -> dict[str, Statistic]:
     """Return `binary_metrics` over the frames that were answered, with ``coverage``, their share of ``n``.
 
-    The four counts exclude abstentions; ``n`` counts all frames. Source: Table t:guardian.
+    The four counts exclude abstentions; ``n`` counts all frames. Source: Table t:positive-guardian.
     """
     return {"coverage": rate(tp + fn + tn + fp, n), **binary_metrics(tp=tp, fn=fn, tn=tn, fp=fp)}
 

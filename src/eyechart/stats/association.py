@@ -78,8 +78,8 @@ def chi2_test(table: npt.ArrayLike, *, correction: bool = True) -> Statistic:
 def cramers_v(table: npt.ArrayLike, *, correction: bool = True) -> Statistic:
     """Return Cramér's V, sqrt(chi2 / (n (min(rows, columns) - 1))), with the p of `chi2_test`.
 
-    ``table`` and ``correction`` as there; the paper's V carries Yates' correction. One row or one column:
-    V = 0, p = 1. Source: section The Input-Ablation Battery.
+    ``table``, a matrix of counts, and ``correction`` as there; the paper's V carries Yates' correction. One row or one
+    column: V = 0, p = 1. Source: section The Input-Ablation Battery.
     """
     chi2 = chi2_test(table, correction=correction)
     if chi2.value is None or chi2.detail is None:
@@ -91,7 +91,7 @@ def cramers_v(table: npt.ArrayLike, *, correction: bool = True) -> Statistic:
 
 
 def mutual_information_bits(table: npt.ArrayLike) -> Statistic:
-    """Return the plug-in mutual information of a table of counts, in bits.
+    """Return the plug-in mutual information of a table of counts, shape (rows, columns), in bits.
 
     Empty rows and columns are dropped. ``detail``: ``miller_madow``, less the first-order bias
     (R-1)(C-1)/(2 n ln 2) (Miller 1955; it can be negative), ``ceiling`` = min(H(rows), H(columns)) and both

@@ -87,7 +87,7 @@ def exchange_test(
     attainable p exceeds ``alpha`` the value and p are None and ``detail`` gives that p. ``n`` counts the
     decisions used. ``detail``: episodes per stratum, truncated frames, frames aligned with another step than
     their own (``shifted_frames``, told in the note: the test trusts alignment), excluded strata, mean and
-    deviation of T under the null. Source: facts section 3, the calibrated rule `depth`.
+    deviation of T under the null. Source: the calibrated rule `depth`, docs/decisions/0006.
     """
     levels, ranks = _levels(level), _numbers(gap_rank, "gap_rank")
     layout = _layout(stratum, episode, step, (len(levels), len(ranks)))
@@ -145,8 +145,9 @@ def iid_trend_test(
 ) -> Statistic:
     """Test the trend T of `exchange_test` by permuting frame by frame, within ``stratum`` if given.
 
-    For frames that are declared independent; on autocorrelated episodes it rejects far too often. Frames
-    without a decision (level -1) are left out. ``p`` is one-sided for small T, (k+1)/(B+1).
+    For frames that are declared independent; on autocorrelated episodes it rejects far too often. The arrays are those
+    of `exchange_test`, one entry per frame; ValueError where their lengths differ. Frames without a decision (level -1)
+    are left out. ``p`` is one-sided for small T, (k+1)/(B+1).
     """
     levels, ranks = _levels(level), _numbers(gap_rank, "gap_rank")
     if len(levels) != len(ranks):
@@ -181,7 +182,10 @@ def smallest_p(episodes: int | Sequence[int]) -> float:
 
 
 def episodes_needed(strata: int, *, alpha: float = 0.01) -> int:
-    """Return how many episodes each of ``strata`` strata needs for `smallest_p` to be at most ``alpha``."""
+    """Return how many episodes each of ``strata`` strata needs for `smallest_p` to be at most ``alpha``.
+
+    ValueError for no stratum or an ``alpha`` outside (0, 1).
+    """
     if strata < 1 or not 0 < alpha < 1:
         raise ValueError(f"strata={strata} must be at least 1 and alpha={alpha} in (0, 1)")
     episodes = 2

@@ -35,14 +35,15 @@ def sign_test(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 0.9
     if n == 0:
         return Statistic(None, 0, p=1.0, method=method, note="no discordant pairs", detail=detail)
     p = _fair_coin_tail(wins, n)
-    return Statistic(wins / n, n, _clopper_pearson(wins, n, level), p, method, detail=detail)
+    return Statistic(wins / n, n, clopper_pearson(wins, n, level), p, method, detail=detail)
 
 
 def mcnemar_exact(b: int, c: int) -> Statistic:
     """Test exactly and two-sidedly whether the two kinds of discordant pair are equally frequent.
 
     ``b`` pairs of one kind, ``c`` of the other. ``value`` is b/(b+c), ``n`` = b+c, ``p`` twice the smaller
-    tail of Bin(n, 1/2), at most 1. Equals R ``binom.test(b, b + c)``; used in section VI-C of the paper.
+    tail of Bin(n, 1/2), at most 1. Equals R ``binom.test(b, b + c)``; ValueError for a negative
+    count. Source: section Symmetry consensus recovers a longitudinal guardian.
     """
     if b < 0 or c < 0:
         raise ValueError(f"discordant counts b={b} and c={c} must not be negative")
@@ -125,6 +126,7 @@ def bounded_below(
     Paired 0/1 arrays as for `paired_difference`. ``p`` belongs to the null "the difference is ``margin`` or
     more" (Tango's score test, one-sided); ``ci`` is two-sided at 1 - 2 alpha, so that its upper end is the
     one-sided bound and lies below the margin exactly when p < alpha, which ``detail["bounded"]`` repeats.
+    ValueError for a margin outside (0, 1) or an ``alpha`` outside (0, .5).
     """
     if not 0 < margin < 1 or not 0 < alpha < 0.5:
         raise ValueError(f"margin={margin} must lie in (0, 1) and alpha={alpha} in (0, .5)")
@@ -190,7 +192,8 @@ def _fair_coin_tail(k: int, n: int) -> float:
     return float((2**n - ways if complement else ways) / 2**n)
 
 
-def _clopper_pearson(k: int, n: int, level: float) -> tuple[float, float]:
+def clopper_pearson(k: int, n: int, level: float = 0.95) -> tuple[float, float]:
+    """Return the exact two-sided interval of a share k/n (Clopper & Pearson 1934), as R ``binom.test`` does."""
     if not 0 < level < 1:
         raise ValueError(f"level={level} must lie between 0 and 1, for example 0.95")
     from scipy import special  # noqa: PLC0415 - slow to import

@@ -65,7 +65,8 @@ def holm(p_values: Sequence[float | None]) -> list[float | None]:
     """Return Holm's adjusted p values in the given order (Holm 1979).
 
     A None, a test that was not made, stays None and does not count in the size of the family; a constant
-    model that belongs to the family enters with p = 1. Equals R ``p.adjust(p, "holm")`` on the others.
+    model that belongs to the family enters with p = 1. Equals R ``p.adjust(p, "holm")`` on the others. ValueError for
+    a p outside [0, 1].
     """
     made = [(p, place) for place, p in enumerate(p_values) if p is not None]
     for p, place in made:
@@ -110,8 +111,8 @@ def cluster_bootstrap(
     replacement. Where the multisets of episodes number at most ``enumerate_up_to`` all are enumerated and the
     seed has no effect; 0 forces the ``resamples`` random draws. ``n`` counts episodes. The interval is None
     below two episodes; resamples without a value are left out and counted in ``detail["undefined"]`` (a
-    share). Source: section The Input-Ablation Battery. Percentile intervals of few episodes are a little
-    short.
+    share). ValueError for sums of another shape or that are not finite. Percentile intervals of few episodes are a
+    little short. Source: section The Input-Ablation Battery.
     """
     given = np.asarray(sums, dtype=np.float64)
     if given.ndim != 2 or not np.isfinite(given).all():
@@ -133,6 +134,7 @@ def episode_bootstrap(
     """Return `cluster_bootstrap` of a statistic that no sums over episodes carry, such as a median.
 
     ``statistic`` maps counts of shape (resamples, episodes), how often each episode was taken, to (resamples,).
+    ValueError for a ``level`` outside (0, 1).
     """
     if not 0 < level < 1 or resamples < 1:
         raise ValueError(f"level={level} must lie in (0, 1) and resamples={resamples} be at least 1")

@@ -6,13 +6,16 @@ docs/decisions/0006-two-sets-of-rules.md.
 """
 
 from eyechart.verdicts.calibrated import CALIBRATED_LABELS, TRUST, calibrated_rules
+from eyechart.verdicts.early import NOT_JUDGED
 from eyechart.verdicts.judging import Verdict, judge, scope
-from eyechart.verdicts.lateral import lateral_rules
+from eyechart.verdicts.lateral import LATERAL_LABELS, lateral_rules
 from eyechart.verdicts.paper import PAPER_LABELS, paper_rules
 from eyechart.verdicts.ruling import Ruling
 
 __all__ = [
     "CALIBRATED_LABELS",
+    "LATERAL_LABELS",
+    "NOT_JUDGED",
     "PAPER_LABELS",
     "TRUST",
     "Ruling",

@@ -5,12 +5,8 @@ from collections.abc import Mapping
 from eyechart.stats.paired import pairs_to_bound
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.battery import ALPHA, MARGIN
+from eyechart.studies.battery import ALPHA, FLOOR, MARGIN, UNPARSED_CUT
 from eyechart.verdicts.ruling import Ruling, decided, number
-
-UNPARSED = 0.05
-FLOOR = 0.2
-"""``self_inconsistent`` needs a lower bound of s above this and a kappa of real against real_repeat below it."""
 
 POSITIVE_CLAIMS = 6
 """depth, self_inconsistent, content (Holm over two tests), scene_cue, presence_only, refusal_effect."""
@@ -49,8 +45,8 @@ def calibrated_rules(found: Mapping[str, Statistic], *, swaps: bool) -> tuple[Ru
     unparsed, depth = found["unparsed_reference"], found[name]
     if unparsed.value is None:
         return Ruling("undecided", "unparsed_reference", "no call with the real picture has come back"), evidence
-    if unparsed.value > UNPARSED:
-        return decided("not_scorable", "unparsed_reference", unparsed, f"above {UNPARSED}"), evidence
+    if unparsed.value > UNPARSED_CUT:
+        return decided("not_scorable", "unparsed_reference", unparsed, f"above {UNPARSED_CUT}"), evidence
     if depth.p is not None and depth.p < ALPHA:
         label = "depth_lateral" if swaps else "depth"
         return decided(label, name, depth, "it brakes harder where the lead is nearer"), evidence

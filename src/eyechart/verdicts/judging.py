@@ -6,11 +6,20 @@ from dataclasses import dataclass
 from eyechart.integrity import Guard
 from eyechart.stats.exchange import episodes_needed
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.battery import ALPHA, BatteryScore, ModelScore
+from eyechart.studies.battery import ALPHA, GUARANTEE, BatteryScore, ModelScore, Stopped
+from eyechart.studies.battery.stopping import PREFIX
 from eyechart.verdicts.calibrated import POSITIVE_CLAIMS, TRUST, calibrated_rules
+from eyechart.verdicts.card import card, numbers
+from eyechart.verdicts.early import early_lateral, early_paper, early_rules
 from eyechart.verdicts.lateral import lateral_rules
 from eyechart.verdicts.paper import paper_rules
 from eyechart.verdicts.ruling import Ruling, number
+
+_ASKED = {
+    "interventional": "intervention: the same moment with the lead vehicle near and far",
+    "observational": "observation: whether braking goes with the gap that frames happen to have",
+    "none": "nothing: it could not be tested",
+}
 
 
 @dataclass(frozen=True)
@@ -18,8 +27,10 @@ class Verdict:
     """What a model's answers support under both sets of rules; the calibrated label is the headline.
 
     ``lateral`` is its own axis; ``evidence`` says how the question of distance was put: by intervention on the
-    picture, by observation, or not at all. ``trust`` and ``scope`` are one sentence each. ``failed`` are the
-    guards that say that the run itself is not to be believed; they mark the verdict wherever it is printed.
+    picture, by observation, or not at all. ``trust`` and ``scope`` are one sentence each. ``stopped`` says where the
+    run settled it early: it then rests on e-values, and the paper's label is ``not_judged``. ``failed`` are the guards
+    that say that the run itself is not to be believed; they mark the verdict wherever it is printed. ``print`` it for
+    the evidence in words; a notebook shows it as a card.
     """
 
     model: str
@@ -30,6 +41,7 @@ class Verdict:
     trust: str
     scope: str
     notes: tuple[str, ...]
+    stopped: Stopped | None = None
     failed: tuple[Guard, ...] = ()
 
     @property
@@ -53,7 +65,32 @@ class Verdict:
             "scope": self.scope,
             "notes": list(self.notes),
             "failed_guards": list(self.marks),
+            "stopped_early": None if self.stopped is None else self.stopped.as_dict(),
         }
+
+    def __repr__(self) -> str:
+        labels = f"{self.calibrated.label}; lateral {self.lateral.label}; paper's rules {self.paper.label}"
+        return f"<Verdict on {self.model}: {labels}>"
+
+    def __str__(self) -> str:
+        lines = (*self.marks, self.calibrated.because, self.lateral.because, self.trust, *self.notes)
+        return "\n  ".join([f"{self.model}: {self.calibrated.label}, evidence {self.evidence}", *lines])
+
+    def _repr_html_(self) -> str:
+        ruling = self.calibrated
+        return card(
+            model=self.model,
+            label=ruling.label,
+            sentence=self.trust,
+            rows=(
+                ("because", ruling.words),
+                ("decided by", numbers(ruling.decided_by, ruling.statistic)),
+                ("distance asked by", _ASKED.get(self.evidence, self.evidence)),
+                ("lateral", f"{self.lateral.label}: {self.lateral.because}"),
+                ("paper's rules", f"{self.paper.label}: {self.paper.because}"),
+            ),
+            small=(*self.marks, *self.notes, self.scope),
+        )
 
 
 def judge(score: BatteryScore) -> dict[str, Verdict]:
@@ -62,12 +99,16 @@ def judge(score: BatteryScore) -> dict[str, Verdict]:
 
 
 def _judge_one(score: BatteryScore, model: ModelScore) -> Verdict:
-    found, space = model.statistics, score.bank.manifest.action_space
-    lateral = lateral_rules(found, model, space)
-    calibrated, evidence = calibrated_rules(found, swaps=lateral.label == "swaps")
+    found, space, stopped = model.statistics, score.bank.manifest.action_space, model.stopped
+    settled = early_lateral(found, stopped) if stopped else None
+    lateral = settled or lateral_rules(found, model, space)
+    if stopped is not None:
+        calibrated, evidence = early_rules(found, stopped, lateral)
+    else:
+        calibrated, evidence = calibrated_rules(found, swaps=lateral.label == "swaps")
     return Verdict(
         model=model.model,
-        paper=paper_rules(found, model.holm),
+        paper=paper_rules(found, model.holm) if stopped is None else early_paper(stopped),
         calibrated=calibrated,
         lateral=lateral,
         evidence=evidence,
@@ -75,6 +116,7 @@ def _judge_one(score: BatteryScore, model: ModelScore) -> Verdict:
         scope=scope(score, model),
         notes=_notes(found, model),
         failed=tuple(guard for guard in score.guards.get(model.model, ()) if guard.holds is False),
+        stopped=stopped,
     )
 
 
@@ -99,8 +141,13 @@ def _count(number: int, noun: str) -> str:
 
 def _notes(found: Mapping[str, Statistic], model: ModelScore) -> tuple[str, ...]:
     notes = []
-    if model.answered < model.planned:
-        notes.append(f"partial: {model.answered} of {model.planned} planned calls are finished")
+    if model.stopped is not None:
+        notes.append(_how_stopped(model.stopped))
+    elif model.answered < model.planned:
+        unsettled = "; nothing is settled early, and tests of a fixed size hold at the end only"
+        early = any(name.startswith(PREFIX) for name in found)
+        words = f"partial: {model.answered} of {model.planned} planned calls are finished"
+        notes.append(words + (unsettled if early else ""))
     if (found["unparsed_rate"].value or 0.0) > 0.0:
         reasons = (found["unparsed_rate"].detail or {}).get("reasons", {})
         notes.append(f"{number(found['unparsed_rate'])} of the calls hold no decision: {reasons}")
@@ -111,6 +158,8 @@ def _notes(found: Mapping[str, Statistic], model: ModelScore) -> tuple[str, ...]
     )
     if refused:
         notes.append(f"it refused {refused} non-pictures (blank, noise or text only)")
+    if model.stopped is not None:
+        return (*notes, f"anytime-valid: {GUARANTEE}")
     if found["depth_interventional"].p is None and found["depth_observational"].p is None:
         notes.append(f"whether it follows the gap was not tested: {found['depth_observational'].note}")
         if model.answers.gap is not None:
@@ -125,3 +174,8 @@ def _notes(found: Mapping[str, Statistic], model: ModelScore) -> tuple[str, ...]
         f"of at most {most:.2f}, which adds up over the models and prompts that are tried on one bank"
     )
     return tuple(notes)
+
+
+def _how_stopped(stopped: Stopped) -> str:
+    note = f"{stopped.words()}, after {stopped.frames} frames; {stopped.saved} calls saved"
+    return f"{note}; {stopped.beyond} ended after the stop and do not count" if stopped.beyond else note

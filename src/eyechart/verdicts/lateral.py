@@ -8,6 +8,8 @@ from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import ALPHA, ModelScore
 from eyechart.verdicts.ruling import SWAP_RATE, Ruling, decided
 
+LATERAL_LABELS = ("swaps", "does_not_swap", "one_sided", "no_power", "not_tested")
+
 
 def lateral_rules(found: Mapping[str, Statistic], model: ModelScore, space: ActionSpace) -> Ruling:
     """Return the lateral label: whether LEFT and RIGHT are exchanged under reflection, if that can be told."""

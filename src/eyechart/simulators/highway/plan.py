@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 MOST_TREND = 0.2
-"""The largest |Spearman(step, gap)| of an episode (calibrated rules)."""
+"""The largest Spearman correlation of step and gap in an episode, in magnitude: the gap must have no order in time."""
 
 LEAST_STEPS = 4
 """Fewer moments cannot hold a near gap, LEFT, RIGHT and a far gap, nor an order without a trend."""
@@ -74,7 +74,7 @@ def share(steps: int, rng: np.random.Generator) -> dict[str, int]:
 
 
 def trend(gaps: npt.NDArray[np.float64]) -> float:
-    """Return Spearman's correlation of gaps without ties with their order."""
+    """Return Spearman's correlation of gaps, shape (steps,), in metres and without ties, with their order."""
     ranks = np.argsort(np.argsort(gaps))
     return float(np.corrcoef(ranks, np.arange(len(ranks)))[0, 1])
 

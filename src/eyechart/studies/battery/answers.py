@@ -73,7 +73,7 @@ class Answers:
         return one[have], other[have], have
 
     def levels(self, actions: Symbols) -> NDArray[np.int64]:
-        """Return braking levels, 0 for what does not brake and -1 for what is no decision."""
+        """Return the braking level of each symbol of an array: 0 where it does not brake, -1 for no decision."""
         levels = np.full(len(actions), -1, dtype=np.int64)
         for action in self.space.actions:
             levels[actions == action] = self.space.braking_level(action)
@@ -96,7 +96,10 @@ class Answers:
 
     @cached_property
     def gaps(self) -> NDArray[np.float64] | None:
-        """Return each frame's gap, infinite where there is no lead; None where the bank records no gap."""
+        """Return each frame's gap in the bank's unit, infinite where there is no lead; None where it records no gap.
+
+        Raises BankError, naming the frame, where the declared column is missing or holds no number.
+        """
         if self.gap is None:
             return None
         column, values = self.gap.column, []

@@ -23,6 +23,12 @@ MARGIN = 0.10
 LEVEL = 1 - 2 * ALPHA
 """Two-sided level of the intervals, so that each end is a one-sided bound at alpha."""
 
+UNPARSED_CUT = 0.05
+"""Above this share of real and real_repeat calls without a decision a model is not scorable."""
+
+FLOOR = 0.2
+"""``self_inconsistent`` needs a lower bound of s above this and a kappa of real against real_repeat below it."""
+
 FEWEST_PAIRS = 7
 """With fewer pairs an exact sign test cannot reach alpha .01 (2 to the power of -7 is .0078)."""
 

@@ -20,6 +20,9 @@ from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
 from eyechart.prompts import Prompt, find_prompt, neutral, require_sayable
 from eyechart.run import Plan, Progress, execute, spread
+from eyechart.studies.battery.stopping import NEEDED
+from eyechart.studies.battery.watching import EarlyStop, layout_for, typical
+from eyechart.studies.battery.watching import Progress as HowFar
 
 STUDY = "battery"
 
@@ -43,8 +46,34 @@ class Battery:
         with Ledger(self.out / LEDGER) as ledger:
             return len(keys), len(keys & ledger.finished()), len(keys & ledger.unknown())
 
+    def left_by_model(self) -> dict[str, int]:
+        """Return how many calls of each model are still to be made; at most so many where the run stops early."""
+        if self.manifest.stop_early:
+            return {spec: one.left for spec, one in self.progress().items()}
+        finished: set[CallKey] = set()
+        if (self.out / LEDGER).is_file():
+            with Ledger(self.out / LEDGER) as ledger:
+                finished = ledger.finished()
+        return {spec: sum(key not in finished for key in self.plan.keys_of(spec)) for spec in self.plan.models}
 
-def plan(
+    def left(self) -> int:
+        """Return how many calls are still to be made, of all models."""
+        return sum(self.left_by_model().values())
+
+    def progress(self) -> dict[str, HowFar]:
+        """Return how far each model of a run that stops early is."""
+        if not (self.out / LEDGER).is_file():
+            return {model: HowFar(None, sum(1 for _ in self.plan.keys_of(model))) for model in self.plan.models}
+        with Ledger(self.out / LEDGER) as ledger:
+            watch = EarlyStop(self.plan, ledger)
+        return {model: watch.progress(model) for model in self.plan.models}
+
+    def typical(self) -> dict[str, int]:
+        """Return how many calls a clear controller of each kind takes where the run stops early."""
+        return typical(layout_for(self.plan, self.plan.models[0]))
+
+
+def plan(  # noqa: PLR0913 - what a battery can be asked for
     bank_path: Path,
     specs: Sequence[str | RequestMode],
     out: Path,
@@ -54,14 +83,17 @@ def plan(
     seed: int = 0,
     limit: int | None = None,
     shard: tuple[int, int] | None = None,
+    stop_early: bool = False,
 ) -> Battery:
     """Plan a battery, or the rest of one that ``out`` holds already; nothing is written or asked yet.
 
     ``specs`` name the models, each by its SPEC, to be asked in the default mode, or by the mode itself.
     ``conditions`` default to the eight of Table t:conditions and the counterfactuals, those that the bank can supply,
     and text_swapped where the prompt has fields. ``prompt`` is a name or a TOML file; it defaults to ``baseline``, and
-    to a plain one for imported frames. Raises BankError where a picture is not the one that the bank's manifest
-    recorded, SpecError for an unknown name, and LedgerError where ``out`` holds another run.
+    to a plain one for imported frames. With ``stop_early`` a model is no longer asked once its verdict is settled; it
+    needs whole frames and the conditions real, real_repeat and blank. Raises BankError where a picture is not the one
+    that the bank's manifest recorded, SpecError for an unknown name or for what cannot be stopped early, and
+    LedgerError where ``out`` holds another run.
     """
     given = [one if isinstance(one, RequestMode) else RequestMode(one) for one in specs]
     asked = {mode.spec: mode for mode in given}
@@ -76,12 +108,14 @@ def plan(
     formulation = _prompt_for(bank, prompt)
     bank = asked_of(bank, formulation)
     require_sayable(formulation, bank)
-    supplied, left_out = _conditions_of(bank, formulation)
+    supplied, left_out = conditions_of(bank, formulation)
     chosen = tuple(dict.fromkeys(conditions)) if conditions else supplied
     for name in chosen:
         find_condition(name)
         if name in left_out:
             raise BankError(f"condition '{name}' cannot be shown: {left_out[name]}")
+    if stop_early:
+        _require_stoppable(chosen, shard)
     manifest = RunManifest(
         study=STUDY,
         created=today(),
@@ -96,10 +130,25 @@ def plan(
         versions=versions(),
         modes=asked,
         facts={spec: dict(model.facts) for spec, model in models.items() if model.facts},
+        stop_early=stop_early,
     )
     manifest = _resumed(out, manifest, bank)
+    if stop_early:  # when it settles depends on all that the run asks, also where it was begun with more
+        chosen, limit = manifest.conditions, manifest.limit
     the_plan = plan_of(manifest, bank, models=tuple(models), conditions=chosen, limit=limit)
     return Battery(the_plan, models, manifest, out, {} if conditions else _expected(left_out, formulation))
+
+
+def _require_stoppable(conditions: Sequence[str], shard: tuple[int, int] | None) -> None:
+    if shard is not None:
+        raise SpecError(
+            "--stop-early needs all calls of a frame in one run: leave out --shard; machines can share the models"
+        )
+    missing = [name for name in NEEDED if name not in conditions]
+    if missing:
+        raise SpecError(
+            f"--stop-early needs the conditions {', '.join(NEEDED)}; --conditions lacks {', '.join(missing)}"
+        )
 
 
 def _prompt_for(bank: FrameBank, name: str | None) -> Prompt:
@@ -119,7 +168,7 @@ def _expected(left_out: Mapping[str, str], prompt: Prompt) -> dict[str, str]:
     }
 
 
-def _conditions_of(bank: FrameBank, prompt: Prompt) -> tuple[tuple[str, ...], dict[str, str]]:
+def conditions_of(bank: FrameBank, prompt: Prompt) -> tuple[tuple[str, ...], dict[str, str]]:
     """Return the conditions that the bank can supply, and why it cannot supply the others."""
     left_out: dict[str, str] = {}
     for name, one in CONDITIONS.items():
@@ -173,13 +222,9 @@ def plan_of(
 
 def expected(battery: Battery, prices: Prices, *, concurrency: int) -> tuple[Estimate, ...]:
     """Return what the calls that are still to be made are expected to take, by model."""
-    finished: set[CallKey] = set()
-    if (battery.out / LEDGER).is_file():
-        with Ledger(battery.out / LEDGER) as ledger:
-            finished = ledger.finished()
-    left = {spec: sum(key not in finished for key in battery.plan.keys_of(spec)) for spec in battery.plan.models}
     return tuple(
-        estimate(battery.manifest.mode(spec), calls, prices, concurrency=concurrency) for spec, calls in left.items()
+        estimate(battery.manifest.mode(spec), calls, prices, concurrency=concurrency)
+        for spec, calls in battery.left_by_model().items()
     )
 
 
@@ -211,18 +256,37 @@ def run(
             manifest = _resumed(battery.out, battery.manifest, battery.plan.bank)
             write_run(battery.out, manifest, battery.plan.bank)
             with Ledger(battery.out / LEDGER, create=True) as ledger:
-                return execute(
-                    battery.plan,
-                    battery.models,
-                    ledger,
-                    concurrency=concurrency,
-                    attempts=attempts,
-                    limits=limits,
-                    progress=progress,
-                )
+                return _ask(battery, manifest, ledger, concurrency, attempts, limits, progress)
     except sqlite3.Error as error:
         raise LedgerError(f"{battery.out / LEDGER} cannot be written: {error}; the same command resumes") from error
     except Timeout as error:
         raise LedgerError(
             f"another process is writing to {battery.out}; wait for it, or choose another --out"
         ) from error
+
+
+def _ask(
+    battery: Battery,
+    manifest: RunManifest,
+    ledger: Ledger,
+    concurrency: int,
+    attempts: int,
+    limits: Limits | None,
+    progress: Progress | None,
+) -> Outcome:
+    """Make the calls; where all frames were asked for some conditions and it settled nothing, those left out too."""
+    for again in (True, False):
+        watch = EarlyStop(battery.plan, ledger) if manifest.stop_early else None
+        outcome = execute(
+            battery.plan,
+            battery.models,
+            ledger,
+            concurrency=concurrency,
+            attempts=attempts,
+            limits=limits,
+            progress=progress,
+            watch=watch,
+        )
+        if watch is None or not watch.exhausted or outcome.stopped or not again:
+            break
+    return outcome

@@ -12,6 +12,8 @@ from eyechart.stats.agreement import detectable_share, trials_needed
 from eyechart.stats.exchange import exchange_test
 from eyechart.stats.paired import bounded_below, pairs_to_bound
 from eyechart.studies.battery.calibrated import ALPHA, FEWEST_PAIRS, MARGIN
+from eyechart.studies.battery.stopping import layout_of
+from eyechart.studies.battery.watching import typical
 
 POWER = 0.80
 SWAP_RATE = 0.65
@@ -36,7 +38,8 @@ class BankPower:
     level differs, were all to differ; None where no share can be found. ``directional`` counts the frames that demand
     a turn, None where the bank does not say. ``smallest_bound`` is the smallest effect whose absence the frames can
     show of a model that never disagrees with itself, and ``largest_disagreement`` the self-disagreement up to which
-    an effect below the margin can be bounded; None where it cannot. ``cannot_say`` maps a test to the reason.
+    an effect below the margin can be bounded; None where it cannot. ``stopped_early`` counts the calls after which a
+    controller that never wavers is settled with --stop-early, by label. ``cannot_say`` maps a test to the reason.
     """
 
     bank: str
@@ -52,6 +55,7 @@ class BankPower:
     smallest_bound: float | None
     frames_to_bound: int
     largest_disagreement: float | None
+    stopped_early: Mapping[str, int]
     cannot_say: Mapping[str, str]
 
     def as_dict(self) -> dict[str, object]:
@@ -75,6 +79,7 @@ class BankPower:
             "smallest_bound": self.smallest_bound,
             "frames_to_bound": self.frames_to_bound,
             "largest_disagreement": self.largest_disagreement,
+            "stopped_early": dict(self.stopped_early),
             "cannot_say": dict(self.cannot_say),
         }
 
@@ -106,6 +111,10 @@ class BankPower:
                 f"{_number(self.largest_disagreement)}"
             ),
         ]
+        counts = sorted(self.stopped_early.items(), key=lambda one: one[1])
+        early = ", ".join(f"{count} ({label})" for label, count in counts) or "as many"
+        most = f"at most {sum(self.calls.values())} calls a model"
+        said.append(f"stopping early (--stop-early): {most}; of a controller that never wavers {early}")
         said += [f"model {spec}: {self.asked(spec)['calls']} calls, cost —" for spec in specs]
         said += [f"cannot say: {test}: {why}" for test, why in self.cannot_say.items()]
         return said
@@ -146,8 +155,15 @@ def power_of(bank: FrameBank) -> BankPower:
             (share for share in _DISAGREEMENTS if pairs_to_bound(share, margin=MARGIN, alpha=ALPHA) <= len(bank)),
             default=None,
         ),
+        stopped_early=_stopped_early(bank, calls),
         cannot_say=_cannot_say(bank, calls, pairs, why),
     )
+
+
+def _stopped_early(bank: FrameBank, calls: Mapping[str, int]) -> dict[str, int]:
+    shown = [name for name, count in calls.items() if count]
+    asked = {frame.id: tuple(name for name in shown if available(name, frame)) for frame in bank}
+    return typical(layout_of(bank.frames, asked, bank.manifest.action_space, 0))
 
 
 def _episodes(bank: FrameBank) -> dict[str, int]:

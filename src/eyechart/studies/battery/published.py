@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eyechart.actions import Decision
-from eyechart.conditions import BATTERY
+from eyechart.conditions import BATTERY, CONDITIONS
 from eyechart.seeds import key_seed
 from eyechart.stats.agreement import clears_floor, rate, swap_test
 from eyechart.stats.association import (
@@ -103,8 +103,7 @@ class Published:
     def _agreements(self, level: str) -> Statistics:
         differ: dict[str, tuple[Floats, Mask]] = {}
         found: Statistics = {}
-        swapped = tuple(name for name in ("text_swapped",) if name in self.answers.decisions)
-        for name in (*BATTERY[1:], *swapped):
+        for name in (*BATTERY[1:], *self._further()):
             real, other, have = self.answers.both("real", name, level)
             differ[name] = ((real != other).astype(np.float64), have)
             found[f"agree.{name}"] = self._share((real == other).astype(np.float64), have, f"agree.{name}.{level}")
@@ -113,6 +112,12 @@ class Published:
         found["idi_adj"] = self._difference(*differ["blank"], *differ["real_repeat"], f"idi_adj.{level}")
         found["clears_floor"] = _clears(found["idi"], found["noise_floor"])
         return found
+
+    def _further(self) -> tuple[str, ...]:
+        """Return the conditions asked beside the eight, without counterfactuals, which are compared in pairs."""
+        asked = self.answers.decisions
+        others = (name for name, one in CONDITIONS.items() if name not in BATTERY and not one.counterfactual)
+        return tuple(name for name in others if name in asked)
 
     def _dependence(self, level: str) -> Statistics:
         every = {name: self.answers.symbols(name, level) for name in BATTERY}

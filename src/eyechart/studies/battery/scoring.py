@@ -1,14 +1,14 @@
 """Scoring a run: ledger and bank to decisions to statistics; it only reads, and gives the same bytes every time."""
 
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from eyechart.costs import Account, accounts
+from eyechart.costs import Account, Book
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank
-from eyechart.integrity import Guard, guards
+from eyechart.integrity import Guard, Watch
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
 from eyechart.models.prices import Prices, read_prices
@@ -20,6 +20,8 @@ from eyechart.studies.battery.answers import Answers, read_answers
 from eyechart.studies.battery.calibrated import Calibrated
 from eyechart.studies.battery.planning import plan_of
 from eyechart.studies.battery.published import Published, Resampling
+from eyechart.studies.battery.stopping import Course, Stopped
+from eyechart.studies.battery.watching import EarlyStop, layout_for
 
 Took = tuple[dict[str, dict[str, Account]], dict[str, tuple[Guard, ...]]]
 """By model: accounts by condition, and guards."""
@@ -32,7 +34,9 @@ HOLM = ("cramers_v", "cramers_v.decision", "obstacle", "mutual_information", "mu
 class ModelScore:
     """One model's decisions and statistics. ``holm`` maps a test to its p corrected over the run's models.
 
-    ``planned`` and ``answered`` count calls; a verdict on fewer than planned says so.
+    ``planned`` and ``answered`` count calls; a verdict on fewer than planned says so. ``stopped`` says where the run
+    settled its verdict early: then ``answers`` and ``answered`` hold the calls that count, ``statistics`` their
+    e-values, and of all others the value alone, because a p or an interval of a sample of fixed size is none here.
     """
 
     model: str
@@ -42,6 +46,7 @@ class ModelScore:
     answers: Answers
     statistics: Mapping[str, Statistic]
     holm: Mapping[str, float | None]
+    stopped: Stopped | None = None
 
 
 @dataclass(frozen=True)
@@ -54,6 +59,9 @@ class BatteryScore:
     accounting: Mapping[str, Mapping[str, Account]]
     guards: Mapping[str, tuple[Guard, ...]]
 
+    def __repr__(self) -> str:
+        return f"<BatteryScore of {', '.join(self.models) or 'no model'} on {self.bank.name}>"
+
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values; what two runs may differ in (timing, attempts) is ``accounting`` and ``guards``."""
         return {
@@ -62,12 +70,14 @@ class BatteryScore:
             "fingerprint": self.manifest.fingerprint,
             "prompt": self.manifest.prompt.key,
             "seed": self.manifest.seed,
+            "stop_early": self.manifest.stop_early,
             "reader": READER,
             "models": {
                 spec: {
                     "version": score.version,
                     "planned": score.planned,
                     "answered": score.answered,
+                    "stopped": None if score.stopped is None else score.stopped.as_dict(),
                     "statistics": {name: value.as_dict() for name, value in score.statistics.items()},
                     "holm": dict(score.holm),
                 }
@@ -80,23 +90,23 @@ class BatteryScore:
         }
 
 
-def score(
-    path: Path,
-    *,
-    resamples: int = 5000,
-    independent: bool = False,
-    reread: bool = False,
-    prices: Prices | None = None,
-) -> BatteryScore:
+def score(path: Path, *, resamples: int = 5000, independent: bool = False, reread: bool = False) -> BatteryScore:
     """Score the battery in a run's folder, finished or not.
 
     ``independent`` declares that frames outside episodes are independent draws, as a bank's manifest may. ``reread``
-    allows the replies of a run that was begun under another version of the reader to be read by today's; ``prices``
-    are those of the package by default. Raises
+    allows the replies of a run that was begun under another version of the reader to be read by today's. Raises
     LedgerError or BankError where the folder is no run, or needs ``reread``, and SpecError where independence is
     declared of a bank with episodes.
     """
     manifest, bank = read_run(path)
+    require_scorable(path, manifest, bank, independent=independent, reread=reread)
+    return score_run(manifest, bank, path / LEDGER, resamples=resamples, independent=independent)
+
+
+def require_scorable(
+    path: Path, manifest: RunManifest, bank: FrameBank, *, independent: bool = False, reread: bool = False
+) -> None:
+    """Raise LedgerError or SpecError where a run may not be scored as was asked, see ``score``."""
     if manifest.reader != READER and not reread:
         raise LedgerError(
             f"{path} was begun under version {manifest.reader} of the reader of replies, and this is version {READER}: "
@@ -111,17 +121,30 @@ def score(
             f"{path}: the frames of an episode are not independent draws, and this bank records episodes; "
             "leave out --independent"
         )
+
+
+def score_run(
+    manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, resamples: int = 5000, independent: bool = False
+) -> BatteryScore:
+    """Score the calls in a ledger by a run's manifest and its bank, whoever vouches for these."""
     independent = independent or bank.manifest.independent
     how = Resampling(resamples=resamples, seed=manifest.seed)
     plan, told = plan_of(manifest, bank), bool(manifest.prompt.fields)
-    with Ledger(path / LEDGER) as ledger:
+    with Ledger(ledger_path) as ledger:
         answers = {
             spec: read_answers(spec, ledger.replies(spec), bank, plan.frames, independent=independent, told=told)
             for spec in manifest.models
         }
-        spent, kept = _took(ledger, manifest, plan, prices or read_prices())
-    statistics = {spec: statistics_of(one, how, independent=independent) for spec, one in answers.items()}
-    corrected = _corrected(statistics)
+        finished = _finished(ledger, manifest.models) if manifest.stop_early else {}
+        courses = {spec: _course(plan, answers[spec], finished[spec]) for spec in finished}
+        spent, kept = _took(ledger, manifest, plan, read_prices(), courses)
+    stopped = {spec: course.stopped(answers[spec].finished) for spec, course in courses.items()}
+    answers = {spec: _counting(one, courses[spec]) if stopped.get(spec) else one for spec, one in answers.items()}
+    statistics = {
+        spec: _with_evidence(statistics_of(one, how, independent=independent), courses.get(spec), stopped.get(spec))
+        for spec, one in answers.items()
+    }
+    corrected = _corrected(statistics, {spec for spec, one in stopped.items() if one is not None})
     models = {
         spec: ModelScore(
             model=spec,
@@ -131,6 +154,7 @@ def score(
             answers=answers[spec],
             statistics=statistics[spec],
             holm=corrected[spec],
+            stopped=stopped.get(spec),
         )
         for spec, version in manifest.models.items()
     }
@@ -140,18 +164,79 @@ def score(
 def took(path: Path, *, prices: Prices | None = None) -> Took:
     """Return what every model's calls took, and whether the guards hold, without the statistics."""
     manifest, bank = read_run(path)
+    plan = plan_of(manifest, bank)
     with Ledger(path / LEDGER) as ledger:
-        return _took(ledger, manifest, plan_of(manifest, bank), prices or read_prices())
+        courses = EarlyStop(plan, ledger).courses if manifest.stop_early else {}
+        return _took(ledger, manifest, plan, prices or read_prices(), courses)
 
 
-def _took(ledger: Ledger, manifest: RunManifest, plan: Plan, prices: Prices) -> Took:
+def _took(ledger: Ledger, manifest: RunManifest, plan: Plan, prices: Prices, courses: Mapping[str, Course]) -> Took:
     spent: dict[str, dict[str, Account]] = {}
     kept: dict[str, tuple[Guard, ...]] = {}
     for spec in manifest.models:
-        sent, mode = list(ledger.attempts(spec)), manifest.mode(spec)
-        spent[spec] = accounts(sent, mode, plan.bank.manifest.action_space, prices)
-        kept[spec] = guards(sent, list(plan.keys_of(spec)), mode, manifest.fingerprint)
+        mode = manifest.mode(spec)
+        book, watch = Book(mode, plan.bank.manifest.action_space, prices), Watch(mode)
+        for one in ledger.attempts(spec):
+            book.add(one)
+            watch.add(one)
+        course = courses.get(spec)
+        asked = (key for key in plan.keys_of(spec) if course is None or key.condition in course.wanted(key.frame))
+        spent[spec], kept[spec] = book.accounts(), watch.guards(asked, manifest.fingerprint)
     return spent, kept
+
+
+def _finished(ledger: Ledger, models: Collection[str]) -> dict[str, set[tuple[str, str]]]:
+    """Return the finished calls of each model, as (frame, condition)."""
+    found: dict[str, set[tuple[str, str]]] = {model: set() for model in models}
+    for key in ledger.finished():
+        if key.model in found:
+            found[key.model].add((key.frame, key.condition))
+    return found
+
+
+def _course(plan: Plan, answers: Answers, finished: Collection[tuple[str, str]]) -> Course:
+    """Return how far a model's evidence comes with the calls that are finished."""
+    given = {
+        (frame.id, name): one
+        for name, column in answers.decisions.items()
+        for frame, one in zip(answers.frames, column, strict=True)
+        if one is not None and (frame.id, name) in finished
+    }
+    course = Course(layout_for(plan, answers.model))
+    course.advance(given)
+    return course
+
+
+def _counting(answers: Answers, course: Course) -> Answers:
+    """Return the answers that count: those up to the stop."""
+    counted = set(course.counted)
+    decisions = {
+        name: tuple(
+            one if (frame.id, name) in counted else None for frame, one in zip(answers.frames, column, strict=True)
+        )
+        for name, column in answers.decisions.items()
+    }
+    return replace(answers, decisions=decisions, finished=len(counted))
+
+
+def _with_evidence(
+    found: Mapping[str, Statistic], course: Course | None, stopped: Stopped | None
+) -> dict[str, Statistic]:
+    """Add the e-values of a run that stops early; where it stopped, take away what holds at a fixed size only."""
+    if course is None:
+        return dict(found)
+    if stopped is None:
+        return {**found, **course.statistics()}
+    bare = {name: one if name == stopped.lateral_by else _bare(one) for name, one in found.items()}
+    return {**bare, **course.statistics()}
+
+
+def _bare(one: Statistic) -> Statistic:
+    """Return a statistic of a run that stopped early without what holds at a fixed size only."""
+    words = "stopped early: a p or an interval would hold at a fixed size only"
+    tested = {name for name in one.detail or {} if name.startswith("p_") or name.endswith("_p") or name == "bounded"}
+    detail = None if one.detail is None else {name: of for name, of in one.detail.items() if name not in tested}
+    return replace(one, ci=None, p=None, note=f"{one.note}; {words}" if one.note else words, detail=detail)
 
 
 def statistics_of(answers: Answers, how: Resampling, *, independent: bool = False) -> dict[str, Statistic]:
@@ -159,11 +244,13 @@ def statistics_of(answers: Answers, how: Resampling, *, independent: bool = Fals
     return Published(answers, how).statistics() | Calibrated(answers, how, independent).statistics()
 
 
-def _corrected(statistics: Mapping[str, Mapping[str, Statistic]]) -> dict[str, dict[str, float | None]]:
-    """Correct each test over the models; a constant model enters with p = 1."""
+def _corrected(
+    statistics: Mapping[str, Mapping[str, Statistic]], stopped: Collection[str]
+) -> dict[str, dict[str, float | None]]:
+    """Correct each test over the models; a constant model enters with p = 1, and so does one that stopped early."""
     by_model: dict[str, dict[str, float | None]] = {spec: {} for spec in statistics}
     for test in HOLM:
-        corrected = holm([found[test].p for found in statistics.values()])
+        corrected = holm([1.0 if spec in stopped else found[test].p for spec, found in statistics.items()])
         for spec, p in zip(statistics, corrected, strict=True):
-            by_model[spec][test] = p
+            by_model[spec][test] = None if spec in stopped else p
     return by_model

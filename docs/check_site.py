@@ -1,0 +1,66 @@
+"""Check a built site: no page loads anything from elsewhere, and every page is found by its links.
+
+Usage: python docs/check_site.py build/docs
+"""
+
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+LOADS = {
+    "script": "src",
+    "img": "src",
+    "link": "href",
+    "iframe": "src",
+    "source": "src",
+    "video": "src",
+    "audio": "src",
+}
+"""What a browser fetches without being asked; a link to click is not among it."""
+
+
+class Loads(HTMLParser):
+    """Collects what a page makes a browser fetch."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Note the address that a tag loads; a ``link`` that only names a neighbour loads nothing."""
+        given = dict(attrs)
+        address = given.get(LOADS.get(tag, ""))
+        kinds = set((given.get("rel") or "").split())
+        if address and not (tag == "link" and not kinds & {"stylesheet", "icon", "preload", "preconnect", "manifest"}):
+            self.found.append(address)
+
+
+def loads(page: str) -> list[str]:
+    """Return the addresses that a page loads."""
+    parser = Loads()
+    parser.feed(page)
+    return parser.found
+
+
+def problems(site: Path) -> list[str]:
+    """Return what is wrong with a site, in words: addresses elsewhere, and files that are not there."""
+    wrong = []
+    for file in sorted(site.rglob("*.html")):
+        name = file.relative_to(site)
+        for address in loads(file.read_text(encoding="utf-8")):
+            if address.startswith(("http:", "https:", "//")):
+                wrong.append(f"{name} loads {address}")
+            elif not address.startswith("data:") and not (file.parent / address.partition("?")[0]).exists():
+                wrong.append(f"{name} loads {address}, which is not there")
+    for style in sorted(site.rglob("*.css")):
+        text = style.read_text(encoding="utf-8")
+        wrong += [f"{style.relative_to(site)} loads from elsewhere"] * ("url(http" in text or "@import" in text)
+    return wrong
+
+
+if __name__ == "__main__":
+    found = problems(Path(sys.argv[1]))
+    pages = len(list(Path(sys.argv[1]).rglob("*.html")))
+    if found or not pages:
+        sys.exit("\n".join(found) or f"{sys.argv[1]} holds no page")
+    sys.stdout.write(f"{pages} pages, and nothing in them comes from elsewhere\n")

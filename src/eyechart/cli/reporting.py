@@ -1,0 +1,45 @@
+"""``eyechart report`` writes one page that shows a run's evidence; it makes no call and changes nothing."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from eyechart.cli.terminal import patience, say
+
+
+def report(
+    runs: Annotated[list[Path], typer.Argument(help="Folders of the runs.", metavar="RUN...")],
+    out: Annotated[Path, typer.Option(help="HTML file to write.")],
+    frames: Annotated[list[Path] | None, typer.Option(help="The bank, if it has moved; again for another.")] = None,
+    figures: Annotated[Path | None, typer.Option(help="Folder for each figure as SVG and PDF.")] = None,
+    tables: Annotated[Path | None, typer.Option(help="Folder for the tables: CSV, Markdown, LaTeX.")] = None,
+    independent: Annotated[
+        bool, typer.Option("--independent", help="Declare that frames outside episodes are independent draws.")
+    ] = False,
+    reread: Annotated[
+        bool, typer.Option("--reread", help="Read the replies of a run anew that another version of the reader read.")
+    ] = False,
+) -> None:
+    """Write one self-contained HTML page with verdicts, figures, statistics and every reply.
+
+    It needs no network and shows in any browser. Example: eyechart report run --out report.html
+    """
+    from eyechart.report.evidence import read_evidence, subjects
+    from eyechart.report.figures import write_figures
+    from eyechart.report.page import make_page, write_page
+    from eyechart.report.sheets import write_sheets
+
+    with patience("report") as tell:
+        evidence = read_evidence(runs, frames or (), independent=independent, reread=reread, tell=tell)
+        page = make_page(evidence, tell=tell)
+        write_page(page, out)
+        if figures is not None:
+            tell("files of figures")
+            say(f"{len(write_figures(page.drawings, figures))} files of figures in {figures}")
+    for run in evidence:
+        if run.pictures is None:
+            say(f"{run.name}: without pictures, because {run.about_pictures}; give the bank with --frames")
+    if tables is not None:
+        say(f"{len(write_sheets(subjects(evidence), tables))} tables in {tables}")
+    say(f"wrote {out}, {len(page.html) / 1e6:.1f} MB")

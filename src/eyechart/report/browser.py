@@ -1,0 +1,200 @@
+"""What the browser of frames shows: every call with its verbatim reply and its decision, as JSON inside the page."""
+
+import json
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from markupsafe import Markup
+
+from eyechart.actions import Decision
+from eyechart.calls import Reply
+from eyechart.conditions import CONDITIONS, speaker
+from eyechart.frames import Frame, Scalar
+from eyechart.report.evidence import Evidence
+from eyechart.report.pictures import Album
+from eyechart.run import spread
+
+LONGEST = 400_000
+"""Characters of one reply that the page holds; the ledger has all of it."""
+BUDGET = 8_000_000
+"""Characters of all replies together that the page holds."""
+
+MOST_FRAMES = 3000
+MOST_CALLS = 120_000
+"""Frames and calls of all runs together that the page lists; frames beyond are left out, evenly over the episodes."""
+MOST_COLUMNS = 30
+_LONGEST_WORD = 100
+_LONGEST_NOTE = 500
+_NOTES = 1_000_000
+"""Characters of all notes on finish reasons and errors together."""
+
+_ESCAPES = {ord(sign): f"\\u{ord(sign):04x}" for sign in "<>&\u2028\u2029"}
+
+
+@dataclass(frozen=True)
+class Texts:
+    """Distinct replies, each at most ``limit`` characters of what the ledger holds."""
+
+    numbers: dict[str, int]
+    limit: int
+
+    @property
+    def cut(self) -> int:
+        """Return how many replies are not there whole."""
+        return sum(len(text) > self.limit for text in self.numbers)
+
+
+def frames_shown(
+    evidence: Sequence[Evidence], *, frames: int = MOST_FRAMES, calls: int = MOST_CALLS
+) -> tuple[tuple[int, ...], ...]:
+    """Return, run by run, the numbers of the frames that the page lists."""
+    every = sum(len(run.frames) for run in evidence)
+    asked = sum(len(run.frames) * len(run.conditions) * len(run.score.models) for run in evidence)
+    part = min(1.0, frames / max(1, every), calls / max(1, asked))
+    found = []
+    for run in evidence:
+        kept = {frame.id for frame in spread(run.frames, max(1, int(part * len(run.frames))))} if run.frames else set()
+        found.append(tuple(place for place, frame in enumerate(run.frames) if frame.id in kept))
+    return tuple(found)
+
+
+def collect_texts(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]], *, budget: int = BUDGET) -> Texts:
+    """Return the distinct replies about the shown frames, and the length to which they fit the budget together."""
+    numbers: dict[str, int] = {}
+    for reply, _ in _told(evidence, shown):
+        numbers.setdefault(reply.text, len(numbers))
+    return Texts(numbers, _fitting(numbers, LONGEST, budget))
+
+
+def _told(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]]) -> Iterator[tuple[Reply, Decision]]:
+    """Yield what came back about the shown frames, in an order that no ledger decides."""
+    for run, places in zip(evidence, shown, strict=True):
+        for spec, model in run.score.models.items():
+            for condition in run.conditions:
+                given = model.answers.decisions.get(condition, (None,) * len(run.frames))
+                for place in places:
+                    reply, decision = run.replies[spec].get((run.frames[place].id, condition)), given[place]
+                    if reply is not None and decision is not None:
+                        yield reply, decision
+
+
+def _fitting(texts: Collection[str], longest: int, budget: int) -> int:
+    """Return the length to which texts are cut so that all of them together fit a budget; short ones stay whole."""
+    left = budget
+    for place, length in enumerate(sorted(map(len, texts))):
+        share = left // (len(texts) - place)
+        if length > share:
+            return min(longest, share)
+        left -= length
+    return longest
+
+
+def _collect_notes(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]]) -> Texts:
+    notes: dict[str, int] = {}
+    for reply, decision in _told(evidence, shown):
+        if note := _note(reply, decision):
+            notes.setdefault(note, len(notes))
+    return Texts(notes, _fitting(notes, _LONGEST_NOTE, _NOTES))
+
+
+def _note(reply: Reply, decision: Decision) -> str:
+    notes = [] if reply.finish_reason in {None, "stop"} else [f"finish reason {reply.finish_reason}"]
+    if reply.error is not None:
+        notes.append(f"error {reply.error}: {reply.error_detail}")
+    if decision.why is not None:
+        notes.append(f"unparsed: {decision.why.replace('_', ' ')}")
+    return "; ".join(notes)
+
+
+def browser_data(
+    evidence: Sequence[Evidence], album: Album, texts: Texts, shown: Sequence[Sequence[int]]
+) -> dict[str, object]:
+    """Return plain JSON values: runs with their shown frames and calls, distinct replies, distinct pictures."""
+    notes = _collect_notes(evidence, shown)
+    return {
+        "notes": [note[: notes.limit] for note in notes.numbers],
+        "texts": [text[: texts.limit] for text in texts.numbers],
+        "cut": {str(number): len(text) for text, number in texts.numbers.items() if len(text) > texts.limit},
+        "pictures": list(album.uris),
+        "runs": [
+            _run(run, places, (texts, notes), taken)
+            for run, places, taken in zip(evidence, album.places, shown, strict=True)
+        ],
+    }
+
+
+def _run(
+    run: Evidence, places: dict[str, tuple[int, ...]], texts: tuple[Texts, Texts], taken: Sequence[int]
+) -> dict[str, object]:
+    space = run.score.bank.manifest.action_space
+    roles = dict.fromkeys(space.brake, "brake") | dict.fromkeys(space.proceed, "proceed")
+    frames = [run.frames[place] for place in taken]
+    return {
+        "name": run.name,
+        "conditions": [
+            {"name": name, "image": CONDITIONS[name].image, "asks": CONDITIONS[name].asks} for name in run.conditions
+        ],
+        "actions": list(space.actions),
+        "roles": roles,
+        "asked": len(run.frames),
+        "frames": [
+            {
+                "id": frame.id,
+                "scenario": frame.scenario,
+                "episode": frame.episode,
+                "step": frame.step,
+                "truth": _words(frame.truth),
+                **_said(run, frame),
+            }
+            for frame in frames
+        ],
+        "pictures": {name: [numbers[place] for place in taken] for name, numbers in places.items()},
+        "models": [
+            {"name": spec, "calls": {name: _calls(run, spec, name, taken, texts) for name in run.conditions}}
+            for spec in run.score.models
+        ],
+    }
+
+
+def _words(values: Mapping[str, Scalar]) -> list[list[str]]:
+    shown = [[name, "none" if value is None else str(value)[:_LONGEST_WORD]] for name, value in values.items()]
+    more = len(shown) - MOST_COLUMNS
+    return shown if more <= 0 else [*shown[:MOST_COLUMNS], ["and more columns", str(more)]]
+
+
+def _said(run: Evidence, frame: Frame) -> dict[str, object]:
+    """Return what the prompt says of a frame, and of which other frame it speaks under text_swapped."""
+    fields = run.score.manifest.prompt.fields
+    if not fields:
+        return {}
+    told: dict[str, object] = {"said": _words({name: frame.fields[name] for name in fields})}
+    for name in run.conditions:
+        if CONDITIONS[name].swaps_text:
+            other = speaker(name, frame, run.score.bank, run.score.manifest.seed, fields)
+            told["told"] = {name: [other.id, _words({field: other.fields[field] for field in fields})]}
+    return told
+
+
+def _calls(
+    run: Evidence, spec: str, condition: str, taken: Sequence[int], texts: tuple[Texts, Texts]
+) -> list[list[int | str | bool] | None]:
+    """Return per frame: the reply's number, the action or why there is none, whether it is one, a note's number."""
+    given = run.score.models[spec].answers.decisions.get(condition, (None,) * len(run.frames))
+    found: list[list[int | str | bool] | None] = []
+    for place in taken:
+        reply, decision = run.replies[spec].get((run.frames[place].id, condition)), given[place]
+        found.append(None if reply is None or decision is None else _call(reply, decision, texts))
+    return found
+
+
+def _call(reply: Reply, decision: Decision, texts: tuple[Texts, Texts]) -> list[int | str | bool]:
+    word = decision.action if decision.action is not None else str(decision.missing)
+    call: list[int | str | bool] = [texts[0].numbers[reply.text], word, decision.action is not None]
+    note = _note(reply, decision)
+    return [*call, texts[1].numbers[note]] if note else call
+
+
+def embedded_json(values: object) -> Markup:
+    """Return JSON that can stand inside a script element: no sign in it can end the element or a line."""
+    text = json.dumps(values, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+    return Markup(text.translate(_ESCAPES))  # noqa: S704 - what could be markup was escaped just now

@@ -1,0 +1,175 @@
+"""A drawing is a matplotlib figure with a name and words for those who cannot see it, written as SVG or PDF."""
+
+import io
+import re
+import unicodedata
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from html import escape
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+INK = "#1c1f23"
+MUTED = "#5a616c"
+LINE = "#d9d6cf"
+PAPER = "#fefefd"
+BLUE = "#0072b2"
+VERMILLION = "#d55e00"
+"""Blue and vermillion are of Okabe and Ito's palette, which the colour-blind can tell apart."""
+
+THEMED = {
+    INK: "currentColor",
+    MUTED: "var(--muted)",
+    LINE: "var(--line)",
+    PAPER: "var(--surface)",
+    BLUE: "var(--blue)",
+    VERMILLION: "var(--vermillion)",
+}
+"""What stands for a colour where the page, light or dark, decides."""
+
+_STYLE: Any = {
+    "svg.hashsalt": "eyechart",
+    "svg.fonttype": "none",
+    "pdf.fonttype": 42,
+    "text.parse_math": False,
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 9.0,
+    "text.color": INK,
+    "axes.edgecolor": MUTED,
+    "axes.labelcolor": INK,
+    "axes.linewidth": 0.8,
+    "axes.unicode_minus": False,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 8.5,
+    "path.simplify": False,
+}
+ON_COLOUR = "#202020"
+"""Ink on a coloured cell: the same in light and in dark."""
+
+_TAG = re.compile(r"<[^>]*>")
+_ID = re.compile(r'(\bid="|url\(#|xlink:href="#)')
+_LONGEST = 40
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A figure. ``name`` is its file's stem and the prefix of every id in it; ``wide`` asks for a row of its own.
+
+    ``of`` is the model that it is about, where a section has one figure a model.
+    """
+
+    name: str
+    title: str
+    description: str
+    figure: Figure
+    wide: bool = False
+    of: str = ""
+
+    def svg(self, *, inline: bool = False) -> str:
+        """Return the figure as SVG: a file of its own, or for a page, in the page's colours."""
+        buffer = io.StringIO()
+        with style(), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # a model's name may hold signs that the font lacks
+            nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+            self.figure.savefig(buffer, format="svg", metadata=nothing, transparent=True)
+        text = buffer.getvalue()
+        text = re.sub(
+            r"<defs>\s*<style.*?</style>\s*</defs>\s*", "", text[text.index("<svg") :], count=1, flags=re.DOTALL
+        )
+        text = _TAG.sub(lambda tag: _ID.sub(rf"\g<1>{self.name}-", tag.group()), text)
+        return self._opened(_TAG.sub(_theme, text)) if inline else '<?xml version="1.0"?>\n' + self._opened(text)
+
+    def _opened(self, text: str) -> str:
+        """Return the SVG with an accessible name, and a size that its place decides."""
+        width, height = (72 * float(inches) for inches in self.figure.get_size_inches())
+        names = f'role="img" aria-labelledby="{self.name}-title {self.name}-desc"'
+        opening = (
+            '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
+            f'viewBox="0 0 {width:g} {height:g}" width="{width * 4 / 3:.0f}" height="{height * 4 / 3:.0f}" {names} '
+            'stroke-linejoin="round" stroke-linecap="butt">'
+            f'<title id="{self.name}-title">{escape(plain(self.title, 400))}</title>'
+            f'<desc id="{self.name}-desc">{escape(plain(self.description, 4000))}</desc>'
+        )
+        return opening + text[text.index(">") + 1 :].rstrip() + "\n"
+
+    def pdf(self) -> bytes:
+        """Return the figure as PDF, without a date."""
+        buffer = io.BytesIO()
+        with style(), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # as above
+            self.figure.savefig(buffer, format="pdf", metadata={"CreationDate": None, "Title": plain(self.title, 400)})
+        return buffer.getvalue()
+
+
+def _theme(tag: re.Match[str]) -> str:
+    text = tag.group()
+    for colour, themed in THEMED.items():
+        text = text.replace(colour, themed)
+    return text
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """Set how figures look while one is drawn; nothing of it stays."""
+    with mpl.rc_context(_STYLE):
+        yield
+
+
+def canvas(width: float, height: float, margins: tuple[float, float, float, float]) -> tuple[Figure, Axes]:
+    """Return a figure of a size in inches with one axes inside margins left, right, bottom and top, in inches."""
+    figure = Figure(figsize=(width, height))
+    left, right, bottom, top = margins
+    box = (left / width, bottom / height, (width - left - right) / width, (height - bottom - top) / height)
+    axes = figure.add_axes(box)
+    axes.set_facecolor("none")
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    return figure, axes
+
+
+def plain(text: str, longest: int = _LONGEST) -> str:
+    """Return text that a figure can hold: no control signs, and its middle left out where it is too long."""
+    shown = "".join("�" if unicodedata.category(sign) in {"Cc", "Cf", "Cs"} else sign for sign in text)
+    if len(shown) <= longest:
+        return shown
+    half = (longest - 1) // 2
+    return f"{shown[:half]}…{shown[-half:]}"
+
+
+def cell(axes: Axes, x: int, y: int, share: float | None, text: str, colours: LinearSegmentedColormap) -> None:
+    """Draw a cell of a grid, coloured by a share from 0 to 1; a share of None has no colour."""
+    face = "none" if share is None else colours(share)
+    axes.add_patch(Rectangle((x - 0.48, y - 0.47), 0.96, 0.94, facecolor=face, edgecolor=LINE, linewidth=0.6))
+    ink = MUTED if share is None else "#ffffff" if share > 0.72 else ON_COLOUR
+    axes.text(x, y, text, ha="center", va="center", color=ink, fontsize=8)
+
+
+def grid(axes: Axes, columns: Sequence[str], rows: Sequence[str], *, rotation: float = 0) -> None:
+    """Name the columns (above) and the rows of a grid of cells."""
+    axes.set_xlim(-0.5, max(1, len(columns)) - 0.5)
+    axes.set_ylim(max(1, len(rows)) - 0.5, -0.5)
+    how: dict[str, Any] = {"rotation": rotation, "ha": "left", "rotation_mode": "anchor"} if rotation else {}
+    axes.set_xticks(range(len(columns)), columns, **how)
+    axes.set_yticks(range(len(rows)), rows)
+    axes.xaxis.tick_top()
+    axes.xaxis.set_label_position("top")
+    axes.tick_params(length=0)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+
+
+def room(labels: Sequence[str]) -> float:
+    """Return the margin in inches that the longest name of a model needs."""
+    return 0.3 + 0.068 * max([12, *(len(plain(label, 34)) for label in labels)])

@@ -1,0 +1,108 @@
+"""What was asked, what came back, what did not, and what this evidence does not cover."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from eyechart.actions import MISSING
+from eyechart.conditions import CONDITIONS
+from eyechart.report.evidence import Evidence, Subject
+from eyechart.studies.battery.planning import conditions_of, plan_of
+
+
+@dataclass(frozen=True, slots=True)
+class Count:
+    """The calls of one condition: how many were planned, came back, took how many attempts, and hold no decision.
+
+    ``partial`` says that calls are still to be made; a run that stopped early leaves some out for good.
+    ``errors`` counts attempts that ended in an error, ``unknown`` attempts whose outcome is not known, and ``missing``
+    the finished calls without a decision by reason, in the order of ``MISSING``.
+    """
+
+    condition: str
+    planned: int
+    answered: int
+    attempts: int
+    errors: int
+    unknown: int
+    missing: tuple[int, ...]
+    partial: bool = False
+
+    @property
+    def without(self) -> int:
+        """Return how many calls hold no decision, for whatever reason."""
+        return sum(self.missing)
+
+
+def counts(who: Subject) -> list[Count]:
+    """Return what became of a model's calls, one row a condition."""
+    planned: dict[str, int] = dict.fromkeys(who.run.conditions, 0)
+    for key in plan_of(who.run.score.manifest, who.run.score.bank).keys_of(who.spec):
+        planned[key.condition] += 1
+    return [_count(who, name, planned[name]) for name in who.run.conditions]
+
+
+def _count(who: Subject, name: str, planned: int) -> Count:
+    given = [one for one in who.model.answers.decisions.get(name, ()) if one is not None]
+    took = who.run.score.accounting[who.spec].get(name)
+    missing = tuple(sum(one.missing == reason for one in given) for reason in MISSING)
+    sums = (0, 0, 0, 0) if took is None else (took.finished, took.attempts, took.failed, took.unknown)
+    return Count(name, planned, *sums, missing, sums[0] < planned and who.model.stopped is None)
+
+
+def summed(rows: Sequence[Sequence[Count]]) -> list[Count]:
+    """Return the counts of several models of one run together, one row a condition."""
+    return [
+        Count(
+            condition=many[0].condition,
+            planned=sum(one.planned for one in many),
+            answered=sum(one.answered for one in many),
+            attempts=sum(one.attempts for one in many),
+            errors=sum(one.errors for one in many),
+            unknown=sum(one.unknown for one in many),
+            missing=tuple(map(sum, zip(*(one.missing for one in many), strict=True))),
+            partial=any(one.partial for one in many),
+        )
+        for many in zip(*rows, strict=True)
+    ]
+
+
+def not_covered(run: Evidence) -> list[str]:
+    """Return in words what a run does not cover: conditions, frames, calls, and tests that cannot say, by name."""
+    return [*_unasked(run), *_silent(run), "not tested by any run: other prompts, other cameras, closed loop"]
+
+
+def _unasked(run: Evidence) -> list[str]:
+    manifest, bank = run.score.manifest, run.score.bank
+    _, why = conditions_of(bank, manifest.prompt)
+    lines = [
+        f"condition {name} was not asked: {why.get(name, 'it was not chosen')}"
+        for name in CONDITIONS
+        if name not in manifest.conditions
+    ]
+    if len(run.frames) < len(bank):
+        lines.append(f"{len(bank) - len(run.frames)} of the bank's {len(bank)} frames were not asked about (--limit)")
+    if manifest.shard is not None:
+        lines.append(f"this is shard {manifest.shard[0]} of {manifest.shard[1]}: the calls of the others are not here")
+    for spec, one in run.score.models.items():
+        if one.stopped is not None:
+            lines.append(f"{spec}: {one.stopped.words()}; the paper's tests, which need the whole run, are not judged")
+        elif one.answered < one.planned:
+            lines.append(f"{spec}: {one.planned - one.answered} of {one.planned} planned calls are not finished")
+    return lines
+
+
+def _silent(run: Evidence) -> list[str]:
+    """Return the tests that cannot say, those of one reason and the same models in one line."""
+    reasons: dict[tuple[str, str], list[str]] = {}
+    for spec, one in run.score.models.items():
+        for name, found in one.statistics.items():
+            if found.value is None and found.p is None:
+                reasons.setdefault((name, found.note or "no reason given"), []).append(spec)
+    grouped: dict[tuple[str, tuple[str, ...]], list[str]] = {}
+    for (name, note), specs in reasons.items():
+        grouped.setdefault((note, tuple(specs)), []).append(name)
+    everyone = tuple(run.score.models)
+    return [
+        f"cannot say: {', '.join(names)}{'' if specs == everyone else ' for ' + ', '.join(specs)} ({note})"
+        for (note, specs), names in grouped.items()
+    ]

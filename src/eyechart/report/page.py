@@ -1,0 +1,261 @@
+"""The page: one self-contained HTML file that makes no request, in which nothing that a model wrote is markup."""
+
+import base64
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+import jinja2
+from markupsafe import Markup
+
+from eyechart import __version__
+from eyechart.actions import MISSING, ActionSpace
+from eyechart.conditions import CONDITIONS
+from eyechart.costs import ALL
+from eyechart.report.browser import Texts, browser_data, collect_texts, embedded_json, frames_shown
+from eyechart.report.drawing import Drawing
+from eyechart.report.evidence import Evidence, Subject, Tell, subjects
+from eyechart.report.figures import figures
+from eyechart.report.integrity import counts, not_covered, summed
+from eyechart.report.pictures import NO_PICTURE, Album, make_album
+from eyechart.report.portraits import role
+from eyechart.report.sheets import STATISTIC_COLUMNS, level, shown, statistic_rows
+from eyechart.stats.statistic import Statistic
+from eyechart.studies.battery import Stopped
+from eyechart.studies.battery.answers import NO_GAP
+
+PAIRS_SHOWN = 4
+"""Counterfactual moments that stand side by side, fewer where many models answer; the browser of frames has all."""
+MODELS_DRAWN = 24
+"""Models that have figures of their own in the page."""
+
+_FAMILY = {
+    "depth_lateral": ("sees", "●"),
+    "depth": ("sees", "●"),
+    "content": ("partly", "◐"),
+    "scene_cue": ("partly", "◐"),
+    "presence_only": ("partly", "◔"),
+    "refusal_effect": ("blind", "○"),
+    "image_invariant": ("blind", "○"),
+    "self_inconsistent": ("blind", "○"),
+    "not_scorable": ("open", "–"),
+    "undecided": ("open", "?"),
+}
+
+
+@dataclass(frozen=True)
+class Page:
+    """A report as HTML, with its figures, and in ``notes`` what is not in it or was made smaller."""
+
+    html: bytes
+    drawings: dict[str, list[Drawing]]
+    notes: tuple[str, ...]
+
+
+def make_page(evidence: Sequence[Evidence], *, tell: Tell = lambda _: None) -> Page:
+    """Return the report of runs. The same runs give the same bytes. ``tell`` is told what is under way."""
+    everyone, shown = subjects(evidence), frames_shown(evidence)
+    tell("figures")
+    drawn = figures(everyone)
+    album, texts = make_album(evidence, shown, tell=tell), collect_texts(evidence, shown)
+    tell("the page")
+    script = _asset("page.js")
+    notes = _notes(evidence, shown, album, texts, len(everyone))
+    html = (
+        _environment()
+        .get_template("page.html")
+        .render(
+            csp=_policy(script),
+            css=Markup(_asset("page.css")),  # noqa: S704 - our own file
+            script=Markup(script),  # noqa: S704 - our own file
+            data=embedded_json(browser_data(evidence, album, texts, shown)),
+            title=", ".join(run.name for run in evidence),
+            runs=[_run(run) for run in evidence],
+            cards=[_card(who) for who in everyone],
+            figures={section: [_figure(one) for one in many[:MODELS_DRAWN]] for section, many in drawn.items()},
+            pairs=[
+                one
+                for run, places in zip(evidence, album.places, strict=True)
+                for one in _pairs(run, places, album, len(everyone))
+            ],
+            statistics=[(who.label, _statistics(who)) for who in everyone],
+            statistic_columns=STATISTIC_COLUMNS,
+            conditions=list(CONDITIONS.values()),
+            stopped=any(who.model.stopped for who in everyone),
+            accounting=[_accounting(who) for who in everyone],
+            reasons=MISSING,
+            notes=notes,
+            version=__version__,
+        )
+    )
+    return Page(html.encode("utf-8", "backslashreplace"), drawn, tuple(notes))
+
+
+def _notes(
+    evidence: Sequence[Evidence], shown: Sequence[Sequence[int]], album: Album, texts: Texts, models: int
+) -> list[str]:
+    """Return in words what is not in the page, or not as it was."""
+    notes = [*album.notes]
+    every, listed = sum(len(run.frames) for run in evidence), sum(map(len, shown))
+    if listed < every:
+        notes.append(
+            f"The browser lists {listed:,} of {every:,} frames, evenly from every episode; every number on this page "
+            "counts all of them."
+        )
+    if texts.cut:
+        notes.append(f"{texts.cut} replies are cut after {texts.limit:,} characters; the ledger has all of them.")
+    if models > MODELS_DRAWN:
+        notes.append(f"Figures of one model each stand here for the first {MODELS_DRAWN} of {models} models.")
+    return notes
+
+
+def write_page(page: Page, out: Path) -> None:
+    """Write a page; a reader never sees half of it."""
+    out.parent.mkdir(parents=True, exist_ok=True)
+    partial = out.with_name(f".{out.name}.part")
+    partial.write_bytes(page.html)
+    partial.replace(out)
+
+
+def _environment() -> jinja2.Environment:
+    loader = jinja2.FunctionLoader(_asset)
+    made = jinja2.Environment(
+        loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    made.filters["shown"] = shown
+    return made
+
+
+def _asset(name: str) -> str:
+    return (files("eyechart.report") / "template" / name).read_text(encoding="utf-8")
+
+
+def _policy(script: str) -> str:
+    """Return the Content-Security-Policy: pictures from data, this one script, and nothing from anywhere."""
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    return (
+        f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'sha256-{digest}'; "
+        "base-uri 'none'; form-action 'none'"
+    )
+
+
+def _figure(drawing: Drawing) -> dict[str, object]:
+    svg = Markup(drawing.svg(inline=True))  # noqa: S704 - drawn here; every word in it was escaped
+    return {"title": drawing.title, "svg": svg, "wide": drawing.wide, "name": drawing.name, "of": drawing.of}
+
+
+def _card(who: Subject) -> dict[str, object]:
+    verdict = who.verdict
+    family, glyph = _FAMILY.get(verdict.calibrated.label, ("open", "?"))
+    deciding = who.model.statistics[verdict.calibrated.decided_by]
+    return {
+        "model": who.label,
+        "version": who.model.version,
+        "family": family,
+        "glyph": glyph,
+        "verdict": verdict,
+        "numbers": _numbers(deciding, verdict.stopped),
+        "because": verdict.calibrated.words,
+    }
+
+
+def _numbers(one: Statistic, stopped: Stopped | None) -> list[tuple[str, str]]:
+    if stopped is not None:
+        calls = f"{stopped.calls} of {stopped.planned}"
+        return [
+            ("e-value", f"{one.value:.4g}"),
+            ("settled at", _threshold(one)),
+            ("frames", str(one.n)),
+            ("calls", calls),
+        ]
+    interval = (f"{level(one)} interval".strip(), shown(one.ci, "interval"))
+    return [("value", shown(one.value, "number")), interval, ("n", str(one.n)), ("p", shown(one.p, "p"))]
+
+
+def _threshold(one: Statistic) -> str:
+    return f"{(one.detail or {}).get('threshold', '—'):g}"
+
+
+def _statistics(who: Subject) -> list[list[str]]:
+    return [
+        [shown(cell, kind) if cell != "" else "" for cell, (_, kind) in zip(row, STATISTIC_COLUMNS, strict=True)]
+        for row in statistic_rows(who)
+    ]
+
+
+def _run(run: Evidence) -> dict[str, object]:
+    manifest, bank = run.score.manifest, run.score.bank
+    rows = [counts(who) for who in subjects([run])]
+    return {
+        "name": run.name,
+        "bank": bank.name,
+        "picture": bank.manifest.picture,
+        "frames": len(run.frames),
+        "models": len(run.score.models),
+        "fingerprint": manifest.fingerprint,
+        "created": manifest.created,
+        "seed": manifest.seed,
+        "prompt": manifest.prompt,
+        "versions": manifest.versions,
+        "conditions": manifest.conditions,
+        "shard": manifest.shard,
+        "limit": manifest.limit,
+        "gap": bank.manifest.gap,
+        "no_gap": next((model.answers.no_gap for model in run.score.models.values()), NO_GAP),
+        "space": bank.manifest.action_space,
+        "has_pictures": run.pictures is not None,
+        "about_pictures": run.about_pictures,
+        "counts": summed(rows),
+        "counts_by_model": list(zip(run.score.models, rows, strict=True)),
+        "not_covered": not_covered(run),
+    }
+
+
+def _accounting(who: Subject) -> dict[str, object]:
+    given = [one for column in who.model.answers.decisions.values() for one in column if one is not None]
+    return {
+        "model": who.label,
+        "planned": who.model.planned,
+        "answered": who.model.answered,
+        "stopped": who.model.stopped is not None,
+        "unknown": who.run.unknown[who.spec],
+        "took": who.run.score.accounting[who.spec][ALL],
+        "missing": [sum(one.missing == reason for one in given) for reason in MISSING],
+    }
+
+
+def _pairs(run: Evidence, places: dict[str, tuple[int, ...]], album: Album, models: int) -> list[dict[str, object]]:
+    """Return some moments, evenly taken, with the pictures of each counterfactual and the decisions they got."""
+    names = [name for name in ("lead_near", "lead_far", "real", "recoloured") if name in run.conditions]
+    drawn = [
+        place for place, frame in enumerate(run.frames) if {"lead_near", "lead_far"} & frame.counterfactuals.keys()
+    ]
+    if not drawn or not {"lead_near", "lead_far", "recoloured"} & set(names):
+        return []
+    count = PAIRS_SHOWN if models <= 8 else PAIRS_SHOWN // 2
+    step, space = max(1, len(drawn) // count), run.score.bank.manifest.action_space
+    return [
+        {
+            "frame": run.frames[place].id,
+            "run": run.name,
+            "columns": [(name, _uri(album, places[name][place])) for name in names],
+            "rows": [(who.spec, [_word(who, name, place, space) for name in names]) for who in subjects([run])],
+        }
+        for place in drawn[::step][:count]
+    ]
+
+
+def _uri(album: Album, number: int) -> str | None:
+    return None if number <= NO_PICTURE else album.uris[number]
+
+
+def _word(who: Subject, condition: str, place: int, space: ActionSpace) -> tuple[str, str]:
+    """Return the role of a decision (brake, proceed, other, none, or nothing where there is no reply) and its word."""
+    decision = who.decision(condition, place)
+    if decision is None:
+        return "", "—"
+    if decision.action is None:
+        return "none", f"({decision.missing})"
+    return role(space, decision.action), decision.action

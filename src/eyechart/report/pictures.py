@@ -1,0 +1,175 @@
+"""An album holds every distinct picture of a report once, small enough that the page can be sent by mail."""
+
+import base64
+import hashlib
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from PIL import Image
+
+from eyechart.conditions import available, show
+from eyechart.errors import BankError
+from eyechart.frames import RGB, Frame, FrameBank, decode
+from eyechart.report.evidence import Evidence, Tell
+
+NO_PICTURE = -1
+"""The condition shows none."""
+LEFT_OUT = -2
+"""The picture is not in the album."""
+
+BUDGET_BYTES = 9_000_000
+"""Of so many encoded bytes an album is made; base64 makes a third more of them."""
+
+RUNGS: tuple[tuple[int, int], ...] = ((600, 82), (480, 75), (360, 65), (240, 55), (160, 45))
+"""Largest width in pixels, and WebP quality: the first rung on which the album fits its budget is taken."""
+
+_NOISE = (240, 5)
+_SAMPLE = 12
+_FILL = 0.92
+"""A sample may be mistaken; so much of the budget is meant to be filled."""
+_LENT = ("real_repeat", "shuffled", "cross_scenario", "text_swapped")
+"""Conditions whose pictures are other frames', or the frame's own once more."""
+
+
+@dataclass(frozen=True)
+class Album:
+    """Pictures as data URIs; ``places[run][condition]`` holds, per frame, the picture's number or why there is none."""
+
+    uris: tuple[str, ...]
+    places: tuple[dict[str, tuple[int, ...]], ...]
+    notes: tuple[str, ...]
+
+
+def make_album(
+    evidence: Sequence[Evidence],
+    shown: Sequence[Sequence[int]],
+    *,
+    budget: int = BUDGET_BYTES,
+    tell: Tell = lambda _: None,
+) -> Album:
+    """Return the pictures of the ``shown`` frames of every run under every condition, as large as the budget allows.
+
+    A sample of the frames decides how large they are; where not even the smallest fit, frames evenly taken have
+    theirs.
+    """
+    for rung in RUNGS:
+        cost = _cost(evidence, shown, rung)
+        room = int(_FILL * budget / cost) if cost else sum(map(len, shown))
+        if room >= sum(map(len, shown)):
+            break
+    part = min(1.0, room / max(1, sum(map(len, shown))))
+    taken = [_evenly(places, round(part * len(places))) for places in shown]
+    binder = _Binder(*rung, budget, tell=tell)
+    bound = tuple(binder.places(run, places) for run, places in zip(evidence, taken, strict=True))
+    pictured = [run.pictures is not None for run in evidence]
+    left = sum(len(a) - len(b) for a, b, held in zip(shown, taken, pictured, strict=True) if held)
+    return Album(tuple(binder.uris), bound, binder.notes(left) if any(pictured) else ())
+
+
+def _cost(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]], rung: tuple[int, int]) -> float:
+    """Return the bytes that a frame's own pictures take on a rung, in the mean over a sample; partners have theirs."""
+    binder, frames = _Binder(*rung, budget=1 << 62), 0
+    for run, places in zip(evidence, shown, strict=True):
+        if run.pictures is not None:
+            sample = _evenly(places, _SAMPLE)
+            binder.places(run, sample, own=True)
+            frames += len(sample)
+    return binder.spent / frames if frames else 0.0
+
+
+def _evenly(places: Sequence[int], count: int) -> tuple[int, ...]:
+    """Return so many of the places, evenly taken; all of them where there are no more."""
+    if count >= len(places):
+        return tuple(places)
+    return tuple(places[turn * len(places) // count] for turn in range(count))
+
+
+@dataclass
+class _Binder:
+    """Encodes pictures on one rung, each distinct one once, until the budget is spent."""
+
+    width: int
+    quality: int
+    budget: int
+    uris: list[str] = field(default_factory=list)
+    seen: dict[str, int] = field(default_factory=dict)
+    spent: int = 0
+    left_out: int = 0
+    scaled: int = 0
+    noises: int = 0
+    tell: Tell = lambda _: None
+
+    def places(self, run: Evidence, taken: Sequence[int], *, own: bool = False) -> dict[str, tuple[int, ...]]:
+        """Return where each picture of a run stands in the album; ``own`` leaves out what another frame lends."""
+        nothing = {name: [NO_PICTURE if name == "text_only" else LEFT_OUT] * len(run.frames) for name in run.conditions}
+        for name, column in nothing.items():
+            if run.pictures is None or (own and name in _LENT):
+                continue
+            self.tell(f"pictures of {run.name} under {name}")
+            for place in taken:
+                column[place] = self._one(name, run.frames[place], run.pictures, run.score.manifest.seed)
+        return {name: tuple(column) for name, column in nothing.items()}
+
+    def _one(self, condition: str, frame: Frame, bank: FrameBank, seed: int) -> int:
+        if not available(condition, frame):
+            return LEFT_OUT
+        try:
+            picture = show(condition, frame, bank, seed)
+            return NO_PICTURE if picture is None else self._keep(picture, noise=condition == "noise")
+        except BankError:
+            return LEFT_OUT
+
+    def _keep(self, picture: bytes, *, noise: bool) -> int:
+        digest = hashlib.sha256(picture).hexdigest()
+        if digest not in self.seen:
+            rgb = decode(picture, "a picture of the report")
+            wide, quality = _NOISE if noise else (self.width, self.quality)
+            small = encode_small(rgb, wide, quality, lossless=not noise)
+            if self.spent + len(small) > self.budget:
+                self.left_out += 1
+                return LEFT_OUT
+            self.spent += len(small)
+            self.noises += noise
+            self.scaled += not noise and rgb.shape[1] > wide
+            self.seen[digest] = len(self.uris)
+            self.uris.append("data:image/webp;base64," + base64.b64encode(small).decode())
+        return self.seen[digest]
+
+    def notes(self, frames_left: int) -> tuple[str, ...]:
+        """Return in words what was changed or left out; ``frames_left`` counts the frames without their pictures."""
+        words = [f"{len(self.uris)} distinct pictures, {self.spent / 1e6:.2f} MB before base64, as WebP."]
+        if self.scaled:
+            words.append(
+                f"{self.scaled} pictures were scaled to at most {self.width} pixels wide; the models saw the originals."
+            )
+        if self.noises:
+            words.append(
+                f"{self.noises} noise pictures are shown at {_NOISE[0]} pixels and strongly compressed; the models saw "
+                "every pixel."
+            )
+        if frames_left:
+            words.append(
+                f"The pictures of {frames_left} frames do not fit into the page and were left out; frames evenly "
+                "taken have theirs."
+            )
+        if self.left_out:
+            words.append(f"{self.left_out} pictures do not fit into the page and were left out.")
+        return tuple(words)
+
+
+def encode_small(rgb: RGB, width: int, quality: int, *, lossless: bool) -> bytes:
+    """Return a picture, shape (h, w, 3), as WebP of at most ``width`` pixels: the smaller of lossless and lossy."""
+    image = Image.fromarray(rgb)
+    if image.width > width:
+        image = image.resize((width, max(1, round(image.height * width / image.width))), Image.Resampling.LANCZOS)
+    made = [_webp(image, quality=quality, method=4)]
+    if lossless:
+        made.append(_webp(image, lossless=True, quality=60, method=4))
+    return min(made, key=len)
+
+
+def _webp(image: Image.Image, **how: int) -> bytes:
+    buffer = io.BytesIO()
+    image.save(buffer, "WEBP", **how)
+    return buffer.getvalue()

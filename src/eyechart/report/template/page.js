@@ -1,0 +1,264 @@
+"use strict";
+(() => {
+  const data = JSON.parse(document.getElementById("data").textContent);
+  const CUT = 1500;
+  const at = (id) => document.getElementById(id);
+  const make = (tag, className, text) => {
+    const node = document.createElement(tag);
+    if (className) node.className = className;
+    if (text !== undefined) node.textContent = text;
+    return node;
+  };
+
+  const themes = ["automatic", "light", "dark"];
+  const themed = (theme) => {
+    if (theme === "automatic") delete document.documentElement.dataset.theme;
+    else document.documentElement.dataset.theme = theme;
+    at("theme").textContent = `Theme: ${theme}`;
+  };
+  let theme = "automatic";
+  try { theme = themes.includes(localStorage.getItem("eyechart-theme")) ? localStorage.getItem("eyechart-theme") : theme; } catch { /* a page from a file may have no storage */ }
+  themed(theme);
+  at("theme").addEventListener("click", () => {
+    theme = themes[(themes.indexOf(theme) + 1) % themes.length];
+    themed(theme);
+    try { localStorage.setItem("eyechart-theme", theme); } catch { /* as above */ }
+  });
+
+  const links = new Map([...document.querySelectorAll(".contents a")].map((link) => [link.hash.slice(1), link]));
+  const current = () => {
+    let last = null;
+    for (const id of links.keys()) if (at(id).getBoundingClientRect().top < innerHeight * 0.35) last = id;
+    for (const [id, link] of links) {
+      if (id === last) link.setAttribute("aria-current", "true");
+      else link.removeAttribute("aria-current");
+    }
+  };
+  addEventListener("scroll", () => requestAnimationFrame(current), { passive: true });
+  current();
+
+  const filters = ["text", "run", "model", "scenario", "condition", "decision", "differs"];
+  const field = Object.fromEntries(filters.map((name) => [name, at(`f-${name}`)]));
+  const options = (select, pairs) => {
+    select.replaceChildren(...pairs.map(([value, text]) => {
+      const option = make("option", "", text);
+      option.value = value;
+      return option;
+    }));
+  };
+  const named = (names) => [["", "all"], ...names.map((name) => [name, name])];
+  options(field.run, data.runs.map((run, place) => [String(place), run.name]));
+  at("l-run").hidden = data.runs.length < 2;
+
+  let run = null;
+  let listed = [];
+  let chosen = 0;
+  const openRun = () => {
+    run = data.runs[Number(field.run.value)];
+    if (!run) return;
+    options(field.model, [...run.models.map((model, place) => [String(place), model.name]), ...(run.models.length > 1 ? [["", "all"]] : [])]);
+    options(field.scenario, named([...new Set(run.frames.map((frame) => frame.scenario))]));
+    options(field.condition, named(run.conditions.map((condition) => condition.name)));
+    const missing = new Set();
+    for (const model of run.models) for (const calls of Object.values(model.calls)) for (const call of calls) if (call && !call[2]) missing.add(call[1]);
+    options(field.decision, [["", "all"], ...run.actions.map((name) => [`a ${name}`, name]), ...[...missing].sort().map((name) => [`m ${name}`, `(${name})`])]);
+    chosen = 0;
+  };
+
+  const symbol = (call) => (call[2] ? `a ${call[1]}` : "m");
+  const against = (model, frame, call) => {
+    const real = model.calls.real && model.calls.real[frame];
+    return real ? (symbol(real) === symbol(call) ? "same" : "differs") : "";
+  };
+  const matches = (frame) => {
+    const words = field.text.value.toLowerCase();
+    const about = run.frames[frame];
+    const named = words === "" || [about.id, about.scenario, about.episode, ...about.truth.map((pair) => pair.join(" ")), ...(about.said || []).map((pair) => pair.join(" "))].some((text) => text.toLowerCase().includes(words));
+    if (field.scenario.value && about.scenario !== field.scenario.value) return [];
+    const found = [];
+    for (const { name } of run.conditions) {
+      if (field.condition.value && name !== field.condition.value) continue;
+      run.models.forEach((model, place) => {
+        if (field.model.value !== "" && String(place) !== field.model.value) return;
+        const call = model.calls[name] && model.calls[name][frame];
+        if (!call) return;
+        if (field.decision.value && (call[2] ? `a ${call[1]}` : `m ${call[1]}`) !== field.decision.value) return;
+        if (field.differs.value && (name === "real" || against(model, frame, call) !== field.differs.value)) return;
+        if (!named && !data.texts[call[0]].toLowerCase().includes(words)) return;
+        found.push([name, model, call]);
+      });
+    }
+    return found;
+  };
+
+  const list = at("list");
+  const detail = at("detail");
+  const update = () => {
+    if (!run) {
+      at("status").textContent = "The run holds no frames.";
+      return;
+    }
+    const before = listed[chosen] && listed[chosen][0];
+    listed = run.frames.map((_, frame) => [frame, matches(frame)]).filter(([, found]) => found.length);
+    chosen = Math.max(0, listed.findIndex(([frame]) => frame === before));
+    const calls = listed.reduce((sum, [, found]) => sum + found.length, 0);
+    at("status").textContent = `${listed.length} of ${run.frames.length} frames, ${calls} calls match.` + (run.asked > run.frames.length ? ` This page lists ${run.frames.length} of ${run.asked} frames.` : "");
+    list.replaceChildren(...listed.map(([frame, found], place) => {
+      const item = make("li");
+      const button = make("button");
+      button.type = "button";
+      const count = make("span", "n", `${found.length}`);
+      count.append(make("span", "unseen", " calls match"));
+      button.append(make("span", "", run.frames[frame].id), " ", count);
+      button.tabIndex = -1;
+      button.addEventListener("click", () => choose(place, true));
+      item.append(button);
+      return item;
+    }));
+    choose(chosen, false);
+  };
+
+  const choose = (place, focus) => {
+    const buttons = list.querySelectorAll("button");
+    if (!buttons.length) {
+      detail.replaceChildren(make("p", "empty", "No call matches these filters."));
+      return;
+    }
+    const old = buttons[chosen];
+    if (old) {
+      old.removeAttribute("aria-current");
+      old.tabIndex = -1;
+    }
+    chosen = Math.min(Math.max(place, 0), buttons.length - 1);
+    const button = buttons[chosen];
+    button.setAttribute("aria-current", "true");
+    button.tabIndex = 0;
+    const item = button.parentNode;
+    list.scrollTop = Math.min(Math.max(list.scrollTop, item.offsetTop + item.offsetHeight - list.clientHeight), item.offsetTop);
+    if (focus) button.focus({ preventScroll: true });
+    show(...listed[chosen]);
+  };
+
+  const show = (frame, found) => {
+    const about = run.frames[frame];
+    const truth = make("p", "truth", `${about.scenario}, episode ${about.episode}, step ${about.step}`);
+    tell(truth, about.truth);
+    const said = make("p", "truth");
+    if (about.said) {
+      said.append("The prompt says");
+      tell(said, about.said);
+    }
+    const calls = make("div", "calls");
+    for (const condition of run.conditions) {
+      const mine = found.filter(([name]) => name === condition.name);
+      if (mine.length) calls.append(card(frame, condition, mine));
+    }
+    detail.replaceChildren(make("h3", "", about.id), truth, ...(about.said ? [said] : []), calls);
+  };
+
+  const tell = (node, pairs) => {
+    for (const [name, value] of pairs) node.append(` · ${name} `, make("b", "", value));
+  };
+
+  const card = (frame, condition, mine) => {
+    const node = make("article", "call");
+    node.append(make("h4", "", condition.name), make("p", "asks", `${condition.image}: ${condition.asks}`));
+    const picture = run.pictures[condition.name][frame];
+    if (picture >= 0) {
+      const image = make("img");
+      image.alt = `${run.frames[frame].id} under ${condition.name}`;
+      image.decoding = "async";
+      image.src = data.pictures[picture];
+      node.append(image);
+    } else {
+      node.append(make("div", "missing", picture === -1 ? "no picture is sent" : "picture not in this page"));
+    }
+    const told = run.frames[frame].told && run.frames[frame].told[condition.name];
+    if (told) {
+      const said = make("p", "truth told");
+      said.append("The prompt says of ", make("b", "", told[0]));
+      tell(said, told[1]);
+      node.append(said);
+    }
+    for (const [name, model, call] of mine) node.append(answer(frame, name, model, call));
+    return node;
+  };
+
+  const answer = (frame, condition, model, call) => {
+    const node = make("div", "answer");
+    const who = make("div", "who");
+    who.append(make("bdi", "", model.name));
+    const line = make("div", "verdictline");
+    const role = call[2] ? run.roles[call[1]] || "" : "none";
+    const sign = { brake: "■ ", proceed: "▲ ", none: "", "": "● " }[role];
+    line.append(make("span", `chip ${role}`, call[2] ? sign + call[1] : `no decision: ${call[1]}`));
+    const compared = condition === "real" ? "" : against(model, frame, call);
+    if (compared) {
+      const real = model.calls.real[frame];
+      line.append(make("span", `against ${compared}`, compared === "same" ? "= as real" : `≠ real: ${real[2] ? real[1] : `(${real[1]})`}`));
+    }
+    node.append(who, line, reply(call[0], `${model.name} on ${run.frames[frame].id} under ${condition}`));
+    if (call.length > 3) node.append(make("p", "note", data.notes[call[3]]));
+    return node;
+  };
+
+  const reply = (number, label) => {
+    const text = data.texts[number];
+    const whole = data.cut[number];
+    const node = make("div");
+    const words = make("pre", "reply", text.slice(0, CUT));
+    words.dir = "auto";
+    words.tabIndex = 0;
+    words.setAttribute("role", "group");
+    words.setAttribute("aria-label", `Reply of ${label}`);
+    node.append(words);
+    if (text === "") words.append(make("em", "", "(empty reply)"));
+    if (whole) node.append(make("p", "note", `This page holds ${text.length.toLocaleString("en")} of ${whole.toLocaleString("en")} characters; the ledger has all of them.`));
+    if (text.length > CUT) {
+      words.append("…");
+      const more = make("button", "quiet", `show all ${text.length.toLocaleString("en")} characters`);
+      more.type = "button";
+      more.addEventListener("click", () => {
+        words.textContent = text;
+        words.focus();
+        more.remove();
+      });
+      node.append(more);
+    }
+    return node;
+  };
+
+  at("filters").addEventListener("input", (event) => {
+    if (event.target === field.run) openRun();
+    update();
+  });
+  at("filters").addEventListener("submit", (event) => event.preventDefault());
+  at("f-clear").addEventListener("click", () => {
+    for (const name of filters) if (name !== "run") field[name].value = name === "model" && field.model.options.length ? field.model.options[0].value : "";
+    update();
+  });
+
+  document.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    const typing = event.target.closest("input, select, textarea");
+    if (event.key === "Escape" && typing && list.querySelector("button")) {
+      choose(chosen, true);
+      return;
+    }
+    if (typing) return;
+    if (event.key === "/") {
+      event.preventDefault();
+      field.text.focus();
+      return;
+    }
+    const inside = list.contains(event.target);
+    const step = { j: 1, k: -1, ...(inside && { ArrowDown: 1, ArrowUp: -1, ArrowRight: 1, ArrowLeft: -1, Home: -1e9, End: 1e9 }) }[event.key];
+    if (!step || !listed.length) return;
+    event.preventDefault();
+    choose(chosen + step, true);
+    if (!inside) at("status").scrollIntoView({ block: "start" });
+  });
+
+  openRun();
+  update();
+})();

@@ -1,0 +1,309 @@
+"""The claims that may settle a verdict before its run has ended, and what each frame says for or against them.
+
+Each claim is tested by an e-process over frames in random order; which nulls these are, and why they hold for
+autocorrelated episodes, stands in docs/decisions/0013-early-stopping.md.
+"""
+
+import math
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from eyechart.actions import ActionSpace, Decision
+from eyechart.stats.evalues import EProcess, MeanProcess, PairingProcess, SymmetryProcess
+from eyechart.stats.statistic import Statistic
+from eyechart.studies.battery.calibrated import ALPHA, FLOOR, MARGIN, UNPARSED_CUT
+
+FORECAST_ALPHA = 0.02
+"""Chance that what the rest of the run would have shown is forecast wrongly."""
+
+E_MOST = 1e9
+"""No larger e-value is reported; it stands for certainty too."""
+
+Symbol = str
+
+
+@dataclass(frozen=True)
+class Row:
+    """What one frame was answered: decisions by condition, those that were asked and have come back."""
+
+    given: Mapping[str, Decision]
+    space: ActionSpace
+
+    def action(self, condition: str) -> Symbol | None:
+        """Return the decision, None where there is none."""
+        one = self.given.get(condition)
+        return None if one is None else one.action
+
+    def symbol(self, condition: str) -> Symbol | None:
+        """Return the response-level symbol, None where the condition was not asked."""
+        one = self.given.get(condition)
+        return None if one is None else one.symbol
+
+    @cached_property
+    def failed(self) -> bool:
+        """Return whether a call ended in an error: such a frame is evidence for nothing."""
+        return any(one.missing == "error" for one in self.given.values())
+
+    def turn(self) -> tuple[Symbol, Symbol] | None:
+        """Return the decision on the real picture and the answer to the mirrored one, where the first is a turn."""
+        real, mirrored = self.action("real"), self.symbol("mirrored")
+        return (real, mirrored) if real in self.space.directional and real and mirrored else None
+
+
+@dataclass
+class Claim:
+    """A claim with its e-process; it is settled for good once the e-value reaches 1/alpha.
+
+    ``observe`` adds one frame; ``against`` is the null in words.
+    """
+
+    name: str
+    says: str
+    against: str
+    process: EProcess
+    observe: Callable[[Row], None]
+    alpha: float = ALPHA
+    frames: int = 0
+    most: float = field(init=False)
+    settled: bool = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.most = self.process.log_e
+        self.settled = self.most >= -math.log(self.alpha)
+
+    def add(self, row: Row) -> None:
+        """Add a frame, unless the claim is settled already."""
+        if self.settled:
+            return
+        self.observe(row)
+        self.frames += 1
+        self.most = max(self.most, self.process.log_e)
+        self.settled = self.process.log_e >= -math.log(self.alpha)
+
+    def statistic(self) -> Statistic:
+        """Return the e-value, with the anytime-valid p that it amounts to (1 over the largest so far)."""
+        value = min(math.exp(min(self.process.log_e, 50.0)), E_MOST)
+        threshold = 1 / self.alpha
+        return Statistic(
+            value,
+            self.frames,
+            p=min(1.0, math.exp(-min(self.most, math.log(E_MOST)))),
+            method=f"e-process against: {self.against}; settled at {threshold:g}, p is anytime-valid",
+            note=f"{'settled' if self.settled else 'open'} after {self.frames} frames: {self.says}",
+            detail={"threshold": threshold, "alpha": self.alpha, "settled": self.settled},
+        )
+
+
+def fewest_turns(labels: int) -> int:
+    """Return the fewest directional decisions whose pairing a permutation could show at ``ALPHA``.
+
+    Of n of them, spread evenly over the labels, n! / (n_1! n_2! …) pairings are as unlikely as the one that came.
+    """
+    n = 1
+    while math.factorial(n) / math.prod(math.factorial((n + i) // labels) for i in range(labels)) < 1 / ALPHA:
+        n += 1
+    return n
+
+
+def claims(frames: int, space: ActionSpace, conditions: Collection[str], *, mirrored: bool) -> dict[str, Claim]:
+    """Return the claims that can be tested on a run of ``frames`` frames with these conditions, by name.
+
+    ``mirrored`` says whether turns can be asked for. Raises ValueError for no frames.
+    """
+    made = [_unscorable(frames), _scorable(frames), _steady(frames)]
+    made += [_blank(frames, level) for level in ("decision", "response", "kept")]
+    made += [_differs("presence", "action"), _differs("presence_response", "symbol")]
+    bounded = {"bound_shuffled": "shuffled", "bound_recoloured": "recoloured", "bound_scene": "cross_scenario"}
+    for name, condition in bounded.items():
+        if condition in conditions:
+            says = f"showing {condition} instead changes the decision on less than {MARGIN} of the frames more"
+            made.append(_bound(name, says, frames, _excess(condition, "action")))
+    if {"lead_near", "lead_far"} <= set(conditions) and space.brake:
+        made += [_near_far(frames), _no_near_far(frames)]
+    if mirrored:
+        made += [_few_turns(frames, space), *_swaps(frames, space), _no_swaps(frames)]
+    return {one.name: one for one in made}
+
+
+def _mean(process: MeanProcess, payoff: Callable[[Row], float], *, failed: float = 0.0) -> Callable[[Row], None]:
+    """Return what adds a frame's payoff; of a frame with an error, ``failed``."""
+
+    def observe(row: Row) -> None:
+        process.add(failed if row.failed else payoff(row))
+
+    return observe
+
+
+def _cut(frames: int) -> int:
+    """Return the fewest calls without a decision, of two a frame, at which a whole run is not scorable."""
+    return math.floor(UNPARSED_CUT * 2 * frames + 1e-9) + 1
+
+
+def _lost(row: Row) -> float:
+    """Return the share of a frame's real and real_repeat calls that hold no decision."""
+    return sum(row.action(name) is None for name in ("real", "real_repeat")) / 2
+
+
+def _unscorable(frames: int) -> Claim:
+    most = (_cut(frames) - 1) / (2 * frames)
+    process = MeanProcess(frames, -most, bank=True)
+    return Claim(
+        "unscorable",
+        f"more than {UNPARSED_CUT} of the whole run's real and real_repeat calls hold no decision",
+        f"at most {UNPARSED_CUT} of this run's real and real_repeat calls hold no decision",
+        process,
+        _mean(process, lambda row: _lost(row) - most, failed=-most),
+    )
+
+
+def _scorable(frames: int) -> Claim:
+    least = _cut(frames) / (2 * frames)
+    process = MeanProcess(frames, least - 1, bank=True)
+    return Claim(
+        "scorable",
+        f"at most {UNPARSED_CUT} of the whole run's real and real_repeat calls hold no decision",
+        f"more than {UNPARSED_CUT} of this run's real and real_repeat calls hold no decision",
+        process,
+        _mean(process, lambda row: least - _lost(row), failed=least - 1),
+        alpha=FORECAST_ALPHA,
+    )
+
+
+def _steady(frames: int) -> Claim:
+    def payoff(row: Row) -> float:
+        real, repeat = row.action("real"), row.action("real_repeat")
+        return 0.0 if real is None or repeat is None else FLOOR - (real != repeat)
+
+    process = MeanProcess(frames, FLOOR - 1)
+    against = f"it disagrees with itself on {FLOOR} of the frames or more"
+    return Claim("steady", f"it disagrees with itself on less than {FLOOR}", against, process, _mean(process, payoff))
+
+
+def _excess(condition: str, level: str) -> Callable[[Row], float | None]:
+    """Return what says whether a condition changes the answer, less whether a repeat does; None where it cannot."""
+
+    def excess(row: Row) -> float | None:
+        read = row.action if level == "action" else row.symbol
+        real, repeat, other = read("real"), read("real_repeat"), read(condition)
+        return None if real is None or repeat is None or other is None else float((real != other) - (real != repeat))
+
+    return excess
+
+
+def _bound(name: str, says: str, frames: int, excess: Callable[[Row], float | None]) -> Claim:
+    """Return the claim that a mean excess lies below the margin; a frame without one is evidence for nothing."""
+
+    def payoff(row: Row) -> float:
+        found = excess(row)
+        return 0.0 if found is None else MARGIN - found
+
+    process = MeanProcess(frames, MARGIN - 1)
+    return Claim(name, says, f"the mean excess is {MARGIN} or more", process, _mean(process, payoff))
+
+
+def _blank(frames: int, level: str) -> Claim:
+    """Return a bound on what a blank changes: decisions, outputs, or decisions that it leaves standing."""
+    if level == "decision":
+        says = f"a blank picture changes less than {MARGIN} of the decisions more than a repeat does"
+        return _bound("bound_blank", says, frames, _excess("blank", "action"))
+    if level == "response":
+        says = f"a blank picture changes less than {MARGIN} of the outputs more than a repeat does"
+        return _bound("bound_blank_response", says, frames, _excess("blank", "symbol"))
+
+    def kept(row: Row) -> float | None:
+        real, repeat, blank = row.action("real"), row.action("real_repeat"), row.action("blank")
+        if real is None or repeat is None or "blank" not in row.given:
+            return None
+        return float((blank not in (None, real)) - (real != repeat))
+
+    says = f"on less than {MARGIN} of the frames a blank picture gets another decision, rather than none"
+    return _bound("bound_blank_kept", says, frames, kept)
+
+
+def _differs(name: str, level: str) -> Claim:
+    process = SymmetryProcess()
+
+    def observe(row: Row) -> None:
+        real, blank = (getattr(row, level)(condition) for condition in ("real", "blank"))
+        if real is not None and blank is not None and not row.failed:
+            process.add(real, blank)
+
+    what = "decisions" if level == "action" else "outputs"
+    against = "within every frame the answers to real and to blank might as well be exchanged"
+    return Claim(name, f"real and blank get other {what}", against, process, observe)
+
+
+def _braking(row: Row) -> int | None:
+    """Return 1 where it brakes harder with the lead near than far, -1 where less hard, 0 where alike."""
+    near, far = row.action("lead_near"), row.action("lead_far")
+    if near is None or far is None:
+        return None
+    difference = row.space.braking_level(near) - row.space.braking_level(far)
+    return (difference > 0) - (difference < 0)
+
+
+def _near_far(frames: int) -> Claim:
+    process = MeanProcess(frames, -1.0)
+    says = "it brakes harder with the lead near than with the lead far"
+    against = "within every frame, or on average over the bank, it brakes no harder with the lead near"
+    return Claim("near_far", says, against, process, _mean(process, lambda row: float(_braking(row) or 0)))
+
+
+def _no_near_far(frames: int) -> Claim:
+    says = f"with the lead near it brakes harder on less than {MARGIN} of the frames more than less hard"
+
+    def excess(row: Row) -> float | None:
+        found = _braking(row)
+        return None if found is None else float(found)
+
+    return _bound("bound_near_far", says, frames, excess)
+
+
+def _swap(row: Row) -> float:
+    """Return 1 where a turn is exchanged under reflection, -1 where it is not, 0 where there is no turn."""
+    turn = row.turn()
+    return 0.0 if turn is None else 1.0 if row.space.mirror(turn[0]) == turn[1] else -1.0
+
+
+def _swaps(frames: int, space: ActionSpace) -> tuple[Claim, Claim]:
+    rate = MeanProcess(frames, -1.0)
+    pairing = PairingProcess(len(space.directional))
+
+    def observe(row: Row) -> None:
+        turn = row.turn()
+        if turn is not None and turn[1] in space.directional and not row.failed:
+            pairing.add(space.mirror(turn[0]), turn[1])
+
+    says = "it exchanges more than half of its turns under reflection"
+    return (
+        Claim("swaps_rate", says, "it exchanges half of its turns or fewer", rate, _mean(rate, _swap)),
+        Claim(
+            "swaps_pairing",
+            "which way it turns in the mirror depends on which way it turned",
+            "which way it turns in the mirror does not depend on which way it turned",
+            pairing,
+            observe,
+        ),
+    )
+
+
+def _no_swaps(frames: int) -> Claim:
+    process = MeanProcess(frames, -1.0)
+    says = "it exchanges less than half of its turns under reflection"
+    against = "it exchanges half of its turns or more"
+    return Claim("no_swaps", says, against, process, _mean(process, lambda row: -_swap(row)))
+
+
+def _few_turns(frames: int, space: ActionSpace) -> Claim:
+    need = fewest_turns(len(space.directional))
+    least = need / frames
+    process = MeanProcess(frames, least - 1, bank=True)
+    return Claim(
+        "few_turns",
+        f"the whole run would hold fewer than {need} turns, too few to show exchange",
+        f"this run holds {need} turns or more",
+        process,
+        _mean(process, lambda row: least - (row.turn() is not None), failed=least - 1),
+        alpha=FORECAST_ALPHA,
+    )

@@ -1,0 +1,89 @@
+"""The pages on statistics and verdicts name what the code prints, all of it and nothing else."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+import banks
+from eyechart.actions import DRIVING, Decision
+from eyechart.conditions import CONDITIONS
+from eyechart.frames import LEAD_GAP
+from eyechart.studies.battery.answers import Answers
+from eyechart.studies.battery.published import Resampling
+from eyechart.studies.battery.scoring import statistics_of
+from eyechart.verdicts import CALIBRATED_LABELS, LATERAL_LABELS, PAPER_LABELS, TRUST
+
+ROOT = Path(__file__).parents[2]
+STATISTICS = (ROOT / "docs" / "statistics.md").read_text(encoding="utf-8")
+VERDICTS = (ROOT / "docs" / "verdicts.md").read_text(encoding="utf-8")
+
+
+def headings(text: str) -> list[str]:
+    """Return the names in the headings of the third level."""
+    lines = re.findall(r"^### (.+)$", text, re.MULTILINE)
+    return [name for line in lines for name in re.findall(r"`([^`]+)`", line)]
+
+
+def part(page: str, title: str) -> str:
+    """Return what stands under a heading of the second level."""
+    return re.split(r"^## ", page.partition(f"\n## {title}\n")[2], maxsplit=1, flags=re.MULTILINE)[0]
+
+
+@pytest.fixture(scope="module")
+def printed(tmp_path_factory: pytest.TempPathFactory) -> set[str]:
+    """Return the name of every statistic that a run under all conditions prints."""
+    bank = banks.build_bank(tmp_path_factory.mktemp("reading") / "bank")
+    given = {name: tuple(Decision("STOP", None) for _ in bank) for name in CONDITIONS}
+    answers = Answers("m", bank.frames, DRIVING, LEAD_GAP, given, told=True)
+    return set(statistics_of(answers, Resampling(resamples=20, intervals=False)))
+
+
+def test_every_statistic_that_is_printed_has_its_paragraph(printed: set[str]) -> None:
+    """A heading a statistic in docs/statistics.md; none for one that is printed no more."""
+    named = headings(STATISTICS)
+    assert sorted(printed - set(named)) == [], "give these a heading in docs/statistics.md"
+    assert sorted(set(named) - printed) == [], "docs/statistics.md explains what is not printed"
+    assert len(named) == len(set(named))
+
+
+def test_every_paragraph_says_what_its_statistic_does_not_show() -> None:
+    """No statistic and no verdict is explained without its limits."""
+    for page in (STATISTICS, VERDICTS):
+        for paragraph in re.split(r"^### ", page, flags=re.MULTILINE)[1:]:
+            assert "*Does not show:* " in paragraph, paragraph.splitlines()[0]
+
+
+def test_the_page_names_only_statistics_and_conditions_that_there_are(printed: set[str]) -> None:
+    """A name in running text is a statistic, a condition, a label or an option."""
+    known = printed | set(CONDITIONS) | set(CALIBRATED_LABELS) | {"mirrored"}
+    words = set(re.findall(r"`([a-z]\w*(?:\.\w+)?)`", STATISTICS))
+    assert sorted(words - known) == []
+
+
+def test_every_verdict_has_its_paragraph() -> None:
+    """A heading a label, calibrated and lateral, in the order in which they are tried; a row a label of the paper."""
+    assert tuple(headings(part(VERDICTS, "The calibrated rules"))) == in_the_order_tried()
+    assert set(headings(part(VERDICTS, "Lateral"))) == set(LATERAL_LABELS)
+    assert set(re.findall(r"^\| `(\w+)` \|", part(VERDICTS, "The paper's rules"), re.MULTILINE)) == set(PAPER_LABELS)
+
+
+def in_the_order_tried() -> tuple[str, ...]:
+    """Return the calibrated labels with depth before depth_lateral, which is depth and more."""
+    labels = [label for label in CALIBRATED_LABELS if label != "depth_lateral"]
+    labels.insert(labels.index("depth") + 1, "depth_lateral")
+    return tuple(labels)
+
+
+def test_the_lists_of_labels_hold_every_label_that_a_rule_can_give() -> None:
+    """Read from the source of the rules: the first words of every ruling."""
+    given = set()
+    for file in sorted((ROOT / "src" / "eyechart" / "verdicts").glob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in {"Ruling", "decided"}:
+                given |= {label.value for label in ast.walk(node.args[0]) if isinstance(label, ast.Constant)}
+    listed = {*CALIBRATED_LABELS, *PAPER_LABELS, *LATERAL_LABELS}
+    assert given <= listed
+    assert listed - given <= {"depth", "depth_lateral"}  # chosen by an expression of their own
+    assert set(TRUST) == set(CALIBRATED_LABELS)

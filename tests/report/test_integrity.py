@@ -1,0 +1,170 @@
+"""The integrity section counts every call by condition, and names what a run does not cover."""
+
+import re
+from html import unescape
+from pathlib import Path
+
+import pytest
+
+import banks
+import photographs
+import stand_ins
+from eyechart.actions import ActionSpace
+from eyechart.calls import Query, Reply
+from eyechart.conditions import speaker
+from eyechart.frames import open_bank
+from eyechart.importing import Choices, import_table
+from eyechart.models import ADAPTERS
+from eyechart.report.browser import frames_shown
+from eyechart.report.evidence import read_evidence, subjects
+from eyechart.report.integrity import counts, not_covered, summed
+from eyechart.report.page import make_page
+from eyechart.studies import battery as study
+from report_runs import data_of, make_run, report
+
+TWO = ActionSpace("two", ("HALT", "GO"), (), ("HALT",), ("GO",))
+SAID = 'system = "You drive."\nuser = "You go at speed {speed}. Answer {actions}."\n'
+
+
+def weak(query: Query) -> Reply:
+    """Fail for some calls in passing, answer nothing for others, and STOP for the rest."""
+    if query.seed % 5 == 0:
+        return Reply(error="connection", error_detail="down")
+    return Reply("" if query.seed % 5 == 1 else "STOP", "stop")
+
+
+@pytest.fixture(scope="module")
+def weak_run(bank: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a run of twelve frames under four conditions, some of whose calls stay unfinished."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("eyechart.run.random.random", lambda: -1.0)
+        folder = tmp_path_factory.mktemp("weak")
+        conditions = ["real", "blank", "text_only", "lead_near"]
+        models = {"weak": weak, "steady": stand_ins.stop}
+        return make_run(bank, folder / "run", models, limit=12, conditions=conditions)
+
+
+def test_calls_are_counted_by_condition(weak_run: Path) -> None:
+    """Planned, answered, attempts (three for what stays down), failures, and what holds no decision, by its reason."""
+    (run,) = read_evidence([weak_run])
+    one, steady = (counts(who) for who in subjects([run]))
+    drawn = sum("lead_near" in frame.counterfactuals for frame in run.frames)
+    assert [(row.condition, row.planned) for row in one] == [
+        ("real", 12),
+        ("blank", 12),
+        ("text_only", 12),
+        ("lead_near", drawn),
+    ]
+    for row in one:
+        down = row.planned - row.answered
+        assert (row.attempts, row.errors) == (row.answered + 3 * down, 3 * down)
+        assert row.missing == (0, 0, 0, row.missing[3], down)
+        assert row.without == row.missing[3] + down
+    assert sum(row.errors for row in one) > 0 < sum(row.missing[3] for row in one)
+    assert all((row.answered, row.attempts, row.without) == (row.planned, row.planned, 0) for row in steady)
+    both = summed([one, steady])
+    assert [row.planned for row in both] == [2 * row.planned for row in one]
+    assert both[1].missing == one[1].missing
+
+
+def test_what_is_not_covered_is_named(weak_run: Path) -> None:
+    """Conditions that were not chosen or cannot be shown, frames and calls left, and tests that cannot say."""
+    (run,) = read_evidence([weak_run])
+    said = "\n".join(not_covered(run))
+    assert "condition mirrored was not asked: it was not chosen" in said
+    assert "condition text_swapped was not asked: prompt 'baseline' says nothing of a frame" in said
+    assert "6 of the bank's 18 frames were not asked about (--limit)" in said
+    assert re.search(r"standin:weak: \d+ of 4\d planned calls are not finished", said)
+    assert re.search(r"cannot say: .*depth_interventional.* \(0 counterfactual pairs", said)
+    assert said.endswith("not tested by any run: other prompts, other cameras, closed loop")
+
+
+def test_the_page_shows_the_counts(weak_run: Path, tmp_path: Path) -> None:
+    """A table over all models, and one a model."""
+    made = report(weak_run, tmp_path / "page.html").html
+    assert made.count("<caption>Calls by condition, ") == 3
+    table = made.partition("<caption>Calls by condition, standin:steady</caption>")[2].partition("</table>")[0]
+    row = re.search(r"<code>blank</code></th>(.*?)</tr>", table)
+    assert row is not None
+    assert re.findall(r"<td>(.*?)</td>", row.group(1))[:6] == ["12", "12", "12", "0", "0", "0"]
+    for line in not_covered(read_evidence([weak_run])[0]):
+        assert f"<li>{line}</li>" in unescape(made)
+
+
+@pytest.fixture
+def rover(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the run of an imported bank without a gap, a mirror axis or scenarios, whose prompt says the speed."""
+    monkeypatch.setitem(ADAPTERS, "driver", "photographs")
+    rows = photographs.rows(drives=3, ticks=4)
+    photographs.take(tmp_path / "photos", rows)
+    (tmp_path / "t.csv").write_text(photographs.as_csv(rows, without=["lidar_m", "place"]))
+    (tmp_path / "prompt.toml").write_text(SAID)
+    places = {"file": "photo", "episode": "drive", "step": "tick"}
+    import_table(
+        tmp_path / "photos",
+        tmp_path / "t.csv",
+        tmp_path / "bank",
+        Choices(columns=places, prompt_columns=("speed",), space=TWO, picture="a rover's camera"),
+    )
+    models = ["driver:looks", "driver:listens"]
+    study.run(study.plan(tmp_path / "bank", models, tmp_path / "run", prompt=str(tmp_path / "prompt.toml")))
+    return tmp_path / "run"
+
+
+def test_an_imported_bank_says_by_name_what_it_lacks(rover: Path, tmp_path: Path) -> None:
+    """Sections without data say "cannot say" and why; the action space is the owner's."""
+    html = unescape(report(rover, tmp_path / "page.html").html)
+    assert html.count("Cannot say: the bank records no gap.") == 2
+    assert "Cannot say: the run has no counterfactual pictures." in html
+    assert "Cannot say: no frame has answers to its real and to its mirrored picture" in html
+    assert re.search(r"cannot say: .*depth_observational.* \(the bank records no gap\)", html)
+    assert "condition mirrored was not asked: no frame has a mirror axis" in html
+    assert "HALT, GO" in html
+    assert "none is exchanged by reflection" in html
+    assert data_of(html)["runs"][0]["actions"] == ["HALT", "GO"]
+
+
+def test_the_page_says_what_a_prompt_said_of_a_frame(rover: Path, tmp_path: Path) -> None:
+    """Of the frame itself, and under text_swapped of which other frame."""
+    held = data_of(report(rover, tmp_path / "page.html").html)["runs"][0]
+    (run,) = read_evidence([rover])
+    bank = open_bank(rover.parent / "bank")
+    for frame in held["frames"]:
+        own = bank.frame(frame["id"])
+        other = speaker("text_swapped", own, bank, run.score.manifest.seed, ("speed",))
+        assert frame["said"] == [["speed", own.fields["speed"]]]
+        assert frame["told"] == {"text_swapped": [other.id, [["speed", other.fields["speed"]]]]}
+        assert other.fields["speed"] != own.fields["speed"]
+
+
+def test_a_page_lists_no_more_frames_than_it_can_hold(bank: Path, tmp_path: Path) -> None:
+    """Frames evenly from every episode, and a sentence that says how many."""
+    evidence = read_evidence([make_run(bank, tmp_path / "run", {"steady": stand_ins.stop})])
+    (every,) = frames_shown(evidence)
+    assert every == tuple(range(18))
+    (some,) = frames_shown(evidence, frames=7)
+    assert len(some) == 7
+    assert len({evidence[0].frames[place].episode for place in some}) == 6
+    (few,) = frames_shown(evidence, calls=60)
+    assert len(few) == 60 // 11
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("eyechart.report.page.frames_shown", lambda _: (some,))
+        page = make_page(evidence)
+    assert "The browser lists 7 of 18 frames, evenly from every episode" in page.html.decode()
+    held = data_of(page.html.decode())["runs"][0]
+    assert (len(held["frames"]), held["asked"], len(held["pictures"]["real"])) == (7, 18, 7)
+
+
+def test_a_run_that_stopped_early_says_so_and_is_not_partial(tmp_path: Path) -> None:
+    """The card shows the e-value and the calls, and nobody is told to go on with calls that are left out for good."""
+    root = banks.build_bank(tmp_path / "bank", episodes=6, steps=6).root
+    run = make_run(root, tmp_path / "run", {"steady": stand_ins.stop}, stop_early=True)
+    (evidence,) = read_evidence([run])
+    stopped = evidence.score.models["standin:steady"].stopped
+    assert stopped is not None
+    html = unescape(report(run, tmp_path / "page.html").html)
+    assert f"<dd>{stopped.calls} of {stopped.planned}</dd>" in html
+    assert f"standin:steady: {stopped.words()}" in html
+    assert '<span class="flag">stopped early</span>' in html
+    assert '<span class="flag">partial</span>' not in html
+    assert "planned calls are not finished" not in html

@@ -1,0 +1,93 @@
+"""Tables for other programs: each format escapes by its own rules, and no number changes on the way."""
+
+import csv
+import io
+from pathlib import Path
+
+import pytest
+
+from eyechart.report.evidence import Subject, read_evidence, subjects
+from eyechart.report.sheets import Sheet, frontier_sheet, statistics_sheet, verdict_sheet, write_sheets
+from report_runs import Reported
+
+COLUMNS = (("name", "text"), ("value", "number"), ("interval", "interval"), ("n", "count"), ("p", "p"))
+
+
+def sheet(name: str) -> Sheet:
+    """Return a sheet with one row."""
+    return Sheet("s", "caption", COLUMNS, ((name, -0.123456789, (-0.5, 0.25), 7, 0.00001),))
+
+
+@pytest.fixture(scope="module")
+def everyone(hostile: Reported) -> list[Subject]:
+    """Return the two models of the hostile run."""
+    return subjects(read_evidence([hostile.run]))
+
+
+@pytest.mark.parametrize("name", ["=1+1", "+cmd", "-x", "@SUM(A1)", "\t=1", "\r=1", "  =1"])
+def test_a_name_cannot_become_a_formula(name: str) -> None:
+    """A spreadsheet shows it as text."""
+    row = list(csv.reader(io.StringIO(sheet(name).csv())))[1]
+    assert row[0].startswith("'")
+    assert row[1:] == ["-0.123456789", "-0.5", "0.25", "7", "1e-05"]
+
+
+def test_csv_keeps_words_and_every_digit() -> None:
+    """Quotes, commas and lines are the csv module's work; a negative number is a number."""
+    row = list(csv.reader(io.StringIO(sheet('a "b", c').csv())))[1]
+    assert row[0] == 'a "b", c'
+    assert float(row[1]) == -0.123456789
+
+
+def test_markdown_escapes_what_would_be_markup() -> None:
+    """A bar ends no cell, and no name is a link, an emphasis or an element."""
+    text = sheet("a|b_c*d`e[f](g)<h>&i\nj").markdown()
+    line = text.splitlines()[-1]
+    assert line == r"| a\|b\_c\*d\`e\[f\](g)&lt;h&gt;&amp;i j | -0.123 | \[-0.500, 0.250\] | 7 | &lt;10⁻⁴ |"
+
+
+def test_latex_escapes_every_special_sign() -> None:
+    """The ten of LaTeX, and signs that its fonts lack."""
+    line = sheet("a_b%c&d#e$f{g}h~i^j\\k<l>").latex().splitlines()[8]
+    assert line == (
+        r"a\_b\%c\&d\#e\$f\{g\}h\textasciitilde{}i\textasciicircum{}j\textbackslash{}k\textless{}l\textgreater{}"
+        r" & -0.123 & {[}-0.500, 0.250] & 7 & $<10^{-4}$ \\"
+    )
+    assert "{[}a] & " in sheet("[a]").latex()  # after a line's end LaTeX would take [a] for its argument
+    assert r"\toprule" in sheet("a").latex()
+    assert r"\begin{tabular}{@{}lrrrr@{}}" in sheet("a").latex()
+
+
+def test_cannot_say_is_a_dash_for_people_and_nothing_for_programs() -> None:
+    """Never a zero."""
+    empty = Sheet("s", "caption", COLUMNS, (("a", None, None, None, None),))
+    assert list(csv.reader(io.StringIO(empty.csv())))[1] == ["a", "", "", "", "", ""]
+    assert empty.markdown().splitlines()[-1] == "| a | — | — | — | — |"
+    assert "a & --- & --- & --- & ---" in empty.latex()
+
+
+def test_the_sheets_hold_the_run(everyone: list[Subject]) -> None:
+    """A row a model, a row a statistic, and the paper's table with a column a model."""
+    verdicts = verdict_sheet(everyone).rows
+    assert [row[:2] for row in verdicts] == [(who.label, who.verdict.calibrated.label) for who in everyone]
+    statistics = statistics_sheet(everyone).rows
+    assert len(statistics) == sum(len(who.model.statistics) for who in everyone)
+    for who_name, name, value, interval, level, n, p, *_ in statistics:
+        found = next(who for who in everyone if who.label == who_name).model.statistics[name]
+        assert (value, interval, n, p) == (found.value, found.ci, found.n, found.p)
+        assert (level == "") == (found.ci is None)
+    levels = {row[1]: row[4] for row in statistics}
+    assert (levels["unparsed_rate"], levels["unparsed_reference"]) == ("95 %", "98 %")
+    frontier = frontier_sheet(everyone)
+    assert [name for name, _ in frontier.columns] == ["metric", *(who.label for who in everyone)]
+    assert frontier.rows[-1] == ("verdict (calibrated)", *(who.verdict.calibrated.label for who in everyone))
+
+
+def test_sheets_are_written_in_three_formats(everyone: list[Subject], tmp_path: Path) -> None:
+    """Verdicts, frontier and statistics, the same bytes each time."""
+    written = write_sheets(everyone, tmp_path / "a")
+    assert {path.name for path in written} == {
+        f"{name}.{suffix}" for name in ("verdicts", "frontier", "statistics") for suffix in ("csv", "md", "tex")
+    }
+    again = write_sheets(everyone, tmp_path / "b")
+    assert [path.read_bytes() for path in written] == [path.read_bytes() for path in again]

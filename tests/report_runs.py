@@ -1,0 +1,82 @@
+"""Small runs for the tests of the report: a tiny bank, stand-in models, and replies that mean harm."""
+
+import json
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stand_ins
+from eyechart.actions import DRIVING
+from eyechart.calls import Query, Reply
+from eyechart.models import ADAPTERS
+from eyechart.report.evidence import read_evidence
+from eyechart.report.page import Page, make_page, write_page
+from eyechart.studies import battery as study
+
+HOSTILE = (
+    "<script>window.pwned = 1</script>",
+    "</script><script>window.pwned = 2</script>",
+    "</ScRiPt ><img src=x onerror='window.pwned = 3'>",
+    "<!-- <script> -->",
+    "\"'`><b onmouseover=window.pwned=4>STOP</b>",
+    "&lt;b&gt; &amp; &#60; \\u003c",
+    "{{ 7 * 7 }} {% raw %} ${window.pwned = 5}",
+    "\u202eright to left\u202c \u200f\u2066marks\u2069",
+    "line\u2028paragraph\u2029end",
+    "bell \x07, escape \x1b[31m, form feed \x0c, delete \x7f",
+    "tab\there\nand a second line",
+    "😀 naïve café 漢字",
+)
+"""Replies that would be markup, code or nothing if the page took them for more than text."""
+
+LONG = "long winded " + "<b>" * 66_663
+"""A reply of 200 001 characters."""
+
+
+@dataclass(frozen=True)
+class Reported:
+    """A run with its bank, the page made of it, and the file where it lies."""
+
+    bank: Path
+    run: Path
+    page: Path
+    made: Page
+
+    @property
+    def html(self) -> str:
+        """Return the page's text."""
+        return self.made.html.decode()
+
+
+def hostile(query: Query) -> Reply:
+    """Answer with harm in most cases, with an action in the others, as the call's seed has it."""
+    dice = np.random.default_rng(query.seed)
+    choices = (*HOSTILE, LONG, *DRIVING.actions, *DRIVING.actions, "")
+    return Reply(choices[int(dice.integers(len(choices)))], "stop", prompt_tokens=3, completion_tokens=1, seconds=0.25)
+
+
+def make_run(bank: Path, out: Path, models: Mapping[str, Callable[[Query], Reply]], **options: object) -> Path:
+    """Run a battery of models given as functions; they are called ``standin:NAME``."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(ADAPTERS, "standin", "stand_ins")
+        patch.setattr(stand_ins, "open_model", lambda name: stand_ins.StandIn(models[name]))
+        study.run(study.plan(bank, [f"standin:{name}" for name in models], out, **options))
+    return out
+
+
+def report(run: Path, page: Path, *banks: Path) -> Reported:
+    """Make a run's report."""
+    made = make_page(read_evidence([run], banks))
+    write_page(made, page)
+    return Reported(banks[0] if banks else run, run, page, made)
+
+
+def data_of(html: str) -> dict[str, list]:
+    """Return the data that the browser of frames reads."""
+    block = re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.DOTALL)
+    assert block is not None
+    return json.loads(block.group(1))

@@ -1,0 +1,87 @@
+"""The door that every simulator keeps: contract tests over the registry."""
+
+from pathlib import Path
+
+import pytest
+
+from eyechart.conditions import BATTERY, available, require_partners, show
+from eyechart.errors import BankError, SpecError
+from eyechart.frames import FrameBank, check, decode, open_bank
+from eyechart.simulators import SIMULATORS, open_simulator
+
+
+@pytest.fixture(scope="module", params=list(SIMULATORS))
+def bank(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
+    """Return a small bank of each simulator."""
+    return open_simulator(request.param).build(tmp_path_factory.mktemp("door") / "bank", seeds=(0, 1), steps=4)
+
+
+def test_its_name_opens_it_and_its_presets_are_in_words(bank: FrameBank) -> None:
+    """For ``eyechart list simulators``, and for the scope of every verdict."""
+    simulator = open_simulator(bank.manifest.simulator)
+    assert simulator.name == bank.manifest.simulator
+    assert bank.manifest.preset in simulator.presets
+    assert all(sentence.endswith(".") for sentence in simulator.presets.values())
+    assert bank.manifest.picture
+
+
+def test_its_bank_is_what_its_manifest_says(bank: FrameBank) -> None:
+    """The fingerprint and every picture's hash are those recorded."""
+    assert check(bank.root) == []
+    assert open_bank(bank.root).manifest == bank.manifest
+
+
+def test_the_same_seeds_give_the_same_frames_and_others_give_others(bank: FrameBank, tmp_path: Path) -> None:
+    """A bank can be built again from its name; a seed is one episode a scenario, of so many steps."""
+    simulator = open_simulator(bank.manifest.simulator)
+    again = simulator.build(tmp_path / "again", seeds=(0, 1), steps=4)
+    others = simulator.build(tmp_path / "others", seeds=(2, 3), steps=4)
+    assert again.manifest.fingerprint == bank.manifest.fingerprint
+    assert again.manifest.images == bank.manifest.images
+    assert others.manifest.fingerprint != bank.manifest.fingerprint
+    assert len({frame.episode for frame in bank}) == 2 * len(bank.scenarios)
+    assert len(bank) == 8 * len(bank.scenarios)
+
+
+def test_its_gap_is_a_number_or_no_lead_and_lies_on_both_sides_of_near(bank: FrameBank) -> None:
+    """Or no test of distance can decide anything."""
+    gap = bank.manifest.gap
+    assert gap is not None
+    values = [frame.truth[gap.column] for frame in bank]
+    numbers = [value for value in values if value is not None]
+    assert all(isinstance(value, float | int) and not isinstance(value, bool) for value in numbers)
+    assert min(numbers) < gap.threshold
+    assert None in values or max(numbers) >= gap.threshold
+
+
+def test_every_condition_can_be_shown(bank: FrameBank) -> None:
+    """The eight of the paper on every frame, and counterfactuals that are pictures of the frame's size."""
+    require_partners(BATTERY, bank)
+    for frame in bank:
+        size = decode(bank.image(frame), frame.id).shape
+        for name in BATTERY:
+            picture = show(name, frame, bank, 0)
+            assert (picture is None) == (name == "text_only")
+            assert picture is None or decode(picture, name).shape == size
+        for name in frame.counterfactuals:
+            assert available(name, frame)
+            assert decode(bank.image(frame, name), name).shape == size
+
+
+def test_moving_the_lead_changes_the_picture(bank: FrameBank) -> None:
+    """Near and far are two pictures, on every frame that has them; some frame has them."""
+    pairs = [frame for frame in bank if {"lead_near", "lead_far"} <= frame.counterfactuals.keys()]
+    assert pairs
+    for frame in pairs:
+        assert bank.image(frame, "lead_near") != bank.image(frame, "lead_far")
+
+
+def test_it_tells_its_progress_and_refuses_what_cannot_be(bank: FrameBank, tmp_path: Path) -> None:
+    """Frame by frame; an unknown preset and a place that is taken are errors in words."""
+    simulator, told = open_simulator(bank.manifest.simulator), []
+    simulator.build(tmp_path / "new", seeds=(0,), steps=4, progress=lambda done, total: told.append((done, total)))
+    assert told[-1] == (len(bank) // 2, len(bank) // 2)
+    with pytest.raises(SpecError, match="no preset 'ideal'"):
+        simulator.build(tmp_path / "other", preset="ideal")
+    with pytest.raises(BankError, match="exists already"):
+        simulator.build(tmp_path / "new")

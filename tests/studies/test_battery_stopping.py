@@ -1,0 +1,348 @@
+"""Stopping early: what settles, what does not, and that neither time nor chance of arrival has a say in it."""
+
+import itertools
+import random
+from collections.abc import Mapping
+
+import pytest
+
+import simulated
+from eyechart.actions import DRIVING, ActionSpace, Decision
+from eyechart.frames import Frame
+from eyechart.studies.battery.answers import Answers
+from eyechart.studies.battery.evidence import Row, claims, fewest_turns
+from eyechart.studies.battery.stopping import LATERAL, RULES, Course, Layout, Stopped, layout_of
+from eyechart.studies.battery.watching import typical
+
+Given = dict[tuple[str, str], Decision]
+FRAMES = simulated.frames()
+ALL = (*simulated.CONDITIONS, *simulated.COUNTERFACTUALS)
+
+
+def layout(conditions: tuple[str, ...] = ALL, *, frames: tuple[Frame, ...] = FRAMES, seed: int = 0) -> Layout:
+    """Return the layout of a run that asks every condition of every frame."""
+    return layout_of(frames, {frame.id: conditions for frame in frames}, DRIVING, seed)
+
+
+def given(answers: Answers) -> Given:
+    """Return a simulated controller's answers as a run's finished calls."""
+    return {
+        (frame.id, name): one
+        for name, column in answers.decisions.items()
+        for frame, one in zip(answers.frames, column, strict=True)
+        if one is not None
+    }
+
+
+def settle(rule: simulated.Rule, *, counterfactuals: bool = True, seed: int = 0) -> Stopped | None:
+    """Return where a simulated controller is settled."""
+    course = Course(layout(ALL if counterfactuals else simulated.CONDITIONS, seed=seed))
+    calls = given(simulated.answers(rule, FRAMES, counterfactuals=counterfactuals, seed=seed))
+    course.advance(calls)
+    return course.stopped(len(course.counted))
+
+
+def depth(condition: str, frame: Frame, rng: object) -> str:
+    """Brake by distance."""
+    del rng
+    return "STOP" if simulated.blind(condition) or simulated.gap(frame) < 20 else "STRAIGHT"
+
+
+def presence(condition: str, frame: Frame, rng: object) -> str:
+    """Tell a road from what is none."""
+    del frame, rng
+    return "STOP" if simulated.blind(condition) else "SLOW"
+
+
+def constant(condition: str, frame: Frame, rng: object) -> str:
+    """Answer SLOW."""
+    del condition, frame, rng
+    return "SLOW"
+
+
+def refusing(condition: str, frame: Frame, rng: object) -> str | None:
+    """Answer SLOW, and nothing to a blank."""
+    del frame, rng
+    return None if condition == "blank" else "SLOW"
+
+
+def cut(condition: str, frame: Frame, rng: object) -> str | None:
+    """Lose every third answer."""
+    del condition, frame
+    return None if rng.random() < 1 / 3 else "SLOW"  # type: ignore[attr-defined]
+
+
+CLEAR = {
+    "not_scorable": cut,
+    "depth": depth,
+    "presence_only": presence,
+    "refusal_effect": refusing,
+    "image_invariant": constant,
+}
+
+
+@pytest.mark.parametrize("label", RULES)
+def test_a_clear_controller_is_settled_with_half_of_its_calls_saved(label: str) -> None:
+    """Every label that can be settled early is, by the claim that it rests on."""
+    stopped = settle(CLEAR[label])
+    assert stopped is not None
+    assert (stopped.label, stopped.lateral) == (label, "no_power")
+    assert stopped.decided_by == f"early.{RULES[label][0]}"
+    assert stopped.calls <= stopped.planned / 2
+    assert stopped.interventional
+
+
+def test_following_the_gap_by_observation_never_stops_a_run() -> None:
+    """Without counterfactual pictures a follower of distance is asked to the end, and so is one that follows half."""
+    assert settle(depth, counterfactuals=False) is None
+    assert settle(presence, counterfactuals=False) is not None
+
+
+def test_turns_are_settled_too() -> None:
+    """Exchanged turns are ``swaps``, turns to one side ``one_sided``, turns that stay ``does_not_swap``."""
+
+    def turning(condition: str, frame: Frame, rng: object) -> str:
+        seen = depth(condition, frame, rng)
+        if seen == "STOP":
+            return seen
+        side = "LEFT" if float(str(frame.truth["phase"])) < 0.5 else "RIGHT"
+        return DRIVING.mirror(side) if condition == "mirrored" else side
+
+    def left(condition: str, frame: Frame, rng: object) -> str:
+        seen = depth(condition, frame, rng)
+        return "LEFT" if seen == "STRAIGHT" else seen
+
+    def staying(condition: str, frame: Frame, rng: object) -> str:
+        return (
+            DRIVING.mirror(turning(condition, frame, rng))
+            if condition == "mirrored"
+            else turning(condition, frame, rng)
+        )
+
+    found = [settle(rule) for rule in (turning, left, staying)]
+    assert [one and (one.label, one.lateral) for one in found] == [
+        ("depth", "swaps"),
+        ("depth", "one_sided"),
+        ("depth", "does_not_swap"),
+    ]
+
+
+def test_a_coin_is_asked_to_the_end() -> None:
+    """It is not steady, so that no absence is claimed of it, and ``self_inconsistent`` needs the whole run."""
+
+    def coin(condition: str, frame: Frame, rng: object) -> str:
+        del frame
+        if simulated.blind(condition):
+            return "STOP"
+        return str(rng.choice(DRIVING.actions))  # type: ignore[attr-defined]
+
+    assert settle(coin) is None
+
+
+@pytest.mark.parametrize("label", RULES)
+def test_the_order_of_arrival_has_no_say(label: str) -> None:
+    """Calls that come in any order, some of them beyond the stop, settle the same verdict with the same calls."""
+    calls = given(simulated.answers(CLEAR[label], FRAMES))
+    whole = Course(layout())
+    whole.advance(calls)
+    arriving = list(calls)
+    random.Random(3).shuffle(arriving)  # noqa: S311 - no secret
+    course, so_far = Course(layout()), {}
+    for place, key in enumerate(arriving):
+        so_far[key] = calls[key]
+        if place % 7 == 0:
+            course.advance(so_far)
+    course.advance(so_far)
+    assert course.counted == whole.counted
+    assert course.statistics() == whole.statistics()
+    assert course.stopped(len(course.counted)) == whole.stopped(len(whole.counted))
+    late = course.stopped(len(calls))
+    assert late is not None
+    assert late.beyond == len(calls) - len(course.counted)
+
+
+def test_a_missing_call_holds_everything_back() -> None:
+    """Frames count in their order: behind one that is not complete nothing counts, whatever else has come."""
+    calls = given(simulated.answers(depth, FRAMES))
+    asked = layout()
+    del calls[asked.order[4], "shuffled"]
+    course = Course(asked)
+    course.advance(calls)
+    assert (course.frames, course.stopped(len(calls))) == (4, None)
+
+
+def test_once_distance_is_settled_only_its_checks_are_asked() -> None:
+    """Then real, its repeat and its reflection are wanted, and after the stop nothing."""
+    asked = layout()
+    course = Course(asked)
+    calls = given(simulated.answers(depth, FRAMES))
+    first = asked.order[0]
+    assert course.wanted(first) == ALL
+    for frame in asked.order:
+        if course.label is not None:
+            break
+        course.advance({key: one for key, one in calls.items() if key[0] == frame})
+    assert course.label == "depth"
+    assert course.frames < 12
+    assert course.wanted(asked.order[-1]) == ("real", "real_repeat", "mirrored")
+    course.advance(calls)
+    assert course.settled
+    assert course.wanted(asked.order[-1]) == ()
+
+
+def test_errors_settle_nothing() -> None:
+    """A model whose every call fails is not called unscorable early: its frames are evidence for nothing."""
+    asked = layout()
+    course = Course(asked)
+    course.advance({(frame, name): Decision(None, "error") for frame in asked.order for name in ALL})
+    assert course.exhausted
+    assert course.stopped(len(course.counted)) is None
+    assert not course.claims["unscorable"].settled
+
+
+def test_losing_answers_late_turns_a_verdict_into_not_scorable() -> None:
+    """A controller settled on distance that then loses its answers is not scorable, as the whole run would say."""
+    asked = layout()
+    calls = given(simulated.answers(depth, FRAMES))
+    for frame in asked.order[12:60]:
+        calls[frame, "real"] = calls[frame, "real_repeat"] = Decision(None, "refused")
+    course = Course(asked)
+    course.advance(calls)
+    stopped = course.stopped(len(course.counted))
+    assert stopped is not None
+    assert stopped.label == "not_scorable"
+
+
+def test_where_turns_stay_open_all_frames_are_asked_for_them() -> None:
+    """Half of the turns exchanged settles neither side: the lateral axis then follows the ordinary rules."""
+    place = {frame.id: number for number, frame in enumerate(FRAMES)}
+
+    def half(condition: str, frame: Frame, rng: object) -> str:
+        seen = depth(condition, frame, rng)
+        swaps = condition == "mirrored" and place[frame.id] % 2
+        return "RIGHT" if seen == "STRAIGHT" and swaps else "LEFT" if seen == "STRAIGHT" else seen
+
+    stopped = settle(half)
+    assert stopped is not None
+    assert (stopped.label, stopped.lateral, stopped.lateral_by) == ("depth", None, "mirror_swap_rate")
+    assert stopped.frames == len(FRAMES)
+
+
+def test_no_direction_or_no_mirror_leaves_only_the_label_to_settle() -> None:
+    """Then the lateral axis is not tested, as without stopping, and costs no call."""
+    space = ActionSpace("go", ("GO", "HALT"), (), ("HALT",), ("GO",))
+    asked = Layout(layout().order, layout().asked, space)
+    calls = {(frame, name): Decision("HALT" if name == "lead_near" else "GO") for frame in asked.order for name in ALL}
+    course = Course(asked)
+    course.advance(calls)
+    stopped = course.stopped(len(course.counted))
+    assert stopped is not None
+    assert (stopped.label, stopped.lateral) == ("depth", None)
+    assert set(LATERAL["swaps"]) & set(course.claims) == set()
+
+
+def test_a_bank_too_small_to_settle_anything_is_asked_to_its_end() -> None:
+    """Ten frames bound nothing: every call is made, and the ordinary rules judge."""
+    asked = layout(frames=FRAMES[:10])
+    course = Course(asked)
+    course.advance({(frame, name): Decision("SLOW") for frame in asked.order for name in ALL})
+    assert course.exhausted
+    assert len(course.counted) == asked.planned
+    assert course.stopped(len(course.counted)) is None
+
+
+def test_another_seed_is_another_order() -> None:
+    """The order is of the seed and the frames' ids, and of nothing else."""
+    assert layout().order == layout(frames=tuple(reversed(FRAMES))).order
+    assert layout().order != layout(seed=1).order
+    assert sorted(layout().order) == sorted(frame.id for frame in FRAMES)
+
+
+def test_without_shuffled_pictures_no_absence_is_settled() -> None:
+    """The bound on the content of a picture is needed, as without stopping."""
+    names = tuple(name for name in ALL if name != "shuffled")
+    course = Course(layout(names))
+    course.advance({key: one for key, one in given(simulated.answers(constant, FRAMES)).items() if key[1] in names})
+    assert course.stopped(len(course.counted)) is None
+
+
+def test_the_typical_number_of_calls_is_what_a_clear_controller_takes() -> None:
+    """Each label with its calls, none of a label that the run cannot settle."""
+    found = typical(layout())
+    constant_, depth_ = settle(constant), settle(depth)
+    assert constant_ is not None
+    assert depth_ is not None
+    assert found["image_invariant"] == constant_.calls
+    assert found["depth"] == depth_.calls
+    assert "depth" not in typical(layout(simulated.CONDITIONS))
+    assert typical(layout(frames=FRAMES[:12])).keys() <= {"not_scorable", "depth"}
+
+
+def test_fewest_turns_are_those_that_a_permutation_can_tell() -> None:
+    """Nine of two directions (126 pairings), six of four (180)."""
+    assert [fewest_turns(labels) for labels in (2, 4)] == [9, 6]
+
+
+def row(space: ActionSpace = DRIVING, **answers: str) -> Row:
+    """Return a frame's answers; an empty one holds no decision."""
+    return Row({name: Decision(one) if one else Decision(None, "refused") for name, one in answers.items()}, space)
+
+
+SAME = {"real": "SLOW", "real_repeat": "SLOW", "blank": "SLOW", "shuffled": "SLOW"}
+
+EVIDENCE: Mapping[str, tuple[dict[str, str], dict[str, str]]] = {
+    "near_far": ({"lead_near": "STOP", "lead_far": "SLOW"}, {"lead_near": "SLOW", "lead_far": "STOP"}),
+    "bound_near_far": ({"lead_near": "SLOW", "lead_far": "SLOW"}, {"lead_near": "STOP", "lead_far": "SLOW"}),
+    "bound_shuffled": (SAME, {**SAME, "shuffled": "STOP"}),
+    "bound_blank": (SAME, {**SAME, "blank": "STOP"}),
+    "bound_blank_response": (SAME, {**SAME, "blank": ""}),
+    "bound_blank_kept": ({**SAME, "blank": ""}, {**SAME, "blank": "STOP"}),
+    "steady": (SAME, {**SAME, "real_repeat": "STOP"}),
+    "scorable": (SAME, {**SAME, "real": ""}),
+    "unscorable": ({**SAME, "real": ""}, SAME),
+    "few_turns": ({**SAME, "mirrored": "SLOW"}, {"real": "LEFT", "mirrored": "RIGHT"}),
+    "swaps_rate": ({"real": "LEFT", "mirrored": "RIGHT"}, {"real": "LEFT", "mirrored": "LEFT"}),
+    "no_swaps": ({"real": "LEFT", "mirrored": ""}, {"real": "LEFT", "mirrored": "RIGHT"}),
+}
+
+
+@pytest.mark.parametrize("name", EVIDENCE)
+def test_a_frame_speaks_for_its_claim_or_against_it(name: str) -> None:
+    """The e-value rises with the one frame and falls with the other."""
+    for answers, rises in zip(EVIDENCE[name], (True, False), strict=True):
+        claim = claims(144, DRIVING, ALL, mirrored=True)[name]
+        claim.add(row(**answers))
+        assert (claim.process.log_e > 0) == rises
+        assert (claim.process.log_e < 0) != rises
+
+
+@pytest.mark.parametrize("name", ["presence", "presence_response"])
+def test_a_refusal_differs_in_outputs_and_not_in_decisions(name: str) -> None:
+    """At decision level a refused blank is no pair; at response level it is one, in the same order each time."""
+    claim = claims(144, DRIVING, ALL, mirrored=True)[name]
+    for _ in range(12):
+        claim.add(row(**{**SAME, "blank": ""}))
+    assert claim.settled == (name == "presence_response")
+
+
+def test_an_e_value_is_a_statistic_that_says_what_it_tested() -> None:
+    """With its threshold, its frames and the anytime-valid p."""
+    claim = claims(144, DRIVING, ALL, mirrored=True)["near_far"]
+    for _ in range(8):
+        claim.add(row(lead_near="STOP", lead_far="SLOW"))
+    found = claim.statistic()
+    assert claim.settled
+    assert found.n == 8
+    assert found.value == pytest.approx(144.6, abs=0.1)
+    assert found.p == pytest.approx(1 / found.value)
+    assert found.note == "settled after 8 frames: it brakes harder with the lead near than with the lead far"
+    assert found.detail == {"threshold": 100.0, "alpha": 0.01, "settled": True}
+    claim.add(row(lead_near="SLOW", lead_far="STOP"))
+    assert claim.statistic() == found
+
+
+def test_every_claim_that_a_rule_names_can_be_made() -> None:
+    """No rule waits for a claim that nobody tests."""
+    made = set(claims(144, DRIVING, ALL, mirrored=True))
+    named = set(itertools.chain(*RULES.values(), *LATERAL.values())) | {"scorable"}
+    assert named == made

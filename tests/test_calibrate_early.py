@@ -1,0 +1,132 @@
+"""What calibration says of stopping early: that it compares with the full battery, and that a broken bet is caught."""
+
+import json
+import random
+
+import numpy as np
+import pytest
+
+from eyechart.actions import DRIVING
+from eyechart.calibrate import SETTINGS, Calibration, calibrate
+from eyechart.calibrate import early as stopping
+from eyechart.calibrate.early import EMPTY, SAVERS, Early, add, mean_saved, misses
+from eyechart.calibrate.known import KNOWN
+from eyechart.calibrate.nulls import DRAWS, NULLS, ever_rejected
+from eyechart.calibrate.table import tables
+from eyechart.calibrate.tally import VARIANTS, read_calibration
+from eyechart.calibrate.world import World, make_world
+from eyechart.conditions import CONDITIONS
+from eyechart.stats import evalues
+from eyechart.studies.battery.evidence import claims
+from eyechart.studies.battery.stopping import Course
+
+
+@pytest.fixture(scope="module")
+def found() -> Calibration:
+    """Return a calibration of one bank of the default setting that no test changes."""
+    return calibrate(replications=1, seed=3, settings=["default"])
+
+
+@pytest.fixture(scope="module")
+def world() -> World:
+    """Return one bank of the default setting."""
+    return make_world(SETTINGS["default"], np.random.default_rng(1))
+
+
+def test_every_controller_is_followed_with_and_without_counterfactuals(found: Calibration) -> None:
+    """Those that are wanted to save half do, none has another verdict, and the gap by observation stops nobody."""
+    for variant in VARIANTS:
+        assert set(found.early["default"][variant]) == set(KNOWN)
+        assert all(one["equal"] == 1 and one["false"] == 0 for one in found.early["default"][variant].values())
+    for name in SAVERS:
+        assert mean_saved(found.early["default"][VARIANTS[0]][name])[0] > 0.5
+    assert found.early["default"][VARIANTS[1]]["depth"]["stopped"] == 0
+    assert len(found.ever) == len(NULLS)
+    assert not [one for one in found.misses() if "early" in one]
+
+
+def test_early_stopping_stands_in_the_tables_and_comes_back_from_json(found: Calibration) -> None:
+    """Every null has its row, and the JSON loses nothing."""
+    printed = tables(found)
+    assert "Stopping early, setting default, with counterfactuals" in printed
+    assert all(f"| {null.claim}" in printed and null.says in printed for null in NULLS)
+    assert f"of {DRAWS}" in printed
+    assert read_calibration(json.loads(json.dumps(found.as_dict()))) == found
+
+
+def test_every_claim_has_a_null() -> None:
+    """Nothing settles a verdict whose error was not measured."""
+    assert {null.claim for null in NULLS} == set(claims(144, DRIVING, CONDITIONS, mirrored=True))
+
+
+def test_the_nulls_are_rejected_where_they_are_false(world: World) -> None:
+    """The same claims are settled by answers that speak for them, so that silence under a null means something."""
+    wrong = {
+        "bound_shuffled": lambda frames, _: {"shuffled": ["SLOW"] * len(frames)},
+        "near_far": lambda frames, _: {"lead_near": ["STOP"] * len(frames), "lead_far": ["STRAIGHT"] * len(frames)},
+        "few_turns": lambda frames, _: {"real": ["SLOW"] * len(frames)},
+    }
+    for claim, draw in wrong.items():
+        null = next(one for one in NULLS if one.claim == claim)
+        false = type(null)(claim, "not a null", draw)
+        assert ever_rejected(false, world.frames, random.Random(0))  # noqa: S311 - no secret
+
+
+def test_a_bet_that_forgets_what_is_left_is_caught(monkeypatch: pytest.MonkeyPatch, world: World) -> None:
+    """Without its correction for a bad beginning, or with a bet too large, a null is rejected too often."""
+
+    class Broken(evalues.MeanProcess):
+        def _bet(self, edge: float) -> None:
+            super()._bet(edge + 0.4)
+
+    monkeypatch.setattr("eyechart.studies.battery.evidence.MeanProcess", Broken)
+    rng = random.Random(0)  # noqa: S311 - no secret
+    null = next(one for one in NULLS if "noise" in one.says)
+    rejected = sum(ever_rejected(null, world.frames, rng) for _ in range(20))
+    ever = [rejected if one is null else 0 for one in NULLS]
+    assert any(null.says in one for one in misses({}, ever, 2, strict=False))
+
+
+def test_another_verdict_and_too_little_saved_are_misses() -> None:
+    """Each in words that name the controller; runs that did not stop count as equal and save nothing."""
+    same = Early("depth", stopped=True, saved=0.8, equal=True, lateral_equal=True, false=False)
+    other = Early("presence_only", stopped=True, saved=0.3, equal=False, lateral_equal=True, false=False)
+    sums = EMPTY
+    for one in [same] * 180 + [other] * 20:
+        sums = add(sums, one)
+    assert sums["equal"] == 180
+    assert mean_saved(sums)[0] == pytest.approx(0.75)
+    early = {"default": {VARIANTS[0]: {"depth": sums}}}
+    assert misses(early, (), 200, strict=True) == [
+        "stopped early, depth has the full battery's verdict in 0.900 of 200 replications, with counterfactuals"
+    ]
+    low = add(EMPTY, other)
+    assert any(
+        "saves 0.300 of the calls for depth" in one
+        for one in misses({"default": {VARIANTS[0]: {"depth": low}}}, (), 1, strict=True)
+    )
+    assert (
+        misses(
+            {"default": {VARIANTS[1]: {"depth": add(EMPTY, Early("depth", False, 0.0, True, True, False))}}},
+            (),
+            1,
+            strict=True,
+        )
+        == []
+    )
+
+
+def test_a_stop_with_another_verdict_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A course that settles on the wrong label shows as an unequal verdict and as a false one."""
+    before = Course.stopped
+
+    def wrong(course: Course, finished: int) -> object:
+        found = before(course, finished)
+        if found is None or found.label != "image_invariant":
+            return found
+        return type(found)("depth", *(getattr(found, name) for name in found.__slots__[1:]))
+
+    monkeypatch.setattr(stopping.Course, "stopped", wrong)
+    told = calibrate(replications=1, seed=3, settings=["default"])
+    sums = told.early["default"][VARIANTS[0]]["constant"]
+    assert (sums["equal"], sums["false"]) == (0, 1)
