@@ -41,6 +41,7 @@ ASSEMBLED = {
     "cli",
     "frames",
     "importing",
+    "models.huggingface",
     "report",
     "simulators.highway",
     "studies.battery",
