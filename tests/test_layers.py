@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[1] / "src"
 
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("cli",),
-    ("testing", "api"),
+    ("testing", "api", "bundle"),
     ("report",),
     ("gate", "calibrate", "compare", "transfer"),
     ("verdicts",),
@@ -31,10 +31,22 @@ FLOORS = {
     "stats": ("eyechart.stats.statistic",),
     "perception": ("eyechart.perception.scene",),
     "models": ("eyechart.models.http", "eyechart.models.energy"),
+    "studies": ("eyechart.studies.battery",),
 }
 """Inside a package whose modules are peers, only its floor is shared: for models, a request and its energy."""
 
-ASSEMBLED = {"frames", "verdicts", "cli", "report", "calibrate", "studies.battery", "simulators.highway", "importing"}
+ASSEMBLED = {
+    "bundle",
+    "calibrate",
+    "cli",
+    "frames",
+    "importing",
+    "models.huggingface",
+    "report",
+    "simulators.highway",
+    "studies.battery",
+    "verdicts",
+}
 """Packages that are one room split into modules: their modules import each other, without a cycle."""
 
 ALLOWED_FROM_ANYWHERE = {"eyechart"}

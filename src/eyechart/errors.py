@@ -19,3 +19,7 @@ class LedgerError(EyechartError):
 
 class SpecError(EyechartError):
     """A name (model, condition, prompt, simulator, preset) is unknown or malformed."""
+
+
+class BundleError(EyechartError):
+    """A file is no bundle, is damaged, or would do harm when it is opened."""

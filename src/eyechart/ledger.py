@@ -255,7 +255,7 @@ class Ledger:
                 own.executescript(f"{_SCHEMA} {_APPEND_ONLY}")
                 expected = set(own.execute(_OBJECTS))
             found = set(self._sql.execute(_OBJECTS))
-            (said,) = self._sql.execute("PRAGMA quick_check(1)").fetchone()
+            (said,) = self._sql.execute("PRAGMA integrity_check(1)").fetchone()
         except sqlite3.Error as error:
             raise LedgerError(f"{self.path} is damaged: {error}") from error
         if found != expected:

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -33,8 +34,11 @@ COMMANDS = (
     "frames show",
     "run",
     "run battery",
+    "run prompts",
     "merge",
     "report",
+    "bundle",
+    "validate",
     "score",
     "verdict",
     "costs",
@@ -160,6 +164,35 @@ def test_a_report_is_written_with_its_figures_and_tables(eyechart: Eyechart, ban
     assert refused.code == 2
     assert refused.err.count("\n") == 1
     assert not (out / "b.html").exists()
+
+
+def test_a_bundle_is_made_and_validated(eyechart: Eyechart, bank: FrameBank, tmp_path: Path) -> None:
+    """Exit 0 where everything follows, 1 with the figure by name where it does not, 2 where there is no bundle."""
+    run, out = tmp_path / "run", tmp_path / "run.zip"
+    words = ("--frames", bank.root, "--out", run, "--conditions", "real,blank", "--limit", 4)
+    assert eyechart("run", "battery", "--model", STEADY, *words).code == 0
+    made = eyechart("bundle", run, "--out", out)
+    assert (made.code, made.out) == (0, "")
+    assert f"wrote {out}: " in made.err
+    held = eyechart("validate", out)
+    assert (held.code, held.out.startswith("holds: ")) == (0, True)
+    changed = tmp_path / "changed.zip"
+    with zipfile.ZipFile(out) as old, zipfile.ZipFile(changed, "w") as new:
+        for entry in old.infolist():
+            content = old.read(entry)
+            if entry.filename == "results.json":
+                content = content.replace(b'"planned": 8', b'"planned": 9')
+            new.writestr(entry, content)
+    differs = eyechart("validate", changed)
+    assert differs.code == 1
+    assert f"differs: results.json, {STEADY}, planned: printed '9', recomputed '8'" in differs.out
+    told = json.loads(eyechart("validate", changed, "--json").out)
+    assert told["holds"] is False
+    assert {"where": f"results.json, {STEADY}, planned", "printed": "9", "recomputed": "8"} in told["differences"]
+    none = eyechart("validate", bank.root / "manifest.json")
+    assert none.code == 2
+    assert none.err.count("\n") == 1
+    assert eyechart("bundle", tmp_path / "none", "--out", out).code == 2
 
 
 def test_a_run_of_another_reader_is_read_anew_only_when_asked(

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+import banks
 import photographs
 import stand_ins
 from eyechart.actions import ActionSpace
@@ -152,3 +153,18 @@ def test_a_page_lists_no_more_frames_than_it_can_hold(bank: Path, tmp_path: Path
     assert "The browser lists 7 of 18 frames, evenly from every episode" in page.html.decode()
     held = data_of(page.html.decode())["runs"][0]
     assert (len(held["frames"]), held["asked"], len(held["pictures"]["real"])) == (7, 18, 7)
+
+
+def test_a_run_that_stopped_early_says_so_and_is_not_partial(tmp_path: Path) -> None:
+    """The card shows the e-value and the calls, and nobody is told to go on with calls that are left out for good."""
+    root = banks.build_bank(tmp_path / "bank", episodes=6, steps=6).root
+    run = make_run(root, tmp_path / "run", {"steady": stand_ins.stop}, stop_early=True)
+    (evidence,) = read_evidence([run])
+    stopped = evidence.score.models["standin:steady"].stopped
+    assert stopped is not None
+    html = unescape(report(run, tmp_path / "page.html").html)
+    assert f"<dd>{stopped.calls} of {stopped.planned}</dd>" in html
+    assert f"standin:steady: {stopped.words()}" in html
+    assert '<span class="flag">stopped early</span>' in html
+    assert '<span class="flag">partial</span>' not in html
+    assert "planned calls are not finished" not in html

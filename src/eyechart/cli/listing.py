@@ -21,7 +21,7 @@ def _show(rows: dict[str, str], *, json: bool) -> None:
 
 @app.command()
 def models(json: _Json = False) -> None:
-    """List the models that there are, and how others are named; each scripted one is a known answer."""
+    """List the models that there are, and how others are named; scripted ones and organisms are known answers."""
     from eyechart.models import known_models
 
     _show(known_models(), json=json)

@@ -36,6 +36,7 @@ ADAPTERS: dict[str, str] = {
     "openai": "eyechart.models.openai_compatible",
     "ollama": "eyechart.models.ollama",
     "python": "eyechart.models.python_callable",
+    "hf": "eyechart.models.huggingface",
 }
 """What a SPEC's first word means.
 

@@ -11,7 +11,7 @@ from eyechart.conditions import source
 from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank, check, open_bank
 from eyechart.ledger import Ledger
-from eyechart.manifest import BANK, LEDGER
+from eyechart.manifest import BANK, LEDGER, RunManifest
 from eyechart.studies import battery as study
 from eyechart.studies.battery import BatteryScore, ModelScore
 from eyechart.studies.battery.planning import plan_of
@@ -95,7 +95,9 @@ def read_evidence(
         tell(f"scoring {name}")
         scored = study.score(path, independent=independent, reread=reread)
         tell(f"checking the pictures of {name}")
-        found.append(evidence_of(name, scored, path / LEDGER, *find_pictures(scored, path, banks)))
+        found.append(
+            evidence_of(name, scored, path / LEDGER, *find_pictures(scored.manifest, scored.bank, path, banks))
+        )
     return found
 
 
@@ -110,11 +112,11 @@ def evidence_of(name: str, scored: BatteryScore, ledger_path: Path, pictures: Fr
     return Evidence(name, scored, judge(scored), replies, counts, pictures, about)
 
 
-def used_pictures(scored: BatteryScore) -> set[str]:
+def used_pictures(manifest: RunManifest, bank: FrameBank) -> set[str]:
     """Return the files of the bank's pictures that the planned calls show, or are made of."""
-    plan = plan_of(scored.manifest, scored.bank)
+    plan = plan_of(manifest, bank)
     shown = {(key.condition, key.frame) for key in plan.keys()}  # noqa: SIM118 - a plan is no mapping
-    found = {source(name, scored.bank.frame(frame), scored.bank, plan.seed) for name, frame in shown}
+    found = {source(name, bank.frame(frame), bank, plan.seed) for name, frame in shown}
     return {file for file in found if file is not None}
 
 
@@ -135,13 +137,15 @@ def _names(runs: Sequence[Path]) -> list[str]:
     ]
 
 
-def find_pictures(scored: BatteryScore, run: Path, banks: Sequence[Path]) -> tuple[FrameBank | None, str]:
+def find_pictures(
+    manifest: RunManifest, asked: FrameBank, run: Path, banks: Sequence[Path] = ()
+) -> tuple[FrameBank | None, str]:
     """Return the bank with the pictures that the run was made on, or None with the reason in words."""
     why = "no bank was given"
-    for place in banks or _usual_places(scored, run):
+    for place in banks or _usual_places(manifest, asked, run):
         try:
             bank = open_bank(place)
-            problem = _problem(bank, scored)
+            problem = _problem(bank, manifest, asked)
         except BankError:
             problem = f"the bank '{place.name}' is not there or cannot be opened"
         if problem is None:
@@ -150,21 +154,21 @@ def find_pictures(scored: BatteryScore, run: Path, banks: Sequence[Path]) -> tup
     return None, why
 
 
-def _usual_places(scored: BatteryScore, run: Path) -> list[Path]:
+def _usual_places(manifest: RunManifest, asked: FrameBank, run: Path) -> list[Path]:
     """Return where a run's pictures may be: its own copy of the bank, if it holds any, and where its manifest says."""
     own = run / BANK
-    held = [own] if any((own / file).is_file() for file in used_pictures(scored)) else []
-    return [*held, Path(scored.manifest.bank_path)]
+    held = [own] if any((own / file).is_file() for file in used_pictures(manifest, asked)) else []
+    return [*held, Path(manifest.bank_path)]
 
 
-def _problem(bank: FrameBank, scored: BatteryScore) -> str | None:
-    mine, recorded = bank.manifest, scored.bank.manifest
-    if mine.fingerprint != scored.manifest.fingerprint:
+def _problem(bank: FrameBank, run: RunManifest, asked: FrameBank) -> str | None:
+    mine, recorded = bank.manifest, asked.manifest
+    if mine.fingerprint != run.fingerprint:
         return (
             f"the bank '{bank.root.name}' has fingerprint {mine.fingerprint[:16]}, the run was made on "
-            f"{scored.manifest.fingerprint[:16]}"
+            f"{run.fingerprint[:16]}"
         )
     if mine.images != recorded.images:
         return f"the bank '{bank.root.name}' has other pictures of the same geometry than the run was made on"
-    problems = check(bank.root, used_pictures(scored))
+    problems = check(bank.root, used_pictures(run, asked))
     return f"the bank '{bank.root.name}' is damaged: {len(problems)} differences" if problems else None

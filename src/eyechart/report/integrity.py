@@ -13,6 +13,7 @@ from eyechart.studies.battery.planning import conditions_of, plan_of
 class Count:
     """The calls of one condition: how many were planned, came back, took how many attempts, and hold no decision.
 
+    ``partial`` says that calls are still to be made; a run that stopped early leaves some out for good.
     ``errors`` counts attempts that ended in an error, ``unknown`` attempts whose outcome is not known, and ``missing``
     the finished calls without a decision by reason, in the order of ``MISSING``.
     """
@@ -24,6 +25,7 @@ class Count:
     errors: int
     unknown: int
     missing: tuple[int, ...]
+    partial: bool = False
 
     @property
     def without(self) -> int:
@@ -44,7 +46,7 @@ def _count(who: Subject, name: str, planned: int) -> Count:
     took = who.run.score.accounting[who.spec].get(name)
     missing = tuple(sum(one.missing == reason for one in given) for reason in MISSING)
     sums = (0, 0, 0, 0) if took is None else (took.finished, took.attempts, took.failed, took.unknown)
-    return Count(name, planned, *sums, missing)
+    return Count(name, planned, *sums, missing, sums[0] < planned and who.model.stopped is None)
 
 
 def summed(rows: Sequence[Sequence[Count]]) -> list[Count]:
@@ -58,6 +60,7 @@ def summed(rows: Sequence[Sequence[Count]]) -> list[Count]:
             errors=sum(one.errors for one in many),
             unknown=sum(one.unknown for one in many),
             missing=tuple(map(sum, zip(*(one.missing for one in many), strict=True))),
+            partial=any(one.partial for one in many),
         )
         for many in zip(*rows, strict=True)
     ]
@@ -81,7 +84,9 @@ def _unasked(run: Evidence) -> list[str]:
     if manifest.shard is not None:
         lines.append(f"this is shard {manifest.shard[0]} of {manifest.shard[1]}: the calls of the others are not here")
     for spec, one in run.score.models.items():
-        if one.answered < one.planned:
+        if one.stopped is not None:
+            lines.append(f"{spec}: {one.stopped.words()}; the paper's tests, which need the whole run, are not judged")
+        elif one.answered < one.planned:
             lines.append(f"{spec}: {one.planned - one.answered} of {one.planned} planned calls are not finished")
     return lines
 

@@ -23,6 +23,7 @@ from eyechart.report.pictures import NO_PICTURE, Album, make_album
 from eyechart.report.portraits import role
 from eyechart.report.sheets import STATISTIC_COLUMNS, level, shown, statistic_rows
 from eyechart.stats.statistic import Statistic
+from eyechart.studies.battery import Stopped
 from eyechart.studies.battery.answers import NO_GAP
 
 PAIRS_SHOWN = 4
@@ -82,6 +83,7 @@ def make_page(evidence: Sequence[Evidence], *, tell: Tell = lambda _: None) -> P
             statistics=[(who.label, _statistics(who)) for who in everyone],
             statistic_columns=STATISTIC_COLUMNS,
             conditions=list(CONDITIONS.values()),
+            stopped=any(who.model.stopped for who in everyone),
             accounting=[_accounting(who) for who in everyone],
             reasons=MISSING,
             notes=notes,
@@ -154,14 +156,26 @@ def _card(who: Subject) -> dict[str, object]:
         "family": family,
         "glyph": glyph,
         "verdict": verdict,
-        "numbers": _numbers(deciding),
-        "because": verdict.calibrated.because.partition(": " + verdict.calibrated.decided_by)[0],
+        "numbers": _numbers(deciding, verdict.stopped),
+        "because": verdict.calibrated.words,
     }
 
 
-def _numbers(one: Statistic) -> list[tuple[str, str]]:
+def _numbers(one: Statistic, stopped: Stopped | None) -> list[tuple[str, str]]:
+    if stopped is not None:
+        calls = f"{stopped.calls} of {stopped.planned}"
+        return [
+            ("e-value", f"{one.value:.4g}"),
+            ("settled at", _threshold(one)),
+            ("frames", str(one.n)),
+            ("calls", calls),
+        ]
     interval = (f"{level(one)} interval".strip(), shown(one.ci, "interval"))
     return [("value", shown(one.value, "number")), interval, ("n", str(one.n)), ("p", shown(one.p, "p"))]
+
+
+def _threshold(one: Statistic) -> str:
+    return f"{(one.detail or {}).get('threshold', '—'):g}"
 
 
 def _statistics(who: Subject) -> list[list[str]]:
@@ -205,6 +219,7 @@ def _accounting(who: Subject) -> dict[str, object]:
         "model": who.label,
         "planned": who.model.planned,
         "answered": who.model.answered,
+        "stopped": who.model.stopped is not None,
         "unknown": who.run.unknown[who.spec],
         "took": who.run.score.accounting[who.spec][ALL],
         "missing": [sum(one.missing == reason for one in given) for reason in MISSING],

@@ -99,6 +99,14 @@ def score(path: Path, *, resamples: int = 5000, independent: bool = False, rerea
     declared of a bank with episodes.
     """
     manifest, bank = read_run(path)
+    require_scorable(path, manifest, bank, independent=independent, reread=reread)
+    return score_run(manifest, bank, path / LEDGER, resamples=resamples, independent=independent)
+
+
+def require_scorable(
+    path: Path, manifest: RunManifest, bank: FrameBank, *, independent: bool = False, reread: bool = False
+) -> None:
+    """Raise LedgerError or SpecError where a run may not be scored as was asked, see ``score``."""
     if manifest.reader != READER and not reread:
         raise LedgerError(
             f"{path} was begun under version {manifest.reader} of the reader of replies, and this is version {READER}: "
@@ -113,7 +121,6 @@ def score(path: Path, *, resamples: int = 5000, independent: bool = False, rerea
             f"{path}: the frames of an episode are not independent draws, and this bank records episodes; "
             "leave out --independent"
         )
-    return score_run(manifest, bank, path / LEDGER, resamples=resamples, independent=independent)
 
 
 def score_run(

@@ -1,0 +1,199 @@
+"""Comparing what a bundle prints with what follows from its ledger: by values and words, not by bytes."""
+
+import bisect
+import csv
+import io
+import math
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+TOLERANCE = 1e-9
+"""Two numbers are the same where they differ by no more than this, relative to the larger above 1."""
+DRAWN = 0.02
+"""Places in a drawing are the same where they differ by no more than this, in its own units (1/72 inch)."""
+_NUMBER = re.compile(r"[-+]?(?:\d+\.\d+|\d+)(?:[eE][-+]?\d+)?")
+_SHOWN = 160
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """A figure that does not follow from the ledger: where it stands, what is printed, and what was recomputed."""
+
+    where: str
+    printed: str
+    recomputed: str
+
+    def __str__(self) -> str:
+        return f"{printable(self.where)}: printed {_short(self.printed)}, recomputed {_short(self.recomputed)}"
+
+    def as_dict(self) -> dict[str, str]:
+        """Return plain JSON values."""
+        return {"where": self.where, "printed": self.printed, "recomputed": self.recomputed}
+
+
+def printable(text: str) -> str:
+    """Return a text from elsewhere as a terminal may have it: without signs that move or colour what is printed."""
+    return "".join(sign if sign.isprintable() else " " for sign in text)
+
+
+def _short(text: str) -> str:
+    plain = printable(text)
+    return f"'{plain}'" if len(plain) <= _SHOWN else f"'{plain[:_SHOWN]}…'"
+
+
+def same_number(one: float, other: float, tolerance: float = TOLERANCE) -> bool:
+    """Return whether two numbers are the same within the tolerance."""
+    return one == other or abs(one - other) <= tolerance * max(1.0, abs(one), abs(other))
+
+
+@dataclass(frozen=True)
+class Rounding:
+    """Knows every recomputed number, so that a last digit that another machine rounded otherwise is told from a lie."""
+
+    values: tuple[float, ...]
+
+    @classmethod
+    def of(cls, results: object) -> "Rounding":
+        """Return the rounding of all numbers in plain JSON values."""
+        return cls(tuple(sorted({float(value) for value in _numbers(results) if math.isfinite(value)})))
+
+    def same(self, printed: str, recomputed: str) -> bool:
+        """Return whether two texts say the same, up to ties of rounding."""
+        if printed == recomputed:
+            return True
+        mine, theirs = _NUMBER.findall(printed), _NUMBER.findall(recomputed)
+        if len(mine) != len(theirs) or _NUMBER.split(printed) != _NUMBER.split(recomputed):
+            return False
+        return all(one == other or self._tie(one, other) for one, other in zip(mine, theirs, strict=True))
+
+    def _tie(self, one: str, other: str) -> bool:
+        """Return whether a recomputed number lies just between two printed ones, which are one last digit apart."""
+        digits = {len(text.partition(".")[2]) for text in (one, other)}
+        a, b = float(one), float(other)
+        if len(digits) != 1 or 0 in digits or "e" in f"{one}{other}".lower():
+            return False
+        unit = 10.0 ** -digits.pop()
+        middle, off = (a + b) / 2, TOLERANCE * max(1.0, abs(a))
+        if abs(abs(a - b) - unit) > unit / 100:
+            return False
+        near = bisect.bisect_left(self.values, middle - off)
+        return near < len(self.values) and self.values[near] <= middle + off
+
+
+def _numbers(values: object) -> Iterator[float]:
+    if isinstance(values, dict):
+        for value in values.values():
+            yield from _numbers(value)
+    elif isinstance(values, list):
+        for value in values:
+            yield from _numbers(value)
+    elif isinstance(values, int | float) and not isinstance(values, bool):
+        yield float(values)
+
+
+Path = tuple[str | int, ...]
+Name = Callable[[Path], str]
+
+
+def compare_values(printed: object, recomputed: object, rounding: Rounding, name: Name) -> Iterator[Difference]:
+    """Yield where two plain JSON values differ; ``name`` puts a place into words."""
+    yield from _walk(printed, recomputed, (), rounding, name)
+
+
+def _walk(printed: object, recomputed: object, path: Path, rounding: Rounding, name: Name) -> Iterator[Difference]:
+    if isinstance(printed, dict) and isinstance(recomputed, dict):
+        for key in [*recomputed, *(key for key in printed if key not in recomputed)]:
+            missing = "nothing"
+            if key not in printed or key not in recomputed:
+                yield Difference(name((*path, key)), *(str(side.get(key, missing)) for side in (printed, recomputed)))
+            else:
+                yield from _walk(printed[key], recomputed[key], (*path, key), rounding, name)
+    elif isinstance(printed, list) and isinstance(recomputed, list):
+        if len(printed) != len(recomputed):
+            yield Difference(name(path), f"{len(printed)} values", f"{len(recomputed)} values")
+        for place, (one, other) in enumerate(zip(printed, recomputed, strict=False)):
+            yield from _walk(one, other, (*path, place), rounding, name)
+    elif not _same_leaf(printed, recomputed, rounding):
+        yield Difference(name(path), str(printed), str(recomputed))
+
+
+def _same_leaf(printed: object, recomputed: object, rounding: Rounding) -> bool:
+    if isinstance(printed, str) and isinstance(recomputed, str):
+        return rounding.same(printed, recomputed)
+    if isinstance(printed, float) and isinstance(recomputed, float):
+        return same_number(printed, recomputed)
+    return type(printed) is type(recomputed) and printed == recomputed
+
+
+def compare_tables(file: str, printed: str, recomputed: str, rounding: Rounding) -> Iterator[Difference]:
+    """Yield where two tables differ: cell by cell in CSV, else line by line."""
+    if file.endswith(".csv"):
+        yield from _compare_csv(file, printed, recomputed, rounding)
+        return
+    mine, theirs = printed.split("\n"), recomputed.split("\n")
+    if len(mine) != len(theirs):
+        yield Difference(file, f"{len(mine)} lines", f"{len(theirs)} lines")
+    for number, (one, other) in enumerate(zip(mine, theirs, strict=False), 1):
+        if not rounding.same(one, other):
+            yield _line_difference(f"{file}, line {number}", one, other)
+
+
+def _line_difference(where: str, printed: str, recomputed: str) -> Difference:
+    """Return how two lines of a table differ: by their first cells that do, where both have as many."""
+    mine, theirs = (re.split(r"\s*[|&]\s*", line.strip("| ")) for line in (printed, recomputed))
+    where = f"{where} ({' '.join(theirs[:2])})"
+    if len(mine) != len(theirs):
+        return Difference(where, printed, recomputed)
+    place = first_difference(mine, theirs)
+    return (
+        Difference(where, mine[place], theirs[place]) if place < len(mine) else Difference(where, printed, recomputed)
+    )
+
+
+def _compare_csv(file: str, printed: str, recomputed: str, rounding: Rounding) -> Iterator[Difference]:
+    try:
+        mine, theirs = (list(csv.reader(io.StringIO(text), strict=True)) for text in (printed, recomputed))
+    except csv.Error as error:
+        yield Difference(file, f"no CSV: {error}", "a table")
+        return
+    if [len(row) for row in mine] != [len(row) for row in theirs]:
+        yield Difference(file, f"{len(mine)} rows", f"{len(theirs)} rows, or of other lengths")
+    header = theirs[0] if theirs else []
+    for one, other in zip(mine, theirs, strict=False):
+        for column, (cell, expected) in enumerate(zip(one, other, strict=False)):
+            if not _same_cell(cell, expected, rounding):
+                row = " ".join(other[: 2 if file.endswith("statistics.csv") else 1])
+                what = header[column] if column < len(header) else str(column)
+                yield Difference(f"{file}, {row}, {what}", cell, expected)
+    if skeleton(printed) != skeleton(recomputed):
+        yield Difference(f"{file}, its writing", "other quotes, commas or ends of lines", "as they are written")
+
+
+def skeleton(text: str) -> str:
+    """Return a text without its numbers: what has to be the same sign by sign."""
+    return _NUMBER.sub("0", text)
+
+
+def _same_cell(printed: str, recomputed: str, rounding: Rounding) -> bool:
+    if _NUMBER.fullmatch(printed) and _NUMBER.fullmatch(recomputed) and {"."} & {*printed, *recomputed}:
+        return same_number(float(printed), float(recomputed))
+    return rounding.same(printed, recomputed)
+
+
+def same_drawing(printed: str, recomputed: str) -> bool:
+    """Return whether two attributes of a drawing put the same things at the same places."""
+    if printed == recomputed:
+        return True
+    if _NUMBER.split(printed) != _NUMBER.split(recomputed):
+        return False
+    pairs = zip(_NUMBER.findall(printed), _NUMBER.findall(recomputed), strict=True)
+    return all(abs(float(one) - float(other)) <= DRAWN for one, other in pairs)
+
+
+def first_difference(printed: Sequence[object], recomputed: Sequence[object]) -> int:
+    """Return the place of the first thing that differs, or the length of the shorter."""
+    for place, (one, other) in enumerate(zip(printed, recomputed, strict=False)):
+        if one != other:
+            return place
+    return min(len(printed), len(recomputed))

@@ -1,0 +1,128 @@
+"""What a bundle holds: what was asked and answered, and the results, report and tables that follow from it."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import matplotlib as mpl
+import PIL
+from PIL import features
+
+from eyechart import __version__
+from eyechart.errors import BundleError
+from eyechart.frames import FrameBank
+from eyechart.ledger import Ledger
+from eyechart.manifest import LEDGER, RunManifest
+from eyechart.reader import READER
+from eyechart.report.evidence import SHOWN, Evidence, Tell, evidence_of, subjects
+from eyechart.report.page import make_page
+from eyechart.report.sheets import sheet_files
+from eyechart.studies.battery.scoring import score_run
+
+FORMAT = "eyechart-bundle/1"
+INDEX = "bundle.json"
+RESULTS = "results.json"
+REPORT = "report.html"
+TABLES = "tables/"
+RUN_FOLDER = "run"
+RESAMPLES = (100, 100_000)
+"""Fewest and most resamples that a bundle may ask whoever validates it to draw."""
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How results follow from a run: no number of theirs, only what was chosen when they were made.
+
+    ``drawn_with`` are the versions on which the bytes of pictures and drawings depend.
+    """
+
+    name: str
+    resamples: int
+    independent: bool
+    eyechart: str
+    reader: int
+    drawn_with: Mapping[str, str]
+
+    @classmethod
+    def here(cls, name: str, *, resamples: int, independent: bool) -> "Recipe":
+        """Return the recipe of results that are made by this eyechart."""
+        return cls(name, resamples, independent, __version__, READER, drawn_with())
+
+    @classmethod
+    def from_dict(cls, raw: Mapping[str, object]) -> "Recipe":
+        """Read a recipe; raises BundleError where it is none, or is of another eyechart."""
+        name, resamples, independent, drawn = (
+            raw.get(key) for key in ("name", "resamples", "independent", "drawn_with")
+        )
+        if raw.get("eyechart") != __version__ or raw.get("reader") != READER:
+            raise BundleError(
+                f"this bundle was made by eyechart {raw.get('eyechart')!r} with version {raw.get('reader')!r} of the "
+                f"reader of replies, and this is {__version__} with {READER}; validate it with the one that made it"
+            )
+        if not isinstance(name, str) or not isinstance(independent, bool) or not isinstance(drawn, dict):
+            raise BundleError(f"{INDEX} does not say how its results were made")
+        if type(resamples) is not int or not RESAMPLES[0] <= resamples <= RESAMPLES[1]:
+            raise BundleError(
+                f"{INDEX}: resamples is {resamples!r}, not a number from {RESAMPLES[0]} to {RESAMPLES[1]}"
+            )
+        return cls(name, resamples, independent, __version__, READER, {str(k): str(v) for k, v in drawn.items()})
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return asdict(self)
+
+
+def drawn_with() -> dict[str, str]:
+    """Return the versions on which the bytes of a report's pictures and drawings depend."""
+    return {
+        "matplotlib": str(mpl.__version__),
+        "pillow": PIL.__version__,
+        "webp": str(features.version("webp")),
+        "zlib": str(features.version("zlib")),
+    }
+
+
+@dataclass(frozen=True)
+class Derived:
+    """What follows from a run: its results as plain values, and every file that prints them."""
+
+    evidence: Evidence
+    results: dict[str, object]
+    files: dict[str, bytes]
+
+
+def derive(
+    run: Path, manifest: RunManifest, banks: tuple[FrameBank, FrameBank], recipe: Recipe, tell: Tell = lambda _: None
+) -> Derived:
+    """Compute results, report and tables from the ledger in a run's folder, its bank, and the bank with pictures."""
+    ledger_path = run / LEDGER
+    tell("scoring")
+    scored = score_run(manifest, banks[0], ledger_path, resamples=recipe.resamples, independent=recipe.independent)
+    evidence = evidence_of(recipe.name, scored, ledger_path, banks[1], SHOWN)
+    results: dict[str, object] = {
+        "score": scored.as_dict(),
+        "verdicts": {spec: one.as_dict() for spec, one in evidence.verdicts.items()},
+        "replies_sha256": {spec: _digests(ledger_path, spec) for spec in scored.models},
+    }
+    results = json.loads(as_json(results))
+    page = make_page([evidence], tell=tell)
+    tables = {f"{TABLES}{name}": content for name, content in sheet_files(subjects([evidence])).items()}
+    return Derived(evidence, results, {RESULTS: as_json(results), REPORT: page.html, **tables})
+
+
+def _digests(ledger_path: Path, spec: str) -> dict[str, str]:
+    """Return a digest of all that the ledger holds of a model's calls, by condition; times of day are left out."""
+    digests: dict[str, hashlib._Hash] = {}
+    with Ledger(ledger_path) as ledger:
+        for sent in ledger.attempts(spec):
+            line = json.dumps(asdict(sent), ensure_ascii=True).encode() + b"\n"
+            digests.setdefault(sent.key.condition, hashlib.sha256()).update(line)
+    return {condition: digest.hexdigest() for condition, digest in sorted(digests.items())}
+
+
+def as_json(values: object) -> bytes:
+    """Return plain values as the bytes of a JSON file."""
+    text = json.dumps(values, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return text.encode("utf-8", "backslashreplace")

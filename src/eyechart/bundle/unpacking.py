@@ -1,0 +1,115 @@
+"""Unpacking a file that came from anywhere: only plain files, of bounded size, and only into the folder given."""
+
+import errno
+import re
+import shutil
+import stat
+import struct
+import zipfile
+import zlib
+from pathlib import Path, PurePosixPath
+from typing import IO
+
+from eyechart.errors import BundleError
+from eyechart.frames import MAX_IMAGE_BYTES
+
+MOST_FILES = 250_000
+MOST_BYTES = 4_000_000_000
+"""Of all files together, unpacked."""
+MOST_TEXT = 500_000_000
+"""Of one file that is neither a picture nor the ledger."""
+MOST_LEDGER = 3_000_000_000
+FAR = 64_000_000
+MOST_RATIO = 100
+"""Above ``FAR`` bytes a bundle may not grow by more than this factor when it is unpacked."""
+
+_PLAIN = re.compile(r"[^\x00-\x1f\x7f\\]{1,500}")
+_DRIVE = re.compile(r"[A-Za-z]:.*")
+_FIXED = re.compile(
+    r"(bundle|results)\.json|report\.html|README\.txt|tables/[a-z]+\.(csv|md|tex)|run/(run\.json|ledger\.sqlite)"
+)
+
+
+_DAMAGE = (zipfile.BadZipFile, zlib.error, struct.error, EOFError, NotImplementedError, RuntimeError, ValueError)
+
+
+def unpack(file: Path, folder: Path) -> list[str]:
+    """Unpack a bundle into a folder; return the names of its files.
+
+    Raises BundleError, before anything is written, for a file that is no ZIP, a name that leads out of the folder or
+    is no part of a bundle, a link, an encrypted file, and sizes beyond the bounds above; and for damage, when it is
+    met.
+    """
+    try:
+        with zipfile.ZipFile(file) as packed:
+            entries = packed.infolist()
+            _check(file, entries)
+            free = shutil.disk_usage(folder).free
+            if sum(entry.file_size for entry in entries) > free:
+                raise BundleError(f"{file} needs more room to be unpacked than the {free / 1e6:.0f} MB that are free")
+            for entry in entries:
+                path = folder.joinpath(*PurePosixPath(entry.filename).parts)
+                path.parent.mkdir(parents=True, exist_ok=True)
+                with packed.open(entry) as source, path.open("xb") as target:
+                    _copy(source, target, entry)
+            return [entry.filename for entry in entries]
+    except _DAMAGE as error:
+        raise BundleError(f"{file} is no bundle, or is damaged: {error}") from error
+    except (FileExistsError, NotADirectoryError, IsADirectoryError) as error:
+        raise BundleError(f"{file} is no bundle: two of its files have one place, {error.filename}") from error
+    except OSError as error:
+        if error.errno == errno.EINVAL:  # a place before the file's beginning
+            raise BundleError(f"{file} is no bundle, or is damaged: {error}") from error
+        raise
+
+
+def check_names(file: Path) -> None:
+    """Raise BundleError where a file could not be unpacked; nothing is."""
+    with zipfile.ZipFile(file) as packed:
+        _check(file, packed.infolist())
+
+
+def _check(file: Path, entries: list[zipfile.ZipInfo]) -> None:
+    if len(entries) > MOST_FILES:
+        raise BundleError(f"{file} holds {len(entries)} files, more than the {MOST_FILES} that a bundle may")
+    names = [entry.filename for entry in entries]
+    if len(set(names)) != len(names):
+        raise BundleError(f"{file} is no bundle: a name stands in it twice")
+    for entry in entries:
+        _check_entry(file, entry)
+    unpacked, here = sum(entry.file_size for entry in entries), file.stat().st_size
+    if unpacked > MOST_BYTES or (unpacked > FAR and unpacked > MOST_RATIO * here):
+        raise BundleError(f"{file} would grow from {here / 1e6:.1f} MB to {unpacked / 1e6:.0f} MB; it is not unpacked")
+
+
+def _check_entry(file: Path, entry: zipfile.ZipInfo) -> None:
+    name = entry.filename
+    parts = name.split("/")
+    if not _PLAIN.fullmatch(name) or any(map(_leads_out, parts)):
+        raise BundleError(f"{file} is no bundle: {name[:200]!r} is no plain name of a file in it")
+    bank = name.startswith("run/bank/")
+    if not bank and not _FIXED.fullmatch(name):
+        raise BundleError(f"{file} is no bundle: it holds {name[:200]!r}, which belongs to none")
+    mode = entry.external_attr >> 16
+    if entry.is_dir() or (mode and stat.S_IFMT(mode) not in {0, stat.S_IFREG}):
+        raise BundleError(f"{file} is no bundle: {name[:200]!r} is a link or a folder, not a file")
+    if entry.flag_bits & 0x1 or entry.compress_type not in {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:
+        raise BundleError(f"{file} is no bundle: {name[:200]!r} is encrypted, or packed in an unknown way")
+    text = not bank or name.rpartition("/")[2] in {"manifest.json", "metadata.jsonl"}
+    most = MOST_LEDGER if name == "run/ledger.sqlite" else MOST_TEXT if text else MAX_IMAGE_BYTES
+    if entry.file_size > most:
+        raise BundleError(f"{file}: {name[:200]!r} has {entry.file_size} bytes, more than the {most} that it may")
+
+
+def _leads_out(part: str) -> bool:
+    return part in {"", ".", ".."} or len(part.encode()) > 255 or _DRIVE.fullmatch(part) is not None
+
+
+def _copy(source: IO[bytes], target: IO[bytes], entry: zipfile.ZipInfo) -> None:
+    """Copy as many bytes as the entry declares, and no more."""
+    left = entry.file_size
+    while block := source.read(min(1 << 20, left + 1)):
+        left -= len(block)
+        if left < 0:
+            raise BundleError(f"{entry.filename!r} is longer than it says; it is not unpacked")
+        target.write(block)

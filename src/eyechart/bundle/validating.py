@@ -1,0 +1,208 @@
+"""Validating a bundle: everything is recomputed from its ledger and its bank, and nothing that it prints is trusted."""
+
+import hashlib
+import json
+import sqlite3
+import tempfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from eyechart.bundle.comparing import Difference, Rounding, compare_tables, compare_values, printable
+from eyechart.bundle.contents import (
+    FORMAT,
+    INDEX,
+    REPORT,
+    RESULTS,
+    RUN_FOLDER,
+    TABLES,
+    Derived,
+    Recipe,
+    as_json,
+    derive,
+    drawn_with,
+)
+from eyechart.bundle.evidence import check_bank, check_requests
+from eyechart.bundle.pages import Strictness, compare_pages
+from eyechart.bundle.unpacking import unpack
+from eyechart.errors import BundleError, EyechartError
+from eyechart.frames import FrameBank, open_unchecked
+from eyechart.ledger import Ledger
+from eyechart.manifest import BANK, LEDGER, RUN, RunManifest, as_text, asked_of, read_manifest
+from eyechart.report.evidence import Tell
+
+_LONGER = 4
+"""A file that is so many times as long as it should be is not looked into."""
+
+
+@dataclass(frozen=True)
+class Validation:
+    """What a validation found: every figure that does not follow, what was compared, and what could not be."""
+
+    differences: tuple[Difference, ...]
+    compared: Mapping[str, int]
+    notes: tuple[str, ...]
+
+    @property
+    def holds(self) -> bool:
+        """Return whether everything that was compared follows from the ledger and the bank."""
+        return not self.differences
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return {
+            "holds": self.holds,
+            "differences": [one.as_dict() for one in self.differences],
+            "compared": dict(self.compared),
+            "notes": list(self.notes),
+        }
+
+
+def validate(file: Path, *, tell: Tell = lambda _: None) -> Validation:
+    """Recompute every figure of a bundle from its ledger and its bank, and compare.
+
+    Raises BundleError where the file is no bundle, damaged, would do harm, or was made by another eyechart.
+    """
+    if not file.is_file():
+        raise BundleError(f"{file} does not exist; 'eyechart bundle RUN --out {file.name}' makes one")
+    with tempfile.TemporaryDirectory(prefix="eyechart-validate-") as work:
+        folder = Path(work)
+        tell("unpacking")
+        names = unpack(file, folder)
+        index = _read_index(file, folder)
+        recipe = Recipe.from_dict(index)
+        differences, compared, notes = [*_check_files(folder, names, index)], {"files": len(names)}, _unlike(recipe)
+        try:
+            _recompute(folder, recipe, (differences, compared, notes), tell)
+        except (EyechartError, sqlite3.Error, RecursionError) as error:
+            words = str(error).replace(f"{work}/", "")
+            differences.append(Difference("everything that follows from the run", "results", words))
+        return Validation(tuple(differences), compared, tuple(notes))
+
+
+def _read_index(file: Path, folder: Path) -> dict[str, object]:
+    try:
+        index = json.loads((folder / INDEX).read_bytes())
+    except (OSError, ValueError, RecursionError) as error:
+        raise BundleError(f"{file} is no bundle: it has no {INDEX} that can be read") from error
+    if not isinstance(index, dict) or index.get("format") != FORMAT or not isinstance(index.get("files"), dict):
+        raise BundleError(f"{file} is no bundle of the format {FORMAT!r}")
+    return index
+
+
+def _check_files(folder: Path, names: list[str], index: Mapping[str, object]) -> Iterator[Difference]:
+    listed, there = index["files"], set(names)
+    assert isinstance(listed, dict)
+    for name in sorted({*listed, *there} - {INDEX}):
+        path = folder / name
+        digest = "no file"
+        if name in there:
+            with path.open("rb") as file:
+                digest = hashlib.file_digest(file, "sha256").hexdigest()
+        if digest != listed.get(name):
+            yield Difference(f"file {name}, SHA-256", str(listed.get(name, "not listed")), digest)
+
+
+def _unlike(recipe: Recipe) -> list[str]:
+    here = drawn_with()
+    return [
+        f"drawn with {name} {printable(recipe.drawn_with.get(name, 'unknown'))[:40]}, here is {version}"
+        for name, version in here.items()
+        if recipe.drawn_with.get(name) != version
+    ]
+
+
+def _recompute(
+    folder: Path, recipe: Recipe, found: tuple[list[Difference], dict[str, int], list[str]], tell: Tell
+) -> None:
+    """Recompute from the run and compare; ``found`` takes the differences, what was compared, and what was not."""
+    differences, compared, notes = found
+    run = folder / RUN_FOLDER
+    manifest, bank = read_manifest(run), open_unchecked(run / BANK)
+    asked = asked_of(bank, manifest.prompt)
+    if (run / RUN).read_bytes() != as_text(manifest).encode():
+        differences.append(Difference(f"{RUN_FOLDER}/{RUN}", "written in another way", "as a run is written"))
+    tell("checking the bank")
+    differences += check_bank(manifest, asked)
+    with Ledger(run / LEDGER) as ledger:
+        ledger.require_plain()
+        tell("checking the requests")
+        requests, count, unlike = check_requests(ledger, manifest, asked)
+    differences += requests
+    compared |= {"frames": len(bank), "requests": count}
+    if unlike:
+        notes.append(f"this machine encodes the pictures of {', '.join(unlike)} to other bytes: no request compared")
+    derived = derive(run, manifest, (asked, bank), recipe, tell)
+    tell("comparing")
+    differences += _compare(folder, recipe, derived)
+    compared |= _counted(manifest, bank, derived)
+    strict = _strictness(recipe)
+    if not strict.drawings:
+        notes.append("of the drawings only the words were compared")
+    if not strict.pictures:
+        notes.append("the pictures in the page were not compared with those of the bank")
+
+
+def _strictness(recipe: Recipe) -> Strictness:
+    here, made = drawn_with(), recipe.drawn_with
+    same = {name: made.get(name) == version for name, version in here.items()}
+    return Strictness(drawings=same["matplotlib"], pictures=same["pillow"] and same["webp"])
+
+
+def _compare(folder: Path, recipe: Recipe, derived: Derived) -> Iterator[Difference]:
+    rounding = Rounding.of(derived.results)
+    for name, content in derived.files.items():
+        path = folder / name
+        if not path.is_file():
+            yield Difference(name, "no file", f"{len(content)} bytes")
+            continue
+        printed = path.read_bytes()
+        if printed == content:
+            continue
+        if len(printed) > _LONGER * len(content):
+            yield Difference(name, f"{len(printed)} bytes", f"{len(content)} bytes")
+            continue
+        texts = printed.decode("utf-8", "replace"), content.decode("utf-8", "replace")
+        yield from _compare_file(name, texts, derived, rounding, _strictness(recipe))
+
+
+def _compare_file(
+    name: str, texts: tuple[str, str], derived: Derived, rounding: Rounding, how: Strictness
+) -> Iterator[Difference]:
+    if name == RESULTS:
+        try:
+            printed = json.loads(texts[0])
+        except (ValueError, RecursionError):
+            yield Difference(RESULTS, "no JSON", "the results")
+            return
+        yield from compare_values(printed, derived.results, rounding, _result_name)
+        if not _as_written(printed, texts[0]):
+            yield Difference(RESULTS, "written in another way", "as results are written")
+    elif name == REPORT:
+        yield from compare_pages(*texts, rounding, how)
+    elif name.startswith(TABLES):
+        yield from compare_tables(name, *texts, rounding)
+
+
+def _as_written(values: object, text: str) -> bool:
+    try:
+        return as_json(values) == text.encode("utf-8", "backslashreplace")
+    except ValueError:  # NaN and infinity, which no results hold
+        return False
+
+
+def _result_name(path: tuple[str | int, ...]) -> str:
+    """Return in words which figure stands at a place of the results."""
+    words = [str(part) for part in path if part not in {"score", "models", "statistics"}]
+    return f"{RESULTS}, {', '.join(words)}"
+
+
+def _counted(manifest: RunManifest, bank: FrameBank, derived: Derived) -> dict[str, int]:
+    models = derived.evidence.score.models
+    return {
+        "models": len(manifest.models),
+        "statistics": sum(len(one.statistics) for one in models.values()),
+        "calls": sum(one.answered for one in models.values()),
+        "pictures": len(bank.manifest.images),
+        "tables": sum(name.startswith(TABLES) for name in derived.files),
+    }

@@ -1,0 +1,63 @@
+"""``eyechart bundle`` packs a run with what follows from it; ``eyechart validate`` recomputes all of it."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from eyechart.cli.terminal import patience, print_json, say
+
+_SHOWN = 40
+
+
+def bundle(
+    run: Annotated[Path, typer.Argument(help="Folder of the run.")],
+    out: Annotated[Path, typer.Option(help="ZIP file to write.")],
+    frames: Annotated[Path | None, typer.Option(help="The bank, if it has moved.")] = None,
+    independent: Annotated[
+        bool, typer.Option("--independent", help="Declare that frames outside episodes are independent draws.")
+    ] = False,
+    reread: Annotated[
+        bool, typer.Option("--reread", help="Read the replies of a run anew that another version of the reader read.")
+    ] = False,
+) -> None:
+    """Pack a run, the pictures that it used, its results, tables and report into one file.
+
+    The same run gives the same bytes. Example: eyechart bundle run --out run.zip
+    """
+    from eyechart.bundle import write_bundle
+
+    with patience("bundle") as tell:
+        count = write_bundle(
+            run, out, banks=() if frames is None else (frames,), independent=independent, reread=reread, tell=tell
+        )
+    say(f"wrote {out}: {count} files, {out.stat().st_size / 1e6:.1f} MB; 'eyechart validate {out}' recomputes it")
+
+
+def validate(
+    file: Annotated[Path, typer.Argument(help="A bundle.")],
+    json: Annotated[bool, typer.Option("--json", help="Print JSON, with every difference.")] = False,
+) -> None:
+    """Recompute every figure of a bundle from its ledger and its bank, without trusting what it prints.
+
+    Exit 0: everything follows; 1: something differs, by name; 2: no bundle, damaged, harmful, or of another version.
+    Numbers are the same within 1e-9 of the larger of them and 1; a printed number must have the same digits, but for a
+    tie of rounding; places in drawings may be 0.02 points apart. Example: eyechart validate run.zip
+    """
+    from eyechart.bundle import validate as check
+
+    with patience("validate") as tell:
+        found = check(file, tell=tell)
+    if json:
+        print_json(found.as_dict())
+    else:
+        for one in found.differences[:_SHOWN]:
+            typer.echo(f"differs: {one}")
+        if len(found.differences) > _SHOWN:
+            typer.echo(f"and {len(found.differences) - _SHOWN} more differences (--json prints all)")
+        for note in found.notes:
+            typer.echo(f"note: {note}")
+        compared = ", ".join(f"{count} {name}" for name, count in found.compared.items())
+        typer.echo(f"{'holds' if found.holds else f'{len(found.differences)} differences'}: {compared}")
+    if not found.holds:
+        raise typer.Exit(1)

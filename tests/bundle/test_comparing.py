@@ -1,0 +1,121 @@
+"""What counts as the same: values within a tolerance, printed digits up to a tie of rounding, drawings by place."""
+
+import pytest
+
+from eyechart.bundle.comparing import Rounding, compare_tables, compare_values, same_drawing, same_number
+from eyechart.bundle.pages import Strictness, compare_pages, leaves_of
+
+EXACT = Rounding(())
+STRICT = Strictness(drawings=True, pictures=True)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "same"),
+    [
+        (0.25, 0.25 + 1e-12, True),
+        (0.25, 0.2500001, False),
+        (1e12, 1e12 + 100, True),
+        (0.0, 1e-10, True),
+        (0.0, 1e-8, False),
+    ],
+)
+def test_numbers_are_the_same_within_the_tolerance(one: float, other: float, same: bool) -> None:  # noqa: FBT001
+    """Relative to the larger of them and 1."""
+    assert same_number(one, other) is same is same_number(other, one)
+
+
+@pytest.mark.parametrize(
+    ("values", "printed", "recomputed", "same"),
+    [
+        ((0.3125,), "idi 0.312 [0.1]", "idi 0.313 [0.1]", True),
+        ((0.3125 + 1e-12,), "idi 0.312", "idi 0.313", True),
+        ((0.3127,), "idi 0.312", "idi 0.313", False),
+        ((0.3125,), "idi 0.312", "idi 0.314", False),
+        ((0.3125,), "idi 0.312", "ida 0.313", False),
+        ((12.5,), "12 frames", "13 frames", False),
+        ((0.3125,), "0.31", "0.313", False),
+        ((), "0.312", "0.313", False),
+        ((), "p <10⁻⁴", "p <10⁻⁴", True),
+    ],
+)
+def test_a_last_digit_may_differ_where_a_value_lies_between(
+    values: tuple[float, ...],
+    printed: str,
+    recomputed: str,
+    same: bool,  # noqa: FBT001 - read by its name in the table above
+) -> None:
+    """Machines may round a tie otherwise; counts and words never."""
+    assert Rounding(values).same(printed, recomputed) is same
+
+
+def test_values_are_compared_by_type_and_by_place() -> None:
+    """A number is no word, a flag no number, and what is missing on either side is named."""
+    printed = {"a": 1, "b": [1.0, 2.0], "c": True, "d": "x", "more": 0}
+    recomputed = {"a": 1.0, "b": [1.0], "c": 1, "d": "x", "less": None}
+    found = compare_values(printed, recomputed, EXACT, lambda path: "/".join(map(str, path)))
+    assert [(one.where, one.printed, one.recomputed) for one in found] == [
+        ("a", "1", "1.0"),
+        ("b", "2 values", "1 values"),
+        ("c", "True", "1"),
+        ("less", "nothing", "None"),
+        ("more", "0", "nothing"),
+    ]
+
+
+def test_numbers_of_results_are_known_to_the_rounding() -> None:
+    """All of them, in lists and beneath names; flags are none."""
+    assert Rounding.of({"a": [1, 2.5, {"b": -3.0}], "c": True, "d": "7"}).values == (-3.0, 1.0, 2.5)
+
+
+def test_drawings_are_the_same_where_nothing_can_be_seen_to_move() -> None:
+    """A fiftieth of a point."""
+    assert same_drawing("M 10.001 20 L 3 4", "M 10.002 20 L 3 4")
+    assert not same_drawing("M 10.1 20 L 3 4", "M 10.2 20 L 3 4")
+    assert not same_drawing("M 10 20", "L 10 20")
+
+
+def test_a_csv_cell_is_named_by_row_and_column() -> None:
+    """With full digits it may differ beyond the ninth."""
+    text = "model,value\na,0.123456789012\nb,2\n"
+    assert list(compare_tables("t.csv", text, text.replace("9012", "9013"), EXACT)) == []
+    (found,) = compare_tables("t.csv", text.replace("b,2", "b,3"), text, EXACT)
+    assert (found.where, found.printed, found.recomputed) == ("t.csv, b, value", "3", "2")
+    (lines,) = compare_tables("t.csv", text.replace("\n", "\r\n"), text, EXACT)
+    assert lines.where == "t.csv, its writing"
+
+
+PAGE = (
+    '<section id="s"><h2>Title</h2><table><caption>Counts</caption><thead><tr><th>model</th><th>n</th></tr></thead>'
+    "<tbody><tr><th>m1</th><td>5</td></tr></tbody></table>"
+    '<svg><title>Drawing</title><path d="M 1 2"/><text>0.5</text></svg></section>'
+    '<script type="application/json" id="data">{}</script>'
+)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "where"),
+    [
+        ("<td>5", "<td>6", "report.html, s, table 'Counts', m1, n"),
+        ("M 1 2", "M 1 3", "report.html, s, figure 'Drawing', path d"),
+        (">0.5<", ">0.6<", "report.html, s, figure 'Drawing'"),
+        ("<td>5", "<td hidden>5", "report.html, s, table 'Counts', m1, n, td hidden"),
+        ("Title", "Titel", "report.html, s"),
+    ],
+)
+def test_a_difference_in_a_page_is_named_by_its_place(old: str, new: str, where: str) -> None:
+    """Section, figure, table, row and column."""
+    (found,) = compare_pages(PAGE.replace(old, new), PAGE, EXACT, STRICT)
+    assert found.where == where
+
+
+def test_without_the_same_library_drawings_are_compared_by_their_words() -> None:
+    """Lines may lie elsewhere; numbers may not."""
+    loose = Strictness(drawings=False, pictures=True)
+    assert list(compare_pages(PAGE.replace("M 1 2", "M 9 9 L 1 1"), PAGE, EXACT, loose)) == []
+    assert len(list(compare_pages(PAGE.replace(">0.5<", ">0.6<"), PAGE, EXACT, loose))) == 1
+
+
+def test_nothing_in_a_page_is_overlooked() -> None:
+    """Comments, declarations and instructions are leaves too."""
+    kinds = {leaf.kind for leaf in leaves_of("<!doctype html><?pi x?><!-- c --><p a=1>t<br/></p>")}
+    assert kinds == {"declaration", "instruction", "comment", "element", "text", "end"}
