@@ -4,6 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 CORE := $(VENV)/.core
 DEV := $(VENV)/.dev
+VLM := $(VENV)/.vlm
 MODELS := $(VENV)/.models
 BROWSER := $(VENV)/.browser
 BENCH := $(VENV)/.bench
@@ -11,12 +12,13 @@ DOCS := $(VENV)/.docs
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo test test-models test-browser lint format docs bench clean
+.PHONY: help demo demo-vlm test test-models test-browser lint format docs bench clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
+	@echo "make demo-vlm     the same on five tiny real vision-language models, on a CPU, offline once installed"
 	@echo "make test         the tests of the core"
-	@echo "make test-models  the tests that need extras (Hugging Face datasets, Parquet, LeRobot)"
+	@echo "make test-models  the tests that need extras (Hugging Face datasets, Parquet, LeRobot, Transformers)"
 	@echo "make test-browser the report in headless Chromium, which has to be there (apt-get install chromium)"
 	@echo "make lint         ruff and mypy"
 	@echo "make docs         the site, in build/docs"
@@ -24,6 +26,9 @@ help:
 
 demo: $(CORE)
 	$(BIN)/eyechart demo --out demo
+
+demo-vlm: $(VLM)
+	$(BIN)/eyechart demo --vlm --out demo
 
 test: $(DEV)
 	$(BIN)/python -m pytest -n 2 -m "not models and not browser"
@@ -54,6 +59,8 @@ bench: $(BENCH)
 	$(BIN)/python benchmarks/bench_bank.py
 	$(BIN)/python benchmarks/bench_positive_control.py
 	$(BIN)/python benchmarks/bench_score.py
+	$(BIN)/python benchmarks/bench_hf.py
+	$(BIN)/python benchmarks/bench_calls.py
 
 clean:
 	rm -rf $(VENV) demo build dist
@@ -71,8 +78,12 @@ $(DEV): $(CORE)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	@touch $@
 
+$(VLM): $(CORE)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[transformers]'
+	@touch $@
+
 $(MODELS): $(DEV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,hub,parquet,lerobot]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,hub,parquet,lerobot,transformers,serve]'
 	@touch $@
 
 $(DOCS): $(CORE)
@@ -84,5 +95,5 @@ $(BROWSER): $(DEV)
 	@touch $@
 
 $(BENCH): $(DEV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,bench]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,bench,transformers]'
 	@touch $@

@@ -18,8 +18,9 @@ HEAD = """# The command line
 
 <!-- written by docs/update_cli.py: change the commands, not this page -->
 
-Every command explains itself with `--help`. Exit codes: 0 done, 1 the answer is no, 2 bad input or "cannot say", 130
-interrupted. Bad input prints one line; `--debug`, anywhere among the words, shows where it arose.
+Every command explains itself with `--help`. Exit codes: 0 done, 1 the answer is no, 2 bad input or "cannot say", 3
+stopped at a limit, 130 interrupted. Bad input prints one line; `--debug`, anywhere among the words, shows where it
+arose.
 """
 
 

@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+import stand_ins
 from eyechart.calls import Query, Reply
 from eyechart.frames import RGB, decode
+from eyechart.modes import RequestMode
 
 SPACE = """
 name = "rover"
@@ -70,7 +72,7 @@ def as_csv(table: Sequence[Row], *, without: Sequence[str] = (), delimiter: str 
 
 
 @dataclass
-class Driver:
+class Driver(stand_ins.Held):
     """A model that answers from the box's height in the picture, or from the speed that it is told."""
 
     listens: bool = False
@@ -86,6 +88,7 @@ class Driver:
         return Reply("HALT" if near > 27 else "CRAWL" if near > 15 else "GO", "stop")
 
 
-def open_model(name: str) -> Driver:
+def open_model(name: str, mode: RequestMode) -> Driver:
     """Open the one that looks or the one that listens."""
+    del mode
     return Driver(listens={"looks": False, "listens": True}[name])

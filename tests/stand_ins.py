@@ -3,7 +3,7 @@
 import asyncio
 import sqlite3
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,6 +13,7 @@ import numpy as np
 from eyechart import models
 from eyechart.actions import DRIVING
 from eyechart.calls import CallKey, Query, Reply
+from eyechart.modes import RequestMode
 from eyechart.run import Plan
 from eyechart.studies import battery as study
 
@@ -33,20 +34,35 @@ def noisy(query: Query) -> Reply:
     return Reply(str(dice.choice(DRIVING.actions)), "stop", prompt_tokens=3, completion_tokens=1)
 
 
+class Held:
+    """The part of a model's door that a stand-in need not think about."""
+
+    version: str = "1"
+    facts: Mapping[str, str] = {}
+
+    async def close(self) -> None:
+        """Hold nothing."""
+
+
 @dataclass
-class StandIn:
+class StandIn(Held):
     """A model that notes the queries that it gets, and answers each after ``pause_s`` times a seeded fraction."""
 
     respond: Callable[[Query], Reply] = stop
     version: str = "1"
     pause_s: float = 0.0
     queries: list[Query] = field(default_factory=list)
+    closed: int = 0
 
     async def answer(self, query: Query) -> Reply:
         """Answer one query."""
         self.queries.append(query)
         await asyncio.sleep(self.pause_s * np.random.default_rng(query.seed).random())
         return self.respond(query)
+
+    async def close(self) -> None:
+        """Count how often it was let go."""
+        self.closed += 1
 
     def asked(self, plan: Plan) -> list[CallKey]:
         """Return the calls that were asked, in order, known by their seeds."""
@@ -66,9 +82,15 @@ def rows_in(ledger: Path, table: str) -> int:
 PAUSE_S = 0.0
 
 
-def open_model(name: str) -> StandIn:
+def open_model(name: str, mode: RequestMode) -> StandIn:
     """Open a stand-in by name."""
+    del mode
     return StandIn({"noisy": noisy, "steady": stop}[name], pause_s=PAUSE_S)
+
+
+def names() -> dict[str, str]:
+    """Return what the stand-ins are called."""
+    return {"noisy": "answers at random", "steady": "answers STOP"}
 
 
 def install() -> None:

@@ -16,7 +16,7 @@ WORDS = st.text(st.characters(exclude_categories=["C"]))
 
 def test_a_query_has_no_field_for_ground_truth() -> None:
     """What a model may see: the words, the picture, and a seed for its sampling."""
-    assert [field.name for field in fields(Query)] == ["system", "user", "image", "seed"]
+    assert [field.name for field in fields(Query)] == ["system", "user", "image", "seed", "actions"]
     with pytest.raises((AttributeError, TypeError)):
         Query("", "", None, 0).lead_gap_m = 5.0  # type: ignore[attr-defined]
 
@@ -49,6 +49,7 @@ def test_a_keys_seed_is_equal_in_every_process(hash_seed: str) -> None:
 def test_the_digest_of_a_query_tells_no_picture_from_an_empty_one() -> None:
     """And words from picture, and where one ends and the next begins; the seed has no part in it."""
     queries = [
+        Query("a", "b", None, 0, ("GO", "STOP")),
         Query("a", "b", None, 0),
         Query("a", "b", b"", 0),
         Query("a", "b", b"-", 0),

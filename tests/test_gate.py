@@ -13,27 +13,28 @@ from eyechart.calls import Query, Reply
 from eyechart.cli.app import app
 from eyechart.errors import SpecError
 from eyechart.gate import REQUIREMENTS, Check, Gate, read_requirements
+from eyechart.limits import Limits
 from eyechart.studies import battery
 from eyechart.testing import assert_grounded
 from known import Demo
 
 
-class Locked:
-    """A model whose every call is refused by its endpoint: the key is wrong."""
+class Locked(stand_ins.Held):
+    """A model whose every call is refused by its endpoint for good."""
 
     version = "0"
 
     async def answer(self, query: Query) -> Reply:
-        """Fail as an endpoint does without a key."""
+        """Fail as an endpoint does that takes no picture."""
         del query
-        return Reply(error="auth", error_detail="401 <script>\x00")
+        return Reply(error="bad_request", error_detail="400 <script>\x00")
 
 
 def run_of(spec: str, folder: Path, **options: object) -> Path:
     """Run a battery of one model on the tiny bank and return its folder."""
     bank = build_bank(folder / "bank")
     planned = battery.plan(bank.root, [spec], folder / "run", **options)
-    battery.run(planned)
+    battery.run(planned, limits=Limits(patience=1000))
     return folder / "run"
 
 
@@ -79,9 +80,9 @@ def test_an_unfinished_run_cannot_say(demo: Demo, tmp_path: Path) -> None:
 
 
 def test_a_run_whose_calls_failed_cannot_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Failed authentication says nothing of the model, and its words cannot break the JUnit file."""
+    """A refused request says nothing of the model, and its words cannot break the JUnit file."""
     monkeypatch.setitem(models.ADAPTERS, "standin", "stand_ins")
-    monkeypatch.setattr(stand_ins, "open_model", lambda name: Locked())  # noqa: ARG005
+    monkeypatch.setattr(stand_ins, "open_model", lambda *_: Locked())
     run = run_of("standin:locked", tmp_path)
     result = CliRunner().invoke(app, ["gate", str(run), "--junit", str(tmp_path / "gate.xml")])
     assert result.exit_code == 2

@@ -9,6 +9,7 @@ import banks
 from eyechart.errors import BankError, LedgerError
 from eyechart.frames import FrameBank
 from eyechart.manifest import RunManifest, is_free, is_run, read_run, today, versions, write_run
+from eyechart.modes import Measured, RequestMode
 from eyechart.prompts import PROMPTS
 
 
@@ -52,6 +53,26 @@ def test_a_run_reads_back_as_it_was_written(out: Path, manifest: RunManifest, ba
     assert frames.frames == bank.frames
     assert sorted(path.name for path in out.iterdir()) == ["bank", "run.json"]
     assert sorted(path.name for path in (out / "bank").iterdir()) == ["manifest.json", "metadata.jsonl"]
+
+
+def test_a_run_keeps_each_models_mode_and_facts(manifest: RunManifest, bank: FrameBank, tmp_path: Path) -> None:
+    """As they were; a later probe of the same mode adds what it measured."""
+    asked = replace(manifest, modes={"a": RequestMode("a", max_tokens=9)}, facts={"a": {"digest": "abc"}})
+    (tmp_path / "run").mkdir()
+    write_run(tmp_path / "run", asked, bank)
+    assert read_run(tmp_path / "run")[0] == asked
+    probed = replace(asked, modes={"a": RequestMode("a", max_tokens=9, measured=Measured(calls=4))})
+    assert asked.extended(probed).mode("a") == probed.mode("a")
+    assert probed.extended(asked).mode("a") == probed.mode("a")
+
+
+def test_a_run_is_not_resumed_in_another_mode(manifest: RunManifest) -> None:
+    """The default mode included; the field that differs is named."""
+    asked = replace(manifest, modes={"a": RequestMode("a", temperature=None)})
+    with pytest.raises(LedgerError, match=r"asked a in another mode: temperature was None, now 0\.0"):
+        asked.extended(replace(manifest, modes={"a": RequestMode("a")}))
+    with pytest.raises(LedgerError, match=r"temperature was 0\.0, now None"):
+        manifest.extended(asked)
 
 
 def test_more_models_conditions_and_frames_may_be_added(manifest: RunManifest) -> None:

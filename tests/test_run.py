@@ -20,6 +20,7 @@ from eyechart.conditions import BATTERY, show
 from eyechart.errors import BankError, SpecError
 from eyechart.frames import Frame, FrameBank
 from eyechart.ledger import Ledger
+from eyechart.limits import Limits
 from eyechart.prompts import PROMPTS
 from eyechart.run import Plan, execute, in_shard, read_shard, spread
 from stand_ins import StandIn
@@ -112,8 +113,9 @@ def test_resuming_repeats_exactly_the_unfinished_and_the_unknown(plan: Plan, led
     assert sorted(model.asked(plan)) == sorted(keys[10:])
     assert ledger.finished() == set(keys)
     assert ledger.unknown() == set()
-    counted = ledger.accounting("m")
-    assert (counted.attempts, counted.unknown, counted.errors) == (48 + 5, 3, 2)
+    sent = list(ledger.attempts("m"))
+    assert (len(sent), sum(one.reply is None for one in sent)) == (48 + 5, 3)
+    assert sorted(one.reason for one in sent if one.number > 1) == ["timeout"] * 2 + ["unknown"] * 3
     assert {reply.text for key, reply in ledger.replies("m") if key in done} == {"SLOW"}
 
 
@@ -135,7 +137,7 @@ def test_what_a_model_raises_becomes_a_reply(plan: Plan, ledger: Ledger) -> None
     assert failed["text_only"].text == ""
 
 
-class Careless:
+class Careless(stand_ins.Held):
     """An adapter with a fault of its own."""
 
     version = "1"
@@ -155,7 +157,7 @@ class Careless:
 @pytest.mark.parametrize(("fault", "named"), [("cancels", "CancelledError"), ("answers a word", "TypeError: .* str")])
 def test_a_careless_adapter_does_not_end_the_run_unheard(plan: Plan, ledger: Ledger, fault: str, named: str) -> None:
     """A cancellation that escapes an adapter would silently end the workers; a word is no Reply. Both are rows."""
-    execute(plan, {"m": Careless(fault)}, ledger)
+    execute(plan, {"m": Careless(fault)}, ledger, limits=Limits(patience=99))
     details = [reply.error_detail for _, reply in ledger.replies("m")]
     assert len(details) == 48
     assert all(re.match(named, detail) for detail in details)
@@ -178,7 +180,7 @@ def test_transient_errors_are_tried_again_with_a_row_each(plan: Plan, ledger: Le
     assert ledger.finished() == set(plan.keys()) - unfinished
     assert moves[-1] == (42, 48)
     assert sorted(tries.values()) == [2] * 42 + [3] * 6
-    assert ledger.accounting("m").attempts == 42 * 2 + 6 * 3
+    assert len(list(ledger.attempts("m"))) == 42 * 2 + 6 * 3
     first, second = [pause for pause in quick if 0.5 <= pause <= 1.0], [pause for pause in quick if 1.0 < pause <= 2.0]
     assert (len(first), len(second)) == (48, 6)
     execute(plan, {"m": StandIn()}, ledger)
@@ -187,10 +189,27 @@ def test_transient_errors_are_tried_again_with_a_row_each(plan: Plan, ledger: Le
 
 def test_an_error_that_will_not_pass_is_not_tried_again(plan: Plan, ledger: Ledger) -> None:
     """A wrong key stays wrong."""
-    model = StandIn(lambda _: Reply(error="auth"))
-    execute(plan, {"m": model}, ledger)
+    model = StandIn(lambda _: Reply(error="bad_request"))
+    execute(plan, {"m": model}, ledger, limits=Limits(patience=99))
     assert len(model.queries) == 48
-    assert ledger.accounting("m").errors == 48
+    assert len(list(ledger.attempts("m"))) == 48
+
+
+def test_every_model_is_let_go_when_a_run_ends(plan: Plan, ledger: Ledger) -> None:
+    """Also where one of them does not let itself be closed, and where the run broke off."""
+
+    class Stuck(StandIn):
+        async def close(self) -> None:
+            await super().close()
+            raise RuntimeError("stuck")
+
+    two = {"m": Stuck(), "n": StandIn()}
+    execute(replace(plan, models=("m", "n")), two, ledger)
+    assert (two["m"].closed, two["n"].closed) == (1, 1)
+    left = StandIn()
+    with pytest.raises(KeyError):
+        execute(replace(plan, models=("left", "absent")), {"left": left}, ledger)
+    assert left.closed == 1
 
 
 @pytest.mark.parametrize("concurrency", [1, 5])
@@ -231,7 +250,7 @@ def test_models_are_asked_at_the_same_time_and_each_within_its_bound(plan: Plan,
     most = {"slow": 0, "fast": 0}
     ended: list[str] = []
 
-    class Counted:
+    class Counted(stand_ins.Held):
         version = "1"
 
         def __init__(self, name: str, pause_s: float) -> None:

@@ -6,11 +6,30 @@ from typing import Literal
 
 from eyechart.seeds import key_seed
 
-ErrorKind = Literal["exception", "timeout", "rate_limited", "server_error", "connection", "bad_response", "auth"]
-"""What went wrong when no answer came; later adapters use the network's kinds."""
+ErrorKind = Literal[
+    "exception",  # the adapter, or what it calls, raised
+    "timeout",  # no whole reply within the mode's time
+    "rate_limited",  # 429
+    "server_error",  # 5xx
+    "connection",  # refused, reset, or closed before a reply began
+    "cut_short",  # the body ended before it was whole
+    "wrong_json",  # no JSON, or not of the API's shape
+    "too_large",  # a body beyond the bound
+    "bad_request",  # another 4xx, or a redirect
+    "auth",  # 401, 403: the key is missing, wrong or not allowed
+    "quota",  # 402, or a 429 that says that nothing is left to spend
+    "missing_model",  # 404, or a server that says so
+]
+"""What went wrong when no answer came. An empty reply, a refusal and a truncation are replies, and no errors."""
 
-TRANSIENT: frozenset[str] = frozenset({"timeout", "rate_limited", "server_error", "connection"})
+TRANSIENT: frozenset[str] = frozenset({"timeout", "rate_limited", "server_error", "connection", "cut_short"})
 """The kinds that may pass when the same call is made again."""
+
+HOPELESS: frozenset[str] = frozenset({"auth", "quota", "missing_model"})
+"""The kinds that every further call of the model would meet too, until somebody mends what is wrong."""
+
+UNFINISHED: frozenset[str] = TRANSIENT | HOPELESS
+"""The kinds that leave a call unfinished: a resumed run makes it again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,12 +38,14 @@ class Query:
 
     ``image`` is an encoded picture (PNG or JPEG bytes) or None where the condition shows none. ``seed`` is
     derived from the call's key, so that a model that samples answers the same call alike after a resume.
+    ``actions`` are the names that an answer may give, for a schema that binds them; empty where there are none.
     """
 
     system: str
     user: str
     image: bytes | None
     seed: int
+    actions: tuple[str, ...] = ()
 
     def sha256(self) -> str:
         """Return the digest of the content (not of the seed), an audit column and never a cache key."""
@@ -33,17 +54,28 @@ class Query:
             self.system.encode(),
             self.user.encode(),
             b"-" if self.image is None else b"+" + self.image,
+            "\x1f".join(self.actions).encode(),
         ):
             digest.update(len(part).to_bytes(8, "big") + part)
         return digest.hexdigest()
+
+    def schema(self) -> dict[str, object]:
+        """Return the JSON schema of an answer: an object whose action is one of ``actions``, or any text."""
+        action = {"type": "string", **({"enum": list(self.actions)} if self.actions else {})}
+        only = {"required": ["action"], "additionalProperties": False}
+        return {"type": "object", "properties": {"action": action}, **only}
 
 
 @dataclass(frozen=True, slots=True)
 class Reply:
     """What came back, verbatim. A failure is a Reply with its ``error`` kind, never made-up text.
 
-    ``finish_reason`` uses the names of OpenAI's chat API (``stop``, ``length``, ``content_filter``);
-    ``seconds`` is wall time; token counts are None where the model does not report them.
+    ``finish_reason`` is verbatim, in the names of OpenAI's chat API where the model has none of its own (``stop``,
+    ``length``, ``content_filter``). ``reasoning`` is what the model thought, where it comes apart from the answer;
+    ``completion_tokens`` include ``reasoning_tokens``. ``seconds`` and ``first_byte_s`` are wall time from sending to
+    the last and the first byte. ``status`` is HTTP's; ``retry_after_s`` what the server asked for. ``served`` names
+    the model as the reply does, ``provider`` the upstream that a router chose. ``cost_usd`` is what the endpoint
+    itself reports, ``energy_j`` what was measured here. None is "not reported" or "not measured", never 0.
     """
 
     text: str = ""
@@ -53,6 +85,15 @@ class Reply:
     prompt_tokens: int | None = None
     completion_tokens: int | None = None
     seconds: float | None = None
+    reasoning: str = ""
+    reasoning_tokens: int | None = None
+    first_byte_s: float | None = None
+    status: int | None = None
+    retry_after_s: float | None = None
+    served: str | None = None
+    provider: str | None = None
+    cost_usd: float | None = None
+    energy_j: float | None = None
 
 
 @dataclass(frozen=True, slots=True, order=True)

@@ -40,10 +40,14 @@ class Replication:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Every model that both runs asked. ``apart`` says in words what the two runs did not have in common."""
+    """Every model that both runs asked. ``apart`` says in words what the two runs did not have in common.
+
+    ``marks`` are the guards that failed in either run: its numbers are not to be relied on.
+    """
 
     models: Mapping[str, Replication]
     apart: tuple[str, ...]
+    marks: tuple[str, ...] = ()
 
     @property
     def replicated(self) -> bool:
@@ -55,6 +59,7 @@ class Comparison:
         return {
             "replicated": self.replicated,
             "apart": list(self.apart),
+            "failed_guards": list(self.marks),
             "models": {
                 spec: {
                     "replicated": one.replicated,
@@ -103,7 +108,13 @@ def compare(first: BatteryScore, second: BatteryScore, *, resamples: int = 2000)
             differences=found,
             holm=dict(zip(found, holm([value.p for value in found.values()]), strict=True)),
         )
-    return Comparison(models, _apart(first, second))
+    marks = [
+        f"{spec} in the {which} run: {words}"
+        for which, judgement in zip(("first", "second"), judged, strict=True)
+        for spec in common
+        for words in judgement[spec].marks
+    ]
+    return Comparison(models, _apart(first, second), tuple(marks))
 
 
 def _require_whole(common: Sequence[str], first: BatteryScore, second: BatteryScore) -> None:
@@ -128,6 +139,8 @@ def _apart(first: BatteryScore, second: BatteryScore) -> tuple[str, ...]:
     for spec in first.models.keys() & second.models.keys():
         one, other = first.models[spec].version, second.models[spec].version
         said += [both.format(f"{spec} version", one, other)] if one != other else []
+        if not first.manifest.mode(spec).same_request(second.manifest.mode(spec)):
+            said.append(f"{spec} was asked in another request mode in the second run")
     for which, mine, theirs in (("first", first, second), ("second", second, first)):
         said += [f"{spec}: asked in the {which} run only" for spec in mine.models if spec not in theirs.models]
     return tuple(sorted(said))

@@ -100,7 +100,7 @@ def hold(score: BatteryScore, require: Sequence[str], *, max_unparsed: float | N
     verdicts = judge(score)
     checks: list[Check] = []
     for spec, model in score.models.items():
-        reason = _no_evidence(model)
+        reason = _no_evidence(model) or "; ".join(verdicts[spec].marks)
         for requirement in wanted:
             holds, because = (None, reason) if reason else _claim(requirement, verdicts[spec])
             checks.append(Check(spec, requirement, holds, because))

@@ -6,14 +6,15 @@ over; an attempt without a reply was sent with its outcome unknown. Rows are nev
 
 import datetime as dt
 import sqlite3
-from collections.abc import Iterator, Sequence
-from contextlib import closing
-from dataclasses import astuple, dataclass, fields
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, fields
+from operator import attrgetter
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
-from eyechart.calls import TRANSIENT, CallKey, Reply
+from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.errors import LedgerError
 
 _SCHEMA = """
@@ -26,7 +27,7 @@ CREATE TABLE IF NOT EXISTS calls (
 CREATE TABLE IF NOT EXISTS attempts (
     id INTEGER PRIMARY KEY,
     call INTEGER NOT NULL REFERENCES calls (id),
-    number INTEGER NOT NULL, request_sha256 TEXT NOT NULL, sent_at TEXT NOT NULL,
+    number INTEGER NOT NULL, reason TEXT, request_sha256 TEXT NOT NULL, sent_at TEXT NOT NULL,
     UNIQUE (call, number)
 ) STRICT;
 CREATE TABLE IF NOT EXISTS replies (
@@ -34,7 +35,9 @@ CREATE TABLE IF NOT EXISTS replies (
     call INTEGER NOT NULL REFERENCES calls (id),
     final INTEGER NOT NULL, closed_at TEXT NOT NULL,
     text TEXT NOT NULL, finish_reason TEXT, error TEXT, error_detail TEXT NOT NULL,
-    prompt_tokens INTEGER, completion_tokens INTEGER, seconds REAL
+    prompt_tokens INTEGER, completion_tokens INTEGER, seconds REAL,
+    reasoning TEXT NOT NULL, reasoning_tokens INTEGER, first_byte_s REAL, status INTEGER, retry_after_s REAL,
+    served TEXT, provider TEXT, cost_usd REAL, energy_j REAL
 ) STRICT;
 CREATE UNIQUE INDEX IF NOT EXISTS one_final_reply_a_call ON replies (call) WHERE final = 1;
 CREATE INDEX IF NOT EXISTS replies_of_a_call ON replies (call);
@@ -46,20 +49,32 @@ _APPEND_ONLY = "".join(
     for verb in ("UPDATE", "DELETE")
 )
 _OBJECTS = "SELECT type, name, sql FROM sqlite_master"
-_VERSION = 1
+_VERSION = 2
 _KEY = ", ".join(field.name for field in fields(CallKey))
 _KEY_IS = " AND ".join(f"{field.name} = ?" for field in fields(CallKey))
 _REPLY = tuple(field.name for field in fields(Reply))
 _REPLY_NAMES = ", ".join(_REPLY)
-_SUMS = (
-    "count(DISTINCT a.call), count(*), count(*) - count(r.attempt), coalesce(sum(final), 0), "
-    "count(r.error), sum(prompt_tokens), sum(completion_tokens), coalesce(sum(seconds), 0.0)"
+_key_values = attrgetter(*(field.name for field in fields(CallKey)))
+_reply_values = attrgetter(*_REPLY)
+UNKNOWN = "unknown"
+"""The reason of an attempt that repeats one whose outcome is unknown: it was sent, and the run was killed."""
+_ADD_CALL = f"INSERT OR IGNORE INTO calls ({_KEY}) VALUES (?, ?, ?, ?, ?, ?)"
+_LAST_ATTEMPT = (
+    f"SELECT c.id, a.number, coalesce(r.error, '{UNKNOWN}'), "
+    "EXISTS (SELECT 1 FROM replies f WHERE f.call = c.id AND f.final = 1) "
+    "FROM calls c LEFT JOIN attempts a ON a.call = c.id LEFT JOIN replies r ON r.attempt = a.id "
+    f"WHERE {_KEY_IS} ORDER BY a.number DESC LIMIT 1"
 )
+_ADD_REPLY = (
+    f"INSERT INTO replies (attempt, call, final, closed_at, {_REPLY_NAMES}) "
+    f"VALUES ({', '.join('?' * (4 + len(_REPLY)))})"
+)
+_ADD_ATTEMPT = "INSERT INTO attempts (call, number, reason, request_sha256, sent_at) VALUES (?, ?, ?, ?, ?)"
 _COPY_ATTEMPTS = f"""
-INSERT INTO attempts (id, call, number, request_sha256, sent_at)
+INSERT INTO attempts (id, call, number, reason, request_sha256, sent_at)
 SELECT a.id + ?, mine.id,
        a.number + coalesce((SELECT max(number) FROM main.attempts b WHERE b.call = mine.id), 0),
-       a.request_sha256, a.sent_at
+       a.reason, a.request_sha256, a.sent_at
 FROM other.attempts a JOIN other.calls theirs ON theirs.id = a.call JOIN main.calls mine USING ({_KEY})
 """
 _COPY_REPLIES = f"""
@@ -71,33 +86,32 @@ FROM other.replies r JOIN other.calls theirs ON theirs.id = r.call JOIN main.cal
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """An attempt that was written and not yet closed: row ids of the attempt and of its call."""
+    """An attempt that was written and not yet closed: row ids of the attempt and of its call.
+
+    ``reason`` says why it is made where it is not the first: the error of the attempt before it, or ``UNKNOWN``.
+    """
 
     id: int
     call: int
     number: int
+    reason: str | None
 
 
 @dataclass(frozen=True, slots=True)
-class Accounting:
-    """What the calls of one model took: attempts and their outcomes, tokens, and seconds.
+class Sent:
+    """An attempt as it is read back: its call, its number, why it was made, and what came; None is "unknown"."""
 
-    ``unknown`` counts attempts that were sent and whose outcome is not known (the run was cut). Token sums are
-    None where no reply reported any.
-    """
-
-    calls: int
-    attempts: int
-    finished: int
-    unknown: int
-    errors: int
-    prompt_tokens: int | None
-    completion_tokens: int | None
-    seconds: float
+    key: CallKey
+    number: int
+    reason: str | None
+    reply: Reply | None
+    request_sha256: str = ""
 
 
 class Ledger:
     """One run's ledger. Every write is committed before the method returns, so a killed process loses none.
+
+    Writes inside ``together`` are committed at its end.
 
     Without ``create`` it is opened to be read only, also from a medium that cannot be written. Use as a context
     manager. Raises LedgerError where the file is missing (unless ``create``) or no ledger.
@@ -129,7 +143,10 @@ class Ledger:
         (tables,) = self._sql.execute("SELECT count(*) FROM sqlite_master").fetchone()
         new = version == 0 and tables == 0  # also what a run leaves that was killed while it made its ledger
         if not new and version != _VERSION:  # before the first write: it may be somebody else's database
-            raise LedgerError(f"{self.path} is a ledger of format {version}; this eyechart reads format {_VERSION}")
+            raise LedgerError(
+                f"{self.path} is a ledger of format {version}; this eyechart reads format {_VERSION}: "
+                "use the eyechart that wrote it, or run anew with another --out"
+            )
         if new and not create:
             self._sql.close()
             self._sql = sqlite3.connect(":memory:", isolation_level=None)
@@ -148,30 +165,41 @@ class Ledger:
     ) -> None:
         self._sql.close()
 
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        """Commit what is written inside as one: all of it, or none where one write fails."""
+        self._sql.execute("BEGIN IMMEDIATE")
+        try:
+            yield
+            self._sql.execute("COMMIT")
+        except BaseException:
+            self._sql.execute("ROLLBACK")
+            raise
+
     def begin(self, key: CallKey, request_sha256: str) -> Attempt:
         """Record that an attempt at a call is about to be sent.
 
         Raises LedgerError where the call is finished already: it must not be paid for twice.
         """
         sql = self._sql
-        sql.execute(f"INSERT OR IGNORE INTO calls ({_KEY}) VALUES (?, ?, ?, ?, ?, ?)", astuple(key))
-        (call,) = sql.execute(f"SELECT id FROM calls WHERE {_KEY_IS}", astuple(key)).fetchone()
-        if sql.execute("SELECT 1 FROM replies WHERE call = ? AND final = 1", (call,)).fetchone():
-            raise LedgerError(f"the call {key} is finished already")
-        (number,) = sql.execute("SELECT count(*) + 1 FROM attempts WHERE call = ?", (call,)).fetchone()
-        row = (call, number, request_sha256, _now())
-        cursor = sql.execute("INSERT INTO attempts (call, number, request_sha256, sent_at) VALUES (?, ?, ?, ?)", row)
-        return Attempt(id=int(cursor.lastrowid or 0), call=call, number=number)
+        added = sql.execute(_ADD_CALL, _key_values(key))
+        number, reason = 1, None
+        if added.rowcount:
+            call = int(added.lastrowid or 0)
+        else:
+            call, before, reason, finished = sql.execute(_LAST_ATTEMPT, _key_values(key)).fetchone()
+            if finished:
+                raise LedgerError(f"the call {key} is finished already")
+            number = (before or 0) + 1
+            reason = reason if before else None
+        added = sql.execute(_ADD_ATTEMPT, (call, number, reason, request_sha256, _now()))
+        return Attempt(id=int(added.lastrowid or 0), call=call, number=number, reason=reason)
 
     def close(self, attempt: Attempt, reply: Reply) -> None:
-        """Record what came back. A reply with a transient error leaves the call unfinished."""
-        final = reply.error not in TRANSIENT
-        marks = ", ".join("?" * (4 + len(_REPLY)))
-        came = (_storable(value) if isinstance(value, str) else value for value in astuple(reply))
-        row = (attempt.id, attempt.call, int(final), _now(), *came)
-        self._sql.execute(
-            f"INSERT INTO replies (attempt, call, final, closed_at, {_REPLY_NAMES}) VALUES ({marks})", row
-        )
+        """Record what came back. An error that may pass, or that somebody can mend, leaves the call unfinished."""
+        final = reply.error not in UNFINISHED
+        came = [_storable(value) if isinstance(value, str) else value for value in _reply_values(reply)]
+        self._sql.execute(_ADD_REPLY, (attempt.id, attempt.call, int(final), _now(), *came))
 
     def finished(self) -> set[CallKey]:
         """Return the keys of every finished call."""
@@ -200,19 +228,21 @@ class Ledger:
         for row in rows:
             yield CallKey(*row[:split]), Reply(*row[split:])
 
-    def attempts(self, model: str) -> Iterator[tuple[CallKey, int, str, Reply | None]]:
-        """Yield every attempt at a model's calls: key, number, digest of the request, and the reply if it is known."""
+    def attempts(self, model: str) -> Iterator[Sent]:
+        """Yield every attempt at a model's calls in the order of sending, with what came back."""
         names = ", ".join(f"r.{name}" for name in _REPLY)
+        calls = ", ".join(f"c.{field.name}" for field in fields(CallKey))
         rows = self._sql.execute(
-            f"SELECT {_KEY}, number, request_sha256, r.attempt, {names} FROM attempts a "
-            "JOIN calls ON calls.id = a.call "
-            f"LEFT JOIN replies r ON r.attempt = a.id WHERE model = ? ORDER BY {_KEY}, number",
+            f"SELECT {calls}, a.number, a.reason, a.request_sha256, r.attempt, {names} "
+            "FROM attempts a JOIN calls c ON c.id = a.call "
+            "LEFT JOIN replies r ON r.attempt = a.id WHERE c.model = ? ORDER BY a.id",
             (model,),
         )
         split = len(fields(CallKey))
         for row in rows:
-            reply = None if row[split + 2] is None else Reply(*row[split + 3 :])
-            yield CallKey(*row[:split]), row[split], row[split + 1], reply
+            number, reason, digest, came = row[split : split + 4]
+            reply = None if came is None else Reply(*row[split + 4 :])
+            yield Sent(CallKey(*row[:split]), number, reason, reply, digest)
 
     def copy_to(self, path: Path) -> None:
         """Write a copy of the ledger as it stands, also while a run appends; the same rows give the same bytes."""
@@ -233,24 +263,6 @@ class Ledger:
             raise LedgerError(f"{self.path} is no plain ledger: {', '.join(strange[:3])} of its schema differ")
         if said != "ok":
             raise LedgerError(f"{self.path} is damaged: {said}")
-
-    def accounting(self, model: str) -> Accounting:
-        """Return the attempts, tokens and seconds that a model took."""
-        sums = self._sql.execute(
-            f"SELECT {_SUMS} FROM attempts a LEFT JOIN replies r ON r.attempt = a.id "
-            "WHERE a.call IN (SELECT id FROM calls WHERE model = ?)",
-            (model,),
-        ).fetchone()
-        return _accounted(sums)
-
-    def by_condition(self, model: str) -> dict[str, Accounting]:
-        """Return what a model's calls of each condition took."""
-        rows = self._sql.execute(
-            f"SELECT condition, {_SUMS} FROM attempts a LEFT JOIN replies r ON r.attempt = a.id "
-            "JOIN calls ON calls.id = a.call WHERE model = ? GROUP BY condition ORDER BY condition",
-            (model,),
-        )
-        return {condition: _accounted(sums) for condition, *sums in rows}
 
     def absorb(self, other: "Ledger") -> int:
         """Copy every call of another ledger into this one, attempts and replies included; return how many are new.
@@ -273,11 +285,6 @@ class Ledger:
         finally:
             self._sql.execute("DETACH other")
         return new
-
-
-def _accounted(sums: Sequence[Any]) -> Accounting:
-    calls, sent, unknown, finished, errors, prompt_tokens, completion_tokens, seconds = sums
-    return Accounting(calls, sent, finished, unknown, errors, prompt_tokens, completion_tokens, seconds)
 
 
 def _storable(text: str) -> str:

@@ -6,7 +6,7 @@ import os
 import platform
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -14,10 +14,11 @@ from eyechart import __version__
 from eyechart.conditions import find_condition
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank, open_bank
+from eyechart.modes import RequestMode
 from eyechart.prompts import Prompt
 from eyechart.reader import READER
 
-FORMAT = "eyechart-run/1"
+FORMAT = "eyechart-run/2"
 LEDGER = "ledger.sqlite"
 RUN = "run.json"
 BANK = "bank"
@@ -29,6 +30,7 @@ BANK_TEXT = ("manifest.json", "metadata.jsonl")
 class RunManifest:
     """What a run was planned to do. ``models`` maps a SPEC to the version that answered.
 
+    ``modes`` says how each model was asked, ``facts`` what is known of it (digest, quantisation, template).
     ``shard`` is (i, n), counted from 1, or None for the whole; ``limit`` the number of frames, or None for all.
     ``stop_early`` says that a model is no longer asked once its verdict is settled.
     ``reader`` is the version of the reader of replies that the run was begun under.
@@ -46,6 +48,8 @@ class RunManifest:
     fingerprint: str
     versions: Mapping[str, str]
     stop_early: bool = False
+    modes: Mapping[str, RequestMode] = field(default_factory=dict)
+    facts: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     reader: int = READER
 
     def extended(self, other: "RunManifest") -> "RunManifest":
@@ -67,10 +71,30 @@ class RunManifest:
                     f"this run asked {spec} at version {self.models[spec]}, which is now {other.models[spec]}; "
                     "give another --out: two versions in one ledger cannot be told apart"
                 )
+            if not self.mode(spec).same_request(other.mode(spec)):
+                raise LedgerError(
+                    f"this run asked {spec} in another mode: {_difference(self.mode(spec), other.mode(spec))}; "
+                    "give the same options or --mode file to resume it, or another --out"
+                )
         conditions = self.conditions + tuple(name for name in other.conditions if name not in self.conditions)
+        modes = {spec: mode for spec, mode in other.modes.items() if mode.measured or spec not in self.modes}
         return replace(
-            self, models={**self.models, **other.models}, conditions=conditions, limit=_larger(self.limit, other.limit)
+            self,
+            models={**self.models, **other.models},
+            modes={**self.modes, **modes},
+            facts={**self.facts, **other.facts},
+            conditions=conditions,
+            limit=_larger(self.limit, other.limit),
         )
+
+    def mode(self, spec: str) -> RequestMode:
+        """Return how a model was asked; the default mode where the run gave none."""
+        return self.modes.get(spec) or RequestMode(spec)
+
+
+def _difference(mine: RequestMode, theirs: RequestMode) -> str:
+    name = next(one.name for one in fields(RequestMode) if getattr(mine, one.name) != getattr(theirs, one.name))
+    return f"{name} was {getattr(mine, name)!r}, now {getattr(theirs, name)!r}"
 
 
 def _larger(one: int | None, other: int | None) -> int | None:
@@ -119,7 +143,8 @@ def write_run(out: Path, manifest: RunManifest, bank: FrameBank) -> None:
 
 def as_text(manifest: RunManifest) -> str:
     """Return a run's manifest as the JSON text of its file."""
-    values = {"format": FORMAT, **asdict(manifest), "prompt": manifest.prompt.as_dict()}
+    modes = {spec: mode.as_dict() for spec, mode in manifest.modes.items()}
+    values = {"format": FORMAT, **asdict(manifest), "prompt": manifest.prompt.as_dict(), "modes": modes}
     return json.dumps(values, indent=1, ensure_ascii=False) + "\n"
 
 
@@ -170,9 +195,13 @@ def read_manifest(path: Path) -> RunManifest:
     try:
         raw = json.loads(file.read_text(encoding="utf-8"))
         if raw.pop("format") != FORMAT:
-            raise LedgerError(f"{file} is of another format than {FORMAT!r}")
+            raise LedgerError(
+                f"{file} is of another format than {FORMAT!r}: use the eyechart that wrote it, or run anew"
+            )
         raw["prompt"] = Prompt.from_dict(raw["prompt"])
         raw["models"] = dict(raw["models"])
+        raw["modes"] = {spec: RequestMode.from_dict(mode, str(file)) for spec, mode in raw["modes"].items()}
+        raw["facts"] = {spec: dict(known) for spec, known in raw["facts"].items()}
         raw["conditions"] = tuple(find_condition(name).name for name in raw["conditions"])
         raw["seed"] = int(raw["seed"])
         raw["reader"] = int(raw["reader"])

@@ -34,12 +34,14 @@ COMMANDS = (
     "frames show",
     "run",
     "run battery",
+    "run prompts",
     "merge",
     "report",
     "bundle",
     "validate",
     "score",
     "verdict",
+    "costs",
     "gate",
     "compare",
     "transfer",
@@ -230,7 +232,7 @@ def test_unfinished_calls_are_reported(
     from eyechart.calls import Reply  # noqa: PLC0415 - nowhere else needed
 
     monkeypatch.setattr("eyechart.run.random.random", lambda: -1.0)
-    monkeypatch.setattr(stand_ins, "open_model", lambda _: stand_ins.StandIn(lambda _: Reply(error="connection")))
+    monkeypatch.setattr(stand_ins, "open_model", lambda *_: stand_ins.StandIn(lambda _: Reply(error="connection")))
     words = ("--frames", bank.root, "--out", tmp_path / "run", "--conditions", "real", "--limit", 2)
     said = eyechart("run", "battery", "--model", STEADY, *words)
     assert "2 calls are unfinished" in said.err

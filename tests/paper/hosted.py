@@ -18,12 +18,14 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+import stand_ins
 from eyechart.actions import DRIVING
 from eyechart.calls import CallKey, Query, Reply
 from eyechart.conditions import BATTERY
 from eyechart.frames import LEAD_GAP, RGB, BankManifest, BankWriter, Frame, FrameBank, decode, encode, open_bank
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, versions, write_run
+from eyechart.modes import RequestMode
 from eyechart.prompts import find_prompt
 
 SCENARIOS = ("light", "dense", "merge", "blocked")
@@ -312,7 +314,7 @@ def write_ledger(out: Path, bank: FrameBank, models: Mapping[str, Hosted]) -> Pa
 
 
 @dataclass(frozen=True)
-class Symmetric:
+class Symmetric(stand_ins.Held):
     """The paper's synthetic pixel-grounded policy: away from the darker half of the picture, else STRAIGHT."""
 
     version: str = "1"
@@ -335,7 +337,7 @@ def build_symmetric_bank(out: Path, lopsided: int) -> FrameBank:
     return write_bank(out, [20.0] * 144, [_grey(spread.get(place, 0)) for place in range(144)])
 
 
-def open_model(name: str) -> Symmetric:
+def open_model(name: str, mode: RequestMode) -> Symmetric:
     """Open the policy under a SPEC of its own; there is one, and its name does not matter."""
-    del name
+    del name, mode
     return Symmetric()

@@ -55,7 +55,7 @@ def readings(out: Path) -> tuple[str, str]:
     """Return score and verdicts as JSON, without the section that says what the calls took."""
     scored = study.score(out, resamples=300)
     plain = scored.as_dict()
-    del plain["accounting"]
+    del plain["accounting"], plain["guards"]
     return json.dumps(plain), json.dumps({spec: one.as_dict() for spec, one in judge(scored).items()})
 
 

@@ -156,7 +156,7 @@ def test_a_model_that_answers_as_another_version_is_refused(
 ) -> None:
     """Two versions in one ledger could not be told apart."""
     plan_and_run(bank, tmp_path / "run", STEADY, conditions=["real"])
-    monkeypatch.setattr(stand_ins, "open_model", lambda _: stand_ins.StandIn(version="2"))
+    monkeypatch.setattr(stand_ins, "open_model", lambda *_: stand_ins.StandIn(version="2"))
     with pytest.raises(LedgerError, match=f"{STEADY} at version 1, which is now 2"):
         study.plan(bank.root, [STEADY], tmp_path / "run")
 

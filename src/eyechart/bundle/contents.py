@@ -116,10 +116,9 @@ def _digests(ledger_path: Path, spec: str) -> dict[str, str]:
     """Return a digest of all that the ledger holds of a model's calls, by condition; times of day are left out."""
     digests: dict[str, hashlib._Hash] = {}
     with Ledger(ledger_path) as ledger:
-        for key, number, request, reply in ledger.attempts(spec):
-            row = [*asdict(key).values(), number, request, None if reply is None else asdict(reply)]
-            line = json.dumps(row, ensure_ascii=True).encode() + b"\n"
-            digests.setdefault(key.condition, hashlib.sha256()).update(line)
+        for sent in ledger.attempts(spec):
+            line = json.dumps(asdict(sent), ensure_ascii=True).encode() + b"\n"
+            digests.setdefault(sent.key.condition, hashlib.sha256()).update(line)
     return {condition: digest.hexdigest() for condition, digest in sorted(digests.items())}
 
 

@@ -70,7 +70,8 @@ def check_requests(ledger: Ledger, manifest: RunManifest, bank: FrameBank) -> tu
     differs: dict[str, list[Difference]] = {}
     alike: dict[str, int] = {}
     for model in manifest.models:
-        for key, _, digest, _ in ledger.attempts(model):
+        for sent in ledger.attempts(model):
+            key, digest = sent.key, sent.request_sha256
             shown = (key.condition, key.frame)
             if shown not in requests:
                 requests[shown] = _request(plan, *shown)
@@ -91,4 +92,4 @@ def _request(plan: Plan, condition: str, frame_id: str) -> str:
         words = plan.words(CallKey(plan.study, "", plan.prompt.key, frame_id, condition))
     except EyechartError as error:
         return str(error)
-    return Query(*words, picture, 0).sha256()
+    return Query(*words, picture, 0, plan.bank.manifest.action_space.actions).sha256()

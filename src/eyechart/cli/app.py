@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from eyechart import __version__
-from eyechart.cli import bundling, calibrating, comparing, demo, frames, listing, reporting, results, running
+from eyechart.cli import bundling, calibrating, comparing, demo, frames, listing, prompting, reporting, results, running
 
 app = typer.Typer(
     name="eyechart",
@@ -16,12 +16,14 @@ app = typer.Typer(
     epilog="Start with 'eyechart demo'. Bad input prints one line and exits 2; --debug shows where it arose.",
 )
 app.add_typer(frames.app, name="frames")
+running.app.command()(prompting.prompts)
 app.add_typer(running.app, name="run")
 app.add_typer(listing.app, name="list")
 app.command()(demo.demo)
 app.command()(running.merge)
 app.command()(results.score)
 app.command()(results.verdict)
+app.command()(results.costs)
 app.command()(results.gate)
 app.command()(comparing.compare)
 app.command()(comparing.transfer)

@@ -23,7 +23,7 @@ def compare(
     Example: eyechart compare monday tuesday
     """
     from eyechart.compare import compare as compared
-    from eyechart.report.tables import replication_table
+    from eyechart.report.tables import MARK, replication_table
     from eyechart.studies import battery
 
     found = compared(battery.score(first), battery.score(second), resamples=resamples)
@@ -33,6 +33,8 @@ def compare(
         console = table_console()
         for line in found.apart:
             console.print(f"not the same: {line}", markup=False)
+        for line in found.marks:
+            console.print(f"{MARK.strip()} {line}", markup=False)
         for one in found.models.values():
             console.print(replication_table(one, every=every))
             changed = f"differs in {', '.join(one.changed)}" if one.changed else "no statistic differs (Holm)"

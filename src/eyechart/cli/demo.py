@@ -1,43 +1,85 @@
-"""``eyechart demo``: the main job on known-answer controllers, offline, in about a minute."""
+"""``eyechart demo``: the main job on known answers, offline: scripted controllers or, with ``--vlm``, organisms."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from eyechart.cli.results import print_table
 from eyechart.cli.terminal import progress, resumable, say
 
+if TYPE_CHECKING:
+    from eyechart.modes import RequestMode
+
+_AT_ONCE = 48
+"""Calls under way, a model: a batch of the organisms."""
+
 
 def demo(
     out: Annotated[Path, typer.Option(help="Folder for the demo's bank and run.")] = Path("demo"),
     seed: Annotated[int, typer.Option(min=0, help="Another seed: other episodes, other draws.")] = 0,
+    vlm: Annotated[
+        bool, typer.Option("--vlm", help="Ask the five model organisms: needs eyechart[transformers].")
+    ] = False,
 ) -> None:
-    """Build a highway bank, run all sixteen known-answer controllers, and print their verdicts.
+    """Build a highway bank, run all known-answer controllers, and print their verdicts.
 
-    Every controller declares the verdict that it deserves; exit 1 where one got another. A second call uses the
+    There are sixteen scripted ones; --vlm asks instead five tiny real vision-language models, trained to look in a
+    known way. Every one declares the verdict that it deserves; exit 1 where one got another. A second call uses the
     bank and the finished calls of the first. Example: eyechart demo --out demo
     """
-    from eyechart.models.scripted import CONTROLLERS
     from eyechart.simulators import open_simulator
     from eyechart.studies import battery as study
     from eyechart.verdicts import judge
 
-    bank, run = out / f"bank-{seed}", out / f"run-{seed}"
+    declared = _organisms() if vlm else _scripted()
+    bank, run = out / f"bank-{seed}", out / (f"run-vlm-{seed}" if vlm else f"run-{seed}")
     if not bank.exists():
         with progress("frames", "frames") as move:
             open_simulator("highway").build(bank, seeds=range(3 * seed, 3 * seed + 3), progress=move)
-    planned = study.plan(bank, [f"scripted:{name}" for name in CONTROLLERS], run, seed=seed)
+    planned = study.plan(bank, [_as_trained(spec) for spec in declared] if vlm else list(declared), run, seed=seed)
     with resumable(), progress("calls", "calls") as move:
-        study.run(planned, progress=move)
+        study.run(planned, concurrency=_AT_ONCE if vlm else 8, progress=move)
     scored = study.score(run)
     verdicts = judge(scored)
     print_table(scored, verdicts)
-    declared = {f"scripted:{name}": one.declared.calibrated for name, one in CONTROLLERS.items()}
+    if vlm:
+        _print_training()
     wrong = [spec for spec, one in verdicts.items() if one.calibrated.label != declared[spec]]
     for spec in wrong:
         typer.echo(f"not as declared: {spec} declares {declared[spec]}")
-    typer.echo(f"{len(verdicts) - len(wrong)} of {len(verdicts)} verdicts are as the controllers declared.")
+    who = "organisms were trained for" if vlm else "controllers declared"
+    typer.echo(f"{len(verdicts) - len(wrong)} of {len(verdicts)} verdicts are as the {who}.")
     say(f"the pictures: 'eyechart frames show {bank} --out sheet.png'; every number: 'eyechart score {run}'")
     if wrong:
         raise typer.Exit(1)
+
+
+def _scripted() -> dict[str, str]:
+    """Return the scripted controllers' SPECs with the labels that they declare."""
+    from eyechart.models.scripted import CONTROLLERS
+
+    return {f"scripted:{name}": one.declared.calibrated for name, one in CONTROLLERS.items()}
+
+
+def _organisms() -> dict[str, str]:
+    """Return the organisms' SPECs with the labels that they were trained for."""
+    from eyechart.models.huggingface.organisms import ORGANISMS
+
+    return {f"hf:organism:{name}": one.calibrated for name, one in ORGANISMS.items()}
+
+
+def _as_trained(spec: str) -> "RequestMode":
+    """Return the mode in which the checkpoint itself says whether its answers are drawn."""
+    from eyechart.modes import RequestMode
+
+    return RequestMode(spec, temperature=None, max_tokens=16)
+
+
+def _print_training() -> None:
+    """Print what each organism was trained to do, and the labels that it deserves."""
+    from eyechart.models.huggingface.organisms import ORGANISMS
+
+    typer.echo("Trained to do, and the verdict that this deserves:")
+    for name, one in ORGANISMS.items():
+        typer.echo(f"  {name:<18} {one.calibrated:<18} {one.lateral:<14} {one.says}")

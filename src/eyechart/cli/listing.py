@@ -21,10 +21,10 @@ def _show(rows: dict[str, str], *, json: bool) -> None:
 
 @app.command()
 def models(json: _Json = False) -> None:
-    """List the models that need no weights; each scripted one is a known answer."""
-    from eyechart.models.scripted import names
+    """List the models that there are, and how others are named; scripted ones and organisms are known answers."""
+    from eyechart.models import known_models
 
-    _show({f"scripted:{name}": says for name, says in names().items()}, json=json)
+    _show(known_models(), json=json)
 
 
 @app.command()

@@ -25,10 +25,21 @@ _Reread = Annotated[
 
 def score(run: _Run, json: _Json = False, independent: _Independent = False, reread: _Reread = False) -> None:
     """Print every statistic of a run with its interval, n and p. Example: eyechart score run --json."""
-    from eyechart.report.tables import frontier_table, statistics_table
+    from eyechart.report.costs import costs_table
+    from eyechart.report.tables import frontier_table, prompts_table, statistics_table
     from eyechart.studies import battery as study
+    from eyechart.studies import prompts
     from eyechart.verdicts import judge
 
+    if prompts.is_study(run):
+        cells = prompts.score(run, reread=reread)
+        if json:
+            print_json({"study": "prompts", "cells": [cell.as_dict() for cell in cells]})
+        else:
+            console = table_console()
+            for spec in dict.fromkeys(cell.model for cell in cells):
+                console.print(prompts_table(spec, [cell for cell in cells if cell.model == spec]))
+        return
     scored = study.score(run, independent=independent, reread=reread)
     if json:
         print_json(scored.as_dict())
@@ -36,7 +47,10 @@ def score(run: _Run, json: _Json = False, independent: _Independent = False, rer
     console = table_console(160)
     for one in scored.models.values():
         console.print(statistics_table(one))
-    console.print(frontier_table(scored, judge(scored)))
+    verdicts = judge(scored)
+    console.print(frontier_table(scored, verdicts))
+    print_marks(verdicts)
+    console.print(costs_table(scored.accounting, every=False))
 
 
 def verdict(run: _Run, json: _Json = False, independent: _Independent = False, reread: _Reread = False) -> None:
@@ -60,7 +74,7 @@ def verdict(run: _Run, json: _Json = False, independent: _Independent = False, r
 
 def print_table(scored: "BatteryScore", verdicts: "Mapping[str, Verdict]") -> None:
     """Print the table of verdicts, what each verdict in it means, and the scope of all of them."""
-    from eyechart.report.tables import verdict_table
+    from eyechart.report.tables import MARK, verdict_table
     from eyechart.verdicts import TRUST, scope
 
     console = table_console()
@@ -70,12 +84,56 @@ def print_table(scored: "BatteryScore", verdicts: "Mapping[str, Verdict]") -> No
     else:  # a narrow terminal: a line for each label instead of columns that are cut
         for spec, one in verdicts.items():
             labels = f"{one.calibrated.label}; lateral {one.lateral.label}; paper's rules {one.paper.label}"
-            console.print(f"{spec}: {labels}", markup=False)
+            console.print(f"{spec}: {labels}{MARK if one.failed else ''}", markup=False)
+    print_marks(verdicts)
     for label in dict.fromkeys(one.calibrated.label for one in verdicts.values()):
         console.print(f"{label}: {TRUST[label]}", markup=False)
     if any(one.stopped for one in verdicts.values()):
         console.print("e (n/N): stopped early after n of N calls, by evidence that may be looked at after every call.")
     console.print(f"Scope: {scope(scored)}", markup=False)
+
+
+def print_marks(verdicts: "Mapping[str, Verdict]") -> None:
+    """Print in words what the mark behind a verdict stands for."""
+    from eyechart.report.tables import MARK
+
+    console = table_console()
+    for spec, one in verdicts.items():
+        for words in one.marks:
+            console.print(f"{MARK.strip()} {spec}: {words}", markup=False)
+
+
+def costs(
+    run: _Run,
+    prices: Annotated[Path | None, typer.Option(help="FILE.toml of prices; it comes before the table.")] = None,
+    every: Annotated[bool, typer.Option("--all", help="A line for every condition too.")] = False,
+    json: _Json = False,
+) -> None:
+    """Print what a run's calls took, by model: attempts and their outcomes, tokens, dollars, seconds, joules.
+
+    Example: eyechart costs run --all --json
+    """
+    from eyechart.models.prices import read_prices
+    from eyechart.report.costs import costs_table
+    from eyechart.studies import battery as study
+
+    took, kept = study.took(run, prices=read_prices(prices))
+    if json:
+        print_json(
+            {
+                "accounting": {
+                    spec: {name: one.as_dict() for name, one in found.items()} for spec, found in took.items()
+                },
+                "guards": {spec: [guard.as_dict() for guard in found] for spec, found in kept.items()},
+            }
+        )
+        return
+    table_console(160).print(costs_table(took, every=every))
+    console = table_console()
+    for spec, found in kept.items():
+        for guard in found:
+            words = {True: "holds", False: "FAILS", None: "cannot say"}[guard.holds]
+            console.print(f"{words:<10}  {spec}  guard '{guard.name}': {guard.because}", markup=False)
 
 
 def gate(

@@ -5,9 +5,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from eyechart.cli import asking
 from eyechart.cli.terminal import progress, resumable, say
 
 if TYPE_CHECKING:
+    from eyechart.limits import Outcome
     from eyechart.studies.battery import Battery
 
 app = typer.Typer(help="Run a study: make its calls and append them to a ledger.", no_args_is_help=True)
@@ -20,9 +22,10 @@ app = typer.Typer(help="Run a study: make its calls and append them to a ledger.
     "not_scorable, .02); success at following the gap by observation never stops a run. Try it with --dry-run first."
 )
 def battery(
-    model: Annotated[list[str], typer.Option(help="A model's SPEC; give it again for more models.")],
     frames: Annotated[Path, typer.Option(help="Folder of the frame bank.")],
     out: Annotated[Path, typer.Option(help="Folder of the run; the same one resumes it.")],
+    model: Annotated[list[str] | None, typer.Option(help="A model's SPEC; give it again for more models.")] = None,
+    mode: asking.Mode = None,
     prompt: Annotated[
         str | None,
         typer.Option(help="A name of 'eyechart list prompts', or FILE.toml; default: one that suits the bank."),
@@ -32,18 +35,49 @@ def battery(
     limit: Annotated[int | None, typer.Option(help="So many frames, from every episode in turn.")] = None,
     shard: Annotated[str | None, typer.Option(help="i/n: make only these calls; join with 'merge'.")] = None,
     concurrency: Annotated[int, typer.Option(min=1, help="Calls under way at once, a model.")] = 8,
+    base_url: asking.BaseUrl = None,
+    key_env: asking.KeyEnv = None,
+    max_tokens: asking.MaxTokens = None,
+    temperature: asking.Temperature = None,
+    timeout: asking.Timeout = None,
+    json_mode: asking.JsonMode = None,
+    header: asking.Header = None,
+    body: asking.Body = None,
+    option: asking.Option = None,
+    max_calls: Annotated[int | None, typer.Option(min=1, help="Stop at so many requests of this run.")] = None,
+    max_cost: Annotated[float | None, typer.Option(min=0, help="Stop at so many US dollars of this run.")] = None,
+    prices: Annotated[Path | None, typer.Option(help="FILE.toml of prices; it comes before the table.")] = None,
     stop_early: Annotated[
         bool, typer.Option("--stop-early", help="Ask a model no more once its verdict is settled; see below.")
     ] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the plan and make no call.")] = False,
 ) -> None:
-    """Run the input-ablation battery. Interrupt it at will: the same command goes on where it stopped."""
+    """Run the input-ablation battery. Interrupt it at will: the same command goes on where it stopped.
+
+    The options from --base-url to --option are for the models without a --mode file. Exit 1: calls are unfinished; 3:
+    stopped at --max-calls or --max-cost.
+    """
+    from eyechart.models.prices import read_prices
     from eyechart.run import read_shard
     from eyechart.studies import battery as study
 
+    modes = asking.read_modes(
+        model,
+        mode,
+        base_url=base_url,
+        key_env=key_env,
+        max_tokens=max_tokens,
+        temperature=temperature,
+        timeout=timeout,
+        json_mode=json_mode,
+        header=header,
+        body=body,
+        option=option,
+    )
+    table = read_prices(prices)
     planned = study.plan(
         frames,
-        model,
+        modes,
         out,
         prompt=prompt,
         conditions=None if conditions is None else [name.strip() for name in conditions.split(",")],
@@ -52,27 +86,40 @@ def battery(
         shard=None if shard is None else read_shard(shard),
         stop_early=stop_early,
     )
-    for name, why in planned.left_out.items():
-        say(f"left out: {name}, because {why}")
-    calls, finished, unknown = planned.counts()
-    plan, to_make = planned.plan, f"{calls - finished}"
-    if stop_early:
-        to_make = f"at most {sum(one.left for one in planned.progress().values())}"
-    say(
-        f"{len(plan.models)} models × {len(plan.frames)} frames × {len(plan.conditions)} conditions: {calls} calls, "
-        f"{finished} finished, {unknown} sent with unknown outcome, {to_make} to make"
-    )
-    if stop_early:
-        for line in _before(planned):
-            say(line)
+    for line in (*_planned(planned), *(one.words for one in study.expected(planned, table, concurrency=concurrency))):
+        say(line)
+    for line in _before(planned) if stop_early else ():
+        say(line)
     if dry_run:
         return
+    limits = study.within(planned, table, calls=max_calls, cost_usd=max_cost)
     with resumable(), progress("calls", "calls") as move:
-        study.run(planned, concurrency=concurrency, progress=move)
-    if stop_early:
-        for line in _after(planned):
-            say(line)
-    left = sum(one.left for one in planned.progress().values()) if stop_early else calls - planned.counts()[1]
+        outcome = study.run(planned, concurrency=concurrency, limits=limits, progress=move)
+    for line in _after(planned) if stop_early else ():
+        say(line)
+    _tell(outcome, planned.left(), out)
+
+
+def _planned(planned: "Battery") -> list[str]:
+    """Say what is left out and why, how many calls there are, and what the models themselves give to think about."""
+    plan, (calls, finished, unknown) = planned.plan, planned.counts()
+    to_make = f"{'at most ' if planned.manifest.stop_early else ''}{planned.left()}"
+    facts = planned.manifest.facts
+    size = f"{len(plan.models)} models × {len(plan.frames)} frames × {len(plan.conditions)} conditions"
+    return [
+        *(f"left out: {name}, because {why}" for name, why in planned.left_out.items()),
+        f"{size}: {calls} calls, {finished} finished, {unknown} sent with unknown outcome, {to_make} to make",
+        *(f"warning: {one}: {facts[one]['warning']}" for one in plan.models if "warning" in facts.get(one, {})),
+    ]
+
+
+def _tell(outcome: "Outcome", left: int, out: Path) -> None:
+    """Print how a run ended; raise Exit 3 where a limit stopped it, 1 where calls are unfinished."""
+    for spec, why in outcome.set_aside.items():
+        say(f"set aside: {spec}: {why}")
+    if outcome.stopped is not None and left:
+        say(f"stopped: {outcome.stopped}; {left} calls are left; a higher limit resumes")
+        raise typer.Exit(3)
     if left:
         say(f"{left} calls are unfinished: their last error may pass, and the same command tries them again")
         raise typer.Exit(1)

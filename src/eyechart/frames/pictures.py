@@ -2,6 +2,7 @@
 
 import io
 import warnings
+from functools import lru_cache
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -20,12 +21,18 @@ def inside(root: Path, file: str) -> Path:
     pure = PurePosixPath(file)
     path = root / pure
     try:
-        outside = pure.is_absolute() or ".." in pure.parts or not path.resolve().is_relative_to(root.resolve())
+        outside = pure.is_absolute() or ".." in pure.parts or not path.resolve().is_relative_to(_resolved(root))
     except (OSError, ValueError, RuntimeError) as error:  # a name too long, with a NUL, or a loop of links
         raise BankError(f"{file!r} is no file of the bank {root}: {error}") from error
     if outside:
         raise BankError(f"'{file}' leads outside the bank {root}; a bank's pictures must lie inside it")
     return path
+
+
+@lru_cache(maxsize=64)
+def _resolved(root: Path) -> Path:
+    """Return a bank's folder without links; a bank does not move while it is read."""
+    return root.resolve()
 
 
 def read_bounded(root: Path, file: str) -> bytes:

@@ -1,33 +1,77 @@
 """Models that answer queries: one module an adapter, one door for all."""
 
+from collections.abc import Mapping
 from importlib import import_module
 from typing import Protocol
 
 from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
+from eyechart.modes import RequestMode
 
 
 class Model(Protocol):
-    """The door to a model. ``version`` names what answered, for the scope of a verdict."""
+    """The door to a model.
+
+    ``version`` names what answers, for the scope of a verdict: a run is not resumed with another. ``facts`` is what
+    else is known of it without asking it (digest, quantisation, template, revision), kept in the run's manifest.
+    """
 
     version: str
+    facts: Mapping[str, str]
 
     async def answer(self, query: Query) -> Reply:
         """Answer one query. A failure is a Reply with its ``error`` kind; nothing is retried here."""
         ...
 
+    async def close(self) -> None:
+        """Let go of what the model holds (sessions, weights on a GPU), in the event loop that asked it.
+
+        A model that was closed may be asked again: it then begins anew. Closing twice is no error.
+        """
+        ...
+
 
 ADAPTERS: dict[str, str] = {
     "scripted": "eyechart.models.scripted",
+    "openai": "eyechart.models.openai_compatible",
+    "ollama": "eyechart.models.ollama",
+    "python": "eyechart.models.python_callable",
+    "hf": "eyechart.models.huggingface",
 }
-"""What a SPEC's first word means; each module has ``open_model(name) -> Model`` and ``names() -> dict``."""
+"""What a SPEC's first word means.
+
+Each module has ``open_model(name, mode) -> Model``, which makes no inference and loads no weights, and
+``names() -> dict``, what to write after the colon with what it is in words.
+"""
 
 
-def open_model(spec: str) -> Model:
-    """Open the model of a SPEC (``adapter:name``); raises SpecError that lists what is known."""
+def open_model(spec: str, mode: RequestMode | None = None) -> Model:
+    """Open the model of a SPEC (``adapter:name``), to be asked in its mode or, without one, in the default mode.
+
+    Raises SpecError that lists what is known.
+    """
     adapter, colon, name = spec.partition(":")
-    if not colon or adapter not in ADAPTERS:
+    if not colon or not name or adapter not in ADAPTERS:
         known = ", ".join(f"{known}:NAME" for known in ADAPTERS)
         raise SpecError(f"unknown model '{spec}'; a model is given as {known}, see 'eyechart list models'")
-    model: Model = import_module(ADAPTERS[adapter]).open_model(name)
+    if mode is not None and mode.spec != spec:
+        raise SpecError(f"the mode of '{mode.spec}' is not one of '{spec}'")
+    model: Model = import_module(ADAPTERS[adapter]).open_model(name, mode or RequestMode(spec))
     return model
+
+
+def known_models() -> dict[str, str]:
+    """Return what may be written as a SPEC, with what it is in words."""
+    return {
+        f"{adapter}:{name}": says
+        for adapter, module in ADAPTERS.items()
+        for name, says in import_module(module).names().items()
+    }
+
+
+def require_options(mode: RequestMode, known: Mapping[str, str]) -> None:
+    """Raise SpecError where a mode has an option that its adapter does not know; ``known`` says each in words."""
+    for name in mode.options:
+        if name not in known:
+            there = "; ".join(f"{option}: {says}" for option, says in known.items()) or "none"
+            raise SpecError(f"'{mode.spec}' has no option '{name}'; its options are: {there}")

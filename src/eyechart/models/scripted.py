@@ -7,8 +7,8 @@ They are the demo, the tutorial, and the instrument's own eye test.
 import hashlib
 import random
 from collections import OrderedDict
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Literal
 
 from eyechart import __version__
@@ -16,6 +16,7 @@ from eyechart.actions import DRIVING
 from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
 from eyechart.frames import RGB, decode
+from eyechart.modes import RequestMode
 from eyechart.perception.renderer import Reading, read_picture
 from eyechart.perception.scene import FREE_GAP_M, STOP_GAP_M, safe_action
 
@@ -272,15 +273,20 @@ class ScriptedModel:
 
     controller: Controller
     version: str = __version__
+    facts: Mapping[str, str] = field(default_factory=dict)
 
     async def answer(self, query: Query) -> Reply:
         """Answer from the query's picture; what the controller leaves to chance is drawn from the query's seed."""
         answer = self.controller.decide(see(query.image), random.Random(query.seed))  # noqa: S311 - no secret
         return answer if isinstance(answer, Reply) else Reply(text=answer, finish_reason="stop")
 
+    async def close(self) -> None:
+        """Hold nothing, so let go of nothing."""
 
-def open_model(name: str) -> ScriptedModel:
-    """Open the controller of this name; raises SpecError that lists the known ones."""
+
+def open_model(name: str, mode: RequestMode) -> ScriptedModel:
+    """Open the controller of this name, which no mode changes; raises SpecError that lists the known ones."""
+    del mode
     if name not in CONTROLLERS:
         raise SpecError(f"unknown controller 'scripted:{name}'; known are {', '.join(CONTROLLERS)}")
     return ScriptedModel(CONTROLLERS[name])

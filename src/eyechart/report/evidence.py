@@ -10,7 +10,7 @@ from eyechart.calls import Reply
 from eyechart.conditions import source
 from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank, check, open_bank
-from eyechart.ledger import Accounting, Ledger
+from eyechart.ledger import Ledger
 from eyechart.manifest import BANK, LEDGER, RunManifest
 from eyechart.studies import battery as study
 from eyechart.studies.battery import BatteryScore, ModelScore
@@ -32,7 +32,7 @@ class Evidence:
 
     ``pictures`` is None where the bank's pictures cannot be shown; ``about_pictures`` then says why, else that they
     are those that the run recorded. ``unknown`` counts each model's calls that were sent and whose outcome is not
-    known; ``took`` says what the calls of each model and condition took.
+    known.
     """
 
     name: str
@@ -40,7 +40,6 @@ class Evidence:
     verdicts: Mapping[str, Verdict]
     replies: Mapping[str, Replies]
     unknown: Mapping[str, int]
-    took: Mapping[str, Mapping[str, Accounting]]
     pictures: FrameBank | None
     about_pictures: str
 
@@ -109,9 +108,8 @@ def evidence_of(name: str, scored: BatteryScore, ledger_path: Path, pictures: Fr
             spec: {(key.frame, key.condition): reply for key, reply in ledger.replies(spec)} for spec in scored.models
         }
         unknown = [key.model for key in ledger.unknown()]
-        took = {spec: ledger.by_condition(spec) for spec in scored.models}
     counts = {spec: unknown.count(spec) for spec in scored.models}
-    return Evidence(name, scored, judge(scored), replies, counts, took, pictures, about)
+    return Evidence(name, scored, judge(scored), replies, counts, pictures, about)
 
 
 def used_pictures(manifest: RunManifest, bank: FrameBank) -> set[str]:

@@ -5,11 +5,8 @@ from dataclasses import dataclass
 
 from eyechart.actions import MISSING
 from eyechart.conditions import CONDITIONS
-from eyechart.ledger import Accounting
 from eyechart.report.evidence import Evidence, Subject
 from eyechart.studies.battery.planning import conditions_of, plan_of
-
-_NOTHING = Accounting(0, 0, 0, 0, 0, None, None, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,10 +43,10 @@ def counts(who: Subject) -> list[Count]:
 
 def _count(who: Subject, name: str, planned: int) -> Count:
     given = [one for one in who.model.answers.decisions.get(name, ()) if one is not None]
-    took = who.run.took[who.spec].get(name, _NOTHING)
+    took = who.run.score.accounting[who.spec].get(name)
     missing = tuple(sum(one.missing == reason for one in given) for reason in MISSING)
-    partial = took.finished < planned and who.model.stopped is None
-    return Count(name, planned, took.finished, took.attempts, took.errors, took.unknown, missing, partial)
+    sums = (0, 0, 0, 0) if took is None else (took.finished, took.attempts, took.failed, took.unknown)
+    return Count(name, planned, *sums, missing, sums[0] < planned and who.model.stopped is None)
 
 
 def summed(rows: Sequence[Sequence[Count]]) -> list[Count]:

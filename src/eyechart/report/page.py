@@ -13,6 +13,7 @@ from markupsafe import Markup
 from eyechart import __version__
 from eyechart.actions import MISSING, ActionSpace
 from eyechart.conditions import CONDITIONS
+from eyechart.costs import ALL
 from eyechart.report.browser import Texts, browser_data, collect_texts, embedded_json, frames_shown
 from eyechart.report.drawing import Drawing
 from eyechart.report.evidence import Evidence, Subject, Tell, subjects
@@ -244,7 +245,7 @@ def _accounting(who: Subject) -> dict[str, object]:
         "answered": who.model.answered,
         "stopped": who.model.stopped is not None,
         "unknown": who.run.unknown[who.spec],
-        "took": who.run.score.accounting[who.spec],
+        "took": who.run.score.accounting[who.spec][ALL],
         "missing": [sum(one.missing == reason for one in given) for reason in MISSING],
     }
 

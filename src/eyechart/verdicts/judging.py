@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from eyechart.integrity import Guard
 from eyechart.stats.exchange import episodes_needed
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import ALPHA, GUARANTEE, BatteryScore, ModelScore, Stopped
@@ -27,8 +28,9 @@ class Verdict:
 
     ``lateral`` is its own axis; ``evidence`` says how the question of distance was put: by intervention on the
     picture, by observation, or not at all. ``trust`` and ``scope`` are one sentence each. ``stopped`` says where the
-    run settled it early: it then rests on e-values, and the paper's label is ``not_judged``. ``print`` it for the
-    evidence in words; a notebook shows it as a card.
+    run settled it early: it then rests on e-values, and the paper's label is ``not_judged``. ``failed`` are the guards
+    that say that the run itself is not to be believed; they mark the verdict wherever it is printed. ``print`` it for
+    the evidence in words; a notebook shows it as a card.
     """
 
     model: str
@@ -40,6 +42,12 @@ class Verdict:
     scope: str
     notes: tuple[str, ...]
     stopped: Stopped | None = None
+    failed: tuple[Guard, ...] = ()
+
+    @property
+    def marks(self) -> tuple[str, ...]:
+        """Return the guards that failed, in words: with one of them the verdict is not to be relied on."""
+        return tuple(f"guard '{guard.name}' failed: {guard.because}" for guard in self.failed)
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values; labels under the names that scripts rely on."""
@@ -56,6 +64,7 @@ class Verdict:
             "trust": self.trust,
             "scope": self.scope,
             "notes": list(self.notes),
+            "failed_guards": list(self.marks),
             "stopped_early": None if self.stopped is None else self.stopped.as_dict(),
         }
 
@@ -64,7 +73,7 @@ class Verdict:
         return f"<Verdict on {self.model}: {labels}>"
 
     def __str__(self) -> str:
-        lines = (self.calibrated.because, self.lateral.because, self.trust, *self.notes)
+        lines = (*self.marks, self.calibrated.because, self.lateral.because, self.trust, *self.notes)
         return "\n  ".join([f"{self.model}: {self.calibrated.label}, evidence {self.evidence}", *lines])
 
     def _repr_html_(self) -> str:
@@ -80,7 +89,7 @@ class Verdict:
                 ("lateral", f"{self.lateral.label}: {self.lateral.because}"),
                 ("paper's rules", f"{self.paper.label}: {self.paper.because}"),
             ),
-            small=(*self.notes, self.scope),
+            small=(*self.marks, *self.notes, self.scope),
         )
 
 
@@ -106,6 +115,7 @@ def _judge_one(score: BatteryScore, model: ModelScore) -> Verdict:
         trust=TRUST[calibrated.label],
         scope=scope(score, model),
         notes=_notes(found, model),
+        failed=tuple(guard for guard in score.guards.get(model.model, ()) if guard.holds is False),
         stopped=stopped,
     )
 

@@ -5,9 +5,9 @@ Source: paper, section The Input-Ablation Battery.
 
 from eyechart.studies.battery.calibrated import ALPHA, FLOOR, MARGIN, UNPARSED_CUT
 from eyechart.studies.battery.merging import merge
-from eyechart.studies.battery.planning import Battery, plan, run
+from eyechart.studies.battery.planning import Battery, expected, plan, run, within
 from eyechart.studies.battery.replication import differences
-from eyechart.studies.battery.scoring import BatteryScore, ModelScore, score
+from eyechart.studies.battery.scoring import BatteryScore, ModelScore, score, took
 from eyechart.studies.battery.stopping import GUARANTEE, VALIDITY, Stopped
 
 __all__ = [
@@ -22,8 +22,11 @@ __all__ = [
     "ModelScore",
     "Stopped",
     "differences",
+    "expected",
     "merge",
     "plan",
     "run",
     "score",
+    "took",
+    "within",
 ]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eyechart.actions import ActionSpace, Decision
-from eyechart.calls import TRANSIENT, CallKey, Reply
+from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank, Gap
 from eyechart.reader import read_decision
@@ -150,7 +150,7 @@ def read_answers(
             if key.condition not in decisions:
                 decisions[key.condition] = [None] * len(frames)
             decisions[key.condition][place[key.frame]] = read(reply.text, reply.finish_reason, reply.error)
-            finished += reply.error not in TRANSIENT
+            finished += reply.error not in UNFINISHED
     gap, silent = bank.manifest.gap, "episode" in bank.manifest.absent and not independent
     return Answers(
         model=model,

@@ -7,12 +7,17 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from eyechart.calls import CallKey
 from eyechart.conditions import BATTERY, CONDITIONS, available, find_condition, require_partners
+from eyechart.costs import Estimate, estimate
 from eyechart.errors import BankError, LedgerError, SpecError
 from eyechart.frames import IMPORTED, FrameBank, check, open_bank
 from eyechart.ledger import Ledger
+from eyechart.limits import Limits, Outcome
 from eyechart.manifest import LEDGER, RunManifest, asked_of, is_free, is_run, read_run, today, versions, write_run
 from eyechart.models import Model, open_model
+from eyechart.models.prices import Prices
+from eyechart.modes import RequestMode
 from eyechart.prompts import Prompt, find_prompt, neutral, require_sayable
 from eyechart.run import Plan, Progress, execute, spread
 from eyechart.studies.battery.stopping import NEEDED
@@ -41,6 +46,20 @@ class Battery:
         with Ledger(self.out / LEDGER) as ledger:
             return len(keys), len(keys & ledger.finished()), len(keys & ledger.unknown())
 
+    def left_by_model(self) -> dict[str, int]:
+        """Return how many calls of each model are still to be made; at most so many where the run stops early."""
+        if self.manifest.stop_early:
+            return {spec: one.left for spec, one in self.progress().items()}
+        finished: set[CallKey] = set()
+        if (self.out / LEDGER).is_file():
+            with Ledger(self.out / LEDGER) as ledger:
+                finished = ledger.finished()
+        return {spec: sum(key not in finished for key in self.plan.keys_of(spec)) for spec in self.plan.models}
+
+    def left(self) -> int:
+        """Return how many calls are still to be made, of all models."""
+        return sum(self.left_by_model().values())
+
     def progress(self) -> dict[str, HowFar]:
         """Return how far each model of a run that stops early is."""
         if not (self.out / LEDGER).is_file():
@@ -56,7 +75,7 @@ class Battery:
 
 def plan(  # noqa: PLR0913 - what a battery can be asked for
     bank_path: Path,
-    specs: Sequence[str],
+    specs: Sequence[str | RequestMode],
     out: Path,
     *,
     prompt: str | None = None,
@@ -68,6 +87,7 @@ def plan(  # noqa: PLR0913 - what a battery can be asked for
 ) -> Battery:
     """Plan a battery, or the rest of one that ``out`` holds already; nothing is written or asked yet.
 
+    ``specs`` name the models, each by its SPEC, to be asked in the default mode, or by the mode itself.
     ``conditions`` default to the eight of Table t:conditions and the counterfactuals, those that the bank can supply,
     and text_swapped where the prompt has fields. ``prompt`` is a name or a TOML file; it defaults to ``baseline``, and
     to a plain one for imported frames. With ``stop_early`` a model is no longer asked once its verdict is settled; it
@@ -75,7 +95,9 @@ def plan(  # noqa: PLR0913 - what a battery can be asked for
     that the bank's manifest recorded, SpecError for an unknown name or for what cannot be stopped early, and
     LedgerError where ``out`` holds another run.
     """
-    models = {spec: open_model(spec) for spec in dict.fromkeys(specs)}
+    given = [one if isinstance(one, RequestMode) else RequestMode(one) for one in specs]
+    asked = {mode.spec: mode for mode in given}
+    models = {spec: open_model(spec, mode) for spec, mode in asked.items()}
     if not models:
         raise SpecError("a battery needs at least one --model, see 'eyechart list models'")
     if problems := check(bank_path):
@@ -106,6 +128,8 @@ def plan(  # noqa: PLR0913 - what a battery can be asked for
         bank_path=str(bank_path.resolve()),
         fingerprint=bank.manifest.fingerprint,
         versions=versions(),
+        modes=asked,
+        facts={spec: dict(model.facts) for spec, model in models.items() if model.facts},
         stop_early=stop_early,
     )
     manifest = _resumed(out, manifest, bank)
@@ -196,8 +220,32 @@ def plan_of(
     )
 
 
-def run(battery: Battery, *, concurrency: int = 8, progress: Progress | None = None) -> None:
-    """Make the calls of a planned battery that its ledger does not hold yet.
+def expected(battery: Battery, prices: Prices, *, concurrency: int) -> tuple[Estimate, ...]:
+    """Return what the calls that are still to be made are expected to take, by model."""
+    return tuple(
+        estimate(battery.manifest.mode(spec), calls, prices, concurrency=concurrency)
+        for spec, calls in battery.left_by_model().items()
+    )
+
+
+def within(battery: Battery, prices: Prices, *, calls: int | None = None, cost_usd: float | None = None) -> Limits:
+    """Return the limits of a battery's run: so many requests, so many dollars by these prices."""
+    return Limits(
+        calls=calls,
+        cost_usd=cost_usd,
+        cost=lambda spec, reply: prices.cost(battery.manifest.mode(spec), reply)[0],
+    )
+
+
+def run(
+    battery: Battery,
+    *,
+    concurrency: int = 8,
+    attempts: int = 5,
+    limits: Limits | None = None,
+    progress: Progress | None = None,
+) -> Outcome:
+    """Make the calls of a planned battery that its ledger does not hold yet, and return how that ended.
 
     Raises LedgerError where another process is writing to the same run, or the ledger cannot be written.
     """
@@ -208,7 +256,7 @@ def run(battery: Battery, *, concurrency: int = 8, progress: Progress | None = N
             manifest = _resumed(battery.out, battery.manifest, battery.plan.bank)
             write_run(battery.out, manifest, battery.plan.bank)
             with Ledger(battery.out / LEDGER, create=True) as ledger:
-                _ask(battery, manifest, ledger, concurrency, progress)
+                return _ask(battery, manifest, ledger, concurrency, attempts, limits, progress)
     except sqlite3.Error as error:
         raise LedgerError(f"{battery.out / LEDGER} cannot be written: {error}; the same command resumes") from error
     except Timeout as error:
@@ -217,10 +265,28 @@ def run(battery: Battery, *, concurrency: int = 8, progress: Progress | None = N
         ) from error
 
 
-def _ask(battery: Battery, manifest: RunManifest, ledger: Ledger, concurrency: int, progress: Progress | None) -> None:
+def _ask(
+    battery: Battery,
+    manifest: RunManifest,
+    ledger: Ledger,
+    concurrency: int,
+    attempts: int,
+    limits: Limits | None,
+    progress: Progress | None,
+) -> Outcome:
     """Make the calls; where all frames were asked for some conditions and it settled nothing, those left out too."""
-    for _ in range(2):
+    for again in (True, False):
         watch = EarlyStop(battery.plan, ledger) if manifest.stop_early else None
-        execute(battery.plan, battery.models, ledger, concurrency=concurrency, progress=progress, watch=watch)
-        if watch is None or not watch.exhausted:
-            return
+        outcome = execute(
+            battery.plan,
+            battery.models,
+            ledger,
+            concurrency=concurrency,
+            attempts=attempts,
+            limits=limits,
+            progress=progress,
+            watch=watch,
+        )
+        if watch is None or not watch.exhausted or outcome.stopped or not again:
+            break
+    return outcome

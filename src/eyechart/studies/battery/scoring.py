@@ -2,13 +2,16 @@
 
 from collections import Counter
 from collections.abc import Collection, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from eyechart.costs import Account, Book
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank
-from eyechart.ledger import Accounting, Ledger
+from eyechart.integrity import Guard, Watch
+from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
+from eyechart.models.prices import Prices, read_prices
 from eyechart.reader import READER
 from eyechart.run import Plan
 from eyechart.stats.resampling import holm
@@ -18,7 +21,10 @@ from eyechart.studies.battery.calibrated import Calibrated
 from eyechart.studies.battery.planning import plan_of
 from eyechart.studies.battery.published import Published, Resampling
 from eyechart.studies.battery.stopping import Course, Stopped
-from eyechart.studies.battery.watching import layout_for
+from eyechart.studies.battery.watching import EarlyStop, layout_for
+
+Took = tuple[dict[str, dict[str, Account]], dict[str, tuple[Guard, ...]]]
+"""By model: accounts by condition, and guards."""
 
 HOLM = ("cramers_v", "cramers_v.decision", "obstacle", "mutual_information", "mutual_information.decision")
 """The tests whose p is corrected over the models of a run (Holm 1979)."""
@@ -50,13 +56,14 @@ class BatteryScore:
     manifest: RunManifest
     bank: FrameBank
     models: Mapping[str, ModelScore]
-    accounting: Mapping[str, Accounting]
+    accounting: Mapping[str, Mapping[str, Account]]
+    guards: Mapping[str, tuple[Guard, ...]]
 
     def __repr__(self) -> str:
         return f"<BatteryScore of {', '.join(self.models) or 'no model'} on {self.bank.name}>"
 
     def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values; what two runs may differ in (timing, attempts) stands under ``accounting``."""
+        """Return plain JSON values; what two runs may differ in (timing, attempts) is ``accounting`` and ``guards``."""
         return {
             "study": self.manifest.study,
             "bank": self.bank.name,
@@ -76,7 +83,10 @@ class BatteryScore:
                 }
                 for spec, score in self.models.items()
             },
-            "accounting": {spec: asdict(one) for spec, one in self.accounting.items()},
+            "accounting": {
+                spec: {name: one.as_dict() for name, one in found.items()} for spec, found in self.accounting.items()
+            },
+            "guards": {spec: [one.as_dict() for one in found] for spec, found in self.guards.items()},
         }
 
 
@@ -125,9 +135,9 @@ def score_run(
             spec: read_answers(spec, ledger.replies(spec), bank, plan.frames, independent=independent, told=told)
             for spec in manifest.models
         }
-        accounting = {spec: ledger.accounting(spec) for spec in manifest.models}
         finished = _finished(ledger, manifest.models) if manifest.stop_early else {}
-    courses = {spec: _course(plan, answers[spec], finished[spec]) for spec in finished}
+        courses = {spec: _course(plan, answers[spec], finished[spec]) for spec in finished}
+        spent, kept = _took(ledger, manifest, plan, read_prices(), courses)
     stopped = {spec: course.stopped(answers[spec].finished) for spec, course in courses.items()}
     answers = {spec: _counting(one, courses[spec]) if stopped.get(spec) else one for spec, one in answers.items()}
     statistics = {
@@ -148,7 +158,31 @@ def score_run(
         )
         for spec, version in manifest.models.items()
     }
-    return BatteryScore(manifest, bank, models, accounting)
+    return BatteryScore(manifest, bank, models, spent, kept)
+
+
+def took(path: Path, *, prices: Prices | None = None) -> Took:
+    """Return what every model's calls took, and whether the guards hold, without the statistics."""
+    manifest, bank = read_run(path)
+    plan = plan_of(manifest, bank)
+    with Ledger(path / LEDGER) as ledger:
+        courses = EarlyStop(plan, ledger).courses if manifest.stop_early else {}
+        return _took(ledger, manifest, plan, prices or read_prices(), courses)
+
+
+def _took(ledger: Ledger, manifest: RunManifest, plan: Plan, prices: Prices, courses: Mapping[str, Course]) -> Took:
+    spent: dict[str, dict[str, Account]] = {}
+    kept: dict[str, tuple[Guard, ...]] = {}
+    for spec in manifest.models:
+        mode = manifest.mode(spec)
+        book, watch = Book(mode, plan.bank.manifest.action_space, prices), Watch(mode)
+        for one in ledger.attempts(spec):
+            book.add(one)
+            watch.add(one)
+        course = courses.get(spec)
+        asked = (key for key in plan.keys_of(spec) if course is None or key.condition in course.wanted(key.frame))
+        spent[spec], kept[spec] = book.accounts(), watch.guards(asked, manifest.fingerprint)
+    return spent, kept
 
 
 def _finished(ledger: Ledger, models: Collection[str]) -> dict[str, set[tuple[str, str]]]:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from eyechart.actions import ActionSpace, Decision
-from eyechart.calls import TRANSIENT, CallKey, Reply
+from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.ledger import Ledger
 from eyechart.reader import read_decision
 from eyechart.run import Plan
@@ -44,7 +44,7 @@ class EarlyStop:
             self._given[model] = given = {
                 (key.frame, key.condition): _read(reply, self._space)
                 for key, reply in ledger.replies(model)
-                if reply.error not in TRANSIENT and (key.frame, key.condition) in asked
+                if reply.error not in UNFINISHED and (key.frame, key.condition) in asked
             }
             course.advance(given)
             self.courses[model] = course

@@ -1,0 +1,128 @@
+"""Concurrent queries through ``hf:``, which batches them, against one ``generate`` a call, as examples are written.
+
+Both answer the same frames with the same weights in the same process; decisions must be equal on all of them. Target:
+at least 4 times faster on a CPU; on a GPU, where there is one, the same is measured there. Writes nothing.
+"""
+
+import argparse
+import asyncio
+import io
+import tempfile
+import time
+from pathlib import Path
+
+import torch
+from PIL import Image
+from transformers import AutoModelForImageTextToText, AutoProcessor
+
+from eyechart.actions import DRIVING
+from eyechart.calls import Query
+from eyechart.models import open_model
+from eyechart.models.huggingface import organisms
+from eyechart.modes import RequestMode
+from eyechart.prompts import PROMPTS
+from eyechart.reader import read_decision
+from eyechart.simulators import open_simulator
+
+TARGET = 4.0
+ROUNDS = 3
+PROMPT = PROMPTS["baseline"]
+
+
+def main() -> None:
+    """Measure on every device that is here; exit 1 where the target is missed on the CPU, or a decision differs."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--model", default="organism:grounded", help="what stands after hf:")
+    parser.add_argument("--batch", type=int, default=36)
+    parser.add_argument("--frames", type=int, default=144)
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        bank = open_simulator("highway").build(Path(folder) / "bank", seeds=(61, 62, 63))
+        pictures = [bank.image(frame) for frame in bank][: args.frames]
+    for device in ["cpu", *(["cuda"] if torch.cuda.is_available() else [])]:
+        ratio = measure(args.model, device, args.batch, pictures)
+        if device == "cpu" and ratio < TARGET:
+            raise SystemExit(f"hf: batches are {ratio:.1f} times faster; the target is {TARGET}")
+
+
+def measure(name: str, device: str, batch: int, pictures: list[bytes]) -> float:
+    """Print the times of both ways on a device, taken in turn, and return the ratio of their best."""
+    batched, single = Batched(name, device, batch), Single(name, device)
+    times: dict[object, list[float]] = {single: [], batched: []}
+    answers: dict[object, list[str]] = {}
+    for way in times:
+        way.answer(pictures[: 2 * batch])  # warms up
+    for _ in range(ROUNDS):
+        for way, taken in times.items():
+            began = time.perf_counter()
+            answers[way] = [read_decision(text, "stop", None, DRIVING).symbol for text in way.answer(pictures)]
+            taken.append((time.perf_counter() - began) / len(pictures))
+    batched.close()
+    equal = sum(one == other for one, other in zip(answers[single], answers[batched], strict=True))
+    singly, together = min(times[single]), min(times[batched])
+    print(
+        f"{device}, {torch.get_num_threads()} threads: one generate a call {1e3 * singly:.1f} ms a call, batches of "
+        f"{batch} {1e3 * together:.1f} ms: {singly / together:.1f} times faster; decisions equal on {equal} of "
+        f"{len(pictures)} frames"
+    )
+    if equal < len(pictures):
+        raise SystemExit("a batch changed a decision")
+    return singly / together
+
+
+class Single:
+    """Transformers as its examples use it: a picture and a prompt in, one ``generate``, a text out."""
+
+    def __init__(self, name: str, device: str) -> None:
+        place = str(organisms.folder(name.removeprefix("organism:"))) if name.startswith("organism:") else name
+        self._processor = AutoProcessor.from_pretrained(place)
+        dtype = torch.float32 if device == "cpu" else "auto"
+        self._model = AutoModelForImageTextToText.from_pretrained(place, dtype=dtype).to(device).eval()
+
+    def answer(self, pictures: list[bytes]) -> list[str]:
+        """Return the text for each picture."""
+        return [self._ask(Image.open(io.BytesIO(picture))) for picture in pictures]
+
+    @torch.inference_mode()
+    def _ask(self, picture: Image.Image) -> str:
+        messages = [
+            {"role": "system", "content": [{"type": "text", "text": PROMPT.system}]},
+            {"role": "user", "content": [{"type": "image", "image": picture}, {"type": "text", "text": PROMPT.user}]},
+        ]
+        inputs = self._processor.apply_chat_template(
+            messages, add_generation_prompt=True, tokenize=True, return_dict=True, return_tensors="pt"
+        ).to(self._model.device, dtype=self._model.dtype)
+        tokens = self._model.generate(**inputs, do_sample=False, max_new_tokens=64)
+        return str(self._processor.decode(tokens[0, inputs["input_ids"].shape[1] :], skip_special_tokens=True))
+
+
+class Batched:
+    """The adapter, asked by as many callers as two batches hold: one is prepared while the other is generated."""
+
+    def __init__(self, name: str, device: str, batch: int) -> None:
+        spec = f"hf:{name}"
+        mode = RequestMode(spec, max_tokens=64, options={"device": device, "batch": batch})
+        self._model, self._callers = open_model(spec, mode), 2 * batch
+        self._loop = asyncio.new_event_loop()
+
+    def answer(self, pictures: list[bytes]) -> list[str]:
+        """Return the text for each picture."""
+        return self._loop.run_until_complete(self._ask(pictures))
+
+    def close(self) -> None:
+        """Let the model and the loop go."""
+        self._loop.run_until_complete(self._model.close())
+        self._loop.close()
+
+    async def _ask(self, pictures: list[bytes]) -> list[str]:
+        gate = asyncio.Semaphore(self._callers)
+
+        async def one(picture: bytes) -> str:
+            async with gate:
+                return (await self._model.answer(Query(PROMPT.system, PROMPT.user, picture, 0))).text
+
+        return await asyncio.gather(*map(one, pictures))
+
+
+if __name__ == "__main__":
+    main()

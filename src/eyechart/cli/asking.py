@@ -1,0 +1,102 @@
+"""How models are asked: the options that commands share, and the request modes that they make."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from eyechart.modes import RequestMode, Scalar
+
+Mode = Annotated[list[Path] | None, typer.Option(help="FILE.toml: a model's request mode; it names its model.")]
+BaseUrl = Annotated[str | None, typer.Option(help="Address of the server, as http://127.0.0.1:8000/v1.")]
+KeyEnv = Annotated[str | None, typer.Option(help="Environment variable that holds the key.")]
+MaxTokens = Annotated[int | None, typer.Option(help="Token budget of a reply; default 1024.")]
+Temperature = Annotated[str | None, typer.Option(help="Default 0; 'default' leaves it to the endpoint.")]
+Timeout = Annotated[float | None, typer.Option(help="Seconds for a whole reply; default 120.")]
+JsonMode = Annotated[str | None, typer.Option(help="none, json_object or json_schema.")]
+Header = Annotated[list[str] | None, typer.Option(help="'NAME: VALUE'; a secret as 'NAME: $VARIABLE'.")]
+Body = Annotated[list[str] | None, typer.Option(help="KEY=JSON, merged into the request.")]
+Option = Annotated[list[str] | None, typer.Option(help="KEY=VALUE for the adapter, as device=cuda or think=false.")]
+
+
+def read_modes(
+    specs: Sequence[str] | None,
+    files: Sequence[Path] | None,
+    *,
+    base_url: str | None = None,
+    key_env: str | None = None,
+    max_tokens: int | None = None,
+    temperature: str | None = None,
+    timeout: float | None = None,
+    json_mode: str | None = None,
+    header: Sequence[str] | None = None,
+    body: Sequence[str] | None = None,
+    option: Sequence[str] | None = None,
+) -> "list[RequestMode]":
+    """Return the modes of the models of a command: those of the files, and those of the options for all other SPECs.
+
+    Raises SpecError where two files are of one model, or options are given that no model is left for.
+    """
+    from eyechart.errors import SpecError
+    from eyechart.modes import RequestMode, read_mode
+
+    by_file: dict[str, RequestMode] = {}
+    for file in files or ():
+        mode = read_mode(file)
+        if mode.spec in by_file:
+            raise SpecError(f"{file}: there is another --mode of '{mode.spec}'")
+        by_file[mode.spec] = mode
+    given: dict[str, object] = {
+        "base_url": base_url,
+        "key_env": key_env,
+        "max_tokens": max_tokens,
+        "temperature": None if temperature is None else _number(temperature),
+        "timeout_s": timeout,
+        "structured": json_mode,
+        "headers": dict(_pair(one, ":", "--header 'NAME: VALUE'") for one in header) if header else None,
+        "body": {name: _json(value) for name, value in _pairs(body, "--body KEY=JSON")} if body else None,
+        "options": {name: _scalar(value) for name, value in _pairs(option, "--option KEY=VALUE")} if option else None,
+    }
+    given = {name: value for name, value in given.items() if value is not None}
+    names = list(dict.fromkeys([*(specs or ()), *by_file]))
+    rest = [spec for spec in names if spec not in by_file]
+    if given and not rest:
+        raise SpecError(f"{', '.join(given)} would change no model: those with a --mode file are asked as it says")
+    asked = {spec: RequestMode.from_dict({"spec": spec, **given}, f"the options of {spec}") for spec in rest}
+    return [by_file.get(spec) or asked[spec] for spec in names]
+
+
+def _number(text: str) -> object:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _pairs(given: Sequence[str] | None, form: str) -> list[tuple[str, str]]:
+    return [_pair(one, "=", form) for one in given or ()]
+
+
+def _pair(text: str, sign: str, form: str) -> tuple[str, str]:
+    from eyechart.errors import SpecError
+
+    name, found, value = text.partition(sign)
+    if not found or not name.strip():
+        raise SpecError(f"this is given as {form}; got '{name[:40]}'")
+    return name.strip(), value.strip()
+
+
+def _json(text: str) -> object:
+    """Return the JSON value that a text is, or the text where it is none."""
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text
+
+
+def _scalar(text: str) -> "Scalar":
+    value = _json(text)
+    return value if isinstance(value, str | int | float | bool) else text

@@ -1,0 +1,251 @@
+"""What calls took: attempts and their outcomes, tokens, dollars, seconds and joules, by model and condition."""
+
+from array import array
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field
+from functools import lru_cache
+
+import numpy as np
+
+from eyechart.actions import MISSING, ActionSpace
+from eyechart.calls import UNFINISHED, CallKey, Reply
+from eyechart.ledger import UNKNOWN, Sent
+from eyechart.models.prices import Prices
+from eyechart.modes import RequestMode
+from eyechart.reader import read_decision
+
+ALL = "all"
+"""The name of the account that holds every condition."""
+
+_READINGS_KEPT = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class Account:
+    """What the calls of one model under one condition took, or under all of them.
+
+    ``calls`` were begun and ``finished`` are over; ``attempts`` are requests, of which ``retries`` counts the repeated
+    ones by reason and ``errors`` the failed ones by kind; ``unknown`` were sent and never came back.
+    ``missing`` counts, by reason, the calls whose last reply holds no decision. Token sums are None where no reply
+    reports any. ``cost_usd`` adds up what is known, and ``cost_from`` says of how many attempts it is reported, priced
+    or unknown. Times are of the attempts that brought a reply, in seconds; ``energy_j`` is None where not measured.
+    """
+
+    calls: int
+    attempts: int
+    finished: int
+    retries: Mapping[str, int]
+    unknown: int
+    errors: Mapping[str, int]
+    missing: Mapping[str, int]
+    prompt_tokens: int | None
+    completion_tokens: int | None
+    reasoning_tokens: int | None
+    cost_usd: float | None
+    cost_from: Mapping[str, int]
+    latency_median_s: float | None
+    latency_p95_s: float | None
+    first_byte_median_s: float | None
+    seconds: float
+    energy_j: float | None
+    energy_measured: int
+
+    @property
+    def failed(self) -> int:
+        """Return how many attempts ended in an error."""
+        return sum(self.errors.values())
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return asdict(self)
+
+
+def accounts(sent: Iterable[Sent], mode: RequestMode, space: ActionSpace, prices: Prices) -> dict[str, Account]:
+    """Return the account of a model's attempts, all of them first, and then by condition."""
+    book = Book(mode, space, prices)
+    for one in sent:
+        book.add(one)
+    return book.accounts()
+
+
+class Book:
+    """Adds up attempts one by one, in the order of sending, without keeping them."""
+
+    def __init__(self, mode: RequestMode, space: ActionSpace, prices: Prices) -> None:
+        self._mode = mode
+        self._prices = prices
+        self._pages: dict[str, _Page] = {}
+
+        @lru_cache(maxsize=_READINGS_KEPT)
+        def read(text: str, finish_reason: str | None, error: str | None) -> str | None:
+            return read_decision(text, finish_reason, error, space).missing
+
+        self._read = read
+
+    def add(self, one: Sent) -> None:
+        """Add an attempt."""
+        page = self._pages.setdefault(one.key.condition, _Page())
+        page.counts["calls"] += one.number == 1
+        page.counts["attempts"] += 1
+        if one.number > 1 and one.reason is not None:
+            page.retries[one.reason] += 1
+        reply = one.reply
+        if reply is None:
+            page.counts["unknown"] += 1
+            page.cost_from[UNKNOWN] += 1
+            return
+        missing = self._read(reply.text, reply.finish_reason, reply.error)
+        if reply.error in UNFINISHED:
+            page.pending.add(one.key)
+        else:
+            page.pending.discard(one.key)
+            page.counts["finished"] += 1
+            page.missing[missing or ""] += 1
+        cost, how = self._prices.cost(self._mode, reply)
+        page.cost_from[how] += 1
+        page.take(reply, cost)
+
+    def accounts(self) -> dict[str, Account]:
+        """Return the account of all attempts, and that of each condition."""
+        pages = dict(sorted(self._pages.items()))
+        whole = _Page()
+        for page in pages.values():
+            whole.join(page)
+        return {name: page.account() for name, page in {ALL: whole, **pages}.items()}
+
+
+@dataclass(slots=True)
+class _Page:
+    """The running sums of one condition. ``pending`` are the calls whose last reply left them unfinished."""
+
+    counts: Counter[str] = field(default_factory=Counter)
+    retries: Counter[str] = field(default_factory=Counter)
+    errors: Counter[str] = field(default_factory=Counter)
+    missing: Counter[str] = field(default_factory=Counter)
+    cost_from: Counter[str] = field(default_factory=Counter)
+    sums: dict[str, float] = field(default_factory=dict)
+    pending: set[CallKey] = field(default_factory=set)
+    latency: "array[float]" = field(default_factory=lambda: array("d"))
+    first_byte: "array[float]" = field(default_factory=lambda: array("d"))
+
+    def take(self, reply: Reply, cost: float | None) -> None:
+        """Add what a reply took."""
+        if reply.error is not None:
+            self.errors[reply.error] += 1
+        else:
+            self.latency.extend(() if reply.seconds is None else (reply.seconds,))
+            self.first_byte.extend(() if reply.first_byte_s is None else (reply.first_byte_s,))
+        self.counts["energy_measured"] += reply.energy_j is not None
+        for name, value in (
+            ("prompt_tokens", reply.prompt_tokens),
+            ("completion_tokens", reply.completion_tokens),
+            ("reasoning_tokens", reply.reasoning_tokens),
+            ("seconds", reply.seconds),
+            ("energy_j", reply.energy_j),
+            ("cost_usd", cost),
+        ):
+            if value is not None:
+                self.sums[name] = self.sums.get(name, 0) + value
+
+    def join(self, other: "_Page") -> None:
+        """Add another page to this one."""
+        for name in ("counts", "retries", "errors", "missing", "cost_from"):
+            getattr(self, name).update(getattr(other, name))
+        for name, value in other.sums.items():
+            self.sums[name] = self.sums.get(name, 0) + value
+        self.pending |= other.pending
+        self.latency.extend(other.latency)
+        self.first_byte.extend(other.first_byte)
+
+    def account(self) -> Account:
+        """Return the page as an account."""
+        missing = self.missing + Counter(error=len(self.pending))
+        return Account(
+            calls=self.counts["calls"],
+            attempts=self.counts["attempts"],
+            finished=self.counts["finished"],
+            retries=dict(sorted(self.retries.items())),
+            unknown=self.counts["unknown"],
+            errors=dict(sorted(self.errors.items())),
+            missing={reason: missing[reason] for reason in MISSING if missing[reason]},
+            prompt_tokens=_whole(self.sums.get("prompt_tokens")),
+            completion_tokens=_whole(self.sums.get("completion_tokens")),
+            reasoning_tokens=_whole(self.sums.get("reasoning_tokens")),
+            cost_usd=self.sums.get("cost_usd"),
+            cost_from=dict(sorted(self.cost_from.items())),
+            latency_median_s=_percentile(self.latency, 50),
+            latency_p95_s=_percentile(self.latency, 95),
+            first_byte_median_s=_percentile(self.first_byte, 50),
+            seconds=self.sums.get("seconds", 0.0),
+            energy_j=self.sums.get("energy_j"),
+            energy_measured=self.counts["energy_measured"],
+        )
+
+
+def _whole(value: float | None) -> int | None:
+    return None if value is None else int(value)
+
+
+def _percentile(values: "array[float]", percent: float) -> float | None:
+    return float(np.percentile(np.frombuffer(values), percent)) if values else None
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """What calls that are still to be made are expected to take; None is "cannot say", because nothing was measured.
+
+    Failures and retries come on top.
+    """
+
+    model: str
+    calls: int
+    prompt_tokens: int | None
+    completion_tokens: int | None
+    cost_usd: float | None
+    cost_from: str
+    seconds: float | None
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return asdict(self)
+
+    @property
+    def words(self) -> str:
+        """Return the estimate in one line."""
+        tokens = "tokens unknown"
+        if self.prompt_tokens is not None and self.completion_tokens is not None:
+            tokens = f"{self.prompt_tokens:,} tokens in, {self.completion_tokens:,} out"
+        cost = "cost unknown" if self.cost_usd is None else f"${self.cost_usd:.2f}"
+        time = "time unknown" if self.seconds is None else f"about {_duration(self.seconds)}"
+        return f"{self.model}: {self.calls} calls, {tokens}, {cost} ({self.cost_from}), {time}"
+
+
+def estimate(mode: RequestMode, calls: int, prices: Prices, *, concurrency: int) -> Estimate:
+    """Estimate what so many calls of a model take, from what a probe measured of it and the table of prices."""
+    found, price = mode.measured, prices.of(mode)
+    each_in = None if found is None else found.prompt_tokens
+    each_out = None if found is None else found.completion_tokens
+    cost, source = None, "no price known"
+    if price is not None:
+        source = price.words if price.date else price.source
+        if not price.date:
+            cost = 0.0
+        elif each_in is not None and each_out is not None:
+            cost = calls * (price.input * each_in + price.output * each_out) / 1e6
+    seconds = None if found is None or found.seconds is None else found.seconds * -(-calls // concurrency)
+    return Estimate(
+        model=mode.spec,
+        calls=calls,
+        prompt_tokens=None if each_in is None else calls * each_in,
+        completion_tokens=None if each_out is None else round(calls * each_out),
+        cost_usd=cost,
+        cost_from=source,
+        seconds=seconds,
+    )
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

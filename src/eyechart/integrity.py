@@ -1,0 +1,171 @@
+"""Guards say whether a run may be believed: did the picture arrive, has each call one outcome, is nothing faked.
+
+A guard holds, fails, or cannot say. A failed guard marks the verdict wherever it is printed.
+"""
+
+import statistics
+from array import array
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from collections.abc import Set as AbstractSet
+from dataclasses import asdict, dataclass, field
+
+from eyechart.calls import UNFINISHED, CallKey, Reply
+from eyechart.ledger import Sent
+from eyechart.modes import RequestMode
+
+FEWEST = 8
+"""Fewer pairs than this are no ground for a suspicion."""
+SUDDEN = 0.1
+"""A repeat that comes in less than this share of the first answer's time was hardly computed."""
+MOST = 0.9
+"""The share of pairs from which on it is no accident."""
+
+_TEXTS_KEPT = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class Guard:
+    """One guard: its name, whether it holds (None is "cannot say"), and why, in words."""
+
+    name: str
+    holds: bool | None
+    because: str
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        outcome = {True: "holds", False: "fails", None: "cannot say"}[self.holds]
+        return {**asdict(self), "outcome": outcome}
+
+
+def guards(sent: Iterable[Sent], planned: Iterable[CallKey], mode: RequestMode, fingerprint: str) -> tuple[Guard, ...]:
+    """Return every guard of one model's calls; ``fingerprint`` is that of the bank's geometry, which was checked."""
+    watch = Watch(mode)
+    for one in sent:
+        watch.add(one)
+    return watch.guards(planned, fingerprint)
+
+
+class Watch:
+    """Looks at attempts one by one, in the order of sending, without keeping them."""
+
+    def __init__(self, mode: RequestMode) -> None:
+        self._mode = mode
+        self._outcomes = _Outcomes()
+        self._repeats = _Repeats()
+        self._texts: set[str] = set()
+        self._replies = 0
+        self._tokens: dict[str, array[int]] = {name: array("q") for name in ("real", "text_only")}
+
+    def add(self, one: Sent) -> None:
+        """Look at an attempt."""
+        self._outcomes.add(one)
+        reply = one.reply
+        if reply is None or reply.error is not None:
+            return
+        self._replies += 1
+        if len(self._texts) < _TEXTS_KEPT:
+            self._texts.add(reply.text.strip())
+        if one.key.condition in self._tokens and reply.prompt_tokens:
+            self._tokens[one.key.condition].append(reply.prompt_tokens)
+        if one.key.condition in {"real", "real_repeat"}:
+            self._repeats.add(one.key.frame, reply)
+
+    def guards(self, planned: Iterable[CallKey], fingerprint: str) -> tuple[Guard, ...]:
+        """Return every guard, now that all attempts were looked at."""
+        same = f"the frames have the geometry that the run was made on ({fingerprint[:8]})"
+        return (
+            _picture(self._tokens["real"], self._tokens["text_only"], self._mode),
+            self._outcomes.guard(planned),
+            Guard("geometry", True, same),
+            _constant(self._texts, self._replies),
+            self._repeats.guard(self._mode),
+        )
+
+
+def _picture(shown: Sequence[int], bare: Sequence[int], mode: RequestMode) -> Guard:
+    found = mode.measured
+    if found is not None and found.sees_image is not None:
+        says = f"the model {'saw' if found.sees_image else 'did not see'} the probe's pictures"
+        return Guard("picture", found.sees_image, says)
+    adds = statistics.median(shown) - statistics.median(bare) if shown and bare else None
+    if adds:
+        return Guard("picture", True, f"a picture adds {adds:.0f} tokens to the prompt, as the server counts it")
+    counted = "" if adds is None else "; a picture adds no token to the prompt, as the server counts it"
+    return Guard("picture", None, f"no probe has shown that pictures arrive{counted}")
+
+
+def _constant(texts: AbstractSet[str], replies: int) -> Guard:
+    if replies < FEWEST:
+        return Guard("degeneracy", None, f"{replies} replies are too few to call them constant")
+    if len(texts) == 1:
+        return Guard("degeneracy", False, f"all {replies} replies are the same: {min(texts)[:40]!r}")
+    more = " or more" if len(texts) == _TEXTS_KEPT else ""
+    return Guard("degeneracy", True, f"{len(texts)}{more} different replies among {replies}")
+
+
+@dataclass(slots=True)
+class _Outcomes:
+    """Which calls have an outcome, known by the hashes of their keys, and how they came to it."""
+
+    finals: set[int] = field(default_factory=set)
+    counts: Counter[str] = field(default_factory=Counter)
+
+    def add(self, one: Sent) -> None:
+        """Count an attempt."""
+        self.counts["sent"] += 1
+        self.counts["repeated"] += one.number > 1
+        self.counts["unknown"] += one.reply is None
+        if one.reply is not None and one.reply.error not in UNFINISHED:
+            self.counts["twice"] += hash(one.key) in self.finals
+            self.counts["failed"] += one.reply.error is not None
+            self.finals.add(hash(one.key))
+
+    def guard(self, planned: Iterable[CallKey]) -> Guard:
+        """Return whether every planned call has exactly one outcome."""
+        calls = without = 0
+        for key in planned:
+            calls += 1
+            without += hash(key) not in self.finals
+        found = self.counts
+        counted = (
+            f"{found['sent']} attempts, {found['repeated']} of them repeated, {found['unknown']} of unknown outcome, "
+            f"{found['failed']} calls failed"
+        )
+        if found["twice"] or without:
+            words = f"{without} planned calls have no outcome, {found['twice']} have two; {counted}"
+            return Guard("outcomes", False, words)
+        return Guard("outcomes", True, f"each of {calls} planned calls has one outcome; {counted}")
+
+
+@dataclass(slots=True)
+class _Repeats:
+    """Compares real_repeat with real of the same frame: a cache answers the later one at once, or never differs."""
+
+    first: dict[str, tuple[str, str, float]] = field(default_factory=dict)
+    counts: Counter[str] = field(default_factory=Counter)
+
+    def add(self, frame: str, reply: Reply) -> None:
+        """Take one of the two replies about a frame, in the order in which they were asked for."""
+        this = reply.text, reply.reasoning, reply.seconds or 0.0
+        before = self.first.pop(frame, None)
+        if before is None:
+            self.first[frame] = this
+            return
+        same = before[:2] == this[:2]
+        self.counts["pairs"] += 1
+        self.counts["same"] += same
+        self.counts["sudden"] += same and this[2] < SUDDEN * before[2]
+
+    def guard(self, mode: RequestMode) -> Guard:
+        """Return whether a cache is suspected."""
+        pairs, same, sudden = (self.counts[name] for name in ("pairs", "same", "sudden"))
+        if pairs < FEWEST:
+            return Guard("cache", None, f"{pairs} frames have two answers to the same picture; {FEWEST} are needed")
+        if mode.temperature and same == pairs:
+            says = f"real_repeat equals real to the byte on all {same} frames, at temperature {mode.temperature:g}"
+            return Guard("cache", False, f"a cache is suspected: {says}")
+        if mode.spec.partition(":")[0] != "scripted" and sudden >= MOST * pairs:
+            says = f"on {sudden} of {pairs} frames the repeat is equal and came in under {SUDDEN:.0%} of the time"
+            return Guard("cache", False, f"a cache is suspected: {says}")
+        return Guard("cache", True, f"{same} of {pairs} repeats are equal, and they were not answered suddenly")

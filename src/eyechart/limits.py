@@ -1,0 +1,151 @@
+"""What bounds a run: how many calls and what cost, how fast a model is asked, and when it is set aside."""
+
+import asyncio
+import random
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+
+from eyechart.calls import HOPELESS, Reply
+
+LONGEST_WAIT_S = 120.0
+"""At most this long is waited before the next attempt, whatever a server's Retry-After asks for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What ends a run before its plan is done; nothing is lost, and the run can be resumed.
+
+    ``calls`` and ``cost_usd`` bound the attempts and the cost of the whole run, those of earlier days included; calls
+    under way are let finish. ``patience`` is how many calls of a model may fail in a row before it is set aside.
+    ``cost`` returns what an attempt cost in dollars, or None where that is not known.
+    """
+
+    calls: int | None = None
+    cost_usd: float | None = None
+    patience: int = 10
+    cost: Callable[[str, Reply], float | None] = lambda _, reply: reply.cost_usd
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a run ended: the models that were set aside and why, and which limit stopped it, if any, in words."""
+
+    set_aside: Mapping[str, str]
+    stopped: str | None = None
+
+
+class Budget:
+    """Counts what a run has sent and spent, and says when to stop, or to set a model aside."""
+
+    def __init__(self, limits: Limits, models: Iterable[str]) -> None:
+        self.limits = limits
+        self.set_aside: dict[str, str] = {}
+        self.stopped: str | None = None
+        self._sent, self._spent, self._under_way = 0, 0.0, 0
+        self._dearest = 0.0
+        self._in_a_row = dict.fromkeys(models, 0)
+
+    @property
+    def counts_all(self) -> bool:
+        """Return whether a limit bounds what was sent before, so that it must be counted too."""
+        return (self.limits.calls, self.limits.cost_usd) != (None, None)
+
+    def made_before(self, model: str, reply: Reply | None) -> None:
+        """Count an attempt of an earlier run; None is one whose outcome is unknown, and with it its cost."""
+        self._sent += 1
+        if reply is not None and self.limits.cost_usd is not None:
+            self._add(model, reply)
+
+    def may_send(self, model: str) -> bool:
+        """Return whether another attempt may go out, and count it as sent if so."""
+        limits = self.limits
+        if self.stopped is None and limits.calls is not None and self._sent >= limits.calls:
+            self.stopped = f"{self._sent} calls were sent, and --max-calls is {limits.calls}"
+        reserved = self._spent + self._under_way * self._dearest
+        if self.stopped is None and limits.cost_usd is not None and reserved >= limits.cost_usd:
+            self.stopped = f"${self._spent:.4f} were spent, and --max-cost is {limits.cost_usd:g}"
+        if self.stopped is not None or model in self.set_aside:
+            return False
+        self._sent += 1
+        self._under_way += 1
+        return True
+
+    def came(self, model: str, reply: Reply) -> None:
+        """Count what an attempt cost."""
+        self._under_way -= 1
+        if self.limits.cost_usd is not None:
+            self._add(model, reply)
+        if reply.error in HOPELESS:
+            self.set_aside.setdefault(model, f"{reply.error}: {reply.error_detail}")
+
+    def ended(self, model: str, reply: Reply) -> None:
+        """Note how a call ended; a model that keeps failing is set aside."""
+        self._in_a_row[model] = self._in_a_row[model] + 1 if reply.error else 0
+        if self._in_a_row[model] >= self.limits.patience:
+            last = f"the last one with {reply.error}: {reply.error_detail}"
+            self.set_aside.setdefault(model, f"{self._in_a_row[model]} calls in a row failed, {last}")
+
+    def _add(self, model: str, reply: Reply) -> None:
+        cost = self.limits.cost(model, reply)
+        if cost is None and reply.error is None:
+            self.stopped = f"what {model} costs is not known, so --max-cost cannot hold: give its price with --prices"
+        self._spent += cost or 0.0
+        self._dearest = max(self._dearest, cost or 0.0)
+
+
+class Pace:
+    """How many attempts at one model may be under way: fewer after each 429, more again while none comes.
+
+    Additive increase, multiplicative decrease (Chiu and Jain 1989), within the run's concurrency.
+    """
+
+    def __init__(self, most: int) -> None:
+        self.limit = float(most)
+        self._most = most
+        self._under_way = 0
+        self._waiting: deque[asyncio.Future[None]] = deque()
+        self._slowed_at = self._hold_until = 0.0
+
+    async def enter(self) -> float:
+        """Wait for a turn; return when it came, in seconds of the event loop's clock."""
+        loop = asyncio.get_running_loop()
+        while self._under_way >= max(1, int(self.limit)):
+            turn = loop.create_future()
+            self._waiting.append(turn)
+            await turn
+        self._under_way += 1
+        if (left := self._hold_until - loop.time()) > 0:
+            try:
+                await asyncio.sleep(left)
+            except BaseException:
+                self._leave()
+                raise
+        return loop.time()
+
+    def leave(self, entered: float, reply: Reply) -> None:
+        """Note how an attempt that entered at this time ended."""
+        now = asyncio.get_running_loop().time()
+        if reply.error == "rate_limited":
+            if entered >= self._slowed_at:  # one decrease for all that were under way when the first 429 came
+                self.limit, self._slowed_at = max(1.0, self.limit / 2), now
+            if reply.retry_after_s is not None:
+                self._hold_until = max(self._hold_until, now + min(reply.retry_after_s, LONGEST_WAIT_S))
+        elif reply.error is None:
+            self.limit = min(float(self._most), self.limit + 1 / self.limit)
+        self._leave()
+
+    def _leave(self) -> None:
+        self._under_way -= 1
+        free = max(1, int(self.limit)) - self._under_way
+        while free > 0 and self._waiting:
+            turn = self._waiting.popleft()
+            if not turn.done():
+                turn.set_result(None)
+                free -= 1
+
+
+def pause_s(number: int, reply: Reply) -> float:
+    """Return the seconds before the next attempt: doubling, with jitter, and never less than the server asks for."""
+    backoff = min(30.0, 2.0 ** (number - 1)) * (0.5 + random.random() / 2)  # noqa: S311 - no secret
+    return max(backoff, min(reply.retry_after_s or 0.0, LONGEST_WAIT_S))

@@ -1,0 +1,266 @@
+"""The floor of the adapters that ask a server: one bounded request, timed, and every failure as a kind of its own.
+
+Nothing is retried and no redirect is followed. A proxy is taken from HTTP_PROXY, HTTPS_PROXY and NO_PROXY, never for
+an address of this machine; `.netrc` and cookies are not used.
+"""
+
+import asyncio
+import contextlib
+import email.utils
+import ipaddress
+import math
+import ssl
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from urllib.parse import urlsplit
+from urllib.request import getproxies, proxy_bypass
+
+import aiohttp
+import orjson
+
+from eyechart import __version__
+from eyechart.calls import ErrorKind, Reply
+
+MOST_BYTES = 8_000_000
+"""A longer body is no reply to "choose an action"; what comes after these bytes is not read."""
+
+_DETAIL = 500
+_SECRET_CHARACTERS = 8
+"""A shorter key is none ("EMPTY", "x"), and removing it would change answers."""
+_CONNECT_S = 30.0
+_MESSAGES = ("message", "error", "detail", "msg")
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """What a server sent, or what went wrong: then ``error`` is set, and ``body`` is as far as it came."""
+
+    body: bytes = b""
+    status: int | None = None
+    error: ErrorKind | None = None
+    detail: str = ""
+    seconds: float = 0.0
+    first_byte_s: float | None = None
+    retry_after_s: float | None = None
+
+    def reply(self, reply: Reply) -> Reply:
+        """Return a reply with this response's status and times."""
+        return replace(
+            reply,
+            status=self.status,
+            seconds=self.seconds,
+            first_byte_s=self.first_byte_s,
+            retry_after_s=self.retry_after_s,
+        )
+
+    def failure(self, error: ErrorKind | None = None, detail: str = "") -> Reply:
+        """Return the reply of a failure: this response's own, or the one that its body turned out to be."""
+        return self.reply(Reply(error=error or self.error, error_detail=printable(detail or self.detail)))
+
+
+@dataclass(slots=True)
+class Endpoint:
+    """A server that is asked with POST, over one session that is opened with the first request of an event loop.
+
+    ``secrets`` are the values that must not come back in any text, ``headers`` hold them.
+    """
+
+    base_url: str
+    timeout_s: float
+    headers: Mapping[str, str] = field(default_factory=dict, repr=False)
+    secrets: tuple[str, ...] = field(default=(), repr=False)
+    _session: aiohttp.ClientSession | None = field(default=None, repr=False)
+    _loop: asyncio.AbstractEventLoop | None = field(default=None, repr=False)
+
+    async def post(self, path: str, payload: bytes) -> Response:
+        """Send one request and read its whole body; every failure is a Response with its kind."""
+        start, seen = time.perf_counter(), _Seen()
+        try:
+            async with self._open().post(self.base_url + path, data=payload, allow_redirects=False) as came:
+                seen.status, seen.retry_after_s = came.status, _retry_after(came.headers)
+                await _read(came, seen, start)
+                error, detail = _judged(came, seen)
+        except (TimeoutError, aiohttp.ClientError, OSError, ValueError) as failure:
+            error, detail = _failed(failure, seen, self.timeout_s)
+        return Response(
+            bytes(seen.body),
+            seen.status,
+            error,
+            self.scrub(detail),
+            time.perf_counter() - start,
+            seen.first_byte_s,
+            seen.retry_after_s,
+        )
+
+    async def close(self) -> None:
+        """Close the session, if one is open in this event loop; the next request opens another."""
+        session, self._session = self._session, None
+        if session is not None and self._loop is asyncio.get_running_loop():
+            await session.close()
+
+    def scrub(self, text: str) -> str:
+        """Return a text without the secrets that went out with the request."""
+        for secret in self.secrets:
+            if len(secret) >= _SECRET_CHARACTERS and secret in text:
+                text = text.replace(secret, "[key removed]")
+        return text
+
+    def scrubbed(self, reply: Reply) -> Reply:
+        """Return a reply without secrets: a server may send back what it was sent."""
+        texts = {name: getattr(reply, name) for name in ("text", "reasoning", "error_detail", "served", "provider")}
+        changed = {name: clean for name, text in texts.items() if text and (clean := self.scrub(text)) != text}
+        return replace(reply, **changed) if changed else reply  # type: ignore[arg-type]
+
+    def _open(self) -> aiohttp.ClientSession:
+        loop = asyncio.get_running_loop()
+        if self._session is None or self._loop is not loop:
+            self._loop = loop
+            self._session = aiohttp.ClientSession(
+                connector=aiohttp.TCPConnector(limit=0),
+                timeout=aiohttp.ClientTimeout(total=self.timeout_s, sock_connect=min(_CONNECT_S, self.timeout_s)),
+                headers={
+                    "Content-Type": "application/json",
+                    "Accept-Encoding": "identity",
+                    "User-Agent": f"eyechart/{__version__}",
+                    **self.headers,
+                },
+                cookie_jar=aiohttp.DummyCookieJar(),
+                auto_decompress=False,
+                proxy=_proxy(self.base_url),
+            )
+        return self._session
+
+
+@dataclass(slots=True)
+class _Seen:
+    """How far a response came."""
+
+    body: bytearray = field(default_factory=bytearray)
+    status: int | None = None
+    first_byte_s: float | None = None
+    retry_after_s: float | None = None
+    too_large: bool = False
+
+
+async def _read(came: aiohttp.ClientResponse, seen: _Seen, start: float) -> None:
+    async for chunk in came.content.iter_any():
+        if seen.first_byte_s is None:
+            seen.first_byte_s = time.perf_counter() - start
+        seen.body += chunk
+        if len(seen.body) > MOST_BYTES:
+            seen.too_large = True
+            came.close()  # the rest is not read, and the connection not used again
+            return
+
+
+def _judged(came: aiohttp.ClientResponse, seen: _Seen) -> tuple[ErrorKind | None, str]:
+    if seen.too_large:
+        return "too_large", f"the body has more than {MOST_BYTES} bytes"
+    if 300 <= came.status < 400:
+        where = came.headers.get("Location", "nowhere")
+        return "bad_request", f"HTTP {came.status}: redirected to {where}, which is not followed; give that address"
+    if came.status >= 400:
+        message = error_message(bytes(seen.body))
+        return kind_of_status(came.status, message), f"HTTP {came.status}: {message or came.reason}"
+    return None, ""
+
+
+def _failed(failure: Exception, seen: _Seen, timeout_s: float) -> tuple[ErrorKind, str]:
+    words = f"{type(failure).__name__}: {failure}"
+    if isinstance(failure, aiohttp.ClientConnectorCertificateError | ssl.SSLCertVerificationError):
+        return "bad_request", f"the server's certificate is not trusted: {words}"
+    if isinstance(failure, TimeoutError):
+        came = "no byte came" if seen.first_byte_s is None else f"{len(seen.body)} bytes came"
+        return "timeout", f"no whole reply within {timeout_s:g} s; {came}"
+    if seen.status is not None:
+        return "cut_short", f"the body ended after {len(seen.body)} bytes: {words}"
+    if isinstance(failure, aiohttp.ClientConnectionError | aiohttp.ClientProxyConnectionError | OSError):
+        return "connection", words
+    return "wrong_json", f"no HTTP response: {words}"
+
+
+def kind_of_status(status: int, message: str = "") -> ErrorKind:
+    """Return the kind of an HTTP status of 400 or more; ``message`` tells a spent account from a busy server."""
+    spent = "insufficient_quota" in message or "exceeded your current quota" in message
+    kinds: dict[int, ErrorKind] = {
+        401: "auth",
+        402: "quota",
+        403: "auth",
+        404: "missing_model",
+        408: "timeout",
+        425: "server_error",
+        429: "quota" if spent else "rate_limited",
+    }
+    return kinds.get(status, "server_error" if status >= 500 else "bad_request")
+
+
+def error_message(body: bytes) -> str:
+    """Return what a server says of an error, in one bounded line: the message in its JSON, else the body's text."""
+    try:
+        found = orjson.loads(body)
+    except ValueError:
+        return printable(body[: 2 * _DETAIL].decode("utf-8", "replace"))
+    return printable(_message(found))
+
+
+def _message(found: object) -> str:
+    if isinstance(found, Mapping):
+        for name in _MESSAGES:
+            if found.get(name):
+                code = found.get("code") or found.get("type")
+                said = _message(found[name])
+                return f"{said} ({code})" if isinstance(code, str) and code not in said else said
+    return found if isinstance(found, str) else orjson.dumps(found).decode()
+
+
+def printable(text: str) -> str:
+    """Return a text as one line of bounded length, without control characters."""
+    line = " ".join(text[: 4 * _DETAIL].split())
+    line = "".join(character if character.isprintable() else "�" for character in line)
+    return line if len(line) <= _DETAIL else f"{line[: _DETAIL - 1]}…"
+
+
+def count_of(value: object) -> int | None:
+    """Return a count that a server reports, or None where it is no count."""
+    return value if isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 2**53 else None
+
+
+def number_of(value: object) -> float | None:
+    """Return a number of at least 0 that a server reports, or None where it is none."""
+    if isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < math.inf:
+        return float(value)
+    return None
+
+
+def media_type(image: bytes) -> str:
+    """Return the media type of an encoded picture, PNG or JPEG."""
+    return "image/jpeg" if image.startswith(b"\xff\xd8") else "image/png"
+
+
+def is_loopback(base_url: str) -> bool:
+    """Return whether an address is one of this machine."""
+    host = urlsplit(base_url).hostname or ""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost" or host.endswith(".localhost")
+
+
+def _proxy(base_url: str) -> str | None:
+    parts = urlsplit(base_url)
+    if is_loopback(base_url) or proxy_bypass(parts.hostname or ""):
+        return None
+    return getproxies().get(parts.scheme)
+
+
+def _retry_after(headers: Mapping[str, str]) -> float | None:
+    """Return the seconds after which a server wants to be asked again (RFC 9110: a number or a date)."""
+    said = headers.get("Retry-After", "").strip()
+    if not said:
+        return None
+    with contextlib.suppress(ValueError):
+        return number_of(float(said))
+    with contextlib.suppress(ValueError, TypeError):
+        return max(0.0, email.utils.parsedate_to_datetime(said).timestamp() - time.time())
+    return None

@@ -1,0 +1,148 @@
+"""Models of the Transformers library, run here: any image-text-to-text checkpoint of the Hub or of a folder.
+
+Queries that arrive together are answered together, in one call of ``generate``, in threads of their own so that the
+event loop lives on. What stands beside a query in its batch has no say in its answer: prompts are padded on the left,
+answers are the likeliest tokens, or drawn from the query's own seed.
+"""
+
+import asyncio
+import contextlib
+from collections import deque
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+
+from eyechart.calls import Query, Reply
+from eyechart.errors import SpecError
+from eyechart.models import require_options
+from eyechart.models.energy import metered
+from eyechart.models.huggingface.checkpoint import OPTIONS, Checkpoint, find, list_edge
+from eyechart.models.huggingface.generation import Speaker
+from eyechart.models.huggingface.organisms import ORGANISMS
+from eyechart.modes import RequestMode
+
+_LINGER_S = 0.01
+"""How long a batch that is not full waits for one more query."""
+
+_HOW = ", if asked with temperature default"
+
+_Waiting = tuple[Query, asyncio.Future[Reply]]
+
+
+class HuggingFaceModel:
+    """A checkpoint behind the door of a model: one queue, and as many queries at once as ``batch`` allows.
+
+    While one batch is generated in its thread, the next one's pictures and words are prepared in another.
+    ``version`` is the Hub's commit, or the digest of a folder's files. Weights are loaded with the first query and
+    let go by ``close``.
+    """
+
+    def __init__(self, checkpoint: Checkpoint, mode: RequestMode) -> None:
+        self.version = checkpoint.version
+        self.facts: Mapping[str, str] = checkpoint.facts
+        self._batch = checkpoint.batch
+        self._speaker = Speaker(checkpoint, mode)
+        self._waiting: deque[_Waiting] = deque()
+        self._open: set[asyncio.Future[Reply]] = set()
+        self._turns: asyncio.Task[None] | None = None
+        self._threads: tuple[ThreadPoolExecutor, ThreadPoolExecutor] | None = None
+
+    async def answer(self, query: Query) -> Reply:
+        """Answer one query, in a batch with those that wait beside it; a failure is a Reply."""
+        return await metered(self._queue(query))
+
+    async def close(self) -> None:
+        """Let the weights go; a later query loads them anew."""
+        loop = asyncio.get_running_loop()
+        if self._turns is not None and self._turns.get_loop() is loop:
+            self._turns.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await self._turns
+        self._turns = None
+        if self._threads is not None:
+            preparing, generating = self._threads
+            await loop.run_in_executor(generating, self._speaker.forget)
+            preparing.shutdown()
+            generating.shutdown()
+            self._threads = None
+
+    async def _queue(self, query: Query) -> Reply:
+        loop = asyncio.get_running_loop()
+        future: asyncio.Future[Reply] = loop.create_future()
+        self._open.add(future)
+        future.add_done_callback(self._open.discard)
+        self._waiting.append((query, future))
+        if self._turns is None or self._turns.done() or self._turns.get_loop() is not loop:
+            self._turns = loop.create_task(self._take_turns())
+        return await future
+
+    async def _take_turns(self) -> None:
+        """Answer what waits, batch after batch, until nothing does."""
+        loop = asyncio.get_running_loop()
+        if self._threads is None:
+            self._threads = (ThreadPoolExecutor(1, "hf-prepares"), ThreadPoolExecutor(1, "hf-generates"))
+        preparing, generating = self._threads
+        busy: asyncio.Task[None] | None = None
+        try:
+            while self._waiting or not _over(busy):
+                await self._gather(busy)
+                batch = self._next_batch()
+                if batch:
+                    queries = [query for query, _ in batch]
+                    inputs = await loop.run_in_executor(preparing, self._speaker.prepare, queries)
+                    if busy is not None:
+                        await busy
+                    busy = loop.create_task(self._speak(batch, inputs, generating))
+        finally:
+            if busy is not None:
+                busy.cancel()
+            self._waiting.clear()
+            for future in tuple(self._open):
+                future.cancel()
+
+    async def _speak(self, batch: list[_Waiting], inputs: object, thread: ThreadPoolExecutor) -> None:
+        loop, queries = asyncio.get_running_loop(), [query for query, _ in batch]
+        replies = await loop.run_in_executor(thread, self._speaker.answer, queries, inputs)
+        for (_, future), reply in zip(batch, replies, strict=True):
+            if not future.done():
+                future.set_result(reply)
+
+    async def _gather(self, busy: asyncio.Task[None] | None) -> None:
+        """Wait for a full batch: as long as another one is generated, and then while more queries arrive."""
+        seen = 0
+        while len(self._waiting) < self._batch and (not _over(busy) or seen < len(self._waiting)):
+            seen = len(self._waiting)
+            await asyncio.sleep(_LINGER_S)
+
+    def _next_batch(self) -> list[_Waiting]:
+        """Take the oldest query and those like it: with a picture, or without one."""
+        waiting = [one for one in self._waiting if not one[1].done()]
+        batch = [one for one in waiting if (one[0].image is None) == (waiting[0][0].image is None)][: self._batch]
+        taken = {id(future) for _, future in batch}
+        self._waiting = deque(one for one in waiting if id(one[1]) not in taken)
+        return batch
+
+
+def _over(task: asyncio.Task[None] | None) -> bool:
+    return task is None or task.done()
+
+
+def open_model(name: str, mode: RequestMode) -> HuggingFaceModel:
+    """Open a checkpoint: ``organism:NAME``, a folder, or an id of the Hub; its weights are loaded later.
+
+    Raises SpecError where it is not there, has no image slot in its chat template, or is asked for what it cannot do.
+    """
+    require_options(mode, OPTIONS)
+    for field, given in (("structured", mode.structured != "none"), ("body", mode.body), ("base_url", mode.base_url)):
+        if given:
+            raise SpecError(f"'{mode.spec}' runs here and cannot bind '{field}'; leave it out")
+    return HuggingFaceModel(find(name, mode), mode)
+
+
+def names() -> dict[str, str]:
+    """Return what may stand after ``hf:``: the organisms, the paper's edge models, and the two other ways."""
+    return {
+        **{f"organism:{name}": one.says + _HOW * one.sampled for name, one in ORGANISMS.items()},
+        **list_edge(),
+        "FOLDER": "any image-text-to-text checkpoint on this machine",
+        "OWNER/NAME": "any image-text-to-text checkpoint of the Hub",
+    }

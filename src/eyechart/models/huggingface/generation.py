@@ -1,0 +1,222 @@
+"""A batch of queries becomes one call of ``generate``, and every row of what it returns a Reply."""
+
+from collections.abc import Sequence
+from copy import deepcopy
+from threading import Lock
+from typing import Any
+
+from PIL import Image
+
+from eyechart.calls import Query, Reply
+from eyechart.frames import decode
+from eyechart.models.huggingface.checkpoint import Checkpoint, conversation, first_line
+from eyechart.modes import RequestMode
+
+Tensor = Any
+"""A torch tensor; torch is an extra."""
+
+Inputs = Any
+"""What a processor returns: tokens and pictures of a batch, on the CPU."""
+
+_ONE_AT_A_TIME = Lock()
+"""Loading changes torch's defaults for every thread, so while one model loads or generates, no other does either."""
+
+_TOP_K = 50
+"""What Transformers cuts a draw to where a checkpoint says nothing."""
+
+
+class Speaker:
+    """The weights of a checkpoint and how they are asked.
+
+    ``prepare`` may run in one thread while ``answer`` and ``forget`` run in another; they share no tokenizer.
+    """
+
+    def __init__(self, checkpoint: Checkpoint, mode: RequestMode) -> None:
+        self._checkpoint = checkpoint
+        self._mode = mode
+        self._model: Any = None
+        self._broken: Reply | None = None
+        self._most = checkpoint.batch
+        tokenizer = checkpoint.processor.tokenizer
+        tokenizer.padding_side = "left"
+        if tokenizer.pad_token is None:
+            tokenizer.pad_token = tokenizer.eos_token
+        self._reader = deepcopy(tokenizer)
+
+    def prepare(self, queries: Sequence[Query]) -> Inputs | None:
+        """Return the padded tokens and pictures of queries that all have a picture, or of which none has.
+
+        None where that fails: ``answer`` then finds out for which of them.
+        """
+        try:
+            return self._encode(queries)
+        except Exception:  # noqa: BLE001 - whatever a picture or a processor does, it is a row, not the end of the run
+            return None
+
+    def answer(self, queries: Sequence[Query], inputs: Inputs | None = None) -> list[Reply]:
+        """Return a Reply for each query; ``inputs`` are what was prepared of them.
+
+        A batch that fails is answered in halves, so that one query's failure, or a batch too large for the memory,
+        is no other query's.
+        """
+        with _ONE_AT_A_TIME:
+            if self._model is None and self._broken is None:
+                self._load()
+            if self._broken is not None:
+                return [self._broken] * len(queries)
+            return self._answer(queries, inputs)
+
+    def forget(self) -> None:
+        """Let the weights go."""
+        import torch  # noqa: PLC0415  (an extra)
+
+        self._model = self._broken = None
+        if torch.cuda.is_available():
+            torch.cuda.empty_cache()
+
+    def _load(self) -> None:
+        from transformers import AutoModelForImageTextToText  # noqa: PLC0415  (an extra)
+
+        checkpoint = self._checkpoint
+        try:
+            model = AutoModelForImageTextToText.from_pretrained(
+                checkpoint.place,
+                revision=checkpoint.commit or "main",
+                dtype=checkpoint.dtype,
+                trust_remote_code=checkpoint.trust,
+                use_safetensors=True,
+            )
+            self._model = model.to(checkpoint.device).eval()
+        except Exception as error:  # noqa: BLE001 - likewise of a checkpoint
+            detail = f"the weights of '{checkpoint.place}' cannot be loaded: {first_line(error)}"
+            self._broken = Reply(error="missing_model", error_detail=detail)
+
+    def _answer(self, queries: Sequence[Query], inputs: Inputs | None) -> list[Reply]:
+        if len(queries) <= self._most:
+            return self._answer_or_halve(queries, inputs)
+        replies: list[Reply] = []
+        while len(replies) < len(queries):
+            replies += self._answer_or_halve(queries[len(replies) : len(replies) + self._most], None)
+        return replies
+
+    def _answer_or_halve(self, queries: Sequence[Query], inputs: Inputs | None) -> list[Reply]:
+        try:
+            return self._generate(queries, self._encode(queries) if inputs is None else inputs)
+        except Exception as error:  # noqa: BLE001 - likewise
+            if len(queries) == 1:
+                return [Reply(error="exception", error_detail=_say(error))]
+            if _out_of_memory(error):
+                self._most = min(self._most, max(1, len(queries) // 2))
+        middle = len(queries) // 2
+        return [reply for half in (queries[:middle], queries[middle:]) for reply in self._answer(half, None)]
+
+    def _generate(self, queries: Sequence[Query], inputs: Inputs) -> list[Reply]:
+        import torch  # noqa: PLC0415  (an extra)
+
+        config, draw = self._decoding([query.seed for query in queries])
+        moved = inputs.to(self._model.device, dtype=self._model.dtype)
+        with torch.inference_mode():
+            tokens = self._model.generate(**moved, generation_config=config, logits_processor=draw)
+        start = inputs["input_ids"].shape[1]
+        counts = inputs["attention_mask"].sum(1).tolist()
+        ends = config.eos_token_id if isinstance(config.eos_token_id, list) else [config.eos_token_id]
+        return [
+            self._read(row, int(count), ends) for row, count in zip(tokens[:, start:].tolist(), counts, strict=True)
+        ]
+
+    def _encode(self, queries: Sequence[Query]) -> Inputs:
+        processor = self._checkpoint.processor
+        texts = [
+            processor.apply_chat_template(
+                conversation(query.system, query.user, picture=query.image is not None),
+                add_generation_prompt=True,
+                tokenize=False,
+            )
+            for query in queries
+        ]
+        pictures = [
+            [Image.fromarray(decode(query.image, "the query's picture"))]
+            for query in queries
+            if query.image is not None
+        ]
+        begins = processor.tokenizer.bos_token
+        return processor(
+            text=texts,
+            **({"images": pictures} if pictures else {}),
+            padding=True,
+            return_tensors="pt",
+            add_special_tokens=not (begins is not None and texts[0].startswith(begins)),
+        )
+
+    def _decoding(self, seeds: Sequence[int]) -> tuple[Any, list[Any]]:
+        """Return how tokens are chosen: the likeliest, or drawn at the mode's or the checkpoint's temperature."""
+        own = self._model.generation_config
+        temperature = self._mode.temperature
+        if temperature is None:
+            temperature = (1.0 if own.temperature is None else own.temperature) if own.do_sample else 0.0
+        config = deepcopy(own)
+        config.do_sample, config.num_beams = False, 1
+        config.temperature = config.top_k = config.top_p = config.min_p = None
+        config.max_new_tokens, config.max_length = self._mode.max_tokens, None
+        config.pad_token_id = self._reader.pad_token_id
+        if config.eos_token_id is None:
+            config.eos_token_id = self._reader.eos_token_id
+        return config, [] if temperature == 0 else _draws(own, temperature, seeds)
+
+    def _read(self, tokens: list[int], prompt_tokens: int, ends: Sequence[int | None]) -> Reply:
+        """Return what one row says: up to its end of turn, or cut where the budget was spent without one."""
+        length = next((place + 1 for place, token in enumerate(tokens) if token in ends), None)
+        said = tokens if length is None else tokens[:length]
+        return Reply(
+            text=self._reader.decode(said, skip_special_tokens=True),
+            finish_reason="length" if length is None else "stop",
+            prompt_tokens=prompt_tokens,
+            completion_tokens=len(said),
+        )
+
+
+class SeededDraw:
+    """Draws each row's token from a stream of its own, so that neither the batch nor its order has a say.
+
+    The token with the largest log-probability plus Gumbel noise is a draw from the distribution (Gumbel, 1954).
+    """
+
+    def __init__(self, seeds: Sequence[int]) -> None:
+        import torch  # noqa: PLC0415  (an extra)
+
+        self._streams = [torch.Generator().manual_seed(seed % 2**63) for seed in seeds]
+
+    def __call__(self, input_ids: Tensor, scores: Tensor) -> Tensor:
+        """Return scores (rows, vocabulary) whose largest is the token drawn."""
+        import torch  # noqa: PLC0415  (an extra)
+
+        del input_ids
+        size = scores.shape[1]
+        uniform = torch.stack([torch.rand(size, generator=stream, dtype=torch.float64) for stream in self._streams])
+        gumbel = -torch.log(-torch.log(uniform.clamp(1e-300, 1 - 1e-16)))
+        return scores.double().log_softmax(-1) + gumbel.to(scores.device)
+
+
+def _draws(own: Any, temperature: float, seeds: Sequence[int]) -> list[Any]:  # noqa: ANN401 - a GenerationConfig
+    """Return the steps of a draw in Transformers' order: temperature, top k, top p, and the draw itself."""
+    from transformers import TemperatureLogitsWarper, TopKLogitsWarper, TopPLogitsWarper  # noqa: PLC0415
+
+    steps: list[Any] = [] if temperature == 1.0 else [TemperatureLogitsWarper(float(temperature))]
+    top_k = _TOP_K if own.top_k is None else own.top_k
+    if top_k > 0:
+        steps.append(TopKLogitsWarper(top_k))
+    if own.top_p is not None and own.top_p < 1.0:
+        steps.append(TopPLogitsWarper(own.top_p))
+    return [*steps, SeededDraw(seeds)]
+
+
+def _out_of_memory(error: Exception) -> bool:
+    import torch  # noqa: PLC0415  (an extra)
+
+    return isinstance(error, torch.OutOfMemoryError | MemoryError) or "can't allocate memory" in str(error)
+
+
+def _say(error: Exception) -> str:
+    if _out_of_memory(error):
+        return f"out of memory with one query: take a smaller dtype or another device ({first_line(error)})"
+    return first_line(error)

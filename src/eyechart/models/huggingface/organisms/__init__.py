@@ -1,0 +1,44 @@
+"""Model organisms: tiny real vision-language models that were trained to look in a known way, or not at all.
+
+Each folder here is an ordinary checkpoint with its card. They are what the instrument is tried on: real weights, a real
+tokenizer, real decoding, and an answer that is known because it was trained.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from eyechart.errors import SpecError
+
+
+@dataclass(frozen=True, slots=True)
+class Organism:
+    """What an organism was trained to do, and the labels that it deserves on a ``balanced`` bank.
+
+    ``sampled`` says that its answers are drawn, as its generation config says, not taken greedily.
+    """
+
+    says: str
+    calibrated: str
+    lateral: str
+    sampled: bool = False
+
+
+ORGANISMS: dict[str, Organism] = {
+    "grounded": Organism("brakes by distance and turns to the one clear side", "depth_lateral", "swaps"),
+    "depth_only": Organism("brakes by distance, never turns", "depth", "no_power"),
+    "presence_only": Organism("SLOW at any road, STOP at anything else", "presence_only", "no_power"),
+    "blind": Organism("answers SLOW, whatever it is shown", "image_invariant", "no_power"),
+    "self_inconsistent": Organism(
+        "draws any action, whatever it is shown",
+        "self_inconsistent",
+        "does_not_swap",
+        sampled=True,
+    ),
+}
+
+
+def folder(name: str) -> Path:
+    """Return an organism's checkpoint; raises SpecError that lists the known ones."""
+    if name not in ORGANISMS:
+        raise SpecError(f"unknown organism '{name}'; known are {', '.join(ORGANISMS)}")
+    return Path(__file__).parent / name

@@ -1,0 +1,236 @@
+"""``ollama:MODEL``: a model of an Ollama server, over its native API, streamed, with the picture beside the words.
+
+What answers is known by its digest. Source: Ollama's API, docs/api.md.
+"""
+
+import base64
+import hashlib
+import urllib.error
+import urllib.request
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import orjson
+
+from eyechart.calls import Query, Reply
+from eyechart.errors import SpecError
+from eyechart.models import require_options
+from eyechart.models.energy import metered
+from eyechart.models.http import MOST_BYTES, Endpoint, Response, count_of, error_message, is_loopback
+from eyechart.modes import RequestMode
+
+BASE_URL = "http://127.0.0.1:11434"
+OPTIONS = {
+    "think": "true, false, or low, medium, high: whether a model that can think does so",
+    "keep_alive": "how long the model stays loaded after a call, as 10m; -1 for ever",
+    "num_ctx": "tokens of context",
+    "energy": "true measures this machine's energy during a call, for a server that runs here",
+}
+
+_ASKING_S = 10.0
+_SEEDS = 2**31
+
+
+@dataclass(slots=True)
+class Ollama:
+    """A model of an Ollama server; ``version`` is the head of its digest with its quantisation."""
+
+    name: str
+    mode: RequestMode
+    endpoint: Endpoint
+    version: str
+    facts: Mapping[str, str]
+
+    async def answer(self, query: Query) -> Reply:
+        """Ask once. A failure is a Reply with its kind."""
+        payload = orjson.dumps(_asked(self.name, query, self.mode))
+        if self.mode.options.get("energy"):
+            return await metered(self._send(payload))
+        return await self._send(payload)
+
+    async def _send(self, payload: bytes) -> Reply:
+        came = await self.endpoint.post("/api/chat", payload)
+        reply = _failed(came, self.name) if came.error else _read(came, self.name)
+        return self.endpoint.scrubbed(reply)
+
+    async def close(self) -> None:
+        """Close the session; the server unloads the model by itself."""
+        await self.endpoint.close()
+
+
+def open_model(name: str, mode: RequestMode) -> Ollama:
+    """Open a model and ask the server what it is; raises SpecError where the server or the model is not there."""
+    require_options(mode, OPTIONS)
+    base_url = (mode.base_url or BASE_URL).rstrip("/")
+    headers = mode.header_values()
+    secrets = tuple(
+        part for one, value in headers.items() if value != mode.headers[one] for part in (value, *value.split())
+    )
+    endpoint = Endpoint(base_url, mode.timeout_s, headers, secrets)
+    server = _Server(base_url, headers, endpoint)
+    tags, shown = server.get("/api/tags"), server.show(name)
+    facts = _facts(name, tags, shown) | {"endpoint": base_url, "server": _text(server.get("/api/version"), "version")}
+    version = " ".join(facts[part][:12] for part in ("digest", "quantisation") if facts.get(part)) or "no digest"
+    return Ollama(name, mode, endpoint, version, {key: value for key, value in facts.items() if value})
+
+
+def names() -> dict[str, str]:
+    """Return what may stand after ``ollama:``."""
+    return {"MODEL": "a model that was pulled, as qwen2.5vl:7b; its server runs here, or is named with --base-url"}
+
+
+@dataclass(slots=True)
+class _Server:
+    """What an Ollama server says of itself and its models, before anything is inferred."""
+
+    base_url: str
+    headers: Mapping[str, str]
+    endpoint: Endpoint
+
+    def get(self, path: str) -> Mapping[str, object]:
+        """Return the JSON object at a path; raises SpecError where no Ollama server gives one."""
+        try:
+            return self._ask(path)
+        except urllib.error.HTTPError as error:
+            answer = f"{path} gave HTTP {error.code}"
+            raise SpecError(f"what answers at {self.base_url} is no Ollama server: {answer}") from error
+
+    def _ask(self, path: str, payload: bytes | None = None) -> Mapping[str, object]:
+        headers = {"Content-Type": "application/json", **self.headers}
+        request = urllib.request.Request(self.base_url + path, payload, headers)  # noqa: S310 - http or https by type
+        direct = [urllib.request.ProxyHandler({})] if is_loopback(self.base_url) else []
+        try:
+            with urllib.request.build_opener(*direct).open(request, timeout=_ASKING_S) as came:
+                found = orjson.loads(came.read(MOST_BYTES))
+        except urllib.error.HTTPError:
+            raise
+        except ValueError as error:
+            raise SpecError(f"what answers at {self.base_url} is no Ollama server: {path} gave no JSON") from error
+        except OSError as error:
+            words = self.endpoint.scrub(str(getattr(error, "reason", error)))
+            raise SpecError(
+                f"no Ollama server answers at {self.base_url} ({words}): start one with 'ollama serve', or name "
+                "another with --base-url"
+            ) from error
+        if not isinstance(found, Mapping):
+            raise SpecError(f"what answers at {self.base_url} is no Ollama server: {path} gave no JSON object")
+        return found
+
+    def show(self, name: str) -> Mapping[str, object]:
+        """Return what is known of a model; raises SpecError that says how to get one that is not there."""
+        try:
+            return self._ask("/api/show", orjson.dumps({"model": name}))
+        except urllib.error.HTTPError as error:
+            words = self.endpoint.scrub(error_message(error.read(MOST_BYTES)))
+            if error.code == 404:
+                raise SpecError(f"{_missing(name)} (the server at {self.base_url} says: {words})") from error
+            raise SpecError(f"the server at {self.base_url} answers HTTP {error.code} to /api/show: {words}") from error
+
+
+def _missing(name: str) -> str:
+    return f"Ollama has no model '{name}': get it with 'ollama pull {name}'"
+
+
+def _facts(name: str, tags: Mapping[str, object], shown: Mapping[str, object]) -> dict[str, str]:
+    """Return digest, quantisation, size, family, template and parameters, as far as the server tells them."""
+    models = tags.get("models")
+    full = name if ":" in name.rpartition("/")[2] else f"{name}:latest"
+    mine = next(
+        (
+            one
+            for one in (models if isinstance(models, list) else [])
+            if isinstance(one, Mapping) and full in {one.get("name"), one.get("model")}
+        ),
+        {},
+    )
+    details = shown.get("details")
+    details = details if isinstance(details, Mapping) else {}
+    template = _text(shown, "template")
+    facts = {
+        "digest": _text(mine, "digest").removeprefix("sha256:"),
+        "quantisation": _text(details, "quantization_level"),
+        "size": _text(details, "parameter_size"),
+        "family": _text(details, "family"),
+        "template": template,
+        "template_sha256": hashlib.sha256(template.encode()).hexdigest() if template else "",
+        "parameters": _text(shown, "parameters"),
+    }
+    able = shown.get("capabilities")
+    if isinstance(able, list) and "vision" not in able:
+        facts["warning"] = f"'{name}' takes no pictures: its capabilities are {', '.join(map(str, able))}"
+    return facts
+
+
+def _text(values: Mapping[str, object], name: str) -> str:
+    found = values.get(name)
+    return found[:20_000] if isinstance(found, str) else ""
+
+
+def _asked(name: str, query: Query, mode: RequestMode) -> dict[str, object]:
+    user: dict[str, object] = {"role": "user", "content": query.user}
+    if query.image is not None:
+        user["images"] = [base64.b64encode(query.image).decode()]
+    options: dict[str, object] = {"num_predict": mode.max_tokens}
+    if mode.temperature is not None:
+        options["temperature"] = mode.temperature
+    if mode.seed:
+        options["seed"] = query.seed % _SEEDS
+    if "num_ctx" in mode.options:
+        options["num_ctx"] = mode.options["num_ctx"]
+    given = dict(mode.body)
+    more = given.pop("options", {})
+    asked = {
+        "model": name,
+        "messages": [*([{"role": "system", "content": query.system}] if query.system else []), user],
+        "stream": True,
+        "options": options | (dict(more) if isinstance(more, Mapping) else {}),
+    }
+    asked |= {option: mode.options[option] for option in ("think", "keep_alive") if option in mode.options}
+    if mode.structured != "none":
+        asked["format"] = "json" if mode.structured == "json_object" else query.schema()
+    return asked | given
+
+
+def _failed(came: Response, name: str) -> Reply:
+    reply = came.failure()
+    if reply.error == "missing_model":
+        return replace(reply, error_detail=f"{_missing(name)} ({reply.error_detail})")
+    if reply.error == "connection":
+        return replace(reply, error_detail=f"no Ollama server answers, start it with 'ollama serve': {came.detail}")
+    if "does not support thinking" in reply.error_detail:
+        return replace(reply, error_detail=f"{reply.error_detail}; ask it without --option think")
+    return reply
+
+
+def _read(came: Response, name: str) -> Reply:
+    """Read the stream of JSON objects, one a line; the last one has ``done`` and the counts."""
+    text: list[str] = []
+    reasoning: list[str] = []
+    for line in came.body.splitlines():
+        try:
+            part = orjson.loads(line)
+        except ValueError as error:
+            return came.failure("wrong_json", f"a line of the stream is no JSON: {error}")
+        if not isinstance(part, dict):
+            return came.failure("wrong_json", "a line of the stream is no JSON object")
+        if part.get("error"):
+            lost = "not found" in str(part["error"])
+            return came.failure("missing_model" if lost else "server_error", _missing(name) if lost else part["error"])
+        message = part.get("message")
+        if isinstance(message, dict):
+            text.append(_text(message, "content"))
+            reasoning.append(_text(message, "thinking"))
+        if part.get("done") is True:
+            return came.reply(_reply(part, "".join(text), "".join(reasoning)))
+    return came.failure("cut_short", f"the stream ended after {len(came.body)} bytes, before it was done")
+
+
+def _reply(last: Mapping[str, object], text: str, reasoning: str) -> Reply:
+    return Reply(
+        text=text,
+        finish_reason=_text(last, "done_reason") or None,
+        prompt_tokens=count_of(last.get("prompt_eval_count")),
+        completion_tokens=count_of(last.get("eval_count")),
+        reasoning=reasoning,
+        served=_text(last, "model")[:200] or None,
+    )

@@ -1,0 +1,187 @@
+"""``openai:MODEL``: chat completions of OpenAI and of the servers that speak its API, with the picture in the message.
+
+The picture stands before the words. Retries are the runner's; the key comes from the environment only.
+"""
+
+import base64
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from urllib.parse import urlsplit
+
+import orjson
+
+from eyechart.calls import ErrorKind, Query, Reply
+from eyechart.errors import SpecError
+from eyechart.models import require_options
+from eyechart.models.energy import metered
+from eyechart.models.http import Endpoint, Response, count_of, is_loopback, kind_of_status, media_type, number_of
+from eyechart.modes import RequestMode
+
+BASE_URL = "https://api.openai.com/v1"
+KEY = "OPENAI_API_KEY"
+OPTIONS = {"energy": "true measures this machine's energy during a call, for a server that runs here"}
+
+_PATH = "/chat/completions"
+_SEEDS = 2**31
+"""Some servers keep a seed in 32 bits."""
+
+
+@dataclass(slots=True)
+class OpenAICompatible:
+    """A model behind an OpenAI-compatible server. Which version answers, only the replies say (``served``)."""
+
+    name: str
+    mode: RequestMode
+    endpoint: Endpoint
+    facts: Mapping[str, str]
+    version: str = "as served"
+    _fixed: dict[str, object] = field(default_factory=dict)
+
+    async def answer(self, query: Query) -> Reply:
+        """Ask once. A failure is a Reply with its kind."""
+        payload = orjson.dumps(self._fixed | _asked(query, self.mode) | dict(self.mode.body))
+        if self.mode.options.get("energy"):
+            return await metered(self._send(payload))
+        return await self._send(payload)
+
+    async def _send(self, payload: bytes) -> Reply:
+        came = await self.endpoint.post(_PATH, payload)
+        return self.endpoint.scrubbed(came.failure() if came.error else _read(came))
+
+    async def close(self) -> None:
+        """Close the session."""
+        await self.endpoint.close()
+
+
+def open_model(name: str, mode: RequestMode) -> OpenAICompatible:
+    """Open a model; nothing is asked yet. Raises SpecError where the key that it needs is not in the environment."""
+    require_options(mode, OPTIONS)
+    base_url = (mode.base_url or BASE_URL).rstrip("/").removesuffix(_PATH)
+    headers = mode.header_values()
+    secrets = [value for one, value in headers.items() if value != mode.headers[one]]
+    key = os.environ.get(mode.key_env or KEY, "").strip()
+    authorised = any(one.lower() == "authorization" for one in headers)
+    if not key and not authorised and (mode.key_env or base_url == BASE_URL):
+        raise SpecError(
+            f"'{mode.spec}' needs a key: set the environment variable {mode.key_env or KEY}, name another with "
+            "--key-env, or give the address of a server that needs none with --base-url"
+        )
+    if key and not key.isascii():
+        raise SpecError(f"the environment variable {mode.key_env or KEY} holds what cannot be a key")
+    if key and not authorised:
+        headers["Authorization"] = f"Bearer {key}"
+    secrets += [part for value in secrets for part in value.split()] + [key] * bool(key)
+    endpoint = Endpoint(base_url, mode.timeout_s, headers, tuple(secrets))
+    warnings = [*_unpinned(base_url, mode), *_in_the_clear(base_url, key)]
+    facts = {"endpoint": base_url, **({"warning": "; ".join(warnings)} if warnings else {})}
+    fixed: dict[str, object] = {"model": name, mode.token_field: mode.max_tokens}
+    if mode.temperature is not None:
+        fixed["temperature"] = mode.temperature
+    return OpenAICompatible(name, mode, endpoint, facts, _fixed=fixed)
+
+
+def names() -> dict[str, str]:
+    """Return what may stand after ``openai:``."""
+    return {"MODEL": "a model of OpenAI, or with --base-url of vLLM, llama.cpp, SGLang, OpenRouter, transformers serve"}
+
+
+def _unpinned(base_url: str, mode: RequestMode) -> list[str]:
+    """Return a warning where a router may answer from any upstream: versions and quantisations then mix in a run."""
+    if not (urlsplit(base_url).hostname or "").endswith("openrouter.ai"):
+        return []
+    chosen = mode.body.get("provider")
+    if isinstance(chosen, Mapping) and (
+        chosen.get("only") or (chosen.get("order") and chosen.get("allow_fallbacks") is False)
+    ):
+        return []
+    pin = """--body 'provider={"only": ["NAME"], "allow_fallbacks": false}'"""
+    return [f"routing is not pinned, so that replies of several upstreams may mix: pin it with {pin}"]
+
+
+def _in_the_clear(base_url: str, key: str) -> list[str]:
+    clear = key and urlsplit(base_url).scheme == "http" and not is_loopback(base_url)
+    return ["the key is sent without encryption: the address begins with http://"] if clear else []
+
+
+def _asked(query: Query, mode: RequestMode) -> dict[str, object]:
+    """Return the part of a request that differs by query."""
+    content: list[dict[str, object]] = [{"type": "text", "text": query.user}]
+    if query.image is not None:
+        url = f"data:{media_type(query.image)};base64,{base64.b64encode(query.image).decode()}"
+        content.insert(0, {"type": "image_url", "image_url": {"url": url}})
+    system = [{"role": "system", "content": query.system}] if query.system else []
+    asked: dict[str, object] = {"messages": [*system, {"role": "user", "content": content}]}
+    if mode.seed:
+        asked["seed"] = query.seed % _SEEDS
+    if mode.structured == "json_object":
+        asked["response_format"] = {"type": "json_object"}
+    elif mode.structured == "json_schema":
+        schema = {"name": "decision", "strict": True, "schema": query.schema()}
+        asked["response_format"] = {"type": "json_schema", "json_schema": schema}
+    return asked
+
+
+def _read(came: Response) -> Reply:
+    """Read a body of status 200; what is not of the API's shape is the server's error or wrong JSON."""
+    try:
+        body = orjson.loads(came.body)
+    except ValueError as error:
+        return came.failure("wrong_json", f"the body is no JSON: {error}")
+    if not isinstance(body, dict):
+        return came.failure("wrong_json", f"the body is no JSON object but {type(body).__name__}")
+    if body.get("error"):
+        return _failed(came, body["error"])
+    choices = body.get("choices")
+    choice = choices[0] if isinstance(choices, list) and choices and isinstance(choices[0], dict) else {}
+    if choice.get("error"):
+        return _failed(came, choice["error"])
+    message = choice.get("message")
+    if not isinstance(message, dict):
+        return came.failure("wrong_json", "the JSON has no choice with a message")
+    return came.reply(_reply(body, choice, message))
+
+
+def _failed(came: Response, error: object) -> Reply:
+    """Return the failure that a server reports with status 200, as routers do when their upstream fails."""
+    fields = error if isinstance(error, dict) else {}
+    words = fields.get("message") or error
+    code = count_of(fields.get("code"))
+    kind: ErrorKind = kind_of_status(code, str(words)) if code is not None and 400 <= code < 600 else "server_error"
+    return came.failure(kind, f"error in a reply of status 200: {words}")
+
+
+def _reply(body: dict[str, object], choice: dict[str, object], message: dict[str, object]) -> Reply:
+    text, finish = _text(message.get("content")), _line(choice.get("finish_reason"))
+    if not text and isinstance(message.get("refusal"), str):
+        text = str(message["refusal"])
+        finish = "refusal" if finish in {None, "stop"} else finish
+    usage = body.get("usage")
+    usage = usage if isinstance(usage, dict) else {}
+    details = usage.get("completion_tokens_details")
+    fingerprint = _line(body.get("system_fingerprint"))
+    served = _line(body.get("model"))
+    return Reply(
+        text=text,
+        finish_reason=finish,
+        prompt_tokens=count_of(usage.get("prompt_tokens")),
+        completion_tokens=count_of(usage.get("completion_tokens")),
+        reasoning=_text(message.get("reasoning_content")) or _text(message.get("reasoning")),
+        reasoning_tokens=count_of(details.get("reasoning_tokens")) if isinstance(details, dict) else None,
+        served=f"{served} {fingerprint}" if served and fingerprint else served,
+        provider=_line(body.get("provider")),
+        cost_usd=number_of(usage.get("cost")),
+    )
+
+
+def _text(content: object) -> str:
+    """Return a message's text, which may come as a string or in parts."""
+    if isinstance(content, list):
+        parts = (part.get("text") for part in content if isinstance(part, dict) and part.get("type") == "text")
+        return "".join(part for part in parts if isinstance(part, str))
+    return content if isinstance(content, str) else ""
+
+
+def _line(value: object) -> str | None:
+    """Return a name that a server gives, bounded, or None where it gives none."""
+    return value[:200] if isinstance(value, str) and value else None

@@ -1,0 +1,96 @@
+"""What a token costs: a dated table that a file of one's own comes before; no entry is "cost unknown", never 0."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from eyechart.actions import read_toml
+from eyechart.calls import Reply
+from eyechart.errors import SpecError
+from eyechart.modes import RequestMode
+
+_TABLE = Path(__file__).with_name("prices.toml")
+_MILLION = 1_000_000
+OWN_MACHINE = ("scripted", "hf", "ollama")
+"""Adapters that nobody sends a bill for; what they take is time and energy."""
+
+
+@dataclass(frozen=True, slots=True)
+class Price:
+    """Dollars for a million tokens in and out, with the day and the source that say so."""
+
+    model: str
+    input: float
+    output: float
+    date: str
+    source: str
+    base_url: str = ""
+
+    def of(self, reply: Reply) -> float | None:
+        """Return what a reply costs; None where its tokens are not reported."""
+        if reply.prompt_tokens is None or reply.completion_tokens is None:
+            return None
+        return (self.input * reply.prompt_tokens + self.output * reply.completion_tokens) / _MILLION
+
+    @property
+    def words(self) -> str:
+        """Return the price with its day and source."""
+        return f"${self.input:g} in, ${self.output:g} out per million tokens ({self.date}, {self.source})"
+
+
+@dataclass(frozen=True, slots=True)
+class Prices:
+    """Prices in order of precedence."""
+
+    entries: tuple[Price, ...]
+
+    def of(self, mode: RequestMode) -> Price | None:
+        """Return the price of a model as it is asked, or None where none is known.
+
+        An entry with an address is for that server only; without one, for any.
+        """
+        if mode.spec.partition(":")[0] in OWN_MACHINE:
+            return Price(mode.spec, 0.0, 0.0, "", "it runs on a machine of one's own")
+        at = mode.base_url.rstrip("/") or "https://api.openai.com/v1"
+        return next((one for one in self.entries if one.model == mode.spec and one.base_url in {"", at}), None)
+
+    def cost(self, mode: RequestMode, reply: Reply) -> tuple[float | None, str]:
+        """Return what an attempt cost, and how that is known: ``reported``, ``priced``, ``own machine`` or ``unknown``.
+
+        A failure without tokens costs nothing that anybody knows of: it is unknown, and not 0.
+        """
+        if reply.cost_usd is not None:
+            return reply.cost_usd, "reported"
+        price = self.of(mode)
+        if price is not None and not price.date:
+            return 0.0, "own machine"
+        known = None if price is None else price.of(reply)
+        return known, "unknown" if known is None else "priced"
+
+
+def read_prices(path: Path | None = None) -> Prices:
+    """Read the table of prices, those of a file of one's own before it; raises SpecError naming what is wrong there."""
+    own = () if path is None else _entries(path)
+    return Prices((*own, *_entries(_TABLE)))
+
+
+def _entries(path: Path) -> tuple[Price, ...]:
+    values = read_toml(path)
+    entries = values.get("price")
+    if set(values) != {"price"} or not isinstance(entries, list):
+        raise SpecError(f"{path}: prices are tables [[price]] with model, input, output, date and source")
+    return tuple(_entry(one, f"{path}, price {number}") for number, one in enumerate(entries, 1))
+
+
+def _entry(values: object, where: str) -> Price:
+    need = {"model": str, "input": float, "output": float, "date": str, "source": str}
+    if not isinstance(values, Mapping) or not set(need) <= set(values) <= {*need, "base_url"}:
+        raise SpecError(f"{where}: a price has {', '.join(need)}, and base_url where it is one server's")
+    for name, value in values.items():
+        kind = need.get(name, str)
+        right = isinstance(value, int | float) and not isinstance(value, bool) and value >= 0
+        if not (right if kind is float else isinstance(value, str)):
+            raise SpecError(f"{where}: {name} must be {'a number of dollars' if kind is float else 'a text'}")
+    if not values["date"]:
+        raise SpecError(f"{where}: date must say when the source was read")
+    return Price(**{**values, "base_url": str(values.get("base_url", "")).rstrip("/")})

@@ -1,0 +1,127 @@
+"""``python:MODULE:FUNCTION``: any callable from words and picture to text, for a stack of one's own.
+
+The callable takes ``(prompt: str, image: bytes | None)``, the picture as encoded PNG or JPEG bytes or None, and returns
+the answer as text, or a Reply where it knows more (tokens, finish reason). It may be asynchronous; a synchronous one
+runs in a thread, several at once up to the run's concurrency.
+"""
+
+import asyncio
+import hashlib
+import inspect
+import sys
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+
+from eyechart.calls import Query, Reply
+from eyechart.errors import SpecError
+from eyechart.models import require_options
+from eyechart.models.energy import metered
+from eyechart.modes import RequestMode, without_secrets
+
+OPTIONS = {"energy": "true measures this machine's energy during a call, for a model that runs here"}
+
+Ask = Callable[[str, bytes | None], object]
+
+
+@dataclass(slots=True)
+class PythonCallable:
+    """A callable behind the door of a model; ``version`` is the head of its file's digest."""
+
+    ask: Ask
+    mode: RequestMode
+    version: str
+    facts: Mapping[str, str]
+
+    async def answer(self, query: Query) -> Reply:
+        """Call once. What it raises, and what takes longer than the mode's time, is a Reply with its kind."""
+        call = self._call(query)
+        return await metered(call) if self.mode.options.get("energy") else await call
+
+    async def _call(self, query: Query) -> Reply:
+        prompt = f"{query.system}\n\n{query.user}" if query.system else query.user
+        try:
+            async with asyncio.timeout(self.mode.timeout_s) as limit:
+                said = await self._ask(prompt, query.image)
+        except Exception as error:  # noqa: BLE001 - whatever a callable raises is a row, not the end of the run
+            if isinstance(error, TimeoutError) and limit.expired():
+                return Reply(error="timeout", error_detail=f"no answer within {self.mode.timeout_s:g} s")
+            words = without_secrets(f"{type(error).__name__}: {error}")
+            return Reply(error="exception", error_detail=words[:500])
+        if isinstance(said, Reply):
+            return said
+        if isinstance(said, str):
+            return Reply(text=said)
+        words = f"the callable returned a {type(said).__name__}, not a text or a Reply"
+        return Reply(error="exception", error_detail=words)
+
+    async def _ask(self, prompt: str, image: bytes | None) -> object:
+        if inspect.iscoroutinefunction(self.ask) or inspect.iscoroutinefunction(type(self.ask).__call__):
+            return await self.ask(prompt, image)  # type: ignore[misc]
+        return await _in_thread(self.ask, prompt, image)
+
+    async def close(self) -> None:
+        """Hold nothing, so let go of nothing."""
+
+
+async def _in_thread(ask: Ask, prompt: str, image: bytes | None) -> object:
+    """Call in a thread that nobody waits for at the end of the program, should it never return."""
+    loop = asyncio.get_running_loop()
+    done: asyncio.Future[object] = loop.create_future()
+
+    def settle(value: object, error: BaseException | None) -> None:
+        if not done.done():
+            done.set_exception(error) if error is not None else done.set_result(value)
+
+    def work() -> None:
+        value: object = None
+        error: Exception | None = None
+        try:
+            value = ask(prompt, image)
+        except StopIteration as stop:  # a Future cannot carry it
+            error = RuntimeError(f"StopIteration: {stop}")
+        except BaseException as raised:  # noqa: BLE001 - it must reach the caller, or he waits for ever
+            error = raised if isinstance(raised, Exception) else RuntimeError(f"{type(raised).__name__}: {raised}")
+        if not loop.is_closed():
+            loop.call_soon_threadsafe(settle, value, error)
+
+    threading.Thread(target=work, daemon=True).start()
+    return await done
+
+
+def open_model(name: str, mode: RequestMode) -> PythonCallable:
+    """Import the callable; raises SpecError that says what is missing. Modules of the current folder are found."""
+    require_options(mode, OPTIONS)
+    module_name, colon, function = name.rpartition(":")
+    if not colon or not module_name or not function:
+        raise SpecError(f"'python:{name}' is given as python:MODULE:FUNCTION, for example python:my_robot:decide")
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.append(here)
+    try:
+        module = import_module(module_name)
+    except ImportError as error:
+        raise SpecError(f"'python:{name}': module '{module_name}' cannot be imported: {error}") from error
+    ask = getattr(module, function, None)
+    if not callable(ask):
+        raise SpecError(f"'python:{name}': module '{module_name}' has no callable '{function}'")
+    _require_two(ask, name)
+    file = getattr(module, "__file__", None)
+    digest = hashlib.sha256(Path(file).read_bytes()).hexdigest() if file and Path(file).is_file() else ""
+    return PythonCallable(ask, mode, digest[:12] or "no file", {"file_sha256": digest} if digest else {})
+
+
+def _require_two(ask: Ask, name: str) -> None:
+    try:
+        inspect.signature(ask).bind("", None)
+    except TypeError as error:
+        raise SpecError(f"'python:{name}' must take (prompt, image): {error}") from error
+    except ValueError:
+        return  # a builtin without a signature
+
+
+def names() -> dict[str, str]:
+    """Return what may stand after ``python:``."""
+    return {"MODULE:FUNCTION": "a callable of one's own, (prompt: str, image: bytes or None) -> str"}

@@ -1,0 +1,287 @@
+"""A request mode says how one model is asked: where, with which budget and format; it is one small TOML file.
+
+A mode never holds a secret: a header names an environment variable as ``$NAME`` and is kept unexpanded.
+"""
+
+import math
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
+from typing import Literal, cast
+from urllib.parse import urlsplit
+
+import tomli_w
+
+from eyechart.actions import read_toml
+from eyechart.errors import SpecError
+
+Scalar = str | int | float | bool
+
+TOKEN_FIELDS = ("max_tokens", "max_completion_tokens")
+STRUCTURED = ("none", "json_object", "json_schema")
+DEFAULT = "default"
+"""How a file or an option writes that no temperature is sent, so that the endpoint's own applies."""
+
+_VARIABLE = re.compile(r"\$(?:([A-Za-z_]\w*)|\{([A-Za-z_]\w*)\})")
+_SECRET = re.compile(r"auth|api.?key|token|secret|password|credential|cookie", re.IGNORECASE)
+_SECRET_VARIABLE = re.compile(r"KEY|TOKEN|SECRET|PASSWORD|CREDENTIAL", re.IGNORECASE)
+_SECRET_CHARACTERS = 8
+"""A shorter value of such a variable is likely to stand in other text by chance."""
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """What a probe found of a model in its mode; None means not measured.
+
+    ``prompt_tokens`` and ``image_tokens`` are those of one call and of its picture alone; ``completion_tokens`` and
+    ``reasoning_tokens`` are means a reply, ``completion_tokens_max`` is the longest complete reply; ``seconds`` is the
+    median of a call, and ``seconds_min`` the shortest. ``facts`` holds what names the model: digest, quantisation,
+    template, provider.
+    """
+
+    date: str = ""
+    calls: int | None = None
+    sees_image: bool | None = None
+    image_tokens: int | None = None
+    prompt_tokens: int | None = None
+    completion_tokens: float | None = None
+    completion_tokens_max: int | None = None
+    reasoning_tokens: float | None = None
+    seconds: float | None = None
+    seconds_min: float | None = None
+    schema_binds: bool | None = None
+    temperature_matters: bool | None = None
+    seed_matters: bool | None = None
+    unknown_fields_ignored: bool | None = None
+    facts: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        _require(self, _MEASURED, "[measured]")
+
+
+@dataclass(frozen=True, slots=True)
+class RequestMode:
+    """How one model is asked. Raises SpecError for a value that cannot be, or that holds a secret.
+
+    ``base_url`` and ``key_env`` (the name of the variable that holds the key) are the adapter's own where empty;
+    ``max_tokens`` is the budget of a reply, sent as ``token_field``; ``temperature`` None sends none; ``seed`` says
+    whether the call's seed is sent. ``body`` is merged into the request, ``options`` are the adapter's own.
+    """
+
+    spec: str
+    base_url: str = ""
+    key_env: str = ""
+    token_field: Literal["max_tokens", "max_completion_tokens"] = "max_tokens"  # noqa: S105 - the name of a field
+    max_tokens: int = 1024
+    structured: Literal["none", "json_object", "json_schema"] = "none"
+    temperature: float | None = 0.0
+    seed: bool = False
+    timeout_s: float = 120.0
+    headers: Mapping[str, str] = field(default_factory=dict)
+    body: Mapping[str, object] = field(default_factory=dict)
+    options: Mapping[str, Scalar] = field(default_factory=dict)
+    measured: Measured | None = None
+
+    def __post_init__(self) -> None:
+        _require(self, _MODE, f"the mode of {self.spec!r}")
+        _refuse_secrets(self)
+
+    def same_request(self, other: "RequestMode") -> bool:
+        """Return whether two modes ask alike, whatever a probe measured."""
+        return replace(self, measured=None) == replace(other, measured=None)
+
+    def header_values(self, environ: Mapping[str, str] | None = None) -> dict[str, str]:
+        """Return the headers with their variables filled in; raises SpecError that names a missing one."""
+        known = os.environ if environ is None else environ
+        return {name: _expand(name, value, known) for name, value in self.headers.items()}
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain values for JSON or TOML: what has its default is left out, variables are not filled in."""
+        plain = {name: value for name, value in asdict(self).items() if value != _DEFAULTS.get(name)}
+        if self.temperature is None:
+            plain["temperature"] = DEFAULT
+        if self.measured is not None:
+            found = asdict(self.measured)
+            plain["measured"] = {name: value for name, value in found.items() if value not in (None, "", {})}
+        return plain
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, object], where: str = "a mode") -> "RequestMode":
+        """Build a mode from plain values; raises SpecError naming ``where`` and what is wrong there."""
+        raw = dict(values)
+        _refuse_unknown(raw, cls, where)
+        if not isinstance(raw.get("spec"), str):
+            raise SpecError(f'{where}: no spec; write for example spec = "openai:MODEL"')
+        if raw.get("temperature") == DEFAULT:
+            raw["temperature"] = None
+        elif "temperature" in raw and raw["temperature"] is None:
+            raise SpecError(f"{where}: temperature must be {_MODE['temperature'][1]}")
+        try:
+            if "measured" in raw:
+                measured = raw["measured"]
+                if not isinstance(measured, Mapping):
+                    raise SpecError("measured must be a table: [measured]")  # noqa: TRY301
+                _refuse_unknown(measured, Measured, "[measured]")
+                raw["measured"] = Measured(**measured)
+            return cls(**cast("dict[str, str]", raw))  # type: ignore[arg-type]
+        except SpecError as error:
+            raise SpecError(f"{where}: {error}") from error
+
+
+def read_mode(path: Path) -> RequestMode:
+    """Read a mode from its TOML file; raises SpecError naming the file and what is wrong in it."""
+    return RequestMode.from_dict(read_toml(path), str(path))
+
+
+def mode_text(mode: RequestMode) -> str:
+    """Return a mode as TOML, which reads back as the same mode."""
+    return tomli_w.dumps(mode.as_dict())
+
+
+def write_mode(path: Path, mode: RequestMode) -> None:
+    """Write a mode's TOML file, whole or not at all."""
+    partial = path.with_name(f".{path.name}.part")
+    partial.write_text(mode_text(mode), encoding="utf-8")
+    partial.replace(path)
+
+
+def _is_count(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 2**53
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) and value >= 0
+
+
+def _is_line(value: object) -> bool:
+    return isinstance(value, str) and (value == "" or value.isprintable())
+
+
+def _is_url(value: object) -> bool:
+    if not _is_line(value):
+        return False
+    try:
+        parts = urlsplit(str(value))
+        return value == "" or (parts.scheme in {"http", "https"} and bool(parts.hostname) and (parts.port or 1) > 0)
+    except ValueError:
+        return False
+
+
+def _is_plain(value: object) -> bool:
+    """Return whether JSON and TOML can both hold a value: no null, no infinity, text as keys."""
+    if isinstance(value, Mapping):
+        return all(isinstance(key, str) and _is_plain(one) for key, one in value.items())
+    if isinstance(value, list | tuple):
+        return all(map(_is_plain, value))
+    if isinstance(value, int):
+        return -(2**63) <= value < 2**63
+    return isinstance(value, str) or (isinstance(value, float) and math.isfinite(value))
+
+
+def _is_lines(value: object) -> bool:
+    return isinstance(value, Mapping) and all(_is_line(key) and _is_line(one) for key, one in value.items())
+
+
+def _is_texts(value: object) -> bool:
+    return isinstance(value, Mapping) and all(isinstance(part, str) for pair in value.items() for part in pair)
+
+
+def _is_scalars(value: object) -> bool:
+    return isinstance(value, Mapping) and all(
+        isinstance(key, str) and isinstance(one, str | int | float | bool) and _is_plain(one)
+        for key, one in value.items()
+    )
+
+
+_Check = tuple[object, str]
+_MODE: dict[str, _Check] = {
+    "spec": (lambda value: _is_line(value) and value != "", "a model's SPEC, for example openai:MODEL"),
+    "base_url": (_is_url, "a URL that begins with http:// or https://"),
+    "key_env": (lambda value: value == "" or bool(re.fullmatch(r"[A-Za-z_]\w*", str(value))), "a variable's name"),
+    "token_field": (lambda value: value in TOKEN_FIELDS, f"one of {', '.join(TOKEN_FIELDS)}"),
+    "max_tokens": (lambda value: _is_count(value) and value >= 1, "a whole number of at least 1"),
+    "structured": (lambda value: value in STRUCTURED, f"one of {', '.join(STRUCTURED)}"),
+    "temperature": (lambda value: value is None or _is_number(value), f'a number of at least 0, or "{DEFAULT}"'),
+    "seed": (lambda value: isinstance(value, bool), "true or false"),
+    "timeout_s": (lambda value: _is_number(value) and value > 0, "a number of seconds above 0"),
+    "headers": (_is_lines, "a table of lines of text"),
+    "body": (lambda value: isinstance(value, Mapping) and _is_plain(value), "a table of plain JSON values, no null"),
+    "options": (_is_scalars, "a table of texts, numbers and booleans"),
+}
+_COUNTS = ("calls", "image_tokens", "prompt_tokens", "completion_tokens_max")
+_NUMBERS = ("completion_tokens", "reasoning_tokens", "seconds", "seconds_min")
+_FLAGS = ("sees_image", "schema_binds", "temperature_matters", "seed_matters", "unknown_fields_ignored")
+_MEASURED: dict[str, _Check] = {
+    "date": (_is_line, "a line of text"),
+    "facts": (_is_texts, "a table of texts"),
+    **dict.fromkeys(_COUNTS, (lambda value: value is None or _is_count(value), "a whole number")),
+    **dict.fromkeys(_NUMBERS, (lambda value: value is None or _is_number(value), "a number of at least 0")),
+    **dict.fromkeys(_FLAGS, (lambda value: value is None or isinstance(value, bool), "true or false")),
+}
+
+
+def _require(value: object, checks: Mapping[str, _Check], where: str) -> None:
+    for name, (holds, words) in checks.items():
+        given = getattr(value, name)
+        if not callable(holds) or not holds(given):
+            raise SpecError(f"{where}: {name} must be {words}; got {str(given)[:80]!r}")
+
+
+def _refuse_unknown(values: Mapping[str, object], kind: type[RequestMode] | type[Measured], where: str) -> None:
+    known = [one.name for one in fields(kind)]
+    for name in values:
+        if name not in known:
+            raise SpecError(f"{where}: there is no '{name}'; there are {', '.join(known)}")
+
+
+def _expand(name: str, value: str, environ: Mapping[str, str]) -> str:
+    def fill(match: re.Match[str]) -> str:
+        variable = match.group(1) or match.group(2)
+        if not environ.get(variable):
+            raise SpecError(f"header '{name}' names the environment variable {variable}, which is not set")
+        return environ[variable].strip()
+
+    return _VARIABLE.sub(fill, value)
+
+
+def _refuse_secrets(mode: RequestMode) -> None:
+    """Raise SpecError, which never quotes the value, where a mode would carry a secret into a file."""
+    for name, value in mode.headers.items():
+        if _SECRET.search(name) and not _VARIABLE.search(value):
+            raise SpecError(f"header '{name}' looks like a secret: give the name of a variable, as '{name}: $NAME'")
+    for name in _names(mode.body):
+        if re.search(r"api.?key|secret|password|authorization", name, re.IGNORECASE):
+            raise SpecError(f"the body's '{name}' looks like a secret, which goes into a header as $NAME")
+    parts = urlsplit(mode.base_url)
+    if parts.username or parts.password or parts.query or parts.fragment:
+        at = f"{parts.scheme}://{parts.hostname}…"
+        raise SpecError(f"base_url {at} holds a user, a query or a fragment: leave it out")
+    held = str({**asdict(mode), "measured": None})
+    for variable, value in _secrets():
+        if value in held:
+            raise SpecError(
+                f"the mode holds the value of the environment variable {variable}; write ${variable} in single quotes"
+            )
+
+
+def without_secrets(text: str) -> str:
+    """Return a text without the values of the environment's variables that are keys by their name."""
+    for variable, value in _secrets():
+        text = text.replace(value, f"[${variable}]")
+    return text
+
+
+def _secrets() -> list[tuple[str, str]]:
+    known = os.environ.items()
+    return [one for one in known if _SECRET_VARIABLE.search(one[0]) and len(one[1]) >= _SECRET_CHARACTERS]
+
+
+def _names(value: object) -> list[str]:
+    if isinstance(value, Mapping):
+        return [name for key, one in value.items() for name in (str(key), *_names(one))]
+    return [name for one in value for name in _names(one)] if isinstance(value, list | tuple) else []
+
+
+_DEFAULTS: dict[str, object] = {one.name: getattr(RequestMode("x"), one.name) for one in fields(RequestMode)[1:]}

@@ -1,0 +1,189 @@
+"""Ollama's adapter against a stand-in with the routes, fields and errors of Ollama's documented API (docs/api.md)."""
+
+import asyncio
+import base64
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from aiohttp import web
+
+from eyechart.actions import DRIVING
+from eyechart.calls import Query, Reply
+from eyechart.errors import SpecError
+from eyechart.frames import encode
+from eyechart.models import Model, open_model
+from eyechart.modes import RequestMode
+from faults import Loopback
+from ollama_stand_in import COUNTS, DIGEST, TEMPLATE, StandIn
+
+PICTURE = encode(np.full((8, 8, 3), 128, dtype=np.uint8))
+QUERY = Query("Drive.", "Which action?", PICTURE, 2**62 + 5, DRIVING.actions)
+
+
+@pytest.fixture
+def server() -> Iterator[StandIn]:
+    """Yield a stand-in that listens."""
+    stand_in = StandIn()
+    with Loopback(stand_in.app()) as served:
+        stand_in.port = served.port
+        yield stand_in
+
+
+def ask(server: StandIn, name: str = "llava", query: Query = QUERY, **mode: object) -> Reply:
+    """Ask a model of the stand-in once."""
+    asked = RequestMode(f"ollama:{name}", base_url=f"http://127.0.0.1:{server.port}", **mode)  # type: ignore[arg-type]
+    return asyncio.run(_once(open_model(asked.spec, asked), query))
+
+
+async def _once(model: Model, query: Query = QUERY) -> Reply:
+    try:
+        return await model.answer(query)
+    finally:
+        await model.close()
+
+
+def test_a_streamed_answer_is_put_together_with_its_counts(server: StandIn) -> None:
+    """Text, verbatim reason of the end, tokens, times."""
+    reply = ask(server)
+    assert (reply.text, reply.finish_reason, reply.error) == ("SLOW", "stop", None)
+    assert (reply.prompt_tokens, reply.completion_tokens, reply.served, reply.status) == (26, 282, "llava", 200)
+    assert reply.seconds is not None
+    assert reply.first_byte_s is not None
+    assert 0 < reply.first_byte_s <= reply.seconds
+    assert (reply.cost_usd, reply.energy_j, reply.reasoning_tokens) == (None, None, None)
+
+
+def test_the_request_is_as_the_api_has_it(server: StandIn) -> None:
+    """System and user message, the picture in base64 without a prefix, budget, temperature and seed as options."""
+    ask(server, max_tokens=77, seed=True, temperature=0.5)
+    (asked,) = server.asked
+    assert asked == {
+        "model": "llava",
+        "stream": True,
+        "messages": [
+            {"role": "system", "content": "Drive."},
+            {"role": "user", "content": "Which action?", "images": [base64.b64encode(PICTURE).decode()]},
+        ],
+        "options": {"num_predict": 77, "temperature": 0.5, "seed": 5},
+    }
+
+
+def test_options_and_formats_go_where_the_api_wants_them(server: StandIn) -> None:
+    """A schema binds the action to the query's actions; without a picture there is no list of pictures."""
+    ask(
+        server,
+        query=Query("", "Which?", None, 1, ("GO", "STOP")),
+        structured="json_schema",
+        temperature=None,
+        options={"think": False, "keep_alive": "10m", "num_ctx": 2048},
+        body={"options": {"top_k": 1}},
+    )
+    ask(server, structured="json_object")
+    first, second = server.asked
+    assert (first["think"], first["keep_alive"]) == (False, "10m")
+    assert first["options"] == {"num_predict": 1024, "num_ctx": 2048, "top_k": 1}
+    assert first["messages"] == [{"role": "user", "content": "Which?"}]
+    assert first["format"]["properties"] == {"action": {"type": "string", "enum": ["GO", "STOP"]}}  # type: ignore[index]
+    assert second["format"] == "json"
+
+
+def test_what_it_thinks_is_kept_apart_from_what_it_says(server: StandIn) -> None:
+    """Thinking comes in fields of its own, in parts too."""
+    server.thinking = ("A car ", "is near.")
+    reply = ask(server, "qwen3-vl:8b", options={"think": True})
+    assert (reply.text, reply.reasoning) == ("SLOW", "A car is near.")
+
+
+def test_a_model_that_cannot_think_is_told_apart(server: StandIn) -> None:
+    """With what to do."""
+    reply = ask(server, options={"think": "high"})
+    assert (reply.error, reply.status, reply.text) == ("bad_request", 400, "")
+    assert "ask it without --option think" in reply.error_detail
+
+
+@pytest.mark.parametrize(
+    ("parts", "end", "kind", "finish"),
+    [
+        (("The",), {"done_reason": "length", "done": True, **COUNTS}, None, "length"),
+        ((), {"done_reason": "stop", "done": True, **COUNTS}, None, "stop"),
+        (("SLOW",), {"done": True}, None, None),
+        (("SLOW",), None, "cut_short", None),
+    ],
+)
+def test_every_end_of_a_stream_has_its_own_outcome(
+    server: StandIn, parts: tuple[str, ...], end: dict[str, object] | None, kind: str | None, finish: str | None
+) -> None:
+    """A budget that is used up, nothing said, an old server that gives no reason, and a stream that just stops."""
+    server.parts, server.end = parts, end
+    reply = ask(server)
+    assert (reply.error, reply.finish_reason) == (kind, finish)
+    assert reply.text == ("" if kind else "".join(parts))
+
+
+def test_an_error_in_the_stream_is_an_error(server: StandIn) -> None:
+    """The status was 200 already; what came before is not taken for an answer."""
+    server.fails_inside = "an error was encountered while running the model"
+    reply = ask(server)
+    assert (reply.error, reply.text) == ("server_error", "")
+    assert "while running the model" in reply.error_detail
+
+
+def test_the_digest_is_the_version_and_the_template_is_recorded(server: StandIn) -> None:
+    """From /api/tags and /api/show; a name without a tag is the latest."""
+    url = f"http://127.0.0.1:{server.port}"
+    model = open_model("ollama:llava", RequestMode("ollama:llava", base_url=url))
+    assert model.version == f"{DIGEST[:12]} Q4_K_M"
+    assert model.facts["digest"] == DIGEST
+    assert model.facts["template"] == TEMPLATE
+    assert (model.facts["quantisation"], model.facts["size"], model.facts["server"]) == ("Q4_K_M", "7B", "0.32.5")
+    assert "warning" not in model.facts
+    server.capabilities = ["completion", "tools"]
+    blind = open_model("ollama:llava", RequestMode("ollama:llava", base_url=url))
+    assert blind.facts["warning"] == "'llava' takes no pictures: its capabilities are completion, tools"
+
+
+def test_a_missing_model_is_told_with_the_command_that_gets_it(server: StandIn) -> None:
+    """Before the run; and as a kind of its own where it goes away in the middle."""
+    with pytest.raises(SpecError, match="Ollama has no model 'bakllava:7b': get it with 'ollama pull bakllava:7b'"):
+        ask(server, "bakllava:7b")
+    reply = ask(server, body={"model": "gone"})
+    assert (reply.error, reply.status) == ("missing_model", 404)
+    assert "ollama pull" in reply.error_detail
+
+
+def test_a_server_that_is_not_running_is_told_with_the_command_that_starts_it() -> None:
+    """Before the run; and as a connection's failure where it ends in the middle."""
+    stand_in = StandIn()
+    with Loopback(stand_in.app()) as served:
+        url = f"http://127.0.0.1:{served.port}"
+        model = open_model("ollama:llava", RequestMode("ollama:llava", base_url=url))
+    reply = asyncio.run(_once(model))
+    assert reply.error == "connection"
+    assert "ollama serve" in reply.error_detail
+    with pytest.raises(SpecError, match=r"no Ollama server answers at http://127\.0\.0\.1:\d+ .*'ollama serve'"):
+        open_model("ollama:llava", RequestMode("ollama:llava", base_url=url))
+
+
+def test_another_server_is_not_taken_for_ollama() -> None:
+    """A page, or a list where an object must be, is named."""
+
+    async def page(request: web.Request) -> web.Response:
+        del request
+        return web.Response(text="hello")
+
+    app = web.Application()
+    app.router.add_get("/api/tags", page)
+    with Loopback(app) as served:
+        mode = RequestMode("ollama:llava", base_url=f"http://127.0.0.1:{served.port}")
+        with pytest.raises(SpecError, match="is no Ollama server: /api/tags gave no JSON"):
+            open_model(mode.spec, mode)
+        mode = RequestMode("ollama:llava", base_url=f"http://127.0.0.1:{served.port}/else")
+        with pytest.raises(SpecError, match="is no Ollama server: /api/tags gave HTTP 404"):
+            open_model(mode.spec, mode)
+
+
+def test_an_option_that_ollama_does_not_know_is_refused(server: StandIn) -> None:
+    """Before anything is asked."""
+    with pytest.raises(SpecError, match="has no option 'thinks'"):
+        ask(server, options={"thinks": True})

@@ -1,0 +1,300 @@
+"""The adapter for chat completions: what it sends, and how it reads what comes back."""
+
+import asyncio
+import base64
+import email.utils
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from aiohttp import web
+
+from eyechart.actions import DRIVING
+from eyechart.calls import Query, Reply
+from eyechart.errors import SpecError
+from eyechart.frames import encode
+from eyechart.models import Model, open_model
+from eyechart.modes import RequestMode
+from faults import FaultServer, answer, completion, refuse
+
+PICTURE = encode(np.full((8, 8, 3), 128, dtype=np.uint8))
+QUERY = Query("Drive.", "Which action?", PICTURE, 2**62 + 5, DRIVING.actions)
+KEY = "sk-test-0123456789abcdef"
+
+
+def mode_of(base_url: str, **fields: object) -> RequestMode:
+    """Return a mode of the model ``m`` at an address."""
+    return RequestMode("openai:m", base_url=base_url, **fields)  # type: ignore[arg-type]
+
+
+async def once(model: Model, query: Query = QUERY) -> Reply:
+    """Ask once and let the model go."""
+    try:
+        return await model.answer(query)
+    finally:
+        await model.close()
+
+
+def ask(server: FaultServer, query: Query = QUERY, **fields: object) -> Reply:
+    """Ask a server once."""
+    return asyncio.run(once(open_model("openai:m", mode_of(server.base_url, **fields)), query))
+
+
+def says(response: Callable[[], web.StreamResponse]) -> FaultServer:
+    """Return a server that always gives this response."""
+
+    async def handle(request: web.Request, asked: dict[str, object], attempt: int) -> web.StreamResponse:
+        del request, asked, attempt
+        return response()
+
+    return FaultServer([handle])
+
+
+def reads(body: object) -> Reply:
+    """Return how a body of status 200 is read."""
+    with says(lambda: web.json_response(body)) as server:
+        return ask(server)
+
+
+def test_the_request_is_as_the_api_has_it() -> None:
+    """The picture before the words, as a data URI; budget and temperature; no seed unless the mode says so."""
+    with FaultServer() as server:
+        ask(server, max_tokens=77)
+    (asked,) = server.asked
+    url = f"data:image/png;base64,{base64.b64encode(PICTURE).decode()}"
+    assert asked == {
+        "model": "m",
+        "messages": [
+            {"role": "system", "content": "Drive."},
+            {
+                "role": "user",
+                "content": [
+                    {"type": "image_url", "image_url": {"url": url}},
+                    {"type": "text", "text": "Which action?"},
+                ],
+            },
+        ],
+        "max_tokens": 77,
+        "temperature": 0.0,
+    }
+
+
+def test_a_mode_changes_the_request(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Token field, seed, no temperature, schema, headers with their variables filled in, and a body that wins."""
+    monkeypatch.setenv("TEAM_TOKEN", "team-token-1234")
+    with FaultServer() as server:
+        ask(
+            server,
+            query=Query("", "Which?", None, 2**40 + 9, ("GO", "STOP")),
+            token_field="max_completion_tokens",  # noqa: S106 - the name of a field
+            temperature=None,
+            seed=True,
+            structured="json_schema",
+            headers={"X-Team": "$TEAM_TOKEN", "X-Title": "eyechart"},
+            body={"max_completion_tokens": 9, "provider": {"only": ["x"]}},
+        )
+        ask(server, structured="json_object")
+    first, second = server.asked
+    schema = first.pop("response_format")
+    assert first == {
+        "model": "m",
+        "messages": [{"role": "user", "content": [{"type": "text", "text": "Which?"}]}],
+        "max_completion_tokens": 9,
+        "seed": 9,
+        "provider": {"only": ["x"]},
+    }
+    assert schema == {
+        "type": "json_schema",
+        "json_schema": {
+            "name": "decision",
+            "strict": True,
+            "schema": {
+                "type": "object",
+                "properties": {"action": {"type": "string", "enum": ["GO", "STOP"]}},
+                "required": ["action"],
+                "additionalProperties": False,
+            },
+        },
+    }
+    assert second["response_format"] == {"type": "json_object"}
+    assert (server.headers[0]["X-Team"], server.headers[0]["X-Title"]) == ("team-token-1234", "eyechart")
+
+
+def test_a_jpeg_is_sent_as_a_jpeg() -> None:
+    """The media type is that of the bytes."""
+    with FaultServer() as server:
+        ask(server, query=Query("", "?", b"\xff\xd8\xff\xe0", 1))
+    assert "data:image/jpeg;base64," in str(server.asked[0])
+
+
+def test_what_is_thought_stands_apart_from_what_is_said() -> None:
+    """Under both names that servers give it, in parts too; with the tokens, the upstream and the cost reported."""
+    usage = {
+        "prompt_tokens": 900,
+        "completion_tokens": 60,
+        "completion_tokens_details": {"reasoning_tokens": 58},
+        "cost": 0.00042,
+    }
+    for name in ("reasoning_content", "reasoning"):
+        body = completion("STOP", usage=usage, provider="Upstream B")
+        body["choices"][0]["message"][name] = "A car is near."  # type: ignore[index]
+        reply = reads(body)
+        assert (reply.text, reply.reasoning) == ("STOP", "A car is near.")
+        assert (reply.prompt_tokens, reply.completion_tokens, reply.reasoning_tokens) == (900, 60, 58)
+        assert (reply.provider, reply.cost_usd) == ("Upstream B", 0.00042)
+    parts = [{"type": "text", "text": "ST"}, {"type": "image", "x": 1}, {"type": "text", "text": "OP"}]
+    assert reads(completion(parts)).text == "STOP"  # type: ignore[arg-type]
+
+
+def test_a_budget_used_up_by_thinking_is_an_empty_reply_with_its_reason() -> None:
+    """The paper's lost calls: no content, finish reason length, and no error."""
+    reply = reads(completion(None, "length"))
+    assert (reply.text, reply.finish_reason, reply.error) == ("", "length", None)
+
+
+def test_a_refusal_in_its_own_field_is_a_refusal() -> None:
+    """OpenAI's structured outputs put it there; the words are kept."""
+    body = completion(None)
+    body["choices"][0]["message"]["refusal"] = "I will not decide this."  # type: ignore[index]
+    reply = reads(body)
+    assert (reply.text, reply.finish_reason, reply.error) == ("I will not decide this.", "refusal", None)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        [],
+        "SLOW",
+        7,
+        None,
+        {},
+        {"choices": []},
+        {"choices": "SLOW"},
+        {"choices": [7]},
+        {"choices": [{"message": None}]},
+        {"choices": [{"text": "SLOW"}]},
+    ],
+)
+def test_json_of_another_shape_is_wrong_json(body: object) -> None:
+    """Never an exception, never an answer."""
+    reply = reads(body)
+    assert (reply.error, reply.text, reply.status) == ("wrong_json", "", 200)
+
+
+def test_numbers_that_are_none_are_not_taken_for_numbers() -> None:
+    """Of any type and size; the answer itself stands."""
+    for wrong in (True, -1, 2**70, "7", 1.5, [], None):
+        usage = {"prompt_tokens": wrong, "completion_tokens": wrong, "cost": -1.0, "completion_tokens_details": wrong}
+        reply = reads(completion("STOP", usage=usage))
+        assert (reply.text, reply.prompt_tokens, reply.completion_tokens) == ("STOP", None, None)
+        assert (reply.cost_usd, reply.reasoning_tokens) == (None, None)
+    assert reads(completion("STOP", usage="many", system_fingerprint=7, model=7)).served is None
+
+
+@pytest.mark.parametrize(
+    ("error", "kind"),
+    [
+        ({"code": 429, "message": "busy"}, "rate_limited"),
+        ({"code": 402, "message": "no credits"}, "quota"),
+        ({"message": "odd"}, "server_error"),
+        ("odd", "server_error"),
+    ],
+)
+def test_an_error_inside_a_200_is_an_error_of_its_kind(error: object, kind: str) -> None:
+    """On top, or in the choice, as routers report what their upstream did."""
+    assert reads({"error": error}).error == kind
+    body = completion("SL", "error")
+    body["choices"][0]["error"] = error  # type: ignore[index]
+    reply = reads(body)
+    assert (reply.error, reply.text) == (kind, "")
+
+
+def test_a_date_is_read_as_retry_after() -> None:
+    """As RFC 9110 allows; nonsense and a past date are no wait."""
+    for said, least, most in (
+        (email.utils.formatdate(time.time() + 30, usegmt=True), 25, 31),
+        (email.utils.formatdate(time.time() - 30, usegmt=True), 0, 0),
+        ("7", 7, 7),
+    ):
+        with says(lambda said=said: refuse(429, "busy", {"Retry-After": said})) as server:  # type: ignore[misc]
+            wait = ask(server).retry_after_s
+        assert wait is not None
+        assert least <= wait <= most
+    for nonsense in ("soon", "-3", "nan", "inf", ""):
+        with says(lambda said=nonsense: refuse(429, "busy", {"Retry-After": said})) as server:  # type: ignore[misc]
+            assert ask(server).retry_after_s is None
+
+
+def test_the_words_of_an_error_are_bounded_and_one_line() -> None:
+    """Whatever a server sends."""
+    with says(lambda: refuse(500, "a\x1b[31m\n" + "b" * 99_999)) as server:
+        detail = ask(server).error_detail
+    assert detail.startswith("HTTP 500: a")
+    assert len(detail) <= 500
+    assert detail.isprintable()
+
+
+def test_a_key_comes_from_the_environment_and_does_not_come_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither in an answer, nor in an error, nor in the text of the model itself."""
+    monkeypatch.setenv("MY_KEY", f"{KEY}\n")
+
+    async def echo(request: web.Request, asked: dict[str, object], attempt: int) -> web.StreamResponse:
+        del asked, attempt
+        said = request.headers["Authorization"]
+        if request.headers.get("X-Fail"):
+            return refuse(500, f"bad header {said}")
+        return answer(f"you said {said}", model=said, provider=said)
+
+    with FaultServer([echo]) as server:
+        model = open_model("openai:m", mode_of(server.base_url, key_env="MY_KEY"))
+        replies = [asyncio.run(once(model)), ask(server, key_env="MY_KEY", headers={"X-Fail": "1"})]
+    assert server.headers[0]["Authorization"] == f"Bearer {KEY}"
+    assert replies[0].text == "you said Bearer [key removed]"
+    assert replies[1].error == "server_error"
+    assert KEY not in repr((model, replies))
+
+
+def test_a_key_that_is_needed_and_missing_is_told_before_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the name of its variable; a server of one's own needs none."""
+    monkeypatch.delenv("OPENAI_API_KEY", raising=False)
+    with pytest.raises(SpecError, match="'openai:m' needs a key: set the environment variable OPENAI_API_KEY"):
+        open_model("openai:m")
+    with pytest.raises(SpecError, match="set the environment variable MY_KEY"):
+        open_model("openai:m", mode_of("http://127.0.0.1:9/v1", key_env="MY_KEY"))
+    with FaultServer() as server:
+        ask(server)
+    assert "Authorization" not in server.headers[0]
+
+
+def test_a_router_that_may_change_its_mind_is_warned_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Unless the mode pins it."""
+    monkeypatch.setenv("OPENAI_API_KEY", KEY)
+    at = "https://openrouter.ai/api/v1"
+    for pinned in ({"only": ["x"]}, {"order": ["x"], "allow_fallbacks": False}):
+        assert "warning" not in open_model("openai:m", mode_of(at, body={"provider": pinned})).facts
+    for loose in ({}, {"provider": {"order": ["x"]}}):
+        assert "routing is not pinned" in open_model("openai:m", mode_of(at, body=loose)).facts["warning"]
+    assert "without encryption" in open_model("openai:m", mode_of("http://example.org/v1")).facts["warning"]
+
+
+def test_an_address_may_name_the_whole_path() -> None:
+    """With a slash at its end, or the route itself."""
+    with FaultServer() as server:
+        for tail in ("/", "/chat/completions"):
+            model = open_model("openai:m", mode_of(f"{server.base_url}{tail}"))
+            assert asyncio.run(once(model)).text == "SLOW"
+
+
+def test_many_calls_share_one_session_and_a_closed_model_opens_another() -> None:
+    """Also in another event loop."""
+
+    async def several(model: Model) -> set[str]:
+        replies = await asyncio.gather(*(model.answer(QUERY) for _ in range(20)))
+        await model.close()
+        return {reply.text for reply in replies}
+
+    with FaultServer() as server:
+        model = open_model("openai:m", mode_of(server.base_url))
+        assert asyncio.run(several(model)) == asyncio.run(several(model)) == {"SLOW"}
+        assert server.requests == 40

@@ -1,0 +1,151 @@
+import asyncio
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eyechart.calls import Query, Reply
+from eyechart.errors import SpecError
+from eyechart.frames import encode
+from eyechart.models import Model, open_model
+from eyechart.modes import RequestMode
+
+MODULE = """
+import asyncio, os, time
+from eyechart.calls import Reply
+
+def decide(prompt, image):
+    return f"{len(image or b'')} {prompt}"
+
+async def decide_later(prompt, image):
+    await asyncio.sleep(0)
+    return Reply("GO", "stop", prompt_tokens=7)
+
+class Robot:
+    def __call__(self, prompt, image):
+        return "STOP"
+    async def drive(self, prompt, image):
+        return "GO"
+
+robot = Robot()
+drive = robot.drive
+
+def breaks(prompt, image):
+    raise RuntimeError("no motor, and the key is " + os.environ["ROBOT_API_KEY"])
+
+def stops(prompt, image):
+    raise StopIteration("done")
+
+def counts(prompt, image):
+    return 7
+
+def sleeps(prompt, image):
+    time.sleep(0.2)
+    return "SLOW"
+
+def hangs(prompt, image):
+    time.sleep(60)
+
+def narrow(prompt):
+    return "GO"
+
+number = 5
+"""
+PICTURE = encode(np.zeros((4, 4, 3), dtype=np.uint8))
+QUERY = Query("Drive.", "Which?", PICTURE, 1)
+
+
+@pytest.fixture(autouse=True)
+def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Write a module of one's own into the current folder, under a name of its own, and return the name."""
+    name = f"robot_{abs(hash(tmp_path))}"
+    (tmp_path / f"{name}.py").write_text(MODULE, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("ROBOT_API_KEY", "a-very-secret-value")
+    monkeypatch.setattr("sys.path", __import__("sys").path[:])
+    return name
+
+
+def opened(module: str, function: str, **mode: object) -> Model:
+    """Open a callable of the module."""
+    spec = f"python:{module}:{function}"
+    return open_model(spec, RequestMode(spec, **mode))  # type: ignore[arg-type]
+
+
+def ask(model: Model, query: Query = QUERY) -> Reply:
+    """Ask once."""
+    return asyncio.run(model.answer(query))
+
+
+def test_a_callable_gets_the_words_and_the_picture(module: str) -> None:
+    """System and user message as one prompt; no picture is None."""
+    model = opened(module, "decide")
+    assert ask(model).text == f"{len(PICTURE)} Drive.\n\nWhich?"
+    assert ask(model, Query("", "Which?", None, 1)).text == "0 Which?"
+
+
+@pytest.mark.parametrize(("function", "text"), [("decide_later", "GO"), ("robot", "STOP"), ("drive", "GO")])
+def test_functions_objects_and_coroutines_are_callables(module: str, function: str, text: str) -> None:
+    """And a whole Reply is taken as it is."""
+    reply = ask(opened(module, function))
+    assert (reply.text, reply.error) == (text, None)
+    assert reply.prompt_tokens == (7 if function == "decide_later" else None)
+
+
+@pytest.mark.parametrize(
+    ("function", "detail"),
+    [
+        ("breaks", "RuntimeError: no motor, and the key is [$ROBOT_API_KEY]"),
+        ("stops", "RuntimeError: StopIteration: done"),
+        ("counts", "the callable returned a int, not a text or a Reply"),
+    ],
+)
+def test_what_a_callable_raises_is_a_reply_without_secrets(module: str, function: str, detail: str) -> None:
+    """The run goes on, and no key of the environment is written down."""
+    assert ask(opened(module, function)) == Reply(error="exception", error_detail=detail)
+
+
+def test_synchronous_callables_run_at_the_same_time(module: str) -> None:
+    """One that waits does not hold up another."""
+    model = opened(module, "sleeps")
+
+    async def eight() -> list[Reply]:
+        return await asyncio.gather(*(model.answer(QUERY) for _ in range(8)))
+
+    began = time.monotonic()
+    assert {reply.text for reply in asyncio.run(eight())} == {"SLOW"}
+    assert time.monotonic() - began < 1.2
+
+
+def test_a_callable_that_hangs_times_out_and_does_not_hold_up_the_end(module: str) -> None:
+    """Its thread is left behind."""
+    began = time.monotonic()
+    reply = ask(opened(module, "hangs", timeout_s=0.2))
+    assert (reply.error, reply.error_detail) == ("timeout", "no answer within 0.2 s")
+    assert time.monotonic() - began < 5
+
+
+def test_the_version_is_that_of_the_file(module: str, tmp_path: Path) -> None:
+    """A changed file is another version, so that two of them do not mix in a ledger."""
+    before = opened(module, "decide").version
+    (tmp_path / f"{module}.py").write_text(MODULE + "\n", encoding="utf-8")
+    assert opened(module, "decide").version != before
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("decide", "is given as python:MODULE:FUNCTION"),
+        ("{}:", "is given as python:MODULE:FUNCTION"),
+        ("no_such_module_at_all:decide", "cannot be imported: No module named 'no_such_module_at_all'"),
+        ("{}:nothing", "has no callable 'nothing'"),
+        ("{}:number", "has no callable 'number'"),
+        ("{}:narrow", r"must take \(prompt, image\)"),
+    ],
+)
+def test_what_is_no_callable_is_refused_with_what_is_missing(module: str, name: str, says: str) -> None:
+    """Before any call."""
+    spec = f"python:{name.format(module)}"
+    with pytest.raises(SpecError, match=says):
+        open_model(spec, RequestMode(spec))

@@ -1,0 +1,124 @@
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from eyechart.calls import CallKey, Reply
+from eyechart.integrity import Guard, guards
+from eyechart.ledger import Sent
+from eyechart.modes import Measured, RequestMode
+
+KEY = CallKey("battery", "openai:m", "p", "f", "real")
+MODE = RequestMode("openai:m")
+CONDITIONS = ("real", "real_repeat", "text_only")
+Say = Callable[[int, str], Reply]
+
+
+def keys(frames: int = 10) -> list[CallKey]:
+    """Return the calls about so many frames under three conditions."""
+    return [replace(KEY, frame=f"f{at}", condition=name) for name in CONDITIONS for at in range(frames)]
+
+
+def fine(at: int, condition: str) -> Reply:
+    """Answer by frame, in half a second; a picture costs 500 tokens."""
+    return Reply(
+        ("STOP", "SLOW", "LEFT")[at % 3],
+        "stop",
+        prompt_tokens=100 if condition == "text_only" else 600,
+        seconds=0.5,
+    )
+
+
+def sent_with(say: Say = fine, frames: int = 10) -> list[Sent]:
+    """Return one attempt at every call."""
+    return [Sent(key, 1, None, say(int(key.frame[1:]), key.condition)) for key in keys(frames)]
+
+
+def guard(name: str, sent: list[Sent], mode: RequestMode = MODE, planned: list[CallKey] | None = None) -> Guard:
+    """Return one guard of these attempts."""
+    found = {one.name: one for one in guards(sent, keys() if planned is None else planned, mode, "abcdef0123")}
+    assert list(found) == ["picture", "outcomes", "geometry", "degeneracy", "cache"]
+    return found[name]
+
+
+def test_a_run_without_fault_keeps_every_guard() -> None:
+    """Each says why."""
+    for one in guards(sent_with(), keys(), MODE, "abcdef0123"):
+        assert one.holds is True, one
+        assert one.because
+
+
+@pytest.mark.parametrize(("sees", "holds"), [(True, True), (False, False)])
+def test_a_probe_decides_whether_the_picture_arrives(sees: bool, holds: bool) -> None:  # noqa: FBT001 - parameters
+    """Whatever the tokens say: a server may count a picture that its model never gets."""
+    mode = replace(MODE, measured=Measured(sees_image=sees))
+    assert guard("picture", sent_with(), mode).holds is holds
+
+
+def test_without_a_probe_the_prompt_s_tokens_say_whether_a_picture_was_sent_on() -> None:
+    """No added token, or none counted, is no proof of either."""
+    assert "adds 500 tokens" in guard("picture", sent_with()).because
+    dropped = guard("picture", sent_with(lambda at, _: replace(fine(at, ""), prompt_tokens=100)))
+    assert (dropped.holds, "adds no token" in dropped.because) == (None, True)
+    uncounted = guard("picture", sent_with(lambda at, _: replace(fine(at, ""), prompt_tokens=None)))
+    assert uncounted.holds is None
+
+
+def test_every_planned_call_needs_exactly_one_outcome() -> None:
+    """Open, failed for now, never made, and finished twice all fail; retries are counted in words."""
+    whole = sent_with()
+    retried = [Sent(whole[0].key, 1, None, Reply(error="timeout")), replace(whole[0], number=2), *whole[1:]]
+    assert guard("outcomes", retried).holds is True
+    assert "31 attempts, 1 of them repeated" in guard("outcomes", retried).because
+    for wrong in (
+        whole[1:],
+        [replace(whole[0], reply=None), *whole[1:]],
+        [replace(whole[0], reply=Reply(error="timeout")), *whole[1:]],
+        [replace(whole[0], reply=Reply(error="auth")), *whole[1:]],
+    ):
+        assert guard("outcomes", wrong).holds is False
+        assert guard("outcomes", wrong).because.startswith("1 planned calls have no outcome, 0 have two")
+    assert "0 planned calls have no outcome, 1 have two" in guard("outcomes", [whole[0], *whole]).because
+
+
+def test_a_call_that_failed_for_good_has_an_outcome() -> None:
+    """It is counted as failed."""
+    sent = [replace(one, reply=Reply(error="wrong_json")) if at == 0 else one for at, one in enumerate(sent_with())]
+    assert guard("outcomes", sent).holds is True
+    assert "1 calls failed" in guard("outcomes", sent).because
+
+
+def test_one_reply_to_everything_is_degenerate() -> None:
+    """A few replies are too few to say so."""
+    same = sent_with(lambda at, name: replace(fine(at, name), text=" SLOW\n"))
+    assert guard("degeneracy", same).holds is False
+    assert "all 30 replies are the same: 'SLOW'" in guard("degeneracy", same).because
+    assert guard("degeneracy", same[:5]).holds is None
+
+
+def test_repeats_that_come_at_once_are_suspected_of_a_cache() -> None:
+    """Equal to the byte, in under a tenth of the time of the first; slow ones, or different ones, are not."""
+
+    def cached(seconds: float, text: str = "") -> Say:
+        def say(at: int, name: str) -> Reply:
+            if name != "real_repeat":
+                return fine(at, name)
+            return replace(fine(at, name), seconds=seconds, text=text or fine(at, name).text)
+
+        return say
+
+    assert guard("cache", sent_with(cached(0.01))).holds is False
+    assert "came in under 10%" in guard("cache", sent_with(cached(0.01))).because
+    assert guard("cache", sent_with(cached(0.2))).holds is True
+    assert guard("cache", sent_with(cached(0.01, "RIGHT"))).holds is True
+    assert guard("cache", sent_with(cached(0.01), frames=5)).holds is None
+    scripted = guards(sent_with(cached(0.01)), keys(), RequestMode("scripted:depth"), "")
+    assert scripted[-1].holds is True
+
+
+def test_repeats_that_never_differ_at_a_temperature_are_suspected_of_a_cache() -> None:
+    """At temperature 0 they must not differ, and at an unknown one nobody can say."""
+    for temperature, holds in ((0.7, False), (0.0, True), (None, True)):
+        assert guard("cache", sent_with(), replace(MODE, temperature=temperature)).holds is holds
+    thinks = sent_with(lambda at, name: replace(fine(at, name), reasoning=name))
+    assert guard("cache", thinks, replace(MODE, temperature=0.7)).holds is True

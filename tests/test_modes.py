@@ -1,0 +1,140 @@
+import string
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eyechart.errors import SpecError
+from eyechart.modes import Measured, RequestMode, mode_text, read_mode, write_mode
+
+LINES = st.text(st.characters(categories=["L", "N", "P", "S"]), max_size=20).map(lambda text: text.replace("$", "+"))
+NAMES = st.text(string.ascii_lowercase, min_size=1, max_size=6).map(lambda name: f"x-{name}")
+SCALARS = st.one_of(
+    LINES, st.booleans(), st.integers(-(2**60), 2**60), st.floats(allow_nan=False, allow_infinity=False)
+)
+PLAIN = st.recursive(SCALARS, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(NAMES, inner, max_size=3))
+COUNTS = st.none() | st.integers(0, 10**6)
+SECONDS = st.none() | st.floats(0, 1e6)
+FLAGS = st.none() | st.booleans()
+MEASURED = st.builds(
+    Measured,
+    date=LINES,
+    calls=COUNTS,
+    sees_image=FLAGS,
+    image_tokens=COUNTS,
+    completion_tokens=SECONDS,
+    seconds=SECONDS,
+    schema_binds=FLAGS,
+    facts=st.dictionaries(NAMES, st.text(st.characters(exclude_categories=["C"])), max_size=3),
+)
+MODES = st.builds(
+    RequestMode,
+    spec=LINES.map(lambda text: f"openai:{text}"),
+    base_url=st.sampled_from(["", "http://127.0.0.1:8000/v1", "https://example.org"]),
+    key_env=st.sampled_from(["", "MY_KEY"]),
+    token_field=st.sampled_from(["max_tokens", "max_completion_tokens"]),
+    max_tokens=st.integers(1, 10**6),
+    structured=st.sampled_from(["none", "json_object", "json_schema"]),
+    temperature=st.none() | st.floats(0, 2),
+    seed=st.booleans(),
+    timeout_s=st.floats(0.1, 1e4),
+    headers=st.dictionaries(NAMES, LINES, max_size=3),
+    body=st.dictionaries(NAMES, PLAIN, max_size=3),
+    options=st.dictionaries(NAMES, SCALARS, max_size=3),
+    measured=st.none() | MEASURED,
+)
+
+
+@given(MODES)
+def test_a_mode_reads_back_from_its_file_as_it_was_written(mode: RequestMode) -> None:
+    """Every field, also those that are absent, and as plain values for JSON."""
+    with TemporaryDirectory() as folder:
+        write_mode(Path(folder) / "mode.toml", mode)
+        assert read_mode(Path(folder) / "mode.toml") == mode
+    assert RequestMode.from_dict(mode.as_dict()) == mode
+
+
+def test_a_default_mode_is_one_line() -> None:
+    """What has its default is not written, and no temperature is written as a word."""
+    assert mode_text(RequestMode("openai:m")) == 'spec = "openai:m"\n'
+    assert 'temperature = "default"' in mode_text(RequestMode("openai:m", temperature=None))
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ('base_url = "x"', "no spec"),
+        ('spec = "a:b"\nbase_url = "ftp://x"', "base_url must be a URL"),
+        ('spec = "a:b"\nbase_url = "http://x:99999"', "base_url must be a URL"),
+        ('spec = "a:b"\nmax_tokens = 0', "max_tokens must be a whole number of at least 1; got '0'"),
+        ('spec = "a:b"\nmax_tokens = true', "max_tokens must be a whole number"),
+        ('spec = "a:b"\ntemperature = -1', 'temperature must be a number of at least 0, or "default"'),
+        ('spec = "a:b"\ntemperature = nan', "temperature must be"),
+        ('spec = "a:b"\nstructured = "yaml"', "structured must be one of none, json_object, json_schema"),
+        ('spec = "a:b"\ntoken_field = "tokens"', "token_field must be one of"),
+        ('spec = "a:b"\ntimeout_s = 0', "timeout_s must be a number of seconds above 0"),
+        ('spec = "a:b"\nbody = { x = inf }', "body must be a table of plain JSON values"),
+        ('spec = "a:b"\nbody = { x = 1979-05-27 }', "body must be a table of plain JSON values"),
+        ('spec = "a:b"\nheaders = { x = 1 }', "headers must be a table of lines"),
+        ('spec = "a:b"\nheaders = { x = "a\\r\\nHost: b" }', "headers must be a table of lines"),
+        ('spec = "a:b"\noptions = { x = [1] }', "options must be a table"),
+        ('spec = "a:b"\nmax_token = 3', "there is no 'max_token'; there are spec, base_url"),
+        ('spec = "a:b"\nmeasured = 3', "measured must be a table"),
+        ('spec = "a:b"\n[measured]\nspeed = 3', "there is no 'speed'"),
+        ('spec = "a:b"\n[measured]\nseconds = "3"', "seconds must be a number"),
+        ('spec = "a:b', "is no TOML file"),
+    ],
+)
+def test_what_is_no_mode_is_refused_with_the_file_and_what_is_wrong(tmp_path: Path, text: str, says: str) -> None:
+    """One line that says which field, and what it must be."""
+    (tmp_path / "m.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(SpecError) as caught:
+        read_mode(tmp_path / "m.toml")
+    assert str(tmp_path / "m.toml") in str(caught.value)
+    assert says in str(caught.value)
+
+
+SECRET = "sk-very-secret-1234"  # noqa: S105 - the test's own
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        {"headers": {"Authorization": f"Bearer {SECRET}"}},
+        {"headers": {"x-api-key": SECRET}},
+        {"headers": {"x-plain": SECRET}},
+        {"body": {"metadata": [{"api_key": SECRET}]}},
+        {"body": {"note": SECRET}},
+        {"options": {"note": SECRET}},
+        {"base_url": f"https://user:{SECRET}@example.org/v1"},
+        {"base_url": f"https://example.org/v1?key={SECRET}"},
+        {"base_url": f"https://example.org/{SECRET}"},
+    ],
+)
+def test_a_mode_refuses_to_hold_a_secret_and_does_not_quote_it(
+    parts: dict[str, object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the name of the field, or because the environment holds this very value as a key."""
+    monkeypatch.setenv("SOME_API_KEY", SECRET)
+    with pytest.raises(SpecError) as caught:
+        RequestMode("openai:m", **parts)  # type: ignore[arg-type]
+    assert SECRET not in str(caught.value)
+
+
+def test_headers_name_variables_and_are_filled_in_only_to_be_sent() -> None:
+    """The mode keeps the name; a missing variable is named."""
+    mode = RequestMode("openai:m", headers={"Authorization": "Token $MY_KEY", "x-user": "${WHO}-1", "x-plain": "2"})
+    sent = mode.header_values({"MY_KEY": f"{SECRET}\n", "WHO": "me"})
+    assert sent == {"Authorization": f"Token {SECRET}", "x-user": "me-1", "x-plain": "2"}
+    assert SECRET not in mode_text(mode)
+    with pytest.raises(SpecError, match="header 'x-user' names the environment variable WHO, which is not set"):
+        mode.header_values({"MY_KEY": "x"})
+
+
+def test_what_was_measured_does_not_make_another_request() -> None:
+    """A later probe of the same mode resumes a run; another budget does not."""
+    mode = RequestMode("openai:m", max_tokens=50)
+    assert mode.same_request(RequestMode("openai:m", max_tokens=50, measured=Measured(calls=3)))
+    assert not mode.same_request(RequestMode("openai:m", max_tokens=51))
