@@ -51,7 +51,7 @@ def locked(query: Query) -> Reply:
 def _installed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make three stand-ins SPECs, each with pauses so that calls end in another order than they began."""
     answers = {"steady": stand_ins.stop, "losing": losing, "locked": locked}
-    monkeypatch.setattr(stand_ins, "open_model", lambda name: stand_ins.StandIn(answers[name], pause_s=0.004))
+    monkeypatch.setattr(stand_ins, "open_model", lambda name, _mode: stand_ins.StandIn(answers[name], pause_s=0.004))
     monkeypatch.setitem(ADAPTERS, "standin", "stand_ins")
 
 
