@@ -188,14 +188,18 @@ def test_a_failed_guard_marks_the_verdict_wherever_it_stands(bank: Path, tmp_pat
     """On the card, in the table at a glance, among the guards, and in the tables for other programs."""
     models = dict.fromkeys(("a", "b", "c", "d", "e"), stand_ins.stop)
     (run,) = read_evidence([make_run(bank, tmp_path / "run", models)])
-    assert make_page([run]).html.decode().count("guard failed") == 0
-    wrong = Guard("pictures_arrive", False, "the picture costs no token")
-    verdicts = {**run.verdicts, "standin:b": replace(run.verdicts["standin:b"], failed=(wrong,))}
-    score = replace(run.score, guards={**run.score.guards, "standin:b": (wrong,)})
+    wrong, right = Guard("pictures_arrive", False, "the picture costs no token"), Guard("pictures_arrive", True, "yes")
+    guards = {spec: (wrong if spec == "standin:b" else right,) for spec in run.verdicts}
+    failed = {spec: tuple(one for one in many if one.holds is False) for spec, many in guards.items()}
+    verdicts = {spec: replace(one, failed=failed[spec]) for spec, one in run.verdicts.items()}
+    score = replace(run.score, guards=guards)
     marked = replace(run, score=score, verdicts=verdicts)
     html = unescape(make_page([marked]).html.decode())
-    assert "Not to be relied on:</strong> guard 'pictures_arrive' failed: the picture costs no token" in html
+    mark = "Not to be relied on:</strong> guard 'pictures_arrive' failed: the picture costs no token."
+    assert html.count(mark) == html.count("Not to be relied on") == 1
     assert html.count("! guard failed") == 1
     assert html.count("✗ fails</span></td><td>the picture costs no token") == 1
-    assert "all 5 models" in html
+    assert "all 5 models" not in html
+    healthy = replace(run, score=replace(score, guards=dict.fromkeys(guards, (right,))))
+    assert "all 5 models" in make_page([healthy]).html.decode()
     assert [row[-1] for row in verdict_sheet(subjects([marked])).rows] == ["", "pictures_arrive", "", "", ""]
