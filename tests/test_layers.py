@@ -31,6 +31,7 @@ FLOORS = {
     "stats": ("eyechart.stats.statistic",),
     "perception": ("eyechart.perception.scene",),
     "models": ("eyechart.models.http", "eyechart.models.energy"),
+    "studies": ("eyechart.studies.battery",),
 }
 """Inside a package whose modules are peers, only its floor is shared: for models, a request and its energy."""
 

@@ -34,6 +34,7 @@ COMMANDS = (
     "frames show",
     "run",
     "run battery",
+    "run prompts",
     "merge",
     "report",
     "bundle",

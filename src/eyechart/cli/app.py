@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from eyechart import __version__
-from eyechart.cli import bundling, calibrating, comparing, demo, frames, listing, reporting, results, running
+from eyechart.cli import bundling, calibrating, comparing, demo, frames, listing, prompting, reporting, results, running
 
 app = typer.Typer(
     name="eyechart",
@@ -16,6 +16,7 @@ app = typer.Typer(
     epilog="Start with 'eyechart demo'. Bad input prints one line and exits 2; --debug shows where it arose.",
 )
 app.add_typer(frames.app, name="frames")
+running.app.command()(prompting.prompts)
 app.add_typer(running.app, name="run")
 app.add_typer(listing.app, name="list")
 app.command()(demo.demo)

@@ -26,10 +26,20 @@ _Reread = Annotated[
 def score(run: _Run, json: _Json = False, independent: _Independent = False, reread: _Reread = False) -> None:
     """Print every statistic of a run with its interval, n and p. Example: eyechart score run --json."""
     from eyechart.report.costs import costs_table
-    from eyechart.report.tables import frontier_table, statistics_table
+    from eyechart.report.tables import frontier_table, prompts_table, statistics_table
     from eyechart.studies import battery as study
+    from eyechart.studies import prompts
     from eyechart.verdicts import judge
 
+    if prompts.is_study(run):
+        cells = prompts.score(run, reread=reread)
+        if json:
+            print_json({"study": "prompts", "cells": [cell.as_dict() for cell in cells]})
+        else:
+            console = table_console()
+            for spec in dict.fromkeys(cell.model for cell in cells):
+                console.print(prompts_table(spec, [cell for cell in cells if cell.model == spec]))
+        return
     scored = study.score(run, independent=independent, reread=reread)
     if json:
         print_json(scored.as_dict())

@@ -1,6 +1,6 @@
 """Tables for the terminal: verdicts, statistics, and Table t:frontier of the paper."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
@@ -9,6 +9,7 @@ from rich.text import Text
 from eyechart.compare import Replication
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import BatteryScore, ModelScore, Stopped
+from eyechart.studies.prompts import CellScore
 from eyechart.verdicts import Verdict
 
 MARK = " !"
@@ -157,13 +158,40 @@ def replication_table(one: Replication, *, every: bool = False) -> Table:
     return table
 
 
+def prompts_table(model: str, cells: Sequence[CellScore]) -> Table:
+    """Return one model's part of Table t:prompts: diversity, and beside it what the answers hold of the scene."""
+    caption = (
+        "n_a: distinct outputs, UNPARSED among them. Diversity is not scene dependence, which V (real against blank), "
+        "I(A;g) in bits and its p, corrected by Holm over these cells, look at. — cannot say"
+    )
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, title=Text(model), title_justify="left", caption=caption)
+    table.add_column("cell", no_wrap=True)
+    for name in ("modal share", "n_a", "IDI", "unparsed", "V", "I(A;g)", "p", "calls"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for cell in cells:
+        found = cell.statistics
+        modal, idi = (f"{number(found[name].value, 2)} {_interval(found[name], 2)}" for name in ("modal_share", "idi"))
+        table.add_row(
+            Text(cell.name),
+            modal,
+            number(found["distinct_outputs"].value, 0),
+            idi,
+            number(found["unparsed_rate"].value),
+            number(found["cramers_v_real_blank"].value),
+            number(found["mutual_information"].value),
+            p_value(cell.holm["mutual_information"]),
+            f"{cell.answered}/{cell.planned}",
+        )
+    return table
+
+
 def _side(found: Statistic, side: str) -> float | None:
     value = (found.detail or {}).get(side)
     return value if isinstance(value, float) else None
 
 
-def _interval(one: Statistic) -> str:
-    return "—" if one.ci is None else f"[{one.ci[0]:.3f}, {one.ci[1]:.3f}]"
+def _interval(one: Statistic, digits: int = 3) -> str:
+    return "—" if one.ci is None else f"[{one.ci[0]:.{digits}f}, {one.ci[1]:.{digits}f}]"
 
 
 def _holm(score: ModelScore, name: str) -> str:

@@ -1,0 +1,247 @@
+"""The prompt study: the same frames and models under several prompts, and what each does to diversity and to grounding.
+
+A cell is a battery of its own, of real and blank pictures, so that it resumes, is accounted for and is scored like any.
+Source: paper, section Prompt formulation gates measured grounding and Table t:prompts.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from eyechart.errors import LedgerError, SpecError
+from eyechart.limits import Outcome
+from eyechart.manifest import is_run
+from eyechart.models.prices import Prices, read_prices
+from eyechart.modes import RequestMode
+from eyechart.prompts import PROMPTS
+from eyechart.run import Progress
+from eyechart.stats.agreement import rate
+from eyechart.stats.resampling import holm
+from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.studies import battery
+
+FRAMES = 100
+"""Frames a cell, each shown real and blank: the paper's 100 queries, and the same 100 blank."""
+
+CONDITIONS = ("real", "blank")
+
+DEPENDENCE = ("mutual_information", "obstacle", "cramers_v_real_blank")
+"""What a cell says of scene dependence, which diversity is not; each p is corrected over the cells of its model."""
+
+
+@dataclass(frozen=True)
+class PromptStudy:
+    """A prompt study that was planned and not yet run: one battery a cell, by the name of its folder."""
+
+    cells: Mapping[str, battery.Battery]
+    out: Path
+
+    def counts(self) -> tuple[int, int, int]:
+        """Return how many calls are planned, finished, and sent with unknown outcome, over all cells."""
+        planned, finished, unknown = zip(*(cell.counts() for cell in self.cells.values()), strict=True)
+        return sum(planned), sum(finished), sum(unknown)
+
+    def expected(self, prices: Prices, *, concurrency: int) -> tuple[str, ...]:
+        """Return in words what the calls of each cell and model that are still to be made are expected to take."""
+        return tuple(
+            f"{name}: {one.words}"
+            for name, cell in self.cells.items()
+            for one in battery.expected(cell, prices, concurrency=concurrency)
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Factor:
+    """A setting of the request that the study varies beside the prompt: None leaves a model's mode as it is."""
+
+    max_tokens: int | None = None
+    structured: str | None = None
+
+    def applied(self, mode: RequestMode) -> RequestMode:
+        """Return a model's mode under this setting; what was measured under another is not kept."""
+        changed = {name: value for name in self.__slots__ if (value := getattr(self, name)) is not None}
+        return replace(mode, measured=None, **changed) if changed else mode
+
+    @property
+    def suffix(self) -> str:
+        """Return what tells the cell's folder from that of the prompt alone."""
+        return "".join(f"--{value}" for value in (self.max_tokens, self.structured) if value is not None)
+
+
+def plan(
+    bank_path: Path,
+    specs: Sequence[str | RequestMode],
+    out: Path,
+    *,
+    prompts: Sequence[str] = tuple(PROMPTS),
+    factors: Sequence[Factor] = (Factor(),),
+    conditions: Sequence[str] = CONDITIONS,
+    limit: int | None = FRAMES,
+    seed: int = 0,
+) -> PromptStudy:
+    """Plan every cell, or the rest of a study that ``out`` holds already; nothing is written or asked yet.
+
+    ``prompts`` are names or TOML files, ``factors`` the settings that are crossed with them, ``limit`` the frames a
+    cell, the same in each. Raises what `battery.plan` raises, and SpecError where two cells would be the same.
+    """
+    modes = [one if isinstance(one, RequestMode) else RequestMode(one) for one in specs]
+    cells: dict[str, battery.Battery] = {}
+    for prompt in prompts:
+        for factor in factors:
+            name = f"{Path(prompt).stem if prompt.endswith('.toml') else prompt}{factor.suffix}"
+            if name in cells:
+                raise SpecError(f"the cell '{name}' is asked for twice; give each prompt and setting once")
+            asked = [factor.applied(mode) for mode in modes]
+            cells[name] = battery.plan(
+                bank_path, asked, out / name, prompt=prompt, conditions=conditions, seed=seed, limit=limit
+            )
+    if not cells:
+        raise SpecError("a prompt study needs at least one prompt, see 'eyechart list prompts'")
+    return PromptStudy(cells, out)
+
+
+def run(
+    study: PromptStudy,
+    *,
+    concurrency: int = 8,
+    calls: int | None = None,
+    cost_usd: float | None = None,
+    prices: Prices | None = None,
+    progress: Progress | None = None,
+) -> Outcome:
+    """Make the calls that are left, cell after cell; a cut study is resumed by running it again.
+
+    ``calls`` and ``cost_usd`` bound the requests and the cost of all cells together, those of earlier days included.
+    Returns how it ended: what was set aside in any cell, and the limit that stopped it, if one did.
+    """
+    table = prices or read_prices()
+    planned = {name: cell.counts()[0] for name, cell in study.cells.items()}
+    before, total, set_aside = 0, sum(planned.values()), dict[str, str]()
+    for name, cell in study.cells.items():
+        start = before
+
+        def move(done: int, _: int, start: int = start) -> None:
+            if progress is not None:
+                progress(start + done, total)
+
+        sent, spent = _elsewhere(study, name, table) if (calls, cost_usd) != (None, None) else (0, 0.0)
+        limits = battery.within(
+            cell,
+            table,
+            calls=None if calls is None else max(0, calls - sent),
+            cost_usd=None if cost_usd is None else max(0.0, cost_usd - spent),
+        )
+        outcome = battery.run(cell, concurrency=concurrency, limits=limits, progress=move)
+        set_aside |= {f"{spec} in {name}": why for spec, why in outcome.set_aside.items()}
+        if outcome.stopped is not None and cell.left():
+            bounds = {"--max-calls": calls, "--max-cost": cost_usd}
+            words = " and ".join(f"{option} {bound:g}" for option, bound in bounds.items() if bound is not None)
+            return Outcome(set_aside, f"in cell {name}, within {words} for all cells")
+        before += planned[name]
+    return Outcome(set_aside)
+
+
+def _elsewhere(study: PromptStudy, name: str, prices: Prices) -> tuple[int, float]:
+    """Return how many requests the other cells of a study have sent, and what is known of their cost in dollars."""
+    others = [cell.out for other, cell in study.cells.items() if other != name and is_run(cell.out)]
+    whole = [
+        next(iter(book.values())) for out in others for book in battery.took(out, prices=prices)[0].values() if book
+    ]
+    return sum(one.attempts for one in whole), sum(one.cost_usd or 0.0 for one in whole)
+
+
+@dataclass(frozen=True)
+class CellScore:
+    """One model under one prompt and setting. ``holm`` maps a test to its p corrected over the model's cells."""
+
+    name: str
+    model: str
+    prompt: str
+    max_tokens: int
+    structured: str
+    planned: int
+    answered: int
+    statistics: Mapping[str, Statistic]
+    holm: Mapping[str, float | None]
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return {
+            "cell": self.name,
+            "model": self.model,
+            "prompt": self.prompt,
+            "max_tokens": self.max_tokens,
+            "structured": self.structured,
+            "planned": self.planned,
+            "answered": self.answered,
+            "statistics": {name: value.as_dict() for name, value in self.statistics.items()},
+            "holm": dict(self.holm),
+        }
+
+
+def is_study(path: Path) -> bool:
+    """Return whether a folder holds a prompt study: no run itself, but one run or more in its folders."""
+    return path.is_dir() and not is_run(path) and any(is_run(one) for one in path.iterdir())
+
+
+def score(path: Path, *, resamples: int = 5000, reread: bool = False) -> tuple[CellScore, ...]:
+    """Score every cell of a study, finished or not: by model, and in the order of the built-in prompts.
+
+    Raises LedgerError where the folder holds no study, or cells of several banks.
+    """
+    if not is_study(path):
+        raise LedgerError(f"{path} holds no prompt study; 'eyechart run prompts' makes one")
+    folders = [one for one in sorted(path.iterdir()) if is_run(one)]
+    scored = {one.name: battery.score(one, resamples=resamples, reread=reread) for one in folders}
+    if len({one.manifest.fingerprint for one in scored.values()}) > 1:
+        raise LedgerError(f"{path} holds cells on several banks, whose numbers cannot stand side by side")
+    order = {name: place for place, name in enumerate(PROMPTS)}
+    named = sorted(scored.items(), key=lambda item: (order.get(item[1].manifest.prompt.name, len(order)), item[0]))
+    models = dict.fromkeys(spec for _, one in named for spec in one.models)
+    return tuple(cell for spec in models for cell in _of_model(spec, named))
+
+
+def _of_model(spec: str, named: Sequence[tuple[str, battery.BatteryScore]]) -> list[CellScore]:
+    asked = [(name, one) for name, one in named if spec in one.models]
+    found = [_statistics(one.models[spec]) for _, one in asked]
+    corrected = {test: holm([one[test].p for one in found]) for test in DEPENDENCE}
+    return [
+        CellScore(
+            name=name,
+            model=spec,
+            prompt=one.manifest.prompt.key,
+            max_tokens=one.manifest.mode(spec).max_tokens,
+            structured=one.manifest.mode(spec).structured,
+            planned=one.models[spec].planned,
+            answered=one.models[spec].answered,
+            statistics=statistics,
+            holm={test: corrected[test][place] for test in DEPENDENCE},
+        )
+        for place, ((name, one), statistics) in enumerate(zip(asked, found, strict=True))
+    ]
+
+
+def _statistics(score: battery.ModelScore) -> dict[str, Statistic]:
+    """Return a cell's numbers: the diversity of its outputs, as the paper counts it, and its scene dependence.
+
+    Diversity counts UNPARSED as an output of its own, as in Table t:prompts: a cell there has six outputs, of five
+    actions.
+    """
+    outputs = score.answers.responses("real")
+    names, counts = np.unique(outputs[outputs != ""], return_counts=True)
+    n = int(counts.sum())
+    if n:
+        modal = rate(int(counts.max()), n)
+        distinct = Statistic(float(len(names)), n, method="distinct outputs on real pictures, UNPARSED among them")
+    else:
+        modal = distinct = cannot_say("no answers to real pictures")
+    found = score.statistics
+    return {
+        "modal_share": modal,
+        "distinct_outputs": distinct,
+        "idi": found["idi"],
+        "unparsed_rate": found["unparsed_rate"],
+        **{name: found[name] for name in DEPENDENCE},
+    }

@@ -1,0 +1,134 @@
+"""The prompt study: cells are batteries, diversity is told from scene dependence, and every prompt tried is counted."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import banks
+import stand_ins
+from eyechart import models
+from eyechart.calls import Query, Reply
+from eyechart.errors import LedgerError, SpecError
+from eyechart.frames import FrameBank
+from eyechart.manifest import read_run
+from eyechart.modes import RequestMode
+from eyechart.prompts import PROMPTS
+from eyechart.studies import prompts
+
+SPEC = "suggestible:one"
+
+
+def respond(query: Query) -> Reply:
+    """Answer STOP, but by chance where told to vary, and look at the picture where told to look first."""
+    if "Earlier controllers failed" in query.user:
+        said = np.random.default_rng(query.seed).choice(["STOP", "SLOW", "LEFT", "RIGHT", "STRAIGHT", "no idea"])
+        return Reply(str(said), "stop")
+    if "First describe" in query.user:
+        return Reply("ACTION: " + ("STOP" if len(query.image or b"") % 2 else "LEFT"), "stop")
+    return Reply("STOP", "stop")
+
+
+def open_model(name: str, mode: RequestMode) -> stand_ins.StandIn:
+    """Open the model that does as the prompt suggests."""
+    del name, mode
+    return stand_ins.StandIn(respond)
+
+
+@pytest.fixture
+def bank(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> FrameBank:
+    """Return a bank of 36 frames, with the suggestible model at hand."""
+    monkeypatch.setitem(models.ADAPTERS, "suggestible", __name__)
+    return banks.build_bank(tmp_path / "bank", episodes=4, steps=3)
+
+
+def run(bank: FrameBank, out: Path, **how: object) -> tuple[prompts.CellScore, ...]:
+    """Run a study and score it."""
+    prompts.run(prompts.plan(bank.root, [SPEC], out, **how))  # type: ignore[arg-type]
+    return prompts.score(out, resamples=199)
+
+
+def test_every_prompt_is_a_cell_and_only_its_words_differ(bank: FrameBank, tmp_path: Path) -> None:
+    """The six built-in prompts in their order, on the same frames, real and blank."""
+    cells = run(bank, tmp_path / "study")
+    assert [cell.name for cell in cells] == list(PROMPTS)
+    assert {(cell.planned, cell.answered) for cell in cells} == {(2 * len(bank), 2 * len(bank))}
+    found = {cell.name: cell.statistics for cell in cells}
+    assert {name: one["modal_share"].value for name, one in found.items() if name in {"baseline", "minimal"}} == {
+        "baseline": 1.0,
+        "minimal": 1.0,
+    }
+    assert found["baseline"]["distinct_outputs"].value == 1
+    assert found["baseline"]["idi"].value == 0
+
+
+def test_diversity_is_not_scene_dependence(bank: FrameBank, tmp_path: Path) -> None:
+    """Six outputs by chance, UNPARSED among them, show no dependence; each p is corrected over the prompts tried."""
+    cells = {cell.name: cell for cell in run(bank, tmp_path / "study")}
+    varied = cells["anti_degeneracy"]
+    assert varied.statistics["distinct_outputs"].value == 6
+    assert varied.statistics["unparsed_rate"].value > 0
+    assert varied.statistics["idi"].value > 0.5
+    assert varied.holm["mutual_information"] > 0.05
+    for cell in cells.values():
+        p = cell.statistics["mutual_information"].p
+        assert cell.holm["mutual_information"] >= p
+
+
+def test_budgets_and_formats_are_crossed_with_the_prompts(bank: FrameBank, tmp_path: Path) -> None:
+    """Each setting is a cell with a mode of its own; the frames stay the same."""
+    factors = [prompts.Factor(tokens, form) for tokens in (64, 128) for form in ("none", "json_object")]
+    cells = run(bank, tmp_path / "study", prompts=["baseline"], factors=factors, limit=6)
+    assert {(cell.name, cell.max_tokens, cell.structured) for cell in cells} == {
+        ("baseline--64--none", 64, "none"),
+        ("baseline--64--json_object", 64, "json_object"),
+        ("baseline--128--none", 128, "none"),
+        ("baseline--128--json_object", 128, "json_object"),
+    }
+    assert {cell.planned for cell in cells} == {12}
+    assert read_run(tmp_path / "study" / "baseline--64--json_object")[0].mode(SPEC).structured == "json_object"
+
+
+def test_a_study_is_resumed_cell_by_cell(bank: FrameBank, tmp_path: Path) -> None:
+    """What is finished is not asked again, and another prompt may be added later."""
+    run(bank, tmp_path / "study", prompts=["baseline"], limit=6)
+    again = prompts.plan(bank.root, [SPEC], tmp_path / "study", prompts=["baseline", "minimal"], limit=6)
+    assert again.counts() == (24, 12, 0)
+    seen: list[tuple[int, int]] = []
+    prompts.run(again, progress=lambda done, total: seen.append((done, total)))
+    assert seen[-1] == (24, 24)
+    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
+    assert [cell.name for cell in prompts.score(tmp_path / "study", resamples=99)] == ["baseline", "minimal"]
+
+
+def test_limits_bound_all_cells_together(bank: FrameBank, tmp_path: Path) -> None:
+    """No cell has the whole budget to itself, and a higher limit resumes."""
+    study = prompts.plan(bank.root, [SPEC], tmp_path / "study", prompts=["baseline", "minimal", "few_shot"], limit=6)
+    stopped = prompts.run(study, calls=18)
+    assert stopped.stopped == "in cell minimal, within --max-calls 18 for all cells"
+    assert study.counts()[:2] == (36, 18)
+    assert prompts.run(study, calls=36).stopped is None
+    assert study.counts()[:2] == (36, 36)
+
+
+def test_what_cannot_be_a_study_is_refused(bank: FrameBank, tmp_path: Path) -> None:
+    """Twice the same cell, no prompt, a folder without cells, and cells of two banks."""
+    with pytest.raises(SpecError, match="the cell 'baseline' is asked for twice"):
+        prompts.plan(bank.root, [SPEC], tmp_path / "study", prompts=["baseline", "baseline"])
+    with pytest.raises(SpecError, match="at least one prompt"):
+        prompts.plan(bank.root, [SPEC], tmp_path / "study", prompts=[])
+    with pytest.raises(LedgerError, match="holds no prompt study; 'eyechart run prompts' makes one"):
+        prompts.score(tmp_path)
+    run(bank, tmp_path / "study", prompts=["baseline"], limit=6)
+    other = banks.build_bank(tmp_path / "other", scenarios=["light"])
+    with pytest.raises(LedgerError, match="cells on several banks"):
+        run(other, tmp_path / "study", prompts=["minimal"], limit=6)
+
+
+def test_a_score_is_plain_json(bank: FrameBank, tmp_path: Path) -> None:
+    """Every number with its n; nothing that JSON cannot hold."""
+    cells = run(bank, tmp_path / "study", prompts=["baseline"], limit=6)
+    again = json.loads(json.dumps([cell.as_dict() for cell in cells], allow_nan=False))
+    assert again[0]["statistics"]["modal_share"]["n"] == 6
+    assert set(again[0]["holm"]) == {"mutual_information", "obstacle", "cramers_v_real_blank"}
