@@ -131,7 +131,7 @@ def test_an_interrupt_in_a_notebook_ends_the_calls_and_the_next_cell_goes_on(
 ) -> None:
     """Ctrl-C stops the thread that makes the calls, keeps the finished ones, and no call is made twice."""
     slow = stand_ins.StandIn(pause_s=0.02)
-    monkeypatch.setattr(stand_ins, "open_model", lambda name: slow)  # noqa: ARG005
+    monkeypatch.setattr(stand_ins, "open_model", lambda *_: slow)
     bank, asked = build_bank(tmp_path / "bank"), threading.Event()
 
     def move(done: int, total: int) -> None:
@@ -253,7 +253,7 @@ def test_a_hostile_reply_stays_out_of_the_report(tmp_path: Path, monkeypatch: py
     def hostile(query: Query) -> Reply:
         return Reply(EVIL if query.image is None else "STOP", "stop")
 
-    monkeypatch.setattr(stand_ins, "open_model", lambda name: stand_ins.StandIn(hostile))  # noqa: ARG005
+    monkeypatch.setattr(stand_ins, "open_model", lambda *_: stand_ins.StandIn(hostile))
     html = run_battery(build_bank(tmp_path / "bank"), "standin:x", tmp_path / "run")._repr_html_()
     assert "script" not in Page(html).tags
     assert "<script" not in html

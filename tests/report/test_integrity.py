@@ -45,7 +45,7 @@ def weak_run(bank: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_calls_are_counted_by_condition(weak_run: Path) -> None:
-    """Planned, answered, attempts (three for what stays down), failures, and what holds no decision, by its reason."""
+    """Planned, answered, attempts (five for what stays down), failures, and what holds no decision, by its reason."""
     (run,) = read_evidence([weak_run])
     one, steady = (counts(who) for who in subjects([run]))
     drawn = sum("lead_near" in frame.counterfactuals for frame in run.frames)
@@ -57,7 +57,7 @@ def test_calls_are_counted_by_condition(weak_run: Path) -> None:
     ]
     for row in one:
         down = row.planned - row.answered
-        assert (row.attempts, row.errors) == (row.answered + 3 * down, 3 * down)
+        assert (row.attempts, row.errors) == (row.answered + 5 * down, 5 * down)
         assert row.missing == (0, 0, 0, row.missing[3], down)
         assert row.without == row.missing[3] + down
     assert sum(row.errors for row in one) > 0 < sum(row.missing[3] for row in one)
