@@ -45,7 +45,7 @@ def weak_run(bank: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_calls_are_counted_by_condition(weak_run: Path) -> None:
-    """Planned, answered, attempts (three for what stays down), failures, and what holds no decision, by its reason."""
+    """Planned, answered, attempts (five for what stays down), failures, and what holds no decision, by its reason."""
     (run,) = read_evidence([weak_run])
     one, steady = (counts(who) for who in subjects([run]))
     drawn = sum("lead_near" in frame.counterfactuals for frame in run.frames)
@@ -57,7 +57,7 @@ def test_calls_are_counted_by_condition(weak_run: Path) -> None:
     ]
     for row in one:
         down = row.planned - row.answered
-        assert (row.attempts, row.errors) == (row.answered + 3 * down, 3 * down)
+        assert (row.attempts, row.errors) == (row.answered + 5 * down, 5 * down)
         assert row.missing == (0, 0, 0, row.missing[3], down)
         assert row.without == row.missing[3] + down
     assert sum(row.errors for row in one) > 0 < sum(row.missing[3] for row in one)
@@ -115,13 +115,24 @@ def test_an_imported_bank_says_by_name_what_it_lacks(rover: Path, tmp_path: Path
     """Sections without data say "cannot say" and why; the action space is the owner's."""
     html = unescape(report(rover, tmp_path / "page.html").html)
     assert html.count("Cannot say: the bank records no gap.") == 2
-    assert "Cannot say: the run has no counterfactual pictures." in html
-    assert "Cannot say: no frame has answers to its real and to its mirrored picture" in html
+    assert "Cannot say: the run has no answers to counterfactual pictures, so distance was not tested" in html
+    assert "Cannot say: no action of this space exchanges under reflection." in html
     assert re.search(r"cannot say: .*depth_observational.* \(the bank records no gap\)", html)
     assert "condition mirrored was not asked: no frame has a mirror axis" in html
     assert "HALT, GO" in html
     assert "none is exchanged by reflection" in html
     assert data_of(html)["runs"][0]["actions"] == ["HALT", "GO"]
+
+
+def test_a_run_that_cannot_say_is_named_beside_one_that_can(rover: Path, bank: Path, tmp_path: Path) -> None:
+    """Each section has the figures of the one, and says of the other why it has none."""
+    other = make_run(bank, tmp_path / "boxes", {"steady": stand_ins.stop})
+    page = make_page(read_evidence([rover, other]))
+    html = page.html.decode()
+    assert html.count("Cannot say for <bdi>run</bdi>: the bank records no gap.") == 2
+    assert html.count("Cannot say for <bdi>run</bdi>: ") == 4
+    assert "Cannot say for <bdi>boxes</bdi>" not in html
+    assert [one.of for one in page.drawings["gap"]] == ["boxes · standin:steady"]
 
 
 def test_the_page_says_what_a_prompt_said_of_a_frame(rover: Path, tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 import base64
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -24,7 +24,6 @@ from eyechart.report.portraits import role
 from eyechart.report.sheets import STATISTIC_COLUMNS, level, shown, statistic_rows
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import Stopped
-from eyechart.studies.battery.answers import NO_GAP
 
 PAIRS_SHOWN = 4
 """Counterfactual moments that stand side by side, fewer where many models answer; the browser of frames has all."""
@@ -75,6 +74,7 @@ def make_page(evidence: Sequence[Evidence], *, tell: Tell = lambda _: None) -> P
             runs=[_run(run) for run in evidence],
             cards=[_card(who) for who in everyone],
             figures={section: [_figure(one) for one in many[:MODELS_DRAWN]] for section, many in drawn.items()},
+            silent=_silent(evidence, everyone, drawn),
             pairs=[
                 one
                 for run, places in zip(evidence, album.places, strict=True)
@@ -91,6 +91,31 @@ def make_page(evidence: Sequence[Evidence], *, tell: Tell = lambda _: None) -> P
         )
     )
     return Page(html.encode("utf-8", "backslashreplace"), drawn, tuple(notes))
+
+
+def _silent(
+    evidence: Sequence[Evidence], everyone: Sequence[Subject], drawn: Mapping[str, Sequence[Drawing]]
+) -> dict[str, list[tuple[str, str]]]:
+    """Return, by section, the runs for which it cannot say anything, each with the reason."""
+    found: dict[str, list[tuple[str, str]]] = {"gap": [], "information": [], "mirror": [], "counterfactual": []}
+    for run in evidence:
+        mine = [who for who in everyone if who.run is run]
+        labels = {who.label for who in mine}
+        for section in ("gap", "mirror", "counterfactual"):
+            if not any(one.of in labels for one in drawn[section]):
+                found[section].append((run.name, _why(section, mine)))
+        if all(who.model.statistics["mutual_information.decision"].value is None for who in mine):
+            found["information"].append((run.name, _why("gap", mine)))
+    return found
+
+
+def _why(section: str, models: Sequence[Subject]) -> str:
+    """Return in words why a section has no figure of these models."""
+    if section == "counterfactual":
+        return "the run has no answers to counterfactual pictures, so distance was not tested by intervention"
+    name = "mirror_swap_rate" if section == "mirror" else "mutual_information.decision"
+    notes = dict.fromkeys(who.model.statistics[name].note for who in models)
+    return "; ".join(note for note in notes if note) or "the run names no model"
 
 
 def _notes(
@@ -157,7 +182,7 @@ def _card(who: Subject) -> dict[str, object]:
         "glyph": glyph,
         "verdict": verdict,
         "numbers": _numbers(deciding, verdict.stopped),
-        "because": verdict.calibrated.words,
+        "because": verdict.calibrated.words.partition(": settled by ")[0],
     }
 
 
@@ -203,7 +228,6 @@ def _run(run: Evidence) -> dict[str, object]:
         "shard": manifest.shard,
         "limit": manifest.limit,
         "gap": bank.manifest.gap,
-        "no_gap": next((model.answers.no_gap for model in run.score.models.values()), NO_GAP),
         "space": bank.manifest.action_space,
         "has_pictures": run.pictures is not None,
         "about_pictures": run.about_pictures,
