@@ -1,6 +1,7 @@
 """The integrity section counts every call by condition, and names what a run does not cover."""
 
 import re
+from dataclasses import replace
 from html import unescape
 from pathlib import Path
 
@@ -14,11 +15,13 @@ from eyechart.calls import Query, Reply
 from eyechart.conditions import speaker
 from eyechart.frames import open_bank
 from eyechart.importing import Choices, import_table
+from eyechart.integrity import Guard
 from eyechart.models import ADAPTERS
 from eyechart.report.browser import frames_shown
 from eyechart.report.evidence import read_evidence, subjects
 from eyechart.report.integrity import counts, not_covered, summed
 from eyechart.report.page import make_page
+from eyechart.report.sheets import verdict_sheet
 from eyechart.studies import battery as study
 from report_runs import data_of, make_run, report
 
@@ -179,3 +182,20 @@ def test_a_run_that_stopped_early_says_so_and_is_not_partial(tmp_path: Path) -> 
     assert '<span class="flag">stopped early</span>' in html
     assert '<span class="flag">partial</span>' not in html
     assert "planned calls are not finished" not in html
+
+
+def test_a_failed_guard_marks_the_verdict_wherever_it_stands(bank: Path, tmp_path: Path) -> None:
+    """On the card, in the table at a glance, among the guards, and in the tables for other programs."""
+    models = dict.fromkeys(("a", "b", "c", "d", "e"), stand_ins.stop)
+    (run,) = read_evidence([make_run(bank, tmp_path / "run", models)])
+    assert make_page([run]).html.decode().count("guard failed") == 0
+    wrong = Guard("pictures_arrive", False, "the picture costs no token")
+    verdicts = {**run.verdicts, "standin:b": replace(run.verdicts["standin:b"], failed=(wrong,))}
+    score = replace(run.score, guards={**run.score.guards, "standin:b": (wrong,)})
+    marked = replace(run, score=score, verdicts=verdicts)
+    html = unescape(make_page([marked]).html.decode())
+    assert "Not to be relied on:</strong> guard 'pictures_arrive' failed: the picture costs no token" in html
+    assert html.count("! guard failed") == 1
+    assert html.count("✗ fails</span></td><td>the picture costs no token") == 1
+    assert "all 5 models" in html
+    assert [row[-1] for row in verdict_sheet(subjects([marked])).rows] == ["", "pictures_arrive", "", "", ""]
