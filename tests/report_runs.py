@@ -63,7 +63,7 @@ def make_run(bank: Path, out: Path, models: Mapping[str, Callable[[Query], Reply
     """Run a battery of models given as functions; they are called ``standin:NAME``."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(ADAPTERS, "standin", "stand_ins")
-        patch.setattr(stand_ins, "open_model", lambda name, _mode: stand_ins.StandIn(models[name]))
+        patch.setattr(stand_ins, "open_model", lambda name, _: stand_ins.StandIn(models[name]))
         study.run(study.plan(bank, [f"standin:{name}" for name in models], out, **options))
     return out
 

@@ -2,6 +2,7 @@ import asyncio
 import os
 import re
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
@@ -19,7 +20,7 @@ from eyechart.calls import CallKey, Query, Reply
 from eyechart.conditions import BATTERY, show
 from eyechart.errors import BankError, SpecError
 from eyechart.frames import Frame, FrameBank
-from eyechart.ledger import Ledger
+from eyechart.ledger import Attempt, Ledger
 from eyechart.limits import Limits
 from eyechart.prompts import PROMPTS
 from eyechart.run import Plan, execute, in_shard, read_shard, spread
@@ -288,6 +289,25 @@ def test_a_planned_model_that_was_not_opened_is_an_error(plan: Plan, ledger: Led
     """A run that leaves a model out does not call itself done."""
     with pytest.raises(KeyError, match="absent"):
         execute(replace(plan, models=("absent",)), {"m": StandIn()}, ledger)
+
+
+def test_a_ledger_that_cannot_be_written_ends_the_run_with_its_error(
+    plan: Plan, ledger: Ledger, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every worker hears of it, none waits for ever, and what was committed before stays."""
+
+    def full(attempt: Attempt, reply: Reply) -> None:
+        if attempt.id > 20:
+            raise sqlite3.OperationalError("database or disk is full")
+        Ledger.close(ledger, attempt, reply)
+
+    monkeypatch.setattr(ledger, "close", full)
+    with pytest.raises(sqlite3.OperationalError, match="disk is full"):
+        execute(plan, {"m": StandIn(pause_s=0.01)}, ledger, concurrency=4)
+    assert 1 <= len(ledger.finished()) <= 20
+    monkeypatch.undo()
+    execute(plan, {"m": StandIn()}, ledger)
+    assert ledger.finished() == set(plan.keys())
 
 
 def frames_of(episodes: list[int]) -> list[Frame]:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank
+from eyechart.modes import RequestMode
 from eyechart.run import Progress
 from eyechart.simulators import open_simulator
 from eyechart.studies import battery
@@ -114,7 +115,7 @@ def build_bank(
 
 def run_battery(
     bank: FrameBank | Path | str,
-    models: Sequence[str] | str,
+    models: Sequence[str | RequestMode] | str | RequestMode,
     out: Path | str,
     *,
     prompt: str | None = None,
@@ -126,14 +127,14 @@ def run_battery(
     """Ask models about every frame of a bank under every condition, and return the report.
 
     It makes calls, which may cost money; those that the run's folder ``out`` holds already are not made again, so an
-    interrupted call goes on where it stopped. ``models`` is a SPEC or several; the other options are those of
-    ``eyechart run battery`` (the rarer ones, conditions and shards, are those of `eyechart.studies.battery.plan`);
+    interrupted call goes on where it stopped. ``models`` is a SPEC, a request mode, or several of them; the other
+    options are those of ``eyechart run battery`` (the rarer ones are those of `eyechart.studies.battery.plan`);
     ``progress`` gets (calls done, of how many). Raises BankError, SpecError or LedgerError as ``plan`` does. A report
     on calls that failed says so in its notes.
     """
     planned = battery.plan(
         bank.root if isinstance(bank, FrameBank) else Path(bank),
-        [models] if isinstance(models, str) else models,
+        [models] if isinstance(models, str | RequestMode) else models,
         Path(out),
         prompt=prompt,
         seed=seed,

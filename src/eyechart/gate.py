@@ -2,7 +2,7 @@
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from eyechart.errors import SpecError
 from eyechart.studies.battery import BatteryScore, ModelScore
@@ -91,7 +91,8 @@ def read_requirements(text: str) -> tuple[str, ...]:
 def hold(score: BatteryScore, require: Sequence[str], *, max_unparsed: float | None = None) -> Gate:
     """Hold every model of a scored battery to the requirements, and to an unparsed rate over all calls.
 
-    A run without calls, one with calls still to make, and a model whose calls failed cannot say. Raises SpecError
+    A run without calls, one with calls still to make, and a model whose calls failed cannot say; nor does what would
+    hold where a guard of the run failed. Raises SpecError
     for an unknown requirement or a rate outside [0, 1].
     """
     wanted = read_requirements(",".join(require))
@@ -100,13 +101,21 @@ def hold(score: BatteryScore, require: Sequence[str], *, max_unparsed: float | N
     verdicts = judge(score)
     checks: list[Check] = []
     for spec, model in score.models.items():
-        reason = _no_evidence(model) or "; ".join(verdicts[spec].marks)
+        reason, mine = _no_evidence(model), []
         for requirement in wanted:
             holds, because = (None, reason) if reason else _claim(requirement, verdicts[spec])
-            checks.append(Check(spec, requirement, holds, because))
+            mine.append(Check(spec, requirement, holds, because))
         if max_unparsed is not None:
-            checks.append(_unparsed(spec, model, max_unparsed, reason))
+            mine.append(_unparsed(spec, model, max_unparsed, reason))
+        checks += [_marked(check, verdicts[spec].marks) for check in mine]
     return Gate(tuple(checks))
+
+
+def _marked(check: Check, marks: Sequence[str]) -> Check:
+    """Return a check with the guards that failed: what holds by a run that is not to be believed cannot be said."""
+    if not marks:
+        return check
+    return replace(check, holds=None if check.holds else check.holds, because="; ".join((check.because, *marks)))
 
 
 def _no_evidence(model: ModelScore) -> str:

@@ -15,6 +15,7 @@ from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
 from eyechart.frames import encode
 from eyechart.models import Model, open_model
+from eyechart.models.http import proxy_for
 from eyechart.modes import RequestMode
 from faults import FaultServer, answer, completion, refuse
 
@@ -298,3 +299,24 @@ def test_many_calls_share_one_session_and_a_closed_model_opens_another() -> None
         model = open_model("openai:m", mode_of(server.base_url))
         assert asyncio.run(several(model)) == asyncio.run(several(model)) == {"SLOW"}
         assert server.requests == 40
+
+
+@pytest.mark.parametrize(
+    ("address", "proxy"),
+    [
+        ("https://api.example.org/v1", "http://proxy.test:3128"),
+        ("https://inside.example.net/v1", None),
+        ("http://127.0.0.1:8000/v1", None),
+        ("http://localhost:8000/v1", None),
+        ("http://[::1]:8000/v1", None),
+    ],
+)
+def test_a_proxy_is_that_of_the_environment_but_never_for_this_machine(
+    address: str, proxy: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """NO_PROXY is kept too."""
+    for name in ("HTTP_PROXY", "HTTPS_PROXY", "http_proxy", "https_proxy"):
+        monkeypatch.setenv(name, "http://proxy.test:3128")
+    monkeypatch.setenv("NO_PROXY", ".example.net")
+    monkeypatch.setenv("no_proxy", ".example.net")
+    assert proxy_for(address) == proxy

@@ -25,6 +25,7 @@ from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank
 from eyechart.gate import hold
 from eyechart.ledger import Ledger
+from eyechart.limits import Limits
 from eyechart.manifest import LEDGER, read_run
 from eyechart.models import ADAPTERS
 from eyechart.studies import battery as study
@@ -42,16 +43,16 @@ def losing(query: Query) -> Reply:
 
 
 def locked(query: Query) -> Reply:
-    """Fail as an endpoint does without a key."""
+    """Fail as an endpoint does that takes no picture."""
     del query
-    return Reply(error="auth", error_detail="401")
+    return Reply(error="bad_request", error_detail="400")
 
 
 @pytest.fixture(autouse=True)
 def _installed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make three stand-ins SPECs, each with pauses so that calls end in another order than they began."""
     answers = {"steady": stand_ins.stop, "losing": losing, "locked": locked}
-    monkeypatch.setattr(stand_ins, "open_model", lambda name, _mode: stand_ins.StandIn(answers[name], pause_s=0.004))
+    monkeypatch.setattr(stand_ins, "open_model", lambda name, _: stand_ins.StandIn(answers[name], pause_s=0.004))
     monkeypatch.setitem(ADAPTERS, "standin", "stand_ins")
 
 
@@ -75,7 +76,7 @@ def stopped(bank: FrameBank, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def _quick(name: str) -> stand_ins.StandIn:
+def _quick(name: str, _: object) -> stand_ins.StandIn:
     return stand_ins.StandIn({"steady": stand_ins.stop, "losing": losing}[name])
 
 
@@ -202,7 +203,7 @@ import stand_ins
 from eyechart.models import ADAPTERS
 from eyechart.studies import battery as study
 sys.modules["stand_ins"] = stand_ins
-stand_ins.open_model = lambda name: stand_ins.StandIn(stand_ins.stop, pause_s=0.01)
+stand_ins.open_model = lambda *_: stand_ins.StandIn(stand_ins.stop, pause_s=0.01)
 ADAPTERS["standin"] = "stand_ins"
 study.run(study.plan(Path(sys.argv[1]), ["standin:steady"], Path(sys.argv[2]), stop_early=True), concurrency=4)
 """
@@ -256,10 +257,10 @@ def _cut_at(calls: int) -> Callable[[int, int], None]:
     return cut
 
 
-def test_failed_authentication_stops_nothing_early(bank: FrameBank, tmp_path: Path) -> None:
+def test_refused_requests_stop_nothing_early(bank: FrameBank, tmp_path: Path) -> None:
     """Errors are no evidence: every call is made, and a gate cannot say."""
     out = tmp_path / "run"
-    study.run(study.plan(bank.root, [LOCKED], out, stop_early=True), concurrency=32)
+    study.run(study.plan(bank.root, [LOCKED], out, stop_early=True), concurrency=32, limits=Limits(patience=9999))
     scored = study.score(out, resamples=99)
     assert scored.models[LOCKED].stopped is None
     assert scored.models[LOCKED].answered == scored.models[LOCKED].planned

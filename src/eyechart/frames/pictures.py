@@ -21,7 +21,9 @@ def inside(root: Path, file: str) -> Path:
     pure = PurePosixPath(file)
     path = root / pure
     try:
-        outside = pure.is_absolute() or ".." in pure.parts or not path.resolve().is_relative_to(_resolved(root))
+        outside = (
+            pure.is_absolute() or ".." in pure.parts or not path.resolve().is_relative_to(_resolved(root.absolute()))
+        )
     except (OSError, ValueError, RuntimeError) as error:  # a name too long, with a NUL, or a loop of links
         raise BankError(f"{file!r} is no file of the bank {root}: {error}") from error
     if outside:
@@ -31,7 +33,7 @@ def inside(root: Path, file: str) -> Path:
 
 @lru_cache(maxsize=64)
 def _resolved(root: Path) -> Path:
-    """Return a bank's folder without links; a bank does not move while it is read."""
+    """Return a bank's folder, given from the root on, without links; a bank does not move while it is read."""
     return root.resolve()
 
 

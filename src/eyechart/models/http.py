@@ -127,7 +127,7 @@ class Endpoint:
                 },
                 cookie_jar=aiohttp.DummyCookieJar(),
                 auto_decompress=False,
-                proxy=_proxy(self.base_url),
+                proxy=proxy_for(self.base_url),
             )
         return self._session
 
@@ -247,7 +247,8 @@ def is_loopback(base_url: str) -> bool:
         return host == "localhost" or host.endswith(".localhost")
 
 
-def _proxy(base_url: str) -> str | None:
+def proxy_for(base_url: str) -> str | None:
+    """Return the proxy that the environment names for an address; none for one of this machine."""
     parts = urlsplit(base_url)
     if is_loopback(base_url) or proxy_bypass(parts.hostname or ""):
         return None
