@@ -1,11 +1,12 @@
 """How Sphinx builds the site: make docs."""
 
+import re
 import sys
 from pathlib import Path
 
 from sphinx.application import Sphinx
 
-DOCS = Path(__file__).parent
+DOCS = Path(__file__).resolve().parent
 sys.path.insert(0, str(DOCS))
 
 import api_pages  # noqa: E402 - it stands beside this file
@@ -40,13 +41,27 @@ python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 88
 
 
+_UPWARDS = re.compile(r"\[([^\]]+)\]\((\.\./[^)#\s]+)[^)\s]*\)")
+
+
 def _decisions(_app: Sphinx, docname: str, source: list[str]) -> None:
     """Hang the decisions below their list, which stays plain Markdown for who reads it in the repository."""
     if docname == "decisions/README":
         source[0] += "\n```{toctree}\n:hidden:\n:glob:\n\n0*\n```\n"
 
 
+def _outside(_app: Sphinx, docname: str, source: list[str]) -> None:
+    """Name the file of the repository where a link leads out of the docs: the site does not hold it."""
+
+    def named(link: re.Match[str]) -> str:
+        target = (DOCS / docname).parent.joinpath(link[2]).resolve()
+        return link[0] if target.is_relative_to(DOCS) else f"{link[1]} (`{target.relative_to(DOCS.parent)}`)"
+
+    source[0] = _UPWARDS.sub(named, source[0])
+
+
 def setup(app: Sphinx) -> None:
     """Write the pages of the API, and hang up the decisions."""
     api_pages.write(DOCS / "api")
     app.connect("source-read", _decisions)
+    app.connect("source-read", _outside)

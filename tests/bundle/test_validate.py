@@ -241,7 +241,10 @@ STATISTICS = ["score", "models", MODEL, "statistics"]
             rf"results\.json, verdicts, {MODEL}, calibrated: printed",
         ),
         (_result(["verdicts", MODEL, "scope"], "everywhere"), rf"results\.json, verdicts, {MODEL}, scope: printed"),
-        (_result(["score", "accounting", MODEL, "attempts"], 7), rf"results\.json, accounting, {MODEL}, attempts:"),
+        (
+            _result(["score", "accounting", MODEL, "all", "attempts"], 7),
+            rf"results\.json, accounting, {MODEL}, all, attempts:",
+        ),
         (edit("results.json", '"seed": 0', '"seed": 7, "seed": 0'), r"results\.json: printed 'written in another way'"),
         (edit("results.json", "{", "["), r"results\.json: printed 'no JSON'"),
         (lambda folder: (folder / "results.json").unlink(), r"results\.json: printed 'no file'"),

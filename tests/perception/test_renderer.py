@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eyechart.perception.renderer import PALETTE, Reading, read_picture
@@ -217,7 +217,6 @@ def draw_road(line_rows: list[int], solid: set[int]) -> np.ndarray:
     return rgb
 
 
-@settings(deadline=None)
 @given(
     row=st.integers(53, 74),
     widths=st.lists(st.integers(20, 24), max_size=4),

@@ -1,6 +1,7 @@
 """The integrity section counts every call by condition, and names what a run does not cover."""
 
 import re
+from dataclasses import replace
 from html import unescape
 from pathlib import Path
 
@@ -14,11 +15,13 @@ from eyechart.calls import Query, Reply
 from eyechart.conditions import speaker
 from eyechart.frames import open_bank
 from eyechart.importing import Choices, import_table
+from eyechart.integrity import Guard
 from eyechart.models import ADAPTERS
 from eyechart.report.browser import frames_shown
 from eyechart.report.evidence import read_evidence, subjects
 from eyechart.report.integrity import counts, not_covered, summed
 from eyechart.report.page import make_page
+from eyechart.report.sheets import verdict_sheet
 from eyechart.studies import battery as study
 from report_runs import data_of, make_run, report
 
@@ -115,13 +118,24 @@ def test_an_imported_bank_says_by_name_what_it_lacks(rover: Path, tmp_path: Path
     """Sections without data say "cannot say" and why; the action space is the owner's."""
     html = unescape(report(rover, tmp_path / "page.html").html)
     assert html.count("Cannot say: the bank records no gap.") == 2
-    assert "Cannot say: the run has no counterfactual pictures." in html
-    assert "Cannot say: no frame has answers to its real and to its mirrored picture" in html
+    assert "Cannot say: the run has no answers to counterfactual pictures, so distance was not tested" in html
+    assert "Cannot say: no action of this space exchanges under reflection." in html
     assert re.search(r"cannot say: .*depth_observational.* \(the bank records no gap\)", html)
     assert "condition mirrored was not asked: no frame has a mirror axis" in html
     assert "HALT, GO" in html
     assert "none is exchanged by reflection" in html
     assert data_of(html)["runs"][0]["actions"] == ["HALT", "GO"]
+
+
+def test_a_run_that_cannot_say_is_named_beside_one_that_can(rover: Path, bank: Path, tmp_path: Path) -> None:
+    """Each section has the figures of the one, and says of the other why it has none."""
+    other = make_run(bank, tmp_path / "boxes", {"steady": stand_ins.stop})
+    page = make_page(read_evidence([rover, other]))
+    html = page.html.decode()
+    assert html.count("Cannot say for <bdi>run</bdi>: the bank records no gap.") == 2
+    assert html.count("Cannot say for <bdi>run</bdi>: ") == 4
+    assert "Cannot say for <bdi>boxes</bdi>" not in html
+    assert [one.of for one in page.drawings["gap"]] == ["boxes · standin:steady"]
 
 
 def test_the_page_says_what_a_prompt_said_of_a_frame(rover: Path, tmp_path: Path) -> None:
@@ -168,3 +182,24 @@ def test_a_run_that_stopped_early_says_so_and_is_not_partial(tmp_path: Path) -> 
     assert '<span class="flag">stopped early</span>' in html
     assert '<span class="flag">partial</span>' not in html
     assert "planned calls are not finished" not in html
+
+
+def test_a_failed_guard_marks_the_verdict_wherever_it_stands(bank: Path, tmp_path: Path) -> None:
+    """On the card, in the table at a glance, among the guards, and in the tables for other programs."""
+    models = dict.fromkeys(("a", "b", "c", "d", "e"), stand_ins.stop)
+    (run,) = read_evidence([make_run(bank, tmp_path / "run", models)])
+    wrong, right = Guard("pictures_arrive", False, "the picture costs no token"), Guard("pictures_arrive", True, "yes")
+    guards = {spec: (wrong if spec == "standin:b" else right,) for spec in run.verdicts}
+    failed = {spec: tuple(one for one in many if one.holds is False) for spec, many in guards.items()}
+    verdicts = {spec: replace(one, failed=failed[spec]) for spec, one in run.verdicts.items()}
+    score = replace(run.score, guards=guards)
+    marked = replace(run, score=score, verdicts=verdicts)
+    html = unescape(make_page([marked]).html.decode())
+    mark = "Not to be relied on:</strong> guard 'pictures_arrive' failed: the picture costs no token."
+    assert html.count(mark) == html.count("Not to be relied on") == 1
+    assert html.count("! guard failed") == 1
+    assert html.count("✗ fails</span></td><td>the picture costs no token") == 1
+    assert "all 5 models" not in html
+    healthy = replace(run, score=replace(score, guards=dict.fromkeys(guards, (right,))))
+    assert "all 5 models" in make_page([healthy]).html.decode()
+    assert [row[-1] for row in verdict_sheet(subjects([marked])).rows] == ["", "pictures_arrive", "", "", ""]

@@ -223,7 +223,7 @@ def test_a_bank_without_gap_axis_and_counterfactuals_says_cannot_say(tmp_path: P
     """Sections that need what the bank lacks say so in words and show no figure."""
     root = banks.build_bank(tmp_path / "bank", axis="none", drawn=False).root
     made = report(make_run(root, tmp_path / "run", {"noisy": noisy}), tmp_path / "page.html")
-    assert "the run has no counterfactual pictures" in made.html
+    assert "the run has no answers to counterfactual pictures" in made.html
     assert made.made.drawings["mirror"] == []
     assert made.made.drawings["counterfactual"] == []
     assert len(made.made.drawings["gap"]) == 1

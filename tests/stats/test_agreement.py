@@ -14,7 +14,7 @@ labels = st.lists(st.tuples(st.integers(0, 3), st.integers(0, 3)), min_size=1, m
 
 
 @given(n=st.integers(1, 300), share=st.floats(0, 1))
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_a_rate_carries_the_wilson_interval_of_scipy(n: int, share: float) -> None:
     """Reference: scipy.stats.binomtest(k, n).proportion_ci(method="wilson")."""
     k = round(share * n)
@@ -121,7 +121,6 @@ def test_kappa_without_a_standard_error_still_has_a_wide_interval(first: list, s
 
 
 @given(pairs=labels)
-@settings(deadline=None)
 def test_kappa_is_symmetric_and_unchanged_by_relabelling(pairs: list) -> None:
     """Neither the order of the raters nor the names of the labels matter."""
     first, second = np.array(pairs).T
@@ -179,7 +178,7 @@ def test_the_swap_permutation_agrees_with_the_hypergeometric_law() -> None:
 
 
 @given(pairs=st.lists(st.tuples(st.sampled_from("LR"), st.sampled_from("LRSU")), min_size=1, max_size=6))
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 def test_the_swap_permutation_is_that_of_all_re_pairings(pairs: list) -> None:
     """P and mean of the random tables against every order of the mirrored decisions, one by one."""
     real, mirrored = (np.array(column) for column in zip(*pairs, strict=True))
@@ -200,7 +199,7 @@ def test_without_directions_the_swap_test_cannot_say() -> None:
 
 
 @given(n=st.integers(1, 80), k=st.integers(0, 80), chance=st.floats(0, 1))
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_the_binomial_tail_is_scipys(n: int, k: int, chance: float) -> None:
     """Reference: scipy.stats.binomtest(k, n, chance, alternative="greater").pvalue."""
     k = min(k, n)

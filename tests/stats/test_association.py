@@ -26,7 +26,7 @@ def test_arrays_of_two_lengths_make_no_table() -> None:
 
 
 @given(table=tables.filter(lambda t: t.sum() > 0), correction=st.booleans())
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_chi_squared_is_scipys_after_empty_rows_and_columns_are_dropped(table: np.ndarray, *, correction: bool) -> None:
     """Reference: scipy.stats.chi2_contingency(table without empty lines, correction=correction)."""
     kept = table[table.sum(axis=1) > 0][:, table.sum(axis=0) > 0]
@@ -39,7 +39,7 @@ def test_chi_squared_is_scipys_after_empty_rows_and_columns_are_dropped(table: n
 
 
 @given(table=tables.filter(lambda t: t.sum() > 0), data=st.data())
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_v_and_information_are_unchanged_by_relabelling(table: np.ndarray, data: st.DataObject) -> None:
     """Any order of rows and columns, and the transposed table, give the same numbers; none leaves its range."""
     rows = data.draw(st.permutations(range(table.shape[0])))
@@ -53,7 +53,7 @@ def test_v_and_information_are_unchanged_by_relabelling(table: np.ndarray, data:
 
 
 @given(table=tables.filter(lambda t: t.sum() > 0))
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_information_is_the_divergence_of_the_table_from_independence(table: np.ndarray) -> None:
     """Reference: scipy.stats.entropy(joint, product of the margins, base=2)."""
     joint = table / table.sum()
@@ -136,7 +136,6 @@ def test_no_lead_gets_a_bin_of_its_own_on_request() -> None:
     bins=st.integers(1, 6),
     own=st.booleans(),
 )
-@settings(deadline=None)
 def test_farther_gaps_never_get_a_nearer_bin(gaps: list, bins: int, *, own: bool) -> None:
     """Codes rise with the gap, equal gaps share a bin and the sizes add up."""
     found = association.quantile_bins(gaps, bins, no_lead_bin=own)

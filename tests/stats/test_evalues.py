@@ -105,7 +105,7 @@ def test_independent_frames_never_become_certain() -> None:
 
 
 @given(payoffs=st.lists(st.floats(-0.9, 1.5), min_size=1, max_size=60), bank=st.booleans())
-@settings(deadline=None, max_examples=80)
+@settings(max_examples=80)
 def test_no_payoffs_break_it(payoffs: list[float], bank: bool) -> None:  # noqa: FBT001
     """Whatever comes within bounds, the e-value is a number of 0 or more, or certainty."""
     process = MeanProcess(len(payoffs), -0.9, bank=bank)

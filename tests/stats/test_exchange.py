@@ -103,7 +103,7 @@ def brute_force(level: np.ndarray, gap: np.ndarray, sizes: tuple[int, int], meas
 
 
 @given(seed=st.integers(0, 10_000), seeds=st.integers(2, 4))
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 def test_the_exact_exchange_is_brute_force(seed: int, seeds: int) -> None:
     """Both statistics against all arrangements built frame by frame, ties included; frame order is free."""
     rng = np.random.default_rng(seed)
@@ -139,7 +139,7 @@ def test_the_sampled_exchange_agrees_with_the_exact_one(monkeypatch: pytest.Monk
 
 
 @given(seed=st.integers(0, 999), k=st.integers(1, 4), steps=st.integers(1, 7))
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 def test_pair_tables_are_counted_frame_by_frame(seed: int, k: int, steps: int) -> None:
     """Every action episode against every gap episode, one frame at a time; action 3 is no decision."""
     rng = np.random.default_rng(seed)

@@ -37,7 +37,7 @@ def test_without_discordant_pairs_nothing_is_rejected() -> None:
 
 
 @given(b=st.integers(0, 60), c=st.integers(0, 60))
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_mcnemar_is_scipys_two_sided_binomial_test(b: int, c: int) -> None:
     """Reference: scipy.stats.binomtest(b, b + c).pvalue."""
     expected = stats.binomtest(b, b + c).pvalue if b + c else 1.0
@@ -45,7 +45,7 @@ def test_mcnemar_is_scipys_two_sided_binomial_test(b: int, c: int) -> None:
 
 
 @given(n=st.integers(0, 300), share=st.floats(0, 1))
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_the_tail_of_the_fair_coin_is_the_sum_of_its_ways(n: int, share: float) -> None:
     """Either tail, against math.comb term by term, to the last bit."""
     k = round(share * n)
@@ -65,7 +65,7 @@ def spread(first: np.ndarray, second: np.ndarray) -> int:
 
 
 @given(pairs=label_pairs)
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_the_label_swap_test_enumerates_what_brute_force_does(pairs: list) -> None:
     """All 2^n ways to swap the labels within frames, one by one."""
     first, second = np.array(pairs).T
@@ -143,7 +143,7 @@ def test_zero_discordance_bounds_an_absence_from_forty_nine_frames_on() -> None:
 
 
 @given(b=st.integers(0, 12), c=st.integers(0, 12), rest=st.integers(1, 200))
-@settings(deadline=None, max_examples=80)
+@settings(max_examples=80)
 def test_the_bound_and_its_p_never_contradict_each_other(b: int, c: int, rest: int) -> None:
     """The claim p < alpha holds exactly when the upper end of the interval lies below the margin."""
     first, second = [1] * b + [0] * (c + rest), [0] * b + [1] * c + [0] * rest

@@ -46,7 +46,7 @@ def test_holm_keeps_the_order_and_never_lowers_a_p(p: list) -> None:
 
 
 @given(table=tables.filter(lambda t: t.sum() > 0), seed=st.integers(0, 9))
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 def test_a_permutation_test_gives_a_p_in_range_and_ignores_labels(table: np.ndarray, seed: int) -> None:
     """P lies in [1/(B+1), 1], the value is that of the table, and a seed repeats."""
     kept = table[table.sum(axis=1) > 0][:, table.sum(axis=0) > 0]
@@ -86,7 +86,7 @@ def brute_force(sums: np.ndarray) -> tuple[float, float]:
 
 
 @given(seed=st.integers(0, 999), episodes=st.integers(2, 5))
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 def test_the_enumerated_bootstrap_is_that_of_all_ordered_draws(seed: int, episodes: int) -> None:
     """The k^k draws of itertools.product against the multisets with their weights."""
     rng = np.random.default_rng(seed)
@@ -121,7 +121,7 @@ def test_the_size_of_a_chunk_changes_no_draw(monkeypatch: pytest.MonkeyPatch) ->
 
 
 @given(seed=st.integers(0, 999), frames=st.integers(0, 9))
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 def test_a_median_by_counts_is_the_median_of_the_repeated_values(seed: int, frames: int) -> None:
     """Every value written out as often as its episode was taken, then numpy.median; nothing taken is NaN."""
     rng = np.random.default_rng(seed)

@@ -11,7 +11,7 @@ import jinja2
 from markupsafe import Markup
 
 from eyechart import __version__
-from eyechart.actions import MISSING, ActionSpace
+from eyechart.actions import MISSING
 from eyechart.conditions import CONDITIONS
 from eyechart.costs import ALL
 from eyechart.report.browser import Texts, browser_data, collect_texts, embedded_json, frames_shown
@@ -19,15 +19,12 @@ from eyechart.report.drawing import Drawing
 from eyechart.report.evidence import Evidence, Subject, Tell, subjects
 from eyechart.report.figures import figures
 from eyechart.report.integrity import counts, not_covered, summed
-from eyechart.report.pictures import NO_PICTURE, Album, make_album
-from eyechart.report.portraits import role
+from eyechart.report.pictures import Album, make_album
+from eyechart.report.sections import guards, pairs, silent
 from eyechart.report.sheets import STATISTIC_COLUMNS, level, shown, statistic_rows
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import Stopped
-from eyechart.studies.battery.answers import NO_GAP
 
-PAIRS_SHOWN = 4
-"""Counterfactual moments that stand side by side, fewer where many models answer; the browser of frames has all."""
 MODELS_DRAWN = 24
 """Models that have figures of their own in the page."""
 
@@ -75,10 +72,11 @@ def make_page(evidence: Sequence[Evidence], *, tell: Tell = lambda _: None) -> P
             runs=[_run(run) for run in evidence],
             cards=[_card(who) for who in everyone],
             figures={section: [_figure(one) for one in many[:MODELS_DRAWN]] for section, many in drawn.items()},
+            silent=silent(evidence, everyone, drawn),
             pairs=[
                 one
                 for run, places in zip(evidence, album.places, strict=True)
-                for one in _pairs(run, places, album, len(everyone))
+                for one in pairs(run, places, album, len(everyone))
             ],
             statistics=[(who.label, _statistics(who)) for who in everyone],
             statistic_columns=STATISTIC_COLUMNS,
@@ -157,7 +155,7 @@ def _card(who: Subject) -> dict[str, object]:
         "glyph": glyph,
         "verdict": verdict,
         "numbers": _numbers(deciding, verdict.stopped),
-        "because": verdict.calibrated.words,
+        "because": verdict.calibrated.words.partition(": settled by ")[0],
     }
 
 
@@ -203,12 +201,12 @@ def _run(run: Evidence) -> dict[str, object]:
         "shard": manifest.shard,
         "limit": manifest.limit,
         "gap": bank.manifest.gap,
-        "no_gap": next((model.answers.no_gap for model in run.score.models.values()), NO_GAP),
         "space": bank.manifest.action_space,
         "has_pictures": run.pictures is not None,
         "about_pictures": run.about_pictures,
         "counts": summed(rows),
         "counts_by_model": list(zip(run.score.models, rows, strict=True)),
+        "guards": guards(run),
         "not_covered": not_covered(run),
     }
 
@@ -224,38 +222,3 @@ def _accounting(who: Subject) -> dict[str, object]:
         "took": who.run.score.accounting[who.spec][ALL],
         "missing": [sum(one.missing == reason for one in given) for reason in MISSING],
     }
-
-
-def _pairs(run: Evidence, places: dict[str, tuple[int, ...]], album: Album, models: int) -> list[dict[str, object]]:
-    """Return some moments, evenly taken, with the pictures of each counterfactual and the decisions they got."""
-    names = [name for name in ("lead_near", "lead_far", "real", "recoloured") if name in run.conditions]
-    drawn = [
-        place for place, frame in enumerate(run.frames) if {"lead_near", "lead_far"} & frame.counterfactuals.keys()
-    ]
-    if not drawn or not {"lead_near", "lead_far", "recoloured"} & set(names):
-        return []
-    count = PAIRS_SHOWN if models <= 8 else PAIRS_SHOWN // 2
-    step, space = max(1, len(drawn) // count), run.score.bank.manifest.action_space
-    return [
-        {
-            "frame": run.frames[place].id,
-            "run": run.name,
-            "columns": [(name, _uri(album, places[name][place])) for name in names],
-            "rows": [(who.spec, [_word(who, name, place, space) for name in names]) for who in subjects([run])],
-        }
-        for place in drawn[::step][:count]
-    ]
-
-
-def _uri(album: Album, number: int) -> str | None:
-    return None if number <= NO_PICTURE else album.uris[number]
-
-
-def _word(who: Subject, condition: str, place: int, space: ActionSpace) -> tuple[str, str]:
-    """Return the role of a decision (brake, proceed, other, none, or nothing where there is no reply) and its word."""
-    decision = who.decision(condition, place)
-    if decision is None:
-        return "", "—"
-    if decision.action is None:
-        return "none", f"({decision.missing})"
-    return role(space, decision.action), decision.action

@@ -88,13 +88,15 @@ def verdict_sheet(everyone: Sequence[Subject]) -> Sheet:
         ("level", "text"),
         ("n", "count"),
         ("p", "p"),
+        ("failed guards", "text"),
     )
     rows = []
     for who in everyone:
         ruling = who.verdict.calibrated
         one = who.model.statistics[ruling.decided_by]
+        marks = "; ".join(guard.name for guard in who.verdict.failed)
         words = (who.label, ruling.label, who.verdict.lateral.label, who.verdict.evidence, who.verdict.paper.label)
-        rows.append((*words, ruling.decided_by, one.value, one.ci, level(one), one.n, one.p))
+        rows.append((*words, ruling.decided_by, one.value, one.ci, level(one), one.n, one.p, marks))
     return Sheet("verdicts", "Verdicts and the statistic that decided each", columns, tuple(rows))
 
 
