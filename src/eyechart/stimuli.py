@@ -8,10 +8,12 @@ from eyechart.conditions import show
 from eyechart.frames import Frame, FrameBank
 
 _MOST_BYTES = 128_000_000
+_MOST_PICTURES = 5_000
+"""Small pictures are bounded by their number: keeping one costs more than its bytes."""
 
 
 class _Kept:
-    """The most recently used pictures by name, within a bound of bytes."""
+    """The most recently used pictures by name, within a bound of bytes and of number."""
 
     def __init__(self) -> None:
         self._kept: OrderedDict[tuple[str, str], bytes | None] = OrderedDict()
@@ -23,7 +25,7 @@ class _Kept:
             return self._kept[name]
         picture = self._kept[name] = make()
         self._bytes += len(picture or b"")
-        while self._bytes > _MOST_BYTES:
+        while self._bytes > _MOST_BYTES or len(self._kept) > _MOST_PICTURES:
             _, dropped = self._kept.popitem(last=False)
             self._bytes -= len(dropped or b"")
         return picture
