@@ -10,6 +10,7 @@ from pathlib import Path
 
 from eyechart.bundle.contents import FORMAT, INDEX, RUN_FOLDER, Recipe, as_json, derive
 from eyechart.bundle.unpacking import check_names
+from eyechart.destination import require_free, whole
 from eyechart.errors import BundleError
 from eyechart.frames import FrameBank, inside, open_bank, read_bounded
 from eyechart.ledger import Ledger
@@ -47,8 +48,10 @@ def write_bundle(
 ) -> int:
     """Write a run with its pictures and all that follows from it as one ZIP file; return how many files it holds.
 
-    Raises LedgerError or BankError where the folder is no run, and BundleError where its pictures are not at hand.
+    Raises LedgerError or BankError where the folder is no run, BundleError where its pictures are
+    not at hand, and OutputError where ``out`` may not be written.
     """
+    require_free(out, "bundle")
     manifest, bank = read_run(run)
     require_scorable(run, manifest, bank, independent=independent, reread=reread)
     tell("looking for the pictures")
@@ -56,7 +59,6 @@ def write_bundle(
     if pictures is None:
         raise BundleError(f"the pictures of {run} are not at hand: {about}; give the bank with --frames")
     recipe = Recipe.here(run.resolve().name or "run", resamples=resamples, independent=independent)
-    out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="eyechart-bundle-") as work:
         folder = Path(work) / "bundle"
         _snapshot(run, folder / RUN_FOLDER, manifest, pictures)
@@ -99,8 +101,7 @@ def _digest(path: Path) -> str:
 
 
 def _pack(folder: Path, out: Path) -> None:
-    partial = out.with_name(f".{out.name}.part")
-    try:
+    with whole(out, "bundle") as partial:
         with zipfile.ZipFile(partial, "w") as packed:
             for path in _files(folder):
                 entry = zipfile.ZipInfo(path.relative_to(folder).as_posix(), _EPOCH)
@@ -112,6 +113,3 @@ def _pack(folder: Path, out: Path) -> None:
                 with path.open("rb") as source, packed.open(entry, "w") as target:
                     shutil.copyfileobj(source, target, 1 << 20)
         check_names(partial)  # what could not be opened again is not written
-        partial.replace(out)
-    finally:
-        partial.unlink(missing_ok=True)
