@@ -18,19 +18,6 @@ from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, RunManifest, as_text
 from eyechart.report.evidence import Tell, find_pictures, used_pictures
 from eyechart.studies.battery.scoring import require_scorable
 
-README = "README.txt"
-_HOW = """This is a bundle of eyechart: a run, and what follows from it.
-
-run/            what was asked and answered: run.json, ledger.sqlite, the bank's manifest and the pictures used
-results.json    every statistic and verdict
-report.html     the same for people, in any browser
-tables/         the same as CSV, Markdown and LaTeX
-bundle.json     how the results were made, and a digest of every file
-
-  eyechart validate FILE.zip
-
-recomputes all of it from run/ and names what differs.
-"""
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 _PACKED = {".png", ".jpg", ".jpeg", ".webp"}
 """Pictures that are small already."""
@@ -65,7 +52,7 @@ def write_bundle(
         manifest, bank = read_run(folder / RUN_FOLDER)
         held = open_bank(folder / RUN_FOLDER / BANK)
         derived = derive(folder / RUN_FOLDER, manifest, (bank, held), recipe, tell)
-        for name, content in {**derived.files, README: _HOW.encode()}.items():
+        for name, content in derived.files.items():
             path = folder / name
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
