@@ -16,6 +16,7 @@ import pytest
 import banks
 import stand_ins
 from eyechart import __version__, cli
+from eyechart.cli.terminal import table_console
 from eyechart.conditions import CONDITIONS
 from eyechart.frames import FrameBank
 from eyechart.manifest import LEDGER, read_run
