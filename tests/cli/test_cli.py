@@ -16,6 +16,7 @@ import pytest
 import banks
 import stand_ins
 from eyechart import __version__, cli
+from eyechart.cli.terminal import table_console
 from eyechart.conditions import CONDITIONS
 from eyechart.frames import FrameBank
 from eyechart.manifest import LEDGER, read_run
@@ -457,3 +458,9 @@ def test_a_closed_pipe_is_no_fault() -> None:
     said = subprocess.run(["bash", "-c", line], check=True, capture_output=True, text=True)
     assert len(said.stdout) == 1
     assert said.stderr == ""
+
+
+def test_a_table_prints_the_name_of_a_model_as_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+    """What stands between colons is a part of it, and no emoji."""
+    table_console().print("ollama:smile:latest", markup=False)
+    assert capsys.readouterr().out == "ollama:smile:latest\n"

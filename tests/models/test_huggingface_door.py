@@ -1,12 +1,16 @@
 """What ``hf:`` says and refuses where its library is not there, or is not to be imported yet."""
 
 import importlib.metadata
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from eyechart.errors import SpecError
 from eyechart.models import huggingface, open_model
 from eyechart.models.huggingface import checkpoint, organisms
+from eyechart.modes import RequestMode
 from eyechart.verdicts import CALIBRATED_LABELS
 
 
@@ -41,3 +45,55 @@ def test_every_organism_declares_labels_that_there_are() -> None:
     for one in organisms.ORGANISMS.values():
         assert one.calibrated in CALIBRATED_LABELS
         assert one.lateral in {"swaps", "does_not_swap", "one_sided", "no_power"}
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("timeout_s", 5.0), ("headers", {"X-Title": "eyechart"}), ("key_env", "MY_KEY")]
+)
+def test_what_only_a_server_can_be_told_is_refused(field: str, value: object) -> None:
+    """Rather than left undone without a word."""
+    mode = RequestMode("hf:organism:grounded", **{field: value})  # type: ignore[arg-type]
+    with pytest.raises(SpecError, match=f"runs here and cannot bind '{field}'"):
+        open_model(mode.spec, mode)
+
+
+def _printed(messages: Sequence[object], **how: object) -> str:
+    del how
+    return str(messages)
+
+
+@pytest.mark.parametrize(
+    ("processor", "says"),
+    [
+        (SimpleNamespace(chat_template="x", apply_chat_template=_printed), "takes words alone"),
+        (
+            SimpleNamespace(
+                chat_template="x",
+                apply_chat_template=_printed,
+                image_processor=object(),
+                tokenizer=SimpleNamespace(),
+                image_token="<image>",  # noqa: S106 - no password
+            ),
+            "has no image slot",
+        ),
+        (
+            SimpleNamespace(
+                chat_template="x",
+                apply_chat_template=_printed,
+                image_processor=object(),
+                tokenizer=SimpleNamespace(),
+            ),
+            "has no image slot",
+        ),
+    ],
+)
+def test_a_checkpoint_that_takes_no_picture_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, processor: SimpleNamespace, says: str
+) -> None:
+    """A tokenizer alone, or a template that prints the parts of a message as they are."""
+    (tmp_path / "config.json").write_text("{}", encoding="utf-8")
+    opened: Callable[..., SimpleNamespace] = lambda *_, **__: processor  # noqa: E731
+    monkeypatch.setattr(checkpoint, "require_library", lambda: None)
+    monkeypatch.setattr(checkpoint, "_open_processor", opened)
+    with pytest.raises(SpecError, match=says):
+        open_model(f"hf:{tmp_path}")

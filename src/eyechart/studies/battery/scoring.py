@@ -178,7 +178,8 @@ def _took(ledger: Ledger, manifest: RunManifest, plan: Plan, prices: Prices, cou
     kept: dict[str, tuple[Guard, ...]] = {}
     for spec in manifest.models:
         mode = manifest.mode(spec)
-        book, watch = Book(mode, plan.bank.manifest.action_space, prices), Watch(mode)
+        space = plan.bank.manifest.action_space
+        book, watch = Book(mode, space, prices), Watch(mode, space)
         for one in ledger.attempts(spec):
             book.add(one)
             watch.add(one)
