@@ -19,10 +19,13 @@ from eyechart.api import Report, read_report, run_battery
 from eyechart.api import build_bank as build
 from eyechart.calls import Query, Reply
 from eyechart.errors import LedgerError, SpecError
-from eyechart.report.evidence import read_evidence
+from eyechart.manifest import LEDGER
+from eyechart.reader import READER
+from eyechart.report.evidence import evidence_of, find_pictures
 from eyechart.report.page import make_page
 from eyechart.stats.statistic import Statistic
 from eyechart.studies import battery
+from eyechart.testing import assert_grounded
 from eyechart.verdicts import Ruling, Verdict, judge
 from known import Demo
 
@@ -260,11 +263,27 @@ def test_a_hostile_reply_stays_out_of_the_report(tmp_path: Path, monkeypatch: py
 
 
 def test_a_report_is_written_as_the_page_of_the_command(report: Report, tmp_path: Path) -> None:
-    """The page of ``eyechart report``, byte by byte, with every model of the run."""
+    """The page of ``eyechart report`` for this score, byte by byte, with every model of the run."""
     written = report.to_html(tmp_path / "page.html")
     html = written.read_bytes()
     assert all(spec.encode() in html for spec in report)
-    assert html == make_page(read_evidence([report.path])).html
+    pictures = find_pictures(report.score.manifest, report.score.bank, report.path)
+    evidence = evidence_of(report.path.name, report.score, report.path / LEDGER, *pictures)
+    assert html == make_page([evidence]).html
+
+
+@pytest.mark.usefixtures("stand_in")
+def test_the_page_is_of_the_score_that_was_asked_for(tmp_path: Path) -> None:
+    """A run that was read anew on purpose is shown so, and is not read again with other options."""
+    run_battery(build_bank(tmp_path / "bank"), "standin:noisy", tmp_path / "run", limit=4)
+    manifest = tmp_path / "run" / "run.json"
+    manifest.write_text(manifest.read_text().replace(f'"reader": {READER}', '"reader": 0'))
+    anew = read_report(tmp_path / "run", resamples=100, reread=True)
+    assert "standin:noisy" in anew.to_html(tmp_path / "page.html").read_text()
+    with pytest.raises(AssertionError, match="standin:noisy depth"):
+        assert_grounded(tmp_path / "run", resamples=100, reread=True)
+    with pytest.raises(SpecError, match="episode"):
+        assert_grounded(tmp_path / "run", reread=True, independent=True)
 
 
 def test_a_report_without_models_says_so(report: Report) -> None:

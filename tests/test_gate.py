@@ -1,6 +1,7 @@
 """The gate: what passes, what fails, and what cannot say."""
 
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,10 +13,12 @@ from eyechart import models
 from eyechart.calls import Query, Reply
 from eyechart.cli.app import app
 from eyechart.errors import SpecError
-from eyechart.gate import REQUIREMENTS, Check, Gate, read_requirements
+from eyechart.gate import REQUIREMENTS, Check, Gate, hold, read_requirements
 from eyechart.limits import Limits
+from eyechart.stats.statistic import Statistic
 from eyechart.studies import battery
 from eyechart.testing import assert_grounded
+from eyechart.verdicts import judge
 from known import Demo
 
 
@@ -50,6 +53,7 @@ def run_of(spec: str, folder: Path, **options: object) -> Path:
         ("swaps", "one_sided", 1),
         ("swaps", "depth", 2),
         ("depth", "truncating", 1),
+        ("depth", "nuisance", 1),
     ],
 )
 def test_the_exit_code_is_the_answer(demo: Demo, tmp_path: Path, require: str, controller: str, code: int) -> None:
@@ -77,6 +81,26 @@ def test_an_unfinished_run_cannot_say(demo: Demo, tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["gate", str(tmp_path / "merged")])
     assert result.exit_code == 2
     assert "unfinished" in result.output
+
+
+def test_a_null_that_nothing_bounds_cannot_say(demo: Demo) -> None:
+    """Where distance was tested by observation only, content without depth is no failure: nothing bounds the effect."""
+    scored = battery.score(demo.run)
+    spec = "scripted:nuisance"
+    few = Statistic(None, 0, p=1.0, detail={"wins": 0, "losses": 0, "ties": 12})
+    model = scored.models[spec]
+    weaker = replace(model, statistics={**model.statistics, "depth_interventional": few})
+    held = [hold(replace(scored, models={spec: one}), ["depth"]).checks[0] for one in (model, weaker)]
+    assert [one.holds for one in held] == [False, None]
+    assert "is not shown either (no bound below 0.1)" in held[1].because
+
+
+def test_calls_that_failed_are_no_replies_of_the_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run of failed requests is undecided: nothing that the model said was unreadable."""
+    monkeypatch.setitem(models.ADAPTERS, "standin", "stand_ins")
+    monkeypatch.setattr(stand_ins, "open_model", lambda *_: Locked())
+    verdict = judge(battery.score(run_of("standin:locked", tmp_path)))["standin:locked"]
+    assert (verdict.calibrated.label, verdict.calibrated.decided_by) == ("undecided", "unparsed_reference")
 
 
 def test_a_run_whose_calls_failed_cannot_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@ from dataclasses import replace
 
 import pytest
 
+from eyechart.actions import DRIVING
 from eyechart.calls import CallKey, Reply
 from eyechart.integrity import Guard, guards
 from eyechart.ledger import Sent
@@ -64,6 +65,31 @@ def test_without_a_probe_the_prompt_s_tokens_say_whether_a_picture_was_sent_on()
     assert uncounted.holds is None
 
 
+@pytest.mark.parametrize("adds", [-40, 3, 15])
+def test_a_few_tokens_are_no_picture(adds: int) -> None:
+    """A placeholder costs as many, and a number below zero is no picture at all."""
+
+    def say(at: int, name: str) -> Reply:
+        return replace(fine(at, name), prompt_tokens=100 + adds * (name != "text_only"))
+
+    found = guard("picture", sent_with(say))
+    assert found.holds is None
+    assert f"a picture adds {adds} tokens" in found.because
+
+
+def test_one_decision_in_ever_other_words_is_degenerate() -> None:
+    """The reason that stands beside an action is not what is acted on."""
+
+    def constant(at: int, name: str) -> Reply:
+        return replace(fine(at, name), text=f'{{"action": "SLOW", "reason": "{name} {at}"}}')
+
+    def found(say: Say) -> Guard:
+        return {one.name: one for one in guards(sent_with(say), keys(), MODE, "", space=DRIVING)}["degeneracy"]
+
+    assert (found(constant).holds, found(constant).because) == (False, "all 30 decisions are the same: SLOW")
+    assert found(fine).holds is True
+
+
 def test_every_planned_call_needs_exactly_one_outcome() -> None:
     """Open, failed for now, never made, and finished twice all fail; retries are counted in words."""
     whole = sent_with()
@@ -116,9 +142,9 @@ def test_repeats_that_come_at_once_are_suspected_of_a_cache() -> None:
     assert scripted[-1].holds is True
 
 
-def test_repeats_that_never_differ_at_a_temperature_are_suspected_of_a_cache() -> None:
-    """At temperature 0 they must not differ, and at an unknown one nobody can say."""
-    for temperature, holds in ((0.7, False), (0.0, True), (None, True)):
+def test_repeats_that_never_differ_at_a_temperature_alone_convict_nobody_of_a_cache() -> None:
+    """A model may be sure of one word; at temperature 0 repeats must not differ, and at an unknown one may not."""
+    for temperature, holds in ((0.7, None), (0.0, True), (None, True)):
         assert guard("cache", sent_with(), replace(MODE, temperature=temperature)).holds is holds
     thinks = sent_with(lambda at, name: replace(fine(at, name), reasoning=name))
     assert guard("cache", thinks, replace(MODE, temperature=0.7)).holds is True

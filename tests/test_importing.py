@@ -152,7 +152,7 @@ def spoilt(column: str, value: object, row: int = 4) -> str:
         ("photo,drive,place,tick,lidar_m\n", {}, "has no rows"),
         (spoilt("lidar_m", "near"), {}, "row 4: the gap 'lidar_m' is 'near', not a number"),
         (spoilt("lidar_m", "nan"), {}, "row 4: the gap 'lidar_m' is 'nan', not a number"),
-        (spoilt("lidar_m", "1e999"), {}, "row 4: the gap 'lidar_m' is inf, not a number"),
+        (spoilt("lidar_m", "1e999"), {}, "row 4: the gap 'lidar_m' is '1e999', not a number"),
         (spoilt("photo", "0/00.jpg"), {}, "row 4: '0/00.jpg' stands in row 1 already"),
         (spoilt("photo", "./0/00.jpg"), {}, "row 4: '0/00.jpg' stands in row 1 already"),
         (spoilt("photo", "../secret.png"), {}, "row 4: the file 'photo' is '../secret.png', which leads outside"),
@@ -160,6 +160,8 @@ def spoilt(column: str, value: object, row: int = 4) -> str:
         (spoilt("photo", "0/none.jpg"), {}, "row 4: there is no picture '0/none.jpg'"),
         (spoilt("photo", ""), {}, "row 4: the file 'photo' is empty"),
         (spoilt("tick", "2.5"), {}, "row 4: the step 'tick' is '2.5', not a whole number"),
+        (spoilt("tick", ""), {}, "row 4: the step 'tick' is empty, not a whole number"),
+        (spoilt("tick", "x"), {}, "every row needs one, or none: leave the column out with --map step="),
         (spoilt("tick", 0), {}, "row 4: step 0 of episode '0' stands there twice"),
         (spoilt("drive", ""), {}, "row 4: the episode 'drive' is empty"),
         (spoilt("speed", ""), {"prompt_columns": ("speed",)}, "row 4: 'speed' is empty; a prompt column needs"),
@@ -323,6 +325,24 @@ def long_table(path: Path, rows: int) -> Path:
         file.write("file,drive\n")
         file.writelines(f"{number}.jpg,1\n" for number in range(rows))
     return path
+
+
+def test_padded_numbers_are_numbers_where_a_number_is_asked_for(imported: Import) -> None:
+    """Steps and gaps may be padded with zeros, as recorders write them; a column of names keeps its zeros."""
+    rows = photographs.rows()
+    padded = [
+        {
+            **row,
+            "tick": f"{row['tick']:03}",
+            "lidar_m": f"0{row['lidar_m']}" if row["lidar_m"] else "",
+            "tag": f"{n:03}",
+        }
+        for n, row in enumerate(rows)
+    ]
+    bank = imported(photographs.as_csv(padded))
+    assert [frame.step for frame in bank] == [row["tick"] for row in rows]
+    assert [frame.truth["lidar_m"] for frame in bank] == [row["lidar_m"] or None for row in rows]
+    assert [frame.truth["tag"] for frame in bank][:2] == ["000", "001"]
 
 
 def test_a_table_of_a_million_rows_is_streamed_every_so_many(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("cli",),
     ("testing", "api", "bundle"),
     ("report",),
-    ("gate", "calibrate", "compare", "transfer"),
+    ("gate", "calibrate", "compare", "transfer", "destination"),
     ("verdicts",),
     ("studies",),
     ("run", "manifest", "costs", "integrity"),

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -87,6 +88,46 @@ def test_calls_go_out_in_a_seeded_random_order(plan: Plan, tmp_path: Path) -> No
     assert first != plan.keys()
     assert len({key.condition for key in first[:12]}) > 4
     assert len({key.frame for key in first[:12]}) > 3
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        (Reply(text=None), "its text is a NoneType"),  # type: ignore[arg-type]
+        (Reply("GO", prompt_tokens=np.int64(7)), "its prompt_tokens is a int64"),  # type: ignore[arg-type]
+        (Reply("GO", completion_tokens=2**70), "its completion_tokens has more than 63 bits"),
+        (Reply("GO", served=["m"]), "its served is a list"),  # type: ignore[arg-type]
+        (Reply("GO", error="odd"), "its error is none of exception, timeout"),  # type: ignore[arg-type]
+    ],
+)
+def test_a_reply_that_no_ledger_can_hold_is_a_failure_of_its_own_call(
+    plan: Plan, ledger: Ledger, wrong: Reply, says: str
+) -> None:
+    """The replies that come beside it are kept, and the run goes on."""
+    first: list[Query] = []
+
+    def respond(query: Query) -> Reply:
+        first.append(query)
+        return wrong if len(first) == 1 else Reply("STOP", "stop")
+
+    execute(plan, {"m": StandIn(respond)}, ledger)
+    failed = [reply for _, reply in ledger.replies("m") if reply.error]
+    assert [(reply.error, says in reply.error_detail) for reply in failed] == [("exception", True)]
+    assert ledger.finished() == set(plan.keys())
+
+
+@pytest.mark.parametrize("status", [403, 404])
+def test_one_refused_call_sets_no_model_aside_but_two_in_a_row_do(plan: Plan, ledger: Ledger, status: int) -> None:
+    """A 403 or a 404 may be about one call alone."""
+    asked: list[Query] = []
+
+    def respond(query: Query) -> Reply:
+        asked.append(query)
+        return Reply(error="auth", status=status) if len(asked) in {3, 7, 8} else Reply("STOP", "stop")
+
+    outcome = execute(plan, {"m": StandIn(respond)}, ledger, concurrency=1)
+    assert list(outcome.set_aside) == ["m"]
+    assert len(asked) == 8
 
 
 def test_a_finished_run_makes_no_further_calls(plan: Plan, ledger: Ledger) -> None:

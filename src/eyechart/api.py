@@ -15,6 +15,7 @@ from pathlib import Path
 
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank
+from eyechart.manifest import LEDGER
 from eyechart.modes import RequestMode
 from eyechart.run import Progress
 from eyechart.simulators import open_simulator
@@ -72,12 +73,17 @@ class Report:
     def to_html(self, out: Path | str) -> Path:
         """Write the report as one self-contained page, as ``eyechart report`` does, and return where it is.
 
-        Raises BankError or LedgerError where the run cannot be read, and OSError where the page cannot be written.
+        The page shows this report's own score. Raises LedgerError where the ledger cannot be read, and OutputError
+        where the page may not be written there.
         """
-        from eyechart.report.evidence import read_evidence  # noqa: PLC0415 - matplotlib is slow to import
+        from eyechart.destination import require_free  # noqa: PLC0415
+        from eyechart.report.evidence import evidence_of, find_pictures  # noqa: PLC0415 - matplotlib is slow to import
         from eyechart.report.page import make_page, write_page  # noqa: PLC0415
 
-        write_page(make_page(read_evidence([self.path])), Path(out))
+        require_free(Path(out), "report")
+        pictures = find_pictures(self.score.manifest, self.score.bank, self.path)
+        name = self.path.resolve().name or "run"
+        write_page(make_page([evidence_of(name, self.score, self.path / LEDGER, *pictures)]), Path(out))
         return Path(out)
 
     def __repr__(self) -> str:

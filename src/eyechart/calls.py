@@ -2,7 +2,8 @@
 
 import hashlib
 from dataclasses import dataclass, fields
-from typing import Literal
+from types import UnionType
+from typing import Literal, get_args
 
 from eyechart.seeds import key_seed
 
@@ -94,6 +95,34 @@ class Reply:
     provider: str | None = None
     cost_usd: float | None = None
     energy_j: float | None = None
+
+
+_TEXTS = ("text", "error_detail", "reasoning")
+_NAMES = ("finish_reason", "served", "provider")
+_COUNTS = ("prompt_tokens", "completion_tokens", "reasoning_tokens", "status")
+_NUMBERS = ("seconds", "first_byte_s", "retry_after_s", "cost_usd", "energy_j")
+
+
+def misfit(reply: Reply) -> str | None:
+    """Return in words what of a reply is not of its field's type, so that no ledger can hold it, or None."""
+    kinds: tuple[tuple[tuple[str, ...], type | UnionType, bool], ...] = (
+        (_TEXTS, str, False),
+        (_NAMES, str, True),
+        (_COUNTS, int, True),
+        (_NUMBERS, int | float, True),
+    )
+    for names, kind, may_lack in kinds:
+        for name in names:
+            value = getattr(reply, name)
+            if value is None and may_lack:
+                continue
+            if not isinstance(value, kind):
+                return f"its {name} is a {type(value).__name__}"
+            if isinstance(value, int) and not -(2**63) <= value < 2**63:
+                return f"its {name} has more than 63 bits"
+    if reply.error is not None and reply.error not in get_args(ErrorKind):
+        return f"its error is none of {', '.join(get_args(ErrorKind))}"
+    return None
 
 
 @dataclass(frozen=True, slots=True, order=True)

@@ -21,5 +21,9 @@ class SpecError(EyechartError):
     """A name (model, condition, prompt, simulator, preset) is unknown or malformed."""
 
 
+class OutputError(EyechartError):
+    """A place to write to is taken by something else, or cannot be written."""
+
+
 class BundleError(EyechartError):
     """A file is no bundle, is damaged, or would do harm when it is opened."""

@@ -5,7 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from eyechart.errors import SpecError
-from eyechart.studies.battery import BatteryScore, ModelScore
+from eyechart.stats.paired import clopper_pearson
+from eyechart.stats.statistic import Statistic
+from eyechart.studies.battery import ALPHA, MARGIN, BatteryScore, ModelScore
 from eyechart.verdicts import Verdict, judge
 
 REQUIREMENTS: dict[str, str] = {
@@ -103,7 +105,11 @@ def hold(score: BatteryScore, require: Sequence[str], *, max_unparsed: float | N
     for spec, model in score.models.items():
         reason, mine = _no_evidence(model), []
         for requirement in wanted:
-            holds, because = (None, reason) if reason else _claim(requirement, verdicts[spec])
+            holds, because = (
+                (None, reason)
+                if reason
+                else _claim(requirement, verdicts[spec], model.statistics["depth_interventional"])
+            )
             mine.append(Check(spec, requirement, holds, because))
         if max_unparsed is not None:
             mine.append(_unparsed(spec, model, max_unparsed, reason))
@@ -141,7 +147,7 @@ def _reasons(model: ModelScore) -> Mapping[str, int]:
     return found
 
 
-def _claim(requirement: str, verdict: Verdict) -> tuple[bool | None, str]:
+def _claim(requirement: str, verdict: Verdict, interventional: Statistic) -> tuple[bool | None, str]:
     if requirement == "swaps":
         lateral = verdict.lateral
         holds = None if lateral.label in {"no_power", "not_tested"} else lateral.label == "swaps"
@@ -153,7 +159,20 @@ def _claim(requirement: str, verdict: Verdict) -> tuple[bool | None, str]:
         return None, f"{because} (evidence on distance: {verdict.evidence})"
     if label == "depth" and verdict.lateral.label in {"no_power", "not_tested"}:
         return None, f"{verdict.lateral.label}: {verdict.lateral.because}"
+    if label in {"content", "scene_cue"} and not _bounded(interventional):
+        return (
+            None,
+            f"{because}; that its braking does not follow distance is not shown either (no bound below {MARGIN})",
+        )
     return False, because
+
+
+def _bounded(interventional: Statistic) -> bool:
+    """Return whether the share of pairs in which it brakes harder near than far is bounded below the margin."""
+    detail = interventional.detail or {}
+    wins, losses, ties = (int(str(detail.get(name, 0))) for name in ("wins", "losses", "ties"))
+    pairs = wins + losses + ties
+    return pairs > 0 and clopper_pearson(wins, pairs, 1 - 2 * ALPHA)[1] < MARGIN
 
 
 def _unparsed(spec: str, model: ModelScore, most: float, reason: str) -> Check:

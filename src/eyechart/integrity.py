@@ -6,13 +6,15 @@ A guard holds, fails, or cannot say. A failed guard marks the verdict wherever i
 import statistics
 from array import array
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import asdict, dataclass, field
 
+from eyechart.actions import ActionSpace
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.ledger import Sent
 from eyechart.modes import RequestMode
+from eyechart.reader import read_decision
 
 FEWEST = 8
 """Fewer pairs than this are no ground for a suspicion."""
@@ -20,6 +22,9 @@ SUDDEN = 0.1
 """A repeat that comes in less than this share of the first answer's time was hardly computed."""
 MOST = 0.9
 """The share of pairs from which on it is no accident."""
+
+FEWEST_TOKENS = 16
+"""Fewer tokens than this that a picture adds may be the placeholder of a picture that is dropped."""
 
 _TEXTS_KEPT = 1000
 
@@ -38,9 +43,19 @@ class Guard:
         return {**asdict(self), "outcome": outcome}
 
 
-def guards(sent: Iterable[Sent], planned: Iterable[CallKey], mode: RequestMode, fingerprint: str) -> tuple[Guard, ...]:
-    """Return every guard of one model's calls; ``fingerprint`` is that of the bank's geometry, which was checked."""
-    watch = Watch(mode)
+def guards(
+    sent: Iterable[Sent],
+    planned: Iterable[CallKey],
+    mode: RequestMode,
+    fingerprint: str,
+    *,
+    space: ActionSpace | None = None,
+) -> tuple[Guard, ...]:
+    """Return every guard of one model's calls; ``fingerprint`` is that of the bank's geometry, which was checked.
+
+    With an action ``space``, decisions that never differ are found too, whatever words are around them.
+    """
+    watch = Watch(mode, space)
     for one in sent:
         watch.add(one)
     return watch.guards(planned, fingerprint)
@@ -49,8 +64,10 @@ def guards(sent: Iterable[Sent], planned: Iterable[CallKey], mode: RequestMode, 
 class Watch:
     """Looks at attempts one by one, in the order of sending, without keeping them."""
 
-    def __init__(self, mode: RequestMode) -> None:
+    def __init__(self, mode: RequestMode, space: ActionSpace | None = None) -> None:
         self._mode = mode
+        self._space = space
+        self._decided: Counter[str] = Counter()
         self._outcomes = _Outcomes()
         self._repeats = _Repeats()
         self._texts: set[str] = set()
@@ -66,6 +83,9 @@ class Watch:
         self._replies += 1
         if len(self._texts) < _TEXTS_KEPT:
             self._texts.add(reply.text.strip())
+        if self._space is not None and len(self._decided) < 2:  # two that differ are enough to know
+            decision = read_decision(reply.text, reply.finish_reason, None, self._space)
+            self._decided.update([decision.action] if decision.action is not None else [])
         if one.key.condition in self._tokens and reply.prompt_tokens:
             self._tokens[one.key.condition].append(reply.prompt_tokens)
         if one.key.condition in {"real", "real_repeat"}:
@@ -78,7 +98,7 @@ class Watch:
             _picture(self._tokens["real"], self._tokens["text_only"], self._mode),
             self._outcomes.guard(planned),
             Guard("geometry", True, same),
-            _constant(self._texts, self._replies),
+            _constant(self._texts, self._replies, self._decided),
             self._repeats.guard(self._mode),
         )
 
@@ -89,17 +109,22 @@ def _picture(shown: Sequence[int], bare: Sequence[int], mode: RequestMode) -> Gu
         says = f"the model {'saw' if found.sees_image else 'did not see'} the probe's pictures"
         return Guard("picture", found.sees_image, says)
     adds = statistics.median(shown) - statistics.median(bare) if shown and bare else None
-    if adds:
+    if adds is not None and adds >= FEWEST_TOKENS:
         return Guard("picture", True, f"a picture adds {adds:.0f} tokens to the prompt, as the server counts it")
-    counted = "" if adds is None else "; a picture adds no token to the prompt, as the server counts it"
+    counted = ""
+    if adds is not None:
+        much = f"{adds:.0f} tokens" if adds else "no token"
+        counted = f"; a picture adds {much} to the prompt, as the server counts it" + "; too few for one" * bool(adds)
     return Guard("picture", None, f"no probe has shown that pictures arrive{counted}")
 
 
-def _constant(texts: AbstractSet[str], replies: int) -> Guard:
+def _constant(texts: AbstractSet[str], replies: int, decided: Mapping[str, int]) -> Guard:
     if replies < FEWEST:
         return Guard("degeneracy", None, f"{replies} replies are too few to call them constant")
     if len(texts) == 1:
         return Guard("degeneracy", False, f"all {replies} replies are the same: {min(texts)[:40]!r}")
+    if len(decided) == 1 and (count := sum(decided.values())) >= FEWEST:
+        return Guard("degeneracy", False, f"all {count} decisions are the same: {min(decided)}")
     more = " or more" if len(texts) == _TEXTS_KEPT else ""
     return Guard("degeneracy", True, f"{len(texts)}{more} different replies among {replies}")
 
@@ -140,7 +165,7 @@ class _Outcomes:
 
 @dataclass(slots=True)
 class _Repeats:
-    """Compares real_repeat with real of the same frame: a cache answers the later one at once, or never differs."""
+    """Compares real_repeat with real of the same frame: a cache answers the later one at once."""
 
     first: dict[str, tuple[str, str, float]] = field(default_factory=dict)
     counts: Counter[str] = field(default_factory=Counter)
@@ -162,10 +187,10 @@ class _Repeats:
         pairs, same, sudden = (self.counts[name] for name in ("pairs", "same", "sudden"))
         if pairs < FEWEST:
             return Guard("cache", None, f"{pairs} frames have two answers to the same picture; {FEWEST} are needed")
-        if mode.temperature and same == pairs:
-            says = f"real_repeat equals real to the byte on all {same} frames, at temperature {mode.temperature:g}"
-            return Guard("cache", False, f"a cache is suspected: {says}")
         if mode.spec.partition(":")[0] != "scripted" and sudden >= MOST * pairs:
             says = f"on {sudden} of {pairs} frames the repeat is equal and came in under {SUDDEN:.0%} of the time"
             return Guard("cache", False, f"a cache is suspected: {says}")
+        if mode.temperature and same == pairs:
+            says = f"real_repeat equals real to the byte on all {same} frames, at temperature {mode.temperature:g}"
+            return Guard("cache", None, f"{says}, as a cache would have it, or a model that is sure of a short answer")
         return Guard("cache", True, f"{same} of {pairs} repeats are equal, and they were not answered suddenly")

@@ -2,7 +2,7 @@
 
 import asyncio
 import random
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
@@ -10,6 +10,10 @@ from eyechart.calls import HOPELESS, Reply
 
 LONGEST_WAIT_S = 120.0
 """At most this long is waited before the next attempt, whatever a server's Retry-After asks for."""
+
+
+_PERHAPS_ONE = frozenset({403, 404})
+"""Statuses that may be about one call alone: a model is set aside when the next of its calls is refused too."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +48,11 @@ class Budget:
         self.stopped: str | None = None
         self._sent, self._spent, self._under_way = 0, 0.0, 0
         self._dearest = 0.0
+        self._priced: set[str] = set()
+        self._asking: Counter[str] = Counter()
+        self._refused: Counter[str] = Counter()
+        self._came = asyncio.Event()
+        self._spent_up = False
         self._in_a_row = dict.fromkeys(models, 0)
 
     @property
@@ -57,6 +66,17 @@ class Budget:
         if reply is not None and self.limits.cost_usd is not None:
             self._add(model, reply)
 
+    async def turn(self, model: str) -> bool:
+        """Return whether another attempt may go out, as ``may_send`` does.
+
+        Where a cost is bounded, a model is asked one call at a time until one of its calls has shown what it costs.
+        """
+        while self.limits.cost_usd is not None and self._asking[model] and model not in self._priced:
+            if self.stopped is not None or model in self.set_aside:
+                return False
+            await self._came.wait()
+        return self.may_send(model)
+
     def may_send(self, model: str) -> bool:
         """Return whether another attempt may go out, and count it as sent if so."""
         limits = self.limits
@@ -64,19 +84,25 @@ class Budget:
             self.stopped = f"{self._sent} calls were sent, and --max-calls is {limits.calls}"
         reserved = self._spent + self._under_way * self._dearest
         if self.stopped is None and limits.cost_usd is not None and reserved >= limits.cost_usd:
-            self.stopped = f"${self._spent:.4f} were spent, and --max-cost is {limits.cost_usd:g}"
+            self._spent_up = True
+            self._say_spent()
         if self.stopped is not None or model in self.set_aside:
             return False
         self._sent += 1
         self._under_way += 1
+        self._asking[model] += 1
         return True
 
     def came(self, model: str, reply: Reply) -> None:
         """Count what an attempt cost."""
         self._under_way -= 1
+        self._asking[model] -= 1
+        self._came.set()
+        self._came = asyncio.Event()
         if self.limits.cost_usd is not None:
             self._add(model, reply)
-        if reply.error in HOPELESS:
+        self._refused[model] = self._refused[model] + 1 if reply.error in HOPELESS else 0
+        if self._refused[model] >= (2 if reply.status in _PERHAPS_ONE else 1):
             self.set_aside.setdefault(model, f"{reply.error}: {reply.error_detail}")
 
     def ended(self, model: str, reply: Reply) -> None:
@@ -92,6 +118,13 @@ class Budget:
             self.stopped = f"what {model} costs is not known, so --max-cost cannot hold: give its price with --prices"
         self._spent += cost or 0.0
         self._dearest = max(self._dearest, cost or 0.0)
+        if cost is not None and reply.error is None:
+            self._priced.add(model)
+        if self._spent_up:
+            self._say_spent()  # calls that were under way cost too
+
+    def _say_spent(self) -> None:
+        self.stopped = f"${self._spent:.4f} were spent, and --max-cost is {self.limits.cost_usd:g}"
 
 
 class Pace:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from eyechart import conditions as stimuli
-from eyechart.calls import TRANSIENT, UNFINISHED, CallKey, Query, Reply
+from eyechart.calls import TRANSIENT, UNFINISHED, CallKey, Query, Reply, misfit
 from eyechart.errors import SpecError
 from eyechart.frames import Frame, FrameBank
 from eyechart.ledger import Attempt, Ledger
@@ -241,7 +241,7 @@ class _Execution:
         digest, reply = query.sha256(), None
         for number in range(1, self._attempts + 1):
             entered = await pace.enter()
-            if not self._budget.may_send(key.model):
+            if not await self._budget.turn(key.model):
                 pace.leave(entered, _NOT_SENT)
                 return reply
             attempt = await self._writer.begin(key, digest)
@@ -273,6 +273,8 @@ async def _ask(model: Model, query: Query) -> Reply:
         reply = await model.answer(query)
         if not isinstance(reply, Reply):
             raise TypeError(f"the model answered with a {type(reply).__name__}, not with a Reply")  # noqa: TRY301
+        if wrong := misfit(reply):
+            raise TypeError(f"the model's Reply cannot be kept: {wrong}")  # noqa: TRY301
     except asyncio.CancelledError:
         task = asyncio.current_task()
         if task is None or task.cancelling():

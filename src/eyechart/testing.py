@@ -6,13 +6,22 @@ from eyechart.gate import hold
 from eyechart.studies import battery
 
 
-def assert_grounded(run: Path | str, *require: str, max_unparsed: float | None = None, resamples: int = 5000) -> None:
+def assert_grounded(
+    run: Path | str,
+    *require: str,
+    max_unparsed: float | None = None,
+    resamples: int = 5000,
+    independent: bool = False,
+    reread: bool = False,
+) -> None:
     """Raise AssertionError unless every model of a run meets every requirement.
 
     ``require`` are names of `eyechart.gate.REQUIREMENTS`, ``depth`` if none is given. "Cannot say" is not enough:
-    an empty or unfinished run fails too. Raises LedgerError or BankError where the folder is no run.
+    an empty or unfinished run fails too. ``independent`` and ``reread`` are those of `eyechart.api.read_report`. Raises
+    LedgerError or BankError where the folder is no run, or needs ``reread``.
     """
-    gate = hold(battery.score(Path(run), resamples=resamples), require or ("depth",), max_unparsed=max_unparsed)
+    scored = battery.score(Path(run), resamples=resamples, independent=independent, reread=reread)
+    gate = hold(scored, require or ("depth",), max_unparsed=max_unparsed)
     if gate.exit_code:
         outcome = {False: "fails", None: "cannot say"}
         wrong = [

@@ -15,12 +15,13 @@ STRICT = Strictness(drawings=True, pictures=True)
         (0.25, 0.25 + 1e-12, True),
         (0.25, 0.2500001, False),
         (1e12, 1e12 + 100, True),
-        (0.0, 1e-10, True),
-        (0.0, 1e-8, False),
+        (0.0, 1e-16, True),
+        (0.0, 2.3e-10, False),
+        (2.3e-10, 2.3e-10 * (1 + 1e-12), True),
     ],
 )
 def test_numbers_are_the_same_within_the_tolerance(one: float, other: float, same: bool) -> None:  # noqa: FBT001
-    """Relative to the larger of them and 1."""
+    """Relative to the larger of them; what rounding leaves of nothing is nothing."""
     assert same_number(one, other) is same is same_number(other, one)
 
 
@@ -46,6 +47,16 @@ def test_a_last_digit_may_differ_where_a_value_lies_between(
 ) -> None:
     """Machines may round a tie otherwise; counts and words never."""
     assert Rounding(values).same(printed, recomputed) is same
+
+
+def test_no_p_is_too_small_to_be_compared() -> None:
+    """In results and in tables a tiny p is a number of its own, and 0 is another."""
+    for place, tiny in ((("m", "p"), 2.3e-10), (("m", "p"), 1e-30), (("holm", "m"), 1e-30)):
+        printed, recomputed = ({place[0]: {place[1]: value}} for value in (0.0, tiny))
+        assert len([*compare_values(printed, recomputed, EXACT, str)]) == 1
+    for column in ("p", "Holm p"):
+        tables = (f"model,{column}\na,{value}\n" for value in ("0.0", "1.5e-30"))
+        assert [one.where for one in compare_tables("t.csv", *tables, EXACT)] == [f"t.csv, a, {column}"]
 
 
 def test_values_are_compared_by_type_and_by_place() -> None:

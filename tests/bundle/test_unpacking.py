@@ -222,7 +222,9 @@ def test_what_fails_midway_leaves_the_file_of_before(
 ) -> None:
     """Neither half a bundle nor a part of one."""
     out = tmp_path / "b.zip"
-    out.write_bytes(b"before")
+    with zipfile.ZipFile(out, "w") as before:
+        before.writestr("before", "a bundle of yesterday")
+    kept = out.read_bytes()
 
     def fail(_: Path) -> None:
         raise BundleError("the disk is full")
@@ -230,7 +232,7 @@ def test_what_fails_midway_leaves_the_file_of_before(
     monkeypatch.setattr("eyechart.bundle.packing.check_names", fail)
     with pytest.raises(BundleError, match="the disk is full"):
         write_bundle(run, out, resamples=100)
-    assert out.read_bytes() == b"before"
+    assert out.read_bytes() == kept
     assert [path.name for path in tmp_path.iterdir()] == ["b.zip"]
 
 

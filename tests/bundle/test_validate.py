@@ -12,10 +12,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import banks
 import stand_ins
 from eyechart.bundle import Validation, validate, write_bundle
+from eyechart.cli.app import app
+from eyechart.errors import BundleError
 from eyechart.frames import BankManifest, encode, open_unchecked
 from eyechart.manifest import read_run
 from eyechart.prompts import Prompt
@@ -74,15 +77,15 @@ def edit(name: str, old: str, new: str, count: int = 1) -> Change:
     return change
 
 
-def in_ledger(sql: str) -> Change:
-    """Return a change of a row of the ledger that leaves its tables and its triggers as they were."""
+def in_ledger(sql: str, rows: int = 1) -> Change:
+    """Return a change of some rows of the ledger that leaves its tables and its triggers as they were."""
 
     def change(folder: Path) -> None:
         with closing(sqlite3.connect(folder / "run" / "ledger.sqlite")) as ledger:
             triggers = [row[0] for row in ledger.execute("SELECT sql FROM sqlite_master WHERE type = 'trigger'")]
             for trigger in triggers:
                 ledger.execute(f"DROP TRIGGER {trigger.split()[2]}")
-            assert ledger.execute(sql).rowcount == 1
+            assert ledger.execute(sql).rowcount == rows
             for trigger in triggers:
                 ledger.execute(trigger)
             ledger.commit()
@@ -334,9 +337,36 @@ def test_a_file_that_is_not_the_one_packed_is_named(packed: Path, tmp_path: Path
     with zipfile.ZipFile(packed) as old, zipfile.ZipFile(tmp_path / "b.zip", "w") as new:
         for entry in old.infolist():
             new.writestr(entry, old.read(entry) + (b" " if entry.filename == "README.txt" else b""))
-    assert re.fullmatch(
-        r"file README\.txt, SHA-256: printed '\w+', recomputed '\w+'", said(validate(tmp_path / "b.zip"))
-    )
+    lines = said(validate(tmp_path / "b.zip")).split("\n")
+    assert re.fullmatch(r"file README\.txt, SHA-256: printed '\w+', recomputed '\w+'", lines[0])
+    assert lines[1:] == ["README.txt: printed 'another text', recomputed 'that of every bundle'"]
+
+
+def test_a_file_that_is_neither_used_nor_made_is_named(changed: Try) -> None:
+    """Whatever lies beside the run's own bank, or beside its tables, did not follow from it."""
+
+    def change(folder: Path) -> None:
+        (folder / "run" / "bank" / "images" / "more.png").write_bytes(b"more")
+        (folder / "tables" / "best.md").write_text("| depth |")
+
+    assert said(changed(change)).split("\n") == [
+        f"file {name}: printed 'in the bundle', recomputed 'neither used by the run nor made from it'"
+        for name in ("run/bank/images/more.png", "tables/best.md")
+    ]
+
+
+def test_what_is_no_file_is_not_said_to_be_missing(tmp_path: Path) -> None:
+    """A folder and a device are there, and are no bundle."""
+    for path, what in ((tmp_path, "a folder"), (Path("/dev/null"), "a device or a pipe")):
+        with pytest.raises(BundleError, match=f"is no bundle file but {what}"):
+            validate(path)
+
+
+def test_the_word_of_a_bundle_excuses_no_request_of_the_same_library(changed: Try) -> None:
+    """Requests of all frames under one condition differ, and no library is another one."""
+    sql = "UPDATE attempts SET request_sha256 = 'f' WHERE call IN (SELECT id FROM calls WHERE condition = 'noise')"
+    lines = said(changed(in_ledger(sql, rows=18)))
+    assert f"ledger, request of {MODEL} about frame 'light-0-1' under noise:" in lines
 
 
 def test_a_ledger_with_more_than_its_tables_is_not_read(changed: Try) -> None:
@@ -373,7 +403,11 @@ def test_another_library_of_pictures_is_said_and_not_blamed(packed: Path, monkey
     here = {"matplotlib": "0", "pillow": "0", "webp": "0", "zlib": "0"}
     monkeypatch.setattr("eyechart.bundle.validating.drawn_with", lambda: here)
     found = validate(packed)
-    assert found.holds
+    assert not found.holds
+    assert (found.differences, found.outcome) == ((), "holds, drawings and pictures not compared")
+    assert found.as_dict()["uncompared"] == ["drawings", "pictures"]
+    code = CliRunner().invoke(app, ["validate", str(packed)]).exit_code
+    assert (code, CliRunner().invoke(app, ["validate", str(packed), "--allow-uncompared"]).exit_code) == (2, 0)
     assert "of the drawings only the words were compared" in found.notes
     assert "the pictures in the page were not compared with those of the bank" in found.notes
 

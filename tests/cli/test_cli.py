@@ -16,6 +16,7 @@ import pytest
 import banks
 import stand_ins
 from eyechart import __version__, cli
+from eyechart.cli.terminal import table_console
 from eyechart.conditions import CONDITIONS
 from eyechart.frames import FrameBank
 from eyechart.manifest import LEDGER, read_run
@@ -164,6 +165,55 @@ def test_a_report_is_written_with_its_figures_and_tables(eyechart: Eyechart, ban
     assert refused.code == 2
     assert refused.err.count("\n") == 1
     assert not (out / "b.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "place", "said"),
+    [
+        ("report", "--out", "run/ledger.sqlite", "belongs to the run"),
+        ("report", "--out", "run/bank/new.html", "belongs to the run"),
+        ("report", "--out", "bank/manifest.json", "belongs to the bank"),
+        ("report", "--out", "bank/images/new.html", "belongs to the bank"),
+        ("report", "--out", "notes.txt", "exists and is no report"),
+        ("report", "--out", "notes.txt/report.html", "is no folder"),
+        ("report", "--out", "bank", "is a folder"),
+        ("bundle", "--out", "run/run.json", "belongs to the run"),
+        ("bundle", "--out", "notes.txt", "exists and is no bundle"),
+        ("bundle", "--out", "link.zip", "belongs to the run"),
+        ("gate", "--junit", "run/ledger.sqlite-wal", "belongs to the run"),
+        ("gate", "--junit", "notes.txt", "exists and is no JUnit file"),
+    ],
+)
+def test_no_output_takes_the_place_of_something_else(
+    eyechart: Eyechart, tmp_path: Path, command: str, option: str, place: str, said: str
+) -> None:
+    """A wrong path costs no run, no bank and no notes: one line, exit 2, and everything as it was."""
+    made = banks.build_bank(tmp_path / "bank", scenarios=["light"])
+    words = ("--frames", made.root, "--out", tmp_path / "run", "--conditions", "real,blank", "--limit", 2)
+    assert eyechart("run", "battery", "--model", STEADY, *words).code == 0
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "link.zip").symlink_to(tmp_path / "run" / "ledger.sqlite")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    refused = eyechart(command, tmp_path / "run", option, tmp_path / place)
+    assert (refused.code, refused.err.count("\n")) == (2, 1)
+    assert said in refused.err
+    assert str(tmp_path / place) in refused.err
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+
+
+def test_an_output_takes_the_place_of_its_own_kind_and_makes_its_folders(eyechart: Eyechart, tmp_path: Path) -> None:
+    """A report by any name and a JUnit file are written again, in folders that are made; a name too long is said."""
+    made = banks.build_bank(tmp_path / "bank", scenarios=["light"])
+    run = tmp_path / "run"
+    words = ("--frames", made.root, "--out", run, "--conditions", "real,blank", "--limit", 2)
+    assert eyechart("run", "battery", "--model", STEADY, *words).code == 0
+    for _ in range(2):
+        assert eyechart("report", run, "--out", tmp_path / "new" / "report").code == 0
+        gated = eyechart("gate", run, "--junit", tmp_path / "deep" / "er" / "gate.xml")
+        assert (gated.code, (tmp_path / "deep" / "er" / "gate.xml").is_file()) == (2, True)
+    long = eyechart("gate", run, "--junit", tmp_path / ("x" * 300))
+    assert (long.code, long.out) == (2, "")
+    assert "cannot be written: File name too long" in long.err
 
 
 def test_a_bundle_is_made_and_validated(eyechart: Eyechart, bank: FrameBank, tmp_path: Path) -> None:
@@ -408,3 +458,9 @@ def test_a_closed_pipe_is_no_fault() -> None:
     said = subprocess.run(["bash", "-c", line], check=True, capture_output=True, text=True)
     assert len(said.stdout) == 1
     assert said.stderr == ""
+
+
+def test_a_table_prints_the_name_of_a_model_as_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+    """What stands between colons is a part of it, and no emoji."""
+    table_console().print("ollama:smile:latest", markup=False)
+    assert capsys.readouterr().out == "ollama:smile:latest\n"

@@ -89,7 +89,8 @@ try:
     import_table(Path(sys.argv[1]), Path(sys.argv[2]), Path(sys.argv[1]) / "bank", Choices())
 except SourceError as error:
     print(error)
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+# Not ru_maxrss, which begins with the memory of whoever started the process.
+print(next(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmHWM")))
 """
 
 

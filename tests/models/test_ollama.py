@@ -2,6 +2,10 @@
 
 import asyncio
 import base64
+import gc
+import socket
+import threading
+import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -12,7 +16,7 @@ from eyechart.actions import DRIVING
 from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
 from eyechart.frames import encode
-from eyechart.models import Model, open_model
+from eyechart.models import Model, ollama, open_model
 from eyechart.modes import RequestMode
 from faults import Loopback
 from ollama_stand_in import COUNTS, DIGEST, TEMPLATE, StandIn
@@ -187,3 +191,81 @@ def test_an_option_that_ollama_does_not_know_is_refused(server: StandIn) -> None
     """Before anything is asked."""
     with pytest.raises(SpecError, match="has no option 'thinks'"):
         ask(server, options={"thinks": True})
+
+
+def test_a_redirect_is_not_followed_with_the_headers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another address would get the secret in them."""
+    monkeypatch.setenv("TEAM_TOKEN", "team-token-1234")
+    seen: list[str] = []
+
+    async def there(request: web.Request) -> web.Response:
+        seen.append(request.headers.get("X-Team", ""))
+        return web.json_response({"models": []})
+
+    other = web.Application()
+    other.router.add_get("/api/tags", there)
+    with Loopback(other) as elsewhere:
+
+        async def away(request: web.Request) -> web.Response:
+            del request
+            raise web.HTTPFound(f"http://127.0.0.1:{elsewhere.port}/api/tags")
+
+        app = web.Application()
+        app.router.add_get("/api/tags", away)
+        with Loopback(app) as served:
+            url = f"http://127.0.0.1:{served.port}"
+            mode = RequestMode("ollama:llava", base_url=url, headers={"X-Team": "$TEAM_TOKEN"})
+            with pytest.raises(SpecError, match="/api/tags gave HTTP 302"):
+                open_model(mode.spec, mode)
+    assert seen == []
+
+
+@pytest.mark.filterwarnings(
+    "ignore::pytest.PytestUnraisableExceptionWarning"
+)  # the thread is left behind, as it must be
+@pytest.mark.parametrize("said", [b"no HTTP at all\r\n\r\n", b"HTTP/1.1 200 OK\r\nX: 1\r\n"])
+def test_what_drips_or_speaks_no_http_is_told_in_time(monkeypatch: pytest.MonkeyPatch, said: bytes) -> None:
+    """However steadily its bytes come."""
+    monkeypatch.setattr(ollama, "_ASKING_S", 0.5)
+    over = threading.Event()
+
+    def serve(listener: socket.socket) -> None:
+        connection, _ = listener.accept()
+        with connection:
+            try:
+                connection.recv(65_536)
+                connection.sendall(said)
+                while not over.wait(0.05):
+                    connection.sendall(b"a")
+            except OSError:
+                return
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        thread = threading.Thread(target=serve, args=(listener,))
+        thread.start()
+        began = time.monotonic()
+        mode = RequestMode("ollama:llava", base_url=f"http://127.0.0.1:{listener.getsockname()[1]}")
+        with pytest.raises(SpecError, match="no Ollama server answers"):
+            open_model(mode.spec, mode)
+        assert time.monotonic() - began < 5
+        over.set()
+        for one in (thread, *(one for one in threading.enumerate() if one.name == "ollama-opens")):
+            one.join(5)
+        gc.collect()
+
+
+def test_an_error_in_the_stream_may_be_an_object(server: StandIn) -> None:
+    """Its message is told."""
+    server.fails_inside = {"message": "out of memory", "code": 500}  # type: ignore[assignment]
+    reply = ask(server)
+    assert (reply.error, reply.error_detail) == ("server_error", "out of memory")
+
+
+@pytest.mark.parametrize(
+    ("words", "kind"),
+    [("model 'llava' not found", "missing_model"), ("image: unknown format not found", "server_error")],
+)
+def test_only_a_model_that_is_not_found_is_missing(server: StandIn, words: str, kind: str) -> None:
+    """A picture's format that is not found sets no model aside."""
+    server.fails_inside = words
+    assert ask(server).error == kind

@@ -3,8 +3,10 @@
 import asyncio
 import base64
 import email.utils
+import json
 import time
 from collections.abc import Callable
+from urllib.parse import quote
 
 import numpy as np
 import pytest
@@ -320,3 +322,93 @@ def test_a_proxy_is_that_of_the_environment_but_never_for_this_machine(
     monkeypatch.setenv("NO_PROXY", ".example.net")
     monkeypatch.setenv("no_proxy", ".example.net")
     assert proxy_for(address) == proxy
+
+
+def test_no_field_that_a_server_fills_brings_a_key_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every text of a reply, the reason of its end too."""
+    monkeypatch.setenv("MY_KEY", KEY)
+    body = completion(f"a {KEY}", f"b {KEY}", model=f"c {KEY}", provider=f"d {KEY}", system_fingerprint=f"e {KEY}")
+    body["choices"][0]["message"]["reasoning"] = f"f {KEY}"  # type: ignore[index]
+    with says(lambda: web.json_response(body)) as server:
+        reply = ask(server, key_env="MY_KEY")
+    assert reply.finish_reason == "b [key removed]"
+    assert repr(reply).count("[key removed]") == 6
+    assert KEY not in repr(reply)
+
+
+@pytest.mark.parametrize("before", [480, 495, 1995])
+def test_no_part_of_a_key_is_left_where_a_text_is_cut(monkeypatch: pytest.MonkeyPatch, before: int) -> None:
+    """A text is cut after the key is out of it, in an error as in a name."""
+    monkeypatch.setenv("MY_KEY", KEY)
+    body = completion("GO", "s" * 190 + KEY, model="m" * 190 + KEY)
+    with says(lambda: web.json_response(body)) as server:
+        named = ask(server, key_env="MY_KEY")
+    with says(lambda: refuse(500, "x" * (before - 10) + KEY)) as server:
+        failed = ask(server, key_env="MY_KEY")
+    with says(lambda: web.Response(status=500, text="x" * (before - 10) + KEY)) as server:
+        plain = ask(server, key_env="MY_KEY")
+    with says(lambda: web.json_response({"error": "x" * before + KEY})) as server:
+        inside = ask(server, key_env="MY_KEY")
+    assert "sk-" not in repr((named, failed, plain, inside))
+    assert len(named.finish_reason or "") == len(named.served or "") == 200
+
+
+@pytest.mark.parametrize("lead", ["", "a", "ab"])
+def test_a_key_in_another_writing_does_not_come_back(monkeypatch: pytest.MonkeyPatch, lead: str) -> None:
+    """In base64 at any alignment, percent-encoded, or escaped as JSON."""
+    key = 'sk+test/0123456789?abc"def'
+    monkeypatch.setenv("MY_KEY", key)
+    whole = (lead + key + "tail").encode()
+    forms = [base64.b64encode(whole), base64.urlsafe_b64encode(whole), quote(key, safe="").encode()]
+    forms += [json.dumps(key).encode(), quote(key, safe="").lower().encode()]
+    for form in forms:
+        reply = reads_with_key(form.decode())
+        assert "[key removed]" in reply.text, form
+
+
+def reads_with_key(said: str) -> Reply:
+    """Return how a server's words are read by a mode with a key."""
+    with says(lambda: answer(said)) as server:
+        return ask(server, key_env="MY_KEY")
+
+
+@pytest.mark.parametrize("said", ["Mon, 01 Jan 99999999999999999999 00:00:00 GMT", "Fri, 31 Dec 9999 23:59:59 -2359"])
+def test_a_date_beyond_every_calendar_is_no_wait(said: str) -> None:
+    """And the 429 stays what it is."""
+    with says(lambda: refuse(429, "busy", {"Retry-After": said})) as server:
+        reply = ask(server)
+    assert (reply.error, reply.status) == ("rate_limited", 429)
+
+
+@pytest.mark.parametrize("depth", [300, 1000, 20_000])
+@pytest.mark.parametrize(("start", "end"), [('{"error":', "}"), ("[", "]"), ('{"x":', "}")])
+def test_an_error_that_is_nested_deeply_is_still_the_server_s(depth: int, start: str, end: str) -> None:
+    """It may pass, so the call is made again."""
+    body = start * depth + "1" + end * depth
+    with says(lambda: web.Response(status=500, text=body)) as server:
+        reply = ask(server)
+    assert (reply.error, reply.status) == ("server_error", 500)
+    with says(lambda: web.Response(text='{"error":' + body + "}")) as server:
+        assert ask(server).error in {"server_error", "wrong_json"}
+
+
+def test_half_a_surrogate_pair_does_not_lose_the_answer() -> None:
+    """JSON can write it, and some servers cut an emoji in two."""
+    body = json.dumps(completion("STOP @")).replace("@", "\\ud83d")
+    with says(lambda: web.Response(text=body, content_type="application/json")) as server:
+        reply = ask(server)
+    assert (reply.error, reply.text) == (None, "STOP \ud83d")
+
+
+@pytest.mark.parametrize(
+    ("status", "message", "kind"),
+    [
+        (403, "your input was flagged", "bad_request"),
+        (403, "Moderation refused this request", "bad_request"),
+        (403, "your country is not supported", "auth"),
+    ],
+)
+def test_a_request_that_is_moderated_away_is_no_wrong_key(status: int, message: str, kind: str) -> None:
+    """The next frame may well be answered."""
+    with says(lambda: refuse(status, message)) as server:
+        assert ask(server).error == kind

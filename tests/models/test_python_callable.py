@@ -149,3 +149,19 @@ def test_what_is_no_callable_is_refused_with_what_is_missing(module: str, name: 
     spec = f"python:{name.format(module)}"
     with pytest.raises(SpecError, match=says):
         open_model(spec, RequestMode(spec))
+
+
+@pytest.mark.parametrize(
+    ("code", "says"),
+    [
+        ("1/0", "ZeroDivisionError: division by zero"),
+        ("def broken(", "SyntaxError: "),
+        ("import sys; sys.exit(0)", "SystemExit: 0"),
+        ("import os; raise ValueError(os.environ['ROBOT_API_KEY'])", r"ValueError: \[\$ROBOT_API_KEY\]"),
+    ],
+)
+def test_a_module_that_fails_while_it_is_imported_is_told_in_one_line(module: str, code: str, says: str) -> None:
+    """Whatever it raises, and never as an end without a word."""
+    Path(f"{module}_fails.py").write_text(code, encoding="utf-8")
+    with pytest.raises(SpecError, match=f"fails while it is imported: {says}"):
+        open_model(f"python:{module}_fails:decide")

@@ -334,13 +334,26 @@ def test_a_run_is_resumed_as_it_was_begun(bank: FrameBank, stopped: Path, tmp_pa
         study.plan(bank.root, [STEADY], tmp_path / "run", stop_early=True)
 
 
-def test_a_resumed_run_keeps_its_conditions_and_its_limit(bank: FrameBank, stopped: Path) -> None:
-    """What settles depends on all that a run asks, so asking for less when resuming changes nothing."""
-    names = ["real", "real_repeat", "blank"]
-    planned = study.plan(bank.root, [STEADY], stopped, stop_early=True, conditions=names, limit=10)
-    assert len(planned.plan.conditions) == 8
-    assert len(planned.plan.frames) == 72
-    assert planned.progress()[STEADY].left == 0
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"limit": 10}, "begun with all frames, now --limit 10 was asked for"),
+        ({"conditions": ["real", "real_repeat", "blank"]}, "now --conditions real,real_repeat,blank was asked for"),
+    ],
+)
+def test_a_run_that_stops_early_is_not_resumed_with_other_frames_or_conditions(
+    bank: FrameBank, stopped: Path, tmp_path: Path, options: dict[str, object], says: str
+) -> None:
+    """What settles depends on all that a run asks: neither less nor more is asked of it later, and that is said."""
+    with pytest.raises(LedgerError, match=says):
+        study.plan(bank.root, [STEADY], stopped, stop_early=True, **options)  # type: ignore[arg-type]
+    planned = study.plan(bank.root, [STEADY], stopped, stop_early=True)
+    assert (len(planned.plan.conditions), len(planned.plan.frames), planned.progress()[STEADY].left) == (8, 72, 0)
+    fewer = study.plan(bank.root, [STEADY], tmp_path / "run", stop_early=True, **options)  # type: ignore[arg-type]
+    study.run(fewer, concurrency=8)
+    assert study.plan(bank.root, [STEADY], tmp_path / "run", stop_early=True, **options).left() == 0  # type: ignore[arg-type]
+    with pytest.raises(LedgerError, match="give the same options"):
+        study.plan(bank.root, [STEADY], tmp_path / "run", stop_early=True)
 
 
 def test_runs_of_different_models_merge(bank: FrameBank, tmp_path: Path) -> None:

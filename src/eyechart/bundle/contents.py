@@ -25,8 +25,21 @@ FORMAT = "eyechart-bundle/1"
 INDEX = "bundle.json"
 RESULTS = "results.json"
 REPORT = "report.html"
+README = "README.txt"
 TABLES = "tables/"
 RUN_FOLDER = "run"
+_HOW = """This is a bundle of eyechart: a run, and what follows from it.
+
+run/            what was asked and answered: run.json, ledger.sqlite, the bank's manifest and the pictures used
+results.json    every statistic and verdict
+report.html     the same for people, in any browser
+tables/         the same as CSV, Markdown and LaTeX
+bundle.json     how the results were made, and a digest of every file
+
+  eyechart validate FILE.zip
+
+recomputes all of it from run/ and names what differs.
+"""
 RESAMPLES = (100, 100_000)
 """Fewest and most resamples that a bundle may ask whoever validates it to draw."""
 
@@ -109,7 +122,7 @@ def derive(
     results = json.loads(as_json(results))
     page = make_page([evidence], tell=tell)
     tables = {f"{TABLES}{name}": content for name, content in sheet_files(subjects([evidence])).items()}
-    return Derived(evidence, results, {RESULTS: as_json(results), REPORT: page.html, **tables})
+    return Derived(evidence, results, {RESULTS: as_json(results), REPORT: page.html, README: _HOW.encode(), **tables})
 
 
 def _digests(ledger_path: Path, spec: str) -> dict[str, str]:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from eyechart.bundle.contents import FORMAT, INDEX, RUN_FOLDER, Recipe, as_json, derive
 from eyechart.bundle.unpacking import check_names
+from eyechart.destination import require_free, whole
 from eyechart.errors import BundleError
 from eyechart.frames import FrameBank, inside, open_bank, read_bounded
 from eyechart.ledger import Ledger
@@ -17,19 +18,6 @@ from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, RunManifest, as_text
 from eyechart.report.evidence import Tell, find_pictures, used_pictures
 from eyechart.studies.battery.scoring import require_scorable
 
-README = "README.txt"
-_HOW = """This is a bundle of eyechart: a run, and what follows from it.
-
-run/            what was asked and answered: run.json, ledger.sqlite, the bank's manifest and the pictures used
-results.json    every statistic and verdict
-report.html     the same for people, in any browser
-tables/         the same as CSV, Markdown and LaTeX
-bundle.json     how the results were made, and a digest of every file
-
-  eyechart validate FILE.zip
-
-recomputes all of it from run/ and names what differs.
-"""
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 _PACKED = {".png", ".jpg", ".jpeg", ".webp"}
 """Pictures that are small already."""
@@ -47,8 +35,10 @@ def write_bundle(
 ) -> int:
     """Write a run with its pictures and all that follows from it as one ZIP file; return how many files it holds.
 
-    Raises LedgerError or BankError where the folder is no run, and BundleError where its pictures are not at hand.
+    Raises LedgerError or BankError where the folder is no run, BundleError where its pictures are
+    not at hand, and OutputError where ``out`` may not be written.
     """
+    require_free(out, "bundle")
     manifest, bank = read_run(run)
     require_scorable(run, manifest, bank, independent=independent, reread=reread)
     tell("looking for the pictures")
@@ -56,14 +46,13 @@ def write_bundle(
     if pictures is None:
         raise BundleError(f"the pictures of {run} are not at hand: {about}; give the bank with --frames")
     recipe = Recipe.here(run.resolve().name or "run", resamples=resamples, independent=independent)
-    out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="eyechart-bundle-") as work:
         folder = Path(work) / "bundle"
         _snapshot(run, folder / RUN_FOLDER, manifest, pictures)
         manifest, bank = read_run(folder / RUN_FOLDER)
         held = open_bank(folder / RUN_FOLDER / BANK)
         derived = derive(folder / RUN_FOLDER, manifest, (bank, held), recipe, tell)
-        for name, content in {**derived.files, README: _HOW.encode()}.items():
+        for name, content in derived.files.items():
             path = folder / name
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
@@ -99,8 +88,7 @@ def _digest(path: Path) -> str:
 
 
 def _pack(folder: Path, out: Path) -> None:
-    partial = out.with_name(f".{out.name}.part")
-    try:
+    with whole(out, "bundle") as partial:
         with zipfile.ZipFile(partial, "w") as packed:
             for path in _files(folder):
                 entry = zipfile.ZipInfo(path.relative_to(folder).as_posix(), _EPOCH)
@@ -112,6 +100,3 @@ def _pack(folder: Path, out: Path) -> None:
                 with path.open("rb") as source, packed.open(entry, "w") as target:
                     shutil.copyfileobj(source, target, 1 << 20)
         check_names(partial)  # what could not be opened again is not written
-        partial.replace(out)
-    finally:
-        partial.unlink(missing_ok=True)

@@ -28,8 +28,8 @@ from eyechart.bundle.unpacking import unpack
 from eyechart.errors import BundleError, EyechartError
 from eyechart.frames import FrameBank, open_unchecked
 from eyechart.ledger import Ledger
-from eyechart.manifest import BANK, LEDGER, RUN, RunManifest, as_text, asked_of, read_manifest
-from eyechart.report.evidence import Tell
+from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, RunManifest, as_text, asked_of, read_manifest
+from eyechart.report.evidence import Tell, used_pictures
 
 _LONGER = 4
 """A file that is so many times as long as it should be is not looked into."""
@@ -37,21 +37,34 @@ _LONGER = 4
 
 @dataclass(frozen=True)
 class Validation:
-    """What a validation found: every figure that does not follow, what was compared, and what could not be."""
+    """What a validation found: every figure that does not follow, what was compared, and what could not be.
+
+    ``uncompared`` are the things that other versions of libraries draw otherwise, by the bundle's own word.
+    """
 
     differences: tuple[Difference, ...]
     compared: Mapping[str, int]
     notes: tuple[str, ...]
+    uncompared: tuple[str, ...] = ()
 
     @property
     def holds(self) -> bool:
-        """Return whether everything that was compared follows from the ledger and the bank."""
-        return not self.differences
+        """Return whether everything was compared, and follows from the ledger and the bank."""
+        return not self.differences and not self.uncompared
+
+    @property
+    def outcome(self) -> str:
+        """Return in words whether it holds, how many differences there are, or what could not be compared."""
+        if self.differences:
+            return f"{len(self.differences)} differences"
+        return f"holds, {' and '.join(self.uncompared)} not compared" if self.uncompared else "holds"
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
         return {
             "holds": self.holds,
+            "outcome": self.outcome,
+            "uncompared": list(self.uncompared),
             "differences": [one.as_dict() for one in self.differences],
             "compared": dict(self.compared),
             "notes": list(self.notes),
@@ -63,6 +76,8 @@ def validate(file: Path, *, tell: Tell = lambda _: None) -> Validation:
 
     Raises BundleError where the file is no bundle, damaged, would do harm, or was made by another eyechart.
     """
+    if file.exists() and not file.is_file():
+        raise BundleError(f"{file} is no bundle file but {'a folder' if file.is_dir() else 'a device or a pipe'}")
     if not file.is_file():
         raise BundleError(f"{file} does not exist; 'eyechart bundle RUN --out {file.name}' makes one")
     with tempfile.TemporaryDirectory(prefix="eyechart-validate-") as work:
@@ -71,13 +86,23 @@ def validate(file: Path, *, tell: Tell = lambda _: None) -> Validation:
         names = unpack(file, folder)
         index = _read_index(file, folder)
         recipe = Recipe.from_dict(index)
-        differences, compared, notes = [*_check_files(folder, names, index)], {"files": len(names)}, _unlike(recipe)
+        found = _Found([*_check_files(folder, names, index)], {"files": len(names)}, _unlike(recipe), [])
         try:
-            _recompute(folder, recipe, (differences, compared, notes), tell)
+            _recompute(folder, names, recipe, found, tell)
         except (EyechartError, sqlite3.Error, RecursionError) as error:
             words = str(error).replace(f"{work}/", "")
-            differences.append(Difference("everything that follows from the run", "results", words))
-        return Validation(tuple(differences), compared, tuple(notes))
+            found.differences.append(Difference("everything that follows from the run", "results", words))
+        return Validation(tuple(found.differences), found.compared, tuple(found.notes), tuple(found.uncompared))
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What a validation has found so far."""
+
+    differences: list[Difference]
+    compared: dict[str, int]
+    notes: list[str]
+    uncompared: list[str]
 
 
 def _read_index(file: Path, folder: Path) -> dict[str, object]:
@@ -112,11 +137,9 @@ def _unlike(recipe: Recipe) -> list[str]:
     ]
 
 
-def _recompute(
-    folder: Path, recipe: Recipe, found: tuple[list[Difference], dict[str, int], list[str]], tell: Tell
-) -> None:
+def _recompute(folder: Path, names: list[str], recipe: Recipe, found: _Found, tell: Tell) -> None:
     """Recompute from the run and compare; ``found`` takes the differences, what was compared, and what was not."""
-    differences, compared, notes = found
+    differences, compared, notes = found.differences, found.compared, found.notes
     run = folder / RUN_FOLDER
     manifest, bank = read_manifest(run), open_unchecked(run / BANK)
     asked = asked_of(bank, manifest.prompt)
@@ -127,26 +150,42 @@ def _recompute(
     with Ledger(run / LEDGER) as ledger:
         ledger.require_plain()
         tell("checking the requests")
-        requests, count, unlike = check_requests(ledger, manifest, asked)
+        requests, count, unlike = check_requests(ledger, manifest, asked, same_encoder=_same(recipe, "pillow", "zlib"))
     differences += requests
     compared |= {"frames": len(bank), "requests": count}
     if unlike:
         notes.append(f"this machine encodes the pictures of {', '.join(unlike)} to other bytes: no request compared")
+        found.uncompared.append(f"requests of {', '.join(unlike)}")
     derived = derive(run, manifest, (asked, bank), recipe, tell)
     tell("comparing")
     differences += _compare(folder, recipe, derived)
+    differences += _check_foreign(names, manifest, asked, derived)
     compared |= _counted(manifest, bank, derived)
     strict = _strictness(recipe)
     if not strict.drawings:
         notes.append("of the drawings only the words were compared")
+        found.uncompared.append("drawings")
     if not strict.pictures:
         notes.append("the pictures in the page were not compared with those of the bank")
+        found.uncompared.append("pictures")
+
+
+def _check_foreign(names: list[str], manifest: RunManifest, asked: FrameBank, derived: Derived) -> Iterator[Difference]:
+    """Yield every file that is neither part of the run nor made from it."""
+    bank = {f"{RUN_FOLDER}/{BANK}/{name}" for name in (*BANK_TEXT, *used_pictures(manifest, asked))}
+    known = {INDEX, f"{RUN_FOLDER}/{RUN}", f"{RUN_FOLDER}/{LEDGER}", *derived.files, *bank}
+    for name in names:
+        if name not in known:
+            yield Difference(f"file {name}", "in the bundle", "neither used by the run nor made from it")
 
 
 def _strictness(recipe: Recipe) -> Strictness:
-    here, made = drawn_with(), recipe.drawn_with
-    same = {name: made.get(name) == version for name, version in here.items()}
-    return Strictness(drawings=same["matplotlib"], pictures=same["pillow"] and same["webp"])
+    return Strictness(drawings=_same(recipe, "matplotlib"), pictures=_same(recipe, "pillow", "webp"))
+
+
+def _same(recipe: Recipe, *libraries: str) -> bool:
+    here = drawn_with()
+    return all(recipe.drawn_with.get(name) == here[name] for name in libraries)
 
 
 def _compare(folder: Path, recipe: Recipe, derived: Derived) -> Iterator[Difference]:
@@ -182,6 +221,8 @@ def _compare_file(
         yield from compare_pages(*texts, rounding, how)
     elif name.startswith(TABLES):
         yield from compare_tables(name, *texts, rounding)
+    else:
+        yield Difference(name, "another text", "that of every bundle")
 
 
 def _as_written(values: object, text: str) -> bool:

@@ -37,12 +37,17 @@ def bundle(
 def validate(
     file: Annotated[Path, typer.Argument(help="A bundle.")],
     json: Annotated[bool, typer.Option("--json", help="Print JSON, with every difference.")] = False,
+    allow_uncompared: Annotated[
+        bool,
+        typer.Option("--allow-uncompared", help="Exit 0 too where pictures or drawings could not be compared."),
+    ] = False,
 ) -> None:
     """Recompute every figure of a bundle from its ledger and its bank, without trusting what it prints.
 
-    Exit 0: everything follows; 1: something differs, by name; 2: no bundle, damaged, harmful, or of another version.
-    Numbers are the same within 1e-9 of the larger of them and 1; a printed number must have the same digits, but for a
-    tie of rounding; places in drawings may be 0.02 points apart. Example: eyechart validate run.zip
+    Exit 0: everything follows; 1: something differs, by name; 2: no bundle, damaged, harmful, of another version, or
+    drawn with other libraries, so that pictures or drawings could not be compared. Numbers are the same within 1e-9 of
+    the larger of them; a printed number must have the same digits, but for a tie of rounding; places in drawings may be
+    0.02 points apart. Example: eyechart validate run.zip
     """
     from eyechart.bundle import validate as check
 
@@ -58,6 +63,8 @@ def validate(
         for note in found.notes:
             typer.echo(f"note: {note}")
         compared = ", ".join(f"{count} {name}" for name, count in found.compared.items())
-        typer.echo(f"{'holds' if found.holds else f'{len(found.differences)} differences'}: {compared}")
-    if not found.holds:
+        typer.echo(f"{found.outcome}: {compared}")
+    if found.differences:
         raise typer.Exit(1)
+    if found.uncompared and not allow_uncompared:
+        raise typer.Exit(2)

@@ -25,11 +25,13 @@ def report(
 
     It needs no network and shows in any browser. Example: eyechart report run --out report.html
     """
+    from eyechart.destination import require_free
     from eyechart.report.evidence import read_evidence, subjects
     from eyechart.report.figures import write_figures
     from eyechart.report.page import make_page, write_page
     from eyechart.report.sheets import write_sheets
 
+    require_free(out, "report")
     with patience("report") as tell:
         evidence = read_evidence(runs, frames or (), independent=independent, reread=reread, tell=tell)
         page = make_page(evidence, tell=tell)

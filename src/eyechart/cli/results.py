@@ -149,15 +149,14 @@ def gate(
 
     An empty or unfinished run never passes. Example: eyechart gate run --require depth,swaps --junit gate.xml
     """
+    from eyechart.destination import require_free, whole
     from eyechart.gate import hold, read_requirements
     from eyechart.studies import battery as study
 
     wanted = read_requirements(require)
-    held = hold(study.score(run, independent=independent, reread=reread), wanted, max_unparsed=max_unparsed)
     if junit is not None:
-        partial = junit.with_name(f".{junit.name}.part")
-        partial.write_bytes(held.junit())
-        partial.replace(junit)
+        require_free(junit, "JUnit file")
+    held = hold(study.score(run, independent=independent, reread=reread), wanted, max_unparsed=max_unparsed)
     if json:
         print_json(held.as_dict())
     else:
@@ -166,5 +165,8 @@ def gate(
             typer.echo(f"{words[check.holds]:<10}  {check.model}  {check.requirement}: {check.because}")
         if not held.checks:
             typer.echo("cannot say: the run holds no model")
+    if junit is not None:
+        with whole(junit, "JUnit file") as partial:
+            partial.write_bytes(held.junit())
     if held.exit_code:
         raise typer.Exit(held.exit_code)

@@ -29,7 +29,7 @@ def progress(what: str, unit: str) -> Iterator[Callable[[int, int], None]]:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    console = Console(stderr=True)
+    console = Console(stderr=True, emoji=False)
     if not console.is_terminal:
         yield _lines(what, unit)
         return
@@ -116,5 +116,5 @@ def table_console(width: int | None = None) -> "Console":
             """Leave the broken pipe to ``main``: nobody reads on, which is no answer to any question."""
             raise BrokenPipeError
 
-    console = Piped(highlight=False)
-    return console if console.is_terminal else Piped(highlight=False, width=width or 120)
+    console = Piped(highlight=False, emoji=False)
+    return console if console.is_terminal else Piped(highlight=False, emoji=False, width=width or 120)

@@ -20,6 +20,8 @@ ROLES: dict[str, tuple[str, ...]] = {
 """The places of a bank, each with the columns that are taken for it where ``--map`` names none."""
 
 _NUMBER = re.compile(r"[+-]?(0|[1-9]\d*)(\.\d*)?([eE][+-]?\d+)?|[+-]?\.\d+([eE][+-]?\d+)?")
+_ZEROS = re.compile(r"(?<=[+-])0+(?=\d)|^0+(?=\d)")
+"""Zeros at the head of a number, as counters are padded; a column that nobody named as a number keeps them as words."""
 _WHOLE = re.compile(r"[+-]?(0|[1-9]\d*)")
 _EXACT = 2**53
 
@@ -68,21 +70,35 @@ def others(taken: Mapping[str, str], said: Sequence[str], columns: Sequence[str]
 
 
 def read_number(cell: Cell, what: str) -> float | None:
-    """Return a cell as a finite number, None where it is empty; ``what`` names row and column in the SourceError."""
+    """Return a cell as a finite number, None where it is empty; ``what`` names row and column in the SourceError.
+
+    Zeros at its head are no part of a number.
+    """
     if cell is None:
         return None
-    if isinstance(cell, str) and _NUMBER.fullmatch(cell.strip()):
-        cell = float(cell)
-    if isinstance(cell, bool | str) or not abs(cell) <= sys.float_info.max:
+    number = _number(cell)
+    if number is None:
         raise SourceError(f"{what} is {_quoted(cell)}, not a number; leave the cell empty where there is none")
+    return number
+
+
+def _number(cell: Cell) -> float | None:
+    """Return a cell as a finite number, None where it is none."""
+    if isinstance(cell, str) and _NUMBER.fullmatch(_ZEROS.sub("", cell.strip(), count=1)):
+        cell = float(cell)
+    if cell is None or isinstance(cell, bool | str) or not abs(cell) <= sys.float_info.max:
+        return None
     return float(cell)
 
 
 def read_step(cell: Cell, what: str) -> int:
     """Return a cell as a whole number; raises SourceError, beginning with ``what``, where it is none."""
-    number = read_number(cell, what)
+    number = _number(cell)
     if number is None or number != int(number) or abs(number) > _EXACT:
-        raise SourceError(f"{what} is {_quoted(cell)}, not a whole number; a step counts the frames of an episode")
+        raise SourceError(
+            f"{what} is {_quoted(cell)}, not a whole number; a step counts the frames of an episode: every row needs "
+            "one, or none: leave the column out with --map step="
+        )
     return int(number)
 
 

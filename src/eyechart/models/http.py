@@ -5,15 +5,18 @@ an address of this machine; `.netrc` and cookies are not used.
 """
 
 import asyncio
+import base64
 import contextlib
 import email.utils
 import ipaddress
-import math
+import json
 import ssl
+import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from urllib.parse import urlsplit
+from functools import cache
+from urllib.parse import quote, urlsplit
 from urllib.request import getproxies, proxy_bypass
 
 import aiohttp
@@ -30,6 +33,17 @@ _SECRET_CHARACTERS = 8
 """A shorter key is none ("EMPTY", "x"), and removing it would change answers."""
 _CONNECT_S = 30.0
 _MESSAGES = ("message", "error", "detail", "msg")
+_DEEPEST = 20
+_NAME = 200
+_BOUNDS = {
+    "text": None,
+    "reasoning": None,
+    "error_detail": None,
+    "finish_reason": _NAME,
+    "served": _NAME,
+    "provider": _NAME,
+}
+"""The fields of a reply that a server fills with text, and how long each may be once the secrets are out of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +57,7 @@ class Response:
     seconds: float = 0.0
     first_byte_s: float | None = None
     retry_after_s: float | None = None
+    scrub: Callable[[str], str] = field(default=str, repr=False)
 
     def reply(self, reply: Reply) -> Reply:
         """Return a reply with this response's status and times."""
@@ -56,7 +71,8 @@ class Response:
 
     def failure(self, error: ErrorKind | None = None, detail: str = "") -> Reply:
         """Return the reply of a failure: this response's own, or the one that its body turned out to be."""
-        return self.reply(Reply(error=error or self.error, error_detail=printable(detail or self.detail)))
+        words = self.scrub(detail or self.detail)  # before it is cut: half a key is known as one no more
+        return self.reply(Reply(error=error or self.error, error_detail=printable(words)))
 
 
 @dataclass(slots=True)
@@ -80,7 +96,7 @@ class Endpoint:
             async with self._open().post(self.base_url + path, data=payload, allow_redirects=False) as came:
                 seen.status, seen.retry_after_s = came.status, _retry_after(came.headers)
                 await _read(came, seen, start)
-                error, detail = _judged(came, seen)
+                error, detail = _judged(came, seen, self.scrub)
         except (TimeoutError, aiohttp.ClientError, OSError, ValueError) as failure:
             error, detail = _failed(failure, seen, self.timeout_s)
         return Response(
@@ -91,6 +107,7 @@ class Endpoint:
             time.perf_counter() - start,
             seen.first_byte_s,
             seen.retry_after_s,
+            self.scrub,
         )
 
     async def close(self) -> None:
@@ -100,16 +117,16 @@ class Endpoint:
             await session.close()
 
     def scrub(self, text: str) -> str:
-        """Return a text without the secrets that went out with the request."""
-        for secret in self.secrets:
-            if len(secret) >= _SECRET_CHARACTERS and secret in text:
-                text = text.replace(secret, "[key removed]")
+        """Return a text without the secrets that went out with the request, encoded ones included."""
+        for form in _forms(self.secrets):
+            text = text.replace(form, "[key removed]")
         return text
 
     def scrubbed(self, reply: Reply) -> Reply:
-        """Return a reply without secrets: a server may send back what it was sent."""
-        texts = {name: getattr(reply, name) for name in ("text", "reasoning", "error_detail", "served", "provider")}
-        changed = {name: clean for name, text in texts.items() if text and (clean := self.scrub(text)) != text}
+        """Return a reply without secrets, its names cut after that: a server may send back what it was sent."""
+        texts = {name: getattr(reply, name) for name in _BOUNDS}
+        clean = {name: self.scrub(text)[: _BOUNDS[name]] for name, text in texts.items() if text}
+        changed = {name: text for name, text in clean.items() if text != texts[name]}
         return replace(reply, **changed) if changed else reply  # type: ignore[arg-type]
 
     def _open(self) -> aiohttp.ClientSession:
@@ -130,6 +147,29 @@ class Endpoint:
                 proxy=proxy_for(self.base_url),
             )
         return self._session
+
+
+@cache
+def _forms(secrets: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the secrets as a server may write them: plain, in base64, percent-encoded, escaped; long ones first."""
+    forms: set[str] = set()
+    for secret in secrets:
+        if len(secret) >= _SECRET_CHARACTERS:
+            percent, escaped = quote(secret, safe=""), json.dumps(secret)[1:-1]
+            forms |= {secret, percent, percent.replace("%", "%25"), escaped, escaped.replace("/", "\\/")}
+            forms |= {part.lower() for part in (percent,) if part != secret}
+            forms |= {quote(secret), *_in_base64(secret.encode())}
+    return tuple(sorted(forms, key=lambda form: (-len(form), form)))
+
+
+def _in_base64(secret: bytes) -> set[str]:
+    """Return what stands for a secret in the base64 of any text that holds it: at each of three alignments."""
+    forms = set()
+    for before, skipped in ((0, 0), (1, 2), (2, 3)):
+        whole = base64.b64encode(bytes(before) + secret).decode()
+        part = whole[skipped : (before + len(secret)) * 8 // 6]
+        forms |= {part, part.replace("+", "-").replace("/", "_")}
+    return forms
 
 
 @dataclass(slots=True)
@@ -154,14 +194,14 @@ async def _read(came: aiohttp.ClientResponse, seen: _Seen, start: float) -> None
             return
 
 
-def _judged(came: aiohttp.ClientResponse, seen: _Seen) -> tuple[ErrorKind | None, str]:
+def _judged(came: aiohttp.ClientResponse, seen: _Seen, scrub: Callable[[str], str]) -> tuple[ErrorKind | None, str]:
     if seen.too_large:
         return "too_large", f"the body has more than {MOST_BYTES} bytes"
     if 300 <= came.status < 400:
         where = came.headers.get("Location", "nowhere")
         return "bad_request", f"HTTP {came.status}: redirected to {where}, which is not followed; give that address"
     if came.status >= 400:
-        message = error_message(bytes(seen.body))
+        message = error_message(bytes(seen.body), scrub)
         return kind_of_status(came.status, message), f"HTTP {came.status}: {message or came.reason}"
     return None, ""
 
@@ -181,7 +221,12 @@ def _failed(failure: Exception, seen: _Seen, timeout_s: float) -> tuple[ErrorKin
 
 
 def kind_of_status(status: int, message: str = "") -> ErrorKind:
-    """Return the kind of an HTTP status of 400 or more; ``message`` tells a spent account from a busy server."""
+    """Return the kind of an HTTP status of 400 or more.
+
+    ``message`` tells a spent account from a busy server, and a request that was moderated away from a wrong key.
+    """
+    if status == 403 and any(word in message.lower() for word in ("moderation", "flagged")):
+        return "bad_request"
     spent = "insufficient_quota" in message or "exceeded your current quota" in message
     kinds: dict[int, ErrorKind] = {
         401: "auth",
@@ -195,23 +240,43 @@ def kind_of_status(status: int, message: str = "") -> ErrorKind:
     return kinds.get(status, "server_error" if status >= 500 else "bad_request")
 
 
-def error_message(body: bytes) -> str:
-    """Return what a server says of an error, in one bounded line: the message in its JSON, else the body's text."""
+def error_message(body: bytes, scrub: Callable[[str], str] = str) -> str:
+    """Return what a server says of an error, in one bounded line: the message in its JSON, else the body's text.
+
+    ``scrub`` is applied before it is cut.
+    """
     try:
-        found = orjson.loads(body)
+        said = words_of(read_json(body))
     except ValueError:
-        return printable(body[: 2 * _DETAIL].decode("utf-8", "replace"))
-    return printable(_message(found))
+        said = body.decode("utf-8", "replace")
+    return printable(scrub(said))
 
 
-def _message(found: object) -> str:
-    if isinstance(found, Mapping):
+def read_json(body: bytes) -> object:
+    """Return the value of a JSON body, one with half a surrogate pair in a text too; raises ValueError for no JSON."""
+    try:
+        return orjson.loads(body)
+    except ValueError as error:
+        try:
+            return json.loads(body)
+        except (ValueError, RecursionError):
+            raise error from None
+
+
+def words_of(found: object, depth: int = 0) -> str:
+    """Return the message in the value of an error, however it is nested; else the value itself as JSON."""
+    if isinstance(found, Mapping) and depth < _DEEPEST:
         for name in _MESSAGES:
             if found.get(name):
                 code = found.get("code") or found.get("type")
-                said = _message(found[name])
+                said = words_of(found[name], depth + 1)
                 return f"{said} ({code})" if isinstance(code, str) and code not in said else said
-    return found if isinstance(found, str) else orjson.dumps(found).decode()
+    if isinstance(found, str):
+        return found
+    try:
+        return orjson.dumps(found).decode()
+    except TypeError:
+        return f"a {type(found).__name__} that is nested too deeply to be shown"
 
 
 def printable(text: str) -> str:
@@ -228,7 +293,7 @@ def count_of(value: object) -> int | None:
 
 def number_of(value: object) -> float | None:
     """Return a number of at least 0 that a server reports, or None where it is none."""
-    if isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < math.inf:
+    if isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= sys.float_info.max:
         return float(value)
     return None
 
@@ -262,6 +327,6 @@ def _retry_after(headers: Mapping[str, str]) -> float | None:
         return None
     with contextlib.suppress(ValueError):
         return number_of(float(said))
-    with contextlib.suppress(ValueError, TypeError):
+    with contextlib.suppress(ValueError, TypeError, OverflowError, IndexError, OSError):
         return max(0.0, email.utils.parsedate_to_datetime(said).timestamp() - time.time())
     return None

@@ -5,9 +5,13 @@ What answers is known by its digest. Source: Ollama's API, docs/api.md.
 
 import base64
 import hashlib
+import http.client
+import re
+import threading
 import urllib.error
 import urllib.request
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
 from dataclasses import dataclass, replace
 
 import orjson
@@ -16,7 +20,16 @@ from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
 from eyechart.models import require_options
 from eyechart.models.energy import metered
-from eyechart.models.http import MOST_BYTES, Endpoint, Response, count_of, error_message, is_loopback
+from eyechart.models.http import (
+    MOST_BYTES,
+    Endpoint,
+    Response,
+    count_of,
+    error_message,
+    is_loopback,
+    read_json,
+    words_of,
+)
 from eyechart.modes import RequestMode
 
 BASE_URL = "http://127.0.0.1:11434"
@@ -29,6 +42,7 @@ OPTIONS = {
 
 _ASKING_S = 10.0
 _SEEDS = 2**31
+_LOST = re.compile(r"\bmodel\b.*\bnot found\b", re.IGNORECASE | re.DOTALL)
 
 
 @dataclass(slots=True)
@@ -70,13 +84,44 @@ def open_model(name: str, mode: RequestMode) -> Ollama:
     server = _Server(base_url, headers, endpoint)
     tags, shown = server.get("/api/tags"), server.show(name)
     facts = _facts(name, tags, shown) | {"endpoint": base_url, "server": _text(server.get("/api/version"), "version")}
+    facts = {key: endpoint.scrub(value) for key, value in facts.items() if value}
     version = " ".join(facts[part][:12] for part in ("digest", "quantisation") if facts.get(part)) or "no digest"
-    return Ollama(name, mode, endpoint, version, {key: value for key, value in facts.items() if value})
+    return Ollama(name, mode, endpoint, version, facts)
 
 
 def names() -> dict[str, str]:
     """Return what may stand after ``ollama:``."""
     return {"MODEL": "a model that was pulled, as qwen2.5vl:7b; its server runs here, or is named with --base-url"}
+
+
+class _Staying(urllib.request.HTTPRedirectHandler):
+    """Follows no redirect, which would hand the headers, and the secrets in them, to another address."""
+
+    def redirect_request(self, *asked: object, **more: object) -> None:
+        """Return no request; the redirect is then an HTTPError."""
+
+
+class _RefusedError(Exception):
+    """A status other than 2xx, with the body that came with it."""
+
+    def __init__(self, code: int, body: bytes) -> None:
+        super().__init__(code)
+        self.code = code
+        self.body = body
+
+
+def _within(seconds: float, work: Callable[[], bytes]) -> bytes:
+    """Return what work returns; raises TimeoutError where it takes longer, however steadily a server drips."""
+    done: Future[bytes] = Future()
+
+    def run() -> None:
+        try:
+            done.set_result(work())
+        except BaseException as error:  # noqa: BLE001 - it is raised where it is waited for
+            done.set_exception(error)
+
+    threading.Thread(target=run, name="ollama-opens", daemon=True).start()
+    return done.result(seconds)
 
 
 @dataclass(slots=True)
@@ -91,22 +136,19 @@ class _Server:
         """Return the JSON object at a path; raises SpecError where no Ollama server gives one."""
         try:
             return self._ask(path)
-        except urllib.error.HTTPError as error:
+        except _RefusedError as error:
             answer = f"{path} gave HTTP {error.code}"
             raise SpecError(f"what answers at {self.base_url} is no Ollama server: {answer}") from error
 
     def _ask(self, path: str, payload: bytes | None = None) -> Mapping[str, object]:
         headers = {"Content-Type": "application/json", **self.headers}
         request = urllib.request.Request(self.base_url + path, payload, headers)  # noqa: S310 - http or https by type
-        direct = [urllib.request.ProxyHandler({})] if is_loopback(self.base_url) else []
+        handlers = [_Staying(), *([urllib.request.ProxyHandler({})] if is_loopback(self.base_url) else [])]
         try:
-            with urllib.request.build_opener(*direct).open(request, timeout=_ASKING_S) as came:
-                found = orjson.loads(came.read(MOST_BYTES))
-        except urllib.error.HTTPError:
-            raise
+            found = read_json(_within(_ASKING_S, lambda: _fetched(request, handlers)))
         except ValueError as error:
             raise SpecError(f"what answers at {self.base_url} is no Ollama server: {path} gave no JSON") from error
-        except OSError as error:
+        except (OSError, http.client.HTTPException) as error:
             words = self.endpoint.scrub(str(getattr(error, "reason", error)))
             raise SpecError(
                 f"no Ollama server answers at {self.base_url} ({words}): start one with 'ollama serve', or name "
@@ -120,11 +162,20 @@ class _Server:
         """Return what is known of a model; raises SpecError that says how to get one that is not there."""
         try:
             return self._ask("/api/show", orjson.dumps({"model": name}))
-        except urllib.error.HTTPError as error:
-            words = self.endpoint.scrub(error_message(error.read(MOST_BYTES)))
+        except _RefusedError as error:
+            words = error_message(error.body, self.endpoint.scrub)
             if error.code == 404:
                 raise SpecError(f"{_missing(name)} (the server at {self.base_url} says: {words})") from error
             raise SpecError(f"the server at {self.base_url} answers HTTP {error.code} to /api/show: {words}") from error
+
+
+def _fetched(request: urllib.request.Request, handlers: list[urllib.request.BaseHandler]) -> bytes:
+    try:
+        with urllib.request.build_opener(*handlers).open(request, timeout=_ASKING_S) as came:
+            return bytes(came.read(MOST_BYTES))
+    except urllib.error.HTTPError as error:
+        with error:
+            raise _RefusedError(error.code, error.read(MOST_BYTES)) from None
 
 
 def _missing(name: str) -> str:
@@ -208,14 +259,15 @@ def _read(came: Response, name: str) -> Reply:
     reasoning: list[str] = []
     for line in came.body.splitlines():
         try:
-            part = orjson.loads(line)
+            part = read_json(line)
         except ValueError as error:
             return came.failure("wrong_json", f"a line of the stream is no JSON: {error}")
         if not isinstance(part, dict):
             return came.failure("wrong_json", "a line of the stream is no JSON object")
         if part.get("error"):
-            lost = "not found" in str(part["error"])
-            return came.failure("missing_model" if lost else "server_error", _missing(name) if lost else part["error"])
+            words = words_of(part["error"])
+            lost = _LOST.search(words) is not None
+            return came.failure("missing_model" if lost else "server_error", _missing(name) if lost else words)
         message = part.get("message")
         if isinstance(message, dict):
             text.append(_text(message, "content"))
@@ -232,5 +284,5 @@ def _reply(last: Mapping[str, object], text: str, reasoning: str) -> Reply:
         prompt_tokens=count_of(last.get("prompt_eval_count")),
         completion_tokens=count_of(last.get("eval_count")),
         reasoning=reasoning,
-        served=_text(last, "model")[:200] or None,
+        served=_text(last, "model") or None,
     )

@@ -15,7 +15,17 @@ from eyechart.calls import ErrorKind, Query, Reply
 from eyechart.errors import SpecError
 from eyechart.models import require_options
 from eyechart.models.energy import metered
-from eyechart.models.http import Endpoint, Response, count_of, is_loopback, kind_of_status, media_type, number_of
+from eyechart.models.http import (
+    Endpoint,
+    Response,
+    count_of,
+    is_loopback,
+    kind_of_status,
+    media_type,
+    number_of,
+    read_json,
+    words_of,
+)
 from eyechart.modes import RequestMode
 
 BASE_URL = "https://api.openai.com/v1"
@@ -125,7 +135,7 @@ def _asked(query: Query, mode: RequestMode) -> dict[str, object]:
 def _read(came: Response) -> Reply:
     """Read a body of status 200; what is not of the API's shape is the server's error or wrong JSON."""
     try:
-        body = orjson.loads(came.body)
+        body = read_json(came.body)
     except ValueError as error:
         return came.failure("wrong_json", f"the body is no JSON: {error}")
     if not isinstance(body, dict):
@@ -145,9 +155,9 @@ def _read(came: Response) -> Reply:
 def _failed(came: Response, error: object) -> Reply:
     """Return the failure that a server reports with status 200, as routers do when their upstream fails."""
     fields = error if isinstance(error, dict) else {}
-    words = fields.get("message") or error
+    words = words_of(fields.get("message") or error)
     code = count_of(fields.get("code"))
-    kind: ErrorKind = kind_of_status(code, str(words)) if code is not None and 400 <= code < 600 else "server_error"
+    kind: ErrorKind = kind_of_status(code, words) if code is not None and 400 <= code < 600 else "server_error"
     return came.failure(kind, f"error in a reply of status 200: {words}")
 
 
@@ -183,5 +193,5 @@ def _text(content: object) -> str:
 
 
 def _line(value: object) -> str | None:
-    """Return a name that a server gives, bounded, or None where it gives none."""
-    return value[:200] if isinstance(value, str) and value else None
+    """Return a name that a server gives, or None where it gives none; it is cut once the secrets are out of it."""
+    return value if isinstance(value, str) and value else None

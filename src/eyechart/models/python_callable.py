@@ -104,6 +104,9 @@ def open_model(name: str, mode: RequestMode) -> PythonCallable:
         module = import_module(module_name)
     except ImportError as error:
         raise SpecError(f"'python:{name}': module '{module_name}' cannot be imported: {error}") from error
+    except (Exception, SystemExit) as error:
+        words = without_secrets(f"{type(error).__name__}: {error}")[:500]
+        raise SpecError(f"'python:{name}': module '{module_name}' fails while it is imported: {words}") from error
     ask = getattr(module, function, None)
     if not callable(ask):
         raise SpecError(f"'python:{name}': module '{module_name}' has no callable '{function}'")

@@ -14,6 +14,7 @@ from eyechart import __version__
 from eyechart.actions import MISSING
 from eyechart.conditions import CONDITIONS
 from eyechart.costs import ALL
+from eyechart.destination import whole
 from eyechart.report.browser import Texts, browser_data, collect_texts, embedded_json, frames_shown
 from eyechart.report.drawing import Drawing
 from eyechart.report.evidence import Evidence, Subject, Tell, subjects
@@ -110,11 +111,9 @@ def _notes(
 
 
 def write_page(page: Page, out: Path) -> None:
-    """Write a page; a reader never sees half of it."""
-    out.parent.mkdir(parents=True, exist_ok=True)
-    partial = out.with_name(f".{out.name}.part")
-    partial.write_bytes(page.html)
-    partial.replace(out)
+    """Write a page; a reader never sees half of it. Raises OutputError where it may not be written there."""
+    with whole(out, "report") as partial:
+        partial.write_bytes(page.html)
 
 
 def _environment() -> jinja2.Environment:

@@ -30,7 +30,7 @@ TRUST: dict[str, str] = {
     "turns follow the side.",
     "depth": "It may be tried as a longitudinal hazard monitor; no lateral authority has been earned.",
     "self_inconsistent": "It may be trusted with nothing: it does not repeat its own answer to the same picture.",
-    "content": "It uses the picture, but its braking does not follow distance as it must: no authority over motion.",
+    "content": "It uses the picture; that its braking follows distance was not shown: no authority over motion.",
     "scene_cue": "It recognises the kind of scene, not this picture: no authority over motion.",
     "presence_only": "It notices whether there is a picture, not what is in it: no authority over motion.",
     "refusal_effect": "It only refuses some non-pictures; its decisions do not come from the camera.",

@@ -126,7 +126,7 @@ def scope(score: BatteryScore, model: ModelScore | None = None) -> str:
     frames = model.answers.frames if model else next(iter(score.models.values())).answers.frames
     episodes = _count(len({frame.episode for frame in frames}), "episode")
     if "episode" in bank.manifest.absent:
-        episodes = "declared independent" if bank.manifest.independent else "no episodes recorded"
+        episodes = "no episodes recorded, frames declared independent" if score.independent else "no episodes recorded"
     who = f"{model.model}@{model.version}" if model else "each model"
     size = f"{_count(len(frames), 'frame')}, {episodes}"
     return (

@@ -23,6 +23,9 @@ from eyechart.modes import RequestMode
 _LINGER_S = 0.01
 """How long a batch that is not full waits for one more query."""
 
+_NOT_HERE = ("structured", "body", "base_url", "headers", "key_env", "timeout_s")
+"""What a mode can say that a checkpoint run here cannot keep; a batch that is generated has no end before its own."""
+
 _HOW = ", if asked with temperature default"
 
 _Waiting = tuple[Query, asyncio.Future[Reply]]
@@ -132,8 +135,8 @@ def open_model(name: str, mode: RequestMode) -> HuggingFaceModel:
     Raises SpecError where it is not there, has no image slot in its chat template, or is asked for what it cannot do.
     """
     require_options(mode, OPTIONS)
-    for field, given in (("structured", mode.structured != "none"), ("body", mode.body), ("base_url", mode.base_url)):
-        if given:
+    for field in _NOT_HERE:
+        if getattr(mode, field) != getattr(RequestMode(mode.spec), field):
             raise SpecError(f"'{mode.spec}' runs here and cannot bind '{field}'; leave it out")
     return HuggingFaceModel(find(name, mode), mode)
 

@@ -25,6 +25,9 @@ _COMMIT = re.compile(r"[0-9a-f]{40}")
 _HUB_ID = re.compile(r"[\w.-]+(/[\w.-]+)?")
 _HUB_SECONDS = 15
 _CHUNK = 1 << 20
+_IMAGE_TOKENS = ("image_token", "boi_token")
+"""Where Transformers' processors keep the token that a template writes for a picture."""
+_PRINTED = re.compile(r"""['"]type['"]\s*:\s*['"]image['"]""")
 _ABOUT = frozenset({".md", ".lock"})
 """Files of these kinds say something about a checkpoint, and are no part of it."""
 
@@ -188,6 +191,8 @@ def conversation(system: str, user: str, *, picture: bool) -> list[dict[str, obj
 
 def _require_image_slot(processor: Processor, spec: str) -> str:
     """Return the chat template; raises SpecError where it has no place for a picture, so that none would be seen."""
+    if getattr(processor, "image_processor", None) is None or getattr(processor, "tokenizer", None) is None:
+        raise SpecError(f"'{spec}' takes words alone: it has no processor of pictures; take an image-text-to-text one")
     template = getattr(processor, "chat_template", None)
     if not template:
         raise SpecError(f"'{spec}' has no chat template, so it cannot be asked; take a checkpoint that has one")
@@ -200,9 +205,19 @@ def _require_image_slot(processor: Processor, spec: str) -> str:
         )
     except Exception as error:
         raise SpecError(f"the chat template of '{spec}' takes no picture: {first_line(error)}") from error
-    if seen == unseen:
+    if not _has_slot(processor, seen, unseen):
         raise SpecError(f"the chat template of '{spec}' has no image slot: the picture would never reach the model")
     return str(template)
+
+
+def _has_slot(processor: Processor, seen: str, unseen: str) -> bool:
+    """Return whether words rendered with a picture hold a token for it, and not just the printed list of parts."""
+    holders = (processor, processor.tokenizer)
+    named = [getattr(holder, name, None) for holder in holders for name in _IMAGE_TOKENS]
+    tokens = {token for one in named if (token := str(one or ""))}
+    if tokens:
+        return any(seen.count(token) > unseen.count(token) for token in tokens)
+    return seen != unseen and not _PRINTED.search(seen)
 
 
 def _choose_device(wanted: str, spec: str) -> str:

@@ -73,7 +73,9 @@ class Calibrated:
         }
 
     def _unparsed_reference(self) -> Statistic:
+        """Return the rate of replies without a decision; a call that failed says nothing of the model."""
         given = [one for name in ("real", "real_repeat") for one in self.answers.decisions.get(name, ()) if one]
+        given = [one for one in given if one.missing != "error"]
         return rate(sum(one.action is None for one in given), len(given), level=LEVEL)
 
     def _self_disagreement(self) -> Statistic:

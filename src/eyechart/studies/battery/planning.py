@@ -93,7 +93,7 @@ def plan(  # noqa: PLR0913 - what a battery can be asked for
     to a plain one for imported frames. With ``stop_early`` a model is no longer asked once its verdict is settled; it
     needs whole frames and the conditions real, real_repeat and blank. Raises BankError where a picture is not the one
     that the bank's manifest recorded, SpecError for an unknown name or for what cannot be stopped early, and
-    LedgerError where ``out`` holds another run.
+    LedgerError where ``out`` holds another run, or one that stops early and was begun with other frames or conditions.
     """
     given = [one if isinstance(one, RequestMode) else RequestMode(one) for one in specs]
     asked = {mode.spec: mode for mode in given}
@@ -133,8 +133,6 @@ def plan(  # noqa: PLR0913 - what a battery can be asked for
         stop_early=stop_early,
     )
     manifest = _resumed(out, manifest, bank)
-    if stop_early:  # when it settles depends on all that the run asks, also where it was begun with more
-        chosen, limit = manifest.conditions, manifest.limit
     the_plan = plan_of(manifest, bank, models=tuple(models), conditions=chosen, limit=limit)
     return Battery(the_plan, models, manifest, out, {} if conditions else _expected(left_out, formulation))
 
@@ -192,10 +190,25 @@ def _resumed(out: Path, manifest: RunManifest, bank: FrameBank) -> RunManifest:
             raise LedgerError(
                 f"{out} was run on other pictures of the same geometry; choose another --out for this bank"
             )
-        return before.extended(manifest)
+        extended = before.extended(manifest)
+        if manifest.stop_early:
+            _require_as_begun(before, manifest)
+        return extended
     if not is_free(out):
         raise LedgerError(f"{out} exists and is no run; choose another place with --out")
     return manifest
+
+
+def _require_as_begun(before: RunManifest, now: RunManifest) -> None:
+    """Raise LedgerError where a run that stops early is asked for other frames or conditions than it was begun with."""
+    begun, asked = ("all frames" if one.limit is None else f"--limit {one.limit}" for one in (before, now))
+    if set(before.conditions) != set(now.conditions):
+        begun, asked = (f"--conditions {','.join(one.conditions)}" for one in (before, now))
+    if begun != asked:
+        raise LedgerError(
+            f"this run was begun with {begun}, now {asked} was asked for, and when a verdict is settled depends on all "
+            "that a run asks; give the same options to resume it, or another --out for another run"
+        )
 
 
 def plan_of(

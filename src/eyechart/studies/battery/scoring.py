@@ -58,6 +58,8 @@ class BatteryScore:
     models: Mapping[str, ModelScore]
     accounting: Mapping[str, Mapping[str, Account]]
     guards: Mapping[str, tuple[Guard, ...]]
+    independent: bool = False
+    """Whether whoever scored it, or the bank, declared that frames without episodes are independent draws."""
 
     def __repr__(self) -> str:
         return f"<BatteryScore of {', '.join(self.models) or 'no model'} on {self.bank.name}>"
@@ -72,6 +74,7 @@ class BatteryScore:
             "seed": self.manifest.seed,
             "stop_early": self.manifest.stop_early,
             "reader": READER,
+            "independent": self.independent,
             "models": {
                 spec: {
                     "version": score.version,
@@ -158,7 +161,7 @@ def score_run(
         )
         for spec, version in manifest.models.items()
     }
-    return BatteryScore(manifest, bank, models, spent, kept)
+    return BatteryScore(manifest, bank, models, spent, kept, independent)
 
 
 def took(path: Path, *, prices: Prices | None = None) -> Took:
@@ -175,7 +178,8 @@ def _took(ledger: Ledger, manifest: RunManifest, plan: Plan, prices: Prices, cou
     kept: dict[str, tuple[Guard, ...]] = {}
     for spec in manifest.models:
         mode = manifest.mode(spec)
-        book, watch = Book(mode, plan.bank.manifest.action_space, prices), Watch(mode)
+        space = plan.bank.manifest.action_space
+        book, watch = Book(mode, space, prices), Watch(mode, space)
         for one in ledger.attempts(spec):
             book.add(one)
             watch.add(one)

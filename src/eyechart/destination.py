@@ -1,0 +1,78 @@
+"""Where a file may be written: never over a run's or a bank's own files, nor over a file of another kind."""
+
+import os
+import zipfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from eyechart.errors import OutputError
+from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, is_run
+
+GENERATOR = b'<meta name="generator" content="eyechart'
+"""Stands at the head of every report."""
+_HEAD = 4096
+
+
+def _is_report(path: Path) -> bool:
+    if path.suffix.lower() in {".html", ".htm"}:
+        return True
+    with path.open("rb") as file:
+        return GENERATOR in file.read(_HEAD)
+
+
+KINDS: dict[str, Callable[[Path], bool]] = {
+    "report": _is_report,
+    "bundle": zipfile.is_zipfile,
+    "JUnit file": lambda path: path.suffix.lower() == ".xml",
+}
+"""What is written, each with the files that it may take the place of."""
+
+
+def require_free(out: Path, kind: str) -> None:
+    """Raise OutputError where ``out`` may not become a file of one of ``KINDS``; nothing is written.
+
+    It is refused where it is a folder, a file of a run or a bank, an existing file of another kind, or cannot be made.
+    """
+    try:
+        _require_foreign(out)
+        if out.is_dir():
+            raise OutputError(f"{out} is a folder; name the {kind} to write in it, such as {out / 'NAME'}")
+        if out.exists() and (not out.is_file() or (out.stat().st_size and not KINDS[kind](out))):
+            raise OutputError(f"{out} exists and is no {kind}; it is not overwritten: choose another place")
+        above = next(folder for folder in out.absolute().parents if folder.exists() or folder.is_symlink())
+        if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
+            words = "cannot be written to" if above.is_dir() else "is no folder"
+            raise OutputError(f"{out} cannot be written: {above} {words}; choose another place")
+    except OSError as error:
+        raise OutputError(f"{out} cannot be written: {error.strerror}; choose another place") from error
+
+
+def _require_foreign(out: Path) -> None:
+    for path in (out.parent.resolve() / out.name, out.resolve()):
+        for folder in path.parents:
+            name = path.relative_to(folder).parts[0]
+            run = is_run(folder) or (folder / LEDGER).is_file()
+            if run and (name in {RUN, ".lock", BANK} or name.startswith(LEDGER)):
+                raise OutputError(f"{out} belongs to the run {folder} and is not overwritten: choose another place")
+            if (folder / BANK_TEXT[1]).is_file() and name in {*BANK_TEXT, "images"}:
+                raise OutputError(f"{out} belongs to the bank {folder} and is not overwritten: choose another place")
+
+
+@contextmanager
+def whole(out: Path, kind: str) -> Iterator[Path]:
+    """Yield the path of a file that takes the place of ``out`` once it is complete; a reader never sees half of it.
+
+    Missing folders are made. Raises OutputError as ``require_free`` does, and where writing fails; no part is left.
+    """
+    require_free(out, kind)
+    partial = out.with_name(f".{out.name[:50]}.part")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        yield partial
+        partial.replace(out)
+    except OSError as error:
+        raise OutputError(f"{out} cannot be written: {error.strerror or error}; choose another place") from error
+    finally:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
