@@ -35,7 +35,11 @@ _START_S = 120
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Run ``transformers serve`` on loopback, offline, and end it by its process id."""
+    """Run ``transformers serve`` on loopback, offline, and end it by its process id.
+
+    It stands in the folder of the organisms and is asked for them by name: a path in the name would be in every call's
+    key, and so another stream of seeds wherever the project is installed.
+    """
     base = tmp_path_factory.mktemp("serve")
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -44,7 +48,11 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     environment = {**os.environ, "HF_HUB_OFFLINE": "1", "HF_HUB_CACHE": str(base), "OMP_NUM_THREADS": "1"}
     with (base / "log").open("w") as log:
         process = subprocess.Popen(
-            [*command, "--device", "cpu", "--dtype", "float32"], stdout=log, stderr=log, env=environment
+            [*command, "--device", "cpu", "--dtype", "float32"],
+            stdout=log,
+            stderr=log,
+            env=environment,
+            cwd=folder("blind").parent,
         )
         try:
             _await(f"http://127.0.0.1:{port}/health", process, base / "log")
@@ -86,7 +94,7 @@ def served(server: str, bank: FrameBank, tmp_path_factory: pytest.TempPathFactor
     for names, (frames, conditions) in ASKED.items():
         drawn = ORGANISMS[names[0]].sampled
         modes = [
-            RequestMode(f"openai:{folder(name)}", base_url=server, temperature=None, max_tokens=16, seed=drawn)
+            RequestMode(f"openai:{name}", base_url=server, temperature=None, max_tokens=16, seed=drawn)
             for name in names
         ]
         out = base / names[0]
@@ -98,11 +106,16 @@ def served(server: str, bank: FrameBank, tmp_path_factory: pytest.TempPathFactor
 
 @pytest.mark.parametrize("name", ORGANISMS)
 def test_a_served_organism_gets_the_label_that_it_was_trained_for(served: dict[str, Path], name: str) -> None:
-    """Verdict, and the lateral label where the mirrored picture was shown."""
-    verdict = judge(study.score(served[name]))[f"openai:{folder(name)}"]
+    """Verdict, and the lateral label where the mirrored picture was shown.
+
+    96 frames give some fifteen pairs of directions of a sampled organism: too few to bound a coin's rate below .65, so
+    that "no_power" is as right of it as "does_not_swap".
+    """
+    verdict = judge(study.score(served[name]))[f"openai:{name}"]
     asked = next(conditions for names, (_, conditions) in ASKED.items() if name in names)
     lateral = ORGANISMS[name].lateral if "mirrored" in asked else "not_tested"
-    assert (verdict.calibrated.label, verdict.lateral.label) == (ORGANISMS[name].calibrated, lateral)
+    assert verdict.calibrated.label == ORGANISMS[name].calibrated
+    assert verdict.lateral.label in ({lateral, "no_power"} if ORGANISMS[name].sampled else {lateral})
 
 
 @pytest.mark.parametrize("names", [names for names in ASKED if not ORGANISMS[names[0]].sampled])
@@ -114,7 +127,7 @@ def test_served_greedy_answers_are_equal_to_those_of_hf(
     modes = [RequestMode(f"hf:organism:{name}", temperature=None, max_tokens=16) for name in names]
     study.run(study.plan(bank.root, modes, tmp_path / "run", conditions=conditions, limit=frames), concurrency=48)
     for name in names:
-        through_http = _replies(served[name], f"openai:{folder(name)}")
+        through_http = _replies(served[name], f"openai:{name}")
         here = _replies(tmp_path / "run", f"hf:organism:{name}")
         assert len(here) == frames * len(conditions)
         assert through_http == here
