@@ -43,6 +43,7 @@ ASSEMBLED = {
     "frames",
     "importing",
     "models.huggingface",
+    "policies.mpc",
     "report",
     "simulators.highway",
     "studies.battery",

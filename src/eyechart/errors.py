@@ -27,3 +27,7 @@ class OutputError(EyechartError):
 
 class BundleError(EyechartError):
     """A file is no bundle, is damaged, or would do harm when it is opened."""
+
+
+class StateError(EyechartError):
+    """A vehicle's state or target is no number, so that nothing can be planned from it."""

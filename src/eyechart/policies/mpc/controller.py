@@ -1,0 +1,244 @@
+"""A model-predictive controller for a kinematic bicycle: linearised, constrained, stateless, and exactly mirrored.
+
+Source: paper, section Hierarchical VLM--MPC Diagnostic; the method is that of Mayne et al. (2000). The quadratic
+programme is solved by DAQP (Arnstrom, Bemporad and Axehill 2022).
+
+Coordinates are the road's: x forward, y to the left, heading counter-clockwise. Reflecting the world (y, heading,
+steering) changes signs only, and a sum of terms whose signs change together rounds alike; so the mirrored input gives
+the mirrored command to the bit, as long as no code here treats left and right by different operations.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from daqp import solve
+
+from eyechart.errors import StateError
+from eyechart.policies.mpc.detour import Detour
+from eyechart.policies.mpc.nouns import Bicycle, Plan, Road, State, Target, Weights
+
+Floats = npt.NDArray[np.float64]
+
+HORIZON = 8
+STEP_S = 0.2
+_NEAREST = 4
+"""Half-planes a stage: farther obstacles cannot be reached within the horizon."""
+
+_AIM_M = 4.0
+_GRAZE_M = 0.1
+"""How far ahead the nominal driver aims, and how deep their path may graze a disc and still be outside it."""
+
+_UNBOUNDED = 1e30
+"""DAQP's infinity."""
+
+_SOLVED = (1, 2)
+"""DAQP's flags for an optimum, and for one with soft constraints; all others are failures."""
+
+
+class Mpc:
+    """A controller over one bicycle and one road. It keeps working memory and no state between plans.
+
+    ``obstacles`` of a plan have shape (n, 3): x, y, and the radius that the vehicle's centre must keep off.
+    """
+
+    def __init__(self, bicycle: Bicycle, road: Road, weights: Weights | None = None) -> None:
+        self._bicycle = bicycle
+        self._road = road
+        self._weights = weights or Weights()
+        inputs, slack = 2 * HORIZON, 2 * HORIZON
+        self._n = n = inputs + slack
+        rows = 3 * HORIZON + _NEAREST * HORIZON
+        self._hessian, self._linear = np.zeros((n, n)), np.zeros(n)
+        self._rows = np.zeros((rows, n))
+        self._upper, self._lower = np.full(n + rows, _UNBOUNDED), np.full(n + rows, -_UNBOUNDED)
+        self._sense = np.zeros(n + rows, dtype=np.int32)
+        self._gains = np.zeros((HORIZON + 1, 4, inputs))
+        self._a, self._b = np.zeros((HORIZON, 4, 4)), np.zeros((HORIZON, 4, 2))
+        self._weighted = np.zeros((3 * HORIZON, inputs))
+        self._fixed = _input_cost(self._weights)
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Fill in what no state changes: bounds of inputs and slack, and where the slack enters the rows."""
+        car, h = self._bicycle, HORIZON
+        inputs = 2 * h
+        self._lower[:h], self._upper[:h] = -car.brake_mps2, car.accel_mps2
+        self._lower[inputs : 2 * inputs] = 0.0
+        self._linear[inputs:] = self._weights.slack
+        diagonal = np.arange(inputs, 2 * inputs)
+        self._hessian[diagonal, diagonal] = self._weights.slack
+        stage = np.arange(h)
+        self._rows[stage, inputs + stage] = -1.0
+        self._rows[h + stage, inputs + stage] = 1.0
+        for near in range(_NEAREST):
+            self._rows[3 * h + near * h + stage, inputs + h + stage] = 1.0
+        self._a[:] = np.eye(4)
+        self._b[:, 3, 0] = STEP_S
+
+    def plan(self, state: State, target: Target, obstacles: npt.ArrayLike = ()) -> Plan:
+        """Return the command for the next 0.2 s. Equal input gives equal bits.
+
+        Raises StateError, by name, for a state, a target or an obstacle that is not finite.
+        """
+        discs = _discs(obstacles)
+        _require_finite(state, target)
+        nominal, inputs, aims = self._roll_out(state, target, discs)
+        self._linearise(nominal, inputs)
+        self._cost(nominal, inputs, target.speed_mps, aims)
+        self._constrain(nominal, inputs, discs)
+        x, _, flag, _ = solve(
+            self._hessian, self._linear, self._rows, self._upper, self._lower, self._sense, primal_tol=1e-8
+        )
+        if flag not in _SOLVED or not np.isfinite(x).all():
+            return self._brake(state, int(flag))
+        path = nominal[1:, :2] + self._gains[1:, :2] @ (x[: 2 * HORIZON] - inputs)
+        return Plan(float(x[0]), float(x[HORIZON]), solved=True, flag=int(flag), path=path)
+
+    def _roll_out(self, state: State, target: Target, discs: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return states (9, 4), inputs (16,) and offsets aimed at (8,) of a driver who goes round obstacles."""
+        around = Detour(discs, state.x_m, self._road.half_width_m)
+        car, h = self._bicycle, HORIZON
+        states, inputs, aims = np.empty((h + 1, 4)), np.empty(2 * h), np.empty(h)
+        x, y, heading, speed = state.x_m, state.y_m, state.heading_rad, state.speed_mps
+        states[0] = x, y, heading, speed
+        for k in range(h):
+            accel = min(max((target.speed_mps - speed) / STEP_S, -car.brake_mps2), car.accel_mps2)
+            most = self._upper[h + k] = car.most_steer(speed)
+            self._lower[h + k] = -most
+            aims[k] = around.aim(x, y, target.offset_m)
+            turn = math.atan2(aims[k] - y, _AIM_M) - heading
+            steer = min(max(math.atan2(turn * car.wheelbase_m, STEP_S * max(speed, 1.0) * 2), -most), most)
+            inputs[k], inputs[h + k] = accel, steer
+            x += STEP_S * speed * math.cos(heading)
+            y += STEP_S * speed * math.sin(heading)
+            heading += STEP_S * speed * math.tan(steer) / car.wheelbase_m
+            speed += STEP_S * accel
+            states[k + 1] = x, y, heading, speed
+        return states, inputs, aims
+
+    def _linearise(self, nominal: Floats, inputs: Floats) -> None:
+        """Set the gains (9, 4, 16) of every stage's state with respect to the inputs."""
+        heading, speed = nominal[:-1, 2], nominal[:-1, 3]
+        cos, sin, steer = np.cos(heading), np.sin(heading), inputs[HORIZON:]
+        a, b, base = self._a, self._b, self._bicycle.wheelbase_m
+        np.multiply(sin, -STEP_S * speed, out=a[:, 0, 2])
+        np.multiply(cos, STEP_S, out=a[:, 0, 3])
+        np.multiply(cos, STEP_S * speed, out=a[:, 1, 2])
+        np.multiply(sin, STEP_S, out=a[:, 1, 3])
+        np.multiply(np.tan(steer), STEP_S / base, out=a[:, 2, 3])
+        np.divide(STEP_S / base * speed, np.cos(steer) ** 2, out=b[:, 2, 1])
+        gains, h = self._gains, HORIZON
+        for k in range(h):
+            np.matmul(a[k], gains[k], out=gains[k + 1])
+            gains[k + 1, :, k] += b[k, :, 0]
+            gains[k + 1, :, h + k] += b[k, :, 1]
+
+    def _cost(self, nominal: Floats, inputs: Floats, speed: float, aims: Floats) -> None:
+        w, h = self._weights, HORIZON
+        gains, weighted = self._gains[1:], self._weighted
+        away = np.empty(3 * h)
+        wanted: tuple[tuple[int, float, float | Floats], ...] = (
+            (3, w.speed, speed),
+            (1, w.lateral, aims),
+            (2, w.heading, 0.0),
+        )
+        for row, (column, weight, aim) in enumerate(wanted):
+            part, root = slice(row * h, (row + 1) * h), math.sqrt(weight)
+            np.multiply(gains[:, column], root, out=weighted[part])
+            away[part] = root * (nominal[1:, column] - aim)
+        away -= weighted @ inputs
+        m = 2 * h
+        np.matmul(weighted.T, weighted, out=self._hessian[:m, :m])
+        self._hessian[:m, :m] += self._fixed
+        np.matmul(weighted.T, away, out=self._linear[:m])
+
+    def _constrain(self, nominal: Floats, inputs: Floats, discs: Floats) -> None:
+        h, m, n = HORIZON, 2 * HORIZON, self._n
+        gains, rows, upper, lower = self._gains[1:], self._rows, self._upper[n:], self._lower[n:]
+        half = self._road.half_width_m
+        offset = nominal[1:] - gains @ inputs
+        rows[:h, :m] = rows[h : 2 * h, :m] = gains[:, 1]
+        upper[:h] = half - offset[:, 1]
+        lower[h : 2 * h] = -half - offset[:, 1]
+        rows[2 * h : 3 * h, :m] = gains[:, 3]
+        upper[2 * h : 3 * h] = max(self._bicycle.speed_mps, nominal[0, 3]) - offset[:, 3]
+        lower[2 * h : 3 * h] = min(0.0, nominal[0, 3]) - offset[:, 3]
+        for near, disc in enumerate(_nearest(nominal[0], discs)):
+            part = slice((3 + near) * h, (4 + near) * h)
+            normals = _normals(nominal, disc)
+            np.matmul(normals[:, None, :], gains[:, :2], out=rows[part, None, :m])
+            lower[part] = normals @ disc[:2] + disc[2] - (normals * offset[:, :2]).sum(axis=1)
+        for near in range(min(len(discs), _NEAREST), _NEAREST):
+            part = slice((3 + near) * h, (4 + near) * h)
+            rows[part, :m] = 0.0
+            lower[part] = -_UNBOUNDED
+
+    def _brake(self, state: State, flag: int) -> Plan:
+        speed, path = state.speed_mps, np.empty((HORIZON, 2))
+        x, y = state.x_m, state.y_m
+        for k in range(HORIZON):
+            x += STEP_S * speed * math.cos(state.heading_rad)
+            y += STEP_S * speed * math.sin(state.heading_rad)
+            speed = max(0.0, speed - STEP_S * self._bicycle.brake_mps2)
+            path[k] = x, y
+        return Plan(-self._bicycle.brake_mps2, 0.0, solved=False, flag=flag, path=path)
+
+
+def _input_cost(weights: Weights) -> Floats:
+    """Return the part of the Hessian (16, 16) that no state changes: inputs and their changes."""
+    h = HORIZON
+    change = np.eye(h) - np.eye(h, k=-1)
+    change[0, 0] = 0.0
+    fixed = np.zeros((2 * h, 2 * h))
+    fixed[:h, :h] = weights.accel * np.eye(h) + weights.accel_change * change.T @ change
+    fixed[h:, h:] = weights.steer * np.eye(h) + weights.steer_change * change.T @ change
+    return fixed
+
+
+def _nearest(state: Floats, discs: Floats) -> Floats:
+    """Return the discs whose edges are nearest, at most four, in the order in which they were given."""
+    if len(discs) <= _NEAREST:
+        return discs
+    away = np.hypot(discs[:, 0] - state[0], discs[:, 1] - state[1]) - discs[:, 2]
+    return discs[np.sort(np.argsort(away, kind="stable")[:_NEAREST])]
+
+
+def _normals(nominal: Floats, disc: Floats) -> Floats:
+    """Return the outward normal of each stage's half-plane, shape (8, 2).
+
+    Where the nominal path runs through the disc, the last normal from before it holds to the end of the horizon: one
+    taken inside or behind the disc would turn round, and a soft constraint would then pull the vehicle through.
+    """
+    away = nominal[:, :2] - disc[:2]
+    far = np.hypot(away[:, 0], away[:, 1])
+    within = far[1:] < disc[2] - _GRAZE_M
+    last = int(within.argmax()) if within.any() else HORIZON
+    length = np.where(far > 0.0, far, 1.0)
+    normals: Floats = away / length[:, None]
+    normals[last + 1 :] = normals[last]
+    return normals[1:]
+
+
+def _discs(obstacles: npt.ArrayLike) -> Floats:
+    discs = np.asarray(obstacles, dtype=np.float64).reshape(-1, 3)
+    bad = ~np.isfinite(discs).all(axis=1)
+    if bad.any():
+        number = int(bad.argmax())
+        raise StateError(f"obstacle {number} is {discs[number].tolist()}: x, y and radius have to be finite, in metres")
+    return discs
+
+
+def _require_finite(state: State, target: Target) -> None:
+    named: Sequence[tuple[str, float]] = (
+        ("x_m", state.x_m),
+        ("y_m", state.y_m),
+        ("heading_rad", state.heading_rad),
+        ("speed_mps", state.speed_mps),
+        ("target speed_mps", target.speed_mps),
+        ("target offset_m", target.offset_m),
+    )
+    for name, value in named:
+        if not math.isfinite(value):
+            raise StateError(f"{name} is {value}: the controller cannot plan from a state that is not finite")
