@@ -10,6 +10,7 @@ linearised) with the same half-planes, built once. CPU time of the process; cvxp
 Exits 1 when ours is less than 10x faster than the faster of them at the median. Needs cvxpy, osqp and casadi.
 """
 
+# ruff: noqa: SLF001 - the others are given the linearisation that ours makes, so that all solve one programme
 import argparse
 import json
 import math
@@ -74,8 +75,7 @@ class Cvxpy:
     def _constraints(self) -> list[cp.Constraint]:
         x, u, half = self._x, self._u, ROAD.half_width_m
         found = [x[0] == self._start]
-        for k in range(HORIZON):
-            found.append(x[k + 1] == self._a[k] @ x[k] + self._b[k] @ u[k] + self._c[k])
+        found += [x[k + 1] == self._a[k] @ x[k] + self._b[k] @ u[k] + self._c[k] for k in range(HORIZON)]
         found += [u[:, 0] >= -CAR.brake_mps2, u[:, 0] <= CAR.accel_mps2, cp.abs(u[:, 1]) <= self._most]
         found += [x[1:, 1] <= half + self._off, x[1:, 1] >= -half - self._off]
         found += [x[1:, 3] <= self._top, x[1:, 3] >= self._least]
@@ -96,11 +96,12 @@ class Cvxpy:
             self._a[k].value, self._b[k].value = own._a[k], own._b[k]
             self._c[k].value = nominal[k + 1] - own._a[k] @ nominal[k] - own._b[k] @ u[k]
         near = _nearest(nominal[0], discs)
+        normals = _normals(nominal, near)
         for number in range(NEAR):
-            disc = near[number] if number < len(near) else None
-            normals = np.zeros((HORIZON, 2)) if disc is None else _normals(nominal, disc)
-            self._n[number].value = normals
-            self._d[number].value = np.full(HORIZON, -1.0) if disc is None else normals @ disc[:2] + disc[2]
+            there = number < len(near)
+            self._n[number].value = normals[number] if there else np.zeros((HORIZON, 2))
+            least = normals[number] @ near[number, :2] + near[number, 2] if there else np.full(HORIZON, -1.0)
+            self._d[number].value = least
         self._problem.solve(solver=cp.OSQP, warm_start=True, eps_abs=1e-5, eps_rel=1e-5, max_iter=20000)
         return float(self._u.value[0, 0]), float(self._u.value[0, 1])
 
@@ -161,8 +162,8 @@ class Casadi:
         o.set_value(self._most, own._upper[HORIZON : 2 * HORIZON])
         o.set_value(self._top, max(CAR.speed_mps, state.speed_mps))
         normals, least = np.zeros((2 * NEAR, HORIZON)), np.full((NEAR, HORIZON), -1.0)
-        for number, disc in enumerate(_nearest(nominal[0], discs)):
-            away = _normals(nominal, disc)
+        near = _nearest(nominal[0], discs)
+        for number, (disc, away) in enumerate(zip(near, _normals(nominal, near), strict=True)):
             normals[2 * number : 2 * number + 2], least[number] = away.T, away @ disc[:2] + disc[2]
         o.set_value(self._n, normals)
         o.set_value(self._d, least)

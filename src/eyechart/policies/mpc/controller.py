@@ -165,15 +165,16 @@ class Mpc:
         rows[2 * h : 3 * h, :m] = gains[:, 3]
         upper[2 * h : 3 * h] = max(self._bicycle.speed_mps, nominal[0, 3]) - offset[:, 3]
         lower[2 * h : 3 * h] = min(0.0, nominal[0, 3]) - offset[:, 3]
-        for near, disc in enumerate(_nearest(nominal[0], discs)):
-            part = slice((3 + near) * h, (4 + near) * h)
-            normals = _normals(nominal, disc)
-            np.matmul(normals[:, None, :], gains[:, :2], out=rows[part, None, :m])
-            lower[part] = normals @ disc[:2] + disc[2] - (normals * offset[:, :2]).sum(axis=1)
-        for near in range(min(len(discs), _NEAREST), _NEAREST):
-            part = slice((3 + near) * h, (4 + near) * h)
-            rows[part, :m] = 0.0
-            lower[part] = -_UNBOUNDED
+        near = _nearest(nominal[0], discs)
+        keep, used = rows[3 * h :].reshape(_NEAREST, h, n), len(near)
+        least = lower[3 * h :].reshape(_NEAREST, h)
+        keep[used:, :, :m], least[used:] = 0.0, -_UNBOUNDED
+        if used:
+            normals = _normals(nominal, near)
+            np.multiply(normals[:, :, :1], gains[:, 0], out=keep[:used, :, :m])
+            keep[:used, :, :m] += normals[:, :, 1:] * gains[:, 1]
+            edge = near[:, None, :2] - offset[:, :2]
+            least[:used] = normals[:, :, 0] * edge[:, :, 0] + normals[:, :, 1] * edge[:, :, 1] + near[:, 2:]
 
     def _brake(self, state: State, flag: int) -> Plan:
         speed, path = state.speed_mps, np.empty((HORIZON, 2))
@@ -205,20 +206,20 @@ def _nearest(state: Floats, discs: Floats) -> Floats:
     return discs[np.sort(np.argsort(away, kind="stable")[:_NEAREST])]
 
 
-def _normals(nominal: Floats, disc: Floats) -> Floats:
-    """Return the outward normal of each stage's half-plane, shape (8, 2).
+def _normals(nominal: Floats, discs: Floats) -> Floats:
+    """Return the outward normal of each disc's and each stage's half-plane, shape (discs, 8, 2).
 
-    Where the nominal path runs through the disc, the last normal from before it holds to the end of the horizon: one
+    Where the nominal path runs through a disc, the last normal from before it holds to the end of the horizon: one
     taken inside or behind the disc would turn round, and a soft constraint would then pull the vehicle through.
     """
-    away = nominal[:, :2] - disc[:2]
-    far = np.hypot(away[:, 0], away[:, 1])
-    within = far[1:] < disc[2] - _GRAZE_M
-    last = int(within.argmax()) if within.any() else HORIZON
-    length = np.where(far > 0.0, far, 1.0)
-    normals: Floats = away / length[:, None]
-    normals[last + 1 :] = normals[last]
-    return normals[1:]
+    away = nominal[:, :2] - discs[:, None, :2]
+    far = np.hypot(away[:, :, 0], away[:, :, 1])
+    within = far[:, 1:] < discs[:, 2:] - _GRAZE_M
+    normals: Floats = away / np.where(far > 0.0, far, 1.0)[:, :, None]
+    for number in np.flatnonzero(within.any(axis=1)):
+        last = int(within[number].argmax())
+        normals[number, last + 1 :] = normals[number, last]
+    return normals[:, 1:]
 
 
 def _discs(obstacles: npt.ArrayLike) -> Floats:

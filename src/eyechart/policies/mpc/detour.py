@@ -9,7 +9,9 @@ import numpy.typing as npt
 
 _LOOK_M = 12.0
 _BERTH_M = 0.1
-"""How far ahead is looked for what is in the way, and how far from its edge it is passed."""
+_REACH_M = 10.0
+"""How far ahead is looked for what is in the way, and how far from its edge it is passed; and how
+far a plan drives at most."""
 
 _Disc = tuple[float, float, float]
 
@@ -18,12 +20,14 @@ class Detour:
     """Which offset to steer for, so as to pass what blocks the way to the target's offset on its free side."""
 
     def __init__(self, discs: npt.NDArray[np.float64], x: float, half_width: float) -> None:
-        triples: list[_Disc] = [(cx, cy, r) for cx, cy, r in discs.tolist()]
-        self._discs = [(cx, cy, r) for cx, cy, r in triples if -r < cx - x < _LOOK_M + r]
+        triples: list[_Disc] = discs.tolist()
+        self._discs = [disc for disc in triples if -disc[2] < disc[0] - x < _LOOK_M + _REACH_M]
         self._half = half_width
 
     def aim(self, x: float, y: float, offset: float) -> float:
         """Return the offset to steer for at a place: the target's own where nothing is in the way, or no way free."""
+        if not self._discs:
+            return offset
         ahead = [disc for disc in self._discs if -disc[2] < disc[0] - x < _LOOK_M]
         if not ahead or all(abs(offset - cy) >= r and not _between(cy, r, y, offset) for _, cy, r in ahead):
             return offset
