@@ -19,6 +19,7 @@ from eyechart.frames import RGB
 
 Colour = tuple[int, int, int]
 _Floats = npt.NDArray[np.float32]
+_Doubles = npt.NDArray[np.float64]
 
 WHITE: Colour = (255, 255, 255)
 HAZE: Colour = (206, 206, 206)
@@ -43,14 +44,14 @@ class Lens:
     horizon: int = 96
 
     @cached_property
-    def aside(self) -> npt.NDArray[np.float64]:
+    def aside(self) -> _Doubles:
         """Return each column's tangent to the left, shape (width,): exactly antisymmetric."""
-        return (self.width / 2 - (np.arange(self.width) + 0.5)) / self.focal_px
+        return np.asarray((self.width / 2 - (np.arange(self.width) + 0.5)) / self.focal_px, np.float64)
 
     @cached_property
-    def below(self) -> npt.NDArray[np.float64]:
+    def below(self) -> _Doubles:
         """Return how many pixels the middle of each ground row lies below the horizon, shape (height - horizon,)."""
-        return np.arange(self.height - self.horizon) + 0.5
+        return np.arange(self.height - self.horizon, dtype=np.float64) + 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +89,7 @@ class Road:
     """A straight flat road between two solid edges, with dashed marks at equal distances left and right of its middle.
 
     ``dashed`` are these distances; 0 is one line in the middle. Surface and marks are grey, so that the road has no
-    colour; ``verge`` is what lies beside it. A dash begins wherever x is a multiple of ``period``.
+    colour; ``verge`` is what lies beside it. The middle of a dash lies wherever x is a multiple of ``period``.
     """
 
     half_width: float = 4.5
@@ -148,7 +149,7 @@ class Camera:
         depth = (lens.focal_px * eye.height / lens.below)[:, None]
         ahead, aside = _directions(lens, eye)
         to_left = depth * aside
-        from_middle = np.abs((eye.y + to_left).astype(np.float32))
+        from_middle: _Floats = np.abs((eye.y + to_left).astype(np.float32))
         # A pixel's width on the ground, and for stripes that lie flat in the picture its height.
         wide = np.maximum(depth / lens.focal_px, np.abs(to_left) / lens.below[:, None]).astype(np.float32)
         long = (depth * depth / (lens.focal_px * eye.height)).astype(np.float32)
@@ -157,7 +158,8 @@ class Camera:
         if road.dashed:
             along = (math.fmod(eye.x, road.period) + depth * ahead).astype(np.float32) / road.period
             along -= np.floor(along)
-            dashes = _cover(np.abs(along - 0.5) * road.period - (road.period - road.dash) / 2, None, long)
+            from_dash = (0.5 - np.abs(along - 0.5)) * road.period
+            dashes = np.clip((road.dash / 2 - from_dash) / long + 0.5, 0.0, 1.0)
             for offset in road.dashed:
                 marks = np.maximum(marks, _cover(from_middle - offset, road.mark, wide) * dashes)
         fade = _fade(depth).astype(np.float32)
@@ -205,7 +207,7 @@ class _Rows:
     lens: Lens
     eye: Eye
 
-    def of(self, height: float, depth: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def of(self, height: float, depth: _Doubles) -> _Doubles:
         """Return the row of each column, shape as ``depth``, within the picture."""
         row = self.lens.horizon + self.lens.focal_px * (self.eye.height - height) / depth
         return np.clip(row, 0.0, self.lens.height)
@@ -217,32 +219,31 @@ def _order(body: Cylinder, eye: Eye) -> tuple[float, float, float, Colour]:
     return to_x * to_x + to_y * to_y - body.radius * body.radius, body.radius, body.height, body.colour
 
 
-def _directions(lens: Lens, eye: Eye) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def _directions(lens: Lens, eye: Eye) -> tuple[_Doubles, _Doubles]:
     """Return, for a metre of depth, how far each column's ray goes along the road and to the left."""
     cos, sin = math.cos(eye.yaw), math.sin(eye.yaw)
     return cos - lens.aside * sin, sin + lens.aside * cos
 
 
-def _fade(depth: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _fade(depth: _Doubles) -> _Doubles:
     """Return the share of haze at a depth."""
     square = depth * depth
     return square / (square + HAZE_HALF_M * HAZE_HALF_M)
 
 
-def _hazed(paint: npt.NDArray[np.float64], depth: npt.NDArray[np.float64]) -> _Floats:
+def _hazed(paint: _Doubles, depth: _Doubles) -> _Floats:
     """Return colours, shape (columns, 3), as they look from so far away."""
     return (paint + _fade(depth)[:, None] * (np.asarray(HAZE, np.float64) - paint)).astype(np.float32)
 
 
-def _cover(distance: _Floats, width: float | None, pixel: _Floats) -> _Floats:
-    """Return how much of each pixel a stripe covers, whose middle lies at this distance; without a width, beyond 0."""
-    if width is None:
-        return np.clip(distance / pixel + 0.5, 0.0, 1.0)
-    both = np.minimum(np.float32(width), pixel)
-    return np.clip((np.float32(width) + pixel) / 2 - np.abs(distance), 0.0, both) / pixel
+def _cover(distance: _Floats, width: float, pixel: _Floats) -> _Floats:
+    """Return how much of each pixel a stripe of this width covers, whose middle lies at this distance."""
+    most = np.minimum(np.float32(width), pixel)
+    covered = np.clip((np.float32(width) + pixel) / 2 - np.abs(distance), 0.0, most) / pixel
+    return np.asarray(covered, np.float32)
 
 
-def _paint(canvas: _Floats, top: npt.NDArray[np.float64], foot: npt.NDArray[np.float64], paint: _Floats) -> None:
+def _paint(canvas: _Floats, top: _Doubles, foot: _Doubles, paint: _Floats) -> None:
     """Blend a colour a column, shape (columns, 3), into the rows from top to foot of a part of the picture."""
     first, last = int(np.floor(top.min())), int(np.ceil(foot.max()))
     if last <= first:
