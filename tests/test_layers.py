@@ -45,8 +45,10 @@ ASSEMBLED = {
     "frames",
     "importing",
     "models.huggingface",
+    "perception.forward",
     "report",
     "simulators.highway",
+    "simulators.rover",
     "studies.battery",
     "verdicts",
 }
