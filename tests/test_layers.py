@@ -44,6 +44,7 @@ ASSEMBLED = {
     "importing",
     "models.huggingface",
     "report",
+    "simulators.gym",
     "simulators.highway",
     "studies.battery",
     "verdicts",
