@@ -46,6 +46,7 @@ ASSEMBLED = {
     "importing",
     "models.huggingface",
     "report",
+    "simulators.gym",
     "simulators.highway",
     "studies.battery",
     "verdicts",
