@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from eyechart.actions import ActionSpace
 from eyechart.errors import LedgerError, SpecError
 from eyechart.manifest import RUN, is_run
 from eyechart.modes import RequestMode
@@ -23,8 +24,9 @@ class EpisodesManifest:
     """What a run of episodes was planned to do: every policy in every scenario, seed and condition.
 
     ``policies`` maps a SPEC to the version of what drives: a model's own, the counts of a marginal, or nothing.
-    ``world`` holds the versions of the libraries that make the world, ``versions`` all that may matter. ``modes`` and
-    ``facts`` say how each model was asked and what is known of it; ``reader`` reads their replies.
+    ``picture`` is the kind of picture in words. ``world`` holds the versions of the libraries that make the world,
+    ``versions`` all that may matter. ``modes`` and ``facts`` say how each model was asked and what is known of it;
+    ``reader`` is the version of what reads their replies.
     """
 
     created: str
@@ -33,6 +35,8 @@ class EpisodesManifest:
     seeds: tuple[int, ...]
     conditions: tuple[str, ...]
     policies: Mapping[str, str]
+    action_space: ActionSpace
+    picture: str
     prompt: Prompt
     seed: int
     max_steps: int
@@ -91,6 +95,7 @@ class EpisodesManifest:
         """Return the JSON text of the manifest's file."""
         modes = {spec: mode.as_dict() for spec, mode in self.modes.items()}
         values = {"format": FORMAT, **asdict(self), "prompt": self.prompt.as_dict(), "modes": modes}
+        values["action_space"] = self.action_space.as_dict()
         return json.dumps(values, indent=1, ensure_ascii=False) + "\n"
 
 
@@ -140,6 +145,7 @@ def read_manifest(path: Path) -> EpisodesManifest:
 
 def _built(raw: dict[str, Any], file: str) -> EpisodesManifest:
     raw["prompt"] = Prompt.from_dict(raw["prompt"])
+    raw["action_space"] = ActionSpace.from_dict(raw["action_space"])
     raw["modes"] = {spec: RequestMode.from_dict(mode, file) for spec, mode in raw["modes"].items()}
     raw["seeds"] = tuple(int(seed) for seed in raw["seeds"])
     for name in ("scenarios", "conditions"):
@@ -148,7 +154,7 @@ def _built(raw: dict[str, Any], file: str) -> EpisodesManifest:
         raw[name] = dict(raw[name])
     for name in ("seed", "max_steps", "reader"):
         raw[name] = int(raw[name])
-    for name in ("created", "simulator"):
+    for name in ("created", "simulator", "picture"):
         if not isinstance(raw[name], str) or not raw[name].isprintable():
             raise ValueError(f"{name} is {raw[name]!r}, not a line of text")
     return EpisodesManifest(**raw)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
+from pathlib import Path
 
 import numpy as np
 
@@ -31,13 +32,14 @@ _DETAIL = 500
 class Setup:
     """What a worker must know to make worlds.
 
-    ``simulators`` is the registry of the process that began the run, ``seed`` the run's, and ``max_steps`` the number
-    of decisions after which an episode that has not ended is an error.
+    ``simulators`` is the registry of the process that began the run, ``seed`` the run's, ``max_steps`` the number
+    of decisions after which an episode that has not ended is an error, and ``actions`` the action map of ``gym:``.
     """
 
     simulator: str
     seed: int
     max_steps: int = MAX_STEPS
+    actions: Path | None = None
     simulators: Mapping[str, str] = field(default_factory=lambda: dict(SIMULATORS))
 
 
@@ -56,7 +58,7 @@ class Worlds:
     def __init__(self, setup: Setup) -> None:
         SIMULATORS.update(setup.simulators)
         self._setup = setup
-        self._simulator = open_simulator(setup.simulator)
+        self._simulator = open_simulator(setup.simulator, actions=setup.actions)
         self._rides: dict[EpisodeKey, _Ride] = {}
         self._pool = _Pool(self._simulator, setup.seed)
 
