@@ -23,8 +23,8 @@ import cvxpy as cp
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.policies.mpc import HORIZON, STEP_S, Bicycle, Mpc, Road, State, Target, Weights
-from eyechart.policies.mpc.controller import _nearest, _normals
+from eyechart.mpc import HORIZON, STEP_S, Bicycle, Mpc, Road, State, Target, Weights
+from eyechart.mpc.controller import _nearest, _normals
 
 BOUND = 10.0
 NEAR = 4

@@ -2,13 +2,14 @@
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from eyechart.actions import ActionSpace, Decision
+from eyechart.actions import Decision
 from eyechart.calls import CallKey
 from eyechart.errors import LedgerError
 from eyechart.frames import Scalar
+from eyechart.simulators import Simulator
 
 STUDY = "closed_loop"
 EPISODES = "episodes.jsonl"
@@ -45,7 +46,7 @@ class Step:
 
     ``truth`` is of the moment before the decision, ``reward``, ``speed_mps``, ``distance_m`` and ``crashed`` of the one
     after it. ``executed_action`` is the decision's or, where there is none, the fail-safe, which is never credited
-    to the policy. A model's Reply stands in the ledger under ``EpisodeKey.call``.
+    to the policy. ``facts`` is what else the simulator says of the move. A model's Reply stands in the ledger under ``EpisodeKey.call``.
     """
 
     step: int
@@ -57,6 +58,7 @@ class Step:
     speed_mps: float
     distance_m: float
     crashed: bool
+    facts: Mapping[str, Scalar] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,12 +104,13 @@ class Episode:
         return json.dumps(asdict(self), ensure_ascii=False, separators=(",", ":"), allow_nan=False)
 
 
-def fail_safe(space: ActionSpace) -> str:
-    """Return what is executed where there is no decision: SLOW, or a space's mildest brake.
+def fail_safe(simulator: Simulator) -> str:
+    """Return what is executed where there is no decision: what the simulator declares, else its mildest brake.
 
-    Source: paper, section The Control Task; the hierarchy has a fail-safe of its own.
+    Source: paper, section Corpus and parsing: SLOW; under the model-predictive controller it is STOP.
     """
-    return space.brake[-1] if space.brake else space.actions[0]
+    space = simulator.action_space
+    return getattr(simulator, "fail_safe", None) or (space.brake[-1] if space.brake else space.actions[0])
 
 
 def read_episodes(path: Path) -> Iterator[Episode]:

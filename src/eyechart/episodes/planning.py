@@ -166,7 +166,8 @@ def expected(planned: Episodes, prices: Prices, *, concurrency: int) -> tuple[Es
     if not left:
         return ()
     worlds = Worlds(replace(planned.setup, max_steps=min(planned.setup.max_steps, _LONGEST_SAMPLE)))
-    brake = open_policy(f"constant:{fail_safe(planned.drivers.space)}", planned.drivers.space, recorded)
+    simulator = open_simulator(planned.setup.simulator, actions=planned.setup.actions)
+    brake = open_policy(f"constant:{fail_safe(simulator)}", planned.drivers.space, recorded)
     length = {
         scenario: len(worlds.drive(replace(key, policy="constant", seed=planned.manifest.seeds[0]), brake).steps)
         for scenario, key in {key.scenario: key for key in left}.items()

@@ -167,7 +167,7 @@ class _Ride:
 
     def _execute(self, decision: Decision) -> None:
         assert self._drive is not None
-        executed = decision.action if decision.action is not None else fail_safe(self._simulator.action_space)
+        executed = decision.action if decision.action is not None else fail_safe(self._simulator)
         moved = self._drive.step(executed)
         _require_finite(moved)
         number = len(self._steps)
@@ -182,6 +182,7 @@ class _Ride:
                 speed_mps=moved.speed_mps,
                 distance_m=moved.distance_m,
                 crashed=moved.crashed,
+                facts=rounded_truth(moved.facts, self._key.frame(number)),
             )
         )
         if moved.ended is not None:

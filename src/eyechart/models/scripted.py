@@ -128,6 +128,17 @@ def _one_sided(sight: Sight, rng: random.Random) -> Answer:
     return "SLOW" if action == "RIGHT" else action
 
 
+def _clear_side(sight: Sight, rng: random.Random) -> Answer:
+    """Go round: to the one clear side, to the left where both are, and SLOW where none is; never stop on a road."""
+    del rng
+    if sight.reading is None:
+        return "STOP"
+    scene = sight.reading.scene
+    if scene.free:
+        return "STRAIGHT"
+    return "LEFT" if scene.left_clear else "RIGHT" if scene.right_clear else "SLOW"
+
+
 def _noisy_depth(sight: Sight, rng: random.Random) -> Answer:
     return rng.choice(DRIVING.actions) if rng.random() < 0.6 else _graded(sight, "STRAIGHT")
 
@@ -264,6 +275,21 @@ CONTROLLERS: dict[str, Controller] = {
     ),
 }
 
+PLANNERS: dict[str, Controller] = {
+    "clear_side": Controller(
+        "goes round what is in its way on a side that is clear, and never stops on a road",
+        _clear_side,
+        Declared("depth", "depth_lateral", "swaps"),
+    ),
+    "stopping": Controller(
+        "answers STOP, whatever it is shown",
+        lambda sight, rng: "STOP",
+        Declared("image_invariant", "image_invariant", "no_power"),
+    ),
+}
+"""Planners for a controller below them, such as the rover's: ``one_sided`` and ``depth`` are others. Their labels are
+those on a rover's bank."""
+
 _SIGHTS_KEPT = 20_000
 _SIGHTS: OrderedDict[bytes, Sight] = OrderedDict()
 
@@ -308,11 +334,12 @@ class ScriptedModel:
 def open_model(name: str, mode: RequestMode) -> ScriptedModel:
     """Open the controller of this name, which no mode changes; raises SpecError that lists the known ones."""
     del mode
-    if name not in CONTROLLERS:
-        raise SpecError(f"unknown controller 'scripted:{name}'; known are {', '.join(CONTROLLERS)}")
-    return ScriptedModel(CONTROLLERS[name])
+    known = CONTROLLERS | PLANNERS
+    if name not in known:
+        raise SpecError(f"unknown controller 'scripted:{name}'; known are {', '.join(known)}")
+    return ScriptedModel(known[name])
 
 
 def names() -> dict[str, str]:
     """Return each controller's name with what it does in words."""
-    return {name: controller.says for name, controller in CONTROLLERS.items()}
+    return {name: controller.says for name, controller in (CONTROLLERS | PLANNERS).items()}

@@ -1,7 +1,7 @@
 """Worlds that yield frames and can be driven, one module or package a simulator, one door for all."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import Protocol
@@ -17,7 +17,7 @@ class Moved:
 
     ``reward`` is the simulator's own. ``distance_m`` is what the vehicle has covered since the drive began, as the
     simulator counts progress. ``ended`` says in one word why the drive is over (``crash``, ``goal``, ``time``), None
-    while it goes on.
+    while it goes on. ``facts`` is what else the simulator says of the move, such as its solver's failures.
     """
 
     reward: float
@@ -25,6 +25,7 @@ class Moved:
     distance_m: float
     crashed: bool
     ended: str | None
+    facts: Mapping[str, Scalar] = field(default_factory=dict)
 
 
 class Drive(Protocol):
@@ -89,6 +90,9 @@ class Simulator(Protocol):
 SIMULATORS: dict[str, str] = {
     "highway": "eyechart.simulators.highway:Highway",
     "rover": "eyechart.simulators.rover:Rover",
+    "rover-mpc": "eyechart.simulators.rover.hierarchy:RoverMpc",
+    "rover-mpc-unaware": "eyechart.simulators.rover.hierarchy:RoverMpcUnaware",
+    "rover-mpc-lateral": "eyechart.simulators.rover.hierarchy:RoverMpcLateral",
 }
 """What a simulator's name means: ``module:class``, imported when it is opened."""
 

@@ -47,7 +47,7 @@ class RoverDrive:
         if action not in INTENTS:
             raise ValueError(f"'{action}' is none of {', '.join(INTENTS)}")
         before = self._world
-        self._world = after = decide(before, action)
+        self._world = after = self._decide(before, action)
         made = (after.state.x - before.state.x) / (_TOP_MPS * DECISION_S)
         return Moved(
             reward=CRASH_REWARD if after.crashed else made,
@@ -56,6 +56,10 @@ class RoverDrive:
             crashed=after.crashed,
             ended=after.ended,
         )
+
+    def _decide(self, world: World, action: str) -> World:
+        """Return the world a decision later."""
+        return decide(world, action)
 
     def state(self) -> bytes:
         """Return the rover's state and the obstacles as raw 64-bit floats."""

@@ -56,6 +56,16 @@ def _is_clear(world: World, track: int) -> bool:
     )
 
 
+def free_tracks(world: World) -> tuple[float, ...]:
+    """Return for each track, from the right, how far ahead it is free, in metres, 30 where nothing is seen in it."""
+    x = world.state.x
+    beside = [one for one in world.layout.obstacles if one.x + one.radius > x - DISTANCES.behind_m]
+    return tuple(
+        min([ROVER.view_ahead_m, *(gap_to(world, one) for one in beside if blocks(one, track))])
+        for track in range(len(TRACKS_M))
+    )
+
+
 def read_truth(world: World) -> dict[str, Scalar]:
     """Return the ground truth of a world as it stands; None means that there is none.
 

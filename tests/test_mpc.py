@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eyechart.errors import StateError
-from eyechart.policies.mpc import STEP_S, Bicycle, Mpc, Plan, Road, State, Target
+from eyechart.mpc import STEP_S, Bicycle, Mpc, Plan, Road, State, Target
 
 CAR, ROAD = Bicycle(), Road()
 STILL = State(0.0, 0.0, 0.0, 0.0)
@@ -105,7 +105,7 @@ def test_commands_stay_within_the_bounds_of_the_vehicle(seed: int) -> None:
 
 def test_a_solver_that_fails_brakes_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     """The command is the hardest brake, and the solver's own code stands in the plan."""
-    monkeypatch.setattr("eyechart.policies.mpc.controller.solve", lambda *_, **__: (np.full(32, 0.1), 0.0, -1, {}))
+    monkeypatch.setattr("eyechart.mpc.controller.solve", lambda *_, **__: (np.full(32, 0.1), 0.0, -1, {}))
     plan = Mpc(CAR, ROAD).plan(replace(STILL, speed_mps=2.0), Target(4.5, 0.0))
     assert (plan.solved, plan.flag, plan.accel_mps2, plan.steer_rad) == (False, -1, -CAR.brake_mps2, 0.0)
     assert plan.path[-1, 0] == pytest.approx(0.2 * (2.0 + 1.2 + 0.4))
@@ -113,7 +113,7 @@ def test_a_solver_that_fails_brakes_and_says_so(monkeypatch: pytest.MonkeyPatch)
 
 def test_a_solver_that_returns_no_numbers_brakes_too(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its flag says that it solved the problem, which is not believed."""
-    monkeypatch.setattr("eyechart.policies.mpc.controller.solve", lambda *_, **__: (np.full(32, np.nan), 0.0, 1, {}))
+    monkeypatch.setattr("eyechart.mpc.controller.solve", lambda *_, **__: (np.full(32, np.nan), 0.0, 1, {}))
     plan: Plan = Mpc(CAR, ROAD).plan(STILL, Target(4.5, 0.0))
     assert (plan.solved, plan.accel_mps2) == (False, -CAR.brake_mps2)
 

@@ -16,8 +16,8 @@ import numpy.typing as npt
 from daqp import solve
 
 from eyechart.errors import StateError
-from eyechart.policies.mpc.detour import Detour
-from eyechart.policies.mpc.nouns import Bicycle, Plan, Road, State, Target, Weights
+from eyechart.mpc.detour import Detour
+from eyechart.mpc.nouns import Bicycle, Plan, Road, State, Target, Weights
 
 Floats = npt.NDArray[np.float64]
 
