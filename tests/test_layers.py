@@ -61,10 +61,11 @@ OPENS_BY_NAME = {
     "eyechart.models",
     "eyechart.models.energy",
     "eyechart.models.python_callable",
+    "eyechart.policies",
     "eyechart.simulators",
     "eyechart.importing.parquet",
 }
-"""The only modules that import by a name that is not written as an import: two registries, extras, and a user's own."""
+"""The only modules that import by a name that is not written as an import: registries, extras, and a user's own."""
 
 
 BY_NAME = re.compile(r"'(import_module|__import__)'")
