@@ -10,9 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from eyechart.actions import DRIVING
 from eyechart.episodes import Step
-from eyechart.perception.scene import FREE_GAP_M
+from eyechart.policies import Observation
+from eyechart.policies.scripted import NEEDS, Oracle
 from eyechart.seeds import key_seed
+from eyechart.stats.agreement import rate
 from eyechart.stats.resampling import cluster_bootstrap, permutation_p
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.closed_loop.reading import Driver, Drives
@@ -27,17 +30,10 @@ def _demand(step: Step) -> str | None:
 
 
 def _oracle(step: Step) -> str | None:
-    """Return what the scripted geometric controller of Table t:baselines does; None where the truth lacks a column.
-
-    STRAIGHT from 40 m on or without a lead, else LEFT if it is clear, else RIGHT if it is, else SLOW.
-    """
-    truth = step.truth
-    if not {"lead_gap_m", "left_clear", "right_clear"} <= truth.keys():
+    """Return what the ladder's oracle decides; None where the truth lacks what it reads."""
+    if not set(NEEDS) <= step.truth.keys():
         return None
-    gap = truth["lead_gap_m"]
-    if not isinstance(gap, int | float) or gap >= FREE_GAP_M:
-        return "STRAIGHT"
-    return "LEFT" if truth["left_clear"] else "RIGHT" if truth["right_clear"] else "SLOW"
+    return Oracle().decide(Observation(step.frame, step.step, lambda: None, step.truth, DRIVING, 0)).action
 
 
 CONTROLLERS: dict[str, Callable[[Step], str | None]] = {"oracle": _oracle, "demand": _demand}
@@ -109,6 +105,8 @@ def _agreement(hits: NDArray[np.bool_], worlds: NDArray[np.str_], seed: int, res
     _, codes = np.unique(worlds, return_inverse=True)
     sums = np.column_stack([np.bincount(codes, weights=hits), np.bincount(codes)])
     found = cluster_bootstrap(sums, seed=seed, resamples=resamples, enumerate_up_to=20_000)
+    if found.ci is None or found.ci[0] == found.ci[1]:  # no width would claim certainty
+        return rate(int(hits.sum()), len(hits))
     return Statistic(found.value, len(hits), found.ci, method=f"share of decisions, {found.method}")
 
 

@@ -1,7 +1,7 @@
 """The model as its own blind baseline: the same policy in the same worlds with real pictures and without.
 
-Source: paper, sections The Input-Ablation Battery (non-visual baselines) and Discussion: completing a task does not show
-that the camera was used.
+Source: paper, sections The Input-Ablation Battery (non-visual baselines) and Discussion: completing a task does not
+show that the camera was used.
 """
 
 from collections.abc import Sequence
@@ -51,7 +51,7 @@ class Blind:
 
 
 def blind_baselines(drives: Sequence[Drives], outcomes: Outcomes, *, resamples: int = 5000) -> list[Blind]:
-    """Return each policy's drives with real pictures less those under each other condition, corrected by Holm together."""
+    """Return each policy's drives with real pictures less those under each other condition, Holm over all of them."""
     pairs = [
         (one, other)
         for one in drives
@@ -100,30 +100,30 @@ def _differs(found: Paired, condition: str) -> str:
     changed = [name for name in OUTCOMES if name in found.changed]
     numbers = "; ".join(f"{_number(found.differences[name], name)} (Holm p {_p(found.holm[name])})" for name in changed)
     return (
-        f"it drives differently with real pictures than with {condition} ones in the same {found.worlds} worlds: {numbers}. "
-        "So its driving depends on what the camera shows; for better or for worse is in the signs."
+        f"it drives differently with real pictures than with {condition} ones in the same {found.worlds} worlds: "
+        f"{numbers}. So its driving depends on what the camera shows; for better or for worse is in the signs."
     )
 
 
 def _no_difference(found: Paired, condition: str) -> str:
     bounds = "; ".join(_number(found.differences[name], name) for name in OUTCOMES)
     return (
-        f"no difference from {condition} pictures was found in {found.worlds} worlds. That is not none: the data bound it, "
-        f"with 95 % intervals, to {bounds}. A dependence within these bounds is not excluded."
+        f"no difference from {condition} pictures was found in {found.worlds} worlds. That is not none: the data bound "
+        f"it, with 95 % intervals, to {bounds}. A dependence within these bounds is not excluded."
     )
 
 
 def _identical(found: Paired, condition: str) -> str:
     return (
-        f"all {found.worlds} drives are the same to the last digit with {condition} pictures as with real ones. In these "
-        "worlds the picture has no say in how it drives."
+        f"all {found.worlds} drives are the same to the last digit with {condition} pictures as with real ones. In "
+        "these worlds the picture has no say in how it drives."
     )
 
 
 def _cannot_say(found: Paired, condition: str) -> str:
     return (
-        f"cannot say whether {condition} pictures change how it drives: with {found.worlds} worlds no exact test can reach "
-        f".05. Drive more seeds or scenarios."
+        f"cannot say whether {condition} pictures change how it drives: with {found.worlds} worlds no exact test can "
+        "reach .05. Drive more seeds or scenarios."
     )
 
 

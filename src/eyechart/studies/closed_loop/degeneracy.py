@@ -102,7 +102,7 @@ def degeneracy(drives: Drives, *, resamples: int = 5000) -> Degeneracy:
         "information_episode_safe": safe,
         "unparsed_rate": rate(len(reasons), len(actions)),
     }
-    counts = {reason: reasons.count(reason) for reason in MISSING if reason in reasons}
+    counts: dict[str, int] = {reason: reasons.count(reason) for reason in MISSING if reason in reasons}
     return Degeneracy(drives.driver, scene.geometry, found, counts)
 
 
@@ -121,7 +121,7 @@ def _episode_safe(drives: Drives, scene: NDArray[np.int64], seed: int, resamples
     """Test the same information with whole episodes exchanged, on the steps that many episodes of a scenario have.
 
     Episodes end when they crash, so that those of a scenario differ in length. Per scenario the length that keeps most
-    steps is taken, of those that at least half of its episodes reach; shorter episodes are left out and longer ones cut.
+    steps is taken, of those that at least half of its episodes reach; shorter episodes are left out, longer ones cut.
     """
     actions = drives.actions
     if not (actions != "").any():

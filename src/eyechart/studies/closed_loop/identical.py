@@ -1,4 +1,4 @@
-"""Drives that are the same to the last digit are found and named: constants converge, commands alias, caches are suspect.
+"""Drives that are the same to the last digit are found and named: constants converge, a cache is suspect.
 
 Source: paper, section Edge models are image-invariant (two models with numerically identical trajectories).
 """
@@ -20,6 +20,7 @@ NO_EFFECT = "other actions, same drive"
 REPEATS = "repeats itself"
 SCRIPTED = "decides as a scripted policy"
 SUSPECT = "suspect caching"
+KINDS = (SUSPECT, ALIASED, CONVERGED, NO_EFFECT, REPEATS, SCRIPTED)
 
 FEWEST_REPEATS = 5
 """So many requests that were made before must come again before their latency is looked at."""
@@ -95,15 +96,16 @@ def commands_of(simulator: str) -> Mapping[str, str]:
 
 
 def twins(drives: Sequence[Drives]) -> list[Twins]:
-    """Return every group of drivers with identical drives, groups of one kind put together where they overlap."""
-    pairs: dict[str, list[tuple[Drives, Drives]]] = {}
+    """Return every group of drivers with identical drives: pairs of one kind, in the same worlds, are put together."""
+    pairs: dict[str, dict[tuple[str, ...], list[tuple[Drives, Drives]]]] = {kind: {} for kind in KINDS}
     for one, other in itertools.combinations(drives, 2):
         if one.driver.simulator == other.driver.simulator and (worlds := _same_worlds(one, other)):
-            pairs.setdefault(_kind(one, other, worlds), []).append((one, other))
+            pairs[_kind(one, other, worlds)].setdefault(tuple(worlds), []).append((one, other))
     found = []
-    for kind in (SUSPECT, ALIASED, CONVERGED, NO_EFFECT, REPEATS, SCRIPTED):
-        groups = [list(pair) for pair in pairs.get(kind, [])] if kind == SUSPECT else _joined(pairs.get(kind, []))
-        found += [_twins(kind, group) for group in groups]
+    for kind, by_worlds in pairs.items():
+        for worlds, many in by_worlds.items():
+            groups = [list(pair) for pair in many] if kind == SUSPECT else _joined(many)
+            found += [_twins(kind, group, worlds) for group in groups]
     return found
 
 
@@ -160,14 +162,8 @@ def _joined(pairs: Sequence[tuple[Drives, Drives]]) -> list[list[Drives]]:
     return groups
 
 
-def _twins(kind: str, group: Sequence[Drives]) -> Twins:
+def _twins(kind: str, group: Sequence[Drives], same: Sequence[str]) -> Twins:
     common = set.intersection(*(set(one.by_world) for one in group))
-    first = group[0]
-    same = [
-        world
-        for world in sorted(common)
-        if all(same_drive(first.by_world[world], other.by_world[world]) for other in group[1:])
-    ]
     words = {
         CONVERGED: _converged,
         ALIASED: _aliased,
@@ -182,8 +178,8 @@ def _twins(kind: str, group: Sequence[Drives]) -> Twins:
 def _converged(group: Sequence[Drives], same: Sequence[str]) -> str:
     action, _ = _modal(_executed(group[0], same))
     return (
-        f"all of them take {action} and nothing else, which in a deterministic simulator gives one drive. That is a genuine "
-        "convergence and no sign of a cache; nor could these drives show one."
+        f"all of them take {action} and nothing else, which in a deterministic simulator gives one drive. That is a "
+        "genuine convergence and no sign of a cache; nor could these drives show one."
     )
 
 
@@ -194,14 +190,14 @@ def _aliased(group: Sequence[Drives], same: Sequence[str]) -> str:
     for action in used:
         commands.setdefault(declared.get(action, action), []).append(action)
     said = "; ".join(f"{' and '.join(names)} both are {name}" for name, names in commands.items() if len(names) > 1)
-    return f"the simulator declares that {said}: other words for one command, so that the drives and the rows are identical."
+    return f"the simulator declares that {said}: one command by other words, so that drives and rows are identical."
 
 
 def _no_effect(group: Sequence[Drives], same: Sequence[str]) -> str:
     taken = ", ".join(f"{one.driver.label}: {_modal(_executed(one, same))[0]}" for one in group)
     return (
-        f"they took other actions (most often {taken}) and got the same drive; the simulator declares no alias, so that the "
-        "actions that differ have no effect in these worlds."
+        f"they took other actions (most often {taken}) and got the same drive; the simulator declares no alias, so that "
+        "the actions that differ have no effect here."
     )
 
 
@@ -218,7 +214,9 @@ def _repeats(group: Sequence[Drives], same: Sequence[str]) -> str:
 def _scripted(group: Sequence[Drives], same: Sequence[str]) -> str:
     del same
     scripted = " and ".join(one.driver.label for one in group if not one.asked)
-    return f"the decisions are those of {scripted}, which asks no model: the same rule, and no cache could be behind it."
+    return (
+        f"the decisions are those of {scripted}, which asks no model: the same rule, and no cache could be behind it."
+    )
 
 
 def _suspect(group: Sequence[Drives], same: Sequence[str]) -> str:
@@ -270,7 +268,9 @@ def repeated_requests(drives: Drives) -> Repeats | None:
             again.append((before, sent))
     if len(again) < FEWEST_REPEATS:
         return None
-    same = sum(one.reply is not None and two.reply is not None and one.reply.text == two.reply.text for one, two in again)
+    same = sum(
+        one.reply is not None and two.reply is not None and one.reply.text == two.reply.text for one, two in again
+    )
     slow, fast = _seconds(list(first.values())), _seconds([two for _, two in again])
     ratio = fast / slow if slow and any(two.reply and two.reply.seconds is not None for _, two in again) else None
     varies = len({one.reply.text for one in first.values() if one.reply is not None}) > 1

@@ -24,11 +24,6 @@ CONSTANT = "constant:"
 LEVEL = 0.05
 
 
-def travelled_m(episode: Episode) -> float:
-    """Return the distance from the place after the first decision to the last one (paper, Table t:baselines)."""
-    return episode.distance_m - episode.steps[0].distance_m if episode.steps else 0.0
-
-
 def mean_speed_mps(episode: Episode) -> float:
     """Return the mean speed over the decisions of an episode, in metres per second."""
     speed = episode.speed_mps
@@ -36,7 +31,7 @@ def mean_speed_mps(episode: Episode) -> float:
 
 
 NUMBERS: dict[str, Callable[[Episode], float]] = {
-    "distance_m": travelled_m,
+    "distance_m": lambda episode: episode.distance_m,
     "reward": lambda episode: episode.reward,
     "speed_mps": mean_speed_mps,
 }
@@ -131,7 +126,7 @@ def rung(drives: Drives, outcomes: Outcomes, *, resamples: int = 5000) -> Rung:
     found: dict[str, Statistic] = {}
     for name, measure in NUMBERS.items():
         values = np.array([[measure(one), 1.0] for one in episodes]).reshape(len(episodes), 2)
-        seed = key_seed("ladder", *_key(drives.driver), name)
+        seed = key_seed("ladder", drives.driver.simulator, name)  # one for all: equal drives get equal rows
         found[name] = cluster_bootstrap(values, seed=seed, resamples=resamples, enumerate_up_to=20_000)
     found["crash_rate"] = exact_rate(sum(one.crashed for one in episodes), len(episodes))
     found["success_rate"] = exact_rate(sum(map(outcomes.success, episodes)), len(episodes))
@@ -159,7 +154,7 @@ def paired(first: Drives, second: Drives, outcomes: Outcomes, *, resamples: int 
         a, b = np.array([measure(each) for each in one]), np.array([measure(each) for each in other])
         seed = key_seed("paired", *who, name)
         tested = sign_flip_test(a, b, seed=seed, resamples=resamples)
-        if tested.value is not None:
+        if tested.value is not None and (a != b).any():
             pairs = np.column_stack([a - b, np.ones(len(a))])
             interval = cluster_bootstrap(pairs, seed=seed, resamples=resamples, enumerate_up_to=20_000)
             tested = replace(tested, ci=interval.ci, method=f"{tested.method}; {interval.method}")

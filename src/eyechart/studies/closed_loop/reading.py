@@ -154,7 +154,9 @@ def _drivers(path: Path, name: str, episodes: Sequence[Episode], spaces: Mapping
         groups.setdefault(Driver(key.simulator, key.policy, key.condition, name), []).append(episode)
     models = _models(path)
     made = []
-    for driver in sorted(groups, key=lambda one: (one.simulator, *_place(order, one.policy), one.condition != "real", one)):
+    for driver in sorted(
+        groups, key=lambda one: (one.simulator, *_place(order, one.policy), one.condition != "real", one)
+    ):
         mine = sorted(groups[driver], key=lambda one: (one.key.scenario, one.key.seed))
         space = spaces.get(driver.simulator) or open_simulator(driver.simulator).action_space
         good = tuple(one for one in mine if one.ended != ERROR)
