@@ -31,6 +31,7 @@ LADDER: Mapping[str, Setting] = {
     ),
 }
 
+
 class LadderDrive:
     """One of the ladder's scenarios under way.
 

@@ -103,9 +103,9 @@ def twins(drives: Sequence[Drives]) -> list[Twins]:
             pairs[_kind(one, other, worlds)].setdefault(tuple(worlds), []).append((one, other))
     found = []
     for kind, by_worlds in pairs.items():
-        for worlds, many in by_worlds.items():
+        for same, many in by_worlds.items():
             groups = [list(pair) for pair in many] if kind == SUSPECT else _joined(many)
-            found += [_twins(kind, group, worlds) for group in groups]
+            found += [_twins(kind, group, same) for group in groups]
     return found
 
 
@@ -190,14 +190,14 @@ def _aliased(group: Sequence[Drives], same: Sequence[str]) -> str:
     for action in used:
         commands.setdefault(declared.get(action, action), []).append(action)
     said = "; ".join(f"{' and '.join(names)} both are {name}" for name, names in commands.items() if len(names) > 1)
-    return f"the simulator declares that {said}: one command by other words, so that drives and rows are identical."
+    return f"the simulator declares that {said}: one command by other words; drives and rows are identical."
 
 
 def _no_effect(group: Sequence[Drives], same: Sequence[str]) -> str:
     taken = ", ".join(f"{one.driver.label}: {_modal(_executed(one, same))[0]}" for one in group)
     return (
-        f"they took other actions (most often {taken}) and got the same drive; the simulator declares no alias, so that "
-        "the actions that differ have no effect here."
+        f"they took other actions (most often {taken}) and got the same drive; the simulator declares no alias, so "
+        "that the actions that differ have no effect here."
     )
 
 

@@ -13,7 +13,7 @@ PUBLISHED: Mapping[str, Mapping[str, float]] = {
     "constant:RIGHT": {"distance_m": 197.0, "reward": 7.01, "speed_mps": 25.0, "crash_rate": 1.0},
     "constant:STRAIGHT": {"distance_m": 145.8, "reward": 5.13, "speed_mps": 28.1, "crash_rate": 1.0},
 }
-"""Table t:baselines of the paper: 32 episodes a policy in highway-env. It leaves out STOP, whose row is that of SLOW."""
+"""Table t:baselines of the paper: 32 episodes a policy in highway-env. It leaves out STOP, whose row is SLOW's."""
 
 SIMULATOR = "highway"
 NEAR = 0.02
