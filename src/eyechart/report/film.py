@@ -8,7 +8,6 @@ from fractions import Fraction
 from importlib.util import find_spec
 from pathlib import Path
 
-import jinja2
 import matplotlib as mpl
 import numpy as np
 from markupsafe import Markup
@@ -21,7 +20,7 @@ from eyechart.errors import SpecError
 from eyechart.frames import RGB
 from eyechart.report.browser import embedded_json
 from eyechart.report.drawing import plain
-from eyechart.report.page import asset, policy
+from eyechart.report.page import asset, environment, policy
 from eyechart.studies.closed_loop.reading import Drives
 from eyechart.studies.closed_loop.replaying import Shot, decided, episode_id, replay
 
@@ -48,7 +47,7 @@ class Line:
 
 def lines(drives: Drives, episode: Episode) -> list[Line]:
     """Return the words of every moment; a model's reply is there as the ledger holds it."""
-    replies = {sent.key.frame: sent.reply.text for sent in drives.calls() if sent.reply is not None}
+    replies = {sent.key.frame: sent.reply.text for sent in drives.replies if sent.reply is not None}
     found, world, count = [], episode.key.world, len(episode.steps)
     for number, step in enumerate(episode.steps, 1):
         found.append(
@@ -187,19 +186,20 @@ def _write_html(out: Path, film: _Film) -> int:
         for line in film.words
     ]
     script = asset("film.js")
-    environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(asset), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True
-    )
-    html = environment.get_template("film.html").render(
-        csp=policy(script),
-        css=Markup(asset("page.css") + asset("film.css")),  # noqa: S704 - our own files
-        script=Markup(script),  # noqa: S704 - our own file
-        data=embedded_json({"pictures": uris, "steps": steps, "fps": film.fps}),
-        title=episode_id(film.episode),
-        ended=film.episode.ended,
-        detail=film.episode.detail,
-        count=len(uris),
-        version=__version__,
+    html = (
+        environment()
+        .get_template("film.html")
+        .render(
+            csp=policy(script),
+            css=Markup(asset("page.css") + asset("film.css")),  # noqa: S704 - our own files
+            script=Markup(script),  # noqa: S704 - our own file
+            data=embedded_json({"pictures": uris, "steps": steps, "fps": film.fps}),
+            title=episode_id(film.episode),
+            ended=film.episode.ended,
+            detail=film.episode.detail,
+            count=len(uris),
+            version=__version__,
+        )
     )
     out.write_bytes(html.encode("utf-8", "backslashreplace"))
     return len(uris)

@@ -62,7 +62,7 @@ def make_page(evidence: Sequence[Evidence], *, tell: Tell = lambda _: None) -> P
     script = asset("page.js")
     notes = _notes(evidence, shown, album, texts, len(everyone))
     html = (
-        _environment()
+        environment()
         .get_template("page.html")
         .render(
             csp=policy(script),
@@ -116,7 +116,8 @@ def write_page(page: Page, out: Path) -> None:
         partial.write_bytes(page.html)
 
 
-def _environment() -> jinja2.Environment:
+def environment() -> jinja2.Environment:
+    """Return how templates are filled: everything escaped, nothing left undefined."""
     loader = jinja2.FunctionLoader(asset)
     made = jinja2.Environment(
         loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True

@@ -183,13 +183,14 @@ def replay_table(found: Sequence[Replay]) -> Table:
     for one in found:
         best = one.best_constant
         constant = "—" if best is None else f"{best[0]} {best[1]:.3f}"
-        agrees, shuffled = (_share(each) for each in (one.agreement, one.shuffled))
+        agrees, shuffled = (share(each) for each in (one.agreement, one.shuffled))
         p = p_value(one.shuffled.p)
         table.add_row(Text(one.driver.label), one.controller, str(one.agreement.n), agrees, constant, shuffled, p)
     return table
 
 
-def _share(one: Statistic) -> str:
+def share(one: Statistic) -> str:
+    """Return a share with its interval, to three digits."""
     if one.value is None:
         return "—"
     return f"{one.value:.3f}" + ("" if one.ci is None else f" [{one.ci[0]:.3f}, {one.ci[1]:.3f}]")

@@ -142,7 +142,7 @@ def _modal(actions: Sequence[str]) -> tuple[str, float]:
 
 def _faster(one: Drives, other: Drives) -> bool:
     """Return whether the one run's calls took implausibly less time than the other's."""
-    first, second = (_seconds(list(each.calls())) for each in (one, other))
+    first, second = (_seconds(list(each.replies)) for each in (one, other))
     return bool(first and second) and min(first, second) < IMPLAUSIBLE * max(first, second)
 
 
@@ -234,7 +234,7 @@ def _suspect(group: Sequence[Drives], same: Sequence[str]) -> str:
 def _told_by_replies(one: Drives, other: Drives, worlds: set[str]) -> list[str]:
     """Return what the ledgers add: how many replies are word for word the same, and what they took."""
     mine, theirs = (
-        {sent.key.frame: sent for sent in each.calls() if sent.key.frame.rpartition("/")[0] in worlds}
+        {sent.key.frame: sent for sent in each.replies if sent.key.frame.rpartition("/")[0] in worlds}
         for each in (one, other)
     )
     both = sorted(mine.keys() & theirs.keys())
@@ -260,7 +260,7 @@ def repeated_requests(drives: Drives) -> Repeats | None:
     """
     first: dict[str, Sent] = {}
     again: list[tuple[Sent, Sent]] = []
-    for sent in drives.calls():
+    for sent in drives.replies:
         if not sent.request_sha256 or sent.reply is None or sent.reply.error is not None:
             continue
         before = first.setdefault(sent.request_sha256, sent)

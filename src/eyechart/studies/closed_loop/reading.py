@@ -1,7 +1,7 @@
 """Runs of episodes are read as drives: all episodes of one policy in one simulator under one condition."""
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -88,15 +88,19 @@ class Drives:
         """Return a column of the truth at each step, None where it is missing."""
         return [step.truth.get(column) for step in self.steps]
 
-    def calls(self) -> Iterator[Sent]:
-        """Yield the finished calls of the policy in the order of sending, as the ledger holds them."""
-        file = self.path / LEDGER
-        if not self.asked or not file.is_file():
-            return
-        with Ledger(file) as ledger:
-            for sent in ledger.attempts(self.driver.policy):
-                if sent.key.study == STUDY and sent.key.condition == self.driver.condition and sent.reply is not None:
-                    yield sent
+    @cached_property
+    def replies(self) -> tuple[Sent, ...]:
+        """Return the attempts at the policy's calls that were answered, in the order of sending."""
+        if not self.asked:
+            return ()
+        with Ledger(self.path / LEDGER) as ledger:
+            mine = (sent for sent in ledger.attempts(self.driver.policy) if sent.key.study == STUDY)
+            prefix, condition = f"{self.driver.simulator}/", self.driver.condition
+            return tuple(
+                sent
+                for sent in mine
+                if sent.reply is not None and sent.key.condition == condition and sent.key.frame.startswith(prefix)
+            )
 
 
 def is_episodes(path: Path) -> bool:
