@@ -1,14 +1,30 @@
 """Closed-loop episodes: a policy or a model drives a simulator, decision by decision."""
 
+from eyechart.episodes.manifest import FORMAT, EpisodesManifest, read_manifest
 from eyechart.episodes.nouns import EPISODES, STUDY, Episode, EpisodeKey, Step, fail_safe, read_episodes, write_episodes
+from eyechart.episodes.planning import ACTION_MAP, ENGINES, Episodes, expected, plan, run, within
+from eyechart.episodes.running import Bounds
+from eyechart.episodes.showing import SHOWN
 
 __all__ = [
+    "ACTION_MAP",
+    "ENGINES",
     "EPISODES",
+    "FORMAT",
+    "SHOWN",
     "STUDY",
+    "Bounds",
     "Episode",
     "EpisodeKey",
+    "Episodes",
+    "EpisodesManifest",
     "Step",
+    "expected",
     "fail_safe",
+    "plan",
     "read_episodes",
+    "read_manifest",
+    "run",
+    "within",
     "write_episodes",
 ]

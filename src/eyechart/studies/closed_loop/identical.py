@@ -11,7 +11,6 @@ from statistics import median
 
 from eyechart.episodes import Episode
 from eyechart.ledger import Sent
-from eyechart.simulators import open_simulator
 from eyechart.studies.closed_loop.reading import MODAL_CONSTANT, Driver, Drives
 
 CONVERGED = "constant policies converge"
@@ -89,9 +88,9 @@ def _course(episode: Episode) -> list[tuple[float, float, float, bool]]:
     return [(step.reward, step.speed_mps, step.distance_m, step.crashed) for step in episode.steps]
 
 
-def commands_of(simulator: str) -> Mapping[str, str]:
-    """Return what a simulator declares its actions to be in its own commands; empty where it declares nothing."""
-    declared = getattr(open_simulator(simulator), "commands", None)
+def commands_of(drives: Drives) -> Mapping[str, str]:
+    """Return what the simulator declares its actions to be in its own commands; empty where it declares nothing."""
+    declared = getattr(drives.open_simulator(), "commands", None)
     return dict(declared) if isinstance(declared, Mapping) else {}
 
 
@@ -118,7 +117,7 @@ def _kind(one: Drives, other: Drives, worlds: Sequence[str]) -> str:
     mine, theirs = (_executed(each, worlds) for each in (one, other))
     constant = all(_modal(each)[1] >= MODAL_CONSTANT for each in (mine, theirs))
     if mine != theirs:
-        declared = commands_of(one.driver.simulator)
+        declared = commands_of(one)
         asked = [(declared.get(a, a), declared.get(b, b)) for a, b in zip(mine, theirs, strict=True)]
         return ALIASED if all(a == b for a, b in asked) else NO_EFFECT
     if constant:
@@ -184,7 +183,7 @@ def _converged(group: Sequence[Drives], same: Sequence[str]) -> str:
 
 
 def _aliased(group: Sequence[Drives], same: Sequence[str]) -> str:
-    declared = commands_of(group[0].driver.simulator)
+    declared = commands_of(group[0])
     used = sorted({action for one in group for action in _executed(one, same)})
     commands: dict[str, list[str]] = {}
     for action in used:

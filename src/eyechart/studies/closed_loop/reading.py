@@ -10,14 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eyechart.actions import ActionSpace
-from eyechart.episodes import EPISODES, STUDY, Episode, Step, read_episodes
+from eyechart.episodes import (
+    ACTION_MAP,
+    EPISODES,
+    FORMAT,
+    STUDY,
+    Episode,
+    EpisodesManifest,
+    Step,
+    read_episodes,
+    read_manifest,
+)
 from eyechart.errors import LedgerError
 from eyechart.ledger import Ledger, Sent
 from eyechart.manifest import LEDGER, RUN
-from eyechart.simulators import open_simulator
-
-FORMAT = "eyechart-episodes/"
-"""How the format of a run of episodes begins, in its ``run.json``."""
+from eyechart.simulators import Simulator, open_simulator
 
 ERROR = "error"
 MODAL_CONSTANT = 0.98
@@ -44,7 +51,7 @@ class Driver:
 class Drives:
     """The episodes of one driver that count, by world, and in ``errors`` those that ended in an error.
 
-    ``asked`` says whether a model was asked: whether the run's ledger holds calls of this policy.
+    ``asked`` says whether a model was asked.
     """
 
     driver: Driver
@@ -88,10 +95,15 @@ class Drives:
         """Return a column of the truth at each step, None where it is missing."""
         return [step.truth.get(column) for step in self.steps]
 
+    def open_simulator(self) -> Simulator:
+        """Open the simulator in which they drove, with the run's own action map where it has one."""
+        actions = self.path / ACTION_MAP
+        return open_simulator(self.driver.simulator, actions=actions if actions.is_file() else None)
+
     @cached_property
     def replies(self) -> tuple[Sent, ...]:
         """Return the attempts at the policy's calls that were answered, in the order of sending."""
-        if not self.asked:
+        if not self.asked or not (self.path / LEDGER).is_file():
             return ()
         with Ledger(self.path / LEDGER) as ledger:
             mine = (sent for sent in ledger.attempts(self.driver.policy) if sent.key.study == STUDY)
@@ -107,25 +119,22 @@ def is_episodes(path: Path) -> bool:
     """Return whether a folder is a run of episodes, by the format of its ``run.json``."""
     try:
         made = json.loads((path / RUN).read_text(encoding="utf-8"))
-        return str(made["format"]).startswith(FORMAT)
-    except (OSError, ValueError, TypeError, KeyError):
-        return (path / EPISODES).is_file() and not (path / RUN).exists()
+        return bool(made["format"] == FORMAT)
+    except (OSError, ValueError, TypeError, LookupError):
+        return False
 
 
-def read_drives(runs: Sequence[Path], spaces: Mapping[str, ActionSpace] | None = None) -> tuple[Drives, ...]:
-    """Read every driver of some runs, in the order of the runs and of what was asked; ``spaces`` is by simulator.
+def read_drives(runs: Sequence[Path]) -> tuple[Drives, ...]:
+    """Read every driver of some runs, in the order of the runs and of what was asked.
 
     Raises LedgerError where a folder is no run of episodes, holds none, or holds two different episodes of one key.
     """
-    names = _names(runs)
     found: list[Drives] = []
-    for path, name in zip(runs, names, strict=True):
-        if not is_episodes(path):
-            raise LedgerError(f"{path} is no run of episodes; 'eyechart run closed-loop' makes one")
-        episodes = _once(read_episodes(path), path)
+    for path, name in zip(runs, _names(runs), strict=True):
+        manifest, episodes = read_manifest(path), _once(read_episodes(path), path)
         if not episodes:
-            raise LedgerError(f"{path / EPISODES} holds no finished episode; the same 'eyechart run' command goes on")
-        found += _drivers(path, name, episodes, spaces or {})
+            raise LedgerError(f"{path / EPISODES} holds no finished episode; the command that began the run goes on")
+        found += _drivers(path, name, episodes, manifest)
     return tuple(found)
 
 
@@ -150,40 +159,21 @@ def _once(episodes: Iterable[Episode], path: Path) -> list[Episode]:
     return list(found.values())
 
 
-def _drivers(path: Path, name: str, episodes: Sequence[Episode], spaces: Mapping[str, ActionSpace]) -> list[Drives]:
-    order = _asked_order(path)
+def _drivers(path: Path, name: str, episodes: Sequence[Episode], manifest: EpisodesManifest) -> list[Drives]:
+    order, conditions = list(manifest.policies), list(manifest.conditions)
     groups: dict[Driver, list[Episode]] = {}
     for episode in episodes:
         key = episode.key
         groups.setdefault(Driver(key.simulator, key.policy, key.condition, name), []).append(episode)
-    models = _models(path)
     made = []
-    for driver in sorted(
-        groups, key=lambda one: (one.simulator, *_place(order, one.policy), one.condition != "real", one)
-    ):
+    for driver in sorted(groups, key=lambda one: (_place(order, one.policy), _place(conditions, one.condition), one)):
         mine = sorted(groups[driver], key=lambda one: (one.key.scenario, one.key.seed))
-        space = spaces.get(driver.simulator) or open_simulator(driver.simulator).action_space
         good = tuple(one for one in mine if one.ended != ERROR)
         bad = tuple(one for one in mine if one.ended == ERROR)
-        made.append(Drives(driver, path, good, bad, space, driver.policy in models))
+        asked = driver.policy in manifest.models
+        made.append(Drives(driver, path, good, bad, manifest.action_space, asked=asked))
     return made
 
 
-def _place(order: Sequence[str], policy: str) -> tuple[int, str]:
-    return (order.index(policy) if policy in order else len(order), policy)
-
-
-def _asked_order(path: Path) -> list[str]:
-    """Return the policies in the order in which they were asked for, where the run says so."""
-    try:
-        return [str(one) for one in json.loads((path / RUN).read_text(encoding="utf-8")).get("policies", ())]
-    except (OSError, ValueError, TypeError, AttributeError):
-        return []
-
-
-def _models(path: Path) -> set[str]:
-    """Return the policies that the run's ledger holds calls of."""
-    if not (path / LEDGER).is_file():
-        return set()
-    with Ledger(path / LEDGER) as ledger:
-        return {key.model for key in ledger.finished() if key.study == STUDY}
+def _place(order: Sequence[str], name: str) -> int:
+    return order.index(name) if name in order else len(order)

@@ -1,16 +1,14 @@
 """An episode is driven again: its executed actions in the same world, which must end in the recorded state."""
 
 import hashlib
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from eyechart.actions import UNPARSED
-from eyechart.episodes import Episode, Step
+from eyechart.episodes import Episode, Step, read_manifest
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import RGB
-from eyechart.manifest import RUN
-from eyechart.simulators import Simulator, open_simulator
+from eyechart.simulators import Simulator
 from eyechart.studies.closed_loop.reading import Drives
 
 SHOWN_MOST = 6
@@ -51,7 +49,7 @@ def replay(drives: Drives, episode: Episode, simulator: Simulator | None = None)
     The world is driven once without pictures first, so that nothing is shown of a drive that is another one. Raises
     LedgerError, with the versions that differ, where the end is not the recorded one.
     """
-    world = simulator or open_simulator(episode.key.simulator)
+    world = simulator or drives.open_simulator()
     verify(drives, episode, world)
     drive = world.drive(episode.key.scenario, episode.key.seed)
     try:
@@ -98,10 +96,7 @@ def decided(step: Step) -> str:
 
 def _versions(drives: Drives, simulator: Simulator) -> str:
     """Return in words what the run was driven with, where that differs from what is installed here."""
-    try:
-        made = json.loads((drives.path / RUN).read_text(encoding="utf-8"))["versions"]
-    except (OSError, ValueError, LookupError, TypeError):
-        return "; the run says no versions"
+    made = read_manifest(drives.path).world
     here: Mapping[str, str] = simulator.versions()
     apart = [f"{name} {made[name]}, here {now}" for name, now in here.items() if name in made and made[name] != now]
     if apart:

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from eyechart.actions import ActionSpace
 from eyechart.studies.closed_loop.agreement import Replay, replays
 from eyechart.studies.closed_loop.blind import Blind, blind_baselines
 from eyechart.studies.closed_loop.degeneracy import Degeneracy, audit
@@ -114,11 +113,7 @@ def score(
     *,
     against_policy: str | None = None,
     resamples: int = RESAMPLES,
-    spaces: Mapping[str, ActionSpace] | None = None,
 ) -> ClosedLoopScore:
-    """Read one run of episodes or several; raises LedgerError where a folder is none or holds no episode.
-
-    ``spaces`` gives the action space of simulators that cannot be opened by name.
-    """
+    """Read one run of episodes or several; raises LedgerError where a folder is none or holds no episode."""
     paths = [runs] if isinstance(runs, Path) else list(runs)
-    return ClosedLoopScore(read_drives(paths, spaces), against_policy, resamples)
+    return ClosedLoopScore(read_drives(paths), against_policy, resamples)
