@@ -25,12 +25,14 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from eyechart.episodes import Bounds, run
 from eyechart.policies import Observation, open_policy
 from eyechart.seeds import key_seed
 from eyechart.simulators import open_simulator
 from eyechart.simulators.highway.declared import MEANS
 from eyechart.simulators.highway.ladder import LADDER
 from eyechart.simulators.highway.world import SIMULATION_HZ
+from eyechart.studies.closed_loop.laddering import plan_ladder
 
 BOUND = 3.0
 OVERHEAD = 1.15
@@ -119,13 +121,11 @@ def measure(seeds: int, *, pictures: bool) -> dict[str, float]:
 
 def processes(seeds: int) -> dict[str, float]:
     """Return the CPU seconds of the ladder in one process and in two, children included."""
-    from eyechart.cli.laddering import drive_ladder  # noqa: PLC0415 - it opens the runner
-
     seconds = []
     for count in (1, 2):
         with tempfile.TemporaryDirectory() as folder:
             before = _cpu()
-            drive_ladder(Path(folder) / "run", seeds=seeds, processes=count)
+            run(plan_ladder(Path(folder) / "run", seeds=seeds), bounds=Bounds(processes=count))
             seconds.append(_cpu() - before)
     return {"one_process_cpu_s": seconds[0], "two_processes_cpu_s": seconds[1], "overhead": seconds[1] / seconds[0]}
 

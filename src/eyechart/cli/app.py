@@ -5,7 +5,19 @@ from typing import Annotated
 import typer
 
 from eyechart import __version__
-from eyechart.cli import bundling, calibrating, comparing, demo, frames, listing, prompting, reporting, results, running
+from eyechart.cli import (
+    auditing,
+    bundling,
+    calibrating,
+    comparing,
+    demo,
+    frames,
+    listing,
+    prompting,
+    reporting,
+    results,
+    running,
+)
 
 app = typer.Typer(
     name="eyechart",
@@ -30,6 +42,9 @@ app.command()(comparing.transfer)
 app.command()(calibrating.plan)
 app.command()(calibrating.calibrate)
 app.command()(reporting.report)
+app.command()(auditing.ladder)
+app.command()(auditing.audit)
+app.command()(auditing.film)
 app.command()(bundling.bundle)
 app.command()(bundling.validate)
 

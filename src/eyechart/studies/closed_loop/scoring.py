@@ -8,7 +8,7 @@ from pathlib import Path
 from eyechart.studies.closed_loop.agreement import Replay, replays
 from eyechart.studies.closed_loop.blind import Blind, blind_baselines
 from eyechart.studies.closed_loop.degeneracy import Degeneracy, audit
-from eyechart.studies.closed_loop.identical import Repeats, Twins, repeated_requests, twins
+from eyechart.studies.closed_loop.identical import SUSPECT, Repeats, Twins, repeated_requests, twins
 from eyechart.studies.closed_loop.ladder import Outcomes, Paired, Rung, against, outcomes_of, reference_of, rung
 from eyechart.studies.closed_loop.reading import Driver, Drives, read_drives
 
@@ -86,6 +86,11 @@ class ClosedLoopScore:
     def repeats(self) -> tuple[Repeats, ...]:
         """Return what the repeated requests of each driver tell."""
         return tuple(found for one in self.drives if (found := repeated_requests(one)) is not None)
+
+    @property
+    def suspect(self) -> bool:
+        """Return whether anything points to a cache."""
+        return any(one.kind == SUSPECT for one in self.twins) or any(one.suspect for one in self.repeats)
 
     def as_dict(self) -> dict[str, object]:
         """Return every number as plain JSON values."""
