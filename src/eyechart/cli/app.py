@@ -11,6 +11,7 @@ from eyechart.cli import (
     calibrating,
     comparing,
     demo,
+    driving,
     frames,
     listing,
     prompting,
@@ -29,6 +30,7 @@ app = typer.Typer(
 )
 app.add_typer(frames.app, name="frames")
 running.app.command()(prompting.prompts)
+running.app.command()(driving.closed_loop)
 app.add_typer(running.app, name="run")
 app.add_typer(listing.app, name="list")
 app.command()(demo.demo)

@@ -5,6 +5,7 @@ from eyechart.episodes.nouns import EPISODES, STUDY, Episode, EpisodeKey, Step, 
 from eyechart.episodes.planning import ACTION_MAP, ENGINES, Episodes, expected, plan, run, within
 from eyechart.episodes.running import Bounds
 from eyechart.episodes.showing import SHOWN
+from eyechart.episodes.summary import Row, summarise
 
 __all__ = [
     "ACTION_MAP",
@@ -18,6 +19,7 @@ __all__ = [
     "EpisodeKey",
     "Episodes",
     "EpisodesManifest",
+    "Row",
     "Step",
     "expected",
     "fail_safe",
@@ -25,6 +27,7 @@ __all__ = [
     "read_episodes",
     "read_manifest",
     "run",
+    "summarise",
     "within",
     "write_episodes",
 ]

@@ -1,21 +1,23 @@
 """A host holds worlds in a process of its own; the coordinator asks it, and learns when it has died."""
 
 import asyncio
-import multiprocessing
-import signal
-import time
-from collections.abc import Callable
+import os
+import socket
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from multiprocessing.connection import Connection
-from typing import Protocol
+from typing import Any, Protocol
 
-from eyechart.episodes.worlds import Setup, Worlds
+from eyechart.episodes.worlds import Setup
 from eyechart.errors import EyechartError
 
 PATIENCE_S = 300.0
 """A world that takes longer for one step, or to begin, counts as dead."""
 
-_ALIVE_EVERY_S = 1.0
+_DYING_S = 5.0
+_PROGRAM = "from eyechart.episodes.worker import main; main()"
 
 
 class HostDiedError(EyechartError):
@@ -37,17 +39,29 @@ class Host(Protocol):
 
 
 class LocalHost:
-    """A process of this machine, started afresh (``spawn``) and ended with this one."""
+    """A process of this machine, which ends with this one.
+
+    It is a new interpreter, not a fork: it shares no locks, threads or open files, and runs none of the program that
+    began the run.
+    """
 
     def __init__(self, setup: Setup, *, patience_s: float = PATIENCE_S) -> None:
         self.dead = False
         self._patience_s = patience_s
-        context = multiprocessing.get_context("spawn")
-        self._ours, theirs = context.Pipe()
-        self._process = context.Process(target=serve, args=(theirs, setup), daemon=True)
-        self._process.start()
-        theirs.close()
+        ours, theirs = socket.socketpair()
+        with theirs:
+            self._process = subprocess.Popen(  # noqa: S603 - our own program
+                [sys.executable, "-P", "-c", _PROGRAM, str(theirs.fileno())],
+                pass_fds=[theirs.fileno()],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,  # what a library prints is no output of ours
+                env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+                process_group=0,  # an interrupt from the terminal is the coordinator's to handle
+            )
+        self._connection: Connection[Any, Any] = Connection(ours.detach())
         self._thread = ThreadPoolExecutor(1)
+        with suppress(OSError):  # the first question will tell
+            self._connection.send(setup)
 
     async def ask(self, method: str, *given: object) -> object:
         """Ask, one question after another."""
@@ -65,51 +79,20 @@ class LocalHost:
         """Kill the process: what it holds can be made again."""
         self.dead = True
         self._process.kill()
-        self._process.join()
+        self._process.wait()
         self._thread.shutdown(wait=True)
-        self._ours.close()
-        self._process.close()
+        self._connection.close()
 
     def _exchange(self, method: str, given: tuple[object, ...]) -> tuple[str, object]:
         try:
-            self._ours.send((method, given))
-            while self._ours.poll(self._patience_s):
-                kind, value = self._ours.recv()
+            self._connection.send((method, given))
+            while self._connection.poll(self._patience_s):
+                kind, value = self._connection.recv()
                 if kind != "alive":
                     return kind, value
         except (EOFError, OSError):
-            self._process.join(_ALIVE_EVERY_S)
-            return "died", f"its process ended with exit code {self._process.exitcode}"
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(_DYING_S)
+            return "died", f"its process ended with exit code {self._process.returncode}"
         self._process.kill()
         return "died", f"it did not answer for {self._patience_s:g} s"
-
-
-def serve(connection: Connection, setup: Setup) -> None:
-    """Answer questions until nobody asks any more; an interrupt is the coordinator's to handle."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    worlds: Worlds | None = None
-    try:
-        while True:
-            method, given = connection.recv()
-            try:
-                worlds = worlds or Worlds(setup)
-                more = (_every(_ALIVE_EVERY_S, lambda: connection.send(("alive", None))),) if method == "drive" else ()
-                answer = ("ok", getattr(worlds, method)(*given, *more))
-            except Exception as error:  # noqa: BLE001 - the coordinator must hear of it, or it waits for ever
-                answer = ("failed", f"{type(error).__name__}: {error}")
-            connection.send(answer)
-    except (EOFError, OSError):
-        return  # the coordinator is gone
-
-
-def _every(seconds: float, tell: Callable[[], None]) -> Callable[[], None]:
-    """Return a function that tells at most once in so many seconds, however often it is called."""
-    last = time.monotonic()
-
-    def maybe() -> None:
-        nonlocal last
-        if time.monotonic() - last >= seconds:
-            last = time.monotonic()
-            tell()
-
-    return maybe
