@@ -20,7 +20,7 @@ from eyechart.stats.resampling import cluster_bootstrap, permutation_p
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.closed_loop.reading import Driver, Drives
 
-SHUFFLES = 2000
+SHUFFLES = 1000
 
 
 def _demand(step: Step) -> str | None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from eyechart.episodes import Episode
+from eyechart.episodes import Episode, fail_safe
 from eyechart.errors import SpecError
 from eyechart.seeds import key_seed
 from eyechart.stats.agreement import rate
@@ -196,13 +196,18 @@ def reference_of(drives: Sequence[Drives], against: str | None = None) -> Drives
         known = ", ".join(dict.fromkeys(one.driver.policy for one in real))
         raise SpecError(f"--against {against}: no such policy drove with real pictures here; there are {known}")
     constants = [one for one in real if one.driver.policy.startswith(CONSTANT)]
-    return max(constants, key=_mean_reward, default=None)
+    return max(constants, key=lambda one: (_mean_reward(one), _is_mildest(one)), default=None)
 
 
 def against(drives: Sequence[Drives], reference: Drives, outcomes: Outcomes, *, resamples: int = 5000) -> list[Paired]:
     """Return every other driver less the reference in the same worlds, corrected by Holm over all tests."""
     others = [one for one in drives if one is not reference]
     return corrected([paired(one, reference, outcomes, resamples=resamples) for one in others])
+
+
+def _is_mildest(drives: Drives) -> bool:
+    """Return whether a constant is the fail-safe: of aliased commands the milder name is taken."""
+    return drives.driver.policy == f"{CONSTANT}{fail_safe(drives.space)}"
 
 
 def _mean_reward(drives: Drives) -> float:
