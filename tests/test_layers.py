@@ -31,9 +31,11 @@ FLOORS = {
     "stats": ("eyechart.stats.statistic",),
     "perception": ("eyechart.perception.scene",),
     "models": ("eyechart.models.http", "eyechart.models.energy"),
+    "simulators": ("eyechart.simulators.camera",),
     "studies": ("eyechart.studies.battery",),
 }
-"""Inside a package whose modules are peers, only its floor is shared: for models, a request and its energy."""
+"""Inside a package whose modules are peers, only its floor is shared: for models, a request and its energy, for
+simulators, the forward camera."""
 
 ASSEMBLED = {
     "bundle",
