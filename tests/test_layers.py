@@ -45,9 +45,11 @@ ASSEMBLED = {
     "frames",
     "importing",
     "models.huggingface",
+    "perception.forward",
     "report",
     "simulators.gym",
     "simulators.highway",
+    "simulators.rover",
     "studies.battery",
     "verdicts",
 }

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from eyechart.frames import RGB
-from eyechart.simulators.camera import HAZE, Camera, Cylinder, Eye, Lens, Road
+from eyechart.perception.forward import HAZE
+from eyechart.simulators.camera import Camera, Cylinder, Eye, Lens, Road
 
 ORANGE, HOOD = (216, 84, 24), (50, 200, 0)
 

@@ -16,18 +16,12 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.frames import RGB
+from eyechart.perception.forward import HAZE, Colour, haze_share
 
-Colour = tuple[int, int, int]
 _Floats = npt.NDArray[np.float32]
 _Doubles = npt.NDArray[np.float64]
 
 WHITE: Colour = (255, 255, 255)
-HAZE: Colour = (206, 206, 206)
-"""Everything fades into it with distance. It is grey, as road and marks are: what has a colour is no road."""
-
-ZENITH: Colour = (96, 150, 214)
-HAZE_HALF_M = 45.0
-"""Half of a colour is haze at this distance: share d² / (d² + HAZE_HALF_M²)."""
 
 _LEAST_DEPTH_M = 0.05
 _SHADE, _LIT = 0.45, 0.55
@@ -89,7 +83,8 @@ class Road:
     """A straight flat road between two solid edges, with dashed marks at equal distances left and right of its middle.
 
     ``dashed`` are these distances; 0 is one line in the middle. Surface and marks are grey, so that the road has no
-    colour; ``verge`` is what lies beside it. The middle of a dash lies wherever x is a multiple of ``period``.
+    colour; ``verge`` is what lies beside it, ``zenith`` the sky's colour in the first row. The middle of a dash lies
+    wherever x is a multiple of ``period``.
     """
 
     half_width: float = 4.5
@@ -99,6 +94,7 @@ class Road:
     period: float = 5.0
     surface: int = 88
     verge: Colour = (104, 140, 72)
+    zenith: Colour = (96, 150, 214)
 
 
 @dataclass(frozen=True)
@@ -131,7 +127,7 @@ class Camera:
     def _sky(self) -> _Floats:
         """Return the sky's colours, shape (horizon, 3), haze at its foot."""
         height = np.linspace(1.0, 0.0, self.lens.horizon, dtype=np.float32)[:, None]
-        return np.asarray(ZENITH, np.float32) * height + np.asarray(HAZE, np.float32) * (1 - height)
+        return np.asarray(self.road.zenith, np.float32) * height + np.asarray(HAZE, np.float32) * (1 - height)
 
     @cached_property
     def hood(self) -> npt.NDArray[np.bool_]:
@@ -162,7 +158,7 @@ class Camera:
             dashes = np.clip((road.dash / 2 - from_dash) / long + 0.5, 0.0, 1.0)
             for offset in road.dashed:
                 marks = np.maximum(marks, _cover(from_middle - offset, road.mark, wide) * dashes)
-        fade = _fade(depth).astype(np.float32)
+        fade = haze_share(depth).astype(np.float32)
         for channel in range(3):
             beside = np.float32(road.verge[channel])
             shade = beside + surface * (road.surface - beside)
@@ -225,15 +221,9 @@ def _directions(lens: Lens, eye: Eye) -> tuple[_Doubles, _Doubles]:
     return cos - lens.aside * sin, sin + lens.aside * cos
 
 
-def _fade(depth: _Doubles) -> _Doubles:
-    """Return the share of haze at a depth."""
-    square = depth * depth
-    return square / (square + HAZE_HALF_M * HAZE_HALF_M)
-
-
 def _hazed(paint: _Doubles, depth: _Doubles) -> _Floats:
     """Return colours, shape (columns, 3), as they look from so far away."""
-    return (paint + _fade(depth)[:, None] * (np.asarray(HAZE, np.float64) - paint)).astype(np.float32)
+    return (paint + haze_share(depth)[:, None] * (np.asarray(HAZE, np.float64) - paint)).astype(np.float32)
 
 
 def _cover(distance: _Floats, width: float, pixel: _Floats) -> _Floats:
