@@ -31,11 +31,11 @@ FLOORS = {
     "stats": ("eyechart.stats.statistic",),
     "perception": ("eyechart.perception.scene",),
     "models": ("eyechart.models.http", "eyechart.models.energy"),
-    "simulators": ("eyechart.simulators.camera",),
+    "simulators": ("eyechart.simulators.camera", "eyechart.simulators.banks", "eyechart.simulators.plan"),
     "studies": ("eyechart.studies.battery",),
 }
 """Inside a package whose modules are peers, only its floor is shared: for models, a request and its energy, for
-simulators, the forward camera."""
+simulators, the forward camera and how a balanced bank is planned and written."""
 
 ASSEMBLED = {
     "bundle",

@@ -88,6 +88,7 @@ class Simulator(Protocol):
 
 SIMULATORS: dict[str, str] = {
     "highway": "eyechart.simulators.highway:Highway",
+    "rover": "eyechart.simulators.rover:Rover",
 }
 """What a simulator's name means: ``module:class``, imported when it is opened."""
 

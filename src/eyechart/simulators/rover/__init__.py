@@ -1,0 +1,55 @@
+"""A rover with a forward camera on a road with obstacles: frame banks with ground truth, and drives."""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from eyechart.actions import DRIVING, ActionSpace
+from eyechart.frames import FrameBank, MirrorAxis
+from eyechart.simulators.banks import versions_of
+from eyechart.simulators.rover.bank import build_bank
+from eyechart.simulators.rover.drive import RoverDrive
+from eyechart.simulators.rover.layout import FAMILIES
+from eyechart.simulators.rover.picture import PICTURE
+
+
+class Rover:
+    """A kinematic bicycle on a road of 100 m among five families of obstacles, seen by a camera of our own.
+
+    The forward-camera rover of the paper (section Hierarchical VLM-MPC diagnostic), here driven by discrete intents at
+    1 Hz with a tracking law below.
+    """
+
+    name = "rover"
+    presets: Mapping[str, str] = {
+        "balanced": "Staged moments among five families of obstacles: every gap in every scenario, in no order, with "
+        "LEFT and RIGHT demanded alike, no crash, and counterfactual pictures for every frame.",
+    }
+    scenarios: Mapping[str, str] = FAMILIES
+    picture = PICTURE
+    mirror_axis: MirrorAxis = "horizontal"
+    action_space: ActionSpace = DRIVING
+
+    def build(
+        self,
+        out: Path,
+        *,
+        preset: str = "balanced",
+        seeds: Sequence[int] = (0, 1, 2),
+        steps: int = 12,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> FrameBank:
+        """Write a bank of five scenarios × ``seeds`` × ``steps`` frames into ``out``.
+
+        ``progress`` gets the number of frames written and their total. Raises SpecError for an unknown preset,
+        seeds that are negative, doubled or missing, and too few steps; BankError where ``out`` is taken.
+        """
+        presets = list(self.presets)
+        return build_bank(out, presets=presets, preset=preset, seeds=seeds, steps=steps, progress=progress)
+
+    def drive(self, scenario: str, seed: int, *, mirrored: bool = False) -> RoverDrive:
+        """Open a world at its beginning, or its mirror image; raises SpecError for an unknown scenario or seed."""
+        return RoverDrive(scenario, seed, mirrored=mirrored)
+
+    def versions(self) -> dict[str, str]:
+        """Return the version of numpy; the rest of this world is eyechart's own."""
+        return versions_of(("numpy",))
