@@ -37,7 +37,10 @@ class Aviary:
     def __init__(self, cylinders: Iterable[Cylinder], road: Road, *, y: float, height: float) -> None:
         self._bullet, environment = _import()
         self._height = height
-        with contextlib.redirect_stdout(io.StringIO()), warnings.catch_warnings():  # it prints what it read of the drone
+        with (
+            contextlib.redirect_stdout(io.StringIO()),
+            warnings.catch_warnings(),
+        ):  # it prints what it read of the drone
             warnings.simplefilter("ignore")  # and says that its spaces are of single precision
             self._env = environment(
                 initial_xyzs=np.array([[0.0, y, height]]), pyb_freq=HZ, ctrl_freq=HZ, user_debug_gui=False

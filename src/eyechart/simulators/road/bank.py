@@ -1,39 +1,44 @@
 """Five families, some seeds and some steps become a bank on disk."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 from eyechart.actions import DRIVING
 from eyechart.frames import BankManifest, FrameBank, Gap
-from eyechart.perception.forward import ROVER
+from eyechart.perception.forward import View
 from eyechart.simulators.banks import Asked, versions_of, write_bank
-from eyechart.simulators.rover.layout import FAMILIES
-from eyechart.simulators.rover.picture import PICTURE, SCENERY
-from eyechart.simulators.rover.staging import stage
-
-GAP = Gap(column="lead_gap_m", threshold=ROVER.distances.close_m, unit="m")
-"""Near below 8 m, from the rover's middle to the obstacle's near side; the highway's 18 m are 4 seconds for a rover."""
+from eyechart.simulators.road.layout import FAMILIES
+from eyechart.simulators.road.picture import SCENERY
+from eyechart.simulators.road.staging import Vehicle, stage
 
 
 def build_bank(
     out: Path,
+    vehicle: Vehicle,
+    view: View,
     *,
+    picture: str,
     presets: Sequence[str],
     preset: str,
     seeds: Sequence[int],
     steps: int,
     progress: Callable[[int, int], None] | None,
 ) -> FrameBank:
-    """Write a bank; see ``Rover.build``."""
-    asked = Asked("rover", preset, tuple(int(seed) for seed in seeds), steps)
+    """Write a bank of a vehicle's staged moments.
+
+    Near is below the view's ``close_m``, from the vehicle's middle to the obstacle's near side: the highway's 18 m are
+    four seconds and more for a slow vehicle.
+    """
+    asked = Asked(vehicle.name, preset, tuple(int(seed) for seed in seeds), steps)
     asked.check(dict.fromkeys(presets))
-    distances = ROVER.distances
+    distances = view.distances
     manifest = BankManifest(
-        simulator="rover",
+        simulator=vehicle.name,
         preset=preset,
-        picture=PICTURE,
+        picture=picture,
         action_space=DRIVING,
-        gap=GAP,
+        gap=Gap(column="lead_gap_m", threshold=distances.close_m, unit="m"),
         settings={
             **asked.settings({family: {"beside": SCENERY[family]} for family in FAMILIES}),
             "stop_m": distances.stop_m,
@@ -43,5 +48,12 @@ def build_bank(
         },
         versions=versions_of(("numpy",)),
     )
-    scenarios = list(FAMILIES)
-    return write_bank(out, manifest, asked, scenarios=scenarios, moments=stage, axis="horizontal", progress=progress)
+    return write_bank(
+        out,
+        manifest,
+        asked,
+        scenarios=list(FAMILIES),
+        moments=partial(stage, vehicle),
+        axis="horizontal",
+        progress=progress,
+    )
