@@ -16,7 +16,8 @@ import numpy as np
 
 from eyechart.errors import SpecError
 from eyechart.frames import RGB
-from eyechart.simulators.camera import Colour, Cylinder, Lens, Road
+from eyechart.perception.forward import Colour
+from eyechart.simulators.camera import Cylinder, Lens, Road
 from eyechart.simulators.drone.flight import MOST_SPEED_MPS, Command
 
 HZ = 240

@@ -1,4 +1,4 @@
-"""Obstacles on a road of three tracks, for any vehicle with a forward camera: layouts, pictures, truth, staged banks."""
+"""Obstacles on a road of three tracks, for any vehicle with a forward camera: layouts, pictures, truth and banks."""
 
 from eyechart.simulators.road.bank import build_bank
 from eyechart.simulators.road.drive import RoadDrive

@@ -1,12 +1,12 @@
 """Five families, some seeds and some steps become a bank on disk."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 from eyechart.actions import DRIVING
 from eyechart.frames import BankManifest, FrameBank, Gap
-from eyechart.perception.forward import View
+from eyechart.perception.forward import VIEWS
 from eyechart.simulators.banks import Asked, versions_of, write_bank
 from eyechart.simulators.road.layout import FAMILIES
 from eyechart.simulators.road.picture import SCENERY
@@ -16,13 +16,9 @@ from eyechart.simulators.road.staging import Vehicle, stage
 def build_bank(
     out: Path,
     vehicle: Vehicle,
-    view: View,
+    asked: Asked,
     *,
     picture: str,
-    presets: Sequence[str],
-    preset: str,
-    seeds: Sequence[int],
-    steps: int,
     progress: Callable[[int, int], None] | None,
 ) -> FrameBank:
     """Write a bank of a vehicle's staged moments.
@@ -30,12 +26,10 @@ def build_bank(
     Near is below the view's ``close_m``, from the vehicle's middle to the obstacle's near side: the highway's 18 m are
     four seconds and more for a slow vehicle.
     """
-    asked = Asked(vehicle.name, preset, tuple(int(seed) for seed in seeds), steps)
-    asked.check(dict.fromkeys(presets))
-    distances = view.distances
+    distances = VIEWS[vehicle.view].distances
     manifest = BankManifest(
-        simulator=vehicle.name,
-        preset=preset,
+        simulator=asked.simulator,
+        preset=asked.preset,
         picture=picture,
         action_space=DRIVING,
         gap=Gap(column="lead_gap_m", threshold=distances.close_m, unit="m"),

@@ -1,6 +1,7 @@
 """A vehicle's drive: a layout, a decision a second, until the goal, a crash or the end of the time."""
 
 from collections.abc import Callable, Collection, Mapping
+from typing import Generic, TypeVar
 
 from eyechart.frames import RGB, Scalar
 from eyechart.simulators import Moved
@@ -10,24 +11,23 @@ from eyechart.simulators.road.world import DECISION_S, AnyWorld
 
 CRASH_REWARD = -10.0
 
-Decide = Callable[[AnyWorld, str], AnyWorld]
-"""From a world and an action to the world one decision later."""
+W = TypeVar("W", bound=AnyWorld)
 
 
-class RoadDrive:
+class RoadDrive(Generic[W]):
     """A world under way.
 
     The reward of a decision is the way made along the road over the way at ``top_mps``, and -10 for a crash.
     """
 
-    def __init__(self, world: AnyWorld, decide: Decide, *, actions: Collection[str], top_mps: float) -> None:
+    def __init__(self, world: W, decide: Callable[[W, str], W], *, actions: Collection[str], top_mps: float) -> None:
         self._world = world
         self._decide = decide
         self._actions = actions
         self._top_mps = top_mps
 
     @property
-    def world(self) -> AnyWorld:
+    def world(self) -> W:
         """Return the world as it stands."""
         return self._world
 

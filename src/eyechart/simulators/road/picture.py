@@ -3,7 +3,7 @@
 from functools import cache
 
 from eyechart.frames import RGB
-from eyechart.perception.forward import ROVER, Colour, View
+from eyechart.perception.forward import ROVER, VIEWS, Colour, View
 from eyechart.simulators.camera import Camera, Cylinder, Eye, Lens, Road
 from eyechart.simulators.road.layout import FAMILIES, Layout
 from eyechart.simulators.road.world import AnyWorld
@@ -20,7 +20,7 @@ def draw(world: AnyWorld, *, red: bool = False) -> RGB:
     state, view = world.state, world.view
     hood = view.bodies["red" if red or world.crashed else "green"]
     eye = Eye(state.x, state.y, view.eye_m, state.yaw)
-    return _camera(world.layout.family, type(world)).draw(eye, cylinders(world.layout), hood=hood)
+    return _camera(world.layout.family, world.vehicle).draw(eye, cylinders(world.layout), hood=hood)
 
 
 def cylinders(layout: Layout) -> list[Cylinder]:
@@ -48,5 +48,6 @@ def road_of(family: str, view: View) -> Road:
 
 
 @cache
-def _camera(family: str, vehicle: type[AnyWorld]) -> Camera:
-    return Camera(lens_of(vehicle.view), road_of(family, vehicle.view))
+def _camera(family: str, vehicle: str) -> Camera:
+    view = VIEWS[vehicle]
+    return Camera(lens_of(view), road_of(family, view))

@@ -46,10 +46,10 @@ class Vehicle:
     """What staging has to know of a vehicle.
 
     ``place(layout, pose, speed, track)`` puts it into a layout, at a pose (x, y, yaw). It may be turned by ``most_yaw``
-    rad to either side, and be as fast as ``most_mps``.
+    rad to either side, and be as fast as ``most_mps``. ``view`` names its view, and with it the seeds of its moments.
     """
 
-    name: str
+    view: str
     place: Callable[[Layout, tuple[float, float, float], float, int], AnyWorld]
     most_yaw: float
     most_mps: float
@@ -57,7 +57,7 @@ class Vehicle:
 
 def stage(vehicle: Vehicle, scenario: str, seed: int, steps: int) -> Iterator[Moment]:
     """Yield the moments of one episode."""
-    rng = np.random.default_rng(key_seed(vehicle.name, "balanced", scenario, seed))
+    rng = np.random.default_rng(key_seed(vehicle.view, "balanced", scenario, seed))
     for wish in make_plan(_LANES, GAPS, steps, rng):
         yield record(_set_up(vehicle, scenario, wish, rng), rng)
 

@@ -9,7 +9,7 @@ from eyechart.simulators.road.world import AnyWorld
 
 
 def gap_to(world: AnyWorld, obstacle: Obstacle) -> float:
-    """Return how far ahead an obstacle's near side is, in metres along the road from the vehicle's middle, 0 or more."""
+    """Return how far ahead of the vehicle's middle an obstacle's near side is, in metres along the road, 0 or more."""
     return max(obstacle.x - obstacle.radius - world.state.x, 0.0)
 
 

@@ -1,10 +1,10 @@
-"""A world under way: a vehicle among a layout's obstacles on the way to a goal, and the track it was asked to follow."""
+"""A world under way: a vehicle among a layout's obstacles, the track it was asked to follow, and how a drive ends."""
 
 import struct
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
+from typing import ClassVar, Generic, Protocol, Self, TypeVar
 
-from eyechart.perception.forward import View
+from eyechart.perception.forward import VIEWS, View
 from eyechart.simulators.road.layout import GOAL_M, TRACKS_M, Layout
 
 DECISION_S = 1.0
@@ -44,23 +44,28 @@ class State(Protocol):
         ...
 
 
-S = TypeVar("S", bound=State)
+S_co = TypeVar("S_co", bound=State, covariant=True)
 
 
 @dataclass(frozen=True)
-class World(Generic[S]):
+class World(Generic[S_co]):
     """A vehicle's state in a layout, the track it was last asked to follow, and how many seconds have passed.
 
-    ``view`` is what is known of the vehicle's camera, and with it of the vehicle.
+    ``vehicle`` names the view of the vehicle's camera.
     """
 
-    view: ClassVar[View]
+    vehicle: ClassVar[str]
 
     layout: Layout
-    state: S
+    state: S_co
     track: int = MIDDLE
     seconds: float = 0.0
     crashed: bool = False
+
+    @property
+    def view(self) -> View:
+        """Return what is known of the vehicle's camera, and with it of the vehicle."""
+        return VIEWS[self.vehicle]
 
     @property
     def ended(self) -> str | None:
@@ -88,5 +93,5 @@ class World(Generic[S]):
         return struct.pack(f"<{len(numbers)}d", *(number + 0.0 for number in numbers))
 
 
-AnyWorld = World[Any]
+AnyWorld = World[State]
 """The world of any vehicle."""

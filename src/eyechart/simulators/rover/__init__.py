@@ -6,7 +6,7 @@ from pathlib import Path
 from eyechart.actions import DRIVING, ActionSpace
 from eyechart.frames import FrameBank, MirrorAxis
 from eyechart.perception.forward import ROVER
-from eyechart.simulators.banks import versions_of
+from eyechart.simulators.banks import Asked, versions_of
 from eyechart.simulators.road import FAMILIES, Layout, Vehicle, build_bank
 from eyechart.simulators.rover.bicycle import State
 from eyechart.simulators.rover.drive import RoverDrive
@@ -58,17 +58,9 @@ class Rover:
         ``progress`` gets the number of frames written and their total. Raises SpecError for an unknown preset,
         seeds that are negative, doubled or missing, and too few steps; BankError where ``out`` is taken.
         """
-        return build_bank(
-            out,
-            STAGED,
-            ROVER,
-            picture=PICTURE,
-            presets=list(self.presets),
-            preset=preset,
-            seeds=seeds,
-            steps=steps,
-            progress=progress,
-        )
+        asked = Asked(self.name, preset, tuple(int(seed) for seed in seeds), steps)
+        asked.check(self.presets)
+        return build_bank(out, STAGED, asked, picture=self.picture, progress=progress)
 
     def drive(self, scenario: str, seed: int, *, mirrored: bool = False) -> RoverDrive:
         """Open a world at its beginning, or its mirror image; raises SpecError for an unknown scenario or seed."""

@@ -3,10 +3,10 @@
 from eyechart.simulators.banks import check_seed
 from eyechart.simulators.road import RoadDrive, make_layout
 from eyechart.simulators.rover.tracking import INTENTS
-from eyechart.simulators.rover.world import decide, start
+from eyechart.simulators.rover.world import World, decide, start
 
 
-class RoverDrive(RoadDrive):
+class RoverDrive(RoadDrive[World]):
     """One of the rover's worlds under way; ``mirrored`` exchanges left and right in all of it.
 
     Raises SpecError for an unknown scenario or a seed out of range.

@@ -5,10 +5,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from eyechart.perception.forward import ROVER, View
 from eyechart.simulators import road
 from eyechart.simulators.road import DECISION_S, GOAL_M, ROAD_HALF_M, Layout, Obstacle
-
 from eyechart.simulators.rover.bicycle import RADIUS_M, State, advance
 from eyechart.simulators.rover.tracking import INNER_S, INTENTS, Intent, control, next_track
 
@@ -22,7 +20,7 @@ Law = Callable[[State, Intent, int], tuple[float, float]]
 class World(road.World[State]):
     """A rover under way."""
 
-    view: ClassVar[View] = ROVER
+    vehicle: ClassVar[str] = "rover"
 
 
 def start(layout: Layout) -> World:
