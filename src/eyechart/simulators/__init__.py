@@ -89,6 +89,8 @@ class Simulator(Protocol):
 SIMULATORS: dict[str, str] = {
     "highway": "eyechart.simulators.highway:Highway",
     "rover": "eyechart.simulators.rover:Rover",
+    "drone": "eyechart.simulators.drone:Drone",
+    "drone-pybullet": "eyechart.simulators.drone:PybulletDrone",
 }
 """What a simulator's name means: ``module:class``, imported when it is opened."""
 

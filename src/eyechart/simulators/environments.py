@@ -15,6 +15,7 @@ from eyechart.simulators import Drive, open_simulator
 
 ENVIRONMENTS: Mapping[str, str] = {
     "eyechart/Rover-v0": "rover",
+    "eyechart/Drone-v0": "drone",
 }
 """The simulator behind each id."""
 
@@ -29,8 +30,8 @@ class DriveEnvironment(gymnasium.Env[RGB, np.int64]):
     ground truth of the moment, the world's ``scenario`` and ``seed``, and after a step ``distance_m`` and ``ended``. A
     crash and the goal terminate an episode; the end of its time truncates it.
 
-    ``scenario`` fixes the scenario, else each episode draws one. ``reset(options={"scenario": …, "seed": …})`` opens the
-    very world of these names, as ``eyechart run closed-loop`` drives it.
+    ``scenario`` fixes the scenario, else each episode draws one. ``reset(options={"scenario": …, "seed": …})`` opens
+    the very world of these names, as ``eyechart run closed-loop`` drives it.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": _FPS}  # noqa: RUF012 - Gymnasium's own convention

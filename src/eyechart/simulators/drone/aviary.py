@@ -18,7 +18,7 @@ from eyechart.errors import SpecError
 from eyechart.frames import RGB
 from eyechart.perception.forward import Colour
 from eyechart.simulators.camera import Cylinder, Lens, Road
-from eyechart.simulators.drone.flight import MOST_SPEED_MPS, Command
+from eyechart.simulators.drone.flight import MOST_SPEED_MPS, Velocity
 
 HZ = 240
 """PyBullet's and the controller's steps a second."""
@@ -60,11 +60,11 @@ class Aviary:
         return float(self._env.pos[0, 0]), float(self._env.pos[0, 1])
 
     @property
-    def velocity(self) -> Command:
+    def velocity(self) -> Velocity:
         """Return how fast it flies."""
-        return Command(float(self._env.vel[0, 0]), float(self._env.vel[0, 1]))
+        return Velocity(float(self._env.vel[0, 0]), float(self._env.vel[0, 1]))
 
-    def fly(self, command: Command) -> None:
+    def fly(self, command: Velocity) -> None:
         """Fly by a command for one step, and hold the height."""
         climb = float(np.clip(_CLIMB_GAIN * (self._height - self._env.pos[0, 2]), -_CLIMB_MPS, _CLIMB_MPS))
         wanted = np.array([command.ahead, command.left, climb])

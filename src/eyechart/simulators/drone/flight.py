@@ -5,47 +5,70 @@ degrees, and its position loop asks for 2 m/s a metre (Bitcraze, crazyflie-firmw
 ``src/platform/interface/platform_defaults_cf2.h``: ``PID_VEL_X_KP``, ``PID_VEL_PITCH_MAX``, ``PID_POS_X_KP``). At these
 small angles a tilt is an acceleration, g times its tangent, so velocity answers as a first-order lag of 0.23 s whose
 acceleration is at most 3.6 m/s². Its greatest speed is 30 km/h (gym-pybullet-drones, ``assets/cf2x.urdf``:
-``max_speed_kmh``); cruise stays below half of it.
+``max_speed_kmh``); cruise stays below half of it. The firmware's position loop asks for no more than 1 m/s unless told
+otherwise (``PID_POS_VEL_X_MAX``); these are velocities asked for, which that does not bound.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-GRAVITY = 9.81
+from eyechart.simulators.road import TRACKS_M
+
 MOST_SPEED_MPS = 30 / 3.6
-MOST_TILT_RAD = math.radians(20.0)
-MOST_ACCELERATION = GRAVITY * math.tan(MOST_TILT_RAD)
+GRAVITY = 9.81
+MOST_ACCELERATION_MPS2 = GRAVITY * math.tan(math.radians(20.0))
 LAG_S = 1 / (GRAVITY * math.radians(25.0))
 POSITION_GAIN = 2.0
-
-CRUISE_MPS = 4.0
-SLOW_MPS = 2.0
-SIDEWAYS_MPS = 2.0
-"""What STRAIGHT and SLOW ask for, and the most that a change of lane may take."""
+MOST_ASIDE_MPS = 2.0
+"""How fast a change of tracks may be."""
 
 BODY_RADIUS_M = 0.07
-"""From the middle of a Crazyflie to the tip of a propeller: 46 mm arm and 23 mm blade."""
+"""From the middle of a Crazyflie to the tip of a propeller: an arm of 46 mm (``ARM_LENGTH``) and a blade of 23 mm."""
 
 
 @dataclass(frozen=True, slots=True)
 class Intent:
-    """What the drone is about: how fast to fly forwards, in m/s, and on which line, in metres to the left."""
+    """What an action means: a speed along the road in m/s, and how many tracks to the left."""
 
-    speed_mps: float
-    line_m: float
+    speed: float
+    tracks: int = 0
+
+
+INTENTS: Mapping[str, Intent] = {
+    "STOP": Intent(0.0),
+    "SLOW": Intent(2.5),
+    "STRAIGHT": Intent(4.0),
+    "LEFT": Intent(4.0, tracks=1),
+    "RIGHT": Intent(4.0, tracks=-1),
+}
+
+
+def next_track(track: int, intent: Intent) -> int:
+    """Return the number of the track that is asked for after an action, as far as there is one."""
+    return min(max(track + intent.tracks, 0), len(TRACKS_M) - 1)
 
 
 @dataclass(frozen=True, slots=True)
-class Command:
-    """A velocity to be flown, in m/s: forwards and to the left."""
+class Velocity:
+    """A velocity in m/s, along the road and to the left."""
 
     ahead: float = 0.0
     left: float = 0.0
 
-    def after(self, intent: Intent, y: float, seconds: float) -> "Command":
-        """Return the command so many seconds later for a drone at ``y`` metres to the left of the middle."""
-        sideways = max(-SIDEWAYS_MPS, min(SIDEWAYS_MPS, POSITION_GAIN * (intent.line_m - y)))
-        ahead, left = (intent.speed_mps - self.ahead) / LAG_S, (sideways - self.left) / LAG_S
+    @property
+    def speed(self) -> float:
+        """Return its size."""
+        return math.hypot(self.ahead, self.left)
+
+    def mirrored(self) -> "Velocity":
+        """Return the velocity in the mirrored world."""
+        return replace(self, left=-self.left)
+
+    def after(self, intent: Intent, to_left: float, seconds: float) -> "Velocity":
+        """Return the velocity to command so many seconds later, for an intent whose track lies ``to_left`` m aside."""
+        sideways = min(max(POSITION_GAIN * to_left, -MOST_ASIDE_MPS), MOST_ASIDE_MPS)
+        ahead, left = (intent.speed - self.ahead) / LAG_S, (sideways - self.left) / LAG_S
         size = math.hypot(ahead, left)
-        share = 1.0 if size <= MOST_ACCELERATION else MOST_ACCELERATION / size
-        return replace(self, ahead=self.ahead + share * ahead * seconds, left=self.left + share * left * seconds)
+        share = 1.0 if size <= MOST_ACCELERATION_MPS2 else MOST_ACCELERATION_MPS2 / size
+        return Velocity(self.ahead + share * ahead * seconds, self.left + share * left * seconds)
