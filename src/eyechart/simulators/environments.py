@@ -29,8 +29,8 @@ class DriveEnvironment(gymnasium.Env[RGB, np.int64]):
     ground truth of the moment, the world's ``scenario`` and ``seed``, and after a step ``distance_m`` and ``ended``. A
     crash and the goal terminate an episode; the end of its time truncates it.
 
-    ``scenario`` fixes the scenario, else each episode draws one. ``reset(options={"scenario": …, "seed": …})`` opens the
-    very world of these names, as ``eyechart run closed-loop`` drives it.
+    ``scenario`` fixes the scenario, else each episode draws one. ``reset(options={"scenario": …, "seed": …})`` opens
+    the very world of these names, as ``eyechart run closed-loop`` drives it.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": _FPS}  # noqa: RUF012 - Gymnasium's own convention

@@ -26,7 +26,7 @@ def camera_of(family: str) -> Camera:
     lens = Lens(ROVER.width, ROVER.height, ROVER.focal_px, ROVER.horizon)
     road = Road(
         half_width=ROVER.half_width_m,
-        dashed=(ROVER.dashed_m,),
+        dashed=ROVER.dashed_m,
         mark=ROVER.mark_m,
         dash=ROVER.dash_m,
         period=ROVER.period_m,
