@@ -37,7 +37,7 @@ def road_of(family: str, view: View) -> Road:
     """Return the road of a family as a view has it."""
     return Road(
         half_width=view.half_width_m,
-        dashed=(view.dashed_m,),
+        dashed=view.dashed_m,
         mark=view.mark_m,
         dash=view.dash_m,
         period=view.period_m,
