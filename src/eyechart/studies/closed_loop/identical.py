@@ -212,9 +212,13 @@ def _repeats(group: Sequence[Drives], same: Sequence[str]) -> str:
 
 def _scripted(group: Sequence[Drives], same: Sequence[str]) -> str:
     del same
-    scripted = " and ".join(one.driver.label for one in group if not one.asked)
+    scripted = [one.driver.label for one in group if not one.asked]
+    if len(scripted) == len(group):
+        return (
+            "none of them asks a model: in these worlds their rules come to the same."
+        )
     return (
-        f"the decisions are those of {scripted}, which asks no model: the same rule, and no cache could be behind it."
+        f"the decisions are those of {' and '.join(scripted)}, without a model: one rule, no cache."
     )
 
 
