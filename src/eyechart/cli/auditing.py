@@ -15,7 +15,7 @@ _Against = Annotated[
     str | None, typer.Option(help="The policy that the others are held against; default: the best constant.")
 ]
 
-DOCS = "docs/closed-loop.md, 'The ladder beside the paper's'"
+DOCS = "docs/reading-drives.md, 'The ladder beside the paper's'"
 """Where it is explained what differs from the paper, and why."""
 
 

@@ -130,9 +130,10 @@ def _require_worlds(world: Simulator, scenarios: Sequence[str], seeds: Sequence[
 def _modes(specs: Sequence[str | RequestMode]) -> dict[str, RequestMode]:
     modes = {}
     for one in specs:
-        mode = one if isinstance(one, RequestMode) else None if is_policy(one) else RequestMode(one)
-        if mode is not None:
-            modes[mode.spec] = mode
+        if isinstance(one, RequestMode):
+            modes[one.spec] = one
+        elif ":" in one and not is_policy(one):
+            modes[one] = RequestMode(one)
     return modes
 
 

@@ -69,8 +69,14 @@ def ray_host(setup: Setup) -> Callable[[], Host]:
     except ImportError as error:
         raise SpecError("--engine ray needs Ray: pip install 'eyechart[ray]'") from error
     if not ray.is_initialized():
+        address = os.environ.get("RAY_ADDRESS")
         try:
-            ray.init(address=os.environ.get("RAY_ADDRESS"), log_to_driver=False, logging_level=logging.ERROR)
+            if address:
+                ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
+            else:  # one that nobody else can reach, and that reports to nobody
+                os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+                here = {"_node_ip_address": "127.0.0.1", "include_dashboard": False}
+                ray.init(log_to_driver=False, logging_level=logging.ERROR, **here)
         except (ConnectionError, ValueError, RuntimeError) as error:
             raise SpecError(f"no Ray cluster answers: {error}") from error
 
