@@ -476,7 +476,7 @@ def test_an_unknown_simulator_is_refused_with_the_known_ones() -> None:
     """The error lists what could have been meant."""
     with pytest.raises(SpecError) as error:
         open_simulator("motorway")
-    assert str(error.value) == f"unknown simulator 'motorway'; known: {', '.join(SIMULATORS)}"
+    assert str(error.value) == f"unknown simulator 'motorway'; known: {', '.join(SIMULATORS)}, gym:ENV_ID"
 
 
 def test_asking_for_presets_does_not_import_highway_env() -> None:

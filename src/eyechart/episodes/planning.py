@@ -10,6 +10,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from eyechart.actions import DRIVING
 from eyechart.costs import Estimate, estimate
 from eyechart.episodes.hosts import Host, LocalHost
 from eyechart.episodes.manifest import EpisodesManifest, is_episodes_run, read_manifest, write_manifest
@@ -27,7 +28,7 @@ from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
 from eyechart.policies import is_policy, open_policy
 from eyechart.policies.baselines import Marginal
-from eyechart.prompts import PROMPTS, Prompt, find_prompt, neutral
+from eyechart.prompts import Prompt, find_prompt, neutral
 from eyechart.simulators import Simulator, open_simulator
 
 ENGINES = ("local", "ray")
@@ -129,9 +130,10 @@ def _require_worlds(world: Simulator, scenarios: Sequence[str], seeds: Sequence[
 def _modes(specs: Sequence[str | RequestMode]) -> dict[str, RequestMode]:
     modes = {}
     for one in specs:
-        mode = one if isinstance(one, RequestMode) else None if is_policy(one) else RequestMode(one)
-        if mode is not None:
-            modes[mode.spec] = mode
+        if isinstance(one, RequestMode):
+            modes[one.spec] = one
+        elif ":" in one and not is_policy(one):
+            modes[one] = RequestMode(one)
     return modes
 
 
@@ -140,9 +142,10 @@ def _version(policy: object) -> str:
 
 
 def _prompt_for(world: Simulator, name: str | None) -> Prompt:
-    if name is None:
-        return PROMPTS["baseline"] if world.name == "highway" else neutral(world.picture, world.action_space)
-    prompt = find_prompt(name)
+    """Return the prompt of this name, or the baseline; a plain one where a world has other actions than the paper."""
+    if name is None and world.action_space != DRIVING:
+        return neutral(world.picture, world.action_space)
+    prompt = find_prompt(name or "baseline", world.mirror_axis)
     if prompt.fields:
         raise SpecError(f"prompt '{name}' says {', '.join(prompt.fields)} of a frame, and a drive has no such columns")
     said = " ".join(prompt.render({}, world.action_space)).upper()

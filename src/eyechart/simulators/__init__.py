@@ -93,6 +93,8 @@ SIMULATORS: dict[str, str] = {
     "rover-mpc": "eyechart.simulators.rover.hierarchy:RoverMpc",
     "rover-mpc-unaware": "eyechart.simulators.rover.hierarchy:RoverMpcUnaware",
     "rover-mpc-lateral": "eyechart.simulators.rover.hierarchy:RoverMpcLateral",
+    "drone": "eyechart.simulators.drone:Drone",
+    "drone-pybullet": "eyechart.simulators.drone:PybulletDrone",
 }
 """What a simulator's name means: ``module:class``, imported when it is opened."""
 
@@ -111,8 +113,7 @@ def open_simulator(name: str, *, actions: Path | None = None) -> Simulator:
     if colon and kind in KINDS:
         return _import(KINDS[kind])(rest, actions)
     if name not in SIMULATORS:
-        kinds = "".join(f", {kind}:NAME" for kind in KINDS)
-        raise SpecError(f"unknown simulator '{name}'; known: {', '.join(SIMULATORS)}{kinds}")
+        raise SpecError(f"unknown simulator '{name}'; known: {', '.join(SIMULATORS)}, gym:ENV_ID")
     if actions is not None:
         raise SpecError(f"simulator '{name}' has actions of its own; an action map is for gym:ENV_ID")
     return _import(SIMULATORS[name])()

@@ -288,7 +288,10 @@ def _read_phase(
     plain = (view.surface + 255) / 2
     middle = plain + haze_share(depth) * (HAZE[0] - plain)
     ahead, aside = pose.cos - view.aside * pose.sin, pose.sin + view.aside * pose.cos
-    on_line = np.abs(np.abs(pose.y + depth * aside) - view.dashed_m) < view.mark_m
+    from_middle = np.abs(pose.y + depth * aside)
+    on_line = np.zeros(from_middle.shape, np.bool_)
+    for offset in view.dashed_m:
+        on_line |= np.abs(from_middle - offset) < view.mark_m
     open_road = (chroma[rows] <= _GREY) & (rows[:, None] > points.row)
     white = on_line & open_road & (ground[rows, :, 0] > middle)
     if np.count_nonzero(white) < _LEAST_MARK_PX:

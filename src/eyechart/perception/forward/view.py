@@ -4,7 +4,7 @@ The worlds that draw such pictures take these numbers from here, so that picture
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -35,7 +35,7 @@ class View:
     ``tracks_m`` are the places across the road, from the right to the left, that a vehicle of ``radius_m`` with
     ``margin_m`` of room may follow. ``preview_m`` ahead is where a vehicle under way to a track is looked for.
     ``verges`` maps a scenery to the colour beside the road, ``bodies`` a name to the own vehicle's colour; ``zenith``
-    is the sky's in the first row, ``surface`` the road's grey.
+    is the sky's in the first row, ``surface`` the road's grey, ``dashed_m`` how far from the middle lines are dashed.
     """
 
     width: int
@@ -45,7 +45,7 @@ class View:
     eye_m: float
     half_width_m: float
     mark_m: float
-    dashed_m: float
+    dashed_m: tuple[float, ...]
     dash_m: float
     period_m: float
     tracks_m: tuple[float, ...]
@@ -105,9 +105,9 @@ ROVER = View(
     eye_m=1.2,
     half_width_m=4.5,
     mark_m=0.14,
-    dashed_m=1.0,
-    dash_m=2.0,
-    period_m=5.0,
+    dashed_m=(1.0, 3.0),
+    dash_m=1.5,
+    period_m=4.0,
     tracks_m=(-2.0, 0.0, 2.0),
     radius_m=0.5,
     margin_m=0.25,
@@ -132,7 +132,23 @@ one, ``free_m`` for a decision, a change of track and a stop.
 """
 
 
-VIEWS: dict[str, View] = {"rover": ROVER}
+DRONE = replace(
+    ROVER,
+    height=180,
+    horizon=64,
+    eye_m=1.5,
+    radius_m=0.07,
+    margin_m=0.68,
+    preview_m=0.0,
+    distances=Distances(stop_m=5.0, close_m=8.0, free_m=15.0, behind_m=0.32, ahead_m=15.0),
+)
+"""The drone's camera, level on a gimbal, 1.5 m above the same road; its pictures are lower than the rover's.
+
+At 4 m/s it stops within 3.2 m, and keeps the rover's distances and corridors; its body is smaller.
+"""
+
+
+VIEWS: dict[str, View] = {"rover": ROVER, "drone": DRONE}
 """The forward pictures that can be read, by their simulator."""
 
 

@@ -16,14 +16,11 @@ from eyechart.errors import SpecError
 from eyechart.frames import FrameBank, Scalar
 from eyechart.mpc import STEP_S, Bicycle, Mpc, Plan, Road, State, Target
 from eyechart.simulators import Moved
-from eyechart.simulators.banks import versions_of
-from eyechart.simulators.rover import bicycle
-from eyechart.simulators.rover.drive import RoverDrive
-from eyechart.simulators.rover.layout import ROAD_HALF_M, TRACKS_M, Layout
-from eyechart.simulators.rover.rover import Rover
+from eyechart.simulators.banks import check_seed, versions_of
+from eyechart.simulators.road import ROAD_HALF_M, TRACKS_M, Layout, RoadDrive, free_tracks, make_layout
+from eyechart.simulators.rover import Rover, bicycle
 from eyechart.simulators.rover.tracking import INNER_S, INTENTS, Intent
-from eyechart.simulators.rover.truth import free_tracks
-from eyechart.simulators.rover.world import World, decide
+from eyechart.simulators.rover.world import World, decide, start
 
 MARGIN_M = 0.25
 """How far the controller keeps the rover's disc from an obstacle and from the road's edge."""
@@ -70,11 +67,14 @@ class Law:
         return self.plans[-1].accel_mps2, self.plans[-1].steer_rad
 
 
-class MpcDrive(RoverDrive):
-    """A rover's world in which the controller drives and decisions are intents."""
+class MpcDrive(RoadDrive[World]):
+    """A rover's world in which the controller drives and decisions are intents; ``plans`` are the last decision's."""
 
     def __init__(self, scenario: str, seed: int, arm: Arm, *, mirrored: bool = False) -> None:
-        super().__init__(scenario, seed, mirrored=mirrored)
+        check_seed(seed)
+        layout = make_layout("rover", scenario, seed)
+        world = start(layout.mirrored() if mirrored else layout)
+        super().__init__(world, self._plan, actions=INTENTS, top_mps=CRUISE_MPS)
         self._arm = arm
         self.plans: tuple[Plan, ...] = ()
 
@@ -87,11 +87,10 @@ class MpcDrive(RoverDrive):
         """Drive on for a second; ``facts`` of the move say how many plans the solver failed at, and its last code."""
         moved = super().step(action)
         failed = sum(not plan.solved for plan in self.plans)
-        return replace(
-            moved, facts={"plans": len(self.plans), "solver_failures": failed, "solver_flag": self.plans[-1].flag}
-        )
+        told = {"plans": len(self.plans), "solver_failures": failed, "solver_flag": self.plans[-1].flag}
+        return replace(moved, facts=told)
 
-    def _decide(self, world: World, action: str) -> World:
+    def _plan(self, world: World, action: str) -> World:
         law = Law(self._arm, world.layout)
         after = decide(world, action, law)
         self.plans = tuple(law.plans)

@@ -55,16 +55,21 @@ class Layout:
         """Return the mirrored world."""
         return replace(self, obstacles=tuple(one.mirrored() for one in self.obstacles))
 
+    def raised(self, times: float) -> "Layout":
+        """Return the layout with obstacles so many times as high."""
+        return replace(self, obstacles=tuple(replace(one, height=times * one.height) for one in self.obstacles))
+
 
 _Rng = np.random.Generator
 
 
-def make_layout(family: str, seed: int) -> Layout:
-    """Return the world of a family and a seed; raises SpecError for an unknown family."""
+def make_layout(simulator: str, family: str, seed: int) -> Layout:
+    """Return what stands on the road of a simulator, a family and a seed; raises SpecError for an unknown family."""
     if family not in FAMILIES:
-        raise SpecError(f"simulator 'rover' has no scenario '{family}'; known: {', '.join(FAMILIES)}")
+        raise SpecError(f"simulator '{simulator}' has no scenario '{family}'; known: {', '.join(FAMILIES)}")
     rng = np.random.default_rng(key_seed("rover", "layout", family, seed))
     obstacles = _MAKERS[family](rng)
+    rng = np.random.default_rng(key_seed("rover", "wall", family, seed))
     if rng.uniform() >= WALL_SHARE:
         return Layout(family, tuple(obstacles))
     x = float(rng.uniform(WALL_FROM_M, WALL_TO_M))
@@ -85,15 +90,20 @@ def _single(rng: _Rng) -> list[Obstacle]:
 
 
 def _offset(rng: _Rng) -> list[Obstacle]:
+    side = int(rng.choice([-1, 1]))
     return [
-        new_obstacle(x + float(rng.uniform(-2, 2)), float(rng.choice([-1, 1]) * rng.uniform(0.75, 1.0)), rng)
+        new_obstacle(x + float(rng.uniform(-2, 2)), side * float(rng.uniform(0.75, 1.0)), rng)
         for x in (22.0, 46.0, 70.0)
     ]
 
 
 def _slalom(rng: _Rng) -> list[Obstacle]:
-    side = int(rng.choice([-1, 1]))
-    return [new_obstacle(18.0 + 16.0 * n, side * (-1) ** n * float(rng.uniform(0.9, 1.1)), rng) for n in range(5)]
+    first, outer = int(rng.integers(2)), (TRACKS_M[-1], TRACKS_M[0])
+    return [
+        new_obstacle(18.0 + 17.0 * number, across + float(rng.uniform(-0.25, 0.25)), rng)
+        for number in range(5)
+        for across in ((0.0,) if (number + first) % 2 else outer)
+    ]
 
 
 def _gate(rng: _Rng) -> list[Obstacle]:
@@ -117,13 +127,13 @@ def _stations(rng: _Rng, *, first: float, apart: float, blocked: tuple[int, int]
 
 
 FAMILIES: Mapping[str, str] = {
-    "offset": "Three obstacles a little beside the middle, each of which leaves one side.",
+    "offset": "Three obstacles beside the middle, all to the left or all to the right of it: one side stays open.",
     "single": "One obstacle in the middle of the road, which leaves both sides.",
-    "slalom": "Five obstacles in turn left and right of the middle, 16 m apart.",
+    "slalom": "In turn one obstacle in the middle and a pair left and right of it, 17 m apart.",
     "gate": "Four pairs of obstacles, which leave one track in three.",
     "clutter": "Obstacles on up to two of three tracks every 9.5 m.",
 }
-"""The scenarios of the rover's drives and banks, in words."""
+"""The scenarios of drives and banks, in words."""
 
 _MAKERS: Mapping[str, Callable[[_Rng], list[Obstacle]]] = {
     "offset": _offset,
