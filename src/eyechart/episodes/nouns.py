@@ -46,7 +46,8 @@ class Step:
 
     ``truth`` is of the moment before the decision, ``reward``, ``speed_mps``, ``distance_m`` and ``crashed`` of the one
     after it. ``executed_action`` is the decision's or, where there is none, the fail-safe, which is never credited
-    to the policy. ``facts`` is what else the simulator says of the move. A model's Reply stands in the ledger under ``EpisodeKey.call``.
+    to the policy. ``facts`` is what else the simulator says of the move. A model's Reply stands in the ledger under
+    ``EpisodeKey.call``.
     """
 
     step: int

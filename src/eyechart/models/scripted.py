@@ -139,6 +139,11 @@ def _clear_side(sight: Sight, rng: random.Random) -> Answer:
     return "LEFT" if scene.left_clear else "RIGHT" if scene.right_clear else "SLOW"
 
 
+def _stopping(sight: Sight, rng: random.Random) -> Answer:
+    del sight, rng
+    return "STOP"
+
+
 def _noisy_depth(sight: Sight, rng: random.Random) -> Answer:
     return rng.choice(DRIVING.actions) if rng.random() < 0.6 else _graded(sight, "STRAIGHT")
 
@@ -283,7 +288,7 @@ PLANNERS: dict[str, Controller] = {
     ),
     "stopping": Controller(
         "answers STOP, whatever it is shown",
-        lambda sight, rng: "STOP",
+        _stopping,
         Declared("image_invariant", "image_invariant", "no_power"),
     ),
 }

@@ -97,11 +97,15 @@ class MpcDrive(RoadDrive[World]):
         return after
 
 
-class RoverMpc(Rover):
+class RoverMpc:
     """The rover under the controller, which is told where the obstacles are: the paper's primary ablation."""
 
     name = "rover-mpc"
     presets: Mapping[str, str] = {}
+    scenarios = Rover.scenarios
+    picture = Rover.picture
+    mirror_axis = Rover.mirror_axis
+    action_space = Rover.action_space
     fail_safe = "STOP"
     arm = Arm(told_obstacles=True)
 
@@ -115,6 +119,7 @@ class RoverMpc(Rover):
         progress: Callable[[int, int], None] | None = None,
     ) -> FrameBank:
         """Raise SpecError: the pictures are those of the plain rover, whose banks serve for both."""
+        del out, preset, seeds, steps, progress
         raise SpecError(f"simulator '{self.name}' has no banks of its own: its pictures are those of 'rover'")
 
     def drive(self, scenario: str, seed: int, *, mirrored: bool = False) -> MpcDrive:

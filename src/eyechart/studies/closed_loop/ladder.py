@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from eyechart.episodes import Episode, fail_safe
+from eyechart.episodes import Episode
 from eyechart.errors import SpecError
 from eyechart.seeds import key_seed
 from eyechart.stats.agreement import rate
@@ -206,8 +206,8 @@ def against(drives: Sequence[Drives], reference: Drives, outcomes: Outcomes, *, 
 
 
 def _is_mildest(drives: Drives) -> bool:
-    """Return whether a constant is the fail-safe: of aliased commands the milder name is taken."""
-    return drives.driver.policy == f"{CONSTANT}{drives.space.brake[-1]}"
+    """Return whether a constant is the mildest brake: of aliased commands the milder name is taken."""
+    return drives.driver.policy in [f"{CONSTANT}{action}" for action in drives.space.brake[-1:]]
 
 
 def _mean_reward(drives: Drives) -> float:
