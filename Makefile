@@ -13,12 +13,13 @@ DOCS := $(VENV)/.docs
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm ladder test test-models test-browser lint format docs bench clean
+.PHONY: help demo demo-vlm ladder hierarchy test test-models test-browser lint format docs bench clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
 	@echo "make demo-vlm     the same on five tiny real vision-language models, on a CPU, offline once installed"
 	@echo "make ladder       the baselines of the closed loop beside the paper's, offline, in a few minutes"
+	@echo "make hierarchy    intents above a model-predictive controller beside the paper's tables, offline"
 	@echo "make test         the tests of the core"
 	@echo "make test-models  the tests that need extras (Hugging Face datasets, Parquet, LeRobot, Transformers, Ray)"
 	@echo "make test-browser the report in headless Chromium, which has to be there (apt-get install chromium)"
@@ -31,6 +32,9 @@ demo: $(CORE)
 
 demo-vlm: $(VLM)
 	$(BIN)/eyechart demo --vlm --out demo
+
+hierarchy: $(CORE)
+	$(BIN)/eyechart run hierarchy --out hierarchy --processes 2
 
 ladder: $(CORE)
 	$(BIN)/eyechart ladder --out ladder --processes 2
@@ -69,7 +73,7 @@ bench: $(BENCH) $(INSPECT)/.done
 	$(BIN)/python benchmarks/bench_calls.py --inspect-python $(INSPECT)/bin/python
 
 clean:
-	rm -rf $(VENV) demo ladder build dist
+	rm -rf $(VENV) demo ladder hierarchy build dist
 
 $(VENV)/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

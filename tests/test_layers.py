@@ -39,10 +39,11 @@ FLOORS = {
         "eyechart.simulators.plan",
         "eyechart.simulators.road",
     ),
-    "studies": ("eyechart.studies.battery",),
+    "studies": ("eyechart.studies.battery", "eyechart.studies.closed_loop"),
 }
 """Inside a package whose modules are peers, only its floor is shared: for models, a request and its energy, for
-simulators, the forward camera, how a balanced bank is planned and written, and the road of rover and drone."""
+simulators, the forward camera, how a balanced bank is planned and written, and the road of rover and drone, for
+studies, the battery and the drives that others are scored with."""
 
 ASSEMBLED = {
     "bundle",
@@ -61,6 +62,7 @@ ASSEMBLED = {
     "simulators.road",
     "simulators.rover",
     "studies.battery",
+    "studies.hierarchy",
     "studies.closed_loop",
     "verdicts",
 }

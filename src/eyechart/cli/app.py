@@ -13,6 +13,7 @@ from eyechart.cli import (
     demo,
     driving,
     frames,
+    intending,
     listing,
     prompting,
     reporting,
@@ -31,6 +32,7 @@ app = typer.Typer(
 app.add_typer(frames.app, name="frames")
 running.app.command()(prompting.prompts)
 running.app.command()(driving.closed_loop)
+running.app.command()(intending.hierarchy)
 app.add_typer(running.app, name="run")
 app.add_typer(listing.app, name="list")
 app.command()(demo.demo)

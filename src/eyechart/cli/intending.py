@@ -1,0 +1,104 @@
+"""``eyechart run hierarchy``: intents above a model-predictive controller, scripted ones and a model's own."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from eyechart.cli import asking
+from eyechart.cli.terminal import print_json, progress, resumable, say, table_console
+
+if TYPE_CHECKING:
+    from eyechart.studies.hierarchy import HierarchyScore
+
+
+def hierarchy(
+    out: Annotated[Path, typer.Option(help="Folder of the study; the same one resumes it.")] = Path("hierarchy"),
+    policy: Annotated[
+        list[str] | None, typer.Option(help="A model's SPEC as the source of intent; again for more.")
+    ] = None,
+    mode: asking.Mode = None,
+    prompt: Annotated[str | None, typer.Option(help="A name of 'eyechart list prompts', or FILE.toml.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of stimuli, sampling and the order of episodes.")] = 0,
+    processes: Annotated[int, typer.Option(min=1, help="Processes that hold the worlds.")] = 2,
+    concurrency: Annotated[int, typer.Option(min=1, help="Episodes of a model under way at once.")] = 8,
+    base_url: asking.BaseUrl = None,
+    key_env: asking.KeyEnv = None,
+    max_tokens: asking.MaxTokens = None,
+    temperature: asking.Temperature = None,
+    timeout: asking.Timeout = None,
+    json_mode: asking.JsonMode = None,
+    header: asking.Header = None,
+    body: asking.Body = None,
+    option: asking.Option = None,
+    max_calls: Annotated[int | None, typer.Option(min=1, help="Stop each arm at so many requests.")] = None,
+    max_cost: Annotated[float | None, typer.Option(min=0, help="Stop each arm at so many US dollars.")] = None,
+    prices: Annotated[Path | None, typer.Option(help="FILE.toml of prices; it comes before the table.")] = None,
+    again: Annotated[bool, typer.Option("--again", help="Drive anew what ended in an error.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the plan; drive nothing, ask nothing.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Let sources of intent plan for a rover under a model-predictive controller, beside the paper's tables.
+
+    Scripted sources always, a model where one is given: with real, mirrored and blank pictures and with those of other
+    worlds. Interrupt it at will: it resumes. Exit 1: episodes are unfinished.
+    Example: eyechart run hierarchy --policy scripted:clear_side --out hierarchy
+    """
+    from eyechart import episodes as study
+    from eyechart.models.prices import read_prices
+    from eyechart.studies.hierarchy import plan, score
+
+    modes = asking.read_modes(
+        policy or [],
+        mode,
+        base_url=base_url,
+        key_env=key_env,
+        max_tokens=max_tokens,
+        temperature=temperature,
+        timeout=timeout,
+        json_mode=json_mode,
+        header=header,
+        body=body,
+        option=option,
+    )
+    planned, table = plan(out, modes, seed=seed, prompt=prompt, again=again), read_prices(prices)
+    for name, part in planned.items():
+        say(f"{name}: {len(part.keys)} episodes in {part.manifest.simulator}, {len(part.left())} to drive")
+        for estimate in study.expected(part, table, concurrency=concurrency):
+            say(f"  {estimate.words}")
+    if dry_run:
+        return
+    for name, part in planned.items():
+        if part.left():
+            limits = study.within(part, table, calls=max_calls, cost_usd=max_cost)
+            bounds = study.Bounds(processes=processes, concurrency=concurrency, limits=limits)
+            with resumable("finished episodes and calls are kept"), progress(name, "episodes") as move:
+                study.run(part, bounds=bounds, progress=move)
+    found = score(out)
+    if json:
+        print_json(found.as_dict())
+    else:
+        print_hierarchy(found)
+    if left := sum(len(part.left()) for part in planned.values()):
+        say(f"{left} episodes are unfinished; the same command goes on where they were cut")
+        raise typer.Exit(1)
+
+
+def print_hierarchy(found: "HierarchyScore") -> None:
+    """Print both ablations, the tests against the controller alone, the positive control, and the words."""
+    from eyechart.report.hierarchy import against_table, source_table
+
+    console = table_console(160)
+    console.print(source_table(found.sources, primary=True))
+    console.print(against_table(found.against_mpc_only))
+    console.print(source_table(found.sources, primary=False))
+    if found.oracle_mirrored is not None:
+        goals = found.oracle_mirrored.differences["success_rate"]
+        shown = "—" if goals.value is None else f"{100 * goals.value:+.0f} points"
+        console.print(
+            f"Positive control: the oracle's lateral intent less the same one mirrored: goals {shown}, "
+            f"p {'—' if goals.p is None else f'{goals.p:.2g}'}, {found.oracle_mirrored.worlds} worlds.",
+            markup=False,
+        )
+    for line in found.words:
+        console.print(line, markup=False)

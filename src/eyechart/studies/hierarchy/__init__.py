@@ -1,0 +1,10 @@
+"""The two-rate hierarchy: whether a competent low-level controller rescues a planner that does not see.
+
+Source: paper, sections Hierarchical VLM-MPC Diagnostic and MPC cannot repair an ungrounded intent layer, Table
+mpc_intent_ablation.
+"""
+
+from eyechart.studies.hierarchy.planning import PARTS, Part, plan
+from eyechart.studies.hierarchy.scoring import HierarchyScore, Source, score
+
+__all__ = ["PARTS", "HierarchyScore", "Part", "Source", "plan", "score"]
