@@ -31,11 +31,16 @@ FLOORS = {
     "stats": ("eyechart.stats.statistic",),
     "perception": ("eyechart.perception.scene",),
     "models": ("eyechart.models.http", "eyechart.models.energy"),
-    "simulators": ("eyechart.simulators.camera", "eyechart.simulators.banks", "eyechart.simulators.plan"),
+    "simulators": (
+        "eyechart.simulators.camera",
+        "eyechart.simulators.banks",
+        "eyechart.simulators.plan",
+        "eyechart.simulators.road",
+    ),
     "studies": ("eyechart.studies.battery",),
 }
 """Inside a package whose modules are peers, only its floor is shared: for models, a request and its energy, for
-simulators, the forward camera and how a balanced bank is planned and written."""
+simulators, the forward camera, how a balanced bank is planned and written, and the road of rover and drone."""
 
 ASSEMBLED = {
     "bundle",
@@ -47,7 +52,10 @@ ASSEMBLED = {
     "models.huggingface",
     "perception.forward",
     "report",
+    "simulators.drone",
+    "simulators.gym",
     "simulators.highway",
+    "simulators.road",
     "simulators.rover",
     "studies.battery",
     "verdicts",

@@ -15,6 +15,7 @@ from eyechart.simulators import Drive, open_simulator
 
 ENVIRONMENTS: Mapping[str, str] = {
     "eyechart/Rover-v0": "rover",
+    "eyechart/Drone-v0": "drone",
 }
 """The simulator behind each id."""
 

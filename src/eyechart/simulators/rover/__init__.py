@@ -5,11 +5,26 @@ from pathlib import Path
 
 from eyechart.actions import DRIVING, ActionSpace
 from eyechart.frames import FrameBank, MirrorAxis
-from eyechart.simulators.banks import versions_of
-from eyechart.simulators.rover.bank import build_bank
+from eyechart.perception.forward import ROVER
+from eyechart.simulators.banks import Asked, versions_of
+from eyechart.simulators.road import FAMILIES, Layout, Vehicle, build_bank
+from eyechart.simulators.rover.bicycle import State
 from eyechart.simulators.rover.drive import RoverDrive
-from eyechart.simulators.rover.layout import FAMILIES
-from eyechart.simulators.rover.picture import PICTURE
+from eyechart.simulators.rover.tracking import INTENTS
+from eyechart.simulators.rover.world import World
+
+PICTURE = (
+    f"view of a forward camera on a rover, drawn by column ray casting ({ROVER.width} × {ROVER.height} pixels); its "
+    "own hood at the lower edge, obstacles as coloured cylinders"
+)
+
+
+def _place(layout: Layout, pose: tuple[float, float, float], speed: float, track: int) -> World:
+    return World(layout, State(*pose, speed), track)
+
+
+STAGED = Vehicle("rover", _place, most_yaw=0.04, most_mps=INTENTS["STRAIGHT"].speed)
+"""The rover as its banks are staged."""
 
 
 class Rover:
@@ -43,8 +58,9 @@ class Rover:
         ``progress`` gets the number of frames written and their total. Raises SpecError for an unknown preset,
         seeds that are negative, doubled or missing, and too few steps; BankError where ``out`` is taken.
         """
-        presets = list(self.presets)
-        return build_bank(out, presets=presets, preset=preset, seeds=seeds, steps=steps, progress=progress)
+        asked = Asked(self.name, preset, tuple(int(seed) for seed in seeds), steps)
+        asked.check(self.presets)
+        return build_bank(out, STAGED, asked, picture=self.picture, progress=progress)
 
     def drive(self, scenario: str, seed: int, *, mirrored: bool = False) -> RoverDrive:
         """Open a world at its beginning, or its mirror image; raises SpecError for an unknown scenario or seed."""

@@ -31,6 +31,10 @@ class State:
         """Return the state in the mirrored world."""
         return replace(self, y=-self.y, yaw=-self.yaw)
 
+    def numbers(self) -> tuple[float, float, float, float]:
+        """Return all that the state consists of."""
+        return self.x, self.y, self.yaw, self.speed
+
 
 def advance(state: State, acceleration: float, steering: float, seconds: float) -> State:
     """Return the state after so many seconds under one acceleration (m/s²) and one steering angle (rad, left positive).

@@ -8,8 +8,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from eyechart.simulators.road import TRACKS_M
 from eyechart.simulators.rover.bicycle import MOST_ACCELERATION_MPS2, MOST_BRAKING_MPS2, WHEELBASE_M, State
-from eyechart.simulators.rover.layout import TRACKS_M
 
 INNER_S = 0.05
 """The law's own period, and the plant's."""

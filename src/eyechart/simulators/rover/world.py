@@ -1,58 +1,26 @@
-"""A world under way: a rover among a layout's obstacles, driven a decision at a time."""
+"""A rover among a layout's obstacles, driven a decision at a time."""
 
 import math
-import struct
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
+from eyechart.simulators import road
+from eyechart.simulators.road import DECISION_S, GOAL_M, ROAD_HALF_M, Layout, Obstacle
 from eyechart.simulators.rover.bicycle import RADIUS_M, State, advance
-from eyechart.simulators.rover.layout import GOAL_M, ROAD_HALF_M, TRACKS_M, Layout, Obstacle
 from eyechart.simulators.rover.tracking import INNER_S, INTENTS, Intent, control, next_track
 
-DECISION_S = 1.0
-TIME_S = 40.0
 START_SPEED_MPS = 1.0
-MIDDLE = len(TRACKS_M) // 2
 
 Law = Callable[[State, Intent, int], tuple[float, float]]
 """From the state, the intent and the track to acceleration and steering, every ``INNER_S``."""
 
 
-@dataclass(frozen=True, slots=True)
-class World:
-    """The rover's state in a layout, the track it was last asked to follow, and how many seconds have passed."""
+@dataclass(frozen=True)
+class World(road.World[State]):
+    """A rover under way."""
 
-    layout: Layout
-    state: State
-    track: int = MIDDLE
-    seconds: float = 0.0
-    crashed: bool = False
-
-    @property
-    def ended(self) -> str | None:
-        """Return why the drive is over, None while it goes on."""
-        if self.crashed:
-            return "crash"
-        if self.state.x >= GOAL_M:
-            return "goal"
-        return "time" if self.seconds >= TIME_S else None
-
-    def mirrored(self) -> "World":
-        """Return the mirrored world."""
-        return replace(
-            self,
-            layout=self.layout.mirrored(),
-            state=self.state.mirrored(),
-            track=len(TRACKS_M) - 1 - self.track,
-        )
-
-    def as_bytes(self) -> bytes:
-        """Return the state of the world as bytes: numbers as they are, obstacles too."""
-        state = self.state
-        numbers = [state.x, state.y, state.yaw, state.speed, self.seconds, float(self.track), float(self.crashed)]
-        for one in self.layout.obstacles:
-            numbers += [one.x, one.y, one.radius, one.height]
-        return struct.pack(f"<{len(numbers)}d", *(number + 0.0 for number in numbers))
+    vehicle: ClassVar[str] = "rover"
 
 
 def start(layout: Layout) -> World:

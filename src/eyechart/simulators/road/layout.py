@@ -55,14 +55,18 @@ class Layout:
         """Return the mirrored world."""
         return replace(self, obstacles=tuple(one.mirrored() for one in self.obstacles))
 
+    def raised(self, times: float) -> "Layout":
+        """Return the layout with obstacles so many times as high."""
+        return replace(self, obstacles=tuple(replace(one, height=times * one.height) for one in self.obstacles))
+
 
 _Rng = np.random.Generator
 
 
-def make_layout(family: str, seed: int) -> Layout:
-    """Return the world of a family and a seed; raises SpecError for an unknown family."""
+def make_layout(family: str, seed: int, *, simulator: str = "rover") -> Layout:
+    """Return what stands on the road of a simulator, a family and a seed; raises SpecError for an unknown family."""
     if family not in FAMILIES:
-        raise SpecError(f"simulator 'rover' has no scenario '{family}'; known: {', '.join(FAMILIES)}")
+        raise SpecError(f"simulator '{simulator}' has no scenario '{family}'; known: {', '.join(FAMILIES)}")
     rng = np.random.default_rng(key_seed("rover", "layout", family, seed))
     obstacles = _MAKERS[family](rng)
     rng = np.random.default_rng(key_seed("rover", "wall", family, seed))
@@ -129,7 +133,7 @@ FAMILIES: Mapping[str, str] = {
     "gate": "Four pairs of obstacles, which leave one track in three.",
     "clutter": "Obstacles on up to two of three tracks every 9.5 m.",
 }
-"""The scenarios of the rover's drives and banks, in words."""
+"""The scenarios of drives and banks, in words."""
 
 _MAKERS: Mapping[str, Callable[[_Rng], list[Obstacle]]] = {
     "offset": _offset,
