@@ -36,6 +36,7 @@ COMMANDS = (
     "run",
     "run battery",
     "run prompts",
+    "run closed-loop",
     "merge",
     "report",
     "bundle",

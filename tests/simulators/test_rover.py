@@ -18,13 +18,13 @@ from eyechart.models.scripted import CONTROLLERS
 from eyechart.perception.forward import ROVER, ForwardReading, read_forward
 from eyechart.perception.scene import safe_action
 from eyechart.prompts import FORWARD_PROMPTS
+from eyechart.simulators.road.layout import FAMILIES, GOAL_M, TRACKS_M, Layout, Obstacle, make_layout
+from eyechart.simulators.road.picture import camera_of
+from eyechart.simulators.road.staging import FAR_M, NEAR_M
+from eyechart.simulators.road.truth import read_truth
 from eyechart.simulators.rover import Rover
 from eyechart.simulators.rover.bicycle import RADIUS_M, WHEELBASE_M, State, advance
-from eyechart.simulators.rover.layout import FAMILIES, GOAL_M, TRACKS_M, Layout, Obstacle, make_layout
-from eyechart.simulators.rover.picture import camera_of
-from eyechart.simulators.rover.staging import FAR_M, NEAR_M
 from eyechart.simulators.rover.tracking import INNER_S, INTENTS
-from eyechart.simulators.rover.truth import read_truth
 from eyechart.simulators.rover.world import World, decide, start
 from eyechart.studies import battery
 from eyechart.verdicts import judge
@@ -306,7 +306,7 @@ def test_counterfactuals_move_the_lead_or_repaint_the_hood_and_nothing_else(bank
             assert gap_m is not None
             assert low - 0.1 <= gap_m <= high + 0.1
         repainted = decode(bank.image(frame, "recoloured"), frame.id)
-        np.testing.assert_array_equal((repainted != real).any(axis=2), camera_of(frame.scenario).hood)
+        np.testing.assert_array_equal((repainted != real).any(axis=2), camera_of(frame.scenario, "rover").hood)
         assert read(bank, frame.id, "recoloured").ego_colour == "red"
 
 

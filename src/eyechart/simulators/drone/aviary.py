@@ -24,7 +24,7 @@ from eyechart.simulators.drone.flight import MOST_SPEED_MPS, Velocity
 HZ = 240
 """PyBullet's and the controller's steps a second."""
 
-SOURCE = "git+https://github.com/utiasDSL/gym-pybullet-drones@90b178a"
+SOURCE = "git+https://github.com/utiasDSL/gym-pybullet-drones@90b178aba69b09085dd70e7a1e88bb58ca00b4c9"
 _CLIMB_MPS = 1.0
 _CLIMB_GAIN = 2.0
 _FLOOR_M = (400.0, 400.0, 1.0)

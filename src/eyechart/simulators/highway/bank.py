@@ -5,15 +5,11 @@ from pathlib import Path
 
 from eyechart.actions import DRIVING
 from eyechart.frames import LEAD_GAP, BankManifest, FrameBank
-from eyechart.simulators.banks import Asked, Moment, versions_of, write_bank
+from eyechart.simulators.banks import Asked, Moment, write_bank
+from eyechart.simulators.highway.declared import PICTURE, versions
 from eyechart.simulators.highway.driving import DRIVES, drive
 from eyechart.simulators.highway.staging import STAGES, stage
 from eyechart.simulators.highway.world import Setting
-
-PICTURE = "top-down drawing of a highway (highway-env, 600 × 150 pixels)"
-
-LIBRARIES = ("highway-env", "gymnasium", "numpy", "pygame-ce", "pygame")
-"""What draws the pictures; pygame comes under either of two names."""
 
 _PRESETS: Mapping[str, tuple[Mapping[str, Setting], Callable[[str, int, int], Iterator[Moment]]]] = {
     "balanced": (STAGES, stage),
@@ -35,7 +31,7 @@ def build_bank(
         action_space=DRIVING,
         gap=LEAD_GAP,
         settings=asked.settings({scenario: setting.as_dict() for scenario, setting in settings.items()}),
-        versions=versions_of(LIBRARIES),
+        versions=versions(),
     )
     return write_bank(
         out, manifest, asked, scenarios=list(settings), moments=moments, axis="vertical", progress=progress
