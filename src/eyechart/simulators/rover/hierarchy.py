@@ -72,7 +72,7 @@ class MpcDrive(RoadDrive[World]):
 
     def __init__(self, scenario: str, seed: int, arm: Arm, *, mirrored: bool = False) -> None:
         check_seed(seed)
-        layout = make_layout("rover", scenario, seed)
+        layout = make_layout(scenario, seed)
         world = start(layout.mirrored() if mirrored else layout)
         super().__init__(world, self._plan, actions=INTENTS, top_mps=CRUISE_MPS)
         self._arm = arm
