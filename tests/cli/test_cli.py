@@ -37,6 +37,7 @@ COMMANDS = (
     "run battery",
     "run prompts",
     "run closed-loop",
+    "run hierarchy",
     "merge",
     "report",
     "ladder",
