@@ -56,7 +56,7 @@ def score(run: _Run, json: _Json = False, independent: _Independent = False, rer
 def verdict(run: _Run, json: _Json = False, independent: _Independent = False, reread: _Reread = False) -> None:
     """Print the verdict on every model of a run, and what decided it. Example: eyechart verdict run."""
     from eyechart.studies import battery as study
-    from eyechart.verdicts import judge
+    from eyechart.verdicts import judge, words_of
 
     scored = study.score(run, independent=independent, reread=reread)
     verdicts = judge(scored)
@@ -65,8 +65,8 @@ def verdict(run: _Run, json: _Json = False, independent: _Independent = False, r
         return
     print_table(scored, verdicts)
     console = table_console()
-    for one in verdicts.values():
-        title, *lines = str(one).split("\n")
+    for part in filter(None, words_of(verdicts).split("\n\n")):
+        title, *lines = part.split("\n")
         console.print(title, style="bold", markup=False)
         for line in lines:
             console.print(line, markup=False)
@@ -83,7 +83,7 @@ def print_table(scored: "BatteryScore", verdicts: "Mapping[str, Verdict]") -> No
         console.print(table)
     else:  # a narrow terminal: a line for each label instead of columns that are cut
         for spec, one in verdicts.items():
-            labels = f"{one.calibrated.label}; lateral {one.lateral.label}; paper's rules {one.paper.label}"
+            labels = f"{one.headline}; lateral {one.lateral.label}; paper's rules {one.paper.label}"
             console.print(f"{spec}: {labels}{MARK if one.failed else ''}", markup=False)
     print_marks(verdicts)
     for label in dict.fromkeys(one.calibrated.label for one in verdicts.values()):
