@@ -74,7 +74,7 @@ def test_a_server_that_declines_grey_pictures_shows_a_refusal_effect(ask: Ask) -
 
 
 def test_a_server_that_tosses_a_coin_is_told_by_its_noise_floor_alone(ask: Ask) -> None:
-    """The floor s = .79 and IDI = .77, so IDI_adj = -.021, while V has p < 1e-4 and I(A;g) p < .05: self-inconsistent."""
+    """With s = .79 and IDI = .77, IDI_adj is -.021, although V has p < 1e-4 and I(A;g) p < .05: self-inconsistent."""
     found, verdict = ask(behaving.tosses, 14252)
     assert found["noise_floor"].detail["k"] == 144 - 30
     assert [round(found[name].value, 3) for name in ("noise_floor", "idi", "idi_adj")] == [0.792, 0.771, -0.021]

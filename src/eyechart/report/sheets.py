@@ -88,8 +88,8 @@ def verdict_sheet(everyone: Sequence[Subject]) -> Sheet:
         ("level", "text"),
         ("n", "count"),
         ("p", "p"),
-        ("failed guards", "text"),
         ("unfinished", "text"),
+        ("failed guards", "text"),
     )
     rows = []
     for who in everyone:
@@ -97,7 +97,7 @@ def verdict_sheet(everyone: Sequence[Subject]) -> Sheet:
         one = who.model.statistics[ruling.decided_by]
         marks = "; ".join(guard.name for guard in who.verdict.failed)
         words = (who.label, ruling.label, who.verdict.lateral.label, who.verdict.evidence, who.verdict.paper.label)
-        rows.append((*words, ruling.decided_by, one.value, one.ci, level(one), one.n, one.p, marks, who.verdict.state))
+        rows.append((*words, ruling.decided_by, one.value, one.ci, level(one), one.n, one.p, who.verdict.state, marks))
     return Sheet("verdicts", "Verdicts and the statistic that decided each", columns, tuple(rows))
 
 

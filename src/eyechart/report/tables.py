@@ -174,7 +174,7 @@ def prompts_table(model: str, cells: Sequence[CellScore]) -> Table:
         found = cell.statistics
         modal, idi = (f"{number(found[name].value, 2)} {_interval(found[name], 2)}" for name in ("modal_share", "idi"))
         table.add_row(
-            Text(cell.name),
+            Text(f"{cell.name}{MARK if cell.marks else ''}"),
             modal,
             number(found["distinct_outputs"].value, 0),
             idi,

@@ -212,9 +212,9 @@ def _standardised(found: Statistic) -> Statistic:
     if found.value is None or deviation == 0:
         return found
     method = f"standard deviations from the null; {found.method}"
-    return replace(
-        found, value=(found.value - mean) / deviation, method=method, detail={**detail, "trend": found.value}
-    )
+    note = "; ".join(filter(None, (found.note, "no interval: it counts deviations of its own null")))
+    value, detail = (found.value - mean) / deviation, {**detail, "trend": found.value}
+    return replace(found, value=value, method=method, note=note, detail=detail)
 
 
 def _marginals(detail: Mapping[str, object]) -> tuple[list[int], list[int]]:
