@@ -85,7 +85,7 @@ def test_a_server_that_tosses_a_coin_is_told_by_its_noise_floor_alone(ask: Ask) 
     assert verdict.paper.decided_by == "clears_floor"
     words = note(verdict, "noise floor: it repeats its answer on 21% of identical pictures (s = 0.792): ")
     assert "IDI = 0.771 is not above 1.5 s, and IDI_adj = -0.021" in words
-    assert "inside its own noise, whatever Cramér's V says (V = 0.302, p = " in words
+    assert "not told from its own noise, whatever Cramér's V says (V = 0.302, p = " in words
     assert absent(verdict, "refusal effect", "truncated", "image token")
     assert verdict.failed == ()
 

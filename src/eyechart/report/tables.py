@@ -47,7 +47,10 @@ def verdict_table(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> Table
         deciding = score.models[spec].statistics[name]
         table.add_row(
             Text(spec),
-            Text(f"{verdict.headline}{MARK if verdict.failed else ''}", style=_COLOUR.get(label, "red")),
+            Text(
+                "\n".join(filter(None, (f"{label}{MARK if verdict.failed else ''}", verdict.state))),
+                style=_COLOUR.get(label, "red"),
+            ),
             verdict.lateral.label,
             verdict.paper.label,
             f"{name}{_short(deciding)}" if verdict.stopped is None else _short_e(name, deciding, verdict.stopped),

@@ -64,7 +64,8 @@ def _noise(found: Mapping[str, Statistic]) -> list[str]:
         looks = f", whatever Cramér's V says (V = {number(association)}{_p(association)})"
     repeats = f"it repeats its answer on {1 - floor.value:.0%} of identical pictures (s = {number(floor)})"
     flag = f"IDI = {number(idi)} is not above 1.5 s, and IDI_adj = {number(found['idi_adj'])}"
-    return [f"noise floor: {repeats}: {flag}: what depends on the picture is inside its own noise{looks}"]
+    says = "by the paper's flag, what depends on the picture is not told from its own noise"
+    return [f"noise floor: {repeats}: {flag}: {says}{looks}"]
 
 
 def _image_token(found: Mapping[str, Statistic]) -> list[str]:
