@@ -177,8 +177,8 @@ class Speaker:
         if late and length is None and len(tokens) < self._mode.max_tokens:
             made = f"no whole reply within {self._mode.timeout_s:g} s of generating, {len(tokens)} tokens"
             detail = f"{made}: give a longer --timeout, or a smaller batch with --option batch=N"
-            counts = {"prompt_tokens": prompt_tokens, "completion_tokens": len(tokens)}
-            return Reply(error="timeout", error_detail=detail, **counts)
+            cut = len(tokens)
+            return Reply(error="timeout", error_detail=detail, prompt_tokens=prompt_tokens, completion_tokens=cut)
         said = tokens if length is None else tokens[:length]
         return Reply(
             text=self._reader.decode(said, skip_special_tokens=True),
