@@ -2,8 +2,9 @@
 
 Each looks at what it is sent, the pixels, the token budget and the seed, and answers by a habit; none knows which
 frame or condition it is asked about. Where a habit has chances they are drawn from the call's seed, as servers draw
-their samples, and from the server's own ``course``: which one of its many courses the server takes was chosen so that
-the counts that the paper prints come out to the last one.
+their samples, and from the server's own ``course``: which one of its many courses the server takes was searched for
+once, so that the counts that the paper prints come out to the last one. The seeds are those of the baseline prompt's
+calls: with another wording of it the courses have to be searched for again.
 """
 
 import base64

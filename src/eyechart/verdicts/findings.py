@@ -1,6 +1,6 @@
 """A finding is what the paper would point out beside a verdict: a note in words, with the numbers that it rests on."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from eyechart.conditions import BATTERY
 from eyechart.stats.statistic import Statistic
@@ -50,8 +50,8 @@ def _refusal(found: Mapping[str, Statistic], model: ModelScore) -> list[str]:
 
 
 def _without_decision(model: ModelScore, condition: str) -> tuple[int, int]:
-    given: Sequence[object] = [one for one in model.answers.decisions[condition] if one is not None]
-    return sum(getattr(one, "action", None) is None for one in given), len(given)
+    given = [one for one in model.answers.decisions[condition] if one is not None]
+    return sum(one.action is None for one in given), len(given)
 
 
 def _noise(found: Mapping[str, Statistic]) -> list[str]:
