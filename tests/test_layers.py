@@ -16,7 +16,9 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("gate", "calibrate", "compare", "transfer", "destination"),
     ("verdicts",),
     ("studies",),
-    ("run", "episodes", "manifest", "costs", "integrity"),
+    ("episodes",),
+    ("run", "manifest", "costs", "integrity"),
+    ("attempts",),
     ("models", "simulators", "policies", "ledger", "prompts", "importing", "limits", "stimuli"),
     ("perception",),
     ("calls", "conditions", "modes"),
@@ -31,9 +33,16 @@ FLOORS = {
     "stats": ("eyechart.stats.statistic",),
     "perception": ("eyechart.perception.scene",),
     "models": ("eyechart.models.http", "eyechart.models.energy"),
+    "simulators": (
+        "eyechart.simulators.camera",
+        "eyechart.simulators.banks",
+        "eyechart.simulators.plan",
+        "eyechart.simulators.road",
+    ),
     "studies": ("eyechart.studies.battery",),
 }
-"""Inside a package whose modules are peers, only its floor is shared: for models, a request and its energy."""
+"""Inside a package whose modules are peers, only its floor is shared: for models, a request and its energy, for
+simulators, the forward camera, how a balanced bank is planned and written, and the road of rover and drone."""
 
 ASSEMBLED = {
     "bundle",
@@ -43,8 +52,13 @@ ASSEMBLED = {
     "frames",
     "importing",
     "models.huggingface",
+    "perception.forward",
     "report",
+    "simulators.drone",
+    "simulators.gym",
     "simulators.highway",
+    "simulators.road",
+    "simulators.rover",
     "studies.battery",
     "verdicts",
 }
@@ -60,10 +74,11 @@ OPENS_BY_NAME = {
     "eyechart.models",
     "eyechart.models.energy",
     "eyechart.models.python_callable",
+    "eyechart.policies",
     "eyechart.simulators",
     "eyechart.importing.parquet",
 }
-"""The only modules that import by a name that is not written as an import: two registries, extras, and a user's own."""
+"""The only modules that import by a name that is not written as an import: registries, extras, and a user's own."""
 
 
 BY_NAME = re.compile(r"'(import_module|__import__)'")

@@ -5,7 +5,19 @@ from typing import Annotated
 import typer
 
 from eyechart import __version__
-from eyechart.cli import bundling, calibrating, comparing, demo, frames, listing, prompting, reporting, results, running
+from eyechart.cli import (
+    bundling,
+    calibrating,
+    comparing,
+    demo,
+    driving,
+    frames,
+    listing,
+    prompting,
+    reporting,
+    results,
+    running,
+)
 
 app = typer.Typer(
     name="eyechart",
@@ -17,6 +29,7 @@ app = typer.Typer(
 )
 app.add_typer(frames.app, name="frames")
 running.app.command()(prompting.prompts)
+running.app.command()(driving.closed_loop)
 app.add_typer(running.app, name="run")
 app.add_typer(listing.app, name="list")
 app.command()(demo.demo)

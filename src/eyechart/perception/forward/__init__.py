@@ -1,0 +1,17 @@
+"""Forward pictures: what a reader has to know of them, and the image-only reader."""
+
+from eyechart.perception.forward.reading import ForwardReading, read_forward
+from eyechart.perception.forward.view import DRONE, HAZE, ROVER, VIEWS, Colour, View, haze_share, view_of
+
+__all__ = [
+    "DRONE",
+    "HAZE",
+    "ROVER",
+    "VIEWS",
+    "Colour",
+    "ForwardReading",
+    "View",
+    "haze_share",
+    "read_forward",
+    "view_of",
+]
