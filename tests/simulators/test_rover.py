@@ -17,6 +17,7 @@ from eyechart.frames import FrameBank, check, decode
 from eyechart.models.scripted import CONTROLLERS
 from eyechart.perception.forward import ROVER, ForwardReading, read_forward
 from eyechart.perception.scene import safe_action
+from eyechart.prompts import FORWARD_PROMPTS
 from eyechart.simulators.road.layout import FAMILIES, GOAL_M, TRACKS_M, Layout, Obstacle, make_layout
 from eyechart.simulators.road.picture import camera_of
 from eyechart.simulators.road.staging import FAR_M, NEAR_M
@@ -336,6 +337,7 @@ ON_EVERY_RUN = ("depth_lateral", "nuisance", "crash_colour", "scene_only")
 def test_known_answer_controllers_get_their_labels_on_forward_pictures(bank: FrameBank, tmp_path: Path) -> None:
     """Calibrated, lateral and paper label, with the horizontal flip as the mirror."""
     planned = battery.plan(bank.root, [f"scripted:{name}" for name in ON_EVERY_RUN], tmp_path / "run")
+    assert planned.plan.prompt == FORWARD_PROMPTS["baseline"]
     battery.run(planned, concurrency=8)
     verdicts = judge(battery.score(tmp_path / "run", resamples=999))
     for name in ON_EVERY_RUN:
