@@ -144,6 +144,18 @@ def test_a_planted_cache_is_suspect(tmp_path: Path) -> None:
     assert "the median reply took 0.002 s against 1.5 s" in found.words
 
 
+def test_like_minds_are_no_cache(tmp_path: Path) -> None:
+    """Two readers of the same gaps decide alike, each in words of its own; and a few short drives agree by chance."""
+    episodes = [*drive("model-a", by_depth), *drive("model-b", by_depth)]
+    run = make_run(tmp_path / "a", episodes, models=["model-a", "model-b"])
+    add_replies(run, episodes, lambda _step, n: Reply(f"in my words, {n // 640}", "stop"), lambda step: step.frame)
+    assert [one.kind for one in score(run).twins] == ["decide alike here and there"]
+    few = [*drive("model-b", tossing("x"), seeds=[0]), *drive("model-b", tossing("y"), seeds=range(1, 8))]
+    some = make_run(tmp_path / "b", [*drive("model-a", tossing("x")), *few], models=["model-a", "model-b"])
+    (found,) = score(some).twins
+    assert (found.kind, found.same) == ("decide alike here and there", 4)
+
+
 def test_a_cache_inside_one_model_shows_in_its_repeated_requests(tmp_path: Path) -> None:
     """The same request answered again with the same words in a thousandth of the time; a slow model is no cache."""
     episodes = drive("model", tossing("x"))

@@ -19,7 +19,14 @@ NO_EFFECT = "other actions, same drive"
 REPEATS = "repeats itself"
 SCRIPTED = "decides as a scripted policy"
 SUSPECT = "suspect caching"
-KINDS = (SUSPECT, ALIASED, CONVERGED, NO_EFFECT, REPEATS, SCRIPTED)
+COINCIDE = "decide alike here and there"
+KINDS = (SUSPECT, ALIASED, CONVERGED, NO_EFFECT, REPEATS, SCRIPTED, COINCIDE)
+
+MOSTLY = 0.5
+"""From this share of the common worlds on identical varying decisions of two models are more than coincidence."""
+
+VERBATIM = 0.9
+"""A cache gives the text back; where fewer replies are word for word the same, two models found their own words."""
 
 FEWEST_REPEATS = 5
 """So many requests that were made before must come again before their latency is looked at."""
@@ -103,7 +110,7 @@ def twins(drives: Sequence[Drives]) -> list[Twins]:
     found = []
     for kind, by_worlds in pairs.items():
         for same, many in by_worlds.items():
-            groups = [list(pair) for pair in many] if kind == SUSPECT else _joined(many)
+            groups = [list(pair) for pair in many] if kind in {SUSPECT, COINCIDE} else _joined(many)
             found += [_twins(kind, group, same) for group in groups]
     return found
 
@@ -125,7 +132,26 @@ def _kind(one: Drives, other: Drives, worlds: Sequence[str]) -> str:
     if not (one.asked and other.asked):
         return SCRIPTED if one.driver.policy != other.driver.policy else REPEATS
     again = one.driver.policy == other.driver.policy and one.driver.condition == other.driver.condition
-    return REPEATS if again and not _faster(one, other) else SUSPECT
+    if again and not _faster(one, other):
+        return REPEATS
+    common = len(one.by_world.keys() & other.by_world.keys())
+    return SUSPECT if len(worlds) >= MOSTLY * common and _verbatim(one, other, worlds) else COINCIDE
+
+
+def _verbatim(one: Drives, other: Drives, worlds: Sequence[str]) -> bool:
+    """Return whether the replies about these worlds are the same to the word, as far as the ledgers know them."""
+    mine, theirs = (_texts(each, set(worlds)) for each in (one, other))
+    both = mine.keys() & theirs.keys()
+    return sum(mine[frame] == theirs[frame] for frame in both) >= VERBATIM * len(both)
+
+
+def _texts(drives: Drives, worlds: set[str]) -> dict[str, str]:
+    """Return the text of each reply about some worlds, by its frame."""
+    return {
+        sent.key.frame: sent.reply.text
+        for sent in drives.replies
+        if sent.reply is not None and sent.key.frame.rpartition("/")[0] in worlds
+    }
 
 
 def _executed(drives: Drives, worlds: Sequence[str]) -> list[str]:
@@ -170,6 +196,7 @@ def _twins(kind: str, group: Sequence[Drives], same: Sequence[str]) -> Twins:
         REPEATS: _repeats,
         SCRIPTED: _scripted,
         SUSPECT: _suspect,
+        COINCIDE: _coincide,
     }[kind](group, same)
     return Twins(tuple(one.driver for one in group), len(common), len(same), kind, words)
 
@@ -214,12 +241,13 @@ def _scripted(group: Sequence[Drives], same: Sequence[str]) -> str:
     del same
     scripted = [one.driver.label for one in group if not one.asked]
     if len(scripted) == len(group):
-        return (
-            "none of them asks a model: in these worlds their rules come to the same."
-        )
-    return (
-        f"the decisions are those of {' and '.join(scripted)}, without a model: one rule, no cache."
-    )
+        return "none of them asks a model: in these worlds their rules come to the same."
+    return f"the decisions are those of {' and '.join(scripted)}, without a model: one rule, no cache."
+
+
+def _coincide(group: Sequence[Drives], same: Sequence[str]) -> str:
+    del group
+    return f"they decide alike in {len(same)} worlds, too few or in too different words for a cache."
 
 
 def _suspect(group: Sequence[Drives], same: Sequence[str]) -> str:
@@ -229,8 +257,8 @@ def _suspect(group: Sequence[Drives], same: Sequence[str]) -> str:
         reasons.append(f"although the pictures differ ({one.driver.condition} and {other.driver.condition})")
     reasons += _told_by_replies(one, other, set(same))
     return (
-        f"{', '.join(reasons)}. Two models that look for themselves hardly agree so; look for a cache or a proxy that "
-        "answers for both, and drive again without it."
+        f"{', '.join(reasons)}. Two models that look for themselves hardly agree so; look for a cache that answers for "
+        "both, or for one model behind two names, and drive again."
     )
 
 
