@@ -7,11 +7,10 @@ import itertools
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from statistics import median
 
 from eyechart.episodes import Episode
-from eyechart.ledger import Sent
 from eyechart.studies.closed_loop.reading import MODAL_CONSTANT, Driver, Drives
+from eyechart.studies.closed_loop.repeated import IMPLAUSIBLE, seconds
 
 CONVERGED = "constant policies converge"
 ALIASED = "aliased commands"
@@ -27,12 +26,6 @@ MOSTLY = 0.5
 
 VERBATIM = 0.9
 """A cache gives the text back; where fewer replies are word for word the same, two models found their own words."""
-
-FEWEST_REPEATS = 5
-"""So many requests that were made before must come again before their latency is looked at."""
-
-IMPLAUSIBLE = 0.1
-"""A repeated request that takes less than this share of what first requests take was hardly answered anew."""
 
 
 @dataclass(frozen=True)
@@ -53,33 +46,6 @@ class Twins:
             "worlds": self.worlds,
             "identical": self.same,
             "kind": self.kind,
-            "words": self.words,
-        }
-
-
-@dataclass(frozen=True)
-class Repeats:
-    """What a driver's repeated requests tell: the same request again, its text and how long it took.
-
-    ``ratio`` is the median seconds of repeats over that of first requests, None where they are not measured.
-    """
-
-    driver: Driver
-    repeats: int
-    same_text: int
-    ratio: float | None
-    suspect: bool
-    words: str
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        return {
-            "driver": self.driver.label,
-            "simulator": self.driver.simulator,
-            "repeats": self.repeats,
-            "same_text": self.same_text,
-            "latency_ratio": self.ratio,
-            "suspect": self.suspect,
             "words": self.words,
         }
 
@@ -167,13 +133,8 @@ def _modal(actions: Sequence[str]) -> tuple[str, float]:
 
 def _faster(one: Drives, other: Drives) -> bool:
     """Return whether the one run's calls took implausibly less time than the other's."""
-    first, second = (_seconds(list(each.replies)) for each in (one, other))
+    first, second = (seconds(list(each.replies)) for each in (one, other))
     return bool(first and second) and min(first, second) < IMPLAUSIBLE * max(first, second)
-
-
-def _seconds(calls: Sequence[Sent]) -> float:
-    given = [one.reply.seconds for one in calls if one.reply is not None and one.reply.seconds is not None]
-    return median(given) if given else 0.0
 
 
 def _joined(pairs: Sequence[tuple[Drives, Drives]]) -> list[list[Drives]]:
@@ -277,38 +238,7 @@ def _told_by_replies(one: Drives, other: Drives, worlds: set[str]) -> list[str]:
     said = [f"{verbatim} of {len(both)} replies are word for word the same"]
     if other_picture:
         said.append(f"{other_picture} of them to other requests")
-    first, second = _seconds(list(mine.values())), _seconds(list(theirs.values()))
+    first, second = seconds(list(mine.values())), seconds(list(theirs.values()))
     if first and second and min(first, second) < IMPLAUSIBLE * max(first, second):
         said.append(f"and the median reply took {min(first, second):.3g} s against {max(first, second):.3g} s")
     return said
-
-
-def repeated_requests(drives: Drives) -> Repeats | None:
-    """Return what requests that a driver made before tell when they come again; None where fewer than five did.
-
-    A request is the same where its text and picture are. Suspect: the first replies vary, every repeat has the text of
-    the first, and repeats come in less than a tenth of the time.
-    """
-    first: dict[str, Sent] = {}
-    again: list[tuple[Sent, Sent]] = []
-    for sent in drives.replies:
-        if not sent.request_sha256 or sent.reply is None or sent.reply.error is not None:
-            continue
-        before = first.setdefault(sent.request_sha256, sent)
-        if before is not sent:
-            again.append((before, sent))
-    if len(again) < FEWEST_REPEATS:
-        return None
-    same = sum(
-        one.reply is not None and two.reply is not None and one.reply.text == two.reply.text for one, two in again
-    )
-    slow, fast = _seconds(list(first.values())), _seconds([two for _, two in again])
-    ratio = fast / slow if slow and any(two.reply and two.reply.seconds is not None for _, two in again) else None
-    varies = len({one.reply.text for one in first.values() if one.reply is not None}) > 1
-    suspect = varies and same == len(again) and ratio is not None and ratio < IMPLAUSIBLE
-    words = f"{len(again)} requests came again, {same} got the text of the first"
-    if ratio is not None:
-        words += f", in {ratio:.2g} of its time"
-    if suspect:
-        words += ": a cache answered them, so that neither noise nor repeats can be measured; switch it off"
-    return Repeats(drives.driver, len(again), same, ratio, suspect, words)
