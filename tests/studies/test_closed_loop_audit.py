@@ -19,7 +19,7 @@ def test_a_depth_reader_follows_the_scene_and_a_coin_does_not(tmp_path: Path) ->
     assert reader.label == "follows the scene"
     assert (reader.holm or 1) < 0.01
     assert (reader.statistics["information_share"].value or 0) > 0.4
-    assert coin.label == "varies, no link to the scene found"
+    assert coin.label == "varies, no link found"
     assert (coin.statistics["entropy_bits"].value or 0) > 2.2 > (reader.statistics["entropy_bits"].value or 9)
     assert (coin.statistics["information_share"].value or 1) < 0.03
     assert reader.geometry == GAP_ALONE
