@@ -53,7 +53,7 @@ def simulators(json: _Json = False) -> None:
     rows = {
         f"{name} --{option} {choice}": says
         for name, simulator in opened.items()
-        for option, choices in (("preset", simulator.presets), ("scenarios", simulator.scenarios))
+        for option, choices in (("preset", simulator.presets), ("scenarios", getattr(simulator, "scenarios", {})))
         for choice, says in choices.items()
     }
     rows |= {written: says for written, says, _ in KINDS.values()}
