@@ -123,8 +123,20 @@ def test_other_actions_with_one_drive_are_not_called_aliases(tmp_path: Path) -> 
         Episode(mine.key, mine.steps, mine.ended, theirs.state_sha256)
         for mine, theirs in zip(drive("left", always("LEFT")), right, strict=True)
     ]
-    (found,) = score(make_run(tmp_path, [*right, *left])).twins
+    (found,) = score(make_run(tmp_path / "a", [*right, *left])).twins
     assert found.kind == "other actions, same drive"
+
+
+def test_a_run_is_scored_where_its_simulator_is_not(tmp_path: Path) -> None:
+    """What is not installed here declares nothing, and everything else is computed."""
+    away = "gym:Elsewhere-v9"
+    episodes = [
+        one
+        for policy, action in (("one", "STOP"), ("other", "SLOW"))
+        for one in drive(policy, always(action), simulator=away)
+    ]
+    (found,) = score(make_run(tmp_path, episodes, simulator=away)).twins
+    assert (found.kind, found.same) == ("other actions, same drive", 32)
 
 
 def cached(step: Step, number: int) -> Reply:

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from eyechart.episodes import Episode
+from eyechart.errors import EyechartError
 from eyechart.studies.closed_loop.reading import MODAL_CONSTANT, Driver, Drives
 from eyechart.studies.closed_loop.repeated import IMPLAUSIBLE, seconds
 
@@ -62,8 +63,14 @@ def _course(episode: Episode) -> list[tuple[float, float, float, bool]]:
 
 
 def commands_of(drives: Drives) -> Mapping[str, str]:
-    """Return what the simulator declares its actions to be in its own commands; empty where it declares nothing."""
-    declared = getattr(drives.open_simulator(), "commands", None)
+    """Return what the simulator declares its actions to be in its own commands; empty where it declares nothing.
+
+    A simulator that is not installed here declares nothing: a run is scored anywhere.
+    """
+    try:
+        declared = getattr(drives.open_simulator(), "commands", None)
+    except EyechartError:
+        return {}
     return dict(declared) if isinstance(declared, Mapping) else {}
 
 
