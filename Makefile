@@ -13,11 +13,12 @@ DOCS := $(VENV)/.docs
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm test test-models test-browser lint format docs bench clean
+.PHONY: help demo demo-vlm ladder test test-models test-browser lint format docs bench clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
 	@echo "make demo-vlm     the same on five tiny real vision-language models, on a CPU, offline once installed"
+	@echo "make ladder       the baselines of the closed loop beside the paper's, offline, in a few minutes"
 	@echo "make test         the tests of the core"
 	@echo "make test-models  the tests that need extras (Hugging Face datasets, Parquet, LeRobot, Transformers, Ray)"
 	@echo "make test-browser the report in headless Chromium, which has to be there (apt-get install chromium)"
@@ -30,6 +31,9 @@ demo: $(CORE)
 
 demo-vlm: $(VLM)
 	$(BIN)/eyechart demo --vlm --out demo
+
+ladder: $(CORE)
+	$(BIN)/eyechart ladder --out ladder --processes 2
 
 test: $(DEV)
 	$(BIN)/python -m pytest -n 2 -m "not models and not browser"
@@ -58,13 +62,14 @@ docs: $(DOCS)
 bench: $(BENCH) $(INSPECT)/.done
 	$(BIN)/python benchmarks/bench_statistics.py
 	$(BIN)/python benchmarks/bench_bank.py
+	$(BIN)/python benchmarks/bench_drives.py --seeds 1 --pictures --processes
 	$(BIN)/python benchmarks/bench_positive_control.py
 	$(BIN)/python benchmarks/bench_score.py
 	$(BIN)/python benchmarks/bench_hf.py
 	$(BIN)/python benchmarks/bench_calls.py --inspect-python $(INSPECT)/bin/python
 
 clean:
-	rm -rf $(VENV) demo build dist
+	rm -rf $(VENV) demo ladder build dist
 
 $(VENV)/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -84,7 +89,7 @@ $(VLM): $(CORE)
 	@touch $@
 
 $(MODELS): $(DEV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,hub,parquet,lerobot,transformers,serve,ray]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,hub,parquet,lerobot,film,transformers,serve,ray]'
 	@touch $@
 
 $(DOCS): $(CORE)

@@ -60,6 +60,7 @@ ASSEMBLED = {
     "simulators.road",
     "simulators.rover",
     "studies.battery",
+    "studies.closed_loop",
     "verdicts",
 }
 """Packages that are one room split into modules: their modules import each other, without a cycle."""

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from eyechart.episodes import EPISODES
 from eyechart.errors import OutputError
 from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, is_run
 
@@ -21,8 +22,15 @@ def _is_report(path: Path) -> bool:
         return GENERATOR in file.read(_HEAD)
 
 
+def _is_film(path: Path) -> bool:
+    with path.open("rb") as file:
+        head = file.read(_HEAD)
+    return head.startswith(b"GIF8") or head[4:8] == b"ftyp" or GENERATOR in head
+
+
 KINDS: dict[str, Callable[[Path], bool]] = {
     "report": _is_report,
+    "film": _is_film,
     "bundle": zipfile.is_zipfile,
     "JUnit file": lambda path: path.suffix.lower() == ".xml",
 }
@@ -53,7 +61,7 @@ def _require_foreign(out: Path) -> None:
         for folder in path.parents:
             name = path.relative_to(folder).parts[0]
             run = is_run(folder) or (folder / LEDGER).is_file()
-            if run and (name in {RUN, ".lock", BANK} or name.startswith(LEDGER)):
+            if run and (name in {RUN, ".lock", BANK, EPISODES} or name.startswith(LEDGER)):
                 raise OutputError(f"{out} belongs to the run {folder} and is not overwritten: choose another place")
             if (folder / BANK_TEXT[1]).is_file() and name in {*BANK_TEXT, "images"}:
                 raise OutputError(f"{out} belongs to the bank {folder} and is not overwritten: choose another place")

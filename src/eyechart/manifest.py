@@ -194,7 +194,12 @@ def read_manifest(path: Path) -> RunManifest:
     file = path / RUN
     try:
         raw = json.loads(file.read_text(encoding="utf-8"))
-        if raw.pop("format") != FORMAT:
+        found = raw.pop("format")
+        if str(found).startswith("eyechart-episodes/"):
+            raise LedgerError(
+                f"{path} is a run of episodes, for 'eyechart score', 'report', 'audit' and 'film' to read"
+            )
+        if found != FORMAT:
             raise LedgerError(
                 f"{file} is of another format than {FORMAT!r}: use the eyechart that wrote it, or run anew"
             )

@@ -3,8 +3,6 @@
 Run by make test-browser; EYECHART_CHROMIUM names another Chromium than the one on the path.
 """
 
-import os
-import shutil
 from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
@@ -17,24 +15,6 @@ from report_runs import HOSTILE, LONG, Reported
 pytestmark = pytest.mark.browser
 HEIGHT_PX = 900
 ALLOWED = {"file", "data", "about"}
-
-
-def chromium() -> str:
-    """Return where Chromium is."""
-    found = os.environ.get("EYECHART_CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser")
-    assert found, "Chromium is not there: apt-get install chromium, or name one in EYECHART_CHROMIUM"
-    return found
-
-
-@pytest.fixture(scope="module")
-def engine() -> Iterator[Any]:
-    """Return a running Chromium."""
-    from playwright.sync_api import sync_playwright  # noqa: PLC0415 - an extra
-
-    with sync_playwright() as playwright:
-        running = playwright.chromium.launch(executable_path=chromium(), args=["--no-sandbox", "--disable-gpu"])
-        yield running
-        running.close()
 
 
 @pytest.fixture(params=[1280, 400], ids=lambda width: f"{width} px")

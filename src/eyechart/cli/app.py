@@ -6,6 +6,7 @@ import typer
 
 from eyechart import __version__
 from eyechart.cli import (
+    auditing,
     bundling,
     calibrating,
     comparing,
@@ -43,6 +44,9 @@ app.command()(comparing.transfer)
 app.command()(calibrating.plan)
 app.command()(calibrating.calibrate)
 app.command()(reporting.report)
+app.command()(auditing.ladder)
+app.command()(auditing.audit)
+app.command()(auditing.film)
 app.command()(bundling.bundle)
 app.command()(bundling.validate)
 

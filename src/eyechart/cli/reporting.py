@@ -26,12 +26,19 @@ def report(
     It needs no network and shows in any browser. Example: eyechart report run --out report.html
     """
     from eyechart.destination import require_free
+    from eyechart.errors import SpecError
     from eyechart.report.evidence import read_evidence, subjects
     from eyechart.report.figures import write_figures
     from eyechart.report.page import make_page, write_page
     from eyechart.report.sheets import write_sheets
+    from eyechart.studies import closed_loop
 
     require_free(out, "report")
+    if any(drove := [closed_loop.is_episodes(run) for run in runs]):
+        if not all(drove):
+            raise SpecError("a report is about batteries or about episodes: make one of each kind of run")
+        _report_drives(runs, out, figures, tables)
+        return
     with patience("report") as tell:
         evidence = read_evidence(runs, frames or (), independent=independent, reread=reread, tell=tell)
         page = make_page(evidence, tell=tell)
@@ -44,4 +51,26 @@ def report(
             say(f"{run.name}: without pictures, because {run.about_pictures}; give the bank with --frames")
     if tables is not None:
         say(f"{len(write_sheets(subjects(evidence), tables))} tables in {tables}")
+    say(f"wrote {out}, {len(page.html) / 1e6:.1f} MB")
+
+
+def _report_drives(runs: list[Path], out: Path, figures: Path | None, tables: Path | None) -> None:
+    """Write the report of runs of episodes."""
+    from eyechart.report.drives_page import make_drives_page
+    from eyechart.report.drives_sheets import write_drives_sheets
+    from eyechart.report.figures import write_figures
+    from eyechart.report.page import write_page
+    from eyechart.studies.closed_loop import score
+
+    with patience("report") as tell:
+        tell("scoring")
+        scored = score(runs)
+        page = make_drives_page(runs, scored, tell=tell)
+        write_page(page, out)
+    if figures is not None:
+        say(f"{len(write_figures(page.drawings, figures))} files of figures in {figures}")
+    if tables is not None:
+        say(f"{len(write_drives_sheets(scored, tables))} tables in {tables}")
+    for note in page.notes:
+        say(note)
     say(f"wrote {out}, {len(page.html) / 1e6:.1f} MB")

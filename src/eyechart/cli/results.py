@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from eyechart.cli.auditing import print_drives
 from eyechart.cli.terminal import print_json, table_console
 
 if TYPE_CHECKING:
@@ -29,9 +30,16 @@ def score(run: _Run, json: _Json = False, independent: _Independent = False, rer
     from eyechart.report.costs import costs_table
     from eyechart.report.tables import frontier_table, prompts_table, statistics_table
     from eyechart.studies import battery as study
-    from eyechart.studies import prompts
+    from eyechart.studies import closed_loop, prompts
     from eyechart.verdicts import judge
 
+    if closed_loop.is_episodes(run):
+        drives = closed_loop.score(run)
+        if json:
+            print_json(drives.as_dict())
+        else:
+            print_drives(drives)
+        return
     if prompts.is_study(run):
         cells = prompts.score(run, reread=reread)
         if json:

@@ -76,7 +76,7 @@ def information(everyone: Sequence[Subject]) -> list[Drawing]:
     axes.text(
         right * 0.99, -0.035 * top, "varied, and not about the gap", ha="right", fontsize=8, style="italic", color=MUTED
     )
-    _labelled(axes, points)
+    labelled(axes, [(who.label, x, y) for who, x, y in points])
     told = "; ".join(f"{who.label}: entropy {x:.2f}, information {y:.3f}" for who, x, y in points)
     missing = [who.label for who in everyone if who.label not in {one.label for one, _, _ in points}]
     without = f" Cannot say: {', '.join(missing)}." if missing else ""
@@ -85,16 +85,16 @@ def information(everyone: Sequence[Subject]) -> list[Drawing]:
     return [Drawing("information", title, says, figure, wide=True)]
 
 
-def _labelled(axes: Axes, points: Sequence[tuple[Subject, float, float]]) -> None:
+def labelled(axes: Axes, points: Sequence[tuple[str, float, float]]) -> None:
     """Draw the points, and each name at the nearest place where it covers no other name."""
     inverse = axes.transData.inverted()
     taken: list[Box] = []
-    seen = sorted(points, key=lambda one: (one[1], one[2], one[0].label))
+    seen = sorted(points, key=lambda one: (one[1], one[2], one[0]))
     pixels = [axes.transData.transform((x, y)) for _, x, y in seen]
     taken += [(float(x) - 4, float(y) - 4, float(x) + 4, float(y) + 4) for x, y in pixels]
     bounds = axes.get_window_extent()
-    for (who, x, y), (px, py) in zip(seen, pixels, strict=True):
-        label = plain(who.label, 30)
+    for (name, x, y), (px, py) in zip(seen, pixels, strict=True):
+        label = plain(name, 30)
         axes.scatter([x], [y], s=34, color=BLUE, edgecolors=PAPER, linewidths=0.8, zorder=3)
         wide = 6.2 * len(label)
         box, side = next(

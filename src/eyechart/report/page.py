@@ -61,14 +61,14 @@ def make_page(evidence: Sequence[Evidence], *, tell: Tell = lambda _: None) -> P
     drawn = figures(everyone)
     album, texts = make_album(evidence, shown, tell=tell), collect_texts(evidence, shown)
     tell("the page")
-    script = _asset("page.js")
+    script = asset("page.js")
     notes = _notes(evidence, shown, album, texts, len(everyone))
     html = (
-        _environment()
+        environment()
         .get_template("page.html")
         .render(
-            csp=_policy(script),
-            css=Markup(_asset("page.css")),  # noqa: S704 - our own file
+            csp=policy(script),
+            css=Markup(asset("page.css")),  # noqa: S704 - our own file
             script=Markup(script),  # noqa: S704 - our own file
             data=embedded_json(browser_data(evidence, album, texts, shown)),
             title=", ".join(run.name for run in evidence),
@@ -119,8 +119,9 @@ def write_page(page: Page, out: Path) -> None:
         partial.write_bytes(page.html)
 
 
-def _environment() -> jinja2.Environment:
-    loader = jinja2.FunctionLoader(_asset)
+def environment() -> jinja2.Environment:
+    """Return how templates are filled: everything escaped, nothing left undefined."""
+    loader = jinja2.FunctionLoader(asset)
     made = jinja2.Environment(
         loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
@@ -128,11 +129,12 @@ def _environment() -> jinja2.Environment:
     return made
 
 
-def _asset(name: str) -> str:
+def asset(name: str) -> str:
+    """Return one of the report's own template files."""
     return (files("eyechart.report") / "template" / name).read_text(encoding="utf-8")
 
 
-def _policy(script: str) -> str:
+def policy(script: str) -> str:
     """Return the Content-Security-Policy: pictures from data, this one script, and nothing from anywhere."""
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     return (

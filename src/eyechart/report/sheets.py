@@ -152,8 +152,13 @@ def statistics_sheet(everyone: Sequence[Subject]) -> Sheet:
 
 def sheet_files(everyone: Sequence[Subject]) -> dict[str, bytes]:
     """Return verdicts, the frontier table and the statistics as CSV, Markdown and LaTeX, by their files' names."""
+    return files_of((verdict_sheet(everyone), frontier_sheet(everyone), statistics_sheet(everyone)))
+
+
+def files_of(sheets: Sequence[Sheet]) -> dict[str, bytes]:
+    """Return sheets as CSV, Markdown and LaTeX, by their files' names."""
     made = {}
-    for sheet in (verdict_sheet(everyone), frontier_sheet(everyone), statistics_sheet(everyone)):
+    for sheet in sheets:
         for suffix, text in (("csv", sheet.csv()), ("md", sheet.markdown()), ("tex", sheet.latex())):
             made[f"{sheet.name}.{suffix}"] = text.encode("utf-8", "backslashreplace")
     return made

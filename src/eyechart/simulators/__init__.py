@@ -55,7 +55,8 @@ class Simulator(Protocol):
     """The door to a simulator. ``presets`` and ``scenarios`` map a name to one sentence each.
 
     ``scenarios`` are those of its drives. ``picture`` is the kind of picture in words, ``mirror_axis`` the axis
-    across which its pictures exchange left and right, ``action_space`` what its drives understand.
+    across which its pictures exchange left and right, ``action_space`` what its drives understand. A simulator in which
+    several actions are one command of its world says so in a further mapping, ``commands``, from action to command.
     """
 
     name: str

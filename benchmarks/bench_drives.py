@@ -1,0 +1,170 @@
+"""What the ladder's episodes cost: as ``Highway`` drives them, and as stock highway-env is stepped in the plain way.
+
+The same episodes with the same actions, four ways: eyechart's drives with the ground truth of every moment, and
+``gym.make``, ``env.reset(seed=…)`` and ``env.step`` with nothing patched and no rendering; then both once more with a
+picture before every decision, the stock one by ``env.render`` as a user would. Every vehicle's position, heading and
+speed must be equal byte for byte after every step before a ratio is printed. Gated: without pictures, at least 3 times
+less CPU time than stock.
+
+``--seeds 1`` measures 28 of the 224 episodes. ``--processes`` measures what two processes of ``eyechart ladder`` cost
+over one: at most 15 % more CPU time.
+"""
+
+import argparse
+import hashlib
+import json
+import resource
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from eyechart.episodes import Bounds, run
+from eyechart.policies import Observation, open_policy
+from eyechart.seeds import key_seed
+from eyechart.simulators import open_simulator
+from eyechart.simulators.highway.declared import MEANS
+from eyechart.simulators.highway.ladder import LADDER
+from eyechart.simulators.highway.world import SIMULATION_HZ
+from eyechart.studies.closed_loop.laddering import plan_ladder
+
+BOUND = 3.0
+OVERHEAD = 1.15
+POLICIES = (*(f"constant:{action}" for action in MEANS), "random", "oracle")
+
+Actions = dict[tuple[str, str, int], list[str]]
+"""What was executed in each episode: policy, scenario and seed to actions."""
+Digests = dict[tuple[str, str, int], list[str]]
+
+
+def digest(world: Any) -> str:  # noqa: ANN401  (highway-env has no types)
+    """Return the digest of the raw floats of every vehicle."""
+    rows = [[*vehicle.position, vehicle.heading, vehicle.speed] for vehicle in world.road.vehicles]
+    return hashlib.sha256(np.array(rows, dtype=np.float64).tobytes()).hexdigest()
+
+
+def episodes(seeds: int) -> Iterator[tuple[str, str, int]]:
+    """Yield every episode: policy, scenario and seed."""
+    yield from ((policy, scenario, seed) for policy in POLICIES for scenario in LADDER for seed in range(seeds))
+
+
+def drive(seeds: int, *, pictures: bool) -> tuple[Actions, Digests]:
+    """Drive every episode as eyechart does, with the ground truth of every moment."""
+    highway = open_simulator("highway")
+    actions: Actions = {}
+    digests: Digests = {}
+    for spec, scenario, seed in episodes(seeds):
+        policy = open_policy(spec, highway.action_space, lambda _: {})
+        world = highway.drive(scenario, seed)
+        taken, seen, ended = [], [], None
+        while ended is None:
+            truth, frame = world.truth(), f"{scenario}/{seed}/{len(taken)}"
+            if pictures:
+                world.picture()
+            moment = Observation(
+                frame, len(taken), world.picture, truth, highway.action_space, key_seed("bench", spec, frame)
+            )
+            action = policy.decide(moment).action
+            assert action is not None
+            ended = world.step(action).ended
+            taken.append(action)
+            seen.append(hashlib.sha256(world.state()).hexdigest())
+        world.close()
+        actions[spec, scenario, seed], digests[spec, scenario, seed] = taken, seen
+    return actions, digests
+
+
+def drive_stock(actions: Actions, *, pictures: bool) -> Digests:
+    """Take the same actions in stock highway-env, by its public functions."""
+    digests: Digests = {}
+    for (spec, scenario, seed), taken in actions.items():
+        setting = LADDER[scenario]
+        config = {**setting.config, "simulation_frequency": SIMULATION_HZ}
+        env: Any = gym.make(setting.env, config=config, render_mode="rgb_array" if pictures else None)
+        env.reset(seed=seed)
+        indexes = env.unwrapped.action_type.actions_indexes
+        seen = []
+        for action in taken:
+            if pictures:
+                env.render()
+            env.step(indexes[MEANS[action]])
+            seen.append(digest(env.unwrapped))
+        env.close()
+        digests[spec, scenario, seed] = seen
+    return digests
+
+
+def timed(way: Callable[[], Any]) -> tuple[Any, float]:
+    """Return what a way gives, and its CPU seconds."""
+    start = time.process_time()
+    made = way()
+    return made, time.process_time() - start
+
+
+def measure(seeds: int, *, pictures: bool) -> dict[str, float]:
+    """Time both ways, with pictures or without; raises SystemExit where a state differs."""
+    (actions, ours), mine = timed(lambda: drive(seeds, pictures=pictures))
+    stock, theirs = timed(lambda: drive_stock(actions, pictures=pictures))
+    for key, seen in ours.items():
+        if stock[key] != seen:
+            raise SystemExit(f"episode {key} has another state than in stock highway-env")
+    steps = sum(map(len, actions.values()))
+    seconds = {"eyechart_cpu_s": mine, "stock_cpu_s": theirs, "ratio": theirs / mine}
+    return {"episodes": len(actions), "steps": steps, **seconds}
+
+
+def processes(seeds: int) -> dict[str, float]:
+    """Return the CPU seconds of the ladder in one process and in two, children included."""
+    seconds = []
+    for count in (1, 2):
+        with tempfile.TemporaryDirectory() as folder:
+            before = _cpu()
+            run(plan_ladder(Path(folder) / "run", seeds=seeds), bounds=Bounds(processes=count))
+            seconds.append(_cpu() - before)
+    return {"one_process_cpu_s": seconds[0], "two_processes_cpu_s": seconds[1], "overhead": seconds[1] / seconds[0]}
+
+
+def _cpu() -> float:
+    who = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    return sum(used.ru_utime + used.ru_stime for used in map(resource.getrusage, who))
+
+
+def main() -> None:
+    """Measure, print, and exit 1 beyond a bound."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--seeds", type=int, default=8, help="seeds a scenario; 8 make 224 episodes")
+    parser.add_argument("--pictures", action="store_true", help="measure with a picture a decision too")
+    parser.add_argument("--processes", action="store_true", help="measure what two processes cost over one")
+    options = parser.parse_args()
+    stages: dict[str, Callable[[], dict[str, float]]] = {
+        "without_pictures": lambda: measure(options.seeds, pictures=False)
+    }
+    if options.pictures:
+        stages["with_pictures"] = lambda: measure(options.seeds, pictures=True)
+    if options.processes:
+        stages["processes"] = lambda: processes(options.seeds)
+    found: dict[str, dict[str, float]] = {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # gymnasium warns of what highway-env does on its own
+        for name, stage in stages.items():
+            found[name] = stage()
+            if not options.json:
+                values = ", ".join(f"{key} {value:.4g}" for key, value in found[name].items())
+                print(f"{name.replace('_', ' ')}: {values}", flush=True)
+    if options.json:
+        print(json.dumps({"bound": BOUND, **found}, indent=1))
+    else:
+        print(f"states equal after every step; bound on the ratio without pictures {BOUND}")
+    slow = found["without_pictures"]["ratio"] < BOUND
+    sys.exit(1 if slow or found.get("processes", {}).get("overhead", 0.0) > OVERHEAD else 0)
+
+
+if __name__ == "__main__":
+    main()

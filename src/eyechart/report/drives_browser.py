@@ -1,0 +1,183 @@
+"""What the browser of episodes shows: every drive step by step, and pictures of a few that were driven again."""
+
+import base64
+import io
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from PIL import Image
+
+from eyechart.actions import ActionSpace
+from eyechart.episodes import Episode
+from eyechart.errors import EyechartError
+from eyechart.frames import RGB
+from eyechart.studies.closed_loop import ClosedLoopScore, Drives
+from eyechart.studies.closed_loop.replaying import decided, episode_id, replay
+
+MOST_EPISODES = 1000
+MOST_STEPS = 60_000
+"""Episodes and steps that the page lists; of more, episodes are taken evenly."""
+
+PICTURED = 6
+"""Episodes that are driven again for their pictures, of as many drivers as there are."""
+MOST_PICTURES = 60
+"""Pictures of one episode; of a longer drive every second, third, … moment."""
+PICTURE_BYTES = 6_000_000
+WIDTH = 480
+LONGEST_REPLY = 1500
+TEXT_BUDGET = 4_000_000
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Shown:
+    """The browser's data, and in ``notes`` what of the runs is not in it."""
+
+    data: dict[str, object]
+    notes: tuple[str, ...]
+
+
+def drives_data(score: ClosedLoopScore, *, pictured: int = PICTURED, tell: Tell = lambda _: None) -> Shown:
+    """Return what the browser of episodes reads; ``pictured`` episodes are driven again for their pictures."""
+    every = [(one, episode) for one in score.drives for episode in (*one.episodes, *one.errors)]
+    listed = _evenly(every)
+    notes = []
+    if len(listed) < len(every):
+        notes.append(f"The browser lists {len(listed):,} of {len(every):,} episodes; every number counts all of them.")
+    album = _Album()
+    for drives, episode in _chosen(score.drives, listed, pictured):
+        tell(f"driving '{episode_id(episode)}' again")
+        album.add(drives, episode)
+    notes += album.notes()
+    texts = _Texts()
+    episodes = [_episode(one, episode, album, texts) for one, episode in listed]
+    if texts.cut:
+        notes.append(f"{texts.cut} replies are cut or left out; the ledger has all of them.")
+    roles = {action: _role(one.space, action) for one in score.drives for action in one.space.actions}
+    data = {"episodes": episodes, "pictures": album.uris, "texts": texts.kept, "roles": roles}
+    return Shown(data, tuple(notes))
+
+
+def _evenly(every: Sequence[tuple[Drives, Episode]]) -> list[tuple[Drives, Episode]]:
+    steps = sum(len(episode.steps) for _, episode in every)
+    part = min(1.0, MOST_EPISODES / max(1, len(every)), MOST_STEPS / max(1, steps))
+    count = max(1, int(part * len(every)))
+    return [every[turn * len(every) // count] for turn in range(count)] if count < len(every) else list(every)
+
+
+def _chosen(
+    drives: Sequence[Drives], listed: Sequence[tuple[Drives, Episode]], count: int
+) -> list[tuple[Drives, Episode]]:
+    """Return episodes to be shown with pictures: one a driver, drivers evenly taken, each in another world."""
+    some = [drives[turn * len(drives) // count] for turn in range(count)] if count < len(drives) else drives
+    found = []
+    for turn, one in enumerate(some):
+        mine = [episode for other, episode in listed if other is one and episode.steps and episode.ended != "error"]
+        if mine:
+            found.append((one, mine[(7 * turn) % len(mine)]))
+    return found
+
+
+class _Album:
+    """Pictures of the episodes that were driven again, small, and where each stands."""
+
+    def __init__(self) -> None:
+        self.uris: list[str] = []
+        self.places: dict[tuple[str, str], list[int]] = {}
+        self.spent = 0
+        self.refused: list[str] = []
+        self.full = False
+
+    def add(self, drives: Drives, episode: Episode) -> None:
+        """Drive an episode again and keep its pictures, as long as there is room."""
+        every = 1 + len(episode.steps) // MOST_PICTURES
+        places, begun = [], len(self.uris)
+        try:
+            for number, shot in enumerate(replay(drives, episode)):
+                if self.spent > PICTURE_BYTES:
+                    self.full = True
+                    break
+                if number % every == 0:
+                    self.uris.append(self._encode(shot.picture))
+                places.append(len(self.uris) - 1)
+        except EyechartError as error:
+            del self.uris[begun:]
+            self.refused.append(str(error))
+            return
+        self.places[drives.driver.label, episode_id(episode)] = places
+
+    def _encode(self, picture: RGB) -> str:
+        image = Image.fromarray(np.asarray(picture))
+        if image.width > WIDTH:
+            image = image.resize((WIDTH, max(1, round(image.height * WIDTH / image.width))), Image.Resampling.LANCZOS)
+        buffer = io.BytesIO()
+        image.save(buffer, "WEBP", quality=75)
+        self.spent += buffer.tell()
+        return "data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode()
+
+    def notes(self) -> list[str]:
+        """Return in words what is not in the album."""
+        said = [f"Without pictures: {words}." for words in self.refused]
+        count = len(self.places)
+        said.append(
+            f"Pictures of {count} episode{'' if count == 1 else 's'}, driven again from the recorded actions and "
+            "checked against the recorded state; 'eyechart film' shows any other."
+        )
+        return said
+
+
+class _Texts:
+    """Distinct replies of models, each once, within a budget."""
+
+    def __init__(self) -> None:
+        self.kept: list[str] = []
+        self.numbers: dict[str, int] = {}
+        self.spent = 0
+        self.cut = 0
+
+    def number(self, text: str) -> int:
+        """Return the number of a reply, -1 where there is no room for it."""
+        short = text[:LONGEST_REPLY]
+        self.cut += short != text
+        if short not in self.numbers:
+            if self.spent + len(short) > TEXT_BUDGET:
+                self.cut += 1
+                return -1
+            self.spent += len(short)
+            self.numbers[short] = len(self.kept)
+            self.kept.append(short)
+        return self.numbers[short]
+
+
+def _episode(drives: Drives, episode: Episode, album: _Album, texts: _Texts) -> dict[str, object]:
+    replies = {sent.key.frame: sent.reply.text for sent in drives.replies if sent.reply is not None}
+    steps = []
+    for step in episode.steps:
+        gap = step.truth.get("lead_gap_m")
+        text = texts.number(replies[step.frame]) if step.frame in replies else -1
+        metres = round(gap, 2) if isinstance(gap, int | float) and not isinstance(gap, bool) else None
+        own = step.decision.action is not None
+        steps.append([decided(step), step.executed_action, own, metres, round(step.speed_mps, 2), text])
+    return {
+        "id": episode_id(episode),
+        "driver": drives.driver.label,
+        "policy": episode.key.policy,
+        "run": drives.driver.run,
+        "simulator": episode.key.simulator,
+        "scenario": episode.key.scenario,
+        "seed": episode.key.seed,
+        "condition": episode.key.condition,
+        "ended": episode.ended,
+        "detail": episode.detail,
+        "distance": round(episode.distance_m, 1),
+        "reward": round(episode.reward, 2),
+        "crashed": episode.crashed,
+        "steps": steps,
+        "pictures": album.places.get((drives.driver.label, episode_id(episode)), []),
+    }
+
+
+def _role(space: ActionSpace, action: str) -> str:
+    return "brake" if action in space.brake else "proceed" if action in space.proceed else "other"

@@ -1,0 +1,221 @@
+"""A film of one episode: the camera's pictures, and under each the decision, the executed action and the gap."""
+
+import base64
+import io
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from importlib.util import find_spec
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from markupsafe import Markup
+from PIL import Image, ImageDraw, ImageFont
+
+from eyechart import __version__
+from eyechart.destination import whole
+from eyechart.episodes import Episode
+from eyechart.errors import SpecError
+from eyechart.frames import RGB
+from eyechart.report.browser import embedded_json
+from eyechart.report.drawing import plain
+from eyechart.report.page import asset, environment, policy
+from eyechart.studies.closed_loop.reading import Drives
+from eyechart.studies.closed_loop.replaying import Shot, decided, episode_id, replay
+
+WIDTH = 720
+STRIP = 26
+INK, PAPER, MUTED, RED = "#e9e7e2", "#14171b", "#a7aeba", "#f28d4f"
+TONES = {"brake": "#f28d4f", "proceed": "#6cbcf0", "": "#a7aeba"}
+LONGEST_REPLY = 4000
+MOST_BYTES = 40_000_000
+"""Of so many bytes the pictures of an HTML film may be; a longer drive is drawn smaller."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """What stands under a picture, in words."""
+
+    place: str
+    decision: str
+    executed: str
+    state: str
+    reply: str
+    substituted: bool
+
+
+def lines(drives: Drives, episode: Episode) -> list[Line]:
+    """Return the words of every moment; a model's reply is there as the ledger holds it."""
+    replies = {sent.key.frame: sent.reply.text for sent in drives.replies if sent.reply is not None}
+    found, world, count = [], episode.key.world, len(episode.steps)
+    for number, step in enumerate(episode.steps, 1):
+        found.append(
+            Line(
+                place=f"{world} · decision {number} of {count} · shown: {episode.key.condition}",
+                decision=decided(step),
+                executed=step.executed_action,
+                state=_state(step.truth, step.speed_mps, crashed=step.crashed),
+                reply=replies.get(step.frame, "")[:LONGEST_REPLY],
+                substituted=step.decision.action is None,
+            )
+        )
+    ended = f"ended: {episode.ended} {episode.detail}".strip()
+    return [*found, Line(f"{world} · end", "", "", ended, "", substituted=False)]
+
+
+def _state(truth: Mapping[str, object], speed_mps: float, *, crashed: bool) -> str:
+    gap = truth.get("lead_gap_m")
+    said = f"gap {gap:.1f} m" if isinstance(gap, int | float) else "no vehicle ahead" if "lead_gap_m" in truth else ""
+    parts = [said, f"then {speed_mps:.1f} m/s", "CRASH" if crashed else ""]
+    return " · ".join(part for part in parts if part)
+
+
+def write_film(drives: Drives, episode: Episode, out: Path, *, fps: float = 2.0) -> int:
+    """Write the film of an episode, in the kind that the name of ``out`` says; return the number of its frames.
+
+    Raises SpecError for another suffix, a rate of no use, and for MP4 where PyAV is not installed (extra ``film``);
+    LedgerError where the episode does not drive again here; OutputError where ``out`` may not be written.
+    """
+    suffix = out.suffix.lower()
+    if suffix not in WRITERS:
+        raise SpecError(f"--out {out}: a film is written as {', '.join(WRITERS)}")
+    if not 0.1 <= fps <= 60:
+        raise SpecError(f"--fps {fps:g}: give 0.1 to 60 pictures a second")
+    if suffix == ".mp4" and find_spec("av") is None:
+        raise SpecError("MP4 needs PyAV: pip install 'eyechart[film]'; or write a .gif or .html")
+    words = lines(drives, episode)
+    with whole(out, "film") as partial:
+        return WRITERS[suffix](partial, _Film(drives, episode, words, fps))
+
+
+@dataclass(frozen=True)
+class _Film:
+    drives: Drives
+    episode: Episode
+    words: Sequence[Line]
+    fps: float
+
+    def shots(self) -> Iterator[Shot]:
+        """Yield the moments of the replay."""
+        return replay(self.drives, self.episode)
+
+    def drawn(self) -> Iterator[Image.Image]:
+        """Yield each moment with its words under it."""
+        roles = [self._role(step.executed_action) for step in self.episode.steps]
+        for number, (shot, line) in enumerate(zip(self.shots(), self.words, strict=True)):
+            yield draw(shot.picture, line, roles, number)
+
+    def _role(self, action: str) -> str:
+        space = self.drives.space
+        return "brake" if action in space.brake else "proceed" if action in space.proceed else ""
+
+
+def draw(picture: RGB, line: Line, roles: Sequence[str], now: int) -> Image.Image:
+    """Return one picture of a film: the camera's, and under it the words and a strip of all steps; even in size."""
+    scale = max(1, round(WIDTH / picture.shape[1])) if picture.shape[1] < WIDTH else 1
+    shown = Image.fromarray(picture).resize(
+        (picture.shape[1] * scale, picture.shape[0] * scale), Image.Resampling.NEAREST
+    )
+    width = max(shown.width, WIDTH) // 2 * 2
+    height = (shown.height + 4 * STRIP + 18) // 2 * 2
+    page = Image.new("RGB", (width, height), PAPER)
+    page.paste(shown, ((width - shown.width) // 2, 0))
+    pen, y = ImageDraw.Draw(page), shown.height + 6
+    small, large = font(13), font(16)
+    pen.text((10, y), plain(line.place, 100), fill=MUTED, font=small)
+    if line.decision:
+        tone = RED if line.substituted else INK
+        pen.text((10, y + STRIP), plain(f"decides {line.decision}", 60), fill=tone, font=large)
+        pen.text((width // 2, y + STRIP), plain(f"executed {line.executed}", 40), fill=INK, font=large)
+    pen.text((10, y + 2 * STRIP), plain(line.state, 100), fill=RED if "CRASH" in line.state else INK, font=small)
+    each = (width - 20) / max(1, len(roles))
+    for place, role in enumerate(roles):
+        left, top = 10 + place * each, y + 3 * STRIP + (0 if place <= now else 5)
+        box = (left, top, max(left + 1, left + each - 1), y + 3 * STRIP + 12)
+        pen.rectangle(box, fill=TONES[role] if place <= now else "#343b45", outline=INK if place == now else None)
+    return page
+
+
+def font(size: int) -> ImageFont.FreeTypeFont:
+    """Return the font that figures are drawn in."""
+    return ImageFont.truetype(str(Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"), size)
+
+
+def _write_gif(out: Path, film: _Film) -> int:
+    pictures = [page.quantize(128, dither=Image.Dither.NONE) for page in film.drawn()]
+    held = [round(1000 / film.fps)] * (len(pictures) - 1) + [round(2500 / film.fps)]
+    pictures[0].save(out, "GIF", save_all=True, append_images=pictures[1:], duration=held, loop=0, optimize=True)
+    return len(pictures)
+
+
+def _write_mp4(out: Path, film: _Film) -> int:
+    import av  # noqa: PLC0415 - an extra
+
+    count = 0
+    with av.open(str(out), "w", format="mp4") as container:
+        stream = None
+        for page in film.drawn():
+            if stream is None:
+                stream = container.add_stream(_codec(av), rate=Fraction(film.fps).limit_denominator(1000))
+                stream.width, stream.height, stream.pix_fmt = page.width, page.height, "yuv420p"
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.asarray(page), format="rgb24")))
+            count += 1
+        if stream is not None:
+            container.mux(stream.encode())
+    return count
+
+
+def _codec(av: object) -> str:
+    """Return the codec that plays in most places, of those that this PyAV can write."""
+    known: set[str] = getattr(av, "codecs_available", set())
+    return next(name for name in ("libx264", "libopenh264", "h264", "mpeg4") if name in known)
+
+
+def _write_html(out: Path, film: _Film) -> int:
+    uris = list(_encoded(shot.picture for shot in film.shots()))
+    steps = [
+        {
+            "place": line.place,
+            "decision": line.decision,
+            "executed": line.executed,
+            "state": line.state,
+            "reply": line.reply,
+            "substituted": line.substituted,
+        }
+        for line in film.words
+    ]
+    script = asset("film.js")
+    html = (
+        environment()
+        .get_template("film.html")
+        .render(
+            csp=policy(script),
+            css=Markup(asset("page.css") + asset("film.css")),  # noqa: S704 - our own files
+            script=Markup(script),  # noqa: S704 - our own file
+            data=embedded_json({"pictures": uris, "steps": steps, "fps": film.fps}),
+            title=episode_id(film.episode),
+            ended=film.episode.ended,
+            detail=film.episode.detail,
+            count=len(uris),
+            version=__version__,
+        )
+    )
+    out.write_bytes(html.encode("utf-8", "backslashreplace"))
+    return len(uris)
+
+
+def _encoded(pictures: Iterable[RGB]) -> Iterator[str]:
+    """Yield each picture as a data URI, PNG where it is small and WebP where a whole drive of them would not be."""
+    spent = 0
+    for picture in pictures:
+        buffer = io.BytesIO()
+        Image.fromarray(picture).save(buffer, "WEBP", lossless=spent < MOST_BYTES // 4, quality=70)
+        spent += buffer.tell()
+        if spent > MOST_BYTES:
+            raise SpecError(f"the pictures of this drive take more than {MOST_BYTES} bytes: write an .mp4 instead")
+        yield "data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode()
+
+
+WRITERS: dict[str, Callable[[Path, _Film], int]] = {".mp4": _write_mp4, ".gif": _write_gif, ".html": _write_html}
+"""How a film is written, by suffix."""

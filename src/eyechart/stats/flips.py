@@ -1,0 +1,78 @@
+"""Do two drivers differ in the same worlds: a test that flips the signs of paired differences."""
+
+import itertools
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from eyechart.stats.statistic import Statistic, cannot_say
+
+Floats = npt.NDArray[np.float64]
+
+ENUMERATED_FLIPS = 14
+"""Up to so many differences other than 0 all sign patterns are enumerated instead of sampled."""
+
+TIE = 1e-9
+"""Resampled means this close to the observed one, relative to its size, are ties that rounding set apart."""
+
+CHUNK_BYTES = 2**24
+"""Signs are drawn so many bytes at a time; the draws do not depend on it."""
+
+
+def sign_flip_test(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, resamples: int = 5000) -> Statistic:
+    """Test two-sidedly whether paired numbers differ: mean(first) - mean(second).
+
+    Two numeric arrays of one length, paired by world. Where the two of a pair come from the same distribution they
+    may be exchanged, which flips the sign of their difference (Fisher 1935). ``p`` is exact over all sign patterns of
+    the differences that are not 0 where these are at most `ENUMERATED_FLIPS`, else (k+1)/(B+1). ``n`` counts the pairs.
+    ``detail``: how many first values are larger, smaller and equal, both means, and the smallest p that the pairs
+    allow. Without a pair the value is None; where all pairs are equal it is 0 and p is 1. It carries no interval:
+    bootstrap the pairs. ValueError for other arrays.
+    """
+    a, b = _numbers(first, "first"), _numbers(second, "second")
+    if len(a) != len(b):
+        raise ValueError(f"{len(a)} values against {len(b)}: give both for the same worlds")
+    method = "two-sided test by flipping the signs of paired differences"
+    if not len(a):
+        return cannot_say("no pairs", method=method)
+    differences = a - b
+    moved = differences[differences != 0]
+    exact = len(moved) <= ENUMERATED_FLIPS
+    smallest = min(1.0, 2.0 ** (1 - len(moved))) if exact else 1 / (resamples + 1)
+    detail = {
+        "larger": int((differences > 0).sum()),
+        "smaller": int((differences < 0).sum()),
+        "equal": len(a) - len(moved),
+        "first_mean": float(a.mean()),
+        "second_mean": float(b.mean()),
+        "smallest_p": smallest,
+    }
+    value = float(differences.mean())
+    if not len(moved):
+        return Statistic(0.0, len(a), p=1.0, method=method, note="all pairs are equal", detail=detail)
+    observed = abs(float(moved.sum())) * (1 - TIE)
+    if exact:
+        signs = np.array(list(itertools.product((-1.0, 1.0), repeat=len(moved))))
+        p, how = float(np.mean(np.abs(signs @ moved) >= observed)), f"all {len(signs)} patterns"
+    else:
+        k = sum(
+            int(np.count_nonzero(np.abs(signs @ moved) >= observed)) for signs in _signs(len(moved), seed, resamples)
+        )
+        p, how = (k + 1) / (resamples + 1), f"B={resamples}"
+    return Statistic(value, len(a), p=p, method=f"{method}, {how}", detail=detail)
+
+
+def _signs(pairs: int, seed: int, resamples: int) -> Iterator[Floats]:
+    """Yield random signs, shape (resamples, pairs), in chunks."""
+    rng, step = np.random.default_rng(seed), max(1, CHUNK_BYTES // (8 * pairs))
+    sizes = [min(step, resamples - start) for start in range(0, resamples, step)]
+    for size in sizes:
+        yield np.asarray(rng.integers(0, 2, size=(size, pairs)) * 2.0 - 1.0, dtype=np.float64)
+
+
+def _numbers(values: npt.ArrayLike, which: str) -> Floats:
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim != 1 or not np.isfinite(array).all():
+        raise ValueError(f"the {which} values must be one finite number per world: leave out the worlds without one")
+    return array

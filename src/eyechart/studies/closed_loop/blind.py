@@ -1,0 +1,168 @@
+"""The model as its own blind baseline: the same policy in the same worlds with real pictures and without.
+
+Source: paper, sections The Input-Ablation Battery (non-visual baselines) and Discussion: completing a task does not
+show that the camera was used.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from eyechart.stats.statistic import Statistic
+from eyechart.studies.closed_loop.identical import same_drive
+from eyechart.studies.closed_loop.ladder import LEVEL, Outcomes, Paired, corrected, paired
+from eyechart.studies.closed_loop.reading import Driver, Drives
+
+DIFFERS, NO_DIFFERENCE, SAME, CANNOT_SAY = "differs", "no_difference_found", "identical", "cannot_say"
+
+_WORDS = {
+    "crash_rate": "crash rate",
+    "success_rate": "success rate",
+    "distance_m": "distance",
+    "reward": "reward",
+    "speed_mps": "speed",
+}
+_UNITS = {"distance_m": " m", "speed_mps": " m/s"}
+OUTCOMES = ("success_rate", "crash_rate", "distance_m", "reward", "speed_mps")
+"""What the sentence reads, in its order."""
+
+SILENT = 0.05
+"""From this share of steps without a decision on the sentence says how often the fail-safe drove."""
+
+
+@dataclass(frozen=True)
+class Blind:
+    """A policy with real pictures less the same policy under another condition, and what that shows, in words.
+
+    ``finding`` is one of differs, no_difference_found, identical (every drive the same to the last digit), cannot_say.
+    """
+
+    driver: Driver
+    condition: str
+    paired: Paired
+    finding: str
+    sentence: str
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return {
+            **self.paired.as_dict(),
+            "policy": self.driver.policy,
+            "condition": self.condition,
+            "finding": self.finding,
+            "sentence": self.sentence,
+        }
+
+
+def blind_baselines(drives: Sequence[Drives], outcomes: Outcomes, *, resamples: int = 5000) -> list[Blind]:
+    """Return each policy's drives with real pictures less those under each other condition.
+
+    Holm corrects over all tests of one policy: each is asked about for itself.
+    """
+    found = []
+    for real in drives:
+        if real.driver.condition == "real":
+            others = [one for one in drives if _same_policy(real.driver, one.driver) and one is not real]
+            family = corrected([paired(real, one, outcomes, resamples=resamples) for one in others])
+            found += [_said(real, one, each, outcomes) for one, each in zip(others, family, strict=True)]
+    return found
+
+
+def _same_policy(one: Driver, other: Driver) -> bool:
+    return (one.simulator, one.policy, one.run) == (other.simulator, other.policy, other.run)
+
+
+def _said(real: Drives, other: Drives, found: Paired, outcomes: Outcomes) -> Blind:
+    condition = other.driver.condition
+    worlds = sorted(real.by_world.keys() & other.by_world.keys())
+    same = sum(same_drive(real.by_world[name], other.by_world[name]) for name in worlds)
+    finding = _finding(found, same)
+    what = {
+        DIFFERS: _differs,
+        NO_DIFFERENCE: _no_difference,
+        SAME: _identical,
+        CANNOT_SAY: _cannot_say,
+    }[finding](found, condition)
+    ends = _completion(real, other, worlds, outcomes)
+    sentence = " ".join(filter(None, [f"{found.first.policy}, {condition}: {what}", _silence(real, other), ends]))
+    return Blind(real.driver, condition, found, finding, sentence)
+
+
+def _finding(found: Paired, same: int) -> str:
+    if found.worlds and same == found.worlds:
+        return SAME
+    if any(name in OUTCOMES for name in found.changed):
+        return DIFFERS
+    return CANNOT_SAY if _too_few(found) else NO_DIFFERENCE
+
+
+def _too_few(found: Paired) -> bool:
+    """Return whether not even worlds that all differ alike could reach the level by the test of signs."""
+    return found.worlds == 0 or 2.0 ** (1 - found.worlds) > LEVEL
+
+
+def _differs(found: Paired, condition: str) -> str:
+    changed = [name for name in OUTCOMES if name in found.changed]
+    numbers = "; ".join(f"{_number(found.differences[name], name)} (Holm p {_p(found.holm[name])})" for name in changed)
+    return (
+        f"it drives differently with real pictures than with {condition} ones in the same {found.worlds} worlds: "
+        f"{numbers}. So its driving depends on what the camera shows; for better or for worse is in the signs."
+    )
+
+
+def _no_difference(found: Paired, condition: str) -> str:
+    bounds = "; ".join(_number(found.differences[name], name) for name in OUTCOMES)
+    return (
+        f"no difference from {condition} pictures was found in {found.worlds} worlds. That is not none: the data bound "
+        f"it, with 95 % intervals, to {bounds}. A dependence within these bounds is not excluded."
+    )
+
+
+def _identical(found: Paired, condition: str) -> str:
+    return (
+        f"all {found.worlds} drives are the same to the last digit with {condition} pictures as with real ones. In "
+        "these worlds the picture has no say in how it drives."
+    )
+
+
+def _cannot_say(found: Paired, condition: str) -> str:
+    return (
+        f"cannot say whether {condition} pictures change how it drives: with {found.worlds} worlds no exact test can "
+        "reach .05. Drive more seeds or scenarios."
+    )
+
+
+def _silence(real: Drives, other: Drives) -> str:
+    """Return how often the fail-safe drove in the place of the policy, where it did so often."""
+    shares = {one.driver.condition: float((one.actions == "").mean()) for one in (real, other) if len(one.actions)}
+    said = [f"{share:.0%} of the steps with {name} pictures" for name, share in shares.items() if share > SILENT]
+    return f"It decides nothing at {' and '.join(said)}: the fail-safe drives there." if said else ""
+
+
+def _completion(real: Drives, other: Drives, worlds: Sequence[str], outcomes: Outcomes) -> str:
+    """Return what completing shows and what it does not, with the counts."""
+    if not worlds:
+        return ""
+    with_real = sum(outcomes.success(real.by_world[name]) for name in worlds)
+    without = sum(outcomes.success(other.by_world[name]) for name in worlds)
+    n, condition = len(worlds), other.driver.condition
+    counts = f"It completes {with_real} of {n} with real pictures and {without} of {n} with {condition} ones"
+    if without and without >= with_real:
+        return f"{counts}: completing these worlds needs no picture, so that completion says nothing of the camera."
+    if without:
+        return f"{counts}: what it completes either way says nothing of the camera."
+    if with_real:
+        return f"{counts}: completion shows that the worlds can be done, and only the comparison that pictures matter."
+    return f"{counts}: there is no completion to explain."
+
+
+def _number(one: Statistic, name: str) -> str:
+    unit = _UNITS.get(name, "")
+    scale, unit = (100.0, " points") if name.endswith("_rate") else (1.0, unit)
+    if one.value is None:
+        return f"{_WORDS[name]} —"
+    interval = "" if one.ci is None else f" [{scale * one.ci[0]:+.1f}, {scale * one.ci[1]:+.1f}]"
+    return f"{_WORDS[name]} {scale * one.value:+.1f}{interval}{unit}"
+
+
+def _p(p: float | None) -> str:
+    return "—" if p is None else "<.001" if p < 0.001 else f"{p:.3f}".lstrip("0")

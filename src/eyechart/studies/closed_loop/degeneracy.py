@@ -1,0 +1,180 @@
+"""The degeneracy audit: does a policy decide, or does it only vary.
+
+Source: paper, Table t:degeneracy and figure fgr:mi.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eyechart.actions import MISSING
+from eyechart.seeds import key_seed
+from eyechart.stats.agreement import rate
+from eyechart.stats.association import contingency, entropy_bits, modal_share
+from eyechart.stats.exchange import exchange_mi_test
+from eyechart.stats.resampling import holm, permute_mutual_information
+from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.studies.closed_loop.reading import MODAL_CONSTANT, Driver, Drives
+from eyechart.studies.closed_loop.scene import scene_of
+
+LEVEL = 0.05
+
+
+@dataclass(frozen=True)
+class Degeneracy:
+    """One driver's row. ``geometry`` says what the information is about.
+
+    ``statistics``: modal_share, distinct_actions, entropy_bits, information_bits (its p takes steps for independent, as
+    the paper's does), information_share (of the entropy), information_episode_safe (p from exchanging whole
+    episodes), unparsed_rate. ``holm_naive`` and ``holm`` are the two p corrected over the audited drivers, a constant
+    one among them with p = 1. ``reasons`` counts the steps without a decision by reason.
+    """
+
+    driver: Driver
+    geometry: str
+    statistics: Mapping[str, Statistic]
+    reasons: Mapping[str, int]
+    holm_naive: float | None = None
+    holm: float | None = None
+
+    @property
+    def constant(self) -> bool:
+        """Return whether the policy is constant: a modal share of .98 or more."""
+        modal = self.statistics["modal_share"].value
+        return modal is not None and modal >= MODAL_CONSTANT
+
+    @property
+    def label(self) -> str:
+        """Return in words what the row shows: constant, follows the scene, varies only, or cannot say."""
+        if self.statistics["modal_share"].value is None:
+            return "no decisions"
+        if self.constant:
+            return "constant"
+        if self.holm is None:
+            return "cannot say"
+        return "follows the scene" if self.holm < LEVEL else "varies, no link found"
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return {
+            "simulator": self.driver.simulator,
+            "policy": self.driver.policy,
+            "condition": self.driver.condition,
+            "run": self.driver.run,
+            "geometry": self.geometry,
+            "constant": self.constant,
+            "label": self.label,
+            "statistics": {name: one.as_dict() for name, one in self.statistics.items()},
+            "missing": dict(self.reasons),
+            "holm_naive": self.holm_naive,
+            "holm": self.holm,
+        }
+
+
+def audit(drives: Sequence[Drives], *, resamples: int = 5000) -> list[Degeneracy]:
+    """Return each driver's row, its two p corrected by Holm over all of them."""
+    rows = [degeneracy(one, resamples=resamples) for one in drives]
+    naive = holm([row.statistics["information_bits"].p for row in rows])
+    safe = holm([row.statistics["information_episode_safe"].p for row in rows])
+    return [replace(row, holm_naive=p, holm=q) for row, p, q in zip(rows, naive, safe, strict=True)]
+
+
+def degeneracy(drives: Drives, *, resamples: int = 5000) -> Degeneracy:
+    """Return one driver's row, without correction."""
+    actions, scene = drives.actions, scene_of(drives)
+    decided = actions != ""
+    seed = key_seed("audit", drives.driver.simulator, drives.driver.policy, drives.driver.condition)
+    entropy = entropy_bits(actions[decided])
+    naive = cannot_say("the truth of these drives has no column lead_gap_m")
+    safe = naive
+    if scene.geometry:
+        naive = _naive(actions[decided], scene.codes[decided], seed, resamples)
+        safe = _episode_safe(drives, scene.codes, seed, resamples)
+    reasons = [step.decision.missing for step in drives.steps if step.decision.missing is not None]
+    found = {
+        "modal_share": modal_share(actions[decided]),
+        "distinct_actions": _distinct(actions[decided]),
+        "entropy_bits": entropy,
+        "information_bits": naive,
+        "information_share": _share(naive, entropy),
+        "information_episode_safe": safe,
+        "unparsed_rate": rate(len(reasons), len(actions)),
+    }
+    counts: dict[str, int] = {reason: reasons.count(reason) for reason in MISSING if reason in reasons}
+    return Degeneracy(drives.driver, scene.geometry, found, counts)
+
+
+def _naive(actions: NDArray[np.str_], scene: NDArray[np.int64], seed: int, resamples: int) -> Statistic:
+    if not len(actions):
+        return cannot_say("no decisions")
+    table = contingency(actions, scene).table
+    found = permute_mutual_information(table, seed=seed, resamples=resamples)
+    rows, columns = table.shape
+    bias = (rows - 1) * (columns - 1) / (2 * found.n * float(np.log(2)))
+    detail = {**(found.detail or {}), "miller_madow": (found.value or 0.0) - bias, "shape": [rows, columns]}
+    return replace(found, detail=detail)
+
+
+def _episode_safe(drives: Drives, scene: NDArray[np.int64], seed: int, resamples: int) -> Statistic:
+    """Test the same information with whole episodes exchanged, on the steps that many episodes of a scenario have.
+
+    Episodes end when they crash, so that those of a scenario differ in length. Per scenario the length that keeps most
+    steps is taken, of those that at least half of its episodes reach; shorter episodes are left out, longer ones cut.
+    """
+    actions = drives.actions
+    if not (actions != "").any():
+        return cannot_say("no decisions")
+    if len(np.unique(actions[actions != ""])) < 2:
+        return replace(cannot_say("the decision never changes", int((actions != "").sum())), p=1.0)
+    kept = _common_steps(drives)
+    if not kept.any():
+        return cannot_say("no scenario has two episodes that last two steps")
+    found = exchange_mi_test(
+        actions[kept],
+        scene[kept],
+        drives.scenario_of[kept],
+        drives.world_of[kept],
+        drives.step_of[kept],
+        seed=seed,
+        alpha=LEVEL,
+        resamples=resamples,
+    )
+    left = int((~kept).sum())
+    note = "; ".join(filter(None, [found.note, f"{left} of {len(kept)} steps are left out: episodes differ in length"]))
+    return replace(found, note=note if left else found.note, detail={**(found.detail or {}), "left_out": left})
+
+
+def _common_steps(drives: Drives) -> NDArray[np.bool_]:
+    """Return which steps the exchange uses."""
+    length = {episode.key.world: len(episode.steps) for episode in drives.episodes}
+    least: dict[str, int] = {}
+    for scenario in np.unique(drives.scenario_of):
+        mine = sorted(
+            (len(one.steps) for one in drives.episodes if one.key.scenario == scenario and one.steps), reverse=True
+        )
+        allowed = range(max(2, (len(mine) + 1) // 2), len(mine) + 1)
+        best = max(allowed, key=lambda count: count * mine[count - 1], default=0)
+        least[str(scenario)] = mine[best - 1] if best and mine[best - 1] >= 2 else 0
+    cut = np.array([least[str(scenario)] for scenario in drives.scenario_of], dtype=np.int64)
+    long = np.array([length[str(world)] for world in drives.world_of], dtype=np.int64)
+    place = np.array([turn for one in drives.episodes for turn in range(len(one.steps))], dtype=np.int64)
+    return (cut > 0) & (long >= cut) & (place < cut)
+
+
+def _distinct(actions: NDArray[np.str_]) -> Statistic:
+    if not len(actions):
+        return cannot_say("no decisions")
+    names, counts = np.unique(actions, return_counts=True)
+    detail = {"counts": dict(zip(names.tolist(), counts.tolist(), strict=True))}
+    return Statistic(float(len(names)), len(actions), method="distinct decisions", detail=detail)
+
+
+def _share(information: Statistic, entropy: Statistic) -> Statistic:
+    method = "information over entropy"
+    if information.value is None or entropy.value is None:
+        return cannot_say(information.note or entropy.note, entropy.n, method)
+    if entropy.value == 0:
+        return cannot_say("the decision never changes: there is no variability to explain", entropy.n, method)
+    return Statistic(information.value / entropy.value, entropy.n, method=method)

@@ -1,0 +1,218 @@
+"""The ladder: how far, how well and how safely each policy drives, and how it compares with the best constant.
+
+Source: paper, Table t:baselines.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from eyechart.episodes import Episode, fail_safe
+from eyechart.errors import SpecError
+from eyechart.seeds import key_seed
+from eyechart.stats.agreement import rate
+from eyechart.stats.flips import sign_flip_test
+from eyechart.stats.paired import clopper_pearson, mcnemar_exact, paired_difference
+from eyechart.stats.resampling import cluster_bootstrap, holm
+from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.studies.closed_loop.reading import Driver, Drives
+
+CONSTANT = "constant:"
+"""How the SPEC of a policy that always says one action begins."""
+
+LEVEL = 0.05
+
+
+def mean_speed_mps(episode: Episode) -> float:
+    """Return the mean speed over the decisions of an episode, in metres per second."""
+    speed = episode.speed_mps
+    return 0.0 if speed is None else speed
+
+
+NUMBERS: dict[str, Callable[[Episode], float]] = {
+    "distance_m": lambda episode: episode.distance_m,
+    "reward": lambda episode: episode.reward,
+    "speed_mps": mean_speed_mps,
+}
+"""What an episode adds up to, each a number."""
+
+
+@dataclass(frozen=True)
+class Outcomes:
+    """What counts as success: reaching the goal or, in ``without_goal`` scenarios, lasting until the time is up.
+
+    A scenario has a goal where an episode that is at hand reached one, or the simulator is one that has.
+    """
+
+    with_goal: frozenset[tuple[str, str]]
+
+    def success(self, episode: Episode) -> bool:
+        """Return whether an episode ended as it should, without a crash."""
+        if episode.crashed:
+            return False
+        goal = (episode.key.simulator, episode.key.scenario) in self.with_goal
+        return episode.ended == "goal" or (episode.ended == "time" and not goal)
+
+
+GOAL_SIMULATORS = ("rover", "drone", "drone-pybullet")
+"""Simulators of which every drive has a goal, reached or not."""
+
+
+def outcomes_of(drives: Sequence[Drives]) -> Outcomes:
+    """Return what counts as success in the worlds of these drives."""
+    scenarios = set()
+    for one in drives:
+        for episode in one.episodes:
+            if episode.ended == "goal" or episode.key.simulator in GOAL_SIMULATORS:
+                scenarios.add((episode.key.simulator, episode.key.scenario))
+    return Outcomes(frozenset(scenarios))
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One driver's row: its statistics by name, each with n and interval; a rate's is exact (Clopper-Pearson)."""
+
+    driver: Driver
+    statistics: Mapping[str, Statistic]
+    errors: int
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return {
+            "simulator": self.driver.simulator,
+            "policy": self.driver.policy,
+            "condition": self.driver.condition,
+            "run": self.driver.run,
+            "episodes_in_error": self.errors,
+            "statistics": {name: one.as_dict() for name, one in self.statistics.items()},
+        }
+
+
+@dataclass(frozen=True)
+class Paired:
+    """Two drivers in the same worlds: first less second, each difference with its n, interval and p.
+
+    ``holm`` holds the p of each corrected over the whole family that was compared.
+    """
+
+    first: Driver
+    second: Driver
+    worlds: int
+    differences: Mapping[str, Statistic]
+    holm: Mapping[str, float | None]
+
+    @property
+    def changed(self) -> tuple[str, ...]:
+        """Return what differs significantly after correction."""
+        return tuple(name for name, p in self.holm.items() if p is not None and p < LEVEL)
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return {
+            "first": self.first.label,
+            "second": self.second.label,
+            "simulator": self.first.simulator,
+            "worlds": self.worlds,
+            "differences": {name: one.as_dict() for name, one in self.differences.items()},
+            "holm": dict(self.holm),
+            "changed": list(self.changed),
+        }
+
+
+def rung(drives: Drives, outcomes: Outcomes, *, resamples: int = 5000) -> Rung:
+    """Return a driver's row; an episode that ended in an error counts nowhere but in ``errors``."""
+    episodes = drives.episodes
+    found: dict[str, Statistic] = {}
+    for name, measure in NUMBERS.items():
+        values = np.array([[measure(one), 1.0] for one in episodes]).reshape(len(episodes), 2)
+        seed = key_seed("ladder", drives.driver.simulator, name)  # one for all: equal drives get equal rows
+        found[name] = cluster_bootstrap(values, seed=seed, resamples=resamples, enumerate_up_to=20_000)
+    found["crash_rate"] = exact_rate(sum(one.crashed for one in episodes), len(episodes))
+    found["success_rate"] = exact_rate(sum(map(outcomes.success, episodes)), len(episodes))
+    return Rung(drives.driver, found, len(drives.errors))
+
+
+def exact_rate(k: int, n: int) -> Statistic:
+    """Return a share with its exact 95 % interval (Clopper-Pearson); None of nothing."""
+    found = rate(k, n)
+    if found.value is None:
+        return found
+    return replace(found, ci=clopper_pearson(k, n), method="share, 95% Clopper-Pearson interval")
+
+
+def paired(first: Drives, second: Drives, outcomes: Outcomes, *, resamples: int = 5000) -> Paired:
+    """Compare two drivers in the worlds that both drove: numbers by sign flips, crash and success by exact McNemar.
+
+    ``holm`` is empty until `corrected` fills it in.
+    """
+    worlds = sorted(first.by_world.keys() & second.by_world.keys())
+    one, other = [first.by_world[name] for name in worlds], [second.by_world[name] for name in worlds]
+    who = (*_key(first.driver), *_key(second.driver))
+    found: dict[str, Statistic] = {}
+    for name, measure in NUMBERS.items():
+        a, b = np.array([measure(each) for each in one]), np.array([measure(each) for each in other])
+        seed = key_seed("paired", *who, name)
+        tested = sign_flip_test(a, b, seed=seed, resamples=resamples)
+        if tested.value is not None and (a != b).any():
+            pairs = np.column_stack([a - b, np.ones(len(a))])
+            interval = cluster_bootstrap(pairs, seed=seed, resamples=resamples, enumerate_up_to=20_000)
+            tested = replace(tested, ci=interval.ci, method=f"{tested.method}; {interval.method}")
+        found[name] = tested
+    found["crash_rate"] = _binary([each.crashed for each in one], [each.crashed for each in other])
+    found["success_rate"] = _binary(list(map(outcomes.success, one)), list(map(outcomes.success, other)))
+    return Paired(first.driver, second.driver, len(worlds), found, {})
+
+
+def _binary(one: Sequence[bool], other: Sequence[bool]) -> Statistic:
+    """Return the difference of two paired rates with Tango's interval and the p of exact McNemar."""
+    if not one:
+        return cannot_say("no world was driven by both")
+    found = paired_difference(np.array(one, dtype=int), np.array(other, dtype=int))
+    b, c = (int(str((found.detail or {}).get(name, 0))) for name in "bc")
+    tested = mcnemar_exact(b, c)
+    return replace(found, p=tested.p, method=f"{found.method}; {tested.method}", detail={"b": b, "c": c})
+
+
+def corrected(family: Sequence[Paired]) -> list[Paired]:
+    """Return the comparisons with the p of all their tests corrected together by Holm."""
+    places = [(turn, name) for turn, each in enumerate(family) for name in each.differences]
+    ps = holm([family[turn].differences[name].p for turn, name in places])
+    adjusted: list[dict[str, float | None]] = [{} for _ in family]
+    for (turn, name), p in zip(places, ps, strict=True):
+        adjusted[turn][name] = p
+    return [replace(each, holm=mine) for each, mine in zip(family, adjusted, strict=True)]
+
+
+def reference_of(drives: Sequence[Drives], against: str | None = None) -> Drives | None:
+    """Return the driver that the others are held against: ``against``, or the constant of the highest mean reward.
+
+    None where no constant drove with real pictures. Raises SpecError where ``against`` is none of the drivers.
+    """
+    real = [one for one in drives if one.driver.condition == "real" and one.episodes]
+    if against is not None:
+        if named := [one for one in real if one.driver.policy == against]:
+            return named[0]
+        known = ", ".join(dict.fromkeys(one.driver.policy for one in real))
+        raise SpecError(f"--against {against}: no such policy drove with real pictures here; there are {known}")
+    constants = [one for one in real if one.driver.policy.startswith(CONSTANT)]
+    return max(constants, key=lambda one: (_mean_reward(one), _is_mildest(one)), default=None)
+
+
+def against(drives: Sequence[Drives], reference: Drives, outcomes: Outcomes, *, resamples: int = 5000) -> list[Paired]:
+    """Return every other driver less the reference in the same worlds, corrected by Holm over all tests."""
+    others = [one for one in drives if one is not reference]
+    return corrected([paired(one, reference, outcomes, resamples=resamples) for one in others])
+
+
+def _is_mildest(drives: Drives) -> bool:
+    """Return whether a constant is the fail-safe: of aliased commands the milder name is taken."""
+    return drives.driver.policy == f"{CONSTANT}{fail_safe(drives.space)}"
+
+
+def _mean_reward(drives: Drives) -> float:
+    return sum(one.reward for one in drives.episodes) / len(drives.episodes)
+
+
+def _key(driver: Driver) -> tuple[str, str, str]:
+    return driver.simulator, driver.policy, driver.condition

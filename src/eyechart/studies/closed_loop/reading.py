@@ -1,0 +1,179 @@
+"""Runs of episodes are read as drives: all episodes of one policy in one simulator under one condition."""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eyechart.actions import ActionSpace
+from eyechart.episodes import (
+    ACTION_MAP,
+    EPISODES,
+    FORMAT,
+    STUDY,
+    Episode,
+    EpisodesManifest,
+    Step,
+    read_episodes,
+    read_manifest,
+)
+from eyechart.errors import LedgerError
+from eyechart.ledger import Ledger, Sent
+from eyechart.manifest import LEDGER, RUN
+from eyechart.simulators import Simulator, open_simulator
+
+ERROR = "error"
+MODAL_CONSTANT = 0.98
+"""From this modal share on a policy is called constant (paper, section Edge models are image-invariant)."""
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Driver:
+    """Who drove: a policy in a simulator, under a condition, in a run, whose name is empty where there is but one."""
+
+    simulator: str
+    policy: str
+    condition: str
+    run: str = ""
+
+    @property
+    def label(self) -> str:
+        """Return the driver's name in tables: the policy, and what is not a matter of course."""
+        shown = self.policy if self.condition == "real" else f"{self.policy} ({self.condition})"
+        return f"{self.run} · {shown}" if self.run else shown
+
+
+@dataclass(frozen=True)
+class Drives:
+    """The episodes of one driver that count, by world, and in ``errors`` those that ended in an error.
+
+    ``asked`` says whether a model was asked.
+    """
+
+    driver: Driver
+    path: Path
+    episodes: tuple[Episode, ...]
+    errors: tuple[Episode, ...]
+    space: ActionSpace
+    asked: bool
+
+    @cached_property
+    def by_world(self) -> Mapping[str, Episode]:
+        """Return each episode by its world's name."""
+        return {episode.key.world: episode for episode in self.episodes}
+
+    @cached_property
+    def steps(self) -> tuple[Step, ...]:
+        """Return every step, episode by episode."""
+        return tuple(step for episode in self.episodes for step in episode.steps)
+
+    @cached_property
+    def actions(self) -> NDArray[np.str_]:
+        """Return what the policy decided at each step, "" where there is no decision."""
+        return np.array([step.decision.action or "" for step in self.steps], dtype=np.str_)
+
+    @cached_property
+    def scenario_of(self) -> NDArray[np.str_]:
+        """Return each step's scenario."""
+        return np.array([one.key.scenario for one in self.episodes for _ in one.steps], dtype=np.str_)
+
+    @cached_property
+    def world_of(self) -> NDArray[np.str_]:
+        """Return each step's world."""
+        return np.array([one.key.world for one in self.episodes for _ in one.steps], dtype=np.str_)
+
+    @cached_property
+    def step_of(self) -> NDArray[np.int64]:
+        """Return each step's number within its episode."""
+        return np.array([step.step for step in self.steps], dtype=np.int64)
+
+    def truth(self, column: str) -> list[object]:
+        """Return a column of the truth at each step, None where it is missing."""
+        return [step.truth.get(column) for step in self.steps]
+
+    def open_simulator(self) -> Simulator:
+        """Open the simulator in which they drove, with the run's own action map where it has one."""
+        actions = self.path / ACTION_MAP
+        return open_simulator(self.driver.simulator, actions=actions if actions.is_file() else None)
+
+    @cached_property
+    def replies(self) -> tuple[Sent, ...]:
+        """Return the attempts at the policy's calls that were answered, in the order of sending."""
+        if not self.asked or not (self.path / LEDGER).is_file():
+            return ()
+        with Ledger(self.path / LEDGER) as ledger:
+            mine = (sent for sent in ledger.attempts(self.driver.policy) if sent.key.study == STUDY)
+            prefix, condition = f"{self.driver.simulator}/", self.driver.condition
+            return tuple(
+                sent
+                for sent in mine
+                if sent.reply is not None and sent.key.condition == condition and sent.key.frame.startswith(prefix)
+            )
+
+
+def is_episodes(path: Path) -> bool:
+    """Return whether a folder is a run of episodes, by the format of its ``run.json``."""
+    try:
+        made = json.loads((path / RUN).read_text(encoding="utf-8"))
+        return bool(made["format"] == FORMAT)
+    except (OSError, ValueError, TypeError, LookupError):
+        return False
+
+
+def read_drives(runs: Sequence[Path]) -> tuple[Drives, ...]:
+    """Read every driver of some runs, in the order of the runs and of what was asked.
+
+    Raises LedgerError where a folder is no run of episodes, holds none, or holds two different episodes of one key.
+    """
+    found: list[Drives] = []
+    for path, name in zip(runs, _names(runs), strict=True):
+        manifest, episodes = read_manifest(path), _once(read_episodes(path), path)
+        if not episodes:
+            raise LedgerError(f"{path / EPISODES} holds no finished episode; the command that began the run goes on")
+        found += _drivers(path, name, episodes, manifest)
+    return tuple(found)
+
+
+def _names(runs: Sequence[Path]) -> list[str]:
+    """Return the runs' names, numbered where two have the same; none where there is only one run."""
+    if len(runs) < 2:
+        return [""] * len(runs)
+    names = [path.resolve().name for path in runs]
+    return [
+        f"{name} ({names[: place + 1].count(name)})" if names.count(name) > 1 else name
+        for place, name in enumerate(names)
+    ]
+
+
+def _once(episodes: Iterable[Episode], path: Path) -> list[Episode]:
+    found: dict[object, Episode] = {}
+    for episode in episodes:
+        if (before := found.setdefault(episode.key, episode)) != episode:
+            if before.ended != ERROR:
+                raise LedgerError(f"{path / EPISODES} holds two different episodes of {episode.key}; which one counts?")
+            found[episode.key] = episode
+    return list(found.values())
+
+
+def _drivers(path: Path, name: str, episodes: Sequence[Episode], manifest: EpisodesManifest) -> list[Drives]:
+    order, conditions = list(manifest.policies), list(manifest.conditions)
+    groups: dict[Driver, list[Episode]] = {}
+    for episode in episodes:
+        key = episode.key
+        groups.setdefault(Driver(key.simulator, key.policy, key.condition, name), []).append(episode)
+    made = []
+    for driver in sorted(groups, key=lambda one: (_place(order, one.policy), _place(conditions, one.condition), one)):
+        mine = sorted(groups[driver], key=lambda one: (one.key.scenario, one.key.seed))
+        good = tuple(one for one in mine if one.ended != ERROR)
+        bad = tuple(one for one in mine if one.ended == ERROR)
+        asked = driver.policy in manifest.models
+        made.append(Drives(driver, path, good, bad, manifest.action_space, asked=asked))
+    return made
+
+
+def _place(order: Sequence[str], name: str) -> int:
+    return order.index(name) if name in order else len(order)

@@ -1,0 +1,104 @@
+"""An episode is driven again: its executed actions in the same world, which must end in the recorded state."""
+
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from eyechart.actions import UNPARSED
+from eyechart.episodes import Episode, Step, read_manifest
+from eyechart.errors import LedgerError, SpecError
+from eyechart.frames import RGB
+from eyechart.simulators import Simulator
+from eyechart.studies.closed_loop.reading import Drives
+
+SHOWN_MOST = 6
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One moment of a replay: the camera's picture before the decision, and the step; None at the end."""
+
+    picture: RGB
+    step: Step | None
+
+
+def episode_id(episode: Episode) -> str:
+    """Return what ``--episode`` takes: policy, world and condition, as ``constant:SLOW highway/dense/3 real``."""
+    return f"{episode.key.policy} {episode.key.world} {episode.key.condition}"
+
+
+def find_episode(drives: Sequence[Drives], wanted: str) -> tuple[Drives, Episode]:
+    """Return the one episode that a text names: its id, or enough of its words; raises SpecError otherwise."""
+    every = [(one, episode) for one in drives for episode in (*one.episodes, *one.errors)]
+    exact = [pair for pair in every if episode_id(pair[1]) == wanted.strip()]
+    words = wanted.split()
+    found = exact or [pair for pair in every if words and set(words) <= set(episode_id(pair[1]).split())]
+    if len(found) == 1:
+        return found[0]
+    shown = "; ".join(f"'{episode_id(episode)}'" for _, episode in (found or every)[:SHOWN_MOST])
+    more = len(found or every) - SHOWN_MOST
+    some = f"{shown}{f' and {more} more' if more > 0 else ''}"
+    if found:
+        raise SpecError(f"--episode '{wanted}' names {len(found)} episodes: {some}; give one of them whole")
+    raise SpecError(f"--episode '{wanted}' names no episode of the run; there are {some}")
+
+
+def replay(drives: Drives, episode: Episode, simulator: Simulator | None = None) -> Iterator[Shot]:
+    """Yield the moments of an episode that is driven again, the last with the picture after the last step.
+
+    The world is driven once without pictures first, so that nothing is shown of a drive that is another one. Raises
+    LedgerError, with the versions that differ, where the end is not the recorded one.
+    """
+    world = simulator or drives.open_simulator()
+    verify(drives, episode, world)
+    drive = world.drive(episode.key.scenario, episode.key.seed)
+    try:
+        for step in episode.steps:
+            yield Shot(drive.picture(), step)
+            drive.step(step.executed_action)
+        yield Shot(drive.picture(), None)
+    finally:
+        drive.close()
+
+
+def verify(drives: Drives, episode: Episode, simulator: Simulator) -> None:
+    """Drive an episode's actions again without pictures; raises LedgerError where its end is not the recorded one."""
+    name = episode_id(episode)
+    if not episode.steps:
+        raise LedgerError(
+            f"episode '{name}' has no step to show: it ended in {episode.ended} {episode.detail}".rstrip()
+        )
+    drive = simulator.drive(episode.key.scenario, episode.key.seed)
+    try:
+        for step in episode.steps:
+            drive.step(step.executed_action)
+        state = hashlib.sha256(drive.state()).hexdigest()
+    except ValueError as error:
+        raise LedgerError(
+            f"episode '{name}' does not drive again here: {error}{_versions(drives, simulator)}"
+        ) from error
+    finally:
+        drive.close()
+    if state != episode.state_sha256:
+        raise LedgerError(
+            f"episode '{name}' does not drive again here: its actions lead to another state than the recorded "
+            f"one{_versions(drives, simulator)}"
+        )
+
+
+def decided(step: Step) -> str:
+    """Return a step's decision in words: the action, or why there is none."""
+    if step.decision.action is not None:
+        return step.decision.action
+    why = f": {step.decision.why}" if step.decision.why else ""
+    return f"{UNPARSED} ({step.decision.missing}{why})"
+
+
+def _versions(drives: Drives, simulator: Simulator) -> str:
+    """Return in words what the run was driven with, where that differs from what is installed here."""
+    made = read_manifest(drives.path).world
+    here: Mapping[str, str] = simulator.versions()
+    apart = [f"{name} {made[name]}, here {now}" for name, now in here.items() if name in made and made[name] != now]
+    if apart:
+        return f"; the run was driven with {'; '.join(apart)}: install those"
+    return "; floating-point states repeat on one kind of machine only, so replay it where it was driven"

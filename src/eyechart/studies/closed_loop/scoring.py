@@ -1,0 +1,125 @@
+"""score() reads runs of episodes and makes no call: the same folders give the same numbers."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from eyechart.studies.closed_loop.agreement import Replay, replays
+from eyechart.studies.closed_loop.blind import Blind, blind_baselines
+from eyechart.studies.closed_loop.degeneracy import Degeneracy, audit
+from eyechart.studies.closed_loop.identical import SUSPECT, Twins, twins
+from eyechart.studies.closed_loop.ladder import Outcomes, Paired, Rung, against, outcomes_of, reference_of, rung
+from eyechart.studies.closed_loop.reading import Driver, Drives, read_drives
+from eyechart.studies.closed_loop.repeated import Repeats, repeated_requests
+
+RESAMPLES = 5000
+
+
+@dataclass(frozen=True)
+class ClosedLoopScore:
+    """What runs of episodes show, each part computed when it is asked for, from the episodes alone.
+
+    ``against_policy`` names the policy that the ladder holds the others against; None takes the best constant of
+    each simulator.
+    """
+
+    drives: tuple[Drives, ...]
+    against_policy: str | None = None
+    resamples: int = RESAMPLES
+
+    @property
+    def simulators(self) -> tuple[str, ...]:
+        """Return the simulators that were driven, in the order in which they were met."""
+        return tuple(dict.fromkeys(one.driver.simulator for one in self.drives))
+
+    def of(self, simulator: str) -> tuple[Drives, ...]:
+        """Return the drivers of one simulator."""
+        return tuple(one for one in self.drives if one.driver.simulator == simulator)
+
+    @cached_property
+    def outcomes(self) -> Outcomes:
+        """Return what counts as success in these worlds."""
+        return outcomes_of(self.drives)
+
+    @cached_property
+    def ladder(self) -> tuple[Rung, ...]:
+        """Return a row a driver."""
+        return tuple(rung(one, self.outcomes, resamples=self.resamples) for one in self.drives)
+
+    @cached_property
+    def references(self) -> Mapping[str, Driver]:
+        """Return by simulator the driver that the others are held against, where there is one."""
+        found = {name: reference_of(self.of(name), self.against_policy) for name in self.simulators}
+        return {name: one.driver for name, one in found.items() if one is not None}
+
+    @cached_property
+    def paired(self) -> tuple[Paired, ...]:
+        """Return every other driver less the reference of its simulator, Holm over one simulator's tests."""
+        found: list[Paired] = []
+        for name in self.simulators:
+            if name in self.references:
+                reference = next(one for one in self.drives if one.driver == self.references[name])
+                found += against(self.of(name), reference, self.outcomes, resamples=self.resamples)
+        return tuple(found)
+
+    @cached_property
+    def blind(self) -> tuple[Blind, ...]:
+        """Return each policy as its own blind baseline."""
+        return tuple(blind_baselines(self.drives, self.outcomes, resamples=self.resamples))
+
+    @cached_property
+    def audit(self) -> tuple[Degeneracy, ...]:
+        """Return a row of the degeneracy audit a driver."""
+        return tuple(audit(self.drives, resamples=self.resamples))
+
+    @cached_property
+    def replays(self) -> tuple[Replay, ...]:
+        """Return each driver held against each scripted controller."""
+        return tuple(found for one in self.drives for found in replays(one, resamples=self.resamples))
+
+    @cached_property
+    def twins(self) -> tuple[Twins, ...]:
+        """Return the drivers with identical drives."""
+        return tuple(twins(self.drives))
+
+    @cached_property
+    def repeats(self) -> tuple[Repeats, ...]:
+        """Return what the repeated requests of each driver tell."""
+        return tuple(found for one in self.drives if (found := repeated_requests(one)) is not None)
+
+    @property
+    def suspect(self) -> bool:
+        """Return whether anything points to a cache."""
+        return any(one.kind == SUSPECT for one in self.twins) or any(one.suspect for one in self.repeats)
+
+    def as_dict(self) -> dict[str, object]:
+        """Return every number as plain JSON values."""
+        return {
+            "study": "closed_loop",
+            "references": {name: one.policy for name, one in self.references.items()},
+            "ladder": [one.as_dict() for one in self.ladder],
+            "paired": [one.as_dict() for one in self.paired],
+            "blind": [one.as_dict() for one in self.blind],
+            **self.audit_dict(),
+        }
+
+    def audit_dict(self) -> dict[str, object]:
+        """Return the audit's part as plain JSON values."""
+        return {
+            "audit": [one.as_dict() for one in self.audit],
+            "replays": [one.as_dict() for one in self.replays],
+            "identical": [one.as_dict() for one in self.twins],
+            "repeated_requests": [one.as_dict() for one in self.repeats],
+        }
+
+
+def score(
+    runs: Sequence[Path] | Path,
+    *,
+    against_policy: str | None = None,
+    resamples: int = RESAMPLES,
+) -> ClosedLoopScore:
+    """Read one run of episodes or several; raises LedgerError where a folder is none or holds no episode."""
+    paths = [runs] if isinstance(runs, Path) else list(runs)
+    return ClosedLoopScore(read_drives(paths), against_policy, resamples)

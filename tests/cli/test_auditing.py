@@ -1,0 +1,109 @@
+"""Runs of episodes from the command line: the ladder, the audit, films, and the commands that are for batteries."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+import banks
+from drives import add_replies, always, drive, make_run, tossing
+from eyechart.calls import Reply
+from eyechart.cli.app import app
+from eyechart.episodes import write_episodes
+from eyechart.episodes.manifest import write_manifest
+from eyechart.errors import LedgerError, SpecError
+from eyechart.studies import battery
+from eyechart.studies.closed_loop.laddering import plan_ladder
+
+
+def say(*words: object) -> Result:
+    """Run a command."""
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+@pytest.fixture
+def constants(tmp_path: Path) -> Path:
+    """Return a run of two constants and a coin."""
+    made = [*drive("constant:STOP", always("STOP")), *drive("constant:SLOW", always("SLOW"))]
+    return make_run(tmp_path / "run", [*made, *drive("random", tossing("c"))])
+
+
+def test_a_finished_ladder_drives_nothing_and_stands_beside_the_papers(tmp_path: Path) -> None:
+    """Seven policies × four scenarios × eight seeds: planned, found driven, scored, and the aliases explained."""
+    planned = plan_ladder(tmp_path / "ladder")
+    assert len(planned.keys) == 224
+    (tmp_path / "ladder").mkdir()
+    write_manifest(tmp_path / "ladder", planned.manifest)
+    for policy in planned.manifest.policies:
+        action = policy.partition(":")[2]
+        write_episodes(tmp_path / "ladder", drive(policy, always(action) if action else tossing(policy)))
+    told = say("ladder", "--out", tmp_path / "ladder")
+    assert told.exit_code == 0
+    assert "224 episodes, 224 driven already" in told.stderr
+    assert "Table t:baselines" in told.stdout
+    assert "400.0 | 514.4 (-22.2)" in told.stdout
+    assert "aliased commands: constant:STOP, constant:SLOW" in told.stdout.replace("\n", " ")
+    found = json.loads(say("ladder", "--out", tmp_path / "ladder", "--json").stdout)
+    assert {row["statistics"]["reward"]["n"] for row in found["ladder"]} == {32}
+    assert len(found["beside_paper"]) == 6
+    assert found["references"] == {"highway": "constant:STRAIGHT"}
+
+
+def test_the_audit_prints_the_papers_table_and_names_a_cache(constants: Path, tmp_path: Path) -> None:
+    """Exit 1 where one is suspected, 0 where drives converge or alias for good reason."""
+    told = say("audit", constants)
+    assert told.exit_code == 0
+    for words in ("Degeneracy audit (Table t:degeneracy)", "gap in quartiles", "Decision-level replay", "constant"):
+        assert words in told.stdout
+    episodes = [*drive("a", tossing("x")), *drive("b", tossing("x"))]
+    run = make_run(tmp_path / "cached", episodes, models=["a", "b"])
+    add_replies(run, episodes, lambda _step, _n: Reply("x", "stop", seconds=1.0), lambda step: step.frame)
+    assert say("audit", run).exit_code == 1
+    found = json.loads(say("audit", run, "--json").stdout)
+    assert [one["kind"] for one in found["identical"]] == ["suspect caching"]
+
+
+def test_score_reads_a_run_of_episodes(constants: Path) -> None:
+    """Every number as JSON, tables and sentences for people."""
+    found = json.loads(say("score", constants, "--json").stdout)
+    assert found["study"] == "closed_loop"
+    assert [row["policy"] for row in found["audit"]] == ["constant:STOP", "constant:SLOW", "random"]
+    assert "Table t:degeneracy" in say("score", constants).stdout
+
+
+@pytest.mark.parametrize("command", ["verdict", "gate", "costs"])
+def test_what_is_for_batteries_names_what_is_for_episodes(constants: Path, command: str) -> None:
+    """No traceback, and no verdict on what was not asked."""
+    told = say(command, constants)
+    assert isinstance(told.exception, LedgerError)
+    assert "is a run of episodes, for 'eyechart score', 'report', 'audit' and 'film' to read" in str(told.exception)
+
+
+def test_a_battery_is_no_run_of_episodes(tmp_path: Path, constants: Path) -> None:
+    """The audit says so, and one report is about one of the two."""
+    bank = banks.build_bank(tmp_path / "bank", scenarios=["light"], episodes=1)
+    battery.run(battery.plan(bank.root, ["scripted:constant"], tmp_path / "battery", conditions=["real"]))
+    assert isinstance(say("audit", tmp_path / "battery").exception, LedgerError)
+    both = say("report", tmp_path / "battery", constants, "--out", tmp_path / "page.html")
+    assert isinstance(both.exception, SpecError)
+    assert not (tmp_path / "page.html").exists()
+
+
+def test_the_report_of_drives_is_written_with_figures_and_tables(constants: Path, tmp_path: Path) -> None:
+    """Drives that do not repeat here are shown without pictures, and said to be."""
+    told = say(
+        "report", constants, "--out", tmp_path / "p.html", "--figures", tmp_path / "f", "--tables", tmp_path / "t"
+    )
+    assert told.exit_code == 0
+    assert "does not drive again here" in told.stderr
+    assert "Who drives well, and who by sight?" in (tmp_path / "p.html").read_text()
+    assert {file.name for file in (tmp_path / "f").iterdir()} >= {"ladder-distance_m.svg", "drives-information.pdf"}
+    assert (tmp_path / "t" / "degeneracy.csv").exists()
+
+
+def test_a_film_of_a_drive_that_does_not_repeat_is_refused(constants: Path, tmp_path: Path) -> None:
+    """The synthetic drives are not highway-env's, so that their states differ."""
+    told = say("film", constants, "--episode", "random highway/light/0 real", "--out", tmp_path / "film.gif")
+    assert isinstance(told.exception, LedgerError)
+    assert "does not drive again here" in str(told.exception)

@@ -1,0 +1,69 @@
+"""The test of flipped signs: exact where it is small, honest where it samples, and silent without pairs."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from eyechart.stats.flips import sign_flip_test
+
+
+def test_a_few_pairs_are_enumerated() -> None:
+    """Five differences of one sign: two of the 32 patterns are as extreme, whatever their sizes."""
+    found = sign_flip_test([3, 5, 8, 2, 9], [1, 1, 1, 1, 1], seed=0)
+    assert found.value == pytest.approx(4.4)
+    assert (found.p, found.n) == (2 / 32, 5)
+    assert found.detail is not None
+    assert (found.detail["larger"], found.detail["smaller"], found.detail["smallest_p"]) == (5, 0, 2 / 32)
+
+
+def test_exact_p_is_scipys() -> None:
+    """scipy.stats.permutation_test with permutation_type 'samples' enumerates the same exchanges."""
+    rng = np.random.default_rng(3)
+    a, b = rng.normal(0.6, 1, 9), rng.normal(0, 1, 9)
+    theirs = stats.permutation_test(
+        (a, b), lambda x, y: abs(np.mean(x - y)), permutation_type="samples", alternative="greater", n_resamples=np.inf
+    )
+    assert sign_flip_test(a, b, seed=0).p == pytest.approx(theirs.pvalue)
+
+
+def test_many_pairs_are_sampled_near_the_t_test() -> None:
+    """With 60 normal pairs both tests agree closely; the smallest p is 1/(B+1)."""
+    rng = np.random.default_rng(5)
+    a, b = rng.normal(0.3, 1, 60), rng.normal(0, 1, 60)
+    found = sign_flip_test(a, b, seed=1, resamples=20_000)
+    assert found.p == pytest.approx(stats.ttest_rel(a, b).pvalue, abs=0.01)
+    assert sign_flip_test(a + 50, b, seed=1, resamples=999).p == 1 / 1000
+    assert sign_flip_test(a, b, seed=1).p == sign_flip_test(a, b, seed=1).p
+
+
+def test_equal_pairs_do_not_differ_and_no_pairs_cannot_say() -> None:
+    """Differences of 0 carry no sign; nothing to compare is no 0."""
+    assert sign_flip_test([1, 2, 3], [1, 2, 3], seed=0).p == 1.0
+    assert sign_flip_test([4, 2, 3], [1, 2, 3], seed=0).p == 1.0
+    assert sign_flip_test([], [], seed=0).value is None
+    with pytest.raises(ValueError, match="3 values against 2"):
+        sign_flip_test([1, 2, 3], [1, 2], seed=0)
+    with pytest.raises(ValueError, match="finite"):
+        sign_flip_test([np.nan], [1], seed=0)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.tuples(st.floats(-9, 9), st.floats(-9, 9)), min_size=1, max_size=9))
+def test_exchanging_the_two_turns_the_difference_and_keeps_the_p(pairs: list[tuple[float, float]]) -> None:
+    """The test is two-sided."""
+    a, b = zip(*pairs, strict=True)
+    one, other = sign_flip_test(a, b, seed=0), sign_flip_test(b, a, seed=0)
+    assert one.value == pytest.approx(-(other.value or 0.0))
+    assert one.p == pytest.approx(other.p)
+
+
+def test_it_keeps_its_level() -> None:
+    """Of 400 comparisons of two equal drivers with skewed scores in 16 worlds about 1 in 20 is significant at .05."""
+    rng = np.random.default_rng(11)
+    ps = [
+        sign_flip_test(rng.exponential(1, 16), rng.exponential(1, 16), seed=turn, resamples=400).p
+        for turn in range(400)
+    ]
+    assert 0.02 <= np.mean([p is not None and p <= 0.05 for p in ps]) <= 0.09

@@ -1,0 +1,148 @@
+"""The ladder and the blind baseline on synthetic drives whose answer is known."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drives import always, by_depth, drive, make_run, tossing
+from eyechart.episodes import Episode, EpisodeKey, write_episodes
+from eyechart.errors import LedgerError, SpecError
+from eyechart.stats.paired import clopper_pearson, mcnemar_exact
+from eyechart.studies.closed_loop import score
+from eyechart.studies.closed_loop.published import PUBLISHED, beside_paper, leads
+
+
+def crashing(policy: str, action: str, *, of: int, condition: str = "real") -> list[Episode]:
+    """Return 32 drives, of which the first so many end in a crash half way."""
+    whole = drive(policy, always(action), condition=condition)
+    short = drive(policy, always(action), condition=condition, steps=10, ended="crash")
+    return [*short[:of], *whole[of:]]
+
+
+def test_a_row_holds_means_with_intervals_and_exact_rates(tmp_path: Path) -> None:
+    """Distance, reward and speed are means over episodes; a crash rate has the exact interval."""
+    run = make_run(tmp_path, crashing("constant:SLOW", "SLOW", of=3))
+    (row,) = score(run).ladder
+    assert row.statistics["distance_m"].value == pytest.approx((29 * 400 + 3 * 200) / 32)
+    assert row.statistics["speed_mps"].value == pytest.approx(20)
+    crash = row.statistics["crash_rate"]
+    assert (crash.value, crash.n, crash.ci) == (3 / 32, 32, clopper_pearson(3, 32))
+    assert row.statistics["success_rate"].value == 29 / 32
+    low, high = row.statistics["distance_m"].ci or (0, 0)
+    assert low < 381.25 < high
+
+
+def test_policies_are_held_against_the_best_constant_world_by_world(tmp_path: Path) -> None:
+    """The reference is the constant of the highest reward; Holm never makes a p smaller."""
+    episodes = [
+        *crashing("constant:SLOW", "SLOW", of=0),
+        *crashing("constant:LEFT", "LEFT", of=32),
+        *crashing("oracle", "STRAIGHT", of=16),
+    ]
+    found = score(make_run(tmp_path, episodes))
+    assert found.references["highway"].policy == "constant:SLOW"
+    left, oracle = found.paired
+    assert (left.first.policy, oracle.first.policy) == ("constant:LEFT", "oracle")
+    assert left.differences["crash_rate"].p == mcnemar_exact(32, 0).p
+    assert oracle.differences["crash_rate"].detail == {"b": 16, "c": 0}
+    for one in (left, oracle):
+        assert all((one.holm[name] or 0) >= (each.p or 0) for name, each in one.differences.items())
+    assert "crash_rate" in left.changed
+    assert score(tmp_path, against_policy="oracle").references["highway"].policy == "oracle"
+    with pytest.raises(SpecError, match="no such policy drove"):
+        score(tmp_path, against_policy="nobody").references  # noqa: B018 - computed when asked for
+
+
+def test_the_same_episodes_in_another_order_give_the_same_bytes(tmp_path: Path) -> None:
+    """The order in which processes finish has no say."""
+    episodes = [*drive("constant:SLOW", always("SLOW")), *drive("random", tossing("t")), *drive("oracle", by_depth)]
+    first = score(make_run(tmp_path / "one", episodes), resamples=300).as_dict()
+    second_run = make_run(tmp_path / "two", episodes)
+    episodes = [episodes[place] for place in np.random.default_rng(1).permutation(len(episodes))]
+    (second_run / "episodes.jsonl").write_text("")
+    write_episodes(second_run, episodes)
+    assert json.dumps(score(second_run, resamples=300).as_dict(), allow_nan=False) == json.dumps(first, allow_nan=False)
+
+
+def test_an_episode_in_error_counts_in_no_number(tmp_path: Path) -> None:
+    """It is listed with its row; driven anew, the later record counts."""
+    good = drive("constant:SLOW", always("SLOW"))
+    bad = Episode(EpisodeKey("constant:SLOW", "highway", "light", 99), (), "error", "", "the camera shows black only")
+    again = drive("constant:SLOW", always("SLOW"), seeds=[99])[0]
+    run = make_run(tmp_path, [*good, bad])
+    (row,) = score(run).ladder
+    assert (row.errors, row.statistics["reward"].n) == (1, 32)
+    write_episodes(run, [again])
+    assert score(run).ladder[0].statistics["reward"].n == 33
+    assert score(run).ladder[0].errors == 0
+
+
+def test_two_different_episodes_of_one_key_are_refused(tmp_path: Path) -> None:
+    """No number says which of the two counts."""
+    run = make_run(tmp_path, [*drive("random", tossing("a")), *drive("random", tossing("b"), seeds=[0])])
+    with pytest.raises(LedgerError, match="two different episodes"):
+        score(run)
+
+
+def test_a_folder_without_episodes_is_refused_by_name(tmp_path: Path) -> None:
+    """Nothing is scored as 0."""
+    with pytest.raises(LedgerError, match="does not exist"):
+        score(tmp_path)
+    with pytest.raises(LedgerError, match="no finished episode"):
+        score(make_run(tmp_path / "run", []))
+
+
+def test_the_papers_rows_stand_beside_ours(tmp_path: Path) -> None:
+    """Relative differences, of crashes in points; STOP and SLOW lead together."""
+    episodes = [*crashing("constant:STOP", "STOP", of=1), *crashing("constant:SLOW", "SLOW", of=1)]
+    found = score(make_run(tmp_path, [*episodes, *crashing("constant:LEFT", "LEFT", of=28)]))
+    slow, left = beside_paper(found.ladder)
+    theirs = PUBLISHED["constant:SLOW"]["distance_m"]
+    assert slow.differences["distance_m"] == pytest.approx((31 * 400 + 200) / 32 / theirs - 1)
+    assert slow.apart == ("distance_m", "reward")
+    assert left.differences["crash_rate"] == 0
+    assert leads(found.ladder)["crash_rate"] == ["constant:STOP", "constant:SLOW"]
+
+
+def test_a_seeing_driver_differs_from_itself_without_pictures_and_a_constant_does_not(tmp_path: Path) -> None:
+    """The first significantly, the second not at all, and the sentences say so."""
+    sees = [*drive("sees", by_depth), *crashing("sees", "STRAIGHT", of=32, condition="blank")]
+    blind = [*drive("constant:SLOW", always("SLOW")), *drive("constant:SLOW", always("SLOW"), condition="blank")]
+    first, second = score(make_run(tmp_path, [*sees, *blind])).blind
+    assert (first.driver.policy, first.condition, first.finding) == ("sees", "blank", "differs")
+    assert {"crash_rate", "success_rate", "distance_m", "reward"} <= set(first.paired.changed)
+    assert "drives differently with real pictures than with blank ones in the same 32 worlds" in first.sentence
+    assert "completes 32 of 32 with real pictures and 0 of 32 with blank ones" in first.sentence
+    assert (second.finding, second.paired.changed) == ("identical", ())
+    assert "the same to the last digit" in second.sentence
+    assert "completing these worlds needs no picture, so that completion says nothing of the camera" in second.sentence
+
+
+def test_no_difference_comes_with_the_bound_that_the_data_allow(tmp_path: Path) -> None:
+    """A coin tossed anew under blank pictures is not declared the same."""
+    episodes = [*drive("random", tossing("a")), *drive("random", tossing("b"), condition="blank")]
+    (found,) = score(make_run(tmp_path, episodes)).blind
+    assert found.finding == "no_difference_found"
+    assert "That is not none: the data bound it" in found.sentence
+    low, high = found.paired.differences["distance_m"].ci or (0, 0)
+    assert f"[{low:+.1f}, {high:+.1f}] m" in found.sentence
+
+
+def test_few_worlds_cannot_say(tmp_path: Path) -> None:
+    """With four worlds no exact test reaches .05, however much they differ."""
+    episodes = [*drive("sees", by_depth, seeds=[0]), *drive("sees", always("LEFT"), condition="blank", seeds=[0])]
+    (found,) = score(make_run(tmp_path, episodes)).blind
+    assert found.finding == "cannot_say"
+    assert "with 4 worlds no exact test can reach .05" in found.sentence
+
+
+def test_a_time_out_is_a_success_only_where_there_is_no_goal(tmp_path: Path) -> None:
+    """Once any episode of a scenario reaches a goal, lasting until the time is up is none."""
+    time_out = drive("slow", always("SLOW"))
+    assert score(make_run(tmp_path / "a", time_out)).ladder[0].statistics["success_rate"].value == 1
+    goal = drive("fast", always("STRAIGHT"), ended="goal")
+    found = {row.driver.policy: row for row in score(make_run(tmp_path / "b", [*time_out, *goal])).ladder}
+    assert found["slow"].statistics["success_rate"].value == 0
+    assert found["fast"].statistics["success_rate"].value == 1
