@@ -93,7 +93,7 @@ $(VLM): $(CORE)
 	@touch $@
 
 $(MODELS): $(DEV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,hub,parquet,lerobot,transformers,serve,ray]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,hub,parquet,lerobot,film,transformers,serve,ray]'
 	@touch $@
 
 $(DOCS): $(CORE)

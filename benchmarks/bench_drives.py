@@ -143,19 +143,24 @@ def main() -> None:
     parser.add_argument("--pictures", action="store_true", help="measure with a picture a decision too")
     parser.add_argument("--processes", action="store_true", help="measure what two processes cost over one")
     options = parser.parse_args()
+    stages: dict[str, Callable[[], dict[str, float]]] = {
+        "without_pictures": lambda: measure(options.seeds, pictures=False)
+    }
+    if options.pictures:
+        stages["with_pictures"] = lambda: measure(options.seeds, pictures=True)
+    if options.processes:
+        stages["processes"] = lambda: processes(options.seeds)
     found: dict[str, dict[str, float]] = {}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # gymnasium warns of what highway-env does on its own
-        found["without_pictures"] = measure(options.seeds, pictures=False)
-        if options.pictures:
-            found["with_pictures"] = measure(options.seeds, pictures=True)
-        if options.processes:
-            found["processes"] = processes(options.seeds)
+        for name, stage in stages.items():
+            found[name] = stage()
+            if not options.json:
+                values = ", ".join(f"{key} {value:.4g}" for key, value in found[name].items())
+                print(f"{name.replace('_', ' ')}: {values}", flush=True)
     if options.json:
         print(json.dumps({"bound": BOUND, **found}, indent=1))
     else:
-        for name, values in found.items():
-            print(name.replace("_", " ") + ": " + ", ".join(f"{key} {value:.4g}" for key, value in values.items()))
         print(f"states equal after every step; bound on the ratio without pictures {BOUND}")
     slow = found["without_pictures"]["ratio"] < BOUND
     sys.exit(1 if slow or found.get("processes", {}).get("overhead", 0.0) > OVERHEAD else 0)

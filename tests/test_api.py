@@ -159,8 +159,8 @@ def test_an_interrupt_in_a_notebook_ends_the_calls_and_the_next_cell_goes_on(
     signal.signal(signal.SIGINT, before_it)
     slow.pause_s = 0.0
     partial = read_report(tmp_path / "run")["standin:steady"]
-    assert partial.notes[0].startswith("partial: ")
-    assert "partial: " in partial._repr_html_()
+    assert partial.notes[0].startswith("unfinished: ")
+    assert "(unfinished: " in partial._repr_html_()
     before = stand_ins.rows_in(tmp_path / "run" / "ledger.sqlite", "attempts")
     report = run_battery(bank, "standin:steady", tmp_path / "run")
     score = report.score.models["standin:steady"]

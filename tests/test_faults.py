@@ -166,6 +166,27 @@ def test_a_retry_after_is_waited_for(bank: FrameBank, ledger: Ledger) -> None:
     assert when[1] - when[0] >= 2.0
 
 
+def test_a_server_that_asks_for_a_long_rest_gets_it(bank: FrameBank, ledger: Ledger) -> None:
+    """Its model is set aside, with the time it asked for, and is not asked again; the others go on."""
+    plan = plan_of(bank, SPEC, "openai:other")
+
+    async def resting(request: object, asked: dict[str, object], attempt: int) -> object:
+        del request, attempt
+        return refuse(429, "come back later", {"Retry-After": "3600"}) if asked["model"] == "m" else answer()
+
+    with FaultServer([resting]) as server:  # type: ignore[list-item]
+        outcome = ask(server, plan, ledger, concurrency=4)
+        asked = [one["model"] for one in server.asked]
+    assert list(outcome.set_aside) == [SPEC]
+    assert outcome.set_aside[SPEC] == (
+        "rate_limited: its server asks to be left alone for 3600 s (Retry-After), and a run waits at most 120 s; "
+        "the same command goes on later"
+    )
+    assert asked.count("m") <= 4
+    assert all(one.number == 1 and one.reply and one.reply.retry_after_s == 3600 for one in ledger.attempts(SPEC))
+    assert ledger.finished() == set(plan.keys_of("openai:other"))
+
+
 @pytest.mark.parametrize(
     ("status", "error", "kind", "says"),
     [

@@ -210,7 +210,7 @@ def test_one_scenario_leaves_another_untested_and_says_so() -> None:
     notes = []
     for answered in (whole, part):
         found = statistics_of(answered, Resampling(resamples=99, intervals=False))
-        notes.append(judging._notes(found, ModelScore("simulated", "0", 0, 0, answered, found, {})))
+        notes.append(judging._notes(found, ModelScore("simulated", "0", 0, 0, answered, found, {}), max_tokens=9))
     note = "whether a picture of another scenario changes its answer was not tested"
     assert [note in one for one in notes] == [False, True]
 

@@ -21,7 +21,7 @@ from eyechart.run import Progress
 from eyechart.simulators import open_simulator
 from eyechart.studies import battery
 from eyechart.studies.battery import Battery, BatteryScore
-from eyechart.verdicts import Verdict, judge, scope
+from eyechart.verdicts import Verdict, judge, scope, words_of
 
 
 @dataclass(frozen=True, repr=False)
@@ -87,11 +87,11 @@ class Report:
         return Path(out)
 
     def __repr__(self) -> str:
-        labels = ", ".join(f"{spec}: {one.calibrated.label}" for spec, one in self.verdicts.items())
+        labels = ", ".join(f"{spec}: {one.headline}" for spec, one in self.verdicts.items())
         return f"<Report on {self.path}: {labels or 'no model'}>"
 
     def __str__(self) -> str:
-        return "\n\n".join([*map(str, self.verdicts.values()), f"Scope: {self._scope()}"])
+        return "\n\n".join([*filter(None, [words_of(self.verdicts)]), f"Scope: {self._scope()}"])
 
     def _repr_html_(self) -> str:
         cards = "".join(one._repr_html_() for one in self.verdicts.values())

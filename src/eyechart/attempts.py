@@ -60,7 +60,7 @@ class Caller:
             await self._writer.close(attempt, reply)
             pace.leave(entered, reply)
             self._budget.came(key.model, reply)
-            if reply.error not in TRANSIENT:
+            if reply.error not in TRANSIENT or key.model in self._budget.set_aside:
                 break
             if number < self._attempts:
                 await asyncio.sleep(pause_s(number, reply))

@@ -42,6 +42,8 @@ class Replication:
 class Comparison:
     """Every model that both runs asked. ``apart`` says in words what the two runs did not have in common.
 
+    A run that is not finished is named there too.
+
     ``marks`` are the guards that failed in either run: its numbers are not to be relied on.
     """
 
@@ -143,4 +145,6 @@ def _apart(first: BatteryScore, second: BatteryScore) -> tuple[str, ...]:
             said.append(f"{spec} was asked in another request mode in the second run")
     for which, mine, theirs in (("first", first, second), ("second", second, first)):
         said += [f"{spec}: asked in the {which} run only" for spec in mine.models if spec not in theirs.models]
+        whole = ((spec, one.answered, one.planned) for spec, one in mine.models.items() if spec in theirs.models)
+        said += [f"{spec}: the {which} run is unfinished: {n} of {m} calls" for spec, n, m in whole if n < m]
     return tuple(sorted(said))

@@ -1,6 +1,5 @@
 """An input condition decides which picture is shown for a frame; everything else of the query stays the same."""
 
-import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -117,16 +116,20 @@ def partner(frame: Frame, bank: FrameBank, seed: int, condition: str) -> Frame:
 
     Raises BankError, naming frame and scenario, where the bank holds no such frame.
     """
+    mine = bank.scenarios[frame.scenario]
     if condition == "shuffled":
-        others = [other for other in bank.scenarios[frame.scenario] if other.id != frame.id]
-        need = f"another frame in scenario '{frame.scenario}'"
+        others, need = len(mine) - 1, f"another frame in scenario '{frame.scenario}'"
     else:
-        elsewhere = (frames for scenario, frames in bank.scenarios.items() if scenario != frame.scenario)
-        others = list(itertools.chain.from_iterable(elsewhere))
-        need = f"a frame of another scenario than '{frame.scenario}'"
+        others, need = len(bank.frames) - len(mine), f"a frame of another scenario than '{frame.scenario}'"
     if not others:
         raise BankError(f"frame '{frame.id}' has no partner for {condition}: the bank needs {need}")
-    return others[int(np.random.default_rng(seed).integers(len(others)))]
+    place = int(np.random.default_rng(seed).integers(others))
+    if condition == "shuffled":
+        return mine[place + any(other.id == frame.id for other in mine[: place + 1])]
+    elsewhere = [frames for scenario, frames in bank.scenarios.items() if scenario != frame.scenario]
+    while place >= len(elsewhere[0]):  # no list of all their frames: a bank may hold many thousands
+        place -= len(elsewhere.pop(0))
+    return elsewhere[0][place]
 
 
 def grey(pixels: RGB) -> RGB:

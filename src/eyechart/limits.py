@@ -6,10 +6,10 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
-from eyechart.calls import HOPELESS, Reply
+from eyechart.calls import HOPELESS, TRANSIENT, Reply
 
 LONGEST_WAIT_S = 120.0
-"""At most this long is waited before the next attempt, whatever a server's Retry-After asks for."""
+"""So long a server's Retry-After is obeyed; a model whose server asks for more is set aside instead."""
 
 
 _PERHAPS_ONE = frozenset({403, 404})
@@ -101,6 +101,10 @@ class Budget:
         self._came = asyncio.Event()
         if self.limits.cost_usd is not None:
             self._add(model, reply)
+        if asks_too_much(reply):
+            asked = f"its server asks to be left alone for {reply.retry_after_s:.0f} s (Retry-After)"
+            ends = f"a run waits at most {LONGEST_WAIT_S:.0f} s; the same command goes on later"
+            self.set_aside.setdefault(model, f"{reply.error}: {asked}, and {ends}")
         self._refused[model] = self._refused[model] + 1 if reply.error in HOPELESS else 0
         if self._refused[model] >= (2 if reply.status in _PERHAPS_ONE else 1):
             self.set_aside.setdefault(model, f"{reply.error}: {reply.error_detail}")
@@ -162,8 +166,8 @@ class Pace:
         if reply.error == "rate_limited":
             if entered >= self._slowed_at:  # one decrease for all that were under way when the first 429 came
                 self.limit, self._slowed_at = max(1.0, self.limit / 2), now
-            if reply.retry_after_s is not None:
-                self._hold_until = max(self._hold_until, now + min(reply.retry_after_s, LONGEST_WAIT_S))
+            if reply.retry_after_s is not None and not asks_too_much(reply):
+                self._hold_until = max(self._hold_until, now + reply.retry_after_s)
         elif reply.error is None:
             self.limit = min(float(self._most), self.limit + 1 / self.limit)
         self._leave()
@@ -182,3 +186,8 @@ def pause_s(number: int, reply: Reply) -> float:
     """Return the seconds before the next attempt: doubling, with jitter, and never less than the server asks for."""
     backoff = min(30.0, 2.0 ** (number - 1)) * (0.5 + random.random() / 2)  # noqa: S311 - no secret
     return max(backoff, min(reply.retry_after_s or 0.0, LONGEST_WAIT_S))
+
+
+def asks_too_much(reply: Reply) -> bool:
+    """Return whether a failure that may pass comes with a longer wait than a run makes."""
+    return reply.error in TRANSIENT and (reply.retry_after_s or 0.0) > LONGEST_WAIT_S

@@ -47,9 +47,7 @@ def test_every_organism_declares_labels_that_there_are() -> None:
         assert one.lateral in {"swaps", "does_not_swap", "one_sided", "no_power"}
 
 
-@pytest.mark.parametrize(
-    ("field", "value"), [("timeout_s", 5.0), ("headers", {"X-Title": "eyechart"}), ("key_env", "MY_KEY")]
-)
+@pytest.mark.parametrize(("field", "value"), [("headers", {"X-Title": "eyechart"}), ("key_env", "MY_KEY")])
 def test_what_only_a_server_can_be_told_is_refused(field: str, value: object) -> None:
     """Rather than left undone without a word."""
     mode = RequestMode("hf:organism:grounded", **{field: value})  # type: ignore[arg-type]

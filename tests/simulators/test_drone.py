@@ -132,7 +132,7 @@ def test_a_seed_is_one_world_and_the_rovers_too() -> None:
     drive, again, other = (Drone().drive("clutter", seed) for seed in (4, 4, 5))
     assert drive.state() == again.state() != other.state()
     rover = make_layout("clutter", 4).obstacles
-    ours = drive.world.layout.obstacles  # type: ignore[attr-defined]
+    ours = drive.world.layout.obstacles
     assert [(one.x, one.y, one.radius, 3 * one.height) for one in rover] == [
         (one.x, one.y, one.radius, one.height) for one in ours
     ]

@@ -241,7 +241,7 @@ def test_a_run_that_was_cut_before_its_stop_is_unfinished(bank: FrameBank, tmp_p
     scored = study.score(out, resamples=99)
     assert scored.models[STEADY].stopped is None
     note = judge(scored)[STEADY].notes[0]
-    assert note.startswith("partial: ")
+    assert note.startswith("unfinished: ")
     assert "nothing is settled early" in note
     gate = hold(scored, ["depth"])
     assert gate.exit_code == 2

@@ -19,7 +19,7 @@ def test_a_depth_reader_follows_the_scene_and_a_coin_does_not(tmp_path: Path) ->
     assert reader.label == "follows the scene"
     assert (reader.holm or 1) < 0.01
     assert (reader.statistics["information_share"].value or 0) > 0.4
-    assert coin.label == "varies, no link to the scene found"
+    assert coin.label == "varies, no link found"
     assert (coin.statistics["entropy_bits"].value or 0) > 2.2 > (reader.statistics["entropy_bits"].value or 9)
     assert (coin.statistics["information_share"].value or 1) < 0.03
     assert reader.geometry == GAP_ALONE
@@ -123,8 +123,20 @@ def test_other_actions_with_one_drive_are_not_called_aliases(tmp_path: Path) -> 
         Episode(mine.key, mine.steps, mine.ended, theirs.state_sha256)
         for mine, theirs in zip(drive("left", always("LEFT")), right, strict=True)
     ]
-    (found,) = score(make_run(tmp_path, [*right, *left])).twins
+    (found,) = score(make_run(tmp_path / "a", [*right, *left])).twins
     assert found.kind == "other actions, same drive"
+
+
+def test_a_run_is_scored_where_its_simulator_is_not(tmp_path: Path) -> None:
+    """What is not installed here declares nothing, and everything else is computed."""
+    away = "gym:Elsewhere-v9"
+    episodes = [
+        one
+        for policy, action in (("one", "STOP"), ("other", "SLOW"))
+        for one in drive(policy, always(action), simulator=away)
+    ]
+    (found,) = score(make_run(tmp_path, episodes, simulator=away)).twins
+    assert (found.kind, found.same) == ("other actions, same drive", 32)
 
 
 def cached(step: Step, number: int) -> Reply:
@@ -142,6 +154,18 @@ def test_a_planted_cache_is_suspect(tmp_path: Path) -> None:
     assert (found.kind, found.same, scored.suspect) == ("suspect caching", 32, True)
     assert "640 of 640 replies are word for word the same" in found.words
     assert "the median reply took 0.002 s against 1.5 s" in found.words
+
+
+def test_like_minds_are_no_cache(tmp_path: Path) -> None:
+    """Two readers of the same gaps decide alike, each in words of its own; and a few short drives agree by chance."""
+    episodes = [*drive("model-a", by_depth), *drive("model-b", by_depth)]
+    run = make_run(tmp_path / "a", episodes, models=["model-a", "model-b"])
+    add_replies(run, episodes, lambda _step, n: Reply(f"in my words, {n // 640}", "stop"), lambda step: step.frame)
+    assert [one.kind for one in score(run).twins] == ["decide alike here and there"]
+    few = [*drive("model-b", tossing("x"), seeds=[0]), *drive("model-b", tossing("y"), seeds=range(1, 8))]
+    some = make_run(tmp_path / "b", [*drive("model-a", tossing("x")), *few], models=["model-a", "model-b"])
+    (found,) = score(some).twins
+    assert (found.kind, found.same) == ("decide alike here and there", 4)
 
 
 def test_a_cache_inside_one_model_shows_in_its_repeated_requests(tmp_path: Path) -> None:

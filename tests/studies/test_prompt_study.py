@@ -5,11 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import banks
 import stand_ins
 from eyechart import models
 from eyechart.calls import Query, Reply
+from eyechart.cli.app import app
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank
 from eyechart.manifest import read_run
@@ -124,6 +126,23 @@ def test_what_cannot_be_a_study_is_refused(bank: FrameBank, tmp_path: Path) -> N
     other = banks.build_bank(tmp_path / "other", scenarios=["light"])
     with pytest.raises(LedgerError, match="cells on several banks"):
         run(other, tmp_path / "study", prompts=["minimal"], limit=6)
+
+
+def test_a_cell_says_what_it_took_and_whether_it_may_be_believed(bank: FrameBank, tmp_path: Path) -> None:
+    """A constant cell is marked, an unfinished one says so, and the calls of each are accounted for."""
+    study = prompts.plan(bank.root, [SPEC], tmp_path / "study", prompts=["baseline", "anti_degeneracy"], limit=6)
+    prompts.run(study, calls=20)
+    constant, varied = prompts.score(tmp_path / "study", resamples=99)
+    assert constant.marks == ("guard 'degeneracy' failed: all 12 replies are the same: 'STOP'",)
+    assert (constant.state, varied.state) == ("", "unfinished: 8 of 12 calls")
+    assert (constant.took.attempts, varied.took.attempts) == (12, 8)
+    told = CliRunner().invoke(app, ["score", str(tmp_path / "study")]).stdout
+    assert "! suggestible:one in baseline: guard 'degeneracy' failed: all 12 replies are the same: 'STOP'" in told
+    assert "unfinished: 8 of 12 calls" in told
+    assert "what the calls took" in told
+    costs = json.loads(CliRunner().invoke(app, ["costs", str(tmp_path / "study"), "--json"]).stdout)
+    assert costs["accounting"]["suggestible:one in anti_degeneracy"]["all"]["attempts"] == 8
+    assert {one["name"] for one in costs["guards"]["suggestible:one in baseline"]} >= {"outcomes", "degeneracy"}
 
 
 def test_a_score_is_plain_json(bank: FrameBank, tmp_path: Path) -> None:

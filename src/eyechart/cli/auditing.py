@@ -32,7 +32,7 @@ def ladder(
     """Drive the baselines and print Table t:baselines beside the paper's. Interrupt it at will: it resumes.
 
     Every constant action, random and the scripted controller in every scenario: in the highway 7 × 4 × 8 episodes.
-    Example: eyechart ladder --out ladder --processes 2
+    Exit 1: episodes are unfinished, or ended in an error. Example: eyechart ladder --out ladder --processes 2
     """
     from eyechart.episodes import Bounds, run
     from eyechart.studies.closed_loop import score
@@ -51,6 +51,9 @@ def ladder(
         print_json(ladder_dict(scored))
     else:
         print_ladder(scored)
+    if failed := sum(one.errors for one in scored.ladder):
+        say(f"{failed} episodes ended in an error and count in no number; 'eyechart report {out}' lists them")
+        raise typer.Exit(1)
 
 
 def ladder_dict(scored: "ClosedLoopScore") -> dict[str, object]:

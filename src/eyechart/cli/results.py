@@ -9,7 +9,7 @@ from eyechart.cli.auditing import print_drives
 from eyechart.cli.terminal import print_json, table_console
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from eyechart.studies.battery import BatteryScore
     from eyechart.verdicts import Verdict
@@ -26,6 +26,7 @@ _Reread = Annotated[
 
 def score(run: _Run, json: _Json = False, independent: _Independent = False, reread: _Reread = False) -> None:
     """Print every statistic of a run with its interval, n and p. Example: eyechart score run --json."""
+    from eyechart.costs import ALL
     from eyechart.report.costs import costs_table
     from eyechart.report.tables import frontier_table, prompts_table, statistics_table
     from eyechart.studies import battery as study
@@ -47,6 +48,10 @@ def score(run: _Run, json: _Json = False, independent: _Independent = False, rer
             console = table_console()
             for spec in dict.fromkeys(cell.model for cell in cells):
                 console.print(prompts_table(spec, [cell for cell in cells if cell.model == spec]))
+            for cell in cells:
+                print_each_mark(f"{cell.model} in {cell.name}", (*filter(None, [cell.state]), *cell.marks))
+            took = {f"{cell.model} in {cell.name}": {ALL: cell.took} for cell in cells}
+            table_console(160).print(costs_table(took, every=False))
         return
     scored = study.score(run, independent=independent, reread=reread)
     if json:
@@ -64,7 +69,7 @@ def score(run: _Run, json: _Json = False, independent: _Independent = False, rer
 def verdict(run: _Run, json: _Json = False, independent: _Independent = False, reread: _Reread = False) -> None:
     """Print the verdict on every model of a run, and what decided it. Example: eyechart verdict run."""
     from eyechart.studies import battery as study
-    from eyechart.verdicts import judge
+    from eyechart.verdicts import judge, words_of
 
     scored = study.score(run, independent=independent, reread=reread)
     verdicts = judge(scored)
@@ -73,8 +78,8 @@ def verdict(run: _Run, json: _Json = False, independent: _Independent = False, r
         return
     print_table(scored, verdicts)
     console = table_console()
-    for one in verdicts.values():
-        title, *lines = str(one).split("\n")
+    for part in filter(None, words_of(verdicts).split("\n\n")):
+        title, *lines = part.split("\n")
         console.print(title, style="bold", markup=False)
         for line in lines:
             console.print(line, markup=False)
@@ -91,7 +96,7 @@ def print_table(scored: "BatteryScore", verdicts: "Mapping[str, Verdict]") -> No
         console.print(table)
     else:  # a narrow terminal: a line for each label instead of columns that are cut
         for spec, one in verdicts.items():
-            labels = f"{one.calibrated.label}; lateral {one.lateral.label}; paper's rules {one.paper.label}"
+            labels = f"{one.headline}; lateral {one.lateral.label}; paper's rules {one.paper.label}"
             console.print(f"{spec}: {labels}{MARK if one.failed else ''}", markup=False)
     print_marks(verdicts)
     for label in dict.fromkeys(one.calibrated.label for one in verdicts.values()):
@@ -103,12 +108,17 @@ def print_table(scored: "BatteryScore", verdicts: "Mapping[str, Verdict]") -> No
 
 def print_marks(verdicts: "Mapping[str, Verdict]") -> None:
     """Print in words what the mark behind a verdict stands for."""
+    for spec, one in verdicts.items():
+        print_each_mark(spec, one.marks)
+
+
+def print_each_mark(name: str, marks: "Sequence[str]") -> None:
+    """Print what the mark behind a name stands for, a line a guard."""
     from eyechart.report.tables import MARK
 
     console = table_console()
-    for spec, one in verdicts.items():
-        for words in one.marks:
-            console.print(f"{MARK.strip()} {spec}: {words}", markup=False)
+    for words in marks:
+        console.print(f"{MARK.strip()} {name}: {words}", markup=False)
 
 
 def costs(
@@ -119,13 +129,15 @@ def costs(
 ) -> None:
     """Print what a run's calls took, by model: attempts and their outcomes, tokens, dollars, seconds, joules.
 
-    Example: eyechart costs run --all --json
+    Of a prompt study, by cell. Example: eyechart costs run --all --json
     """
     from eyechart.models.prices import read_prices
     from eyechart.report.costs import costs_table
     from eyechart.studies import battery as study
+    from eyechart.studies import prompts
 
-    took, kept = study.took(run, prices=read_prices(prices))
+    table = read_prices(prices)
+    took, kept = (prompts.took if prompts.is_study(run) else study.took)(run, prices=table)
     if json:
         print_json(
             {

@@ -15,6 +15,7 @@ from eyechart.studies.closed_loop import Blind, ClosedLoopScore, Degeneracy, Run
 MOST_ROWS = 40
 """Drivers in a figure; the tables have all of them."""
 
+_UNITS = {"distance_m": " (m)", "reward": "", "speed_mps": " (m/s)", "crash_rate": " (points)"}
 _BEST = {"distance_m": "more is better", "reward": "more is better", "crash_rate": "less is better"}
 
 
@@ -24,9 +25,7 @@ def drives_figures(score: ClosedLoopScore) -> dict[str, list[Drawing]]:
         rungs = sorted(score.ladder, key=lambda one: (one.driver.simulator, -(one.statistics["reward"].value or 0.0)))
         return {
             "ladder": [_dots(rungs[:MOST_ROWS], name) for name in _BEST] if rungs else [],
-            "blind": [_paired(score.blind[:MOST_ROWS], name) for name in ("distance_m", "crash_rate")]
-            if score.blind
-            else [],
+            "blind": [_paired(score.blind[:MOST_ROWS], name) for name in _UNITS] if score.blind else [],
             "information": _information(score.audit),
         }
 
@@ -81,8 +80,8 @@ def _paired(found: Sequence[Blind], name: str) -> Drawing:
             _dot(axes, y, scale * value.value, ci, hollow=not differs, colour=VERMILLION if differs else MUTED)
         told.append(f"{labels[y]}: {shown(value, name, signed=True)}{', significant' if differs else ''}")
     _rows(axes, labels)
-    unit = "points" if scale > 1 else "m"
-    axes.set_xlabel(f"{NAMES[name].partition(' (')[0]}, real less other ({unit})", fontsize=8.5)
+    what = NAMES[name].partition(" (")[0]
+    axes.set_xlabel(f"{what}, real less other{_UNITS[name]}", fontsize=8.5)
     says = f"Differences in the same worlds with 95 % intervals; filled: significant after Holm. {'; '.join(told)}"
     return Drawing(f"blind-{name}", f"Real pictures less others: {NAMES[name]}", says, figure)
 

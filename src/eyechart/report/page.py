@@ -2,7 +2,7 @@
 
 import base64
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -25,6 +25,7 @@ from eyechart.report.sections import guards, pairs, silent
 from eyechart.report.sheets import STATISTIC_COLUMNS, level, shown, statistic_rows
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import Stopped
+from eyechart.verdicts import shared_notes
 
 MODELS_DRAWN = 24
 """Models that have figures of their own in the page."""
@@ -55,6 +56,7 @@ class Page:
 def make_page(evidence: Sequence[Evidence], *, tell: Tell = lambda _: None) -> Page:
     """Return the report of runs. The same runs give the same bytes. ``tell`` is told what is under way."""
     everyone, shown = subjects(evidence), frames_shown(evidence)
+    shared = shared_notes({who.label: who.verdict for who in everyone})
     tell("figures")
     drawn = figures(everyone)
     album, texts = make_album(evidence, shown, tell=tell), collect_texts(evidence, shown)
@@ -71,7 +73,8 @@ def make_page(evidence: Sequence[Evidence], *, tell: Tell = lambda _: None) -> P
             data=embedded_json(browser_data(evidence, album, texts, shown)),
             title=", ".join(run.name for run in evidence),
             runs=[_run(run) for run in evidence],
-            cards=[_card(who) for who in everyone],
+            cards=[_card(who, shared) for who in everyone],
+            shared=shared,
             figures={section: [_figure(one) for one in many[:MODELS_DRAWN]] for section, many in drawn.items()},
             silent=silent(evidence, everyone, drawn),
             pairs=[
@@ -145,7 +148,7 @@ def _figure(drawing: Drawing) -> dict[str, object]:
     return {"title": drawing.title, "svg": svg, "wide": drawing.wide, "name": drawing.name, "of": drawing.of}
 
 
-def _card(who: Subject) -> dict[str, object]:
+def _card(who: Subject, shared: Mapping[str, str]) -> dict[str, object]:
     verdict = who.verdict
     family, glyph = _FAMILY.get(verdict.calibrated.label, ("open", "?"))
     deciding = who.model.statistics[verdict.calibrated.decided_by]
@@ -155,6 +158,7 @@ def _card(who: Subject) -> dict[str, object]:
         "family": family,
         "glyph": glyph,
         "verdict": verdict,
+        "notes": [note for note in verdict.notes if note not in shared],
         "numbers": _numbers(deciding, verdict.stopped),
         "because": verdict.calibrated.words.partition(": settled by ")[0],
     }

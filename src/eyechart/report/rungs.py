@@ -101,11 +101,7 @@ def paired_table(found: Sequence[Paired], title: str) -> Table:
     for name in NAMES.values():
         table.add_column(name, justify="right", no_wrap=True)
     for one in found:
-        cells = []
-        for name in NAMES:
-            p = one.holm.get(name)
-            cells.append(f"{shown(one.differences[name], name, signed=True)}\np {p_value(p)}")
-        table.add_row(Text(one.first.label), str(one.worlds), *cells)
+        table.add_row(Text(one.first.label), str(one.worlds), *_stacked(one))
     return table
 
 
@@ -117,18 +113,22 @@ def blind_table(found: Sequence[Blind]) -> Table:
     for name in ("worlds", *NAMES.values()):
         table.add_column(name, justify="right", no_wrap=True)
     for one in found:
-        differences, holm = one.paired.differences, one.paired.holm
-        cells = [f"{shown(differences[name], name, signed=True)}\np {p_value(holm.get(name))}" for name in NAMES]
         label = f"{one.driver.run} · {one.driver.policy}" if one.driver.run else one.driver.policy
         finding = one.finding.replace("_", " ")
-        table.add_row(Text(label), one.condition, finding, str(one.paired.worlds), *cells)
+        table.add_row(Text(label), one.condition, finding, str(one.paired.worlds), *_stacked(one.paired))
     return table
+
+
+def _stacked(one: Paired) -> list[str]:
+    """Return each difference above its interval and its p, so that the table stays narrow."""
+    cells = [shown(one.differences[name], name, signed=True).replace(" [", "\n[") for name in NAMES]
+    return [f"{cell}\np {p_value(one.holm.get(name))}" for name, cell in zip(NAMES, cells, strict=True)]
 
 
 def degeneracy_table(rows: Sequence[Degeneracy]) -> Table:
     """Return Table t:degeneracy, with the episode-safe p beside the paper's and the parse failures."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, title="Degeneracy audit (Table t:degeneracy)", title_justify="left")
-    table.add_column("simulator", no_wrap=True)
+    several = len({row.driver.simulator for row in rows}) > 1
     table.add_column("model", no_wrap=True)
     for name in ("n", "modal", "actions", "H (b)", "MI (b)", "MI/H", "p (paper)", "p (episodes)", "no decision"):
         table.add_column(name, justify="right", no_wrap=True)
@@ -139,8 +139,7 @@ def degeneracy_table(rows: Sequence[Degeneracy]) -> Table:
         mi, share = (number(found[name].value) if varies else "—" for name in ("information_bits", "information_share"))
         p, q = (p_value(one) if varies else "—" for one in (row.holm_naive, row.holm))
         table.add_row(
-            row.driver.simulator,
-            Text(row.driver.label),
+            Text(f"{row.driver.simulator} · {row.driver.label}" if several else row.driver.label),
             str(found["modal_share"].n),
             number(found["modal_share"].value),
             number(found["distinct_actions"].value, 0),

@@ -88,6 +88,7 @@ def verdict_sheet(everyone: Sequence[Subject]) -> Sheet:
         ("level", "text"),
         ("n", "count"),
         ("p", "p"),
+        ("unfinished", "text"),
         ("failed guards", "text"),
     )
     rows = []
@@ -96,7 +97,7 @@ def verdict_sheet(everyone: Sequence[Subject]) -> Sheet:
         one = who.model.statistics[ruling.decided_by]
         marks = "; ".join(guard.name for guard in who.verdict.failed)
         words = (who.label, ruling.label, who.verdict.lateral.label, who.verdict.evidence, who.verdict.paper.label)
-        rows.append((*words, ruling.decided_by, one.value, one.ci, level(one), one.n, one.p, marks))
+        rows.append((*words, ruling.decided_by, one.value, one.ci, level(one), one.n, one.p, who.verdict.state, marks))
     return Sheet("verdicts", "Verdicts and the statistic that decided each", columns, tuple(rows))
 
 
@@ -104,6 +105,8 @@ def frontier_sheet(everyone: Sequence[Subject]) -> Sheet:
     """Return the paper's Table t:frontier: one column a model."""
     made = [frontier_rows(who.model) for who in everyone]
     rows: list[tuple[Cell, ...]] = [(name, *(one[name] for one in made)) for name in (made[0] if made else ())]
+    if any(who.verdict.state for who in everyone):
+        rows.append(("unfinished", *(who.verdict.state.removeprefix("unfinished: ") or None for who in everyone)))
     rows.append(("verdict (paper)", *(who.verdict.paper.label for who in everyone)))
     rows.append(("verdict (calibrated)", *(who.verdict.calibrated.label for who in everyone)))
     columns = (("metric", "text"), *((who.label, "text") for who in everyone))

@@ -47,7 +47,10 @@ def verdict_table(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> Table
         deciding = score.models[spec].statistics[name]
         table.add_row(
             Text(spec),
-            Text(f"{label}{MARK if verdict.failed else ''}", style=_COLOUR.get(label, "red")),
+            Text(
+                "\n".join(filter(None, (f"{label}{MARK if verdict.failed else ''}", verdict.state))),
+                style=_COLOUR.get(label, "red"),
+            ),
             verdict.lateral.label,
             verdict.paper.label,
             f"{name}{_short(deciding)}" if verdict.stopped is None else _short_e(name, deciding, verdict.stopped),
@@ -104,6 +107,8 @@ def frontier_table(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> Tabl
         table.add_row(
             "stopped early", *("—" if one is None else f"{one.calls} of {one.planned} calls" for one in ended)
         )
+    if any(verdicts[spec].state for spec in columns):
+        table.add_row("unfinished", *(verdicts[spec].state.removeprefix("unfinished: ") or "—" for spec in columns))
     table.add_row("verdict (paper)", *(verdicts[spec].paper.label + marks[spec] for spec in columns))
     table.add_row("verdict (calibrated)", *(verdicts[spec].calibrated.label + marks[spec] for spec in columns))
     return table
@@ -172,7 +177,7 @@ def prompts_table(model: str, cells: Sequence[CellScore]) -> Table:
         found = cell.statistics
         modal, idi = (f"{number(found[name].value, 2)} {_interval(found[name], 2)}" for name in ("modal_share", "idi"))
         table.add_row(
-            Text(cell.name),
+            Text(f"{cell.name}{MARK if cell.marks else ''}"),
             modal,
             number(found["distinct_outputs"].value, 0),
             idi,

@@ -10,7 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from eyechart.costs import ALL, Account
 from eyechart.errors import LedgerError, SpecError
+from eyechart.integrity import Guard
 from eyechart.limits import Outcome
 from eyechart.manifest import is_run
 from eyechart.models.prices import Prices, read_prices
@@ -154,7 +156,10 @@ def _elsewhere(study: PromptStudy, name: str, prices: Prices) -> tuple[int, floa
 
 @dataclass(frozen=True)
 class CellScore:
-    """One model under one prompt and setting. ``holm`` maps a test to its p corrected over the model's cells."""
+    """One model under one prompt and setting. ``holm`` maps a test to its p corrected over the model's cells.
+
+    ``took`` says what its calls took, ``guards`` whether they are to be believed.
+    """
 
     name: str
     model: str
@@ -165,6 +170,18 @@ class CellScore:
     answered: int
     statistics: Mapping[str, Statistic]
     holm: Mapping[str, float | None]
+    took: Account
+    guards: tuple[Guard, ...]
+
+    @property
+    def state(self) -> str:
+        """Return in words how far a cell is that is not finished; empty where it is."""
+        return "" if self.answered >= self.planned else f"unfinished: {self.answered} of {self.planned} calls"
+
+    @property
+    def marks(self) -> tuple[str, ...]:
+        """Return the guards that failed, in words: with one of them the cell is not to be relied on."""
+        return tuple(f"guard '{guard.name}' failed: {guard.because}" for guard in self.guards if guard.holds is False)
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
@@ -178,6 +195,8 @@ class CellScore:
             "answered": self.answered,
             "statistics": {name: value.as_dict() for name, value in self.statistics.items()},
             "holm": dict(self.holm),
+            "accounting": self.took.as_dict(),
+            "guards": [guard.as_dict() for guard in self.guards],
         }
 
 
@@ -203,6 +222,16 @@ def score(path: Path, *, resamples: int = 5000, reread: bool = False) -> tuple[C
     return tuple(cell for spec in models for cell in _of_model(spec, named))
 
 
+def took(path: Path, *, prices: Prices | None = None) -> battery.Took:
+    """Return what the calls of every cell took, and whether its guards hold, by ``MODEL in CELL``."""
+    spent, kept = dict[str, dict[str, Account]](), dict[str, tuple[Guard, ...]]()
+    for cell in (one for one in sorted(path.iterdir()) if is_run(one)):
+        accounts, guards = battery.took(cell, prices=prices)
+        spent |= {f"{spec} in {cell.name}": found for spec, found in accounts.items()}
+        kept |= {f"{spec} in {cell.name}": found for spec, found in guards.items()}
+    return spent, kept
+
+
 def _of_model(spec: str, named: Sequence[tuple[str, battery.BatteryScore]]) -> list[CellScore]:
     asked = [(name, one) for name, one in named if spec in one.models]
     found = [_statistics(one.models[spec]) for _, one in asked]
@@ -218,6 +247,8 @@ def _of_model(spec: str, named: Sequence[tuple[str, battery.BatteryScore]]) -> l
             answered=one.models[spec].answered,
             statistics=statistics,
             holm={test: corrected[test][place] for test in DEPENDENCE},
+            took=one.accounting[spec][ALL],
+            guards=one.guards[spec],
         )
         for place, ((name, one), statistics) in enumerate(zip(asked, found, strict=True))
     ]

@@ -7,7 +7,7 @@ docs/decisions/0006-two-sets-of-rules.md.
 
 from eyechart.verdicts.calibrated import CALIBRATED_LABELS, TRUST, calibrated_rules
 from eyechart.verdicts.early import NOT_JUDGED
-from eyechart.verdicts.judging import Verdict, judge, scope
+from eyechart.verdicts.judging import Verdict, judge, scope, shared_notes, words_of
 from eyechart.verdicts.lateral import LATERAL_LABELS, lateral_rules
 from eyechart.verdicts.paper import PAPER_LABELS, paper_rules
 from eyechart.verdicts.ruling import Ruling
@@ -25,4 +25,6 @@ __all__ = [
     "lateral_rules",
     "paper_rules",
     "scope",
+    "shared_notes",
+    "words_of",
 ]

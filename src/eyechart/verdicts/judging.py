@@ -1,6 +1,6 @@
 """A verdict puts the rulings of both sets of rules together, with what it may be trusted with and its scope."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from eyechart.integrity import Guard
@@ -11,6 +11,7 @@ from eyechart.studies.battery.stopping import PREFIX
 from eyechart.verdicts.calibrated import POSITIVE_CLAIMS, TRUST, calibrated_rules
 from eyechart.verdicts.card import card, numbers
 from eyechart.verdicts.early import early_lateral, early_paper, early_rules
+from eyechart.verdicts.findings import findings
 from eyechart.verdicts.lateral import lateral_rules
 from eyechart.verdicts.paper import paper_rules
 from eyechart.verdicts.ruling import Ruling, number
@@ -21,6 +22,8 @@ _ASKED = {
     "none": "nothing: it could not be tested",
 }
 
+_COUNTED = ("finished", "planned")
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -30,7 +33,8 @@ class Verdict:
     picture, by observation, or not at all. ``trust`` and ``scope`` are one sentence each. ``stopped`` says where the
     run settled it early: it then rests on e-values, and the paper's label is ``not_judged``. ``failed`` are the guards
     that say that the run itself is not to be believed; they mark the verdict wherever it is printed. ``print`` it for
-    the evidence in words; a notebook shows it as a card.
+    the evidence in words; a notebook shows it as a card. ``unfinished`` is (calls finished, calls planned) where some
+    are still to be made, and the verdict is on what there is.
     """
 
     model: str
@@ -43,6 +47,17 @@ class Verdict:
     notes: tuple[str, ...]
     stopped: Stopped | None = None
     failed: tuple[Guard, ...] = ()
+    unfinished: tuple[int, int] | None = None
+
+    @property
+    def state(self) -> str:
+        """Return in words how far a run is that is not finished; empty where it is, and where it stopped early."""
+        return "" if self.unfinished is None else "unfinished: {} of {} calls".format(*self.unfinished)
+
+    @property
+    def headline(self) -> str:
+        """Return the calibrated label, and behind it that the run is not finished where it is not."""
+        return f"{self.calibrated.label} ({self.state})" if self.state else self.calibrated.label
 
     @property
     def marks(self) -> tuple[str, ...]:
@@ -65,22 +80,28 @@ class Verdict:
             "scope": self.scope,
             "notes": list(self.notes),
             "failed_guards": list(self.marks),
+            "unfinished": None if self.unfinished is None else dict(zip(_COUNTED, self.unfinished, strict=True)),
             "stopped_early": None if self.stopped is None else self.stopped.as_dict(),
         }
 
     def __repr__(self) -> str:
-        labels = f"{self.calibrated.label}; lateral {self.lateral.label}; paper's rules {self.paper.label}"
+        labels = f"{self.headline}; lateral {self.lateral.label}; paper's rules {self.paper.label}"
         return f"<Verdict on {self.model}: {labels}>"
 
     def __str__(self) -> str:
-        lines = (*self.marks, self.calibrated.because, self.lateral.because, self.trust, *self.notes)
-        return "\n  ".join([f"{self.model}: {self.calibrated.label}, evidence {self.evidence}", *lines])
+        return self.text()
+
+    def text(self, *, without: Collection[str] = ()) -> str:
+        """Return the evidence in words, a line each; ``without`` are notes that are said elsewhere."""
+        notes = (note for note in self.notes if note not in without)
+        lines = (*self.marks, self.calibrated.because, self.lateral.because, self.trust, *notes)
+        return "\n  ".join([f"{self.model}: {self.headline}, evidence {self.evidence}", *lines])
 
     def _repr_html_(self) -> str:
         ruling = self.calibrated
         return card(
             model=self.model,
-            label=ruling.label,
+            label=self.headline,
             sentence=self.trust,
             rows=(
                 ("because", ruling.words),
@@ -114,10 +135,34 @@ def _judge_one(score: BatteryScore, model: ModelScore) -> Verdict:
         evidence=evidence,
         trust=TRUST[calibrated.label],
         scope=scope(score, model),
-        notes=_notes(found, model),
+        notes=_notes(found, model, max_tokens=score.manifest.mode(model.model).max_tokens),
         failed=tuple(guard for guard in score.guards.get(model.model, ()) if guard.holds is False),
         stopped=stopped,
+        unfinished=(model.answered, model.planned) if stopped is None and model.answered < model.planned else None,
     )
+
+
+def shared_notes(verdicts: Mapping[str, Verdict]) -> dict[str, str]:
+    """Return every note that several verdicts bear, word for word, with the names of those that bear it in words."""
+    bearers: dict[str, list[str]] = {}
+    for name, one in verdicts.items():
+        for note in dict.fromkeys(one.notes):
+            bearers.setdefault(note, []).append(name)
+    every = len(verdicts)
+    return {
+        note: "every model" if len(names) == every else ", ".join(names)
+        for note, names in bearers.items()
+        if len(names) > 1
+    }
+
+
+def words_of(verdicts: Mapping[str, Verdict]) -> str:
+    """Return the evidence of several verdicts in words; what is noted of several of them is said once, at the end."""
+    shared = shared_notes(verdicts)
+    texts = [one.text(without=shared) for one in verdicts.values()]
+    if shared:
+        texts.append("\n  ".join(["Noted of several models:", *(f"{who}: {note}" for note, who in shared.items())]))
+    return "\n\n".join(texts)
 
 
 def scope(score: BatteryScore, model: ModelScore | None = None) -> str:
@@ -139,18 +184,21 @@ def _count(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
-def _notes(found: Mapping[str, Statistic], model: ModelScore) -> tuple[str, ...]:
+def _notes(found: Mapping[str, Statistic], model: ModelScore, *, max_tokens: int) -> tuple[str, ...]:
     notes = []
     if model.stopped is not None:
         notes.append(_how_stopped(model.stopped))
     elif model.answered < model.planned:
         unsettled = "; nothing is settled early, and tests of a fixed size hold at the end only"
         early = any(name.startswith(PREFIX) for name in found)
-        words = f"partial: {model.answered} of {model.planned} planned calls are finished"
+        words = f"unfinished: {model.answered} of {model.planned} planned calls are finished"
         notes.append(words + (unsettled if early else ""))
-    if (found["unparsed_rate"].value or 0.0) > 0.0:
-        reasons = (found["unparsed_rate"].detail or {}).get("reasons", {})
-        notes.append(f"{number(found['unparsed_rate'])} of the calls hold no decision: {reasons}")
+    unparsed = found["unparsed_rate"]
+    if (unparsed.value or 0.0) > 0.0:
+        reasons = (unparsed.detail or {}).get("reasons", {})
+        assert isinstance(reasons, Mapping)
+        counted = ", ".join(f"{count} {reason.replace('_', ' ')}" for reason, count in reasons.items())
+        notes.append(f"{number(unparsed)} of the calls hold no decision: {counted}")
     refused = sum(
         one is not None and one.missing == "refused"
         for condition in ("blank", "noise", "text_only")
@@ -160,6 +208,7 @@ def _notes(found: Mapping[str, Statistic], model: ModelScore) -> tuple[str, ...]
         notes.append(f"it refused {refused} non-pictures (blank, noise or text only)")
     if model.stopped is not None:
         return (*notes, f"anytime-valid: {GUARANTEE}")
+    notes += findings(found, model, max_tokens=max_tokens)
     if found["depth_interventional"].p is None and found["depth_observational"].p is None:
         notes.append(f"whether it follows the gap was not tested: {found['depth_observational'].note}")
         if model.answers.gap is not None:

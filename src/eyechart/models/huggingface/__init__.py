@@ -23,8 +23,8 @@ from eyechart.modes import RequestMode
 _LINGER_S = 0.01
 """How long a batch that is not full waits for one more query."""
 
-_NOT_HERE = ("structured", "body", "base_url", "headers", "key_env", "timeout_s")
-"""What a mode can say that a checkpoint run here cannot keep; a batch that is generated has no end before its own."""
+_NOT_HERE = ("structured", "body", "base_url", "headers", "key_env")
+"""What a mode can say that a checkpoint run here cannot keep."""
 
 _HOW = ", if asked with temperature default"
 

@@ -1,5 +1,6 @@
 """A batch of queries becomes one call of ``generate``, and every row of what it returns a Reply."""
 
+import time
 from collections.abc import Sequence
 from copy import deepcopy
 from threading import Lock
@@ -115,13 +116,16 @@ class Speaker:
 
         config, draw = self._decoding([query.seed for query in queries])
         moved = inputs.to(self._model.device, dtype=self._model.dtype)
+        began = time.monotonic()
         with torch.inference_mode():
             tokens = self._model.generate(**moved, generation_config=config, logits_processor=draw)
+        late = time.monotonic() - began > self._mode.timeout_s
         start = inputs["input_ids"].shape[1]
         counts = inputs["attention_mask"].sum(1).tolist()
         ends = config.eos_token_id if isinstance(config.eos_token_id, list) else [config.eos_token_id]
         return [
-            self._read(row, int(count), ends) for row, count in zip(tokens[:, start:].tolist(), counts, strict=True)
+            self._read(row, int(count), ends, late=late)
+            for row, count in zip(tokens[:, start:].tolist(), counts, strict=True)
         ]
 
     def _encode(self, queries: Sequence[Query]) -> Inputs:
@@ -158,14 +162,23 @@ class Speaker:
         config.do_sample, config.num_beams = False, 1
         config.temperature = config.top_k = config.top_p = config.min_p = None
         config.max_new_tokens, config.max_length = self._mode.max_tokens, None
+        config.max_time = self._mode.timeout_s
         config.pad_token_id = self._reader.pad_token_id
         if config.eos_token_id is None:
             config.eos_token_id = self._reader.eos_token_id
         return config, [] if temperature == 0 else _draws(own, temperature, seeds)
 
-    def _read(self, tokens: list[int], prompt_tokens: int, ends: Sequence[int | None]) -> Reply:
-        """Return what one row says: up to its end of turn, or cut where the budget was spent without one."""
+    def _read(self, tokens: list[int], prompt_tokens: int, ends: Sequence[int | None], *, late: bool) -> Reply:
+        """Return what one row says: up to its end of turn, or cut where the budget was spent without one.
+
+        Where the time of its batch was over before either, there is no reply.
+        """
         length = next((place + 1 for place, token in enumerate(tokens) if token in ends), None)
+        if late and length is None and len(tokens) < self._mode.max_tokens:
+            made = f"no whole reply within {self._mode.timeout_s:g} s of generating, {len(tokens)} tokens"
+            detail = f"{made}: give a longer --timeout, or a smaller batch with --option batch=N"
+            cut = len(tokens)
+            return Reply(error="timeout", error_detail=detail, prompt_tokens=prompt_tokens, completion_tokens=cut)
         said = tokens if length is None else tokens[:length]
         return Reply(
             text=self._reader.decode(said, skip_special_tokens=True),

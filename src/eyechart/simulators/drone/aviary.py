@@ -9,8 +9,9 @@ that a flipped picture could not have been drawn.
 
 import contextlib
 import io
+import os
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -149,7 +150,7 @@ def require() -> None:
 def _import() -> tuple[Any, Any]:
     """Return PyBullet and the VelocityAviary."""
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), _muted():
             warnings.simplefilter("ignore")  # pkg_resources, which it imports, is deprecated
             import pybullet  # noqa: PLC0415  (an extra)
             from gym_pybullet_drones.envs.VelocityAviary import VelocityAviary  # noqa: PLC0415
@@ -159,6 +160,19 @@ def _import() -> tuple[Any, Any]:
             f"'eyechart[drone]', then pip install --no-deps {SOURCE}"
         ) from error
     return pybullet, VelocityAviary
+
+
+@contextlib.contextmanager
+def _muted() -> Iterator[None]:
+    """Let what a library in C writes to standard error go nowhere; PyBullet tells when it was built."""
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def _grey(road: Road) -> Colour:

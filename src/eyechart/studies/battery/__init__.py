@@ -7,7 +7,7 @@ from eyechart.studies.battery.calibrated import ALPHA, FLOOR, MARGIN, UNPARSED_C
 from eyechart.studies.battery.merging import merge
 from eyechart.studies.battery.planning import Battery, expected, plan, run, within
 from eyechart.studies.battery.replication import differences
-from eyechart.studies.battery.scoring import BatteryScore, ModelScore, score, took
+from eyechart.studies.battery.scoring import BatteryScore, ModelScore, Took, score, took
 from eyechart.studies.battery.stopping import GUARANTEE, VALIDITY, Stopped
 
 __all__ = [
@@ -21,6 +21,7 @@ __all__ = [
     "BatteryScore",
     "ModelScore",
     "Stopped",
+    "Took",
     "differences",
     "expected",
     "merge",

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from eyechart.stats.agreement import cohens_kappa, pooled_kappa, rate
 from eyechart.stats.association import quantile_bins
 from eyechart.stats.exchange import exchange_mi_test, exchange_test, iid_trend_test
-from eyechart.stats.paired import bounded_below, label_swap_test, sign_test
+from eyechart.stats.paired import bounded_below, label_swap_test, paired_difference, sign_test
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.answers import ABSENT, Answers, Symbols
 from eyechart.studies.battery.published import Resampling, Statistics
@@ -70,6 +70,8 @@ class Calibrated:
             "bound_content_recoloured": self._bound("recoloured"),
             "bound_scene": self._bound("cross_scenario"),
             "bound_blank": self._bound("blank"),
+            "image_token": self._image_token("response"),
+            "image_token.decision": self._image_token("decision"),
         }
 
     def _unparsed_reference(self) -> Statistic:
@@ -174,6 +176,17 @@ class Calibrated:
         found = bounded_below(repeat, changed, margin=MARGIN, alpha=ALPHA)
         return replace(found, method=f"agreement with real, real_repeat minus {other}: {found.method}")
 
+    def _image_token(self, level: str) -> Statistic:
+        """Compare, frame by frame, how often a grey picture and no picture get the answer of the real one."""
+        real, grey, none = (self.answers.symbols(name, level) for name in ("real", "blank", "text_only"))
+        have = (real != ABSENT) & (grey != ABSENT) & (none != ABSENT)
+        what = "agreement with real, blank minus text_only"
+        if not have.any():
+            return cannot_say("no frame has answers to real, blank and text_only", method=what)
+        alike = grey[have] == real[have], none[have] == real[have]
+        apart, test = paired_difference(*alike, level=LEVEL), sign_test(*alike, level=LEVEL)
+        return replace(apart, p=test.p, method=f"{what}: {apart.method}; p: one-sided exact sign test")
+
     def _differs(self, level: str) -> Statistic:
         real, blank, _ = self.answers.both("real", "blank", level)
         seed = self.how.seed_of(f"presence.{level}")
@@ -199,9 +212,9 @@ def _standardised(found: Statistic) -> Statistic:
     if found.value is None or deviation == 0:
         return found
     method = f"standard deviations from the null; {found.method}"
-    return replace(
-        found, value=(found.value - mean) / deviation, method=method, detail={**detail, "trend": found.value}
-    )
+    note = "; ".join(filter(None, (found.note, "no interval: it counts deviations of its own null")))
+    value, detail = (found.value - mean) / deviation, {**detail, "trend": found.value}
+    return replace(found, value=value, method=method, note=note, detail=detail)
 
 
 def _marginals(detail: Mapping[str, object]) -> tuple[list[int], list[int]]:

@@ -22,8 +22,11 @@ _WORDS = {
     "speed_mps": "speed",
 }
 _UNITS = {"distance_m": " m", "speed_mps": " m/s"}
-OUTCOMES = ("success_rate", "crash_rate", "distance_m", "reward")
-"""What the sentence reads; a change of speed alone is reported in the table."""
+OUTCOMES = ("success_rate", "crash_rate", "distance_m", "reward", "speed_mps")
+"""What the sentence reads, in its order."""
+
+SILENT = 0.05
+"""From this share of steps without a decision on the sentence says how often the fail-safe drove."""
 
 
 @dataclass(frozen=True)
@@ -51,16 +54,17 @@ class Blind:
 
 
 def blind_baselines(drives: Sequence[Drives], outcomes: Outcomes, *, resamples: int = 5000) -> list[Blind]:
-    """Return each policy's drives with real pictures less those under each other condition, Holm over all of them."""
-    pairs = [
-        (one, other)
-        for one in drives
-        if one.driver.condition == "real"
-        for other in drives
-        if _same_policy(one.driver, other.driver) and other.driver.condition != "real"
-    ]
-    family = corrected([paired(one, other, outcomes, resamples=resamples) for one, other in pairs])
-    return [_said(one, other, found, outcomes) for (one, other), found in zip(pairs, family, strict=True)]
+    """Return each policy's drives with real pictures less those under each other condition.
+
+    Holm corrects over all tests of one policy: each is asked about for itself.
+    """
+    found = []
+    for real in drives:
+        if real.driver.condition == "real":
+            others = [one for one in drives if _same_policy(real.driver, one.driver) and one is not real]
+            family = corrected([paired(real, one, outcomes, resamples=resamples) for one in others])
+            found += [_said(real, one, each, outcomes) for one, each in zip(others, family, strict=True)]
+    return found
 
 
 def _same_policy(one: Driver, other: Driver) -> bool:
@@ -79,7 +83,7 @@ def _said(real: Drives, other: Drives, found: Paired, outcomes: Outcomes) -> Bli
         CANNOT_SAY: _cannot_say,
     }[finding](found, condition)
     ends = _completion(real, other, worlds, outcomes)
-    sentence = f"{found.first.policy}, {condition}: {what} {ends}"
+    sentence = " ".join(filter(None, [f"{found.first.policy}, {condition}: {what}", _silence(real, other), ends]))
     return Blind(real.driver, condition, found, finding, sentence)
 
 
@@ -125,6 +129,13 @@ def _cannot_say(found: Paired, condition: str) -> str:
         f"cannot say whether {condition} pictures change how it drives: with {found.worlds} worlds no exact test can "
         "reach .05. Drive more seeds or scenarios."
     )
+
+
+def _silence(real: Drives, other: Drives) -> str:
+    """Return how often the fail-safe drove in the place of the policy, where it did so often."""
+    shares = {one.driver.condition: float((one.actions == "").mean()) for one in (real, other) if len(one.actions)}
+    said = [f"{share:.0%} of the steps with {name} pictures" for name, share in shares.items() if share > SILENT]
+    return f"It decides nothing at {' and '.join(said)}: the fail-safe drives there." if said else ""
 
 
 def _completion(real: Drives, other: Drives, worlds: Sequence[str], outcomes: Outcomes) -> str:

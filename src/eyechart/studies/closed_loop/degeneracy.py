@@ -54,7 +54,7 @@ class Degeneracy:
             return "constant"
         if self.holm is None:
             return "cannot say"
-        return "follows the scene" if self.holm < LEVEL else "varies, no link to the scene found"
+        return "follows the scene" if self.holm < LEVEL else "varies, no link found"
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""

@@ -7,11 +7,11 @@ import itertools
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from statistics import median
 
 from eyechart.episodes import Episode
-from eyechart.ledger import Sent
+from eyechart.errors import EyechartError
 from eyechart.studies.closed_loop.reading import MODAL_CONSTANT, Driver, Drives
+from eyechart.studies.closed_loop.repeated import IMPLAUSIBLE, seconds
 
 CONVERGED = "constant policies converge"
 ALIASED = "aliased commands"
@@ -19,13 +19,14 @@ NO_EFFECT = "other actions, same drive"
 REPEATS = "repeats itself"
 SCRIPTED = "decides as a scripted policy"
 SUSPECT = "suspect caching"
-KINDS = (SUSPECT, ALIASED, CONVERGED, NO_EFFECT, REPEATS, SCRIPTED)
+COINCIDE = "decide alike here and there"
+KINDS = (SUSPECT, ALIASED, CONVERGED, NO_EFFECT, REPEATS, SCRIPTED, COINCIDE)
 
-FEWEST_REPEATS = 5
-"""So many requests that were made before must come again before their latency is looked at."""
+MOSTLY = 0.5
+"""From this share of the common worlds on identical varying decisions of two models are more than coincidence."""
 
-IMPLAUSIBLE = 0.1
-"""A repeated request that takes less than this share of what first requests take was hardly answered anew."""
+VERBATIM = 0.9
+"""A cache gives the text back; where fewer replies are word for word the same, two models found their own words."""
 
 
 @dataclass(frozen=True)
@@ -50,33 +51,6 @@ class Twins:
         }
 
 
-@dataclass(frozen=True)
-class Repeats:
-    """What a driver's repeated requests tell: the same request again, its text and how long it took.
-
-    ``ratio`` is the median seconds of repeats over that of first requests, None where they are not measured.
-    """
-
-    driver: Driver
-    repeats: int
-    same_text: int
-    ratio: float | None
-    suspect: bool
-    words: str
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        return {
-            "driver": self.driver.label,
-            "simulator": self.driver.simulator,
-            "repeats": self.repeats,
-            "same_text": self.same_text,
-            "latency_ratio": self.ratio,
-            "suspect": self.suspect,
-            "words": self.words,
-        }
-
-
 def same_drive(one: Episode, other: Episode) -> bool:
     """Return whether two episodes of one world went the same way to the last digit, whatever was decided."""
     if one.key.world != other.key.world or one.state_sha256 != other.state_sha256 or one.ended != other.ended:
@@ -89,8 +63,14 @@ def _course(episode: Episode) -> list[tuple[float, float, float, bool]]:
 
 
 def commands_of(drives: Drives) -> Mapping[str, str]:
-    """Return what the simulator declares its actions to be in its own commands; empty where it declares nothing."""
-    declared = getattr(drives.open_simulator(), "commands", None)
+    """Return what the simulator declares its actions to be in its own commands; empty where it declares nothing.
+
+    A simulator that is not installed here declares nothing: a run is scored anywhere.
+    """
+    try:
+        declared = getattr(drives.open_simulator(), "commands", None)
+    except EyechartError:
+        return {}
     return dict(declared) if isinstance(declared, Mapping) else {}
 
 
@@ -103,7 +83,7 @@ def twins(drives: Sequence[Drives]) -> list[Twins]:
     found = []
     for kind, by_worlds in pairs.items():
         for same, many in by_worlds.items():
-            groups = [list(pair) for pair in many] if kind == SUSPECT else _joined(many)
+            groups = [list(pair) for pair in many] if kind in {SUSPECT, COINCIDE} else _joined(many)
             found += [_twins(kind, group, same) for group in groups]
     return found
 
@@ -125,7 +105,26 @@ def _kind(one: Drives, other: Drives, worlds: Sequence[str]) -> str:
     if not (one.asked and other.asked):
         return SCRIPTED if one.driver.policy != other.driver.policy else REPEATS
     again = one.driver.policy == other.driver.policy and one.driver.condition == other.driver.condition
-    return REPEATS if again and not _faster(one, other) else SUSPECT
+    if again and not _faster(one, other):
+        return REPEATS
+    common = len(one.by_world.keys() & other.by_world.keys())
+    return SUSPECT if len(worlds) >= MOSTLY * common and _verbatim(one, other, worlds) else COINCIDE
+
+
+def _verbatim(one: Drives, other: Drives, worlds: Sequence[str]) -> bool:
+    """Return whether the replies about these worlds are the same to the word, as far as the ledgers know them."""
+    mine, theirs = (_texts(each, set(worlds)) for each in (one, other))
+    both = mine.keys() & theirs.keys()
+    return sum(mine[frame] == theirs[frame] for frame in both) >= VERBATIM * len(both)
+
+
+def _texts(drives: Drives, worlds: set[str]) -> dict[str, str]:
+    """Return the text of each reply about some worlds, by its frame."""
+    return {
+        sent.key.frame: sent.reply.text
+        for sent in drives.replies
+        if sent.reply is not None and sent.key.frame.rpartition("/")[0] in worlds
+    }
 
 
 def _executed(drives: Drives, worlds: Sequence[str]) -> list[str]:
@@ -141,13 +140,8 @@ def _modal(actions: Sequence[str]) -> tuple[str, float]:
 
 def _faster(one: Drives, other: Drives) -> bool:
     """Return whether the one run's calls took implausibly less time than the other's."""
-    first, second = (_seconds(list(each.replies)) for each in (one, other))
+    first, second = (seconds(list(each.replies)) for each in (one, other))
     return bool(first and second) and min(first, second) < IMPLAUSIBLE * max(first, second)
-
-
-def _seconds(calls: Sequence[Sent]) -> float:
-    given = [one.reply.seconds for one in calls if one.reply is not None and one.reply.seconds is not None]
-    return median(given) if given else 0.0
 
 
 def _joined(pairs: Sequence[tuple[Drives, Drives]]) -> list[list[Drives]]:
@@ -170,6 +164,7 @@ def _twins(kind: str, group: Sequence[Drives], same: Sequence[str]) -> Twins:
         REPEATS: _repeats,
         SCRIPTED: _scripted,
         SUSPECT: _suspect,
+        COINCIDE: _coincide,
     }[kind](group, same)
     return Twins(tuple(one.driver for one in group), len(common), len(same), kind, words)
 
@@ -218,6 +213,11 @@ def _scripted(group: Sequence[Drives], same: Sequence[str]) -> str:
     return f"the decisions are those of {' and '.join(scripted)}, without a model: one rule, no cache."
 
 
+def _coincide(group: Sequence[Drives], same: Sequence[str]) -> str:
+    del group
+    return f"they decide alike in {len(same)} worlds, too few or in too different words for a cache."
+
+
 def _suspect(group: Sequence[Drives], same: Sequence[str]) -> str:
     one, other = group
     reasons = ["their decisions vary and yet are the same at every step"]
@@ -225,8 +225,8 @@ def _suspect(group: Sequence[Drives], same: Sequence[str]) -> str:
         reasons.append(f"although the pictures differ ({one.driver.condition} and {other.driver.condition})")
     reasons += _told_by_replies(one, other, set(same))
     return (
-        f"{', '.join(reasons)}. Two models that look for themselves hardly agree so; look for a cache or a proxy that "
-        "answers for both, and drive again without it."
+        f"{', '.join(reasons)}. Two models that look for themselves hardly agree so; look for a cache that answers for "
+        "both, or for one model behind two names, and drive again."
     )
 
 
@@ -245,38 +245,7 @@ def _told_by_replies(one: Drives, other: Drives, worlds: set[str]) -> list[str]:
     said = [f"{verbatim} of {len(both)} replies are word for word the same"]
     if other_picture:
         said.append(f"{other_picture} of them to other requests")
-    first, second = _seconds(list(mine.values())), _seconds(list(theirs.values()))
+    first, second = seconds(list(mine.values())), seconds(list(theirs.values()))
     if first and second and min(first, second) < IMPLAUSIBLE * max(first, second):
         said.append(f"and the median reply took {min(first, second):.3g} s against {max(first, second):.3g} s")
     return said
-
-
-def repeated_requests(drives: Drives) -> Repeats | None:
-    """Return what requests that a driver made before tell when they come again; None where fewer than five did.
-
-    A request is the same where its text and picture are. Suspect: the first replies vary, every repeat has the text of
-    the first, and repeats come in less than a tenth of the time.
-    """
-    first: dict[str, Sent] = {}
-    again: list[tuple[Sent, Sent]] = []
-    for sent in drives.replies:
-        if not sent.request_sha256 or sent.reply is None or sent.reply.error is not None:
-            continue
-        before = first.setdefault(sent.request_sha256, sent)
-        if before is not sent:
-            again.append((before, sent))
-    if len(again) < FEWEST_REPEATS:
-        return None
-    same = sum(
-        one.reply is not None and two.reply is not None and one.reply.text == two.reply.text for one, two in again
-    )
-    slow, fast = _seconds(list(first.values())), _seconds([two for _, two in again])
-    ratio = fast / slow if slow and any(two.reply and two.reply.seconds is not None for _, two in again) else None
-    varies = len({one.reply.text for one in first.values() if one.reply is not None}) > 1
-    suspect = varies and same == len(again) and ratio is not None and ratio < IMPLAUSIBLE
-    words = f"{len(again)} requests came again, {same} got the text of the first"
-    if ratio is not None:
-        words += f", in {ratio:.2g} of its time"
-    if suspect:
-        words += ": a cache answered them, so that neither noise nor repeats can be measured; switch it off"
-    return Repeats(drives.driver, len(again), same, ratio, suspect, words)

@@ -8,9 +8,10 @@ from pathlib import Path
 from eyechart.studies.closed_loop.agreement import Replay, replays
 from eyechart.studies.closed_loop.blind import Blind, blind_baselines
 from eyechart.studies.closed_loop.degeneracy import Degeneracy, audit
-from eyechart.studies.closed_loop.identical import SUSPECT, Repeats, Twins, repeated_requests, twins
+from eyechart.studies.closed_loop.identical import SUSPECT, Twins, twins
 from eyechart.studies.closed_loop.ladder import Outcomes, Paired, Rung, against, outcomes_of, reference_of, rung
 from eyechart.studies.closed_loop.reading import Driver, Drives, read_drives
+from eyechart.studies.closed_loop.repeated import Repeats, repeated_requests
 
 RESAMPLES = 5000
 

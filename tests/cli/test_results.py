@@ -1,0 +1,56 @@
+"""What ``score`` and ``verdict`` print of a run: a label that is not final says so, and nothing is said twice."""
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import banks
+import stand_ins
+from eyechart import models
+from eyechart.cli.app import app
+from eyechart.limits import Limits
+from eyechart.report.evidence import read_evidence
+from eyechart.report.page import make_page
+from eyechart.studies import battery
+
+
+@pytest.fixture
+def half(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a run of two models of which 60 of 288 calls are made."""
+    monkeypatch.setitem(models.ADAPTERS, "standin", "stand_ins")
+    bank = banks.build_bank(tmp_path / "bank", drawn=False)
+    planned = battery.plan(bank.root, stand_ins.SPECS, tmp_path / "run")
+    assert len(planned.plan.keys()) == 288
+    battery.run(planned, concurrency=1, limits=Limits(calls=60))
+    return tmp_path / "run"
+
+
+def told(*words: str) -> str:
+    """Return what a command prints, its line breaks removed."""
+    result = CliRunner().invoke(app, list(words))
+    assert result.exit_code == 0, result.output
+    return " ".join(result.stdout.split())
+
+
+def test_a_label_of_an_unfinished_run_is_marked_wherever_it_stands(half: Path) -> None:
+    """In both commands, in the page, and beside every model; the whole run is marked no more."""
+    counts = {spec: one.answered for spec, one in battery.score(half, resamples=99).models.items()}
+    marks = [f"unfinished: {count} of 144 calls" for count in counts.values()]
+    page = make_page(read_evidence([half])).html.decode()
+    verdict, score = told("verdict", str(half)), told("score", str(half))
+    for mark, count in zip(marks, counts.values(), strict=True):
+        assert f"({mark})" in verdict
+        assert verdict.count(mark) >= 2
+        assert f"{count} of 144 calls" in score
+        assert f"<strong>Not final:</strong> {mark}." in page
+    battery.run(battery.plan(half.parent / "bank", stand_ins.SPECS, half))
+    assert "unfinished" not in told("verdict", str(half)) + told("score", str(half))
+
+
+def test_what_is_noted_of_every_model_is_printed_once(half: Path) -> None:
+    """With the names of those of whom it is said, below the verdicts; in the page likewise."""
+    page, verdict = make_page(read_evidence([half])).html.decode(), told("verdict", str(half))
+    for said in (page, verdict):
+        assert said.count("up to 6 positive claims are tested in order") == 1
+    assert "Noted of several models: every model: " in verdict
