@@ -284,7 +284,7 @@ PLANNERS: dict[str, Controller] = {
     "clear_side": Controller(
         "goes round what is in its way on a side that is clear, and never stops on a road",
         _clear_side,
-        Declared("depth", "depth_lateral", "swaps"),
+        Declared("depth_lateral", "depth_lateral", "swaps"),
     ),
     "stopping": Controller(
         "answers STOP, whatever it is shown",
