@@ -5,7 +5,19 @@ from typing import Annotated
 import typer
 
 from eyechart import __version__
-from eyechart.cli import bundling, calibrating, comparing, demo, frames, listing, prompting, reporting, results, running
+from eyechart.cli import (
+    bundling,
+    calibrating,
+    comparing,
+    demo,
+    frames,
+    listing,
+    prompting,
+    reporting,
+    results,
+    running,
+    scenes,
+)
 
 app = typer.Typer(
     name="eyechart",
@@ -17,6 +29,8 @@ app = typer.Typer(
 )
 app.add_typer(frames.app, name="frames")
 running.app.command()(prompting.prompts)
+running.app.command()(scenes.admission)
+running.app.command()(scenes.structured)
 app.add_typer(running.app, name="run")
 app.add_typer(listing.app, name="list")
 app.command()(demo.demo)
