@@ -16,7 +16,9 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("gate", "calibrate", "compare", "transfer", "destination"),
     ("verdicts",),
     ("studies",),
-    ("run", "episodes", "manifest", "costs", "integrity"),
+    ("episodes",),
+    ("run", "manifest", "costs", "integrity"),
+    ("attempts",),
     ("models", "simulators", "policies", "ledger", "prompts", "importing", "limits", "stimuli"),
     ("perception",),
     ("calls", "conditions", "modes"),
@@ -45,6 +47,7 @@ ASSEMBLED = {
     "importing",
     "models.huggingface",
     "report",
+    "simulators.gym",
     "simulators.highway",
     "studies.battery",
     "studies.structured",
@@ -62,10 +65,11 @@ OPENS_BY_NAME = {
     "eyechart.models",
     "eyechart.models.energy",
     "eyechart.models.python_callable",
+    "eyechart.policies",
     "eyechart.simulators",
     "eyechart.importing.parquet",
 }
-"""The only modules that import by a name that is not written as an import: two registries, extras, and a user's own."""
+"""The only modules that import by a name that is not written as an import: registries, extras, and a user's own."""
 
 
 BY_NAME = re.compile(r"'(import_module|__import__)'")

@@ -10,6 +10,7 @@ from eyechart.cli import (
     calibrating,
     comparing,
     demo,
+    driving,
     frames,
     listing,
     prompting,
@@ -29,6 +30,7 @@ app = typer.Typer(
 )
 app.add_typer(frames.app, name="frames")
 running.app.command()(prompting.prompts)
+running.app.command()(driving.closed_loop)
 running.app.command()(scenes.admission)
 running.app.command()(scenes.structured)
 app.add_typer(running.app, name="run")

@@ -91,11 +91,29 @@ SIMULATORS: dict[str, str] = {
 }
 """What a simulator's name means: ``module:class``, imported when it is opened."""
 
+KINDS: dict[str, str] = {
+    "gym": "eyechart.simulators.gym:open_environment",
+}
+"""What the kind in ``KIND:NAME`` means: ``module:function``, called with the name and the action map's file."""
 
-def open_simulator(name: str) -> Simulator:
-    """Open the simulator of this name; raises SpecError that lists what is known."""
+
+def open_simulator(name: str, *, actions: Path | None = None) -> Simulator:
+    """Open the simulator of this name, or of a kind: ``gym:ENV_ID``, whose action map is the TOML file ``actions``.
+
+    Raises SpecError that lists what is known, and for an action map that is missing, wrong, or not wanted.
+    """
+    kind, colon, rest = name.partition(":")
+    if colon and kind in KINDS:
+        return _import(KINDS[kind])(rest, actions)
     if name not in SIMULATORS:
-        raise SpecError(f"unknown simulator '{name}'; known: {', '.join(SIMULATORS)}")
-    module, _, attribute = SIMULATORS[name].partition(":")
-    simulator: Simulator = getattr(import_module(module), attribute)()
-    return simulator
+        kinds = "".join(f", {kind}:NAME" for kind in KINDS)
+        raise SpecError(f"unknown simulator '{name}'; known: {', '.join(SIMULATORS)}{kinds}")
+    if actions is not None:
+        raise SpecError(f"simulator '{name}' has actions of its own; an action map is for gym:ENV_ID")
+    return _import(SIMULATORS[name])()
+
+
+def _import(place: str) -> Callable[..., Simulator]:
+    module, _, attribute = place.partition(":")
+    opened: Callable[..., Simulator] = getattr(import_module(module), attribute)
+    return opened

@@ -1,22 +1,17 @@
 """Four scenarios, some seeds and some steps become a bank on disk."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from eyechart.actions import DRIVING
 from eyechart.errors import SpecError
 from eyechart.frames import LEAD_GAP, BankManifest, BankWriter, Frame, FrameBank, encode, open_bank
+from eyechart.simulators.highway.declared import MOST_SEED, PICTURE, versions
 from eyechart.simulators.highway.driving import DRIVES, drive
 from eyechart.simulators.highway.moment import Moment
 from eyechart.simulators.highway.plan import LEAST_STEPS
 from eyechart.simulators.highway.staging import STAGES, stage
 from eyechart.simulators.highway.world import Setting
-
-MOST_SEED = 2**63 - 1
-
-PICTURE = "top-down drawing of a highway (highway-env, 600 × 150 pixels)"
 
 _PRESETS: Mapping[str, tuple[Mapping[str, Setting], Callable[[str, int, int], Iterator[Moment]]]] = {
     "balanced": (STAGES, stage),
@@ -42,7 +37,7 @@ def build_bank(
             "steps": steps,
             "scenarios": {scenario: setting.as_dict() for scenario, setting in settings.items()},
         },
-        versions=_versions(),
+        versions=versions(),
     )
     total = len(settings) * len(seeds) * steps
     done = 0
@@ -55,15 +50,6 @@ def build_bank(
                     if progress is not None:
                         progress(done, total)
     return open_bank(out)
-
-
-def _versions() -> dict[str, str]:
-    """Return the versions of what draws the pictures; pygame comes under either of two names."""
-    found = {}
-    for name in ("highway-env", "gymnasium", "numpy", "pygame-ce", "pygame"):
-        with suppress(PackageNotFoundError):
-            found[name] = version(name)
-    return found
 
 
 def _check(preset: str, seeds: Sequence[int], steps: int) -> None:
