@@ -38,6 +38,7 @@ COMMANDS = (
     "run prompts",
     "run admission",
     "run structured",
+    "run online",
     "merge",
     "report",
     "bundle",
