@@ -33,10 +33,17 @@ FLOORS = {
     "stats": ("eyechart.stats.statistic",),
     "perception": ("eyechart.perception.scene", "eyechart.perception.estimate"),
     "models": ("eyechart.models.http", "eyechart.models.energy"),
+    "simulators": (
+        "eyechart.simulators.camera",
+        "eyechart.simulators.banks",
+        "eyechart.simulators.plan",
+        "eyechart.simulators.road",
+    ),
     "studies": ("eyechart.studies.battery",),
 }
-"""Inside a package whose modules are peers, only its floor is shared: for perception, the nouns of
-a scene and of what a model says of one; for models, a request and its energy."""
+"""Inside a package whose modules are peers, only its floor is shared: for perception, the nouns of a scene and of what
+a model says of one; for models, a request and its energy; for simulators, the forward camera, how a balanced bank is
+planned and written, and the road of rover and drone."""
 
 ASSEMBLED = {
     "bundle",
@@ -46,9 +53,13 @@ ASSEMBLED = {
     "frames",
     "importing",
     "models.huggingface",
+    "perception.forward",
     "report",
+    "simulators.drone",
     "simulators.gym",
     "simulators.highway",
+    "simulators.road",
+    "simulators.rover",
     "studies.battery",
     "studies.structured",
     "verdicts",

@@ -144,7 +144,7 @@ def test_policies_seeds_and_conditions_may_be_added_and_nothing_else_may_change(
     assert Counter(one.key.policy for one in read_episodes(out)) == {"oracle": 1, "random": 2}
     for asked, words in (
         ({"seed": 3}, "has seed 0, now seed 3"),
-        ({"prompt": "minimal"}, "has prompt neutral@.*, now prompt minimal@"),
+        ({"prompt": "minimal"}, "has prompt baseline@.*, now prompt minimal@"),
         ({"max_steps": 9}, "has max_steps 1000"),
     ):
         with pytest.raises(LedgerError, match=words):

@@ -141,6 +141,8 @@ def test_an_environment_is_driven_in_the_words_of_its_map(tmp_path: Path) -> Non
     assert moves[2] == Moved(1.0, 1.5, 2.0, crashed=False, ended=None)
     assert (drive.picture() == 255).all(axis=2).sum() == 1
     assert drive.step("STRAIGHT") == Moved(1.0, 1.5, 3.0, crashed=False, ended="goal")
+    with pytest.raises(ValueError, match="'SLOW' is none of STOP, STRAIGHT, LEFT, RIGHT"):
+        again.step("SLOW")
     with pytest.raises(ValueError, match="the drive is over: goal"):
         drive.step("STRAIGHT")
     assert again.state() != drive.state()

@@ -11,7 +11,8 @@ from eyechart.actions import DRIVING
 from eyechart.errors import SpecError
 from eyechart.perception.renderer import read_picture
 from eyechart.simulators import open_simulator
-from eyechart.simulators.highway.ladder import LADDER, MEANS
+from eyechart.simulators.highway.declared import MEANS
+from eyechart.simulators.highway.ladder import LADDER
 
 
 def stock_states(scenario: str, seed: int, actions: list[str]) -> list[tuple[bytes, float, bool]]:

@@ -112,7 +112,7 @@ def test_an_oracle_is_admitted_without_an_error(
     for frame in choose(bank, 0):
         gap = frame.truth["lead_gap_m"] if frame.truth["lead_visible"] else None
         scene = Scene(gap, frame.truth["left_clear"], frame.truth["right_clear"])  # type: ignore[arg-type]
-        assert Estimate.of(scene).action == frame.truth["demand"]
+        assert Estimate.of(scene).act() == frame.truth["demand"]
         for condition, shown in (("real", scene), ("mirrored", scene.mirrored())):
             picture = through(VIEWS["highway"], show(condition, frame, bank, 0))
             assert picture is not None

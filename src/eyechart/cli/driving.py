@@ -68,7 +68,7 @@ def closed_loop(
     from eyechart.models.prices import read_prices
     from eyechart.policies import is_policy
 
-    asked = [spec for spec in policy or () if not is_policy(spec)]
+    asked = [spec for spec in policy or () if ":" in spec and not is_policy(spec)]
     modes = asking.read_modes(
         asked,
         mode,

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from eyechart.actions import DRIVING
 from eyechart.costs import Estimate, estimate
 from eyechart.episodes.hosts import Host, LocalHost
 from eyechart.episodes.manifest import EpisodesManifest, is_episodes_run, read_manifest, write_manifest
@@ -26,10 +27,11 @@ from eyechart.models import open_model
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
 from eyechart.perception.estimate import SCENE_READER
+from eyechart.perception.forward import distances_of
 from eyechart.perception.view import NONE, View
 from eyechart.policies import is_policy, open_policy
 from eyechart.policies.baselines import Marginal
-from eyechart.prompts import PROMPTS, Prompt, find_prompt, neutral
+from eyechart.prompts import Prompt, find_prompt, neutral
 from eyechart.reader import READER
 from eyechart.simulators import Simulator, open_simulator
 
@@ -118,7 +120,7 @@ def plan(  # noqa: PLR0913 - what can be asked for
         for scenario in chosen
         for number in manifest.seeds
     )
-    drivers = Drivers(policies, models, formulation, space, seed, view)
+    drivers = Drivers(policies, models, formulation, space, seed, view, distances_of(world.name))
     planned = Episodes(keys, drivers, manifest, Setup(simulator, seed, max_steps, actions=actions), out, again)
     return replace(planned, manifest=_resumed(planned))
 
@@ -136,9 +138,10 @@ def _require_worlds(world: Simulator, scenarios: Sequence[str], seeds: Sequence[
 def _modes(specs: Sequence[str | RequestMode]) -> dict[str, RequestMode]:
     modes = {}
     for one in specs:
-        mode = one if isinstance(one, RequestMode) else None if is_policy(one) else RequestMode(one)
-        if mode is not None:
-            modes[mode.spec] = mode
+        if isinstance(one, RequestMode):
+            modes[one.spec] = one
+        elif ":" in one and not is_policy(one):
+            modes[one] = RequestMode(one)
     return modes
 
 
@@ -147,9 +150,10 @@ def _version(policy: object) -> str:
 
 
 def _prompt_for(world: Simulator, name: str | None) -> Prompt:
-    if name is None:
-        return PROMPTS["baseline"] if world.name == "highway" else neutral(world.picture, world.action_space)
-    prompt = find_prompt(name)
+    """Return the prompt of this name, or the baseline; a plain one where a world has other actions than the paper."""
+    if name is None and world.action_space != DRIVING:
+        return neutral(world.picture, world.action_space)
+    prompt = find_prompt(name or "baseline", world.mirror_axis)
     if prompt.fields:
         raise SpecError(f"prompt '{name}' says {', '.join(prompt.fields)} of a frame, and a drive has no such columns")
     said = " ".join(prompt.render({}, world.action_space)).upper()

@@ -1,4 +1,4 @@
-"""Hosts on a Ray cluster: the same worlds, each set of them an actor on whichever node has room (extra ``ray``)."""
+"""Hosts on a Ray cluster: the same worlds, each set of them an actor, spread over the nodes (extra ``ray``)."""
 
 import asyncio
 import logging
@@ -11,7 +11,11 @@ from eyechart.errors import EyechartError, SpecError
 
 
 class RayHost:
-    """An actor with one processor of its own."""
+    """An actor on one of the nodes in turn.
+
+    It claims no processor, because an actor that waits for a free one would hang the run: how many there are at once is
+    the user's to choose.
+    """
 
     def __init__(self, setup: Setup) -> None:
         import ray  # noqa: PLC0415 - an extra
@@ -19,7 +23,7 @@ class RayHost:
         self.dead = False
         self._ray = ray
         self._turn = asyncio.Lock()
-        self._actor = ray.remote(num_cpus=1, max_restarts=0)(_Answering).remote(setup)
+        self._actor = ray.remote(num_cpus=0, max_restarts=0, scheduling_strategy="SPREAD")(_Answering).remote(setup)
 
     async def ask(self, method: str, *given: object) -> object:
         """Ask, one question after another."""
@@ -65,8 +69,14 @@ def ray_host(setup: Setup) -> Callable[[], Host]:
     except ImportError as error:
         raise SpecError("--engine ray needs Ray: pip install 'eyechart[ray]'") from error
     if not ray.is_initialized():
+        address = os.environ.get("RAY_ADDRESS")
         try:
-            ray.init(address=os.environ.get("RAY_ADDRESS"), log_to_driver=False, logging_level=logging.ERROR)
+            if address:
+                ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
+            else:  # one that nobody else can reach, and that reports to nobody
+                os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+                here = {"_node_ip_address": "127.0.0.1", "include_dashboard": False}
+                ray.init(log_to_driver=False, logging_level=logging.ERROR, **here)
         except (ConnectionError, ValueError, RuntimeError) as error:
             raise SpecError(f"no Ray cluster answers: {error}") from error
 

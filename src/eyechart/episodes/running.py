@@ -20,6 +20,7 @@ from eyechart.ledger import Ledger
 from eyechart.limits import Limits, Outcome, Pace
 from eyechart.models import Model
 from eyechart.perception.estimate import read_estimate
+from eyechart.perception.scene import HIGHWAY, Distances
 from eyechart.perception.view import View, through
 from eyechart.policies import Policy
 from eyechart.prompts import Prompt
@@ -34,7 +35,7 @@ class Drivers:
     """Who decides in a run: policies that go to the worlds, and models to which the pictures come.
 
     Models are asked with ``prompt``, about ``space``, and shown pictures through ``view`` where there is one; ``seed``
-    is the run's.
+    is the run's, and ``distances`` are what counts as near in the worlds.
     """
 
     policies: Mapping[str, Policy]
@@ -43,6 +44,7 @@ class Drivers:
     space: ActionSpace
     seed: int
     view: View | None = None
+    distances: Distances = HIGHWAY
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,7 +226,7 @@ class _Coordinator:
                 await host.ask("close", key)
                 raise
             else:
-                shown = await host.ask("act", key, decide(reply, self._drivers.prompt, self._drivers.space))
+                shown = await host.ask("act", key, decide(reply, self._drivers))
         assert isinstance(shown, Episode)
         return shown
 
@@ -253,12 +255,12 @@ class _Coordinator:
         return made
 
 
-def decide(reply: Reply, prompt: Prompt, space: ActionSpace) -> Decision:
+def decide(reply: Reply, drivers: Drivers) -> Decision:
     """Return the decision of a reply: the action that it names, or where a scene was asked for its safe action."""
-    if not prompt.scene:
-        return read_decision(reply.text, reply.finish_reason, reply.error, space)
+    if not drivers.prompt.scene:
+        return read_decision(reply.text, reply.finish_reason, reply.error, drivers.space)
     told = read_estimate(reply.text, reply.finish_reason, reply.error)
-    return Decision(None, told.missing) if told.estimate is None else Decision(told.estimate.action)
+    return Decision(None, told.missing) if told.estimate is None else Decision(told.estimate.act(drivers.distances))
 
 
 @contextmanager

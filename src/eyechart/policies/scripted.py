@@ -4,8 +4,10 @@ from dataclasses import dataclass
 
 from eyechart.actions import ActionSpace, Decision
 from eyechart.errors import SpecError
+from eyechart.frames import RGB
+from eyechart.perception.forward import read_forward, view_of
 from eyechart.perception.renderer import read_picture
-from eyechart.perception.scene import safe_action
+from eyechart.perception.scene import Scene, safe_action
 from eyechart.policies import Observation, Recorded
 
 NEEDS = ("demand", "left_clear", "right_clear")
@@ -39,8 +41,15 @@ class PositiveControl:
     def decide(self, observation: Observation) -> Decision:
         """Return the safe action, or a refusal where the picture shows no road."""
         picture = observation.picture()
-        reading = None if picture is None else read_picture(picture)
-        return Decision(None, "refused") if reading is None else Decision(safe_action(reading.scene))
+        scene = None if picture is None else read_scene(picture)
+        return Decision(None, "refused") if scene is None else Decision(safe_action(scene))
+
+
+def read_scene(picture: RGB) -> Scene | None:
+    """Return the scene of a picture of any of our worlds, by its pixels alone, or None where it shows no road."""
+    view = view_of(picture)
+    reading = read_picture(picture) if view is None else read_forward(picture, view)
+    return None if reading is None else reading.scene
 
 
 def oracle(name: str, space: ActionSpace, recorded: Recorded) -> Oracle:

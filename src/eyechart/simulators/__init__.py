@@ -88,6 +88,9 @@ class Simulator(Protocol):
 
 SIMULATORS: dict[str, str] = {
     "highway": "eyechart.simulators.highway:Highway",
+    "rover": "eyechart.simulators.rover:Rover",
+    "drone": "eyechart.simulators.drone:Drone",
+    "drone-pybullet": "eyechart.simulators.drone:PybulletDrone",
 }
 """What a simulator's name means: ``module:class``, imported when it is opened."""
 
@@ -106,8 +109,7 @@ def open_simulator(name: str, *, actions: Path | None = None) -> Simulator:
     if colon and kind in KINDS:
         return _import(KINDS[kind])(rest, actions)
     if name not in SIMULATORS:
-        kinds = "".join(f", {kind}:NAME" for kind in KINDS)
-        raise SpecError(f"unknown simulator '{name}'; known: {', '.join(SIMULATORS)}{kinds}")
+        raise SpecError(f"unknown simulator '{name}'; known: {', '.join(SIMULATORS)}, gym:ENV_ID")
     if actions is not None:
         raise SpecError(f"simulator '{name}' has actions of its own; an action map is for gym:ENV_ID")
     return _import(SIMULATORS[name])()

@@ -95,6 +95,8 @@ class GymnasiumDrive:
         """Repeat this action's number as often as the map says, or until the environment ends."""
         if self._ended is not None:
             raise ValueError(f"the drive is over: {self._ended}")
+        if action not in self._map.numbers:
+            raise ValueError(f"'{action}' is none of {', '.join(self._map.numbers)}")
         number = self._map.numbers[action]
         self._picture = None
         self._steps += 1

@@ -6,7 +6,7 @@ from pathlib import Path
 from eyechart.actions import DRIVING, ActionSpace
 from eyechart.frames import FrameBank, MirrorAxis
 from eyechart.simulators import Drive
-from eyechart.simulators.highway.declared import PICTURE, versions
+from eyechart.simulators.highway.declared import MEANS, PICTURE, versions
 
 
 class Highway:
@@ -28,6 +28,7 @@ class Highway:
     picture = PICTURE
     mirror_axis: MirrorAxis = "vertical"
     action_space: ActionSpace = DRIVING
+    commands: Mapping[str, str] = MEANS
 
     def build(
         self,

@@ -13,7 +13,7 @@ import numpy as np
 from eyechart.errors import SpecError
 from eyechart.frames import RGB, Scalar
 from eyechart.simulators import Moved
-from eyechart.simulators.highway.declared import MOST_SEED
+from eyechart.simulators.highway.declared import MEANS, MOST_SEED
 from eyechart.simulators.highway.speedups import speedups
 from eyechart.simulators.highway.truth import read_truth
 from eyechart.simulators.highway.world import Camera, Setting
@@ -30,17 +30,6 @@ LADDER: Mapping[str, Setting] = {
         "highway-v0", {"lanes_count": 3, "vehicles_count": 20, "ego_spacing": 1, "duration": DURATION_S}
     ),
 }
-
-MEANS: Mapping[str, str] = {
-    "STOP": "SLOWER",
-    "SLOW": "SLOWER",
-    "STRAIGHT": "FASTER",
-    "LEFT": "LANE_LEFT",
-    "RIGHT": "LANE_RIGHT",
-}
-"""The meta-action of highway-env that each action is. Its speeds are 20, 25 and 30 m/s: there is no stop, so STOP and
-SLOW drive alike. IDLE in the place of FASTER would drive STRAIGHT at 24 m/s, which the paper's table (28.1) excludes.
-"""
 
 
 class LadderDrive:

@@ -13,7 +13,7 @@ from eyechart.episodes import Bounds, Episode, Episodes, EpisodesManifest, read_
 from eyechart.errors import LedgerError, SpecError
 from eyechart.limits import Outcome
 from eyechart.modes import RequestMode
-from eyechart.perception.scene import CLOSE_GAP_M
+from eyechart.perception.forward import distances_of
 from eyechart.perception.view import CALIBRATED, NONE, VIEWS, view_for
 from eyechart.prompts import SCENE, plain_scene
 from eyechart.run import Progress
@@ -56,7 +56,7 @@ def plan(
     world = open_simulator(simulator)
     choice = view or (CALIBRATED if simulator in VIEWS else NONE)
     shown = view_for(choice, simulator)
-    prompt = SCENE if shown is not None else plain_scene(world.picture, CLOSE_GAP_M)
+    prompt = SCENE if shown is not None else plain_scene(world.picture, distances_of(world.name))
 
     def planned(seeds: Sequence[int]) -> Episodes:
         return closed_loop.plan(simulator, specs, out, seeds=seeds, prompt=prompt, view=shown, seed=seed)

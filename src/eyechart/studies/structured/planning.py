@@ -15,7 +15,7 @@ from eyechart.perception.view import CALIBRATED, NONE, VIEWS, view_for
 from eyechart.prompts import SCENE, Prompt, plain_scene
 from eyechart.seeds import key_seed
 from eyechart.studies.battery import Battery, open_models, open_whole, plan_of, resumed
-from eyechart.studies.structured.told import episode_of, is_close
+from eyechart.studies.structured.told import episode_of, is_close, worlds_distances
 
 ADMISSION, STRUCTURED = "admission", "structured"
 STUDIES = (ADMISSION, STRUCTURED)
@@ -80,7 +80,7 @@ def _prompt(bank: FrameBank, *, viewed: bool) -> Prompt:
     gap = bank.manifest.gap
     if viewed or gap is None:
         return SCENE
-    return plain_scene(bank.manifest.picture, gap.threshold)
+    return plain_scene(bank.manifest.picture, worlds_distances(bank))
 
 
 def require_mirrored(bank: FrameBank) -> None:

@@ -71,7 +71,7 @@ class _Checks:
         if mirrored is None or mirrored.scene != scene.mirrored():
             self._fail("positive control: the reflection is read differently")
         self._compare(scene, truth)
-        action = Estimate.of(scene).action
+        action = Estimate.of(scene).act(scene.distances)
         self.actions[action] += 1
         return action
 
