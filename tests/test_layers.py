@@ -31,7 +31,11 @@ LAYERS: tuple[tuple[str, ...], ...] = (
 
 FLOORS = {
     "stats": ("eyechart.stats.statistic",),
-    "perception": ("eyechart.perception.scene", "eyechart.perception.estimate"),
+    "perception": (
+        "eyechart.perception.scene",
+        "eyechart.perception.estimate",
+        "eyechart.perception.forward.view",
+    ),
     "models": ("eyechart.models.http", "eyechart.models.energy"),
     "simulators": (
         "eyechart.simulators.camera",
@@ -41,9 +45,9 @@ FLOORS = {
     ),
     "studies": ("eyechart.studies.battery",),
 }
-"""Inside a package whose modules are peers, only its floor is shared: for perception, the nouns of a scene and of what
-a model says of one; for models, a request and its energy; for simulators, the forward camera, how a balanced bank is
-planned and written, and the road of rover and drone."""
+"""Inside a package whose modules are peers, only its floor is shared: for perception, the nouns of a scene, of what a
+model says of one, and of a forward camera; for models, a request and its energy; for simulators, the forward camera, how
+a balanced bank is planned and written, and the road of rover and drone."""
 
 ASSEMBLED = {
     "bundle",
@@ -54,6 +58,7 @@ ASSEMBLED = {
     "importing",
     "models.huggingface",
     "perception.forward",
+    "perception.view",
     "report",
     "simulators.drone",
     "simulators.gym",

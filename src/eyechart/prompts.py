@@ -17,6 +17,7 @@ from eyechart.errors import SpecError
 from eyechart.frames import FrameBank, MirrorAxis
 from eyechart.perception.estimate import SCHEMA
 from eyechart.perception.scene import HIGHWAY, Distances
+from eyechart.perception.view import View
 
 _ONE_WORD = "Answer with one word: STOP, SLOW, STRAIGHT, LEFT or RIGHT."
 
@@ -227,19 +228,21 @@ def neutral(picture: str, space: ActionSpace) -> Prompt:
 _SCENE_SYSTEM = "You measure the scene in one picture. You reply with a single JSON object and nothing else."
 
 
-def _scene(name: str, opening: str, distances: Distances) -> Prompt:
-    """Return a prompt that asks for a scene estimate, with the fixed thresholds that its truth is made by."""
+def _scene(name: str, opening: str, gap: str, distances: Distances) -> Prompt:
+    """Return a prompt that asks for a scene estimate, with the fixed thresholds that its truth is made by.
+
+    ``gap`` says of the gap what is measured, to what.
+    """
+    thing = gap.rsplit(maxsplit=1)[-1]
     reach = f"from {distances.behind_m:g} m behind you to {distances.ahead_m:g} m ahead of you"
-    sides = f"no vehicle in it {reach}, else false"
-    gap = "metres from your middle to the middle of the nearest vehicle ahead of you in your own lane"
     reply = '"left_clear": <true or false>, "right_clear": <true or false>, "confidence": <number>'
     lines = (
         opening,
         "Report these five values.",
-        f"lead_gap_m: {gap}; null if there is none.",
-        f"close: true if that vehicle is nearer than {distances.close_m:g} m, else false.",
-        f"left_clear: true if there is a lane on your left and {sides}.",
-        f"right_clear: true if there is a lane on your right and {sides}.",
+        f"lead_gap_m: {gap} ahead of you in your own lane; null if there is none.",
+        f"close: true if that {thing} is nearer than {distances.close_m:g} m, else false.",
+        f"left_clear: true if there is a lane on your left and no {thing} in it {reach}, else false.",
+        f"right_clear: true if there is a lane on your right and no {thing} in it {reach}, else false.",
         "confidence: how sure you are, from 0 to 1.",
         f'Reply as {{"lead_gap_m": <number or null>, "close": <true or false>, {reply}}}.',
     )
@@ -250,14 +253,24 @@ SCENE = _scene(
     "scene",
     "The picture shows a road from above, enlarged, with a legend and a ruler in metres. You are the vehicle at the "
     "mark YOU, which stands at 0 m; you drive to the right. Your left is up, your right is down.",
+    "metres from your middle to the middle of the nearest vehicle",
     HIGHWAY,
 )
 """What the structured study asks about the calibrated view of highway-env's picture."""
 
 
-def plain_scene(picture: str, distances: Distances) -> Prompt:
-    """Return the prompt for pictures without a view: what they are in words, and the same five values."""
-    return _scene("scene_plain", f"What the picture is: {picture}. You drive the vehicle that it is about.", distances)
+def scene_prompt(picture: str, distances: Distances, view: View | None) -> Prompt:
+    """Return the prompt for scene estimates through a view; without one it says what the pictures are, in words."""
+    if view is None:
+        opening = f"What the picture is: {picture}. You drive the vehicle that it is about."
+        return _scene("scene_plain", opening, "metres to the nearest vehicle or obstacle", distances)
+    if view.axis == "vertical":
+        return SCENE
+    opening = (
+        "The picture is from your forward camera, enlarged, with rulers in metres on both sides, which say how far "
+        "ahead the ground is. You drive into the picture; the coloured cylinders are obstacles."
+    )
+    return _scene("scene_forward", opening, "metres to the nearest obstacle", distances)
 
 
 def require_sayable(prompt: Prompt, bank: FrameBank) -> None:

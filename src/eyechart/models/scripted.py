@@ -285,8 +285,9 @@ def see(image: bytes | None) -> Sight:
 def _look(pixels: RGB) -> Sight:
     if (pixels == pixels[0, 0]).all():
         return Sight("uniform", None)
-    view = view_of(pixels)
-    reading: Reading | None = read_picture(scene_of(pixels)) if view is None else read_forward(pixels, view)
+    picture = scene_of(pixels)
+    view = view_of(picture)
+    reading: Reading | None = read_picture(picture) if view is None else read_forward(picture, view)
     return Sight("unknown" if reading is None else "road", reading)
 
 

@@ -15,7 +15,7 @@ from eyechart.limits import Outcome
 from eyechart.modes import RequestMode
 from eyechart.perception.forward import distances_of
 from eyechart.perception.view import CALIBRATED, NONE, VIEWS, view_for
-from eyechart.prompts import SCENE, plain_scene
+from eyechart.prompts import scene_prompt
 from eyechart.run import Progress
 from eyechart.simulators import open_simulator
 from eyechart.stats.agreement import rate
@@ -56,7 +56,7 @@ def plan(
     world = open_simulator(simulator)
     choice = view or (CALIBRATED if simulator in VIEWS else NONE)
     shown = view_for(choice, simulator)
-    prompt = SCENE if shown is not None else plain_scene(world.picture, distances_of(world.name))
+    prompt = scene_prompt(world.picture, distances_of(world.name), shown)
 
     def planned(seeds: Sequence[int]) -> Episodes:
         return closed_loop.plan(simulator, specs, out, seeds=seeds, prompt=prompt, view=shown, seed=seed)
