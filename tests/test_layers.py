@@ -46,8 +46,8 @@ FLOORS = {
     "studies": ("eyechart.studies.battery",),
 }
 """Inside a package whose modules are peers, only its floor is shared: for perception, the nouns of a scene, of what a
-model says of one, and of a forward camera; for models, a request and its energy; for simulators, the forward camera, how
-a balanced bank is planned and written, and the road of rover and drone."""
+model says of one, and of a forward camera; for models, a request and its energy; for simulators, the forward camera,
+how a balanced bank is planned and written, and the road of rover and drone."""
 
 ASSEMBLED = {
     "bundle",
