@@ -215,3 +215,20 @@ def test_a_marginal_is_counted_from_a_run_of_either_kind(driven: Path, tmp_path:
     assert recorded(tmp_path / "asked") == {"SLOW": len(bank)}
     with pytest.raises(LedgerError, match="no manifest of a run"):
         recorded(tmp_path)
+
+
+def test_an_environment_of_ones_own_is_driven_by_its_action_map_which_the_run_keeps(tmp_path: Path) -> None:
+    """Worlds that tell no scene: the pool of ``shuffled`` is driven at random, and a resume needs no map again."""
+    cart = tmp_path / "cart.toml"
+    cart.write_text(
+        'actions = ["LEFT", "RIGHT"]\nmirror_pairs = [["LEFT", "RIGHT"]]\n[gym]\nmirror = "horizontal"\n'
+        "most_steps = 8\n[gym.numbers]\nLEFT = 0\nRIGHT = 1\n",
+        encoding="utf-8",
+    )
+    out = tmp_path / "run"
+    asked = {"seeds": [0], "conditions": ["real", "shuffled"]}
+    study.run(study.plan("gym:CartPole-v1", ["random", "constant:LEFT"], out, actions=cart, **asked))  # type: ignore[arg-type]
+    cart.unlink()
+    assert study.plan("gym:CartPole-v1", ["random"], out, **asked).left() == ()  # type: ignore[arg-type]
+    (first, *_) = read_episodes(out)
+    assert (first.key.simulator, first.ended in {"crash", "time"}) == ("gym:CartPole-v1", True)

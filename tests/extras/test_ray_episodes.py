@@ -9,6 +9,7 @@ import tiny_worlds
 from eyechart import episodes as study
 from eyechart import simulators
 from eyechart.episodes import Bounds, Episode, read_episodes
+from eyechart.errors import SpecError
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER
 
@@ -19,7 +20,7 @@ LOOK = "python:tiny_worlds:look"
 
 @pytest.fixture(scope="module")
 def _cluster() -> Iterator[None]:
-    """Start two nodes of one processor each on this machine, and join them."""
+    """Start two nodes of one processor each on this machine, and name them as a user does."""
     import ray  # noqa: PLC0415 - an extra
     from ray.cluster_utils import Cluster  # noqa: PLC0415
 
@@ -27,9 +28,8 @@ def _cluster() -> Iterator[None]:
         patch.setenv("PYTHONPATH", str(Path(tiny_worlds.__file__).parent))
         patch.setenv("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
         patch.setenv("RAY_USAGE_STATS_ENABLED", "0")
-        node = {"num_cpus": 1, "node_ip_address": "127.0.0.1"}
-        cluster = Cluster(initialize_head=True, head_node_args={**node, "include_dashboard": False})
-        cluster.add_node(**node)
+        cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
+        cluster.add_node(num_cpus=1)
         cluster.wait_for_nodes()
         patch.setenv("RAY_ADDRESS", cluster.address)
         yield
@@ -73,3 +73,14 @@ def test_an_actor_that_dies_costs_its_own_episode_only(tmp_path: Path, monkeypat
     found = drive(tmp_path / "run", "ray", "oracle", simulator="tiny", scenarios=["fatal", "whole"])
     assert sorted(one.ended for one in found.values()) == ["error", "error", "goal", "goal"]
     assert all("took its process down, twice" in one.detail for one in found.values() if one.ended == "error")
+
+
+def test_without_a_cluster_none_is_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ray's servers listen on every address of a machine, so they are never started behind one's back."""
+    import ray  # noqa: PLC0415 - an extra
+
+    ray.shutdown()
+    monkeypatch.delenv("RAY_ADDRESS", raising=False)
+    with pytest.raises(SpecError, match="name it in RAY_ADDRESS"):
+        drive(tmp_path / "run", "ray", "oracle", simulator="highway", scenarios=["merge"])
+    assert not ray.is_initialized()

@@ -97,8 +97,9 @@ def closed_loop(
         again=again,
     )
     table = read_prices(prices)
-    for line in (_planned(planned), *(one.words for one in study.expected(planned, table, concurrency=concurrency))):
-        say(line)
+    say(_planned(planned))
+    for one in study.expected(planned, table, concurrency=concurrency):
+        say(one.words)
     if dry_run:
         return
     bounds = study.Bounds(

@@ -1,16 +1,16 @@
 """Planning and running episodes: who drives, in which worlds, under which conditions, and nothing driven twice."""
 
-import shutil
 import sqlite3
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
+from json import dumps
 from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from eyechart.actions import DRIVING
+from eyechart.actions import DRIVING, read_toml
 from eyechart.costs import Estimate, estimate
 from eyechart.episodes.hosts import Host, LocalHost
 from eyechart.episodes.manifest import EpisodesManifest, is_episodes_run, read_manifest, write_manifest
@@ -245,8 +245,10 @@ def _begin(planned: Episodes) -> None:
     mend_episodes(planned.out)
     write_manifest(planned.out, _resumed(planned))
     actions = planned.setup.actions
-    if actions is not None and not (planned.out / ACTION_MAP).exists():
-        shutil.copyfile(actions, planned.out / ACTION_MAP)
+    copy = planned.out / ACTION_MAP
+    if actions is not None and not copy.exists():
+        name = "" if "name" in read_toml(actions) else f"name = {dumps(actions.stem, ensure_ascii=False)}\n"
+        copy.write_text(name + actions.read_text(encoding="utf-8-sig"), encoding="utf-8")  # the file's name was its own
 
 
 def _keeper(planned: Episodes, left: int, progress: Progress | None) -> Callable[[Episode], None]:

@@ -60,9 +60,10 @@ class _Answering:
 
 
 def ray_host(setup: Setup) -> Callable[[], Host]:
-    """Join the cluster of ``RAY_ADDRESS``, or one of this machine alone, and return what starts a host on it.
+    """Join the cluster of ``RAY_ADDRESS`` and return what starts a host on it.
 
-    Raises SpecError where Ray is not installed or no cluster answers.
+    No cluster is begun here: Ray's servers listen on every address of a machine, and that is its owner's to decide.
+    Raises SpecError where Ray is not installed, no cluster is named, or none answers.
     """
     try:
         import ray  # noqa: PLC0415 - an extra
@@ -70,15 +71,14 @@ def ray_host(setup: Setup) -> Callable[[], Host]:
         raise SpecError("--engine ray needs Ray: pip install 'eyechart[ray]'") from error
     if not ray.is_initialized():
         address = os.environ.get("RAY_ADDRESS")
+        if not address:
+            raise SpecError(
+                "--engine ray joins a Ray cluster: name it in RAY_ADDRESS, as HOST:PORT, or 'auto' on a node"
+            )
         try:
-            if address:
-                ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
-            else:  # one that nobody else can reach, and that reports to nobody
-                os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-                here = {"_node_ip_address": "127.0.0.1", "include_dashboard": False}
-                ray.init(log_to_driver=False, logging_level=logging.ERROR, **here)
+            ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
         except (ConnectionError, ValueError, RuntimeError) as error:
-            raise SpecError(f"no Ray cluster answers: {error}") from error
+            raise SpecError(f"no Ray cluster answers at {address}: {error}") from error
 
     def start() -> Host:
         return RayHost(setup)

@@ -71,7 +71,7 @@ def drive(
     keep: Callable[[Episode], None],
     *,
     ledger: Ledger | None = None,
-    bounds: Bounds = Bounds(),
+    bounds: Bounds = USUAL,
 ) -> Outcome:
     """Drive episodes, in seeded random order, and ``keep`` each when it is over.
 

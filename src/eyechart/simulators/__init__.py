@@ -94,10 +94,15 @@ SIMULATORS: dict[str, str] = {
 }
 """What a simulator's name means: ``module:class``, imported when it is opened."""
 
-KINDS: dict[str, str] = {
-    "gym": "eyechart.simulators.gym:open_environment",
+KINDS: dict[str, tuple[str, str, str]] = {
+    "gym": (
+        "gym:ENV_ID --actions FILE.toml",
+        "Any Gymnasium environment with discrete actions that renders RGB, by a map of its actions; it makes no banks.",
+        "eyechart.simulators.gym:open_environment",
+    ),
 }
-"""What the kind in ``KIND:NAME`` means: ``module:function``, called with the name and the action map's file."""
+"""What the kind in ``KIND:NAME`` means: how it is written, what it is, and ``module:function``, which is called with
+the name and the action map's file."""
 
 
 def open_simulator(name: str, *, actions: Path | None = None) -> Simulator:
@@ -107,7 +112,7 @@ def open_simulator(name: str, *, actions: Path | None = None) -> Simulator:
     """
     kind, colon, rest = name.partition(":")
     if colon and kind in KINDS:
-        return _import(KINDS[kind])(rest, actions)
+        return _import(KINDS[kind][-1])(rest, actions)
     if name not in SIMULATORS:
         raise SpecError(f"unknown simulator '{name}'; known: {', '.join(SIMULATORS)}, gym:ENV_ID")
     if actions is not None:

@@ -69,14 +69,15 @@ class ForwardReading:
 
 def read_forward(rgb: _Pixels, view: View) -> ForwardReading | None:
     """Return what a picture (h, w, 3) of this view shows, or None where it shows no road with a vehicle on it."""
-    ground = rgb[view.horizon :].astype(np.int16)
+    ground = np.ascontiguousarray(rgb[view.horizon :].transpose(2, 0, 1)).astype(np.int16)
     body = _find_body(rgb, view)
     if body is None:
         return None
     scenery = _find_verge(ground, view)
-    own = (ground == view.bodies[body]).all(axis=2)
-    chroma = ground.max(axis=2) - ground.min(axis=2)
-    verge = (np.abs(ground - view.verge_rows[scenery][:, None]) <= _VERGE_SLACK).all(axis=2)
+    red, green, blue = ground
+    own = (red == view.bodies[body][0]) & (green == view.bodies[body][1]) & (blue == view.bodies[body][2])
+    chroma = np.maximum(np.maximum(red, green), blue) - np.minimum(np.minimum(red, green), blue)
+    verge = _is_like(ground, view.verge_rows[scenery])
     pose = _find_pose(chroma, verge, view)
     if pose is None:
         return None
@@ -135,11 +136,16 @@ def _find_body(rgb: _Pixels, view: View) -> str | None:
 def _find_verge(ground: npt.NDArray[np.int16], view: View) -> int:
     """Return the number of the verge whose colour, faded with distance, most pixels have."""
     rows = slice(view.sought, view.sought + view.width // 6, 2)
-    counts = [
-        np.count_nonzero((np.abs(ground[rows] - colours[rows, None]) <= _VERGE_SLACK).all(axis=2))
-        for colours in view.verge_rows
-    ]
+    counts = [np.count_nonzero(_is_like(ground[:, rows], colours[rows])) for colours in view.verge_rows]
     return int(np.argmax(counts))
+
+
+def _is_like(ground: npt.NDArray[np.int16], colours: npt.NDArray[np.int16]) -> _Bools:
+    """Return which pixels of ground planes, shape (3, rows, width), have their row's colour, shape (rows, 3)."""
+    like = np.ones(ground.shape[1:], np.bool_)
+    for plane, shade in zip(ground, colours.T, strict=True):
+        like &= np.abs(plane - shade[:, None]) <= _VERGE_SLACK
+    return like
 
 
 # ---- the road's edges
@@ -293,7 +299,7 @@ def _read_phase(
     for offset in view.dashed_m:
         on_line |= np.abs(from_middle - offset) < view.mark_m
     open_road = (chroma[rows] <= _GREY) & (rows[:, None] > points.row)
-    white = on_line & open_road & (ground[rows, :, 0] > middle)
+    white = on_line & open_road & (ground[0, rows] > middle)
     if np.count_nonzero(white) < _LEAST_MARK_PX:
         return None
     along = depth * ahead

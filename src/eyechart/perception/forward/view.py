@@ -158,7 +158,7 @@ def distances_of(simulator: str) -> Distances:
 
 
 def view_of(rgb: npt.NDArray[np.uint8]) -> View | None:
-    """Return the view that took a picture, by its size, its sky and its own vehicle's colour; None for any other."""
+    """Return the view that took a picture, by its size and its sky; None for any other."""
     if rgb.dtype != np.uint8 or rgb.ndim != 3:
         return None
     for view in VIEWS.values():

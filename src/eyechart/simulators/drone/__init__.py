@@ -7,7 +7,6 @@ from eyechart.actions import DRIVING, ActionSpace
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank, MirrorAxis
 from eyechart.perception.forward import DRONE
-from eyechart.simulators import Drive
 from eyechart.simulators.banks import Asked, versions_of
 from eyechart.simulators.drone.aviary import require
 from eyechart.simulators.drone.drive import DroneDrive, PybulletDrive
@@ -63,7 +62,7 @@ class Drone:
         asked.check(self.presets)
         return build_bank(out, STAGED, asked, picture=self.picture, progress=progress)
 
-    def drive(self, scenario: str, seed: int, *, mirrored: bool = False) -> Drive:
+    def drive(self, scenario: str, seed: int, *, mirrored: bool = False) -> DroneDrive:
         """Open a world at its beginning, or its mirror image; raises SpecError for an unknown scenario or seed."""
         return DroneDrive(scenario, seed, mirrored=mirrored)
 
@@ -101,7 +100,7 @@ class PybulletDrone:
         del out, preset, seeds, steps, progress
         raise SpecError("'drone-pybullet' has no presets: banks of the same scenarios come from 'drone'")
 
-    def drive(self, scenario: str, seed: int, *, mirrored: bool = False) -> Drive:
+    def drive(self, scenario: str, seed: int, *, mirrored: bool = False) -> PybulletDrive:
         """Open a world at its beginning, or its mirror image.
 
         Raises SpecError for an unknown scenario or seed, and where gym-pybullet-drones is not installed.

@@ -2,14 +2,16 @@
 
 What is set for it here, and why: ``SPEED_LIMIT`` is 0.25 m/s otherwise; the floor's checkerboard is replaced by a plain
 road, which a mirror leaves as it is; contacts are asked for after every step, because no flag tells of them; and the
-picture is taken by a camera call of our own, level and straight ahead, without shadows, because the stock camera
-distorts and sees its own propellers.
+picture is taken by a camera call of our own, level and straight ahead, because the stock camera distorts and sees its
+own propellers. It is lit evenly: PyBullet's shading of a cylinder is brighter on one side wherever the light stands, so
+that a flipped picture could not have been drawn.
 """
 
 import contextlib
 import io
+import os
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -23,12 +25,13 @@ from eyechart.simulators.drone.flight import MOST_SPEED_MPS, Velocity
 HZ = 240
 """PyBullet's and the controller's steps a second."""
 
-SOURCE = "git+https://github.com/utiasDSL/gym-pybullet-drones@90b178a"
+SOURCE = "git+https://github.com/utiasDSL/gym-pybullet-drones@90b178aba69b09085dd70e7a1e88bb58ca00b4c9"
 _CLIMB_MPS = 1.0
 _CLIMB_GAIN = 2.0
-_FLOOR_M = (400.0, 120.0, 1.0)
+_FLOOR_M = (400.0, 400.0, 1.0)
+_FLOOR_BEGINS_M = -50.0
 _ROAD_RISES_M = 0.02
-_IN_FRONT_M = 0.15
+IN_FRONT_M = 0.15
 _NEAR_M, _FAR_M = 0.05, 300.0
 
 
@@ -80,16 +83,14 @@ class Aviary:
         x, y, z = map(float, self._env.pos[0])
         aside, up = lens.width / 2 / lens.focal_px * _NEAR_M, lens.horizon / lens.focal_px * _NEAR_M
         down = (lens.height - lens.horizon) / lens.focal_px * _NEAR_M
-        nose = x + _IN_FRONT_M
+        nose = x + IN_FRONT_M
         _, _, pixels, _, _ = bullet.getCameraImage(
             lens.width,
             lens.height,
             bullet.computeViewMatrix([nose, y, z], [nose + 1.0, y, z], [0.0, 0.0, 1.0]),
             bullet.computeProjectionMatrix(-aside, aside, -down, up, _NEAR_M, _FAR_M),
-            lightDirection=[-1.0, 0.0, 1.0],
-            lightColor=[1.0, 1.0, 1.0],
-            lightAmbientCoeff=0.55,
-            lightDiffuseCoeff=0.45,
+            lightAmbientCoeff=1.0,
+            lightDiffuseCoeff=0.0,
             lightSpecularCoeff=0.0,
             shadow=0,
             renderer=bullet.ER_TINY_RENDERER,
@@ -111,7 +112,7 @@ class Aviary:
     def _lay_floor(self, road: Road) -> None:
         """Lay a plain floor, its upper side at zero, and a road upon it that is seen and not felt."""
         length, width, thick = _FLOOR_M
-        middle = length / 2 - width / 2
+        middle = _FLOOR_BEGINS_M + length / 2
         for half_width, rises, colour in ((width / 2, 0.0, road.verge), (road.half_width, _ROAD_RISES_M, _grey(road))):
             half = [length / 2, half_width, thick / 2]
             self._place(
@@ -149,7 +150,7 @@ def require() -> None:
 def _import() -> tuple[Any, Any]:
     """Return PyBullet and the VelocityAviary."""
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), _muted():
             warnings.simplefilter("ignore")  # pkg_resources, which it imports, is deprecated
             import pybullet  # noqa: PLC0415  (an extra)
             from gym_pybullet_drones.envs.VelocityAviary import VelocityAviary  # noqa: PLC0415
@@ -159,6 +160,19 @@ def _import() -> tuple[Any, Any]:
             f"'eyechart[drone]', then pip install --no-deps {SOURCE}"
         ) from error
     return pybullet, VelocityAviary
+
+
+@contextlib.contextmanager
+def _muted() -> Iterator[None]:
+    """Let what a library in C writes to standard error go nowhere; PyBullet tells when it was built."""
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def _grey(road: Road) -> Colour:

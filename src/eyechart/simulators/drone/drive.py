@@ -80,5 +80,5 @@ class PybulletDrive(RoadDrive[World]):
 
 def _begin(simulator: str, scenario: str, seed: int, *, mirrored: bool) -> World:
     check_seed(seed)
-    layout = make_layout(simulator, scenario, seed).raised(RAISED)
+    layout = make_layout(scenario, seed, simulator=simulator).raised(RAISED)
     return start(layout.mirrored() if mirrored else layout)

@@ -63,7 +63,7 @@ class Layout:
 _Rng = np.random.Generator
 
 
-def make_layout(simulator: str, family: str, seed: int) -> Layout:
+def make_layout(family: str, seed: int, *, simulator: str = "rover") -> Layout:
     """Return what stands on the road of a simulator, a family and a seed; raises SpecError for an unknown family."""
     if family not in FAMILIES:
         raise SpecError(f"simulator '{simulator}' has no scenario '{family}'; known: {', '.join(FAMILIES)}")

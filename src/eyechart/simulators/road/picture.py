@@ -20,7 +20,7 @@ def draw(world: AnyWorld, *, red: bool = False) -> RGB:
     state, view = world.state, world.view
     hood = view.bodies["red" if red or world.crashed else "green"]
     eye = Eye(state.x, state.y, view.eye_m, state.yaw)
-    return _camera(world.layout.family, world.vehicle).draw(eye, cylinders(world.layout), hood=hood)
+    return camera_of(world.layout.family, world.vehicle).draw(eye, cylinders(world.layout), hood=hood)
 
 
 def cylinders(layout: Layout) -> list[Cylinder]:
@@ -48,6 +48,7 @@ def road_of(family: str, view: View) -> Road:
 
 
 @cache
-def _camera(family: str, vehicle: str) -> Camera:
+def camera_of(family: str, vehicle: str) -> Camera:
+    """Return the camera of a vehicle on the road of a family."""
     view = VIEWS[vehicle]
     return Camera(lens_of(view), road_of(family, view))

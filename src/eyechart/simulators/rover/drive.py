@@ -14,6 +14,6 @@ class RoverDrive(RoadDrive[World]):
 
     def __init__(self, scenario: str, seed: int, *, mirrored: bool = False) -> None:
         check_seed(seed)
-        layout = make_layout("rover", scenario, seed)
+        layout = make_layout(scenario, seed)
         world = start(layout.mirrored() if mirrored else layout)
         super().__init__(world, decide, actions=INTENTS, top_mps=INTENTS["STRAIGHT"].speed)
