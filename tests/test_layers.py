@@ -31,7 +31,11 @@ LAYERS: tuple[tuple[str, ...], ...] = (
 
 FLOORS = {
     "stats": ("eyechart.stats.statistic",),
-    "perception": ("eyechart.perception.scene",),
+    "perception": (
+        "eyechart.perception.scene",
+        "eyechart.perception.estimate",
+        "eyechart.perception.forward.view",
+    ),
     "models": ("eyechart.models.http", "eyechart.models.energy"),
     "simulators": (
         "eyechart.simulators.camera",
@@ -41,9 +45,10 @@ FLOORS = {
     ),
     "studies": ("eyechart.studies.battery", "eyechart.studies.closed_loop"),
 }
-"""Inside a package whose modules are peers, only its floor is shared: for models, a request and its energy, for
-simulators, the forward camera, how a balanced bank is planned and written, and the road of rover and drone, for
-studies, the battery and the drives that others are scored with."""
+"""Inside a package whose modules are peers, only its floor is shared: for perception, the nouns of a scene, of what a
+model says of one, and of a forward camera; for models, a request and its energy; for simulators, the forward camera,
+how a balanced bank is planned and written, and the road of rover and drone; for studies, the battery, and the drives
+that others are scored with."""
 
 ASSEMBLED = {
     "bundle",
@@ -55,6 +60,7 @@ ASSEMBLED = {
     "models.huggingface",
     "mpc",
     "perception.forward",
+    "perception.view",
     "report",
     "simulators.drone",
     "simulators.gym",
@@ -64,6 +70,7 @@ ASSEMBLED = {
     "studies.battery",
     "studies.hierarchy",
     "studies.closed_loop",
+    "studies.structured",
     "verdicts",
 }
 """Packages that are one room split into modules: their modules import each other, without a cycle."""

@@ -15,6 +15,9 @@ from pathlib import Path
 from eyechart.actions import DRIVING, ActionSpace, read_toml, space_from
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank, MirrorAxis
+from eyechart.perception.estimate import SCHEMA
+from eyechart.perception.scene import HIGHWAY, Distances
+from eyechart.perception.view import View
 
 _ONE_WORD = "Answer with one word: STOP, SLOW, STRAIGHT, LEFT or RIGHT."
 
@@ -31,7 +34,7 @@ class Prompt:
 
     In a ``template`` ``{column}`` stands for what a frame has in that prompt column, ``{actions}`` for the names of
     the actions, and ``{{word}}`` for ``{word}``; other braces are themselves. ``space`` is the action space that the
-    prompt asks for, None for that of the bank.
+    prompt asks for, None for that of the bank. ``scene`` says that it asks for a scene estimate and for no action.
     """
 
     name: str
@@ -39,13 +42,21 @@ class Prompt:
     user: str
     template: bool = False
     space: ActionSpace | None = None
+    scene: bool = False
+
+    @property
+    def form(self) -> Mapping[str, object] | None:
+        """Return the JSON schema of an answer that is no action, None where an action is asked for."""
+        return SCHEMA if self.scene else None
 
     @property
     def key(self) -> str:
-        """Return ``name@hash``, which changes with any change of the wording or of the actions it asks for."""
+        """Return ``name@hash``, which changes with any change of the wording or of what it asks for."""
         wording = f"{self.system}\x1f{self.user}"
         if self.space is not None:
             wording += f"\x1f{json.dumps(self.space.as_dict())}"
+        if self.form is not None:
+            wording += f"\x1f{json.dumps(self.form, sort_keys=True)}"
         return f"{self.name}@{hashlib.sha256(wording.encode()).hexdigest()[:8]}"
 
     @property
@@ -75,6 +86,7 @@ class Prompt:
             "user": self.user,
             **({"template": True} if self.template else {}),
             **({} if self.space is None else {"action_space": self.space.as_dict()}),
+            **({"scene": True} if self.scene else {}),
             "key": self.key,
         }
 
@@ -88,6 +100,7 @@ class Prompt:
             user=str(values["user"]),
             template=values.get("template") is True,
             space=ActionSpace.from_dict(space) if isinstance(space, dict) else None,
+            scene=values.get("scene") is True,
         )
         if values.get("key", prompt.key) != prompt.key:
             raise SpecError(f"the wording of prompt '{prompt.name}' has key {prompt.key}, not {values['key']}")
@@ -210,6 +223,54 @@ def neutral(picture: str, space: ActionSpace) -> Prompt:
         "",
         f"You control a machine by its camera ({picture}). Choose its next action. Answer with one word: {names}.",
     )
+
+
+_SCENE_SYSTEM = "You measure the scene in one picture. You reply with a single JSON object and nothing else."
+
+
+def _scene(name: str, opening: str, gap: str, distances: Distances) -> Prompt:
+    """Return a prompt that asks for a scene estimate, with the fixed thresholds that its truth is made by.
+
+    ``gap`` says of the gap what is measured, to what.
+    """
+    thing = gap.rsplit(maxsplit=1)[-1]
+    reach = f"from {distances.behind_m:g} m behind you to {distances.ahead_m:g} m ahead of you"
+    reply = '"left_clear": <true or false>, "right_clear": <true or false>, "confidence": <number>'
+    lines = (
+        opening,
+        "Report these five values.",
+        f"lead_gap_m: {gap} ahead of you in your own lane; null if there is none.",
+        f"close: true if that {thing} is nearer than {distances.close_m:g} m, else false.",
+        f"left_clear: true if there is a lane on your left and no {thing} in it {reach}, else false.",
+        f"right_clear: true if there is a lane on your right and no {thing} in it {reach}, else false.",
+        "confidence: how sure you are, from 0 to 1.",
+        f'Reply as {{"lead_gap_m": <number or null>, "close": <true or false>, {reply}}}.',
+    )
+    return Prompt(name, _SCENE_SYSTEM, "\n".join(lines), scene=True)
+
+
+SCENE = _scene(
+    "scene",
+    "The picture shows a road from above, enlarged, with a legend and a ruler in metres. You are the vehicle at the "
+    "mark YOU, which stands at 0 m; you drive to the right. Your left is up, your right is down.",
+    "metres from your middle to the middle of the nearest vehicle",
+    HIGHWAY,
+)
+"""What the structured study asks about the calibrated view of highway-env's picture."""
+
+
+def scene_prompt(picture: str, distances: Distances, view: View | None) -> Prompt:
+    """Return the prompt for scene estimates through a view; without one it says what the pictures are, in words."""
+    if view is None:
+        opening = f"What the picture is: {picture}. You drive the vehicle that it is about."
+        return _scene("scene_plain", opening, "metres to the nearest vehicle or obstacle", distances)
+    if view.axis == "vertical":
+        return SCENE
+    opening = (
+        "The picture is from your forward camera, enlarged, with rulers in metres on both sides, which say how far "
+        "ahead the ground is. You drive into the picture; the coloured cylinders are obstacles."
+    )
+    return _scene("scene_forward", opening, "metres to the nearest obstacle", distances)
 
 
 def require_sayable(prompt: Prompt, bank: FrameBank) -> None:

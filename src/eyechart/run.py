@@ -14,6 +14,7 @@ from eyechart.frames import Frame, FrameBank
 from eyechart.ledger import Ledger
 from eyechart.limits import Limits, Outcome, Pace
 from eyechart.models import Model
+from eyechart.perception.view import View
 from eyechart.prompts import Prompt
 from eyechart.seeds import key_seed
 from eyechart.stimuli import Stimuli
@@ -46,6 +47,7 @@ class Plan:
     frames: tuple[Frame, ...]
     seed: int
     shard: tuple[int, int] | None = None
+    view: View | None = None
 
     def keys(self) -> list[CallKey]:
         """Return the planned calls, in the bank's order."""
@@ -56,6 +58,12 @@ class Plan:
         frame = self.bank.frame(key.frame)
         told = stimuli.speaker(key.condition, frame, self.bank, self.seed, self.prompt.fields)
         return self.prompt.render(told.fields, self.bank.manifest.action_space)
+
+    def query(self, key: CallKey, picture: bytes | None) -> Query:
+        """Return what a model is asked in a call, of this picture."""
+        seed, form = key.seed(self.seed), self.prompt.form
+        actions = self.bank.manifest.action_space.actions if form is None else ()
+        return Query(*self.words(key), picture, seed, actions, form)
 
     def keys_of(self, model: str) -> Iterator[CallKey]:
         """Yield the planned calls of one model, in the bank's order."""
@@ -146,7 +154,7 @@ class _Execution:
         self._caller = caller
         self._progress = progress
         self._done = self._planned = 0
-        self._stimuli = Stimuli(plan.bank, plan.seed)
+        self._stimuli = Stimuli(plan.bank, plan.seed, plan.view)
 
     async def run(self, todo: list[CallKey], planned: int, concurrency: int) -> None:
         self._planned, self._done = planned, planned - len(todo)
@@ -176,8 +184,7 @@ class _Execution:
     def _query(self, key: CallKey) -> Query:
         """Return what is asked in a call."""
         picture = self._stimuli.show(key.condition, key.frame)
-        seed, actions = key.seed(self._plan.seed), self._plan.bank.manifest.action_space.actions
-        return Query(*self._plan.words(key), picture, seed, actions)
+        return self._plan.query(key, picture)
 
     def _report(self) -> None:
         if self._progress is not None:

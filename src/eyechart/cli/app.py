@@ -19,6 +19,7 @@ from eyechart.cli import (
     reporting,
     results,
     running,
+    scenes,
 )
 
 app = typer.Typer(
@@ -33,6 +34,9 @@ app.add_typer(frames.app, name="frames")
 running.app.command()(prompting.prompts)
 running.app.command()(driving.closed_loop)
 running.app.command()(intending.hierarchy)
+running.app.command()(scenes.admission)
+running.app.command()(scenes.structured)
+running.app.command()(scenes.online)
 app.add_typer(running.app, name="run")
 app.add_typer(listing.app, name="list")
 app.command()(demo.demo)

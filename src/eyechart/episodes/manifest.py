@@ -11,12 +11,16 @@ from eyechart.actions import ActionSpace
 from eyechart.errors import LedgerError, SpecError
 from eyechart.manifest import RUN, is_run
 from eyechart.modes import RequestMode
+from eyechart.perception.view import NONE
 from eyechart.prompts import Prompt
 from eyechart.reader import READER
 
 FORMAT = "eyechart-episodes/1"
+BESIDE = ("vetting.json",)
+"""What may stand in a folder before its run begins: which worlds the structured study's online run chose."""
+
 _MAY_GROW = ("scenarios", "seeds", "conditions")
-_AS_BEGUN = ("simulator", "seed", "prompt", "max_steps", "world", "reader")
+_AS_BEGUN = ("simulator", "seed", "view", "prompt", "max_steps", "world", "reader")
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +30,8 @@ class EpisodesManifest:
     ``policies`` maps a SPEC to the version of what drives: a model's own, the counts of a marginal, or nothing.
     ``picture`` is the kind of picture in words. ``world`` holds the versions of the libraries that make the world,
     ``versions`` all that may matter. ``modes`` and ``facts`` say how each model was asked and what is known of it;
-    ``reader`` is the version of what reads their replies.
+    ``reader`` is the version of what reads their replies, ``view`` the key of the view that they are shown pictures
+    through, ``none`` where they are shown as they are.
     """
 
     created: str
@@ -45,6 +50,7 @@ class EpisodesManifest:
     modes: Mapping[str, RequestMode] = field(default_factory=dict)
     facts: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     reader: int = READER
+    view: str = NONE
 
     @property
     def models(self) -> tuple[str, ...]:
@@ -122,7 +128,7 @@ def is_episodes_run(out: Path) -> bool:
         read_manifest(out)
         return True
     if out.exists():
-        left = {item.name for item in out.iterdir()} - {".lock", f".{RUN}"} if out.is_dir() else {out.name}
+        left = {item.name for item in out.iterdir()} - {".lock", f".{RUN}", *BESIDE} if out.is_dir() else {out.name}
         if left:
             raise LedgerError(f"{out} exists and is no run; choose another place with --out")
     return False
@@ -154,7 +160,8 @@ def _built(raw: dict[str, Any], file: str) -> EpisodesManifest:
         raw[name] = dict(raw[name])
     for name in ("seed", "max_steps", "reader"):
         raw[name] = int(raw[name])
-    for name in ("created", "simulator", "picture"):
+    raw.setdefault("view", NONE)
+    for name in ("created", "simulator", "picture", "view"):
         if not isinstance(raw[name], str) or not raw[name].isprintable():
             raise ValueError(f"{name} is {raw[name]!r}, not a line of text")
     return EpisodesManifest(**raw)

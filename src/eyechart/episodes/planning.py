@@ -26,9 +26,13 @@ from eyechart.manifest import LEDGER, today, versions
 from eyechart.models import open_model
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
+from eyechart.perception.estimate import SCENE_READER
+from eyechart.perception.forward import distances_of
+from eyechart.perception.view import NONE, View
 from eyechart.policies import is_policy, open_policy
 from eyechart.policies.baselines import Marginal
 from eyechart.prompts import Prompt, find_prompt, neutral
+from eyechart.reader import READER
 from eyechart.simulators import Simulator, open_simulator
 
 ENGINES = ("local", "ray")
@@ -63,7 +67,8 @@ def plan(  # noqa: PLR0913 - what can be asked for
     scenarios: Sequence[str] | None = None,
     seeds: Sequence[int] = tuple(range(8)),
     conditions: Sequence[str] = ("real",),
-    prompt: str | None = None,
+    prompt: str | Prompt | None = None,
+    view: View | None = None,
     actions: Path | None = None,
     seed: int = 0,
     max_steps: int = MAX_STEPS,
@@ -72,6 +77,7 @@ def plan(  # noqa: PLR0913 - what can be asked for
     """Plan episodes, or the rest of those that ``out`` holds already; nothing is written, asked or driven yet.
 
     ``specs`` name who drives: policies, models by SPEC, or models by their request mode. ``scenarios`` default to all.
+    ``prompt`` is a name, a TOML file or the prompt itself, ``view`` what models are shown pictures through.
     ``actions`` is the action map of a ``gym:`` environment. ``again`` drives anew what ended in an error. Raises
     SpecError for what is unknown or cannot be, and LedgerError where ``out`` holds something else.
     """
@@ -87,7 +93,7 @@ def plan(  # noqa: PLR0913 - what can be asked for
         raise SpecError("episodes need at least one --policy: constant:SLOW, oracle, or a model's SPEC")
     policies = {spec: open_policy(spec, space, recorded) for spec in names if spec not in modes}
     models = {spec: open_model(spec, mode) for spec, mode in modes.items()}
-    formulation = _prompt_for(world, prompt)
+    formulation = prompt if isinstance(prompt, Prompt) else _prompt_for(world, prompt)
     manifest = EpisodesManifest(
         created=today(),
         simulator=world.name,
@@ -104,6 +110,8 @@ def plan(  # noqa: PLR0913 - what can be asked for
         versions=versions(),
         modes=modes,
         facts={spec: dict(model.facts) for spec, model in models.items() if model.facts},
+        reader=SCENE_READER if formulation.scene else READER,
+        view=NONE if view is None else view.key,
     )
     keys = tuple(
         EpisodeKey(policy, world.name, scenario, number, condition)
@@ -112,7 +120,7 @@ def plan(  # noqa: PLR0913 - what can be asked for
         for scenario in chosen
         for number in manifest.seeds
     )
-    drivers = Drivers(policies, models, formulation, space, seed)
+    drivers = Drivers(policies, models, formulation, space, seed, view, distances_of(world.name))
     planned = Episodes(keys, drivers, manifest, Setup(simulator, seed, max_steps, actions=actions), out, again)
     return replace(planned, manifest=_resumed(planned))
 

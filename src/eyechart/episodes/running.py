@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 
-from eyechart.actions import ActionSpace
+from eyechart.actions import ActionSpace, Decision
 from eyechart.attempts import Caller, budget_of, close, first_error
 from eyechart.calls import UNFINISHED, CallKey, Query, Reply
 from eyechart.episodes.hosts import Host, HostDiedError
@@ -19,6 +19,9 @@ from eyechart.errors import EyechartError
 from eyechart.ledger import Ledger
 from eyechart.limits import Limits, Outcome, Pace
 from eyechart.models import Model
+from eyechart.perception.estimate import read_estimate
+from eyechart.perception.scene import HIGHWAY, Distances
+from eyechart.perception.view import View, through
 from eyechart.policies import Policy
 from eyechart.prompts import Prompt
 from eyechart.reader import read_decision
@@ -31,7 +34,8 @@ Progress = Callable[[int, int], None]
 class Drivers:
     """Who decides in a run: policies that go to the worlds, and models to which the pictures come.
 
-    Models are asked with ``prompt``, about ``space``; ``seed`` is the run's.
+    Models are asked with ``prompt``, about ``space``, and shown pictures through ``view`` where there is one; ``seed``
+    is the run's, and ``distances`` are what counts as near in the worlds.
     """
 
     policies: Mapping[str, Policy]
@@ -39,6 +43,8 @@ class Drivers:
     prompt: Prompt
     space: ActionSpace
     seed: int
+    view: View | None = None
+    distances: Distances = HIGHWAY
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,16 +226,16 @@ class _Coordinator:
                 await host.ask("close", key)
                 raise
             else:
-                decision = read_decision(reply.text, reply.finish_reason, reply.error, self._drivers.space)
-                shown = await host.ask("act", key, decision)
+                shown = await host.ask("act", key, decide(reply, self._drivers))
         assert isinstance(shown, Episode)
         return shown
 
     async def _reply(self, key: EpisodeKey, shown: Shown) -> Reply:
         """Return the reply of a finished call, or make the call."""
         drivers, call = self._drivers, key.call(self._drivers.prompt.key, shown.step)
-        words = drivers.prompt.render({}, drivers.space)
-        query = Query(*words, shown.picture, call.seed(drivers.seed), drivers.space.actions)
+        words, form = drivers.prompt.render({}, drivers.space), drivers.prompt.form
+        picture = through(drivers.view, shown.picture, shown.frame)
+        query = Query(*words, picture, call.seed(drivers.seed), drivers.space.actions if form is None else (), form)
         known = self._finished.setdefault(key, {})
         if call in known:
             reply, digest = known[call]
@@ -247,6 +253,14 @@ class _Coordinator:
             raise _CutError
         known[call] = made, query.sha256()
         return made
+
+
+def decide(reply: Reply, drivers: Drivers) -> Decision:
+    """Return the decision of a reply: the action that it names, or where a scene was asked for its safe action."""
+    if not drivers.prompt.scene:
+        return read_decision(reply.text, reply.finish_reason, reply.error, drivers.space)
+    told = read_estimate(reply.text, reply.finish_reason, reply.error)
+    return Decision(None, told.missing) if told.estimate is None else Decision(told.estimate.act(drivers.distances))
 
 
 @contextmanager

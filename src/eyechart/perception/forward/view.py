@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.perception.scene import Distances
+from eyechart.perception.scene import HIGHWAY, Distances
 
 Colour = tuple[int, int, int]
 _Floats = npt.NDArray[np.float64]
@@ -150,6 +150,11 @@ At 4 m/s it stops within 3.2 m, and keeps the rover's distances and corridors; i
 
 VIEWS: dict[str, View] = {"rover": ROVER, "drone": DRONE}
 """The forward pictures that can be read, by their simulator."""
+
+
+def distances_of(simulator: str) -> Distances:
+    """Return what counts as near in a simulator's worlds; highway's distances where it has no forward pictures."""
+    return VIEWS[simulator].distances if simulator in VIEWS else HIGHWAY
 
 
 def view_of(rgb: npt.NDArray[np.uint8]) -> View | None:
