@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from eyechart.studies.battery import BatteryScore
+    from eyechart.studies.prompts import Cell
     from eyechart.studies.structured import StructuredScore
     from eyechart.studies.structured.online import OnlineScore
     from eyechart.verdicts import Verdict
@@ -28,50 +29,51 @@ _Reread = Annotated[
 
 def score(run: _Run, json: _Json = False, independent: _Independent = False, reread: _Reread = False) -> None:
     """Print every statistic of a run with its interval, n and p. Example: eyechart score run --json."""
-    from eyechart.costs import ALL
     from eyechart.report.costs import costs_table
-    from eyechart.report.tables import frontier_table, prompts_table, statistics_table
+    from eyechart.report.tables import frontier_table, statistics_table
     from eyechart.studies import battery as study
     from eyechart.studies import closed_loop, prompts, structured
     from eyechart.verdicts import judge
 
     if structured.online.is_online(run):
         print_online(structured.online.score(run), json=json)
-        return
-    if structured.is_structured(run):
+    elif structured.is_structured(run):
         print_estimators(structured.score(run, reread=reread), json=json)
-        return
-    if closed_loop.is_episodes(run):
+    elif closed_loop.is_episodes(run):
         drives = closed_loop.score(run)
+        print_json(drives.as_dict()) if json else print_drives(drives)
+    elif prompts.is_study(run):
+        print_cells(prompts.score(run, reread=reread), json=json)
+    else:
+        scored = study.score(run, independent=independent, reread=reread)
         if json:
-            print_json(drives.as_dict())
-        else:
-            print_drives(drives)
-        return
-    if prompts.is_study(run):
-        cells = prompts.score(run, reread=reread)
-        if json:
-            print_json({"study": "prompts", "cells": [cell.as_dict() for cell in cells]})
-        else:
-            console = table_console()
-            for spec in dict.fromkeys(cell.model for cell in cells):
-                console.print(prompts_table(spec, [cell for cell in cells if cell.model == spec]))
-            for cell in cells:
-                print_each_mark(f"{cell.model} in {cell.name}", (*filter(None, [cell.state]), *cell.marks))
-            took = {f"{cell.model} in {cell.name}": {ALL: cell.took} for cell in cells}
-            table_console(160).print(costs_table(took, every=False))
-        return
-    scored = study.score(run, independent=independent, reread=reread)
+            print_json(scored.as_dict())
+            return
+        console = table_console(160)
+        for one in scored.models.values():
+            console.print(statistics_table(one))
+        verdicts = judge(scored)
+        console.print(frontier_table(scored, verdicts))
+        print_marks(verdicts)
+        console.print(costs_table(scored.accounting, every=False))
+
+
+def print_cells(cells: "Sequence[Cell]", *, json: bool) -> None:
+    """Print the score of a prompt study: a table a model, the marks of its cells, and what each took."""
+    from eyechart.costs import ALL
+    from eyechart.report.costs import costs_table
+    from eyechart.report.tables import prompts_table
+
     if json:
-        print_json(scored.as_dict())
+        print_json({"study": "prompts", "cells": [cell.as_dict() for cell in cells]})
         return
-    console = table_console(160)
-    for one in scored.models.values():
-        console.print(statistics_table(one))
-    verdicts = judge(scored)
-    console.print(frontier_table(scored, verdicts))
-    print_marks(verdicts)
-    console.print(costs_table(scored.accounting, every=False))
+    console = table_console()
+    for spec in dict.fromkeys(cell.model for cell in cells):
+        console.print(prompts_table(spec, [cell for cell in cells if cell.model == spec]))
+    for cell in cells:
+        print_each_mark(f"{cell.model} in {cell.name}", (*filter(None, [cell.state]), *cell.marks))
+    took = {f"{cell.model} in {cell.name}": {ALL: cell.took} for cell in cells}
+    table_console(160).print(costs_table(took, every=False))
 
 
 def print_estimators(scored: "StructuredScore", *, json: bool) -> None:
