@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from eyechart.studies.battery import BatteryScore
-    from eyechart.studies.prompts import Cell
+    from eyechart.studies.prompts import CellScore
     from eyechart.studies.structured import StructuredScore
     from eyechart.studies.structured.online import OnlineScore
     from eyechart.verdicts import Verdict
@@ -58,7 +58,7 @@ def score(run: _Run, json: _Json = False, independent: _Independent = False, rer
         console.print(costs_table(scored.accounting, every=False))
 
 
-def print_cells(cells: "Sequence[Cell]", *, json: bool) -> None:
+def print_cells(cells: "Sequence[CellScore]", *, json: bool) -> None:
     """Print the score of a prompt study: a table a model, the marks of its cells, and what each took."""
     from eyechart.costs import ALL
     from eyechart.report.costs import costs_table
