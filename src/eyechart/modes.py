@@ -24,6 +24,9 @@ STRUCTURED = ("none", "json_object", "json_schema")
 DEFAULT = "default"
 """How a file or an option writes that no temperature is sent, so that the endpoint's own applies."""
 
+FEWEST_TOKENS = 16
+"""Fewer tokens than this that a picture adds may be the placeholder of a picture that is dropped."""
+
 _VARIABLE = re.compile(r"\$(?:([A-Za-z_]\w*)|\{([A-Za-z_]\w*)\})")
 _SECRET = re.compile(r"auth|api.?key|token|secret|password|credential|cookie", re.IGNORECASE)
 _SECRET_VARIABLE = re.compile(r"KEY|TOKEN|SECRET|PASSWORD|CREDENTIAL", re.IGNORECASE)

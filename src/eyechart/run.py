@@ -3,19 +3,17 @@
 import asyncio
 import contextlib
 import random
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 from eyechart import conditions as stimuli
-from eyechart.calls import TRANSIENT, UNFINISHED, CallKey, Query, Reply, misfit
+from eyechart.calls import TRANSIENT, UNFINISHED, CallKey, Query, Reply
 from eyechart.errors import SpecError
 from eyechart.frames import Frame, FrameBank
 from eyechart.ledger import Attempt, Ledger
 from eyechart.limits import Budget, Limits, Outcome, Pace, pause_s
-from eyechart.models import Model
-from eyechart.modes import without_secrets
+from eyechart.models import Model, ask
 from eyechart.prompts import Prompt
 from eyechart.seeds import key_seed
 from eyechart.stimuli import Stimuli
@@ -245,7 +243,7 @@ class _Execution:
                 pace.leave(entered, _NOT_SENT)
                 return reply
             attempt = await self._writer.begin(key, digest)
-            reply = await _ask(model, query)
+            reply = await ask(model, query)
             await self._writer.close(attempt, reply)
             pace.leave(entered, reply)
             self._budget.came(key.model, reply)
@@ -265,23 +263,3 @@ async def _close(model: Model) -> None:
     with contextlib.suppress(Exception):
         async with asyncio.timeout(_CLOSING_S):
             await model.close()
-
-
-async def _ask(model: Model, query: Query) -> Reply:
-    start = time.perf_counter()
-    try:
-        reply = await model.answer(query)
-        if not isinstance(reply, Reply):
-            raise TypeError(f"the model answered with a {type(reply).__name__}, not with a Reply")  # noqa: TRY301
-        if wrong := misfit(reply):
-            raise TypeError(f"the model's Reply cannot be kept: {wrong}")  # noqa: TRY301
-    except asyncio.CancelledError:
-        task = asyncio.current_task()
-        if task is None or task.cancelling():
-            raise
-        # An adapter's own cancelled request; let through, it would end a worker of the run without a word.
-        reply = Reply(error="exception", error_detail="CancelledError: the adapter cancelled its own request")
-    except Exception as error:  # noqa: BLE001 - whatever an adapter raises is a row, not the end of the run
-        reply = Reply(error="exception", error_detail=without_secrets(f"{type(error).__name__}: {error}")[:2000])
-    seconds = time.perf_counter() - start
-    return reply if reply.seconds is not None else replace(reply, seconds=seconds)

@@ -1,0 +1,7 @@
+"""What a model does with a picture, and how it is best asked: a doctor in twenty calls, a probe that pins a mode."""
+
+from eyechart.probe.asking import LimitReachedError, Spent
+from eyechart.probe.doctor import Diagnosis, doctor
+from eyechart.probe.sample import Sample, default_sample, is_served
+
+__all__ = ["Diagnosis", "LimitReachedError", "Sample", "Spent", "default_sample", "doctor", "is_served"]
