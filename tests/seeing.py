@@ -1,6 +1,6 @@
 """A known-answer endpoint on loopback for doctor and probe: one that decodes the picture, and one a fault.
 
-It answers what is asked about drawn pictures from their pixels, and a driving prompt with an action that depends on them.
+It answers what is asked about drawn pictures from their pixels, and a driving prompt with an action that follows them.
 """
 
 import asyncio
@@ -19,7 +19,12 @@ from eyechart.probe.pictures import COLOURS, COUNTS
 from faults import FaultServer, completion, refuse
 
 ACTIONS = ("STOP", "SLOW", "STRAIGHT", "LEFT", "RIGHT")
-SENTENCES = ("A red fox runs home.", "Rain falls on the tin roof.", "Two ships pass at night.", "The baker sleeps late.")
+SENTENCES = (
+    "A red fox runs home.",
+    "Rain falls on the tin roof.",
+    "Two ships pass at night.",
+    "The baker sleeps late.",
+)
 
 
 @dataclass
@@ -42,7 +47,7 @@ class Endpoint:
     seconds: float = 0.0
     dumb: str = ""
     kept: dict[str, str] = field(default_factory=dict)
-    dice: random.Random = field(default_factory=lambda: random.Random(5))
+    dice: random.Random = field(default_factory=lambda: random.Random(5))  # noqa: S311
 
     async def __call__(self, request: web.Request, asked: dict[str, object], attempt: int) -> web.StreamResponse:
         """Answer one request."""
@@ -88,7 +93,7 @@ class Endpoint:
     def answer(self, user: str, picture: bytes | None, asked: dict[str, object]) -> str:
         """Return what somebody who looks answers to these words."""
         if "sentence" in user:
-            draw = random.Random(str(asked.get("seed"))) if "seed" in asked else self.dice
+            draw = random.Random(str(asked.get("seed"))) if "seed" in asked else self.dice  # noqa: S311
             return draw.choice(SENTENCES) if asked.get("temperature", 1) else SENTENCES[0]
         if "TEAPOT" in user or "word YES" in user:
             return "YES"

@@ -16,7 +16,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("gate", "calibrate", "compare", "transfer", "destination"),
     ("verdicts",),
     ("studies",),
-    ("run", "manifest", "costs", "integrity"),
+    ("run", "manifest", "costs", "integrity", "probe"),
     ("models", "simulators", "ledger", "prompts", "importing", "limits", "stimuli"),
     ("perception",),
     ("calls", "conditions", "modes"),
@@ -25,7 +25,11 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("stats",),
     ("errors", "seeds"),
 )
-"""Top to bottom. A name is a module or a package of ``eyechart``."""
+"""Top to bottom. A name is a module or a package of ``eyechart``.
+
+``probe`` stands beside ``run``: it asks models and reads replies, as a run does, and knows no study, ledger or verdict;
+``integrity`` reads what it measured from the mode, not from it.
+"""
 
 FLOORS = {
     "stats": ("eyechart.stats.statistic",),
@@ -42,6 +46,7 @@ ASSEMBLED = {
     "frames",
     "importing",
     "models.huggingface",
+    "probe",
     "report",
     "simulators.highway",
     "studies.battery",

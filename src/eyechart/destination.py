@@ -24,6 +24,7 @@ def _is_report(path: Path) -> bool:
 KINDS: dict[str, Callable[[Path], bool]] = {
     "report": _is_report,
     "bundle": zipfile.is_zipfile,
+    "request mode": lambda path: path.suffix.lower() == ".toml",
     "JUnit file": lambda path: path.suffix.lower() == ".xml",
 }
 """What is written, each with the files that it may take the place of."""

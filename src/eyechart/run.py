@@ -131,7 +131,7 @@ def execute(
         asyncio.run(execution.run(todo, len(keys), concurrency))
     except BaseExceptionGroup as group:
         raise _first(group) from None
-    return Outcome(dict(budget.set_aside), budget.stopped)
+    return Outcome(dict(budget.set_aside), budget.stopped, budget.uncounted)
 
 
 def _first(error: BaseException) -> BaseException:

@@ -5,7 +5,19 @@ from typing import Annotated
 import typer
 
 from eyechart import __version__
-from eyechart.cli import bundling, calibrating, comparing, demo, frames, listing, prompting, reporting, results, running
+from eyechart.cli import (
+    bundling,
+    calibrating,
+    comparing,
+    demo,
+    frames,
+    listing,
+    probing,
+    prompting,
+    reporting,
+    results,
+    running,
+)
 
 app = typer.Typer(
     name="eyechart",
@@ -15,6 +27,8 @@ app = typer.Typer(
     add_completion=False,
     epilog="Start with 'eyechart demo'. Bad input prints one line and exits 2; --debug shows where it arose.",
 )
+app.command()(probing.doctor)
+app.command()(probing.probe)
 app.add_typer(frames.app, name="frames")
 running.app.command()(prompting.prompts)
 app.add_typer(running.app, name="run")

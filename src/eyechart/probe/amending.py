@@ -5,7 +5,7 @@ from collections.abc import Collection
 from dataclasses import replace
 
 from eyechart.calls import Reply
-from eyechart.modes import TOKEN_FIELDS, RequestMode
+from eyechart.modes import RequestMode, TokenField
 
 _REFUSES = re.compile(
     r"unsupported|not supported|does not support|only the default|not permitted|unrecogni[sz]ed|unknown",
@@ -21,8 +21,8 @@ def amended(mode: RequestMode, reply: Reply, fixed: Collection[str] = ()) -> tup
     detail = reply.error_detail
     if reply.error != "bad_request" or not _REFUSES.search(detail):
         return None
-    older, newer = TOKEN_FIELDS
-    other = older if mode.token_field == newer else newer
+    newer: TokenField = "max_completion_tokens"  # noqa: S105 - the name of a field
+    other: TokenField = "max_tokens" if mode.token_field == newer else newer
     if "token_field" not in fixed and re.search(rf"\b{mode.token_field}\b", detail):
         return replace(mode, token_field=other), f"{mode.token_field} is refused: asked with --token-field {other}"
     if "temperature" not in fixed and mode.temperature is not None and "temperature" in detail.lower():

@@ -2,12 +2,12 @@
 
 import asyncio
 import time
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Collection
+from dataclasses import replace
 
 from eyechart.calls import TRANSIENT, Query, Reply
 from eyechart.errors import EyechartError
-from eyechart.limits import pause_s
+from eyechart.limits import Spent, pause_s
 from eyechart.models import Model, ask, open_model
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
@@ -21,53 +21,6 @@ _CLOSING_S = 10.0
 
 class LimitReachedError(EyechartError):
     """No further call may be made: so many were, or so much was spent."""
-
-
-@dataclass(frozen=True, slots=True)
-class Spent:
-    """What calls took: how many were sent, tokens in and out as reported, dollars, and seconds.
-
-    ``cost_usd`` adds up what is known; ``unknown`` counts the calls whose cost is not.
-    """
-
-    calls: int = 0
-    prompt_tokens: int = 0
-    completion_tokens: int = 0
-    cost_usd: float = 0.0
-    unknown: int = 0
-    seconds: float = 0.0
-
-    def plus(self, reply: Reply, cost: float | None) -> "Spent":
-        """Return this with one more call."""
-        return Spent(
-            self.calls + 1,
-            self.prompt_tokens + (reply.prompt_tokens or 0),
-            self.completion_tokens + (reply.completion_tokens or 0),
-            self.cost_usd + (cost or 0.0),
-            self.unknown + (cost is None),
-            self.seconds + (reply.seconds or 0.0),
-        )
-
-    @property
-    def words(self) -> str:
-        """Return it in one line."""
-        cost = f"${self.cost_usd:.4f}"
-        if self.unknown:
-            cost = "cost unknown" if self.unknown == self.calls else f"{cost} and {self.unknown} calls of unknown cost"
-        tokens = f"{self.prompt_tokens:,} tokens in, {self.completion_tokens:,} out"
-        return f"{self.calls} calls, {tokens}, {cost}, {self.seconds:.1f} s"
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, object]) -> "Spent":
-        """Return what plain JSON values say; raises TypeError or ValueError where they say something else."""
-        made = cls(**values)  # type: ignore[arg-type]
-        if any(isinstance(one, bool) or not isinstance(one, int | float) or one < 0 for one in asdict(made).values()):
-            raise ValueError(f"what a probe took is told in numbers of at least 0; got {values}")
-        return made
 
 
 class Asker:

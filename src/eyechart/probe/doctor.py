@@ -8,9 +8,10 @@ import contextlib
 from dataclasses import dataclass
 
 from eyechart.calls import Reply
+from eyechart.limits import Spent
 from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import RequestMode
-from eyechart.probe.asking import Asker, LimitReachedError, Spent, Tell
+from eyechart.probe.asking import Asker, LimitReachedError, Tell
 from eyechart.probe.causes import likely_causes
 from eyechart.probe.pictures import CHOICES
 from eyechart.probe.sample import Sample, default_sample, is_served, schema_binds
@@ -48,7 +49,8 @@ class Diagnosis:
     @property
     def exit_code(self) -> int:
         """Return 0 where it sees, 1 where it is blind, 2 where nobody can say."""
-        return {"sees": 0, "blind": 1, "cannot_say": 2}[self.outcome]
+        codes: dict[Outcome, int] = {"sees": 0, "blind": 1, "cannot_say": 2}
+        return codes[self.outcome]
 
     def scores(self) -> dict[str, Statistic]:
         """Return how often it was right: in all questions, by kind, and in words that were sent for the first time."""
@@ -152,8 +154,8 @@ def _budget(sight: Sight, sample: Sample, answer: Reply, mode: RequestMode) -> t
     if cut:
         return False, f"{cut} of {len(came)} replies were cut off at {mode.max_tokens} tokens"
     tokens = [reply.completion_tokens for reply in came if reply.completion_tokens is not None]
-    longest = f"the longest took {max(tokens)} of {mode.max_tokens} tokens" if tokens else "none tells its tokens"
+    longest = f"the longest took {max(tokens)} of {mode.max_tokens}" if tokens else "none tells its tokens"
     if answer.error is not None:
-        return None, f"{len(came)} replies were complete, {longest}; the prompt 'baseline' was not asked"
-    decision = "and holds a decision" if sample.decided(answer) else "but holds no decision that can be read"
-    return True, f"{len(came)} replies were complete, {longest}; that to the prompt 'baseline' {decision}"
+        return None, f"{len(came)} replies complete, {longest}; no driving prompt asked"
+    decision = "" if sample.decided(answer) else "; that to the prompt 'baseline' holds no decision that can be read"
+    return True, f"{len(came)} replies complete, {longest}{decision}"

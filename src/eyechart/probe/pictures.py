@@ -88,12 +88,12 @@ def draw(kind: Kind, answer: str, dice: random.Random) -> bytes:
         shape(_around(_SIZE / 2 + dice.uniform(-30, 30), _SIZE / 2 + dice.uniform(-30, 30), 110), fill=COLOURS[answer])
     elif kind == "side":
         across, down = SIDES[answer]
-        at = (_SIZE / 2 + 0.33 * _SIZE * one + dice.uniform(-12, 12) for one in (across, down))
-        pen.ellipse(_around(*at, 45), fill=COLOURS["BLACK"])
+        x, y = (_SIZE / 2 + 0.33 * _SIZE * one + dice.uniform(-12, 12) for one in (across, down))
+        pen.ellipse(_around(x, y, 45), fill=COLOURS["BLACK"])
     else:
         for cell in dice.sample(range(9), COUNTS.index(answer) + 1):
-            at = ((0.5 + one) * _SIZE / 3 + dice.uniform(-14, 14) for one in divmod(cell, 3))
-            pen.rectangle(_around(*at, 32), fill=COLOURS["BLACK"])
+            x, y = ((0.5 + one) * _SIZE / 3 + dice.uniform(-14, 14) for one in divmod(cell, 3))
+            pen.rectangle(_around(x, y, 32), fill=COLOURS["BLACK"])
     return _png(image)
 
 

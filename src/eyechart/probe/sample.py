@@ -1,6 +1,7 @@
 """What a probe asks beside its drawn pictures: the question of the run itself, a form of answer, a sentence drawn."""
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -22,17 +23,22 @@ _PLAIN = "Reply with the word YES and nothing else: one plain word, no JSON, no 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """What a run will ask: its words, a few of its pictures (PNG or JPEG bytes), and its actions."""
+    """What a run will ask: a few pairs of words (system, user) and picture (PNG or JPEG bytes), and its actions."""
 
-    system: str
-    user: str
+    words: Sequence[tuple[str, str]]
     pictures: Sequence[bytes]
     space: ActionSpace = DRIVING
 
     def query(self, number: int, *, picture: bool = True) -> Query:
         """Return one query of it, with or without its picture."""
         image = self.pictures[number % len(self.pictures)] if picture else None
-        return Query(self.system, self.user, image, key_seed("sample", number), self.space.actions)
+        system, user = self.words[number % len(self.words)]
+        return Query(system, user, image, key_seed("sample", number), self.space.actions)
+
+    @property
+    def wants_json(self) -> bool:
+        """Return whether all of its words ask for JSON."""
+        return all(re.search(r"\bjson\b", " ".join(words), re.IGNORECASE) for words in self.words)
 
     def decided(self, reply: Reply) -> bool:
         """Return whether a reply holds a decision."""
@@ -44,7 +50,7 @@ def default_sample(prompt: str = "baseline") -> Sample:
     found = find_prompt(prompt)
     space = found.space or DRIVING
     said = dict.fromkeys(found.fields, "unknown")
-    return Sample(*found.render(said, space), [road(number) for number in range(3)], space)
+    return Sample([found.render(said, space)], [road(number) for number in range(3)], space)
 
 
 def is_served(mode: RequestMode) -> bool:
@@ -63,7 +69,7 @@ async def schema_binds(asker: Asker, mode: RequestMode) -> tuple[bool | None, st
         return None, "the reply was cut off or empty"
     found = _object(reply.text)
     binds = found is not None and found.get("action") in _ACTIONS
-    return binds, f"asked for a plain word under a schema, it replied {reply.text.strip()[:60]!r}"
+    return binds, f"YES was asked for, {reply.text.strip()[:40]!r} came"
 
 
 async def json_binds(asker: Asker, mode: RequestMode) -> tuple[bool | None, str]:
@@ -72,7 +78,7 @@ async def json_binds(asker: Asker, mode: RequestMode) -> tuple[bool | None, str]
     reply = await asker.ask(query, replace(mode, structured="json_object"))
     if reply.error is not None or reply.finish_reason == "length":
         return (False if reply.error == "bad_request" else None), reply.error_detail[:120] or "cut off"
-    return _object(reply.text) is not None, f"asked for a plain word in JSON mode, it replied {reply.text[:60]!r}"
+    return _object(reply.text) is not None, f"YES was asked for, {reply.text.strip()[:40]!r} came"
 
 
 def _object(text: str) -> dict[str, object] | None:

@@ -3,6 +3,7 @@
 Source: paper, section The Input-Ablation Battery.
 """
 
+from eyechart.studies.battery.asked import PROBED, as_recorded, sample_of, spent_on
 from eyechart.studies.battery.calibrated import ALPHA, FLOOR, MARGIN, UNPARSED_CUT
 from eyechart.studies.battery.merging import merge
 from eyechart.studies.battery.planning import Battery, expected, plan, run, within
@@ -15,18 +16,22 @@ __all__ = [
     "FLOOR",
     "GUARANTEE",
     "MARGIN",
+    "PROBED",
     "UNPARSED_CUT",
     "VALIDITY",
     "Battery",
     "BatteryScore",
     "ModelScore",
     "Stopped",
+    "as_recorded",
     "differences",
     "expected",
     "merge",
     "plan",
     "run",
+    "sample_of",
     "score",
+    "spent_on",
     "took",
     "within",
 ]
