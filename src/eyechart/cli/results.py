@@ -113,11 +113,13 @@ def costs(
 
     Example: eyechart costs run --all --json
     """
+    from eyechart.manifest import read_manifest
     from eyechart.models.prices import read_prices
     from eyechart.report.costs import costs_table
     from eyechart.studies import battery as study
 
     took, kept = study.took(run, prices=read_prices(prices))
+    probes = read_manifest(run).probes
     if json:
         print_json(
             {
@@ -125,11 +127,14 @@ def costs(
                     spec: {name: one.as_dict() for name, one in found.items()} for spec, found in took.items()
                 },
                 "guards": {spec: [guard.as_dict() for guard in found] for spec, found in kept.items()},
+                "probes": {spec: one.as_dict() for spec, one in probes.items()},
             }
         )
         return
     table_console(160).print(costs_table(took, every=every))
     console = table_console()
+    for spec, one in probes.items():
+        console.print(f"the probe of {spec} before the run took besides: {one.words}", markup=False)
     for spec, found in kept.items():
         for guard in found:
             words = {True: "holds", False: "FAILS", None: "cannot say"}[guard.holds]

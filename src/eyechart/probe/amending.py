@@ -21,7 +21,7 @@ def amended(mode: RequestMode, reply: Reply, fixed: Collection[str] = ()) -> tup
     detail = reply.error_detail
     if reply.error != "bad_request" or not _REFUSES.search(detail):
         return None
-    newer: TokenField = "max_completion_tokens"  # noqa: S105 - the name of a field
+    newer: TokenField = "max_completion_tokens"
     other: TokenField = "max_tokens" if mode.token_field == newer else newer
     if "token_field" not in fixed and re.search(rf"\b{mode.token_field}\b", detail):
         return replace(mode, token_field=other), f"{mode.token_field} is refused: asked with --token-field {other}"

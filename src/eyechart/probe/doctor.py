@@ -54,7 +54,9 @@ class Diagnosis:
 
     def scores(self) -> dict[str, Statistic]:
         """Return how often it was right: in all questions, by kind, and in words that were sent for the first time."""
-        found = {"all questions": self.sight.score(), **{kind: self.sight.score(kind) for kind in CHOICES}}
+        found: dict[str, Statistic] = {"all questions": self.sight.score()}
+        for kind in CHOICES:
+            found[kind] = self.sight.score(kind)
         return {**found, "words never sent before": self.sight.score(fresh=True)}
 
     def as_dict(self) -> dict[str, object]:

@@ -117,5 +117,5 @@ def _around(x: float, y: float, half: float) -> tuple[float, float, float, float
 
 def _png(image: Image.Image) -> bytes:
     buffer = io.BytesIO()
-    image.save(buffer, "PNG", compress_level=6)
+    image.save(buffer, "PNG", compress_level=1)
     return buffer.getvalue()

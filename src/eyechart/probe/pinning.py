@@ -141,7 +141,7 @@ class _Probe:
             temperature_matters=matters[0],
             seed_matters=matters[1],
             unknown_fields_ignored=ignored,
-            facts=_names(facts, came, sight, causes),
+            facts={**_names(facts, came, sight, causes), "seed of the pictures": str(self._seed)},
         )
         notes = (*asker.notes, *self._notes)
         return Found(replace(pinned, measured=measured), sight, causes, notes, asker.spent)
@@ -306,4 +306,4 @@ def _names(facts: dict[str, str], came: Sequence[Reply], sight: Sight, causes: S
     for name in ("served", "provider"):
         told = sorted({value for reply in came if (value := getattr(reply, name)) is not None})
         found |= {name: ", ".join(told)} if told else {}
-    return {**found, "picture": "; ".join([sight.because, *causes[:1]])}
+    return {**found, "picture": causes[0] if sight.outcome == "blind" and causes else sight.because}
