@@ -17,6 +17,7 @@ from aiohttp import web
 from eyechart.frames import RGB, decode
 from eyechart.probe.pictures import COLOURS, COUNTS
 from faults import FaultServer, completion, refuse
+from ollama_stand_in import StandIn
 
 ACTIONS = ("STOP", "SLOW", "STRAIGHT", "LEFT", "RIGHT")
 SENTENCES = (
@@ -140,3 +141,27 @@ def count(pixels: RGB) -> str:
 def served(**what: object) -> FaultServer:
     """Return the endpoint as a server to be entered; its requests are counted."""
     return FaultServer([Endpoint(**what)])
+
+
+class OllamaEndpoint(StandIn):
+    """The same behind Ollama's API: ``format`` binds, ``num_predict`` is the budget, pictures stand beside words."""
+
+    endpoint = Endpoint()
+
+    async def chat(self, request: web.Request) -> web.StreamResponse:
+        """POST /api/chat, streamed as two objects."""
+        asked = await request.json()
+        user, options = asked["messages"][-1], asked["options"]
+        picture = base64.b64decode(user["images"][0]) if user.get("images") else None
+        form: dict[str, object] = {}
+        if isinstance(asked.get("format"), dict):
+            form = {"response_format": {"type": "json_schema", "json_schema": {"schema": asked["format"]}}}
+        look = picture if self.endpoint.sees else None
+        text = self.endpoint.say(user["content"], look, {**options, **form})
+        count = len(user["content"].split()) + 85 * (picture is not None)
+        end = {"done_reason": "stop", "done": True, "prompt_eval_count": count, "eval_count": self.endpoint.thinks}
+        if options["num_predict"] < self.endpoint.thinks:
+            text, end["done_reason"] = "", "length"
+        said = {"message": {"role": "assistant", "content": text}, "done": False}
+        lines = [json.dumps({"model": asked["model"], **one}) for one in (said, end)]
+        return web.Response(text="\n".join(lines), content_type="application/x-ndjson")

@@ -7,10 +7,10 @@ import pytest
 from eyechart.actions import DRIVING
 from eyechart.models.prices import Price, Prices
 from eyechart.modes import RequestMode, read_mode, write_mode
-from eyechart.probe import Found, ProbeError, default_sample, probe
+from eyechart.probe import Found, ProbeError, default_sample, doctor, probe
 from eyechart.probe.pinning import MOST_CALLS, MOST_TOKENS
-from faults import FaultServer
-from seeing import Endpoint, served
+from faults import FaultServer, Loopback
+from seeing import Endpoint, OllamaEndpoint, served
 
 PRICED = Prices((Price("openai:m", 1000.0, 1000.0, "2026-01-01", "a test"),))
 
@@ -118,3 +118,20 @@ def test_the_sample_is_the_runs_own_question() -> None:
     assert sample.query(4, picture=False).image is None
     assert sample.wants_json
     assert not default_sample("minimal").wants_json
+
+
+def test_a_model_of_ollama_is_probed_and_examined_over_its_own_api() -> None:
+    """Its format binds, its budget grows as num_predict, and its capabilities are named where it is blind."""
+    stand_in = OllamaEndpoint()
+    stand_in.endpoint = Endpoint(thinks=300)
+    with Loopback(stand_in.app()) as at:
+        mode = RequestMode("ollama:llava", base_url=f"http://127.0.0.1:{at.port}")
+        found = probe(mode, sample=default_sample("structured"))
+        assert (found.mode.structured, found.mode.max_tokens, found.measured.sees_image) == ("json_schema", 640, True)
+        assert found.measured.facts["quantisation"] == "Q4_K_M"
+        assert "template" not in found.measured.facts
+        stand_in.endpoint = Endpoint(sees=False)
+        stand_in.capabilities = ["completion"]
+        blind = doctor(mode)
+    assert blind.exit_code == 1
+    assert "its capabilities are completion" in blind.causes[-1]
