@@ -16,8 +16,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("gate", "calibrate", "compare", "transfer", "destination"),
     ("verdicts",),
     ("studies",),
-    ("run", "manifest", "costs", "integrity", "probe"),
-    ("models", "simulators", "ledger", "prompts", "importing", "limits", "stimuli"),
+    ("run", "episodes", "manifest", "costs", "integrity", "probe"),
+    ("models", "simulators", "policies", "ledger", "prompts", "importing", "limits", "stimuli"),
     ("perception",),
     ("calls", "conditions", "modes"),
     ("frames", "reader"),
@@ -43,6 +43,7 @@ ASSEMBLED = {
     "bundle",
     "calibrate",
     "cli",
+    "episodes",
     "frames",
     "importing",
     "models.huggingface",
@@ -57,7 +58,7 @@ ASSEMBLED = {
 ALLOWED_FROM_ANYWHERE = {"eyechart"}
 """``eyechart`` itself holds the version and imports nothing of the tree."""
 
-DOORS = {"models", "simulators"}
+DOORS = {"models", "simulators", "policies"}
 """Packages whose ``__init__`` is the floor of their modules: the Protocol, and the registry that opens them by name."""
 
 OPENS_BY_NAME = {

@@ -80,7 +80,7 @@ def doctor(
             console.print(f"note: {note}; 'eyechart probe' pins that", markup=False)
         if found.sight.cut is not None:
             console.print(f"stopped: {found.sight.cut}", markup=False)
-        console.print(f"the same pictures again: --seed {found.seed}", markup=False)
+        console.print(f"asked: {found.spent.words}; the same pictures again: --seed {found.seed}", markup=False)
     raise typer.Exit(found.exit_code)
 
 

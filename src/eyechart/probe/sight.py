@@ -27,6 +27,8 @@ HALF = 0.5
 """Who looks is right at least so often; a model whose rate is bounded below it is called blind."""
 SUDDEN = 0.1
 """A reply that takes less than this share of the usual time was hardly computed."""
+SLOWEST_S = 0.1
+"""Where the usual time is shorter than this, nothing can be said from a shorter one."""
 REPEATS = 2
 
 Outcome = Literal["sees", "blind", "cannot_say"]
@@ -209,7 +211,7 @@ def _median(replies: Iterable[Reply]) -> float | None:
 
 
 def _at_once(took: float | None, usual: float | None) -> bool:
-    return took is not None and usual is not None and took < SUDDEN * usual
+    return took is not None and usual is not None and usual >= SLOWEST_S and took < SUDDEN * usual
 
 
 def said(kind: Kind, reply: Reply) -> str | None:

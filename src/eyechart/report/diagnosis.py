@@ -31,7 +31,6 @@ def doctor_table(found: Diagnosis) -> Table:
     table.add_row("the same picture again", f"{same} of {of} replies the same" if of > 1 else "—", str(of))
     table.add_row("a schema binds", Text(f"{_YES[found.schema_binds]}: {found.schema_says}"))
     table.add_row("the token budget is enough", Text(f"{_YES[found.budget_enough]}: {found.budget_says}"))
-    table.add_row("asked", Text(found.spent.words))
     return table
 
 
@@ -57,7 +56,7 @@ def probe_table(found: Found) -> Table:
         ("seed matters", _YES[measured.seed_matters], f"seed = {str(mode.seed).lower()}"),
         ("unknown fields are ignored", _YES[measured.unknown_fields_ignored], ""),
         ("tokens of a prompt, of its picture", _shown(measured.prompt_tokens, measured.image_tokens), ""),
-        ("seconds of a call, shortest", _shown(measured.seconds, measured.seconds_min), ""),
+        ("seconds of a call, shortest", ", ".join(map(_seconds, (measured.seconds, measured.seconds_min))), ""),
     ]
     for row in rows:
         table.add_row(*map(Text, row))
@@ -66,6 +65,10 @@ def probe_table(found: Found) -> Table:
 
 def _temperature(found: Found) -> str:
     return "default" if found.mode.temperature is None else f"{found.mode.temperature:g}"
+
+
+def _seconds(value: float | None) -> str:
+    return "—" if value is None else f"{value:.2f}"
 
 
 def _shown(*values: float | None) -> str:

@@ -1,19 +1,69 @@
-"""Worlds that yield frames, one module or package a simulator, one door for all."""
+"""Worlds that yield frames and can be driven, one module or package a simulator, one door for all."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Protocol
 
+from eyechart.actions import ActionSpace
 from eyechart.errors import SpecError
-from eyechart.frames import FrameBank
+from eyechart.frames import RGB, FrameBank, MirrorAxis, Scalar
+
+
+@dataclass(frozen=True, slots=True)
+class Moved:
+    """What one decision's worth of driving brought about.
+
+    ``reward`` is the simulator's own. ``distance_m`` is what the vehicle has covered since the drive began, as the
+    simulator counts progress. ``ended`` says in one word why the drive is over (``crash``, ``goal``, ``time``), None
+    while it goes on.
+    """
+
+    reward: float
+    speed_mps: float
+    distance_m: float
+    crashed: bool
+    ended: str | None
+
+
+class Drive(Protocol):
+    """A world under way. Equal scenario, seed and actions give equal pictures, truths and moves."""
+
+    def picture(self) -> RGB:
+        """Return what the camera shows now, shape (h, w, 3), uint8; asking has no effect on the world."""
+        ...
+
+    def truth(self) -> Mapping[str, Scalar]:
+        """Return the ground truth of this moment, the columns that the simulator's banks have, None for "none"."""
+        ...
+
+    def step(self, action: str) -> Moved:
+        """Drive on for one decision's time with this action; raises ValueError after the end."""
+        ...
+
+    def state(self) -> bytes:
+        """Return the world's state as bytes, equal for equal worlds on one machine, for a digest."""
+        ...
+
+    def close(self) -> None:
+        """Let go of what the drive holds."""
+        ...
 
 
 class Simulator(Protocol):
-    """The door to a simulator. ``presets`` maps a preset's name to one sentence on its banks."""
+    """The door to a simulator. ``presets`` and ``scenarios`` map a name to one sentence each.
+
+    ``scenarios`` are those of its drives. ``picture`` is the kind of picture in words, ``mirror_axis`` the axis
+    across which its pictures exchange left and right, ``action_space`` what its drives understand.
+    """
 
     name: str
     presets: Mapping[str, str]
+    scenarios: Mapping[str, str]
+    picture: str
+    mirror_axis: MirrorAxis
+    action_space: ActionSpace
 
     def build(
         self,
@@ -25,6 +75,14 @@ class Simulator(Protocol):
         progress: Callable[[int, int], None] | None = None,
     ) -> FrameBank:
         """Write a bank of ``steps`` frames an episode into ``out``; ``progress`` gets (frames done, of how many)."""
+        ...
+
+    def drive(self, scenario: str, seed: int) -> Drive:
+        """Open a world at its beginning; raises SpecError for an unknown scenario or a seed out of range."""
+        ...
+
+    def versions(self) -> dict[str, str]:
+        """Return the versions of the libraries that make this world, by their names."""
         ...
 
 
