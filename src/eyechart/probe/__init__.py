@@ -2,7 +2,8 @@
 
 from eyechart.probe.asking import LimitReachedError
 from eyechart.probe.doctor import Diagnosis, doctor
-from eyechart.probe.pinning import Found, ProbeError, probe
+from eyechart.probe.found import Found, ProbeError
+from eyechart.probe.pinning import probe
 from eyechart.probe.sample import Sample, default_sample, is_served
 
 __all__ = [

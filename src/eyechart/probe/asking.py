@@ -1,6 +1,7 @@
 """Asks a model a bounded number of questions, one after the other, and keeps what came and what it took."""
 
 import asyncio
+import contextlib
 import time
 from collections.abc import Callable, Collection
 from dataclasses import replace
@@ -77,8 +78,9 @@ class Asker:
         """Let the model go."""
         model, self._model = self._model, None
         if model is not None:
-            async with asyncio.timeout(_CLOSING_S):
-                await model.close()
+            with contextlib.suppress(Exception):  # one that does not let itself be closed cannot undo what was asked
+                async with asyncio.timeout(_CLOSING_S):
+                    await model.close()
 
     async def _once(self, query: Query, mode: RequestMode) -> Reply:
         self._require_room()

@@ -123,8 +123,7 @@ async def _examine(asker: Asker, seed: int) -> Diagnosis:
                 answer = await asker.ask(sample.query(seed))
                 binds, schema_says = await _schema(asker)
     finally:
-        with contextlib.suppress(Exception):
-            await asker.close()
+        await asker.close()
     enough, budget_says = _budget(sight, sample, answer, asker.mode)
     return Diagnosis(
         mode=asker.mode,
