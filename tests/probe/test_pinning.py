@@ -109,6 +109,20 @@ def test_a_server_that_draws_by_itself_is_told_by_its_repeats() -> None:
     assert (measured.temperature_matters, measured.seed_matters) == (False, False)
 
 
+def test_a_model_of_one_reply_says_nothing_of_temperature_and_seed() -> None:
+    """It would be the same under any; one that is greedy whatever it is asked for is told from it."""
+
+    class Greedy(Endpoint):
+        def answer(self, user: str, picture: bytes | None, asked: dict[str, object]) -> str:
+            return "A red fox runs home." if "sentence" in user else super().answer(user, picture, asked)
+
+    measured = pinned(dumb='{"action": "STOP"}').measured
+    assert (measured.temperature_matters, measured.seed_matters) == (None, None)
+    with FaultServer([Greedy()]) as server:
+        measured = probe(RequestMode("openai:m", base_url=server.base_url)).measured
+    assert (measured.temperature_matters, measured.seed_matters) == (False, None)
+
+
 def test_the_sample_is_the_runs_own_question() -> None:
     """The default is a built-in prompt on sketches, with the driving actions for a schema."""
     sample = default_sample("structured")

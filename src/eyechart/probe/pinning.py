@@ -84,7 +84,7 @@ class _Probe:
         *came, bare = await self._samples()
         pinned = self._budget([*came, bare])
         roomy = asker.mode = replace(pinned, max_tokens=self._room())
-        matters = await self._draws(roomy)
+        matters = await self._draws(roomy, came[0].text)
         ignored = await self._unknown_field(roomy)
         sight = await look(asker, self._seed)
         changed = {name: getattr(asker.mode, name) for name in ("token_field", "temperature", "seed")}
@@ -190,8 +190,11 @@ class _Probe:
             self._notes.append(f"the budget is not kept: a reply took {longest} tokens of {mode.max_tokens}")
         return replace(mode, max_tokens=max(_LEAST_TOKENS, -(-MARGIN * longest // 64) * 64))
 
-    async def _draws(self, roomy: RequestMode) -> tuple[bool | None, bool | None]:
-        """Return whether the temperature matters, and the seed: each is repeated and changed, on a free sentence."""
+    async def _draws(self, roomy: RequestMode, usual: str) -> tuple[bool | None, bool | None]:
+        """Return whether the temperature matters, and the seed: each is repeated and changed, on a free sentence.
+
+        A model that gives its ``usual`` reply to this too says nothing about either.
+        """
         one, other = (Query("", _SENTENCE, None, key_seed("sentence", number)) for number in (1, 2))
         plain = replace(roomy, structured="none")
         high = plain if plain.temperature is None else replace(plain, temperature=1.0)
@@ -203,7 +206,8 @@ class _Probe:
         if plain.temperature is None:
             return None, seed
         low = [await self._asker.ask(query, replace(plain, temperature=0.0)) for query in (one, other)]
-        return _temperature_matters(low, drawn), seed
+        says_one_thing = {reply.text for reply in (*low, *drawn)} == {usual}
+        return None if says_one_thing else _temperature_matters(low, drawn), seed
 
     async def _unknown_field(self, roomy: RequestMode) -> bool | None:
         """Return whether a field that no API has is ignored; refused is False."""
