@@ -86,7 +86,7 @@ class RunManifest:
             models={**self.models, **other.models},
             modes={**self.modes, **modes},
             facts={**self.facts, **other.facts},
-            probes={**other.probes, **self.probes},
+            probes={**self.probes, **other.probes},
             conditions=conditions,
             limit=_larger(self.limit, other.limit),
         )

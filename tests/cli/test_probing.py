@@ -207,8 +207,8 @@ def test_what_needs_no_probe_is_not_probed(run: Run, bank: FrameBank, tmp_path: 
     assert "probed first" not in call("run", "battery", "--model", "scripted:depth", *at).output
 
 
-def test_a_model_that_cannot_be_probed_is_set_aside_and_the_others_go_on(run: Run) -> None:
-    """With its reason, and an exit code that says that something is left to do."""
+def test_a_model_that_cannot_be_probed_is_set_aside_and_the_others_go_on(run: Run, tmp_path: Path) -> None:
+    """With its reason, and an exit code that says that something is left to do; what it took is counted each time."""
 
     class Locked(Endpoint):
         async def __call__(self, request: web.Request, asked: dict[str, object], attempt: int) -> web.StreamResponse:
@@ -218,6 +218,12 @@ def test_a_model_that_cannot_be_probed_is_set_aside_and_the_others_go_on(run: Ru
 
     with FaultServer([Locked()]) as server:
         result = run(server, "--model", "openai:locked", "--limit", 2)
+        manifest, _ = read_run(tmp_path / "run")
+        assert set(manifest.models) == {"openai:m"}
+        assert server.requests == manifest.spent_before().calls + 4
+        run(server, "--model", "openai:locked", "--limit", 2)
+        manifest, _ = read_run(tmp_path / "run")
+        assert server.requests == manifest.spent_before().calls + 4
     assert result.exit_code == 1
     assert "set aside: openai:locked: it cannot be probed: the key is missing, wrong" in result.stderr
     assert "1 models × 2 frames" in result.stderr

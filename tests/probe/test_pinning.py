@@ -93,6 +93,9 @@ def test_one_that_cannot_be_asked_is_an_error_with_the_cause() -> None:
             probe(mode, prices=PRICED, max_cost=1.0)
         assert dear.value.limit
         assert dear.value.spent.calls == server.requests
+        nearly = probe(mode, prices=PRICED).spent.cost_usd - 0.01
+        with pytest.raises(ProbeError, match=r"was not finished: .* were spent"):
+            probe(mode, prices=PRICED, max_cost=nearly - 0.5)
         with pytest.raises(ProbeError, match="what openai:m costs is not known, so --max-cost cannot hold"):
             probe(mode, max_cost=1.0)
 

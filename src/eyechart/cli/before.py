@@ -23,7 +23,7 @@ P = TypeVar("P")
 
 @dataclass(frozen=True)
 class Probed:
-    """The modes of a run after its probes: what each took, and which models could not be probed and why."""
+    """The modes of a run after its probes, what each probe took, and which models could not be probed and why."""
 
     modes: "list[RequestMode]"
     spent: "dict[str, Spent]"
@@ -92,6 +92,7 @@ def probe_each(
             found = probe_one(mode, given, sample, prices, seed=draw_seed(None), max_cost=bound)
         except ProbeError as error:
             done.failed[mode.spec] = f"it cannot be probed: {error}"
+            done.spent[mode.spec] = error.spent
             continue
         done.modes.append(found.mode)
         done.spent[mode.spec] = found.spent

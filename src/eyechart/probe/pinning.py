@@ -15,7 +15,7 @@ from eyechart.probe.asking import Asker, LimitReachedError, Tell
 from eyechart.probe.causes import likely_causes
 from eyechart.probe.found import Found, ProbeError, measured_of, names_of
 from eyechart.probe.sample import Sample, default_sample, is_served, json_binds, schema_binds
-from eyechart.probe.sight import look
+from eyechart.probe.sight import Sight, look
 from eyechart.seeds import key_seed
 
 MOST_CALLS = 60
@@ -83,10 +83,10 @@ class _Probe:
         binds = await self._structure()
         *came, bare = await self._samples()
         pinned = self._budget([*came, bare])
-        roomy = asker.mode = replace(pinned, max_tokens=self._room())
+        roomy = asker.mode = replace(pinned, max_tokens=max(pinned.max_tokens, self._room()))
         matters = await self._draws(roomy, came[0].text)
         ignored = await self._unknown_field(roomy)
-        sight = await look(asker, self._seed)
+        sight = await self._look()
         changed = {name: getattr(asker.mode, name) for name in ("token_field", "temperature", "seed")}
         pinned = replace(pinned, **changed)
         if matters[1] and pinned.temperature != 0 and "seed" not in self._fixed:
@@ -112,9 +112,16 @@ class _Probe:
             self._grow(reply)
             reply = await self._asker.ask(self._sample.query(0))
         if reply.error is not None:
-            sight = await look(self._asker, self._seed)
+            sight = await self._look()
             why = "; ".join(likely_causes(sight, self._asker.mode, facts)) or f"{reply.error}: {reply.error_detail}"
             raise ProbeError(why, self._asker.spent)
+
+    async def _look(self) -> Sight:
+        """Show the drawn pictures; raises LimitReachedError where a limit cuts that short."""
+        sight = await look(self._asker, self._seed)
+        if sight.cut is not None:
+            raise LimitReachedError(sight.cut)
+        return sight
 
     def _grow(self, reply: Reply) -> None:
         budget = self._asker.mode.max_tokens

@@ -14,7 +14,18 @@ from eyechart.errors import BankError, LedgerError, SpecError
 from eyechart.frames import IMPORTED, FrameBank, check, open_bank
 from eyechart.ledger import Ledger
 from eyechart.limits import Limits, Outcome, Spent
-from eyechart.manifest import LEDGER, RunManifest, asked_of, is_free, is_run, read_run, today, versions, write_run
+from eyechart.manifest import (
+    LEDGER,
+    RunManifest,
+    asked_of,
+    is_free,
+    is_run,
+    read_manifest,
+    read_run,
+    today,
+    versions,
+    write_run,
+)
 from eyechart.models import Model, open_model
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
@@ -133,11 +144,17 @@ def plan(  # noqa: PLR0913 - what a battery can be asked for
         modes=asked,
         facts={spec: dict(model.facts) for spec, model in models.items() if model.facts},
         stop_early=stop_early,
-        probes=dict(probes or {}),
+        probes=_with_earlier(out, probes or {}),
     )
     manifest = _resumed(out, manifest, bank)
     the_plan = plan_of(manifest, bank, models=tuple(models), conditions=chosen, limit=limit)
     return Battery(the_plan, models, manifest, out, {} if conditions else _expected(left_out, formulation))
+
+
+def _with_earlier(out: Path, probes: Mapping[str, Spent]) -> dict[str, Spent]:
+    """Return what probes took, with what earlier ones of the same models took for a run that is there already."""
+    earlier = read_manifest(out).probes if probes and is_run(out) else {}
+    return {spec: Spent.together([earlier.get(spec, Spent()), one]) for spec, one in probes.items()}
 
 
 def _require_stoppable(conditions: Sequence[str], shard: tuple[int, int] | None) -> None:
