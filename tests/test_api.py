@@ -20,6 +20,7 @@ from eyechart.api import build_bank as build
 from eyechart.calls import Query, Reply
 from eyechart.errors import LedgerError, SpecError
 from eyechart.manifest import LEDGER
+from eyechart.modes import RequestMode
 from eyechart.reader import READER
 from eyechart.report.evidence import evidence_of, find_pictures
 from eyechart.report.page import make_page
@@ -28,6 +29,7 @@ from eyechart.studies import battery
 from eyechart.testing import assert_grounded
 from eyechart.verdicts import Ruling, Verdict, judge
 from known import Demo
+from seeing import served
 
 EVIL = "<script>alert(1)</script>&\"'"
 
@@ -298,3 +300,24 @@ def test_importing_eyechart_imports_nothing_else() -> None:
     """``import eyechart`` is the version and nothing heavy."""
     code = "import sys, eyechart; print([m for m in sys.modules if m.startswith('eyechart.') or m == 'numpy'])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+def test_a_served_model_is_probed_once_from_python_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Given by its SPEC; inside an event loop as in a notebook; not again when the run goes on."""
+    bank = build_bank(tmp_path / "bank", scenarios=["light", "dense"], episodes=1)
+
+    async def notebook() -> Report:
+        return run_battery(bank, "openai:m", tmp_path / "run", limit=1)
+
+    with served(only_new_tokens=True) as server:
+        monkeypatch.setattr("eyechart.models.openai_compatible.BASE_URL", server.base_url)
+        monkeypatch.setenv("OPENAI_API_KEY", "x")
+        manifest = asyncio.run(notebook()).score.manifest
+        made = server.requests
+        assert manifest.mode("openai:m").token_field != RequestMode("openai:m").token_field
+        assert manifest.mode("openai:m").measured.sees_image is True
+        assert made == manifest.probes["openai:m"].calls + len(manifest.conditions)
+        run_battery(bank, "openai:m", tmp_path / "run", limit=2)
+        assert server.requests == made + len(manifest.conditions)
+        asked = run_battery(bank, "openai:m", tmp_path / "other", limit=1, probe=False).score.manifest
+        assert (asked.probes, asked.mode("openai:m").measured) == ({}, None)

@@ -17,7 +17,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("verdicts",),
     ("studies",),
     ("episodes",),
-    ("run", "manifest", "costs", "integrity"),
+    ("run", "manifest", "costs", "integrity", "probe"),
     ("attempts",),
     ("models", "simulators", "policies", "ledger", "prompts", "importing", "limits", "stimuli"),
     ("perception", "mpc"),
@@ -27,7 +27,11 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("stats",),
     ("errors", "seeds"),
 )
-"""Top to bottom. A name is a module or a package of ``eyechart``."""
+"""Top to bottom. A name is a module or a package of ``eyechart``.
+
+``probe`` stands beside ``run``: it asks models and reads replies, as a run does, and knows no study, ledger or verdict;
+``integrity`` reads what it measured from the mode, not from it.
+"""
 
 FLOORS = {
     "stats": ("eyechart.stats.statistic",),
@@ -61,6 +65,7 @@ ASSEMBLED = {
     "mpc",
     "perception.forward",
     "perception.view",
+    "probe",
     "report",
     "simulators.drone",
     "simulators.gym",

@@ -5,8 +5,9 @@ What the command line does step by step is done here in one call each; the steps
 """
 
 import asyncio
+import secrets
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
@@ -15,8 +16,11 @@ from pathlib import Path
 
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank
+from eyechart.limits import Spent
 from eyechart.manifest import LEDGER
 from eyechart.modes import RequestMode
+from eyechart.probe import is_served
+from eyechart.probe import probe as find_mode
 from eyechart.run import Progress
 from eyechart.simulators import open_simulator
 from eyechart.studies import battery
@@ -119,7 +123,7 @@ def build_bank(
     return opened.build(Path(out), preset=preset, seeds=seeds, steps=steps, progress=progress)
 
 
-def run_battery(
+def run_battery(  # noqa: PLR0913 - what a battery is mostly asked for
     bank: FrameBank | Path | str,
     models: Sequence[str | RequestMode] | str | RequestMode,
     out: Path | str,
@@ -128,25 +132,25 @@ def run_battery(
     seed: int = 0,
     limit: int | None = None,
     concurrency: int = 8,
+    probe: bool = True,
     progress: Progress | None = None,
 ) -> Report:
     """Ask models about every frame of a bank under every condition, and return the report.
 
     It makes calls, which may cost money; those that the run's folder ``out`` holds already are not made again, so an
-    interrupted call goes on where it stopped. ``models`` is a SPEC, a request mode, or several of them; the other
-    options are those of ``eyechart run battery`` (the rarer ones are those of `eyechart.studies.battery.plan`);
-    ``progress`` gets (calls done, of how many). Raises BankError, SpecError or LedgerError as ``plan`` does. A report
-    on calls that failed says so in its notes.
+    interrupted call goes on where it stopped. ``models`` is a SPEC, a request mode, or several of them; a model that is
+    served elsewhere and given by its SPEC is probed first, once a run, unless ``probe`` is false. The other options are
+    those of ``eyechart run battery`` (the rarer ones are those of `eyechart.studies.battery.plan`);
+    ``progress`` gets (calls done, of how many). Raises BankError, SpecError or LedgerError as ``plan`` does,
+    and ProbeError where a model cannot be probed. A report on calls that failed says so in its notes.
     """
-    planned = battery.plan(
-        bank.root if isinstance(bank, FrameBank) else Path(bank),
-        [models] if isinstance(models, str | RequestMode) else models,
-        Path(out),
-        prompt=prompt,
-        seed=seed,
-        limit=limit,
-    )
-    _make_calls(planned, concurrency, progress)
+    given = [models] if isinstance(models, str | RequestMode) else models
+
+    def plan(modes: Sequence[RequestMode], probes: Mapping[str, Spent]) -> Battery:
+        root = bank.root if isinstance(bank, FrameBank) else Path(bank)
+        return battery.plan(root, modes, Path(out), prompt=prompt, seed=seed, limit=limit, probes=probes)
+
+    _make_calls(_plan_probed(given, Path(out), plan, wanted=probe), concurrency, progress)
     return read_report(out)
 
 
@@ -160,6 +164,31 @@ def read_report(run: Path | str, *, resamples: int = 5000, independent: bool = F
     """
     scored = battery.score(Path(run), resamples=resamples, independent=independent, reread=reread)
     return Report(Path(run), scored, judge(scored))
+
+
+def _plan_probed(
+    given: Sequence[str | RequestMode],
+    out: Path,
+    plan: Callable[[Sequence[RequestMode], Mapping[str, Spent]], Battery],
+    *,
+    wanted: bool,
+) -> Battery:
+    """Plan a battery; where it has served models that neither a mode nor the run's manifest describes, probe them."""
+    modes, unprobed = [], []
+    for one in given:
+        mode = one if isinstance(one, RequestMode) else RequestMode(one)
+        before = None if isinstance(one, RequestMode) else battery.as_recorded(out, mode, ())
+        modes.append(before or mode)
+        if wanted and isinstance(one, str) and before is None and is_served(mode):
+            unprobed.append(mode)
+    planned = plan(modes, {})
+    if not unprobed:
+        return planned
+    sample, seed = battery.sample_of([planned]), secrets.randbelow(10**6)
+    with ThreadPoolExecutor(1) as thread:  # a notebook has an event loop of its own
+        found = {mode.spec: thread.submit(find_mode, mode, sample=sample, seed=seed).result() for mode in unprobed}
+    pinned = [found[mode.spec].mode if mode.spec in found else mode for mode in modes]
+    return plan(pinned, {spec: one.spent for spec, one in found.items()})
 
 
 def _make_calls(planned: Battery, concurrency: int, progress: Progress | None) -> None:

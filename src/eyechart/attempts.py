@@ -5,15 +5,12 @@ Batteries and episodes make their calls here, so that both cost, fail and resume
 
 import asyncio
 import contextlib
-import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
-from eyechart.calls import TRANSIENT, CallKey, Query, Reply, misfit
+from eyechart.calls import TRANSIENT, CallKey, Query, Reply
 from eyechart.ledger import Attempt, Ledger
 from eyechart.limits import Budget, Limits, Pace, pause_s
-from eyechart.models import Model
-from eyechart.modes import without_secrets
+from eyechart.models import Model, ask
 
 _CLOSING_S = 10.0
 _NOT_SENT = Reply(error="exception")
@@ -56,7 +53,7 @@ class Caller:
                 pace.leave(entered, _NOT_SENT)
                 return reply
             attempt = await self._writer.begin(key, digest)
-            reply = await _ask(model, query)
+            reply = await ask(model, query)
             await self._writer.close(attempt, reply)
             pace.leave(entered, reply)
             self._budget.came(key.model, reply)
@@ -120,23 +117,3 @@ class _Writer:
         for (_, written), value in zip(waiting, done, strict=True):
             if not written.done():
                 written.set_result(value)
-
-
-async def _ask(model: Model, query: Query) -> Reply:
-    start = time.perf_counter()
-    try:
-        reply = await model.answer(query)
-        if not isinstance(reply, Reply):
-            raise TypeError(f"the model answered with a {type(reply).__name__}, not with a Reply")  # noqa: TRY301
-        if wrong := misfit(reply):
-            raise TypeError(f"the model's Reply cannot be kept: {wrong}")  # noqa: TRY301
-    except asyncio.CancelledError:
-        task = asyncio.current_task()
-        if task is None or task.cancelling():
-            raise
-        # An adapter's own cancelled request; let through, it would end a worker of the run without a word.
-        reply = Reply(error="exception", error_detail="CancelledError: the adapter cancelled its own request")
-    except Exception as error:  # noqa: BLE001 - whatever an adapter raises is a row, not the end of the run
-        reply = Reply(error="exception", error_detail=without_secrets(f"{type(error).__name__}: {error}")[:2000])
-    seconds = time.perf_counter() - start
-    return reply if reply.seconds is not None else replace(reply, seconds=seconds)

@@ -32,6 +32,7 @@ KINDS: dict[str, Callable[[Path], bool]] = {
     "report": _is_report,
     "film": _is_film,
     "bundle": zipfile.is_zipfile,
+    "request mode": lambda path: path.suffix.lower() == ".toml",
     "JUnit file": lambda path: path.suffix.lower() == ".xml",
 }
 """What is written, each with the files that it may take the place of."""

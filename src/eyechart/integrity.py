@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, field
 from eyechart.actions import ActionSpace
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.ledger import Sent
-from eyechart.modes import RequestMode
+from eyechart.modes import FEWEST_TOKENS, RequestMode
 from eyechart.perception.estimate import read_estimate
 from eyechart.reader import read_decision
 
@@ -23,9 +23,6 @@ SUDDEN = 0.1
 """A repeat that comes in less than this share of the first answer's time was hardly computed."""
 MOST = 0.9
 """The share of pairs from which on it is no accident."""
-
-FEWEST_TOKENS = 16
-"""Fewer tokens than this that a picture adds may be the placeholder of a picture that is dropped."""
 
 _TEXTS_KEPT = 1000
 
@@ -120,7 +117,8 @@ class Watch:
 def _picture(shown: Sequence[int], bare: Sequence[int], mode: RequestMode) -> Guard:
     found = mode.measured
     if found is not None and found.sees_image is not None:
-        says = f"the model {'saw' if found.sees_image else 'did not see'} the probe's pictures"
+        words = f": {found.facts['picture']}" if "picture" in found.facts else ""
+        says = f"the model {'saw' if found.sees_image else 'did not see'} the probe's pictures{words}"
         return Guard("picture", found.sees_image, says)
     adds = statistics.median(shown) - statistics.median(bare) if shown and bare else None
     if adds is not None and adds >= FEWEST_TOKENS:

@@ -4,7 +4,7 @@ import asyncio
 import random
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 from eyechart.calls import HOPELESS, TRANSIENT, Reply
 
@@ -17,11 +17,65 @@ _PERHAPS_ONE = frozenset({403, 404})
 
 
 @dataclass(frozen=True, slots=True)
+class Spent:
+    """What calls took: how many were sent, tokens in and out as reported, dollars, and seconds.
+
+    ``cost_usd`` adds up what is known; ``unknown`` counts the calls whose cost is not.
+    """
+
+    calls: int = 0
+    prompt_tokens: int = 0
+    completion_tokens: int = 0
+    cost_usd: float = 0.0
+    unknown: int = 0
+    seconds: float = 0.0
+
+    def plus(self, reply: Reply, cost: float | None) -> "Spent":
+        """Return this with one more call."""
+        return Spent(
+            self.calls + 1,
+            self.prompt_tokens + (reply.prompt_tokens or 0),
+            self.completion_tokens + (reply.completion_tokens or 0),
+            self.cost_usd + (cost or 0.0),
+            self.unknown + (cost is None),
+            self.seconds + (reply.seconds or 0.0),
+        )
+
+    @classmethod
+    def together(cls, parts: Iterable["Spent"]) -> "Spent":
+        """Return the sum of several."""
+        rows = [asdict(part) for part in parts]
+        return cls(**{name: sum(row[name] for row in rows) for name in asdict(cls())})
+
+    @property
+    def words(self) -> str:
+        """Return it in one line."""
+        cost = f"${self.cost_usd:.4f}"
+        if self.unknown:
+            cost = "cost unknown" if self.unknown == self.calls else f"{cost} and {self.unknown} calls of unknown cost"
+        tokens = f"{self.prompt_tokens:,} tokens in, {self.completion_tokens:,} out"
+        return f"{self.calls} calls, {tokens}, {cost}, {self.seconds:.1f} s"
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, object]) -> "Spent":
+        """Return what plain JSON values say; raises TypeError or ValueError where they say something else."""
+        made = cls(**values)  # type: ignore[arg-type]
+        if any(isinstance(one, bool) or not isinstance(one, int | float) or one < 0 for one in asdict(made).values()):
+            raise ValueError(f"what a probe took is told in numbers of at least 0; got {values}")
+        return made
+
+
+@dataclass(frozen=True, slots=True)
 class Limits:
     """What ends a run before its plan is done; nothing is lost, and the run can be resumed.
 
     ``calls`` and ``cost_usd`` bound the attempts and the cost of the whole run, those of earlier days included; calls
-    under way are let finish. ``patience`` is how many calls of a model may fail in a row before it is set aside.
+    under way are let finish. ``before`` is what a probe spent on the run before its ledger began, and counts too.
+    ``patience`` is how many calls of a model may fail in a row before it is set aside.
     ``cost`` returns what an attempt cost in dollars, or None where that is not known.
     """
 
@@ -29,14 +83,19 @@ class Limits:
     cost_usd: float | None = None
     patience: int = 10
     cost: Callable[[str, Reply], float | None] = lambda _, reply: reply.cost_usd
+    before: Spent = Spent()
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a run ended: the models that were set aside and why, and which limit stopped it, if any, in words."""
+    """How a run ended: the models that were set aside and why, and which limit stopped it, if any, in words.
+
+    ``uncounted`` says how many failed attempts, in a run whose cost is bounded, did not tell what they cost.
+    """
 
     set_aside: Mapping[str, str]
     stopped: str | None = None
+    uncounted: int = 0
 
 
 class Budget:
@@ -46,7 +105,8 @@ class Budget:
         self.limits = limits
         self.set_aside: dict[str, str] = {}
         self.stopped: str | None = None
-        self._sent, self._spent, self._under_way = 0, 0.0, 0
+        self._sent, self._spent, self._under_way = limits.before.calls, limits.before.cost_usd, 0
+        self.uncounted = limits.before.unknown if limits.cost_usd is not None else 0
         self._dearest = 0.0
         self._priced: set[str] = set()
         self._asking: Counter[str] = Counter()
@@ -63,7 +123,11 @@ class Budget:
     def made_before(self, model: str, reply: Reply | None) -> None:
         """Count an attempt of an earlier run; None is one whose outcome is unknown, and with it its cost."""
         self._sent += 1
-        if reply is not None and self.limits.cost_usd is not None:
+        if self.limits.cost_usd is None:
+            return
+        if reply is None:
+            self.uncounted += 1
+        else:
             self._add(model, reply)
 
     async def turn(self, model: str) -> bool:
@@ -120,6 +184,7 @@ class Budget:
         cost = self.limits.cost(model, reply)
         if cost is None and reply.error is None:
             self.stopped = f"what {model} costs is not known, so --max-cost cannot hold: give its price with --prices"
+        self.uncounted += cost is None
         self._spent += cost or 0.0
         self._dearest = max(self._dearest, cost or 0.0)
         if cost is not None and reply.error is None:

@@ -14,6 +14,7 @@ from eyechart import __version__
 from eyechart.conditions import find_condition
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank, open_bank
+from eyechart.limits import Spent
 from eyechart.modes import RequestMode
 from eyechart.perception.view import NONE
 from eyechart.prompts import Prompt
@@ -34,6 +35,7 @@ class RunManifest:
     ``modes`` says how each model was asked, ``facts`` what is known of it (digest, quantisation, template).
     ``shard`` is (i, n), counted from 1, or None for the whole; ``limit`` the number of frames, or None for all.
     ``stop_early`` says that a model is no longer asked once its verdict is settled.
+    ``probes`` says what it took to probe a model before the run, where the run did that itself.
     ``reader`` is the version of the reader of replies that the run was begun under. ``view`` is the key of the view
     that pictures are shown through, ``none`` where they are shown as they are. ``frames`` are the ids of the frames
     that were chosen for the run, empty where it is about all of them or their first ``limit``.
@@ -56,6 +58,7 @@ class RunManifest:
     reader: int = READER
     view: str = NONE
     frames: tuple[str, ...] = ()
+    probes: Mapping[str, Spent] = field(default_factory=dict)
 
     def extended(self, other: "RunManifest") -> "RunManifest":
         """Return this manifest with another's models, conditions and limit added.
@@ -88,9 +91,14 @@ class RunManifest:
             models={**self.models, **other.models},
             modes={**self.modes, **modes},
             facts={**self.facts, **other.facts},
+            probes={**self.probes, **other.probes},
             conditions=conditions,
             limit=_larger(self.limit, other.limit),
         )
+
+    def spent_before(self) -> Spent:
+        """Return what probing took, of all models together."""
+        return Spent.together(self.probes.values())
 
     def mode(self, spec: str) -> RequestMode:
         """Return how a model was asked; the default mode where the run gave none."""
@@ -212,6 +220,7 @@ def read_manifest(path: Path) -> RunManifest:
         raw["models"] = dict(raw["models"])
         raw["modes"] = {spec: RequestMode.from_dict(mode, str(file)) for spec, mode in raw["modes"].items()}
         raw["facts"] = {spec: dict(known) for spec, known in raw["facts"].items()}
+        raw["probes"] = {spec: Spent.from_dict(spent) for spec, spent in raw.get("probes", {}).items()}
         raw["conditions"] = tuple(find_condition(name).name for name in raw["conditions"])
         raw["seed"] = int(raw["seed"])
         raw["reader"] = int(raw["reader"])

@@ -18,11 +18,15 @@ from eyechart.actions import read_toml
 from eyechart.errors import SpecError
 
 Scalar = str | int | float | bool
+TokenField = Literal["max_tokens", "max_completion_tokens"]
 
 TOKEN_FIELDS = ("max_tokens", "max_completion_tokens")
 STRUCTURED = ("none", "json_object", "json_schema")
 DEFAULT = "default"
 """How a file or an option writes that no temperature is sent, so that the endpoint's own applies."""
+
+FEWEST_TOKENS = 16
+"""Fewer tokens than this that a picture adds may be the placeholder of a picture that is dropped."""
 
 _VARIABLE = re.compile(r"\$(?:([A-Za-z_]\w*)|\{([A-Za-z_]\w*)\})")
 _SECRET = re.compile(r"auth|api.?key|token|secret|password|credential|cookie", re.IGNORECASE)
@@ -73,7 +77,7 @@ class RequestMode:
     spec: str
     base_url: str = ""
     key_env: str = ""
-    token_field: Literal["max_tokens", "max_completion_tokens"] = "max_tokens"  # noqa: S105 - the name of a field
+    token_field: TokenField = "max_tokens"  # noqa: S105 - the name of a field
     max_tokens: int = 1024
     structured: Literal["none", "json_object", "json_schema"] = "none"
     temperature: float | None = 0.0

@@ -133,7 +133,7 @@ def execute(
         asyncio.run(execution.run(todo, len(keys), concurrency))
     except BaseExceptionGroup as group:
         raise first_error(group) from None
-    return Outcome(dict(budget.set_aside), budget.stopped)
+    return Outcome(dict(budget.set_aside), budget.stopped, budget.uncounted)
 
 
 class _Execution:

@@ -36,7 +36,7 @@ def run(bank: FrameBank, tmp_path: Path) -> Run:
     """Return a function that runs a battery with further options."""
 
     def battery(*options: str) -> Result:
-        words = ["run", "battery", "--frames", str(bank.root), "--out", str(tmp_path / "run"), *options]
+        words = ["run", "battery", "--frames", str(bank.root), "--out", str(tmp_path / "run"), "--no-probe", *options]
         return CliRunner().invoke(app, words)
 
     return battery
@@ -158,7 +158,18 @@ def test_a_key_stands_in_no_file_and_no_output(bank: FrameBank, tmp_path: Path) 
     env = os.environ | {"OPENAI_API_KEY": KEY, "ORG_TOKEN": f"org-{KEY}"}
     eyechart = [sys.executable, "-c", "from eyechart.cli import main; main()"]
     out = tmp_path / "run"
-    words = ["run", "battery", "--frames", str(bank.root), "--out", str(out), "--model", "openai:m", "--debug"]
+    words = [
+        "run",
+        "battery",
+        "--frames",
+        str(bank.root),
+        "--out",
+        str(out),
+        "--model",
+        "openai:m",
+        "--no-probe",
+        "--debug",
+    ]
     words += ["--conditions", "real,blank", "--limit", "2", "--header", "X-Org: $ORG_TOKEN"]
     told = b""
     with FaultServer([echo]) as server:

@@ -28,6 +28,8 @@ NOISY, STEADY = stand_ins.SPECS
 COMMANDS = (
     "",
     "demo",
+    "doctor",
+    "probe",
     "frames",
     "frames build",
     "frames import",

@@ -15,6 +15,7 @@ from eyechart.cli import (
     frames,
     intending,
     listing,
+    probing,
     prompting,
     reporting,
     results,
@@ -30,6 +31,8 @@ app = typer.Typer(
     add_completion=False,
     epilog="Start with 'eyechart demo'. Bad input prints one line and exits 2; --debug shows where it arose.",
 )
+app.command()(probing.doctor)
+app.command()(probing.probe)
 app.add_typer(frames.app, name="frames")
 running.app.command()(prompting.prompts)
 running.app.command()(driving.closed_loop)

@@ -1,7 +1,8 @@
 """How models are asked: the options that commands share, and the request modes that they make."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
 Mode = Annotated[list[Path] | None, typer.Option(help="FILE.toml: a model's request mode; it names its model.")]
 BaseUrl = Annotated[str | None, typer.Option(help="Address of the server, as http://127.0.0.1:8000/v1.")]
 KeyEnv = Annotated[str | None, typer.Option(help="Environment variable that holds the key.")]
+TokenField = Annotated[str | None, typer.Option(help="max_tokens or max_completion_tokens: which the model takes.")]
 MaxTokens = Annotated[int | None, typer.Option(help="Token budget of a reply; default 1024.")]
 Temperature = Annotated[str | None, typer.Option(help="Default 0; 'default' leaves it to the endpoint.")]
 Timeout = Annotated[float | None, typer.Option(help="Seconds for a whole reply; default 120.")]
@@ -20,14 +22,23 @@ JsonMode = Annotated[str | None, typer.Option(help="none, json_object or json_sc
 Header = Annotated[list[str] | None, typer.Option(help="'NAME: VALUE'; a secret as 'NAME: $VARIABLE'.")]
 Body = Annotated[list[str] | None, typer.Option(help="KEY=JSON, merged into the request.")]
 Option = Annotated[list[str] | None, typer.Option(help="KEY=VALUE for the adapter, as device=cuda or think=false.")]
+NoProbe = Annotated[bool, typer.Option("--no-probe", help="Ask as the options say, without finding out first.")]
 
 
-def read_modes(
-    specs: Sequence[str] | None,
-    files: Sequence[Path] | None,
+@dataclass(frozen=True)
+class Asked:
+    """The modes of a command's models. ``by_option`` names those that no file gave, ``given`` what the options set."""
+
+    modes: "list[RequestMode]"
+    by_option: frozenset[str]
+    given: Mapping[str, object]
+
+
+def given_fields(
     *,
     base_url: str | None = None,
     key_env: str | None = None,
+    token_field: str | None = None,
     max_tokens: int | None = None,
     temperature: str | None = None,
     timeout: float | None = None,
@@ -35,7 +46,24 @@ def read_modes(
     header: Sequence[str] | None = None,
     body: Sequence[str] | None = None,
     option: Sequence[str] | None = None,
-) -> "list[RequestMode]":
+) -> dict[str, object]:
+    """Return the fields of a request mode that options set, and no other; raises SpecError for one that is no pair."""
+    given: dict[str, object] = {
+        "base_url": base_url,
+        "key_env": key_env,
+        "token_field": token_field,
+        "max_tokens": max_tokens,
+        "temperature": None if temperature is None else _number(temperature),
+        "timeout_s": timeout,
+        "structured": json_mode,
+        "headers": dict(_pair(one, ":", "--header 'NAME: VALUE'") for one in header) if header else None,
+        "body": {name: _json(value) for name, value in _pairs(body, "--body KEY=JSON")} if body else None,
+        "options": {name: _scalar(value) for name, value in _pairs(option, "--option KEY=VALUE")} if option else None,
+    }
+    return {name: value for name, value in given.items() if value is not None}
+
+
+def read_modes(specs: Sequence[str] | None, files: Sequence[Path] | None, given: Mapping[str, object]) -> Asked:
     """Return the modes of the models of a command: those of the files, and those of the options for all other SPECs.
 
     Raises SpecError where two files are of one model, or options are given that no model is left for.
@@ -49,24 +77,19 @@ def read_modes(
         if mode.spec in by_file:
             raise SpecError(f"{file}: there is another --mode of '{mode.spec}'")
         by_file[mode.spec] = mode
-    given: dict[str, object] = {
-        "base_url": base_url,
-        "key_env": key_env,
-        "max_tokens": max_tokens,
-        "temperature": None if temperature is None else _number(temperature),
-        "timeout_s": timeout,
-        "structured": json_mode,
-        "headers": dict(_pair(one, ":", "--header 'NAME: VALUE'") for one in header) if header else None,
-        "body": {name: _json(value) for name, value in _pairs(body, "--body KEY=JSON")} if body else None,
-        "options": {name: _scalar(value) for name, value in _pairs(option, "--option KEY=VALUE")} if option else None,
-    }
-    given = {name: value for name, value in given.items() if value is not None}
     names = list(dict.fromkeys([*(specs or ()), *by_file]))
     rest = [spec for spec in names if spec not in by_file]
     if given and not rest:
         raise SpecError(f"{', '.join(given)} would change no model: those with a --mode file are asked as it says")
-    asked = {spec: RequestMode.from_dict({"spec": spec, **given}, f"the options of {spec}") for spec in rest}
-    return [by_file.get(spec) or asked[spec] for spec in names]
+    asked = {spec: mode_of(spec, given) for spec in rest}
+    return Asked([by_file.get(spec) or asked[spec] for spec in names], frozenset(rest), given)
+
+
+def mode_of(spec: str, given: Mapping[str, object]) -> "RequestMode":
+    """Return the mode of a SPEC with the fields that options set; raises SpecError naming what cannot be."""
+    from eyechart.modes import RequestMode
+
+    return RequestMode.from_dict({"spec": spec, **given}, f"the options of {spec}")
 
 
 def _number(text: str) -> object:

@@ -42,6 +42,7 @@ def closed_loop(
     concurrency: Annotated[int, typer.Option(min=1, help="Episodes of a model under way at once.")] = 8,
     base_url: asking.BaseUrl = None,
     key_env: asking.KeyEnv = None,
+    token_field: asking.TokenField = None,
     max_tokens: asking.MaxTokens = None,
     temperature: asking.Temperature = None,
     timeout: asking.Timeout = None,
@@ -72,16 +73,19 @@ def closed_loop(
     modes = asking.read_modes(
         asked,
         mode,
-        base_url=base_url,
-        key_env=key_env,
-        max_tokens=max_tokens,
-        temperature=temperature,
-        timeout=timeout,
-        json_mode=json_mode,
-        header=header,
-        body=body,
-        option=option,
-    )
+        asking.given_fields(
+            base_url=base_url,
+            key_env=key_env,
+            token_field=token_field,
+            max_tokens=max_tokens,
+            temperature=temperature,
+            timeout=timeout,
+            json_mode=json_mode,
+            header=header,
+            body=body,
+            option=option,
+        ),
+    ).modes
     by_spec = {one.spec: one for one in modes}
     planned = study.plan(
         simulator,
@@ -107,7 +111,10 @@ def closed_loop(
         concurrency=concurrency,
         limits=study.within(planned, table, calls=max_calls, cost_usd=max_cost),
     )
-    with resumable("finished episodes and calls are kept"), progress("episodes", "episodes") as move:
+    with (
+        resumable("finished episodes and calls are kept; the same command resumes"),
+        progress("episodes", "episodes") as move,
+    ):
         outcome = study.run(planned, engine=engine, bounds=bounds, progress=move)
     keys = set(planned.keys)
     driven = {one.key: one for one in study.read_episodes(out) if one.key in keys}

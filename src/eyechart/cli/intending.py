@@ -24,6 +24,7 @@ def hierarchy(
     concurrency: Annotated[int, typer.Option(min=1, help="Episodes of a model under way at once.")] = 8,
     base_url: asking.BaseUrl = None,
     key_env: asking.KeyEnv = None,
+    token_field: asking.TokenField = None,
     max_tokens: asking.MaxTokens = None,
     temperature: asking.Temperature = None,
     timeout: asking.Timeout = None,
@@ -51,16 +52,19 @@ def hierarchy(
     modes = asking.read_modes(
         policy or [],
         mode,
-        base_url=base_url,
-        key_env=key_env,
-        max_tokens=max_tokens,
-        temperature=temperature,
-        timeout=timeout,
-        json_mode=json_mode,
-        header=header,
-        body=body,
-        option=option,
-    )
+        asking.given_fields(
+            base_url=base_url,
+            key_env=key_env,
+            token_field=token_field,
+            max_tokens=max_tokens,
+            temperature=temperature,
+            timeout=timeout,
+            json_mode=json_mode,
+            header=header,
+            body=body,
+            option=option,
+        ),
+    ).modes
     planned, table = plan(out, modes, seed=seed, prompt=prompt, again=again), read_prices(prices)
     for name, part in planned.items():
         say(f"{name}: {len(part.keys)} episodes in {part.manifest.simulator}, {len(part.left())} to drive")
@@ -72,7 +76,10 @@ def hierarchy(
         if part.left():
             limits = study.within(part, table, calls=max_calls, cost_usd=max_cost)
             bounds = study.Bounds(processes=processes, concurrency=concurrency, limits=limits)
-            with resumable("finished episodes and calls are kept"), progress(name, "episodes") as move:
+            with (
+                resumable("finished episodes and calls are kept; the same command resumes"),
+                progress(name, "episodes") as move,
+            ):
                 study.run(part, bounds=bounds, progress=move)
     found = score(out)
     if json:

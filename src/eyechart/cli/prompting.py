@@ -1,12 +1,19 @@
 """``eyechart run prompts`` asks the same frames under several prompts; ``eyechart score`` prints its table."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eyechart.cli import asking
+from eyechart.cli import asking, before
 from eyechart.cli.terminal import progress, resumable, say
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from eyechart.limits import Spent
+    from eyechart.modes import RequestMode
+    from eyechart.studies.prompts import PromptStudy
 
 
 def prompts(
@@ -27,6 +34,7 @@ def prompts(
     concurrency: Annotated[int, typer.Option(min=1, help="Calls under way at once, a model.")] = 8,
     base_url: asking.BaseUrl = None,
     key_env: asking.KeyEnv = None,
+    token_field: asking.TokenField = None,
     temperature: asking.Temperature = None,
     timeout: asking.Timeout = None,
     header: asking.Header = None,
@@ -35,10 +43,12 @@ def prompts(
     max_calls: Annotated[int | None, typer.Option(min=1, help="Stop at so many requests of this study.")] = None,
     max_cost: Annotated[float | None, typer.Option(min=0, help="Stop at so many US dollars of this study.")] = None,
     prices: Annotated[Path | None, typer.Option(help="FILE.toml of prices; it comes before the table.")] = None,
+    no_probe: asking.NoProbe = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the plan and make no call.")] = False,
 ) -> None:
     """Run the prompt study: diversity, and beside it the scene dependence that diversity is not (Table t:prompts).
 
+    A model that is served elsewhere, and that no --mode file says how to ask, is probed first with all of the prompts.
     Exit 1: calls are unfinished; 3: stopped at --max-calls or --max-cost.
     Example: eyechart run prompts --model scripted:depth --frames bank --out prompts --prompt baseline --prompt minimal
     """
@@ -49,35 +59,51 @@ def prompts(
     from eyechart.modes import STRUCTURED
     from eyechart.prompts import PROMPTS
     from eyechart.studies import prompts as study
+    from eyechart.studies.battery import sample_of
 
     for one in json_mode or ():
         if one not in STRUCTURED:
             raise SpecError(f"--json-mode '{one}' is none of {', '.join(STRUCTURED)}")
-    modes = asking.read_modes(
-        model,
-        mode,
+    given = asking.given_fields(
         base_url=base_url,
         key_env=key_env,
+        token_field=token_field,
         temperature=temperature,
         timeout=timeout,
         header=header,
         body=body,
         option=option,
     )
-    table = read_prices(prices)
-    planned = study.plan(
-        frames,
-        modes,
-        out,
-        prompts=prompt or tuple(PROMPTS),
-        factors=[study.Factor(*setting) for setting in product(budget or (None,), json_mode or (None,))],
-        conditions=() if conditions == "all" else [name.strip() for name in conditions.split(",")],
-        limit=limit,
-        seed=seed,
+    asked, table = asking.read_modes(model, mode, given), read_prices(prices)
+
+    def planned_for(modes: "Sequence[RequestMode]", probes: "Mapping[str, Spent]") -> "PromptStudy":
+        return study.plan(
+            frames,
+            modes,
+            out,
+            prompts=prompt or tuple(PROMPTS),
+            factors=[study.Factor(*setting) for setting in product(budget or (None,), json_mode or (None,))],
+            conditions=() if conditions == "all" else [name.strip() for name in conditions.split(",")],
+            limit=limit,
+            seed=seed,
+            probes=probes,
+        )
+
+    planned, failed = before.plan_probed(
+        asked,
+        before.Study(
+            planned_for,
+            lambda one: study.as_recorded(out, one, given, budget=bool(budget)),
+            lambda one: sample_of(one.cells.values()),
+            lambda known: study.spent_on(out, known),
+        ),
+        before.Allowed(no_probe, dry_run, max_calls, max_cost),
+        table,
+        {"structured": "none"},  # the form of an answer is a factor of this study
     )
     calls, finished, unknown = planned.counts()
     say(
-        f"{len(planned.cells)} cells × {len(modes)} models: {calls} calls, {finished} finished, "
+        f"{len(planned.cells)} cells × {len(asked.modes) - len(failed)} models: {calls} calls, {finished} finished, "
         f"{unknown} sent with unknown outcome, {calls - finished} to make"
     )
     for line in planned.expected(table, concurrency=concurrency):
@@ -88,8 +114,9 @@ def prompts(
         outcome = study.run(
             planned, concurrency=concurrency, calls=max_calls, cost_usd=max_cost, prices=table, progress=move
         )
-    for spec, why in outcome.set_aside.items():
+    for spec, why in {**failed, **outcome.set_aside}.items():
         say(f"set aside: {spec}: {why}")
+    before.say_uncounted(outcome)
     left = calls - planned.counts()[1]
     if outcome.stopped is not None:
         say(f"stopped: {outcome.stopped}; {left} calls are left; a higher limit resumes")
@@ -97,4 +124,6 @@ def prompts(
     if left:
         say(f"{left} calls are unfinished: their last error may pass, and the same command tries them again")
         raise typer.Exit(1)
+    if failed:
+        before.tell_none({})
     say(f"done: 'eyechart score {out}' prints the table, 'eyechart score {out}/CELL' every statistic of a cell")

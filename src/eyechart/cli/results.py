@@ -176,13 +176,15 @@ def costs(
 
     Of a prompt study, by cell. Example: eyechart costs run --all --json
     """
+    from eyechart.manifest import read_manifest
     from eyechart.models.prices import read_prices
     from eyechart.report.costs import costs_table
     from eyechart.studies import battery as study
     from eyechart.studies import prompts
 
-    table = read_prices(prices)
-    took, kept = (prompts.took if prompts.is_study(run) else study.took)(run, prices=table)
+    table, study_of_prompts = read_prices(prices), prompts.is_study(run)
+    took, kept = (prompts.took if study_of_prompts else study.took)(run, prices=table)
+    probes = {} if study_of_prompts else read_manifest(run).probes
     if json:
         print_json(
             {
@@ -190,11 +192,14 @@ def costs(
                     spec: {name: one.as_dict() for name, one in found.items()} for spec, found in took.items()
                 },
                 "guards": {spec: [guard.as_dict() for guard in found] for spec, found in kept.items()},
+                "probes": {spec: one.as_dict() for spec, one in probes.items()},
             }
         )
         return
     table_console(160).print(costs_table(took, every=every))
     console = table_console()
+    for spec, one in probes.items():
+        console.print(f"the probe of {spec} before the run took besides: {one.words}", markup=False)
     for spec, found in kept.items():
         for guard in found:
             words = {True: "holds", False: "FAILS", None: "cannot say"}[guard.holds]

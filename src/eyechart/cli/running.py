@@ -1,15 +1,19 @@
 """``eyechart run`` makes calls and only appends; ``eyechart merge`` joins shards."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eyechart.cli import asking
+from eyechart.cli import asking, before
 from eyechart.cli.terminal import progress, resumable, say
 
 if TYPE_CHECKING:
-    from eyechart.limits import Outcome
+    from collections.abc import Mapping, Sequence
+
+    from eyechart.limits import Outcome, Spent
+    from eyechart.modes import RequestMode
     from eyechart.studies.battery import Battery
 
 app = typer.Typer(help="Run a study: make its calls and append them to a ledger.", no_args_is_help=True)
@@ -37,6 +41,7 @@ def battery(
     concurrency: Annotated[int, typer.Option(min=1, help="Calls under way at once, a model.")] = 8,
     base_url: asking.BaseUrl = None,
     key_env: asking.KeyEnv = None,
+    token_field: asking.TokenField = None,
     max_tokens: asking.MaxTokens = None,
     temperature: asking.Temperature = None,
     timeout: asking.Timeout = None,
@@ -50,22 +55,23 @@ def battery(
     stop_early: Annotated[
         bool, typer.Option("--stop-early", help="Ask a model no more once its verdict is settled; see below.")
     ] = False,
+    no_probe: asking.NoProbe = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the plan and make no call.")] = False,
 ) -> None:
     """Run the input-ablation battery. Interrupt it at will: the same command goes on where it stopped.
 
-    The options from --base-url to --option are for the models without a --mode file. Exit 1: calls are unfinished; 3:
-    stopped at --max-calls or --max-cost.
+    The options from --base-url to --option are for the models without a --mode file; of these, one that is served
+    elsewhere is probed first (as 'eyechart probe' does), and what is found is kept in the run. Exit 1: calls are
+    unfinished; 3: stopped at --max-calls or --max-cost.
     """
     from eyechart.models.prices import read_prices
     from eyechart.run import read_shard
     from eyechart.studies import battery as study
 
-    modes = asking.read_modes(
-        model,
-        mode,
+    given = asking.given_fields(
         base_url=base_url,
         key_env=key_env,
+        token_field=token_field,
         max_tokens=max_tokens,
         temperature=temperature,
         timeout=timeout,
@@ -74,17 +80,33 @@ def battery(
         body=body,
         option=option,
     )
+    asked = asking.read_modes(model, mode, given)
     table = read_prices(prices)
-    planned = study.plan(
-        frames,
-        modes,
-        out,
-        prompt=prompt,
-        conditions=None if conditions is None else [name.strip() for name in conditions.split(",")],
-        seed=seed,
-        limit=limit,
-        shard=None if shard is None else read_shard(shard),
-        stop_early=stop_early,
+
+    def planned_for(modes: "Sequence[RequestMode]", probes: "Mapping[str, Spent]") -> "Battery":
+        return study.plan(
+            frames,
+            modes,
+            out,
+            prompt=prompt,
+            conditions=None if conditions is None else [name.strip() for name in conditions.split(",")],
+            seed=seed,
+            limit=limit,
+            shard=None if shard is None else read_shard(shard),
+            stop_early=stop_early,
+            probes=probes,
+        )
+
+    planned, failed = before.plan_probed(
+        asked,
+        before.Study(
+            planned_for,
+            lambda one: study.as_recorded(out, one, given),
+            lambda one: study.sample_of([one]),
+            lambda known: study.spent_on(out, known),
+        ),
+        before.Allowed(no_probe, dry_run, max_calls, max_cost, shard),
+        table,
     )
     for line in (*sizes(planned), *(one.words for one in study.expected(planned, table, concurrency=concurrency))):
         say(line)
@@ -97,7 +119,7 @@ def battery(
         outcome = study.run(planned, concurrency=concurrency, limits=limits, progress=move)
     for line in _after(planned) if stop_early else ():
         say(line)
-    tell(outcome, planned.left())
+    tell(replace(outcome, set_aside={**failed, **outcome.set_aside}), planned.left())
     say(f"done: 'eyechart verdict {out}' judges, 'eyechart score {out}' prints every statistic")
 
 
@@ -118,9 +140,12 @@ def tell(outcome: "Outcome", left: int, what: str = "calls") -> None:
     """Print how a run ended; raise Exit 3 where a limit stopped it, 1 where calls are unfinished."""
     for spec, why in outcome.set_aside.items():
         say(f"set aside: {spec}: {why}")
+    before.say_uncounted(outcome)
     if outcome.stopped is not None and left:
         say(f"stopped: {outcome.stopped}; {left} {what} are left; a higher limit resumes")
         raise typer.Exit(3)
+    if not left and outcome.set_aside:
+        before.tell_none({})
     if left:
         say(f"{left} {what} are unfinished: their last error may pass, and the same command tries them again")
         raise typer.Exit(1)

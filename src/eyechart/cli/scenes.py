@@ -37,6 +37,7 @@ def admission(
     concurrency: Concurrency = 8,
     base_url: asking.BaseUrl = None,
     key_env: asking.KeyEnv = None,
+    token_field: asking.TokenField = None,
     max_tokens: asking.MaxTokens = None,
     temperature: asking.Temperature = None,
     timeout: asking.Timeout = None,
@@ -57,16 +58,19 @@ def admission(
     modes = asking.read_modes(
         model,
         mode,
-        base_url=base_url,
-        key_env=key_env,
-        max_tokens=max_tokens,
-        temperature=temperature,
-        timeout=timeout,
-        json_mode=json_mode,
-        header=header,
-        body=body,
-        option=option,
-    )
+        asking.given_fields(
+            base_url=base_url,
+            key_env=key_env,
+            token_field=token_field,
+            max_tokens=max_tokens,
+            temperature=temperature,
+            timeout=timeout,
+            json_mode=json_mode,
+            header=header,
+            body=body,
+            option=option,
+        ),
+    ).modes
     from eyechart.studies import structured as study
 
     planned = study.plan(study.ADMISSION, frames, modes, out, view=view, seed=seed)
@@ -84,6 +88,7 @@ def structured(
     concurrency: Concurrency = 8,
     base_url: asking.BaseUrl = None,
     key_env: asking.KeyEnv = None,
+    token_field: asking.TokenField = None,
     max_tokens: asking.MaxTokens = None,
     temperature: asking.Temperature = None,
     timeout: asking.Timeout = None,
@@ -104,16 +109,19 @@ def structured(
     modes = asking.read_modes(
         model,
         mode,
-        base_url=base_url,
-        key_env=key_env,
-        max_tokens=max_tokens,
-        temperature=temperature,
-        timeout=timeout,
-        json_mode=json_mode,
-        header=header,
-        body=body,
-        option=option,
-    )
+        asking.given_fields(
+            base_url=base_url,
+            key_env=key_env,
+            token_field=token_field,
+            max_tokens=max_tokens,
+            temperature=temperature,
+            timeout=timeout,
+            json_mode=json_mode,
+            header=header,
+            body=body,
+            option=option,
+        ),
+    ).modes
     from eyechart.studies import structured as study
 
     planned = study.plan(study.STRUCTURED, frames, modes, out, view=view, seed=seed, limit=limit)
@@ -131,6 +139,7 @@ def online(
     concurrency: Annotated[int, typer.Option(min=1, help="Episodes of a model under way at once.")] = 8,
     base_url: asking.BaseUrl = None,
     key_env: asking.KeyEnv = None,
+    token_field: asking.TokenField = None,
     max_tokens: asking.MaxTokens = None,
     temperature: asking.Temperature = None,
     timeout: asking.Timeout = None,
@@ -156,18 +165,21 @@ def online(
     modes = asking.read_modes(
         model,
         mode,
-        base_url=base_url,
-        key_env=key_env,
-        max_tokens=max_tokens,
-        temperature=temperature,
-        timeout=timeout,
-        json_mode=json_mode,
-        header=header,
-        body=body,
-        option=option,
-    )
+        asking.given_fields(
+            base_url=base_url,
+            key_env=key_env,
+            token_field=token_field,
+            max_tokens=max_tokens,
+            temperature=temperature,
+            timeout=timeout,
+            json_mode=json_mode,
+            header=header,
+            body=body,
+            option=option,
+        ),
+    ).modes
     table = read_prices(prices)
-    with resumable("nothing was asked yet"), progress("vetting", "worlds") as move:
+    with resumable("nothing was asked yet; the same command begins anew"), progress("vetting", "worlds") as move:
         planned = study.plan(simulator, modes, out, view=view, episodes=episodes, seed=seed, progress=move)
     for one in planned.vetted:
         if one.why is not None:
@@ -180,7 +192,10 @@ def online(
     if dry_run:
         return
     limits = closed_loop.within(drives, table, calls=max_calls, cost_usd=max_cost)
-    with resumable("finished episodes and calls are kept"), progress("episodes", "episodes") as move:
+    with (
+        resumable("finished episodes and calls are kept; the same command resumes"),
+        progress("episodes", "episodes") as move,
+    ):
         outcome = study.run(planned, bounds=closed_loop.Bounds(concurrency=concurrency, limits=limits), progress=move)
     tell(outcome, len(drives.left()), what="episodes")
     if failed := sum(one.errors for one in study.score(out).driven.values()):

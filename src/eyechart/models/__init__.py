@@ -1,12 +1,15 @@
 """Models that answer queries: one module an adapter, one door for all."""
 
+import asyncio
+import time
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib import import_module
 from typing import Protocol
 
-from eyechart.calls import Query, Reply
+from eyechart.calls import Query, Reply, misfit
 from eyechart.errors import SpecError
-from eyechart.modes import RequestMode
+from eyechart.modes import RequestMode, without_secrets
 
 
 class Model(Protocol):
@@ -58,6 +61,27 @@ def open_model(spec: str, mode: RequestMode | None = None) -> Model:
         raise SpecError(f"the mode of '{mode.spec}' is not one of '{spec}'")
     model: Model = import_module(ADAPTERS[adapter]).open_model(name, mode or RequestMode(spec))
     return model
+
+
+async def ask(model: Model, query: Query) -> Reply:
+    """Return a model's answer to one query, timed; whatever its adapter raises is a Reply with its kind."""
+    start = time.perf_counter()
+    try:
+        reply = await model.answer(query)
+        if not isinstance(reply, Reply):
+            raise TypeError(f"the model answered with a {type(reply).__name__}, not with a Reply")  # noqa: TRY301
+        if wrong := misfit(reply):
+            raise TypeError(f"the model's Reply cannot be kept: {wrong}")  # noqa: TRY301
+    except asyncio.CancelledError:
+        task = asyncio.current_task()
+        if task is None or task.cancelling():
+            raise
+        # An adapter's own cancelled request; let through, it would end a worker of the run without a word.
+        reply = Reply(error="exception", error_detail="CancelledError: the adapter cancelled its own request")
+    except Exception as error:  # noqa: BLE001 - whatever an adapter raises is a row, not the end of the run
+        reply = Reply(error="exception", error_detail=without_secrets(f"{type(error).__name__}: {error}")[:2000])
+    seconds = time.perf_counter() - start
+    return reply if reply.seconds is not None else replace(reply, seconds=seconds)
 
 
 def known_models() -> dict[str, str]:

@@ -6,7 +6,7 @@ The picture stands before the words. Retries are the runner's; the key comes fro
 import base64
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from urllib.parse import urlsplit
 
 import orjson
@@ -26,7 +26,7 @@ from eyechart.models.http import (
     read_json,
     words_of,
 )
-from eyechart.modes import RequestMode
+from eyechart.modes import TOKEN_FIELDS, RequestMode
 
 BASE_URL = "https://api.openai.com/v1"
 KEY = "OPENAI_API_KEY"
@@ -57,7 +57,7 @@ class OpenAICompatible:
 
     async def _send(self, payload: bytes) -> Reply:
         came = await self.endpoint.post(_PATH, payload)
-        return self.endpoint.scrubbed(came.failure() if came.error else _read(came))
+        return self.endpoint.scrubbed(_hinted(came.failure(), self.mode) if came.error else _read(came))
 
     async def close(self) -> None:
         """Close the session."""
@@ -150,6 +150,19 @@ def _read(came: Response) -> Reply:
     if not isinstance(message, dict):
         return came.failure("wrong_json", "the JSON has no choice with a message")
     return came.reply(_reply(body, choice, message))
+
+
+def _hinted(reply: Reply, mode: RequestMode) -> Reply:
+    """Return a failure with what to do, where a model refuses the token field or a temperature of its own."""
+    said, hints = reply.error_detail, []
+    if reply.error == "bad_request" and "not support" in said:
+        if mode.token_field != TOKEN_FIELDS[1] and "max_completion_tokens" in said:
+            hints.append("--token-field max_completion_tokens")
+        if mode.temperature is not None and "temperature" in said:
+            hints.append("--temperature default")
+    if not hints:
+        return reply
+    return replace(reply, error_detail=f"{said}; ask with {' '.join(hints)}, or let 'eyechart probe' find the mode")
 
 
 def _failed(came: Response, error: object) -> Reply:

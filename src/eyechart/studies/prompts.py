@@ -4,7 +4,7 @@ A cell is a battery of its own, of real and blank pictures, so that it resumes, 
 Source: paper, section Prompt formulation gates measured grounding and Table t:prompts.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,10 +13,10 @@ import numpy as np
 from eyechart.costs import ALL, Account
 from eyechart.errors import LedgerError, SpecError
 from eyechart.integrity import Guard
-from eyechart.limits import Outcome
-from eyechart.manifest import is_run
+from eyechart.limits import Outcome, Spent
+from eyechart.manifest import is_run, read_manifest
 from eyechart.models.prices import Prices, read_prices
-from eyechart.modes import RequestMode
+from eyechart.modes import Measured, RequestMode
 from eyechart.prompts import PROMPTS
 from eyechart.run import Progress
 from eyechart.stats.agreement import rate
@@ -62,9 +62,9 @@ class Factor:
     structured: str | None = None
 
     def applied(self, mode: RequestMode) -> RequestMode:
-        """Return a model's mode under this setting; what was measured under another is not kept."""
+        """Return a model's mode under this setting; what replies took under another is not kept."""
         changed = {name: value for name in self.__slots__ if (value := getattr(self, name)) is not None}
-        return replace(mode, measured=None, **changed) if changed else mode
+        return replace(mode, measured=_without_replies(mode.measured), **changed) if changed else mode
 
     @property
     def suffix(self) -> str:
@@ -72,7 +72,21 @@ class Factor:
         return "".join(f"--{value}" for value in (self.max_tokens, self.structured) if value is not None)
 
 
-def plan(
+def _without_replies(found: Measured | None) -> Measured | None:
+    """Return what was measured but what replies took, which another budget or format changes."""
+    if found is None:
+        return None
+    return replace(
+        found,
+        completion_tokens=None,
+        completion_tokens_max=None,
+        reasoning_tokens=None,
+        seconds=None,
+        seconds_min=None,
+    )
+
+
+def plan(  # noqa: PLR0913 - what a study can be asked for
     bank_path: Path,
     specs: Sequence[str | RequestMode],
     out: Path,
@@ -82,11 +96,13 @@ def plan(
     conditions: Sequence[str] = CONDITIONS,
     limit: int | None = FRAMES,
     seed: int = 0,
+    probes: Mapping[str, Spent] | None = None,
 ) -> PromptStudy:
     """Plan every cell, or the rest of a study that ``out`` holds already; nothing is written or asked yet.
 
     ``prompts`` are names or TOML files, ``factors`` the settings that are crossed with them, ``limit`` the frames a
-    cell, the same in each. Raises what `battery.plan` raises, and SpecError where two cells would be the same.
+    cell, the same in each. ``probes`` says what was spent on probing models for this study; its first cell keeps it.
+    Raises what `battery.plan` raises, and SpecError where two cells would be the same.
     """
     modes = [one if isinstance(one, RequestMode) else RequestMode(one) for one in specs]
     cells: dict[str, battery.Battery] = {}
@@ -97,11 +113,36 @@ def plan(
                 raise SpecError(f"the cell '{name}' is asked for twice; give each prompt and setting once")
             asked = [factor.applied(mode) for mode in modes]
             cells[name] = battery.plan(
-                bank_path, asked, out / name, prompt=prompt, conditions=conditions, seed=seed, limit=limit
+                bank_path,
+                asked,
+                out / name,
+                prompt=prompt,
+                conditions=conditions,
+                seed=seed,
+                limit=limit,
+                probes=None if cells else probes,
             )
     if not cells:
         raise SpecError("a prompt study needs at least one prompt, see 'eyechart list prompts'")
     return PromptStudy(cells, out)
+
+
+def as_recorded(out: Path, mode: RequestMode, given: Collection[str], *, budget: bool) -> RequestMode | None:
+    """Return the mode that a study asks this model in already, as `battery.as_recorded` does; None if it asks not.
+
+    A cell with a setting of its own says nothing of the budget: unless ``budget`` says that one is set now too, only
+    cells as they were probed are looked at.
+    """
+    cells = [one for one in sorted(out.iterdir()) if is_run(one)] if out.is_dir() else []
+    found = [known for cell in cells if (known := battery.as_recorded(cell, mode, given)) is not None]
+    whole = [one for one in found if one.measured is None or one.measured.seconds is not None]
+    return next(iter([*whole, *(found if budget else [])]), None)
+
+
+def spent_on(out: Path, prices: Prices) -> Spent:
+    """Return what the calls and probes of a study took so far."""
+    cells = [one for one in sorted(out.iterdir()) if is_run(one)] if out.is_dir() else []
+    return Spent.together(battery.spent_on(cell, prices) for cell in cells)
 
 
 def run(
@@ -120,7 +161,7 @@ def run(
     """
     table = prices or read_prices()
     planned = {name: cell.counts()[0] for name, cell in study.cells.items()}
-    before, total, set_aside = 0, sum(planned.values()), dict[str, str]()
+    before, total, set_aside, uncounted = 0, sum(planned.values()), dict[str, str](), 0
     for name, cell in study.cells.items():
         start = before
 
@@ -136,13 +177,14 @@ def run(
             cost_usd=None if cost_usd is None else max(0.0, cost_usd - spent),
         )
         outcome = battery.run(cell, concurrency=concurrency, limits=limits, progress=move)
+        uncounted += outcome.uncounted
         set_aside |= {f"{spec} in {name}": why for spec, why in outcome.set_aside.items()}
         if outcome.stopped is not None and cell.left():
             bounds = {"--max-calls": calls, "--max-cost": cost_usd}
             words = " and ".join(f"{option} {bound:g}" for option, bound in bounds.items() if bound is not None)
-            return Outcome(set_aside, f"in cell {name}, within {words} for all cells")
+            return Outcome(set_aside, f"in cell {name}, within {words} for all cells", uncounted)
         before += planned[name]
-    return Outcome(set_aside)
+    return Outcome(set_aside, None, uncounted)
 
 
 def _elsewhere(study: PromptStudy, name: str, prices: Prices) -> tuple[int, float]:
@@ -151,7 +193,9 @@ def _elsewhere(study: PromptStudy, name: str, prices: Prices) -> tuple[int, floa
     whole = [
         next(iter(book.values())) for out in others for book in battery.took(out, prices=prices)[0].values() if book
     ]
-    return sum(one.attempts for one in whole), sum(one.cost_usd or 0.0 for one in whole)
+    probed = Spent.together(read_manifest(out).spent_before() for out in others)
+    sent, spent = sum(one.attempts for one in whole), sum(one.cost_usd or 0.0 for one in whole)
+    return sent + probed.calls, spent + probed.cost_usd
 
 
 @dataclass(frozen=True)

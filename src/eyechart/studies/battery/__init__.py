@@ -3,6 +3,7 @@
 Source: paper, section The Input-Ablation Battery.
 """
 
+from eyechart.studies.battery.asked import PROBED, as_recorded, sample_of, spent_on
 from eyechart.studies.battery.calibrated import ALPHA, FLOOR, MARGIN, UNPARSED_CUT
 from eyechart.studies.battery.merging import merge
 from eyechart.studies.battery.planning import (
@@ -25,6 +26,7 @@ __all__ = [
     "FLOOR",
     "GUARANTEE",
     "MARGIN",
+    "PROBED",
     "UNPARSED_CUT",
     "VALIDITY",
     "Battery",
@@ -32,6 +34,7 @@ __all__ = [
     "ModelScore",
     "Stopped",
     "Took",
+    "as_recorded",
     "differences",
     "expected",
     "merge",
@@ -41,7 +44,9 @@ __all__ = [
     "plan_of",
     "resumed",
     "run",
+    "sample_of",
     "score",
+    "spent_on",
     "took",
     "within",
 ]

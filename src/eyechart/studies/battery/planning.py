@@ -13,8 +13,19 @@ from eyechart.costs import Estimate, estimate
 from eyechart.errors import BankError, LedgerError, SpecError
 from eyechart.frames import IMPORTED, FrameBank, check, open_bank
 from eyechart.ledger import Ledger
-from eyechart.limits import Limits, Outcome
-from eyechart.manifest import LEDGER, RunManifest, asked_of, is_free, is_run, read_run, today, versions, write_run
+from eyechart.limits import Limits, Outcome, Spent
+from eyechart.manifest import (
+    LEDGER,
+    RunManifest,
+    asked_of,
+    is_free,
+    is_run,
+    read_manifest,
+    read_run,
+    today,
+    versions,
+    write_run,
+)
 from eyechart.models import Model, open_model
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
@@ -85,6 +96,7 @@ def plan(  # noqa: PLR0913 - what a battery can be asked for
     limit: int | None = None,
     shard: tuple[int, int] | None = None,
     stop_early: bool = False,
+    probes: Mapping[str, Spent] | None = None,
 ) -> Battery:
     """Plan a battery, or the rest of one that ``out`` holds already; nothing is written or asked yet.
 
@@ -92,9 +104,10 @@ def plan(  # noqa: PLR0913 - what a battery can be asked for
     ``conditions`` default to the eight of Table t:conditions and the counterfactuals, those that the bank can supply,
     and text_swapped where the prompt has fields. ``prompt`` is a name or a TOML file; it defaults to ``baseline``, and
     to a plain one for imported frames. With ``stop_early`` a model is no longer asked once its verdict is settled; it
-    needs whole frames and the conditions real, real_repeat and blank. Raises BankError where a picture is not the one
-    that the bank's manifest recorded, SpecError for an unknown name or for what cannot be stopped early, and
-    LedgerError where ``out`` holds another run, or one that stops early and was begun with other frames or conditions.
+    needs whole frames and the conditions real, real_repeat and blank. ``probes`` says what was spent on probing models
+    for this run. Raises BankError where a picture is not the one that the bank's manifest recorded, SpecError for an
+    unknown name or for what cannot be stopped early, and LedgerError where ``out`` holds another run, or one that stops
+    early and was begun with other frames or conditions.
     """
     asked, models = open_models(specs)
     bank = open_whole(bank_path)
@@ -124,6 +137,7 @@ def plan(  # noqa: PLR0913 - what a battery can be asked for
         modes=asked,
         facts={spec: dict(model.facts) for spec, model in models.items() if model.facts},
         stop_early=stop_early,
+        probes=_with_earlier(out, probes or {}),
     )
     manifest = resumed(out, manifest, bank)
     the_plan = plan_of(manifest, bank, models=tuple(models), conditions=chosen, limit=limit)
@@ -147,6 +161,12 @@ def open_whole(bank_path: Path) -> FrameBank:
             f"the bank {bank_path} is damaged: {problems[0]} ({len(problems)} in all, 'eyechart frames check')"
         )
     return open_bank(bank_path)
+
+
+def _with_earlier(out: Path, probes: Mapping[str, Spent]) -> dict[str, Spent]:
+    """Return what probes took, with what earlier ones of the same models took for a run that is there already."""
+    earlier = read_manifest(out).probes if probes and is_run(out) else {}
+    return {spec: Spent.together([earlier.get(spec, Spent()), one]) for spec, one in probes.items()}
 
 
 def _require_stoppable(conditions: Sequence[str], shard: tuple[int, int] | None) -> None:
@@ -263,10 +283,14 @@ def expected(battery: Battery, prices: Prices, *, concurrency: int) -> tuple[Est
 
 
 def within(battery: Battery, prices: Prices, *, calls: int | None = None, cost_usd: float | None = None) -> Limits:
-    """Return the limits of a battery's run: so many requests, so many dollars by these prices."""
+    """Return the limits of a battery's run: so many requests, so many dollars by these prices.
+
+    What a probe of the run took counts towards both.
+    """
     return Limits(
         calls=calls,
         cost_usd=cost_usd,
+        before=battery.manifest.spent_before(),
         cost=lambda spec, reply: prices.cost(battery.manifest.mode(spec), reply)[0],
     )
 

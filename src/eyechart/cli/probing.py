@@ -1,0 +1,224 @@
+"""``eyechart doctor`` says whether a model sees; ``eyechart probe`` finds how it is best asked."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from eyechart.cli import asking
+from eyechart.cli.terminal import print_json, progress, resumable, say, table_console
+
+if TYPE_CHECKING:
+    from eyechart.models.prices import Prices
+    from eyechart.modes import RequestMode
+    from eyechart.probe import Found, Sample
+
+_Spec = Annotated[str, typer.Argument(help="A model's SPEC, or FILE.toml of its request mode.")]
+_Seed = Annotated[int | None, typer.Option(min=0, help="Seed of the pictures; default: drawn anew, and printed.")]
+_MaxCost = Annotated[float | None, typer.Option(min=0, help="Stop at so many US dollars.")]
+_Prices = Annotated[Path | None, typer.Option(help="FILE.toml of prices; it comes before the table.")]
+_Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+_ASSUMED_IN, _ASSUMED_OUT = 1000, 100
+"""Tokens of a call that an estimate assumes of a model that nobody has measured."""
+
+
+def doctor(
+    spec: _Spec,
+    seed: _Seed = None,
+    base_url: asking.BaseUrl = None,
+    key_env: asking.KeyEnv = None,
+    token_field: asking.TokenField = None,
+    max_tokens: asking.MaxTokens = None,
+    temperature: asking.Temperature = None,
+    timeout: asking.Timeout = None,
+    json_mode: asking.JsonMode = None,
+    header: asking.Header = None,
+    body: asking.Body = None,
+    option: asking.Option = None,
+    max_cost: _MaxCost = None,
+    prices: _Prices = None,
+    json: _Json = False,
+) -> None:
+    """Find out in at most 20 calls, without a bank, whether a model sees pictures at all, and if not, why.
+
+    Also whether it answers twice the same, whether a schema binds, and whether the token budget is enough. Exit 0: it
+    sees; 1: it is blind, or what answers does not look; 2: cannot say, or bad input.
+    Example: eyechart doctor openai:MODEL --base-url http://127.0.0.1:8000/v1
+    """
+    from eyechart.models.prices import read_prices
+    from eyechart.probe import doctor as examine
+    from eyechart.probe.doctor import MOST_CALLS
+    from eyechart.report.diagnosis import doctor_table, headline
+
+    given = asking.given_fields(
+        base_url=base_url,
+        key_env=key_env,
+        token_field=token_field,
+        max_tokens=max_tokens,
+        temperature=temperature,
+        timeout=timeout,
+        json_mode=json_mode,
+        header=header,
+        body=body,
+        option=option,
+    )
+    mode, table = _mode(spec, given), read_prices(prices)
+    _say_estimate(mode, MOST_CALLS, table)
+    with resumable("nothing is kept"), progress("doctor", "calls") as move:
+        found = examine(mode, seed=draw_seed(seed), prices=table, max_cost=max_cost, tell=move)
+    if json:
+        print_json(found.as_dict())
+    else:
+        console = table_console()
+        console.print(doctor_table(found))
+        console.print(headline(found))
+        for cause in found.causes:
+            console.print(f"likely cause: {cause}", markup=False)
+        for note in found.notes:
+            console.print(f"note: {note}; 'eyechart probe' pins that", markup=False)
+        if found.sight.cut is not None:
+            console.print(f"stopped: {found.sight.cut}", markup=False)
+        console.print(f"asked: {found.spent.words}; the same pictures again: --seed {found.seed}", markup=False)
+    raise typer.Exit(found.exit_code)
+
+
+def probe(
+    spec: _Spec,
+    out: Annotated[Path, typer.Option(help="FILE.toml to write the request mode to.")],
+    frames: Annotated[
+        Path | None, typer.Option(help="A bank whose frames and prompt are asked; default: sketches.")
+    ] = None,
+    prompt: Annotated[str, typer.Option(help="A prompt's name or FILE.toml, without --frames too.")] = "baseline",
+    seed: _Seed = None,
+    base_url: asking.BaseUrl = None,
+    key_env: asking.KeyEnv = None,
+    token_field: asking.TokenField = None,
+    max_tokens: asking.MaxTokens = None,
+    temperature: asking.Temperature = None,
+    timeout: asking.Timeout = None,
+    json_mode: asking.JsonMode = None,
+    header: asking.Header = None,
+    body: asking.Body = None,
+    option: asking.Option = None,
+    max_cost: _MaxCost = None,
+    prices: _Prices = None,
+    json: _Json = False,
+) -> None:
+    """Find how a model is best asked, in at most 60 calls, and write it as a request mode for --mode.
+
+    Finds the token budget at which replies complete, which token field the endpoint takes, whether a schema binds,
+    whether temperature and seed matter, whether unknown fields are ignored, what a picture and a call take, and
+    whether the picture is seen. What an option gives stays as it is given. Exit 0: the mode is written; 1: it is, and
+    the model is blind; 2: no mode can be pinned, or bad input; 3: stopped at --max-cost.
+    Example: eyechart probe openai:MODEL --base-url http://127.0.0.1:8000/v1 --out mode.toml
+    """
+    from eyechart.destination import require_free
+    from eyechart.models.prices import read_prices
+    from eyechart.modes import write_mode
+    from eyechart.probe.pinning import MOST_CALLS
+    from eyechart.report.diagnosis import probe_table
+
+    given = asking.given_fields(
+        base_url=base_url,
+        key_env=key_env,
+        token_field=token_field,
+        max_tokens=max_tokens,
+        temperature=temperature,
+        timeout=timeout,
+        json_mode=json_mode,
+        header=header,
+        body=body,
+        option=option,
+    )
+    require_free(out, "request mode")
+    mode, table = _mode(spec, given), read_prices(prices)
+    sample = _sample(frames, prompt, mode)
+    _say_estimate(mode, MOST_CALLS, table)
+    found = probe_one(mode, given, sample, table, seed=draw_seed(seed), max_cost=max_cost)
+    write_mode(out, found.mode)
+    if json:
+        print_json(found.as_dict())
+    else:
+        console = table_console()
+        console.print(probe_table(found))
+        for line in lines_of(found):
+            console.print(line, markup=False)
+    say(f"wrote {out}: ask this model with --mode {out}")
+    if found.sight.outcome == "blind":
+        raise typer.Exit(1)
+
+
+def _mode(spec: str, given: Mapping[str, object]) -> "RequestMode":
+    """Return the mode of a SPEC with the options, or that of a file, which takes none."""
+    if spec.endswith(".toml"):
+        return asking.read_modes(None, [Path(spec)], given).modes[0]
+    return asking.mode_of(spec, given)
+
+
+def draw_seed(given: int | None) -> int:
+    """Return the seed that was given, or one that nobody has asked with before: no cache knows its pictures."""
+    import secrets
+
+    return secrets.randbelow(10**6) if given is None else given
+
+
+def _sample(frames: Path | None, prompt: str, mode: "RequestMode") -> "Sample":
+    from eyechart.probe import default_sample
+
+    if frames is None:
+        return default_sample(prompt)
+    from eyechart.studies import battery as study
+
+    nowhere = frames / "no-run-is-made-here"
+    return study.sample_of([study.plan(frames, [mode], nowhere, prompt=None if prompt == "baseline" else prompt)])
+
+
+def _say_estimate(mode: "RequestMode", calls: int, prices: "Prices") -> None:
+    """Say how many calls are made at most, and what they cost if each takes the tokens that are assumed."""
+    from dataclasses import replace
+
+    from eyechart.costs import estimate
+    from eyechart.modes import Measured
+
+    known = mode.measured
+    assumed = Measured(prompt_tokens=_ASSUMED_IN, completion_tokens=float(_ASSUMED_OUT))
+    basis = "as measured" if known else f"if a call takes {_ASSUMED_IN} tokens in and {_ASSUMED_OUT} out"
+    expected = estimate(replace(mode, measured=known or assumed), calls, prices, concurrency=1)
+    say(f"at most, {basis}: {expected.words}")
+
+
+def probe_one(
+    mode: "RequestMode",
+    given: Mapping[str, object],
+    sample: "Sample",
+    prices: "Prices",
+    *,
+    seed: int,
+    max_cost: float | None,
+) -> "Found":
+    """Probe one model; what was spent on one that cannot be pinned is said, and a limit exits 3."""
+    from eyechart.probe import ProbeError
+    from eyechart.probe import probe as find
+
+    try:
+        with resumable("nothing is kept"), progress(f"probe {mode.spec}", "calls") as move:
+            return find(mode, fixed=given, sample=sample, seed=seed, prices=prices, max_cost=max_cost, tell=move)
+    except ProbeError as error:
+        say(f"probe: {mode.spec}: {error.spent.words}")
+        if error.limit:
+            say(f"stopped: {error}; what was found is not kept")
+            raise typer.Exit(3) from None
+        raise
+
+
+def lines_of(found: "Found") -> list[str]:
+    """Return in words what a probe found and what it took."""
+    outcome = {"sees": "it sees", "blind": "it is blind", "cannot_say": "cannot say whether it sees"}
+    return [
+        f"{found.mode.spec}: {outcome[found.sight.outcome]}: {found.sight.because}",
+        *(f"likely cause: {cause}" for cause in found.causes),
+        *(f"note: {note}" for note in found.notes),
+        f"probe: {found.mode.spec}: {found.spent.words}",
+    ]

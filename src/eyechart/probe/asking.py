@@ -1,0 +1,111 @@
+"""Asks a model a bounded number of questions, one after the other, and keeps what came and what it took."""
+
+import asyncio
+import contextlib
+import time
+from collections.abc import Callable, Collection
+from dataclasses import replace
+
+from eyechart.calls import TRANSIENT, Query, Reply
+from eyechart.errors import EyechartError
+from eyechart.limits import Spent, pause_s
+from eyechart.models import Model, ask, open_model
+from eyechart.models.prices import Prices
+from eyechart.modes import RequestMode
+from eyechart.probe.amending import amended
+
+Tell = Callable[[int, int], None]
+"""Called with (calls made, calls at most) after each call."""
+
+_CLOSING_S = 10.0
+
+
+class LimitReachedError(EyechartError):
+    """No further call may be made: so many were, or so much was spent."""
+
+
+class Asker:
+    """Asks models of one SPEC, each mode by a model of its own, at most ``most`` times and for ``max_cost`` dollars.
+
+    A call whose error is transient is repeated once. One that is refused for a field that the model does not take is
+    made without it from then on, unless the field is ``fixed``; ``notes`` say so. Raises LimitReachedError where no
+    further call may be made.
+    """
+
+    def __init__(
+        self,
+        mode: RequestMode,
+        prices: Prices,
+        *,
+        most: int,
+        fixed: Collection[str] = (),
+        max_cost: float | None = None,
+        tell: Tell | None = None,
+    ) -> None:
+        self.mode = mode
+        self.spent = Spent()
+        self.notes: list[str] = []
+        self._fixed = fixed
+        self.stopped: str | None = None
+        self._prices = prices
+        self._most, self._max_cost, self._tell = most, max_cost, tell
+        self._model: Model | None = None
+        self._opened: RequestMode | None = None
+
+    async def ask(self, query: Query, mode: RequestMode | None = None) -> Reply:
+        """Return the reply to a query, in the mode of this asker or in another; a failure is a reply too."""
+        asked = mode or self.mode
+        reply = await self._once(query, asked)
+        while mode is None and (change := amended(self.mode, reply, self._fixed)) is not None:
+            changed, words = change
+            if words in self.notes:
+                break  # the one is refused, and so is the other
+            self.mode = changed
+            self.notes.append(words)
+            asked = self.mode
+            reply = await self._once(query, asked)
+        if reply.error in TRANSIENT:
+            await asyncio.sleep(pause_s(1, reply))
+            reply = await self._once(query, asked)
+        return reply
+
+    async def facts(self) -> dict[str, str]:
+        """Return what is known of the model without asking it, its version among it."""
+        model = await self._open(self.mode)
+        return {"version": model.version, **model.facts}
+
+    async def close(self) -> None:
+        """Let the model go."""
+        model, self._model = self._model, None
+        if model is not None:
+            with contextlib.suppress(Exception):  # one that does not let itself be closed cannot undo what was asked
+                async with asyncio.timeout(_CLOSING_S):
+                    await model.close()
+
+    async def _once(self, query: Query, mode: RequestMode) -> Reply:
+        self._require_room()
+        start = time.perf_counter()
+        reply = await ask(await self._open(mode), query)
+        reply = replace(reply, seconds=time.perf_counter() - start) if reply.seconds is None else reply
+        cost = self._prices.cost(mode, reply)[0]
+        self.spent = self.spent.plus(reply, cost)
+        if self._tell is not None:
+            self._tell(self.spent.calls, self._most)
+        if self._max_cost is not None and cost is None and reply.error is None:
+            spec = mode.spec
+            self.stopped = f"what {spec} costs is not known, so --max-cost cannot hold: give its price with --prices"
+        return reply
+
+    def _require_room(self) -> None:
+        if self.stopped is None and self.spent.calls >= self._most:
+            self.stopped = f"{self.spent.calls} calls were sent, and no more are allowed"
+        if self.stopped is None and self._max_cost is not None and self.spent.cost_usd >= self._max_cost:
+            self.stopped = f"${self.spent.cost_usd:.4f} were spent, and --max-cost is {self._max_cost:g}"
+        if self.stopped is not None:
+            raise LimitReachedError(self.stopped)
+
+    async def _open(self, mode: RequestMode) -> Model:
+        if self._model is None or self._opened != mode:
+            await self.close()
+            self._model, self._opened = open_model(mode.spec, mode), mode
+        return self._model

@@ -1,0 +1,133 @@
+"""The likely causes, in words, of what a model did with the drawn pictures."""
+
+from collections import Counter
+from collections.abc import Mapping
+
+from eyechart.calls import ErrorKind, Reply
+from eyechart.modes import RequestMode
+from eyechart.probe.sight import Sight, picture_counts
+
+_ERRORS: dict[ErrorKind, str] = {
+    "auth": "the key is missing, wrong, or may not use this model: check the environment variable that holds it",
+    "quota": "nothing is left to spend on this account",
+    "missing_model": "there is no model of this name where it was asked for, or the address is wrong",
+    "connection": "no server answers at this address: is it running, and is --base-url right?",
+    "timeout": "no reply in time: the model may still be loading, or needs a longer --timeout",
+    "rate_limited": "the server takes no more calls for now (429): ask again later",
+    "server_error": "the server fails at this request: its log says why",
+    "cut_short": "the connection breaks before a reply is whole: a proxy may do that",
+    "wrong_json": "what answers is no chat completion: is --base-url right (it often ends in /v1)?",
+    "too_large": "what answers is no chat completion: is --base-url right?",
+    "bad_request": "the server refuses the request",
+    "exception": "the adapter failed",
+}
+
+
+def likely_causes(sight: Sight, mode: RequestMode, facts: Mapping[str, str]) -> tuple[str, ...]:
+    """Return why a model sees nothing, or why nobody can say, the most likely cause first; none where all is well."""
+    if sight.takes_no_pictures:
+        return (f"text-only backend: it answers words, and refuses pictures ({_first(sight).error_detail[:200]})",)
+    if not any(reply.error is None for reply in sight.replies):
+        return _failures(sight, mode)
+    outcome, found = sight.outcome, []
+    if sight.cached_by_words:
+        found.append(
+            "a cache between here and the model knows replies by their words and not by their picture: every frame of "
+            "a battery would get one reply; words that were never sent before were answered rightly"
+        )
+    elif outcome == "blind":
+        found += _why_blind(sight)
+    elif outcome == "cannot_say":
+        found += _why_unsaid(sight, mode)
+    if not sight.cached_by_words and sight.sudden_by_words:
+        found.append("a cache is suspected: different pictures with the same words got the identical reply at once")
+    elif not sight.cached_by_words and sight.sudden:
+        found.append(
+            "a cache is suspected: an exact repeat got the identical reply at once, so that real_repeat would not "
+            "measure how far the model agrees with itself: switch it off"
+        )
+    if outcome != "sees" and "warning" in facts:
+        found.append(facts["warning"])
+    return tuple(found)
+
+
+def _failures(sight: Sight, mode: RequestMode) -> tuple[str, ...]:
+    kinds = Counter(reply.error for reply in sight.replies if reply.error is not None)
+    if not kinds:
+        return (sight.cut or "no question was asked",)
+    (kind, _), *_ = kinds.most_common()
+    detail = next(reply.error_detail for reply in sight.replies if reply.error == kind)
+    known = _ERRORS[kind]
+    if kind == "auth":
+        known = f"{known} ({mode.key_env or 'OPENAI_API_KEY'})"
+    return (f"{known} [{kind}: {detail[:300]}]",)
+
+
+def _first(sight: Sight) -> Reply:
+    return next(one.reply for one in sight.shots if one.reply.error is not None)
+
+
+def _why_blind(sight: Sight) -> list[str]:
+    counts, adds = picture_counts(sight.image_tokens), sight.image_tokens
+    found = []
+    if counts is False:
+        rise = "do not change" if not adds else f"change by {adds} only"
+        found.append(
+            f"the picture is dropped on the way (a proxy or a gateway), or the chat template has no image slot: "
+            f"prompt_tokens {rise} with a picture"
+        )
+    elif counts:
+        found.append(
+            f"the server counts the picture ({adds} tokens), and the replies do not follow it: the vision part is not "
+            "loaded or the picture is spoilt before it, or the model is too weak for these questions"
+        )
+    else:
+        found.append(
+            "text-only backend, a chat template without an image slot, or a picture dropped by a proxy: the server "
+            "reports no prompt_tokens that would tell them apart"
+        )
+    if 2 * sight.says_none >= len(sight.shots):
+        found.append(f"{sight.says_none} of {len(sight.shots)} replies say themselves that there is no picture")
+    return found
+
+
+def _why_unsaid(sight: Sight, mode: RequestMode) -> list[str]:
+    came = [one for one in sight.shots if one.reply.error is None]
+    cut = sum(one.reply.finish_reason == "length" for one in came)
+    silent = [one for one in came if one.said is None and one.reply.finish_reason != "length"]
+    found = []
+    if sight.cut is not None:
+        found.append(f"the questions ended early: {sight.cut}")
+    if len(came) < len(sight.shots):
+        kinds = Counter(one.reply.error for one in sight.shots if one.reply.error is not None)
+        found.append("calls failed: " + ", ".join(f"{count} {kind}" for kind, count in kinds.items()))
+    if cut:
+        found.append(
+            f"{cut} of {len(came)} replies were cut off at the budget of {mode.max_tokens} tokens: raise --max-tokens, "
+            "or let 'eyechart probe' find the budget"
+        )
+    if silent:
+        found.append(
+            f"{len(silent)} of {len(came)} replies name none of the choices (the first: "
+            f"{silent[0].reply.text.strip()[:60]!r}): the model is too weak for a question, or was trained for one "
+            f"kind of answer; {_dependence(sight)}"
+        )
+    if not found:
+        found.append(
+            "it is right more often than a blind model is sure to be, and not so often that guessing is excluded: too "
+            "weak or too noisy for these questions; another --seed asks others"
+        )
+    return found
+
+
+def _dependence(sight: Sight) -> str:
+    """Return in words what is known of whether the picture arrives, where the replies are no answers."""
+    texts = {one.reply.text for one in sight.shots if one.reply.error is None}
+    counts, adds = picture_counts(sight.image_tokens), sight.image_tokens
+    arrives = {
+        True: f"the server counts the picture ({adds} tokens), so that something of it arrives",
+        False: f"a picture adds {adds} tokens, as the server counts them, which is no sign that it arrives",
+        None: "the server does not say how many tokens a picture takes",
+    }[counts]
+    follow = "all replies are the same" if len(texts) == 1 else f"there were {len(texts)} different replies"
+    return f"{arrives}; {follow}, which alone proves neither that it looks nor that it does not"

@@ -1,0 +1,162 @@
+"""The doctor: at most twenty calls that say whether a model sees, repeats itself, keeps a schema, and has room to end.
+
+It needs no bank. What it finds holds for the way in which the model was asked.
+"""
+
+import asyncio
+import contextlib
+from dataclasses import dataclass
+
+from eyechart.calls import Reply
+from eyechart.limits import Spent
+from eyechart.models.prices import Prices, read_prices
+from eyechart.modes import RequestMode
+from eyechart.probe.asking import Asker, LimitReachedError, Tell
+from eyechart.probe.causes import likely_causes
+from eyechart.probe.pictures import CHOICES
+from eyechart.probe.sample import Sample, default_sample, is_served, schema_binds
+from eyechart.probe.sight import Outcome, Sight, look
+from eyechart.stats.statistic import Statistic
+
+MOST_CALLS = 20
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What the doctor found. ``mode`` is how the model was asked in the end, ``notes`` say what was changed for that.
+
+    ``schema_binds`` and ``budget_enough`` are None where that cannot be said, with the reason in ``schema_says`` and
+    ``budget_says``. ``facts`` is what is known of the model without asking.
+    """
+
+    mode: RequestMode
+    seed: int
+    sight: Sight
+    causes: tuple[str, ...]
+    schema_binds: bool | None
+    schema_says: str
+    budget_enough: bool | None
+    budget_says: str
+    spent: Spent
+    facts: dict[str, str]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def outcome(self) -> Outcome:
+        """Return whether it sees, is blind, or nobody can say."""
+        return self.sight.outcome
+
+    @property
+    def exit_code(self) -> int:
+        """Return 0 where it sees, 1 where it is blind, 2 where nobody can say."""
+        codes: dict[Outcome, int] = {"sees": 0, "blind": 1, "cannot_say": 2}
+        return codes[self.outcome]
+
+    def scores(self) -> dict[str, Statistic]:
+        """Return how often it was right: in all questions, by kind, and in words that were sent for the first time."""
+        found: dict[str, Statistic] = {"all questions": self.sight.score()}
+        for kind in CHOICES:
+            found[kind] = self.sight.score(kind)
+        return {**found, "words never sent before": self.sight.score(fresh=True)}
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        same, of = self.sight.same
+        return {
+            "model": self.mode.spec,
+            "outcome": self.outcome,
+            "because": self.sight.because,
+            "causes": list(self.causes),
+            "p": self.sight.p,
+            "bound": self.sight.bound().as_dict(),
+            "scores": {name: one.as_dict() for name, one in self.scores().items()},
+            "says_no_picture": self.sight.says_none,
+            "without_a_picture": [reply.text for _, reply in self.sight.bare],
+            "image_tokens": self.sight.image_tokens,
+            "same_reply": {"same": same, "of": of},
+            "schema": {"binds": self.schema_binds, "because": self.schema_says},
+            "budget": {"enough": self.budget_enough, "because": self.budget_says},
+            "cache": {"by_words": self.sight.cached_by_words, "repeats_at_once": self.sight.sudden},
+            "replies": [
+                {
+                    "kind": one.question.kind,
+                    "right": one.question.answer,
+                    "said": one.said,
+                    "text": one.reply.text[:500],
+                    "error": one.reply.error,
+                    "seconds": one.reply.seconds,
+                }
+                for one in self.sight.shots
+            ],
+            "spent": self.spent.as_dict(),
+            "facts": self.facts,
+            "notes": list(self.notes),
+            "mode": self.mode.as_dict(),
+            "seed": self.seed,
+        }
+
+
+def doctor(
+    mode: RequestMode,
+    *,
+    seed: int = 0,
+    prices: Prices | None = None,
+    max_cost: float | None = None,
+    tell: Tell | None = None,
+) -> Diagnosis:
+    """Ask a model at most twenty questions and return the diagnosis; raises SpecError where it cannot be opened.
+
+    ``seed`` deals the pictures. With ``max_cost`` (US dollars) it ends before it would be passed.
+    """
+    asker = Asker(mode, prices or read_prices(), most=MOST_CALLS, max_cost=max_cost, tell=tell)
+    return asyncio.run(_examine(asker, seed))
+
+
+async def _examine(asker: Asker, seed: int) -> Diagnosis:
+    facts = await asker.facts()
+    try:
+        sight = await look(asker, seed)
+        sample, answer = default_sample(), Reply(error="exception", error_detail="not asked")
+        binds, schema_says = None, "not asked"
+        if len(sight.shots) > 2:
+            with contextlib.suppress(LimitReachedError):
+                answer = await asker.ask(sample.query(seed))
+                binds, schema_says = await _schema(asker)
+    finally:
+        await asker.close()
+    enough, budget_says = _budget(sight, sample, answer, asker.mode)
+    return Diagnosis(
+        mode=asker.mode,
+        seed=seed,
+        sight=sight,
+        causes=likely_causes(sight, asker.mode, facts),
+        schema_binds=binds,
+        schema_says=schema_says,
+        budget_enough=enough,
+        budget_says=budget_says,
+        spent=asker.spent,
+        facts=facts,
+        notes=tuple(asker.notes),
+    )
+
+
+async def _schema(asker: Asker) -> tuple[bool | None, str]:
+    if not is_served(asker.mode):
+        return None, "this adapter binds no schema"
+    return await schema_binds(asker, asker.mode)
+
+
+def _budget(sight: Sight, sample: Sample, answer: Reply, mode: RequestMode) -> tuple[bool | None, str]:
+    """Return whether replies had room to end, the prompt 'baseline' among them, and the longest of them in words."""
+    came = [reply for reply in (*sight.replies, answer) if reply.error is None]
+    if not came:
+        return None, "no reply came"
+    cut = sum(reply.finish_reason == "length" for reply in came)
+    if cut:
+        return False, f"{cut} of {len(came)} replies were cut off at {mode.max_tokens} tokens"
+    tokens = [reply.completion_tokens for reply in came if reply.completion_tokens is not None]
+    longest = f"the longest took {max(tokens)} of {mode.max_tokens}" if tokens else "none tells its tokens"
+    if answer.error is not None:
+        return None, f"{len(came)} replies complete, {longest}; no driving prompt asked"
+    decision = "" if sample.decided(answer) else "; that to the prompt 'baseline' holds no decision that can be read"
+    return True, f"{len(came)} replies complete, {longest}{decision}"

@@ -1,0 +1,248 @@
+"""The probe: finds by asking how one model is best asked, and pins it as a request mode with what was measured.
+
+Nothing is taken from what a server claims: a schema is contradicted, a seed is repeated, a budget grows until replies
+are complete, and a picture is left out to see what it costs.
+"""
+
+import asyncio
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+from eyechart.calls import Query, Reply
+from eyechart.models.prices import Prices, read_prices
+from eyechart.modes import RequestMode
+from eyechart.probe.asking import Asker, LimitReachedError, Tell
+from eyechart.probe.causes import likely_causes
+from eyechart.probe.found import Found, ProbeError, measured_of, names_of
+from eyechart.probe.sample import Sample, default_sample, is_served, json_binds, schema_binds
+from eyechart.probe.sight import Sight, look
+from eyechart.seeds import key_seed
+
+MOST_CALLS = 60
+MOST_TOKENS = 16_384
+"""A model whose replies are cut off at this budget is not pinned."""
+MARGIN = 2
+"""The pinned budget is so many times the longest complete reply."""
+
+_FIRST_TOKENS = 64
+_GROWTH = 4
+_SAMPLES = 5
+_LEAST_TOKENS = 256
+"""The smallest budget that is pinned: a model that sees no picture may say so in more words than an action takes."""
+_SENTENCE = "Write one sentence of about ten words about anything you like."
+
+
+def probe(
+    mode: RequestMode,
+    *,
+    fixed: Collection[str] = (),
+    sample: Sample | None = None,
+    seed: int = 0,
+    prices: Prices | None = None,
+    max_cost: float | None = None,
+    tell: Tell | None = None,
+) -> Found:
+    """Find how a model is best asked, beginning with ``mode``, whose fields named in ``fixed`` stay as they are.
+
+    ``sample`` is what the run will ask; it decides which budget suffices, what a call takes, and whether a structured
+    output is wanted: one is pinned only where it binds and the prompt asks for JSON. ``max_cost`` is in US dollars.
+    Raises ProbeError, with what was spent, where no mode can be pinned, and SpecError where the model cannot be opened.
+    """
+    asker = Asker(mode, prices or read_prices(), most=MOST_CALLS, fixed=fixed, max_cost=max_cost, tell=tell)
+    return asyncio.run(_Probe(asker, sample or default_sample(), fixed, seed).find())
+
+
+class _Probe:
+    """The steps of one probe, in their order."""
+
+    def __init__(self, asker: Asker, sample: Sample, fixed: Collection[str], seed: int) -> None:
+        self._asker = asker
+        self._sample = sample
+        self._fixed = fixed
+        self._seed = seed
+        self._notes: list[str] = []
+        self._served = is_served(asker.mode)
+
+    async def find(self) -> Found:
+        asker = self._asker
+        try:
+            facts = await asker.facts()
+            return await self._find(facts)
+        except LimitReachedError as limit:
+            raise ProbeError(
+                f"the probe of {asker.mode.spec} was not finished: {limit}", asker.spent, limit=True
+            ) from None
+        finally:
+            await asker.close()
+
+    async def _find(self, facts: dict[str, str]) -> Found:
+        asker = self._asker
+        if "max_tokens" not in self._fixed:
+            asker.mode = replace(asker.mode, max_tokens=_FIRST_TOKENS)
+        await self._first_answer(facts)
+        binds = await self._structure()
+        *came, bare = await self._samples()
+        pinned = self._budget([*came, bare])
+        roomy = asker.mode = replace(pinned, max_tokens=max(pinned.max_tokens, self._room()))
+        matters = await self._draws(roomy, came[0].text)
+        ignored = await self._unknown_field(roomy)
+        sight = await self._look()
+        changed = {name: getattr(asker.mode, name) for name in ("token_field", "temperature", "seed")}
+        pinned = replace(pinned, **changed)
+        if matters[1] and pinned.temperature != 0 and "seed" not in self._fixed:
+            pinned = replace(pinned, seed=True)
+        causes = likely_causes(sight, pinned, facts)
+        measured = replace(
+            measured_of(came, bare),
+            calls=asker.spent.calls,
+            sees_image={"sees": True, "blind": False, "cannot_say": None}[sight.outcome],
+            schema_binds=binds,
+            temperature_matters=matters[0],
+            seed_matters=matters[1],
+            unknown_fields_ignored=ignored,
+            facts={**names_of(facts, came, sight, causes), "seed of the pictures": str(self._seed)},
+        )
+        notes = (*asker.notes, *self._notes)
+        return Found(replace(pinned, measured=measured), sight, causes, notes, asker.spent)
+
+    async def _first_answer(self, facts: dict[str, str]) -> None:
+        """Ask the sample until a reply is complete, with a growing budget; raises ProbeError where none comes."""
+        reply = await self._asker.ask(self._sample.query(0))
+        while _cut(reply):
+            self._grow(reply)
+            reply = await self._asker.ask(self._sample.query(0))
+        if reply.error is not None:
+            sight = await self._look()
+            why = "; ".join(likely_causes(sight, self._asker.mode, facts)) or f"{reply.error}: {reply.error_detail}"
+            raise ProbeError(why, self._asker.spent)
+
+    async def _look(self) -> Sight:
+        """Show the drawn pictures; raises LimitReachedError where a limit cuts that short."""
+        sight = await look(self._asker, self._seed)
+        if sight.cut is not None:
+            raise LimitReachedError(sight.cut)
+        return sight
+
+    def _grow(self, reply: Reply) -> None:
+        budget = self._asker.mode.max_tokens
+        spec = self._asker.mode.spec
+        if "max_tokens" in self._fixed:
+            raise ProbeError(
+                f"replies of {spec} are cut off at the {budget} tokens that were asked for: raise --max-tokens, or "
+                "leave it out so that the probe finds it",
+                self._asker.spent,
+            )
+        if budget >= MOST_TOKENS:
+            thinks = "; it thinks: switch that off, or give --max-tokens" if reply.reasoning else ""
+            raise ProbeError(f"replies of {spec} are cut off even at {budget} tokens{thinks}", self._asker.spent)
+        self._asker.mode = replace(self._asker.mode, max_tokens=min(MOST_TOKENS, budget * _GROWTH))
+
+    def _room(self) -> int:
+        """Return a budget for other questions than the sample's."""
+        now = self._asker.mode.max_tokens
+        return now if "max_tokens" in self._fixed else min(MOST_TOKENS, max(now, 512))
+
+    async def _structure(self) -> bool | None:
+        """Return whether a schema binds; pin it, or else JSON mode, where the prompt asks for JSON."""
+        asker = self._asker
+        if not self._served:
+            return None
+        roomy = replace(asker.mode, max_tokens=self._room())
+        binds, says = await schema_binds(asker, roomy)
+        if "structured" in self._fixed:
+            if asker.mode.structured == "json_schema" and not binds:
+                self._notes.append(f"a schema was asked for, and it was not seen to bind: {says}")
+            return binds
+        if self._sample.wants_json:
+            if binds:
+                asker.mode = replace(asker.mode, structured="json_schema")
+            elif (await json_binds(asker, roomy))[0]:
+                asker.mode = replace(asker.mode, structured="json_object")
+        elif binds:
+            self._notes.append(
+                "a schema binds; the prompt asks for no JSON, so none is pinned (--json-mode json_schema)"
+            )
+        return binds
+
+    async def _samples(self) -> list[Reply]:
+        """Return complete replies to the run's own questions, the last one without its picture.
+
+        The budget grows until none is cut off.
+        """
+        came: list[Reply] = []
+        count = max(_SAMPLES, len(self._sample.words))
+        while len(came) <= count:
+            query = self._sample.query(len(came)) if len(came) < count else self._sample.query(0, picture=False)
+            reply = await self._asker.ask(query)
+            if reply.error is not None and query.image is None:
+                came.append(reply)  # some endpoints need a picture
+            elif reply.error is not None:
+                words = f"a call of the probe failed with {reply.error}: {reply.error_detail}"
+                raise ProbeError(words, self._asker.spent)
+            elif _cut(reply):
+                self._grow(reply)
+                came = []
+            else:
+                came.append(reply)
+        return came
+
+    def _budget(self, came: Sequence[Reply]) -> RequestMode:
+        """Return the mode with its budget: the longest complete reply times the margin, in steps of 64."""
+        mode = self._asker.mode
+        if "max_tokens" in self._fixed:
+            return mode
+        tokens = [reply.completion_tokens for reply in came if reply.completion_tokens is not None]
+        longest = max(tokens) if tokens else mode.max_tokens
+        if longest > mode.max_tokens:
+            self._notes.append(f"the budget is not kept: a reply took {longest} tokens of {mode.max_tokens}")
+        return replace(mode, max_tokens=max(_LEAST_TOKENS, -(-MARGIN * longest // 64) * 64))
+
+    async def _draws(self, roomy: RequestMode, usual: str) -> tuple[bool | None, bool | None]:
+        """Return whether the temperature matters, and the seed: each is repeated and changed, on a free sentence.
+
+        A model that gives its ``usual`` reply to this too says nothing about either.
+        """
+        one, other = (Query("", _SENTENCE, None, key_seed("sentence", number)) for number in (1, 2))
+        plain = replace(roomy, structured="none")
+        high = plain if plain.temperature is None else replace(plain, temperature=1.0)
+        drawn = [await self._asker.ask(query, replace(high, seed=self._served)) for query in (one, one, other)]
+        seed_refused = any(reply.error == "bad_request" for reply in drawn) and self._served
+        if seed_refused:
+            drawn = [await self._asker.ask(query, high) for query in (one, other)]
+        seed = None if not self._served else False if seed_refused else _seed_matters(drawn)
+        if plain.temperature is None:
+            return None, seed
+        low = [await self._asker.ask(query, replace(plain, temperature=0.0)) for query in (one, other)]
+        says_one_thing = {reply.text for reply in (*low, *drawn)} == {usual}
+        return None if says_one_thing else _temperature_matters(low, drawn), seed
+
+    async def _unknown_field(self, roomy: RequestMode) -> bool | None:
+        """Return whether a field that no API has is ignored; refused is False."""
+        if not self._served:
+            return None
+        asked = replace(roomy, structured="none", body={**roomy.body, "eyechart_unknown": True})
+        reply = await self._asker.ask(Query("", _SENTENCE, None, key_seed("unknown")), asked)
+        return True if reply.error is None else False if reply.error == "bad_request" else None
+
+
+def _cut(reply: Reply) -> bool:
+    return reply.error is None and reply.finish_reason == "length"
+
+
+def _texts(replies: Sequence[Reply]) -> list[str] | None:
+    """Return the texts of replies that all came, or None."""
+    return None if any(reply.error is not None for reply in replies) else [reply.text for reply in replies]
+
+
+def _seed_matters(drawn: Sequence[Reply]) -> bool | None:
+    """Return True where one seed gave one reply and another seed another; None where all three were the same."""
+    texts = _texts(drawn)
+    if texts is None or len(set(texts)) == 1:
+        return None
+    return texts[0] == texts[1]
+
+
+def _temperature_matters(low: Sequence[Reply], high: Sequence[Reply]) -> bool | None:
+    """Return True where replies at 0 are the same and those at 1 differ; False where either is not so."""
+    cold, warm = _texts(low), _texts(high)
+    return None if cold is None or warm is None else len(set(cold)) == 1 and len(set(warm)) > 1

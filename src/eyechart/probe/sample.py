@@ -1,0 +1,89 @@
+"""What a probe asks beside its drawn pictures: the question of the run itself, a form of answer, a sentence drawn."""
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from eyechart.actions import DRIVING, ActionSpace
+from eyechart.calls import Query, Reply
+from eyechart.modes import RequestMode
+from eyechart.probe.asking import Asker
+from eyechart.probe.pictures import road
+from eyechart.prompts import find_prompt
+from eyechart.reader import read_decision
+from eyechart.seeds import key_seed
+
+SERVED = ("openai", "ollama")
+"""Adapters whose requests have a format, fields and a seed of their own: what they take is to be found out."""
+
+_ACTIONS = ("TEAPOT", "UMBRELLA")
+_PLAIN = "Reply with the word YES and nothing else: one plain word, no JSON, no brackets, no quotation marks."
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """What a run will ask: a few pairs of words (system, user) and picture (PNG or JPEG bytes), and its actions."""
+
+    words: Sequence[tuple[str, str]]
+    pictures: Sequence[bytes]
+    space: ActionSpace = DRIVING
+
+    def query(self, number: int, *, picture: bool = True) -> Query:
+        """Return one query of it, with or without its picture."""
+        image = self.pictures[number % len(self.pictures)] if picture else None
+        system, user = self.words[number % len(self.words)]
+        return Query(system, user, image, key_seed("sample", number), self.space.actions)
+
+    @property
+    def wants_json(self) -> bool:
+        """Return whether all of its words ask for JSON."""
+        return all(re.search(r"\bjson\b", " ".join(words), re.IGNORECASE) for words in self.words)
+
+    def decided(self, reply: Reply) -> bool:
+        """Return whether a reply holds a decision."""
+        return read_decision(reply.text, reply.finish_reason, reply.error, self.space).action is not None
+
+
+def default_sample(prompt: str = "baseline") -> Sample:
+    """Return a built-in prompt, or one from a file, with sketches of a road; raises SpecError for an unknown one."""
+    found = find_prompt(prompt)
+    space = found.space or DRIVING
+    said = dict.fromkeys(found.fields, "unknown")
+    return Sample([found.render(said, space)], [road(number) for number in range(3)], space)
+
+
+def is_served(mode: RequestMode) -> bool:
+    """Return whether a model is asked over an API that has a format and fields of its own."""
+    return mode.spec.partition(":")[0] in SERVED
+
+
+async def schema_binds(asker: Asker, mode: RequestMode) -> tuple[bool | None, str]:
+    """Ask for one plain word under a schema that allows two others: whether one of those comes, and what came."""
+    query = Query("", _PLAIN, None, key_seed("schema"), _ACTIONS)
+    reply = await asker.ask(query, replace(mode, structured="json_schema"))
+    if reply.error is not None:
+        refused = False if reply.error == "bad_request" else None
+        return refused, f"{'refused' if refused is False else 'failed'}: {reply.error_detail[:120]}"
+    if reply.finish_reason == "length" or not reply.text.strip():
+        return None, "the reply was cut off or empty"
+    found = _object(reply.text)
+    binds = found is not None and found.get("action") in _ACTIONS
+    return binds, f"YES was asked for, {reply.text.strip()[:40]!r} came"
+
+
+async def json_binds(asker: Asker, mode: RequestMode) -> tuple[bool | None, str]:
+    """Ask for one plain word in JSON mode: whether an object comes, and what came."""
+    query = Query("", _PLAIN, None, key_seed("json"))
+    reply = await asker.ask(query, replace(mode, structured="json_object"))
+    if reply.error is not None or reply.finish_reason == "length":
+        return (False if reply.error == "bad_request" else None), reply.error_detail[:120] or "cut off"
+    return _object(reply.text) is not None, f"YES was asked for, {reply.text.strip()[:40]!r} came"
+
+
+def _object(text: str) -> dict[str, object] | None:
+    try:
+        value = json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+    return value if isinstance(value, dict) else None

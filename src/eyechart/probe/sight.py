@@ -1,0 +1,265 @@
+"""Shows a model drawn pictures and says what its replies prove: that it sees, that it is blind, or neither.
+
+"It sees" is a claim by an exact test against guessing; "it is blind" needs a bound below one half on how often it is
+right where it answers what was asked. Questions in words that were never sent before tell a model from a cache that
+knows replies by their words alone.
+"""
+
+import re
+import statistics
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+from eyechart.actions import ActionSpace
+from eyechart.calls import HOPELESS, Query, Reply
+from eyechart.modes import FEWEST_TOKENS
+from eyechart.probe.asking import Asker, LimitReachedError
+from eyechart.probe.pictures import CHOICES, COUNTS, NONE, Kind, Question, questions, words
+from eyechart.reader import read_decision
+from eyechart.seeds import key_seed
+from eyechart.stats.guessing import Block, right
+from eyechart.stats.statistic import Statistic
+
+ALPHA = 0.01
+"""The chance of calling a guesser one that sees is at most this."""
+HALF = 0.5
+"""Who looks is right at least so often; a model whose rate is bounded below it is called blind."""
+SUDDEN = 0.1
+"""A reply that takes less than this share of the usual time was hardly computed."""
+SLOWEST_S = 0.1
+"""Where the usual time is shorter than this, nothing can be said from a shorter one."""
+REPEATS = 2
+
+Outcome = Literal["sees", "blind", "cannot_say"]
+
+_NO_PICTURE = re.compile(
+    r"\b(can(no|')t|do(n't| not)|unable|no|not|without|haven't|didn't)\b.{0,40}\b(images?|pictures?|photos?|see)\b",
+    re.IGNORECASE | re.DOTALL,
+)
+_PICTURES = re.compile(r"\b(image|images|vision|multi-?modal|mmproj)\b", re.IGNORECASE)
+_DIGIT = re.compile(r"(?<![\w.-])[1-6](?![\w.-])")
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """A question with its picture, and the reply; ``said`` is the choice that it names, None where it names none."""
+
+    question: Question
+    reply: Reply
+    said: str | None
+
+    @property
+    def right(self) -> bool:
+        """Return whether it is the right answer."""
+        return self.said == self.question.answer
+
+
+@dataclass
+class Sight:
+    """What a model replied: to the questions, to the same words ``bare`` of a picture, to the first one ``again``.
+
+    ``cut`` says why the questions ended early, if they did.
+    """
+
+    shots: list[Shot] = field(default_factory=list)
+    bare: list[tuple[Kind, Reply]] = field(default_factory=list)
+    again: list[Reply] = field(default_factory=list)
+    cut: str | None = None
+
+    @property
+    def replies(self) -> list[Reply]:
+        """Return every reply, in the order of the kinds."""
+        return [*(one.reply for one in self.shots), *(reply for _, reply in self.bare), *self.again]
+
+    @property
+    def answered(self) -> list[Shot]:
+        """Return the shots whose reply names a choice, or says that there is no picture."""
+        return [one for one in self.shots if one.said is not None]
+
+    @property
+    def says_none(self) -> int:
+        """Return how many replies say that there is no picture."""
+        return sum(one.said == NONE for one in self.shots)
+
+    def score(self, kind: Kind | None = None, *, fresh: bool | None = None) -> Statistic:
+        """Return how many of the shots of a kind are right, with the exact p against guessing; of all for None."""
+        return _score(one for one in self._came if kind in {None, one.question.kind} and fresh in {None, _new(one)})
+
+    def bound(self) -> Statistic:
+        """Return the share right where the model answered what was asked; its upper end bounds it at 95 %."""
+        return _score(self.answered)
+
+    @property
+    def _came(self) -> list[Shot]:
+        return [one for one in self.shots if one.reply.error is None]
+
+    @property
+    def p(self) -> float | None:
+        """Return the p against guessing: the smallest of all questions and of each kind, times their number."""
+        found = [p for kind in (None, *CHOICES) if (p := self.score(kind).p) is not None]
+        return min(1.0, len(found) * min(found)) if found else None
+
+    @property
+    def takes_no_pictures(self) -> bool:
+        """Return whether every picture was refused for being one, and the words alone were answered."""
+        refused = [_refuses_pictures(one.reply) for one in self.shots]
+        plain = [reply.error is None for _, reply in self.bare]
+        return len(refused) > 1 and all(refused) and bool(plain) and all(plain)
+
+    @property
+    def cached_by_words(self) -> bool:
+        """Return whether different pictures got one reply wherever the words were the same, and only there."""
+        repeated = fresh = 0
+        for kind in CHOICES:
+            same = [one.reply.text for one in self._came if one.question.kind == kind and not one.question.fresh]
+            repeated += len(same) - 1 if len(set(same)) == 1 else 0
+            fresh += max(0, len(same) - 1)
+        p = self.score(fresh=True).p
+        return repeated == fresh > 2 and p is not None and p < ALPHA
+
+    @property
+    def sudden(self) -> bool:
+        """Return whether exact repeats got the identical reply at once, as a cache gives it."""
+        usual = _median(one.reply for one in self._came if one.question.fresh)
+        took = _median(self.again)
+        return self.same == (1 + REPEATS, 1 + REPEATS) and _at_once(took, usual)
+
+    @property
+    def sudden_by_words(self) -> bool:
+        """Return whether different pictures with the same words got one reply each kind, at once."""
+        later, all_same = [], True
+        for kind in CHOICES:
+            same = [one.reply for one in self._came if one.question.kind == kind and not one.question.fresh]
+            all_same = all_same and len({reply.text for reply in same}) <= 1
+            later += same[1:]
+        usual = _median(one.reply for one in self._came if one.question.fresh)
+        return len(later) > 2 and all_same and _at_once(_median(later), usual)
+
+    @property
+    def same(self) -> tuple[int, int]:
+        """Return how many replies to the first picture are the one that it got most often, of how many."""
+        texts = [reply.text for reply in (*(one.reply for one in self.shots[:1]), *self.again) if reply.error is None]
+        return max((texts.count(text) for text in texts), default=0), len(texts)
+
+    @property
+    def image_tokens(self) -> int | None:
+        """Return how many tokens a picture adds to the same words, as the server counts; None where it does not."""
+        adds = []
+        for kind, reply in self.bare:
+            shown = next((s.reply for s in self._came if s.question.kind == kind and not s.question.fresh), None)
+            if shown is not None and shown.prompt_tokens and reply.prompt_tokens:
+                adds.append(shown.prompt_tokens - reply.prompt_tokens)
+        return round(statistics.median(adds)) if adds else None
+
+    @property
+    def outcome(self) -> Outcome:
+        """Return what the replies prove."""
+        if self.takes_no_pictures or self.cached_by_words:
+            return "blind"
+        if self.p is not None and self.p < ALPHA:
+            return "sees"
+        upper = self.bound().ci
+        return "blind" if upper is not None and upper[1] < HALF else "cannot_say"
+
+    @property
+    def because(self) -> str:
+        """Return in words what decided the outcome."""
+        if self.takes_no_pictures:
+            return f"all {len(self.shots)} requests with a picture were refused, and the same words alone were answered"
+        every, bound = self.score(), self.bound()
+        if every.detail is None:
+            return "no question was answered"
+        counted = f"{every.detail['right']} of {every.n} right, where guessing gives {every.detail['expected']:.1f}"
+        if self.cached_by_words:
+            return f"different pictures got the identical reply whenever the words were the same ({counted})"
+        if self.outcome == "sees":
+            return f"{counted} (p {_p(self.p)})"
+        if bound.ci is None or bound.detail is None:
+            return f"none of {every.n} replies names any of the choices"
+        answered = "" if bound.n == every.n else f", {bound.n} of {every.n} replies name one of the choices"
+        return f"{counted} (p {_p(self.p)}){answered}; its rate is below {bound.ci[1]:.2f} (95 %)"
+
+
+def _refuses_pictures(reply: Reply) -> bool:
+    return reply.error == "bad_request" or (reply.error is not None and bool(_PICTURES.search(reply.error_detail)))
+
+
+def _new(shot: Shot) -> bool:
+    return shot.question.fresh
+
+
+def _p(p: float | None) -> str:
+    return "—" if p is None else "<10⁻⁴" if p < 0.0001 else f"{p:.4f}" if p < 0.01 else f"{p:.2f}"
+
+
+def _score(shots: Iterable[Shot]) -> Statistic:
+    held = list(shots)
+    blocks = []
+    for kind, choices in CHOICES.items():
+        mine = [one for one in held if one.question.kind == kind]
+        dealt = [choices.index(one.question.answer) for one in mine]
+        blocks.append(
+            Block(len(choices), dealt, [None if one.said not in choices else choices.index(one.said) for one in mine])
+        )
+    return right(one for one in blocks if one.dealt)
+
+
+def _median(replies: Iterable[Reply]) -> float | None:
+    took = [reply.seconds for reply in replies if reply.seconds is not None]
+    return statistics.median(took) if took else None
+
+
+def _at_once(took: float | None, usual: float | None) -> bool:
+    return took is not None and usual is not None and usual >= SLOWEST_S and took < SUDDEN * usual
+
+
+def said(kind: Kind, reply: Reply) -> str | None:
+    """Return the choice that a reply names, ``NONE`` where it says that there is no picture, or None."""
+    text = reply.text
+    if kind == "count":
+        text = _DIGIT.sub(lambda digit: COUNTS[int(digit.group()) - 1], text)
+    space = ActionSpace(kind, (*CHOICES[kind], NONE), (), (), ())
+    found = read_decision(text, reply.finish_reason, reply.error, space)
+    if found.action is None and found.missing in {"refused", "unparsed"} and _NO_PICTURE.search(text[:2000]):
+        return NONE
+    return found.action
+
+
+async def look(asker: Asker, seed: int) -> Sight:
+    """Ask the fourteen questions, two of them again without a picture, and the first one again with it.
+
+    It ends early where nothing that comes is an answer: an error that every call would meet, or pictures refused.
+    """
+    sight, asked = Sight(), questions(seed)
+    try:
+        for number, question in enumerate(asked):
+            reply = await asker.ask(_query(question.words, question.picture, seed, number))
+            sight.shots.append(Shot(question, reply, said(question.kind, reply)))
+            if number == 1 and _failing(sight.shots):
+                break
+        if sight.shots[-1].reply.error in HOPELESS:
+            return sight
+        kinds: Sequence[Kind] = ("colour", "count") if len(sight.shots) > 2 else ("colour",)
+        for place, kind in enumerate(kinds):
+            sight.bare.append((kind, await asker.ask(_query(words(kind), None, seed, 100 + place))))
+        for place in range(REPEATS if len(sight.shots) > 2 else 0):
+            first = sight.shots[0].question
+            sight.again.append(await asker.ask(_query(first.words, first.picture, seed, 200 + place)))
+    except LimitReachedError as limit:
+        sight.cut = str(limit)
+    return sight
+
+
+def _failing(shots: Sequence[Shot]) -> bool:
+    """Return whether there is no use in going on: the first two calls failed."""
+    return all(one.reply.error is not None for one in shots)
+
+
+def _query(asked: str, picture: bytes | None, seed: int, number: int) -> Query:
+    return Query("", asked, picture, key_seed("probe", seed, number))
+
+
+def picture_counts(tokens: int | None) -> bool | None:
+    """Return whether the server counts a picture; None where it does not count, or says too little."""
+    return None if tokens is None else tokens >= FEWEST_TOKENS

@@ -1,0 +1,75 @@
+"""What doctor and probe found, as tables for the terminal."""
+
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+from rich.text import Text
+
+from eyechart.probe import Diagnosis, Found
+from eyechart.report.tables import number, p_value
+
+WORDS = {"sees": "it sees", "blind": "it is blind", "cannot_say": "cannot say"}
+_COLOUR = {"sees": "bold green", "blind": "bold red", "cannot_say": "bold yellow"}
+_YES = {True: "yes", False: "no", None: "—"}
+
+
+def doctor_table(found: Diagnosis) -> Table:
+    """Return one row a check: how often it was right with n and p, and what else was tried."""
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    for name in ("check", "result", "n", "by guessing", "p"):
+        table.add_column(name, justify="left" if name in {"check", "result"} else "right")
+    for name, score in found.scores().items():
+        detail = score.detail or {}
+        guess = detail.get("expected")
+        indent = "" if name == "all questions" else "  "
+        counted = f"{detail.get('right', 0)} right" if score.n else "—"
+        expected = number(guess, 1) if isinstance(guess, float) else "—"
+        table.add_row(f"{indent}{name}", counted, str(score.n), expected, p_value(score.p))
+    (same, of), adds = found.sight.same, found.sight.image_tokens
+    bare = ", ".join(repr(reply.text.strip()[:20]) for _, reply in found.sight.bare if reply.error is None)
+    table.add_row("the same words without a picture", Text(bare or "—"), str(len(found.sight.bare)))
+    table.add_row("tokens that a picture adds", "not reported" if adds is None else str(adds))
+    table.add_row("the same picture again", f"{same} of {of} replies the same" if of > 1 else "—", str(of))
+    table.add_row("a schema binds", Text(f"{_YES[found.schema_binds]}: {found.schema_says}"))
+    table.add_row("the token budget is enough", Text(f"{_YES[found.budget_enough]}: {found.budget_says}"))
+    return table
+
+
+def headline(found: Diagnosis) -> Text:
+    """Return the outcome in one line, with what decided it."""
+    text = Text(f"{found.mode.spec}: ")
+    text.append(WORDS[found.outcome], style=_COLOUR[found.outcome])
+    return text.append(f": {found.sight.because}")
+
+
+def probe_table(found: Found) -> Table:
+    """Return one row a finding of a probe, and what follows from it for the mode."""
+    mode, measured = found.mode, found.measured
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    for name in ("found", "", "pinned"):
+        table.add_column(name)
+    rows = [
+        ("sees the picture", WORDS[found.sight.outcome], ""),
+        ("tokens of a reply, longest", _shown(measured.completion_tokens_max), f"max_tokens = {mode.max_tokens}"),
+        ("its field", "", mode.token_field),
+        ("a schema binds", _YES[measured.schema_binds], f"structured = {mode.structured}"),
+        ("temperature matters", _YES[measured.temperature_matters], f"temperature = {_temperature(found)}"),
+        ("seed matters", _YES[measured.seed_matters], f"seed = {str(mode.seed).lower()}"),
+        ("unknown fields are ignored", _YES[measured.unknown_fields_ignored], ""),
+        ("tokens of a prompt, of its picture", _shown(measured.prompt_tokens, measured.image_tokens), ""),
+        ("seconds of a call, shortest", ", ".join(map(_seconds, (measured.seconds, measured.seconds_min))), ""),
+    ]
+    for row in rows:
+        table.add_row(*map(Text, row))
+    return table
+
+
+def _temperature(found: Found) -> str:
+    return "default" if found.mode.temperature is None else f"{found.mode.temperature:g}"
+
+
+def _seconds(value: float | None) -> str:
+    return "—" if value is None else f"{value:.2f}"
+
+
+def _shown(*values: float | None) -> str:
+    return ", ".join("—" if value is None else f"{value:g}" for value in values)

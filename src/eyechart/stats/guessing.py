@@ -1,0 +1,87 @@
+"""Whether somebody who was dealt questions at random is right more often than a guesser can be, by an exact test."""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from math import comb, factorial
+
+import numpy as np
+import numpy.typing as npt
+
+from eyechart.stats.statistic import Statistic, cannot_say
+
+LEVEL = 0.95
+"""The one-sided level of each end of the interval."""
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Questions of one kind: ``choices`` answers, of which ``dealt`` are right, one a question, no two the same.
+
+    Answers are numbers below ``choices``. ``said`` holds what was answered, and None where that is none of them.
+    Raises ValueError where the deal repeats an answer, or the two differ in length.
+    """
+
+    choices: int
+    dealt: Sequence[int]
+    said: Sequence[int | None]
+
+    def __post_init__(self) -> None:
+        if len(self.dealt) != len(self.said) or len(set(self.dealt)) != len(self.dealt):
+            raise ValueError(f"a deal holds each answer once and meets one reply each; got {self.dealt}, {self.said}")
+        if any(not 0 <= one < self.choices for one in (*self.dealt, *(one for one in self.said if one is not None))):
+            raise ValueError(f"answers are numbers below {self.choices}; got {self.dealt} and {self.said}")
+
+    @property
+    def right(self) -> int:
+        """Return how many replies are right."""
+        return sum(one == other for one, other in zip(self.dealt, self.said, strict=True))
+
+    def chances(self) -> npt.NDArray[np.float64]:
+        """Return the chance of each number right, 0 to n, of these replies had the answers been dealt anew.
+
+        Deals are counted by inclusion and exclusion (rook polynomials, Riordan 1958).
+        """
+        n, of = len(self.dealt), self.choices
+        named = Counter(one for one in self.said if one is not None)
+        ways = [1]  # of choosing questions whose replies name different answers, by their number
+        for times in named.values():
+            ways = [one + times * fewer for one, fewer in zip([*ways, 0], [0, *ways], strict=True)]
+        deals = [way * factorial(of - at) for at, way in enumerate(ways[: n + 1])]  # in which at least these are right
+        exactly = [
+            sum((-1) ** (at - k) * comb(at, k) * deals[at] for at in range(k, len(deals))) for k in range(len(deals))
+        ]
+        return np.array([one / factorial(of) for one in exactly] + [0.0] * (n + 1 - len(exactly)))
+
+
+def right(blocks: Iterable[Block]) -> Statistic:
+    """Return the share of right replies, with the exact p against guessing and a Clopper–Pearson interval.
+
+    p is the share of all deals of the right answers to the questions under which these very replies are right at least
+    as often: whatever a guesser does, it cannot know the deal (Fisher's randomisation test). Each end of the interval
+    is a one-sided bound of 95 %; binomial bounds hold for questions that differ in difficulty too (Hoeffding 1956).
+    The value is None without questions. ``detail`` holds ``right`` and what guessing would ``expect``.
+    """
+    held = tuple(blocks)
+    method = "share right; exact randomisation p; Clopper–Pearson, 95 % at each end"
+    n = sum(len(one.dealt) for one in held)
+    if n == 0:
+        return cannot_say("no question was answered", method=method)
+    k = sum(one.right for one in held)
+    chances = np.ones(1)
+    for one in held:
+        chances = np.convolve(chances, one.chances())
+    expected = float(chances @ np.arange(len(chances)))
+    p = min(1.0, float(chances[k:].sum()))
+    return Statistic(k / n, n, bounds(k, n), p, method, detail={"right": k, "expected": expected})
+
+
+def bounds(k: int, n: int) -> tuple[float, float]:
+    """Return the lower and the upper bound, each one-sided at 95 %, of a rate of which k of n were seen.
+
+    Source: Clopper and Pearson 1934.
+    """
+    from scipy.stats import beta  # noqa: PLC0415 - slow to import
+
+    low = 0.0 if k == 0 else float(beta.ppf(1 - LEVEL, k, n - k + 1))
+    return low, 1.0 if k == n else float(beta.ppf(LEVEL, k + 1, n - k))

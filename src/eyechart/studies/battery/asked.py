@@ -1,0 +1,64 @@
+"""How a run asks a model already, so that its rest is asked alike, and what a probe before a run should ask."""
+
+from collections.abc import Collection, Iterable
+from dataclasses import replace
+from pathlib import Path
+
+from eyechart.calls import CallKey, Reply
+from eyechart.ledger import Ledger
+from eyechart.limits import Spent
+from eyechart.manifest import LEDGER, is_run, read_manifest
+from eyechart.models.prices import Prices
+from eyechart.modes import RequestMode
+from eyechart.probe import Sample
+from eyechart.run import spread
+from eyechart.studies.battery.planning import Battery
+
+PROBED = ("token_field", "max_tokens", "structured", "temperature", "seed")
+"""The fields of a mode that a probe may set, where no option did."""
+
+_PICTURES = 5
+
+
+def as_recorded(out: Path, mode: RequestMode, given: Collection[str]) -> RequestMode | None:
+    """Return the mode in which a run in ``out`` asks this model, changed by the options ``given``; None if it asks not.
+
+    Fields that a probe set before the run are taken from its manifest, unless they are given now.
+    """
+    if not is_run(out):
+        return None
+    manifest = read_manifest(out)
+    if mode.spec not in manifest.models:
+        return None
+    before = manifest.mode(mode.spec)
+    if before.measured is None:
+        return mode
+    kept = {name: getattr(before, name) for name in PROBED if name not in given}
+    return replace(mode, measured=before.measured, **kept)
+
+
+def sample_of(planned: Iterable[Battery]) -> Sample:
+    """Return what batteries of one bank will ask: a few of their pictures, with the words of each battery in turn."""
+    held = list(planned)
+    plan = held[0].plan
+    words, pictures = [], []
+    for number, frame in enumerate(spread(plan.frames, max(_PICTURES, len(held)))):
+        mine = held[number % len(held)].plan
+        words.append(mine.words(CallKey(mine.study, "", mine.prompt.key, frame.id, "real")))
+        pictures.append(plan.bank.image(frame))
+    return Sample(tuple(words), tuple(pictures), plan.bank.manifest.action_space)
+
+
+def spent_on(out: Path, prices: Prices) -> Spent:
+    """Return what the calls and the probes of a run took so far; nothing where there is no run yet."""
+    if not is_run(out):
+        return Spent()
+    manifest = read_manifest(out)
+    made = manifest.spent_before()
+    if (out / LEDGER).is_file():
+        with Ledger(out / LEDGER) as ledger:
+            for spec in manifest.models:
+                for one in ledger.attempts(spec):
+                    reply = one.reply or Reply()
+                    made = made.plus(reply, None if one.reply is None else prices.cost(manifest.mode(spec), reply)[0])
+    return made

@@ -1,0 +1,260 @@
+"""The doctor tells endpoints apart whose fault is known, with the evidence and the cause in words."""
+
+import random
+from collections.abc import Callable
+
+import pytest
+from aiohttp import web
+
+from eyechart.calls import Reply
+from eyechart.errors import SpecError
+from eyechart.models.prices import Price, Prices
+from eyechart.modes import RequestMode
+from eyechart.probe import Diagnosis, doctor
+from eyechart.probe.causes import likely_causes
+from eyechart.probe.doctor import MOST_CALLS
+from eyechart.probe.pictures import CHOICES, NONE, questions
+from eyechart.probe.sight import Shot, Sight, said
+from faults import FaultServer, answer, refuse
+from seeing import served
+
+PRICED = Prices((Price("openai:m", 1000.0, 1000.0, "2026-01-01", "a test"),))
+
+
+def examined(seed: int = 0, **what: object) -> Diagnosis:
+    """Return what the doctor finds of an endpoint; it makes no more calls than it says, and tells them all."""
+    with served(**what) as server:
+        found = doctor(RequestMode("openai:m", base_url=server.base_url), seed=seed)
+        assert found.spent.calls == server.requests <= MOST_CALLS
+        return found
+
+
+def test_one_that_looks_is_told_to_see() -> None:
+    """All right, against what guessing gives; it repeats itself, a schema binds, and no cause is made up."""
+    found = examined()
+    assert (found.outcome, found.exit_code, found.causes) == ("sees", 0, ())
+    assert found.sight.because == "14 of 14 right, where guessing gives 2.4 (p <10⁻⁴)"
+    assert (found.sight.same, found.sight.image_tokens) == ((3, 3), 85)
+    assert (found.schema_binds, found.budget_enough) == (True, True)
+
+
+def test_one_that_drops_pictures_is_told_to_be_blind() -> None:
+    """prompt_tokens do not change, and its own words say so."""
+    found = examined(sees=False, counts_pictures=False)
+    assert (found.outcome, found.exit_code) == ("blind", 1)
+    assert "the picture is dropped on the way" in found.causes[0]
+    assert "prompt_tokens do not change with a picture" in found.causes[0]
+    assert "14 of 14 replies say themselves that there is no picture" in found.causes[1]
+
+
+def test_one_that_counts_the_picture_and_does_not_use_it_is_told_from_a_proxy() -> None:
+    """Another cause, for the same outcome."""
+    found = examined(sees=False)
+    assert (found.outcome, found.exit_code) == ("blind", 1)
+    assert "the server counts the picture (85 tokens), and the replies do not follow it" in found.causes[0]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_cache_by_words_is_told_from_a_blind_model_and_from_one_that_sees(seed: int) -> None:
+    """Different pictures got one reply where the words were the same, and the right ones where they were new."""
+    found = examined(seed, cache="words")
+    assert (found.outcome, found.exit_code) == ("blind", 1)
+    assert found.causes[0].startswith("a cache between here and the model knows replies by their words")
+    assert found.scores()["words never sent before"].value == 1.0
+    assert "identical reply whenever the words were the same" in found.sight.because
+
+
+def test_one_that_sees_and_is_noisy_is_told_to_see() -> None:
+    """Half of its answers are drawn."""
+    found = examined(noise=0.5)
+    assert (found.outcome, found.exit_code) == ("sees", 0)
+    assert found.sight.score().value < 0.8
+
+
+def test_a_text_only_backend_is_told_by_its_refusals() -> None:
+    """It answers words and refuses pictures; three calls suffice."""
+    found = examined(takes_pictures=False)
+    assert (found.outcome, found.exit_code, found.spent.calls) == ("blind", 1, 3)
+    assert found.causes[0].startswith("text-only backend: it answers words, and refuses pictures (HTTP 400: this model")
+
+
+def test_a_schema_that_is_ignored_is_told() -> None:
+    """The plain word comes that the schema forbids."""
+    found = examined(binds_schema=False)
+    assert (found.outcome, found.schema_binds) == ("sees", False)
+    assert found.schema_says == "YES was asked for, 'YES' came"
+
+
+def test_a_model_that_refuses_fields_is_asked_without_them() -> None:
+    """And what was changed is said."""
+    found = examined(only_new_tokens=True, only_default_temperature=True)
+    assert (found.outcome, found.mode.token_field, found.mode.temperature) == ("sees", "max_completion_tokens", None)
+    assert found.notes == (
+        "max_tokens is refused: asked with --token-field max_completion_tokens",
+        "temperature 0 is refused: asked with --temperature default",
+    )
+
+
+def test_a_budget_that_is_too_small_is_no_blindness() -> None:
+    """Nobody can say, and the cause is the budget."""
+    found = examined(thinks=3000)
+    assert (found.outcome, found.exit_code, found.budget_enough) == ("cannot_say", 2, False)
+    assert "14 of 14 replies were cut off at the budget of 1024 tokens" in found.causes[0]
+
+
+def test_a_model_of_one_answer_is_not_called_blind() -> None:
+    """It answers no question, so that its errors prove nothing; what is known of the picture is told."""
+    found = examined(dumb='{"action": "STOP"}')
+    assert (found.outcome, found.exit_code) == ("cannot_say", 2)
+    assert "14 of 14 replies name none of the choices" in found.causes[0]
+    assert "the server counts the picture (85 tokens)" in found.causes[0]
+
+
+@pytest.mark.parametrize(
+    ("status", "message", "cause"),
+    [
+        (401, "no such key", "the key is missing, wrong, or may not use this model"),
+        (404, "no model m", "there is no model of this name"),
+        (402, "pay first", "nothing is left to spend"),
+        (400, "no tools here", "the server refuses the request"),
+    ],
+)
+def test_an_error_is_told_with_its_kind_and_its_words(status: int, message: str, cause: str) -> None:
+    """Soon, and as "cannot say"."""
+
+    async def fail(request: web.Request, asked: dict[str, object], attempt: int) -> web.StreamResponse:
+        del request, asked, attempt
+        return refuse(status, message)
+
+    with FaultServer([fail]) as server:
+        found = doctor(RequestMode("openai:m", base_url=server.base_url))
+        assert server.requests <= 4
+    assert found.exit_code == 2
+    assert cause in found.causes[0]
+    assert message in found.causes[0]
+
+
+def test_what_is_no_chat_completion_and_no_server_is_told() -> None:
+    """A web page, and nobody at all."""
+    with FaultServer(["no JSON"]) as server:
+        web_page = doctor(RequestMode("openai:m", base_url=server.base_url))
+    nobody = doctor(RequestMode("openai:m", base_url=server.base_url))
+    assert "is --base-url right" in web_page.causes[0]
+    assert "no server answers at this address" in nobody.causes[0]
+    assert (web_page.exit_code, nobody.exit_code) == (2, 2)
+    with pytest.raises(SpecError, match="unknown model"):
+        doctor(RequestMode("nonsense:m"))
+
+
+def test_a_bound_on_cost_ends_it_before_it_is_passed_and_an_unknown_cost_at_once() -> None:
+    """What was found until then is told; nothing unknown is taken for nothing."""
+    with served() as server:
+        mode = RequestMode("openai:m", base_url=server.base_url)
+        found = doctor(mode, prices=PRICED, max_cost=0.5)
+        assert 1 < server.requests == found.spent.calls < 14
+        assert found.spent.cost_usd == pytest.approx(0.5, abs=0.15)
+        assert "--max-cost is 0.5" in str(found.sight.cut)
+        unknown = doctor(mode, max_cost=0.5)
+        assert unknown.spent.calls == 1
+        assert "what openai:m costs is not known" in str(unknown.sight.cut)
+
+
+Say = Callable[[str, random.Random], str]
+
+
+DEALS = [questions(seed) for seed in range(10)]
+
+
+def replied(say: Say, number: int) -> Sight:
+    """Return a sight of replies that were made up, to one of ten deals."""
+    dice = random.Random(number)  # noqa: S311
+    found = Sight()
+    for question in DEALS[number % len(DEALS)]:
+        reply = Reply(say(question.kind, dice), "stop", seconds=0.1)
+        found.shots.append(Shot(question, reply, said(question.kind, reply)))
+    return found
+
+
+GUESSERS: dict[str, Say] = {
+    "at random": lambda kind, dice: dice.choice(CHOICES[kind]),
+    "always the first": lambda kind, _: CHOICES[kind][0],
+    "none, in a sentence": lambda kind, _: f"I'm sorry, I cannot see any image of a {kind}.",
+}
+
+
+def looking(again_s: float, again: str = "", later_s: float = 0.5, say: str = "") -> Sight:
+    """Return a sight of right answers, or of one word, in half a second each; repeats took ``again_s``.
+
+    Same words, asked again, took ``later_s``.
+    """
+    found, asked = Sight(), set[str]()
+    for question in DEALS[0]:
+        seconds = later_s if question.words in asked else 0.5
+        asked.add(question.words)
+        reply = Reply(say or question.answer, "stop", seconds=seconds)
+        found.shots.append(Shot(question, reply, said(question.kind, reply)))
+    first = found.shots[0].reply.text
+    found.again = [Reply(again or first, "stop", seconds=again_s)] * 2
+    return found
+
+
+def causes(sight: Sight) -> str:
+    """Return the likely causes as one text."""
+    return "; ".join(likely_causes(sight, RequestMode("openai:m"), {}))
+
+
+def test_a_cache_by_content_is_suspected_and_does_not_make_blind() -> None:
+    """It answers exact repeats at once: pictures are looked at, but real_repeat would not measure anything."""
+    assert looking(0.01).outcome == "sees"
+    assert "real_repeat would not measure" in causes(looking(0.01))
+    assert causes(looking(0.4)) == ""
+    assert causes(looking(0.01, again="WHITE or so")) == ""
+
+
+def test_one_reply_at_once_to_other_pictures_in_the_same_words_is_suspected_of_a_cache() -> None:
+    """Where the model behind it is too weak for the new words to prove it; slow ones are not."""
+    assert "a cache is suspected: different pictures" in causes(looking(0.4, later_s=0.01, say="NONE"))
+    assert "cache" not in causes(looking(0.4, later_s=0.4, say="NONE"))
+
+
+@pytest.mark.parametrize("guesser", GUESSERS)
+def test_a_guesser_is_never_told_to_see_and_mostly_to_be_blind(guesser: str) -> None:
+    """Over 100 guesses; the chance of "sees" is .01 at most."""
+    outcomes = [replied(GUESSERS[guesser], number).outcome for number in range(100)]
+    assert outcomes.count("sees") <= 4
+    assert outcomes.count("blind") >= 65
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "means"),
+    [
+        ("colour", "Red.", "RED"),
+        ("colour", '{"color": "PURPLE"}', "PURPLE"),
+        ("colour", "<think>RED?</think>BLUE", "BLUE"),
+        ("colour", "The shape is RED or BLUE", None),
+        ("count", "3", "THREE"),
+        ("count", "There are 4 squares.", "FOUR"),
+        ("count", "13", None),
+        ("side", "top", "TOP"),
+        ("side", "CENTER", None),
+        ("side", "NONE", NONE),
+        ("side", "I don't see a picture in your message.", NONE),
+        ("colour", "No image was provided.", NONE),
+        ("colour", '{"action": "STOP"}', None),
+    ],
+)
+def test_replies_are_read_strictly(kind: str, text: str, means: str | None) -> None:
+    """A choice, that there is no picture, or nothing."""
+    assert said(kind, Reply(text, "stop")) == means
+
+
+def test_an_answer_without_a_choice_is_answered_by_nobody() -> None:
+    """A server of one word proves nothing."""
+    with FaultServer([_hello]) as server:
+        found = doctor(RequestMode("openai:m", base_url=server.base_url))
+    assert found.exit_code == 2
+
+
+async def _hello(request: web.Request, asked: dict[str, object], attempt: int) -> web.StreamResponse:
+    del request, asked, attempt
+    return answer("Hello!")
