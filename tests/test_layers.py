@@ -46,6 +46,7 @@ ASSEMBLED = {
     "report",
     "simulators.highway",
     "studies.battery",
+    "studies.guardian",
     "verdicts",
 }
 """Packages that are one room split into modules: their modules import each other, without a cycle."""

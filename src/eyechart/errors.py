@@ -27,3 +27,11 @@ class OutputError(EyechartError):
 
 class BundleError(EyechartError):
     """A file is no bundle, is damaged, or would do harm when it is opened."""
+
+
+class VoteError(EyechartError):
+    """A table of votes is not what it must be."""
+
+
+class GuardianError(EyechartError):
+    """A guardian was edited, or is asked about frames or by models that it may not be asked about."""

@@ -1,7 +1,7 @@
 """What chance alone would give: permutation p values, Holm's correction and the episode bootstrap."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -120,6 +120,46 @@ def cluster_bootstrap(
     if not 0 < level < 1 or resamples < 1:
         raise ValueError(f"level={level} must lie in (0, 1) and resamples={resamples} be at least 1")
     return _over_episodes(len(given), given, statistic, _Draws(seed, resamples, level, enumerate_up_to))
+
+
+def cluster_bootstraps(
+    sums: npt.ArrayLike,
+    statistics: Mapping[str, Callable[[Floats], Floats]],
+    *,
+    seed: int,
+    resamples: int = 5000,
+    level: float = 0.95,
+    enumerate_up_to: int = ENUMERATED_MULTISETS,
+) -> dict[str, Statistic]:
+    """Return `cluster_bootstrap` of several statistics of the same sums, over the same resamples, made once."""
+    given = np.asarray(sums, dtype=np.float64)
+    names = list(statistics)
+
+    def all_of(drawn: Floats) -> Floats:
+        return np.stack([statistics[name](drawn) for name in names], axis=1)
+
+    episodes = len(given)
+    multisets = math.comb(2 * episodes - 1, episodes) if episodes else 0
+    if episodes < 2:
+        return {name: cluster_bootstrap(given, statistics[name], seed=seed, level=level) for name in names}
+    method = f"{100 * level:g}% percentile interval over episodes"
+    if multisets <= enumerate_up_to:
+        values, weights = _enumerated(given, all_of)
+        method += f", all {multisets} multisets"
+    else:
+        drawn = _drawn(np.random.default_rng(seed), resamples, episodes)
+        values = np.concatenate([all_of(counts @ given) for counts in drawn])
+        weights = np.full(resamples, 1 / resamples)
+        method += f", B={resamples}"
+    once = all_of(given.sum(axis=0)[None, :])[0]
+    found = {}
+    for name, value, column in zip(names, once, values.T, strict=True):
+        if math.isnan(value):
+            found[name] = cannot_say("the statistic is undefined on these episodes", episodes, method)
+            continue
+        ci, undefined = _weighted_interval(np.ascontiguousarray(column), weights, level)
+        found[name] = Statistic(float(value), episodes, ci, method=method, detail={"undefined": undefined})
+    return found
 
 
 def episode_bootstrap(
