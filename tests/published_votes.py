@@ -36,7 +36,7 @@ CELLS = (
     ("calibration", False, (0, 0), (0, 0), 6),
     ("calibration", False, (1, 0), (0, 0), 2),
 )
-"""Gemma alone is right on 6 and 6 of the calibration, the pair at two votes on 5 and 8, which .951 over 288 frames needs."""
+"""Of the calibration Gemma is right on 6 and 6, the pair at two votes on 5 and 8: .951 over 288 frames needs that."""
 
 
 def rows() -> Iterator[tuple[str, bool, tuple[int, int], tuple[int, int]]]:
