@@ -12,8 +12,8 @@ ROOT = Path(__file__).parents[1] / "src"
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("cli",),
     ("testing", "api", "bundle"),
-    ("report",),
-    ("gate", "calibrate", "compare", "transfer", "destination"),
+    ("report", "serve"),
+    ("gate", "calibrate", "compare", "transfer", "destination", "guardian"),
     ("verdicts",),
     ("studies",),
     ("run", "episodes", "manifest", "costs", "integrity"),

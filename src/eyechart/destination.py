@@ -21,10 +21,16 @@ def _is_report(path: Path) -> bool:
         return GENERATOR in file.read(_HEAD)
 
 
+def _is_guardian(path: Path) -> bool:
+    with path.open("rb") as file:
+        return b'"eyechart-guardian' in file.read(_HEAD)
+
+
 KINDS: dict[str, Callable[[Path], bool]] = {
     "report": _is_report,
     "bundle": zipfile.is_zipfile,
     "JUnit file": lambda path: path.suffix.lower() == ".xml",
+    "guardian": _is_guardian,
 }
 """What is written, each with the files that it may take the place of."""
 

@@ -96,7 +96,7 @@ def test_a_bound_that_takes_frames_for_independent_does_not_hold() -> None:
 
 
 def test_the_conformal_threshold_keeps_the_risk_in_expectation() -> None:
-    """Over 1000 calibrations the mean loss of a next episode is at most the risk asked for; a single one may be more."""
+    """Over 1000 calibrations the mean loss of a next episode is at most the risk asked for; one of them may be more."""
     dice = np.random.default_rng(5)
     cut, next_losses = np.arange(1, 5) / 5, []
     for _ in range(1000):

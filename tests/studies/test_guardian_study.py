@@ -67,7 +67,7 @@ def test_the_papers_nested_number(table: study.VoteTable) -> None:
 
 
 def test_selection_is_inside_every_fold(table: study.VoteTable) -> None:
-    """What fails in one episode only is chosen without that episode, although another model is better on all of them."""
+    """What fails in one episode only is chosen without that episode, although another model is better on all."""
     names, group = table.groups()
     votes = np.ones_like(table.votes)
     votes[0] = np.where(group == 3, ~table.hazard, table.hazard)[:, None]

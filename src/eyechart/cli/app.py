@@ -5,7 +5,20 @@ from typing import Annotated
 import typer
 
 from eyechart import __version__
-from eyechart.cli import bundling, calibrating, comparing, demo, frames, listing, prompting, reporting, results, running
+from eyechart.cli import (
+    bundling,
+    calibrating,
+    comparing,
+    demo,
+    frames,
+    guarding,
+    listing,
+    prompting,
+    reporting,
+    results,
+    running,
+    serving,
+)
 
 app = typer.Typer(
     name="eyechart",
@@ -29,6 +42,8 @@ app.command()(comparing.compare)
 app.command()(comparing.transfer)
 app.command()(calibrating.plan)
 app.command()(calibrating.calibrate)
+app.add_typer(guarding.app, name="guardian")
+app.command()(serving.serve)
 app.command()(reporting.report)
 app.command()(bundling.bundle)
 app.command()(bundling.validate)
