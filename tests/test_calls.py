@@ -15,8 +15,8 @@ WORDS = st.text(st.characters(exclude_categories=["C"]))
 
 
 def test_a_query_has_no_field_for_ground_truth() -> None:
-    """What a model may see: the words, the picture, and a seed for its sampling."""
-    assert [field.name for field in fields(Query)] == ["system", "user", "image", "seed", "actions"]
+    """What a model may see: the words, the picture, a seed for its sampling, and the form of an answer."""
+    assert [field.name for field in fields(Query)] == ["system", "user", "image", "seed", "actions", "form"]
     with pytest.raises((AttributeError, TypeError)):
         Query("", "", None, 0).lead_gap_m = 5.0  # type: ignore[attr-defined]
 
@@ -58,9 +58,16 @@ def test_the_digest_of_a_query_tells_no_picture_from_an_empty_one() -> None:
         Query("", "ab", None, 0),
         Query("a", "b-", None, 0),
         Query("b", "a", None, 0),
+        Query("a", "b", None, 0, form={"type": "object"}),
     ]
     assert len({query.sha256() for query in queries}) == len(queries)
     assert replace(queries[0], seed=5).sha256() == queries[0].sha256()
+
+
+def test_a_query_binds_the_form_of_its_answer_where_it_asks_for_no_action() -> None:
+    """The schema is the form; without one it is that of an action."""
+    assert Query("", "", None, 0, form={"type": "array"}).schema() == {"type": "array"}
+    assert "action" in str(Query("", "", None, 0, ("GO",)).schema())
 
 
 def test_no_reply_is_an_error_of_its_own_accord() -> None:

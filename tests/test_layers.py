@@ -29,11 +29,12 @@ LAYERS: tuple[tuple[str, ...], ...] = (
 
 FLOORS = {
     "stats": ("eyechart.stats.statistic",),
-    "perception": ("eyechart.perception.scene",),
+    "perception": ("eyechart.perception.scene", "eyechart.perception.estimate"),
     "models": ("eyechart.models.http", "eyechart.models.energy"),
     "studies": ("eyechart.studies.battery",),
 }
-"""Inside a package whose modules are peers, only its floor is shared: for models, a request and its energy."""
+"""Inside a package whose modules are peers, only its floor is shared: for perception, the nouns of
+a scene and of what a model says of one; for models, a request and its energy."""
 
 ASSEMBLED = {
     "bundle",
@@ -47,6 +48,7 @@ ASSEMBLED = {
     "simulators.highway",
     "studies.battery",
     "studies.guardian",
+    "studies.structured",
     "verdicts",
 }
 """Packages that are one room split into modules: their modules import each other, without a cycle."""

@@ -1,7 +1,9 @@
 """A call is a key with its attempts: what was asked of which model about which frame, and what came back."""
 
 import hashlib
-from dataclasses import dataclass, fields
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from types import UnionType
 from typing import Literal, get_args
 
@@ -40,6 +42,7 @@ class Query:
     ``image`` is an encoded picture (PNG or JPEG bytes) or None where the condition shows none. ``seed`` is
     derived from the call's key, so that a model that samples answers the same call alike after a resume.
     ``actions`` are the names that an answer may give, for a schema that binds them; empty where there are none.
+    ``form`` is the JSON schema of an answer that is no action; None where an action is asked for.
     """
 
     system: str
@@ -47,6 +50,7 @@ class Query:
     image: bytes | None
     seed: int
     actions: tuple[str, ...] = ()
+    form: Mapping[str, object] | None = field(default=None, hash=False)
 
     def sha256(self) -> str:
         """Return the digest of the content (not of the seed), an audit column and never a cache key."""
@@ -56,12 +60,15 @@ class Query:
             self.user.encode(),
             b"-" if self.image is None else b"+" + self.image,
             "\x1f".join(self.actions).encode(),
+            *([] if self.form is None else [json.dumps(self.form, sort_keys=True).encode()]),
         ):
             digest.update(len(part).to_bytes(8, "big") + part)
         return digest.hexdigest()
 
     def schema(self) -> dict[str, object]:
-        """Return the JSON schema of an answer: an object whose action is one of ``actions``, or any text."""
+        """Return an answer's JSON schema: ``form``, or an object whose action is any text or one of ``actions``."""
+        if self.form is not None:
+            return dict(self.form)
         action = {"type": "string", **({"enum": list(self.actions)} if self.actions else {})}
         only = {"required": ["action"], "additionalProperties": False}
         return {"type": "object", "properties": {"action": action}, **only}
@@ -138,4 +145,4 @@ class CallKey:
 
     def seed(self, run_seed: int) -> int:
         """Return a 63-bit seed that depends on this key and the run's seed only."""
-        return key_seed(run_seed, *(str(getattr(self, field.name)) for field in fields(self)))
+        return key_seed(run_seed, *(str(getattr(self, one.name)) for one in fields(self)))

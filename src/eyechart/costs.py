@@ -13,6 +13,7 @@ from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.ledger import UNKNOWN, Sent
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
+from eyechart.perception.estimate import read_estimate
 from eyechart.reader import read_decision
 
 ALL = "all"
@@ -70,15 +71,20 @@ def accounts(sent: Iterable[Sent], mode: RequestMode, space: ActionSpace, prices
 
 
 class Book:
-    """Adds up attempts one by one, in the order of sending, without keeping them."""
+    """Adds up attempts one by one, in the order of sending, without keeping them.
 
-    def __init__(self, mode: RequestMode, space: ActionSpace, prices: Prices) -> None:
+    ``scene`` says that replies are read as scene estimates, not as actions of the ``space``.
+    """
+
+    def __init__(self, mode: RequestMode, space: ActionSpace, prices: Prices, *, scene: bool = False) -> None:
         self._mode = mode
         self._prices = prices
         self._pages: dict[str, _Page] = {}
 
         @lru_cache(maxsize=_READINGS_KEPT)
         def read(text: str, finish_reason: str | None, error: str | None) -> str | None:
+            if scene:
+                return read_estimate(text, finish_reason, error).missing
             return read_decision(text, finish_reason, error, space).missing
 
         self._read = read

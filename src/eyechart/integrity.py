@@ -14,6 +14,7 @@ from eyechart.actions import ActionSpace
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.ledger import Sent
 from eyechart.modes import RequestMode
+from eyechart.perception.estimate import read_estimate
 from eyechart.reader import read_decision
 
 FEWEST = 8
@@ -62,11 +63,15 @@ def guards(
 
 
 class Watch:
-    """Looks at attempts one by one, in the order of sending, without keeping them."""
+    """Looks at attempts one by one, in the order of sending, without keeping them.
 
-    def __init__(self, mode: RequestMode, space: ActionSpace | None = None) -> None:
+    ``scene`` says that replies are read as scene estimates, not as actions of the ``space``.
+    """
+
+    def __init__(self, mode: RequestMode, space: ActionSpace | None = None, *, scene: bool = False) -> None:
         self._mode = mode
         self._space = space
+        self._scene = scene
         self._decided: Counter[str] = Counter()
         self._outcomes = _Outcomes()
         self._repeats = _Repeats()
@@ -83,13 +88,22 @@ class Watch:
         self._replies += 1
         if len(self._texts) < _TEXTS_KEPT:
             self._texts.add(reply.text.strip())
-        if self._space is not None and len(self._decided) < 2:  # two that differ are enough to know
-            decision = read_decision(reply.text, reply.finish_reason, None, self._space)
-            self._decided.update([decision.action] if decision.action is not None else [])
+        if len(self._decided) < 2:  # two that differ are enough to know
+            self._decided.update(self._said(reply))
         if one.key.condition in self._tokens and reply.prompt_tokens:
             self._tokens[one.key.condition].append(reply.prompt_tokens)
         if one.key.condition in {"real", "real_repeat"}:
             self._repeats.add(one.key.frame, reply)
+
+    def _said(self, reply: Reply) -> list[str]:
+        """Return the decision of a reply, or its estimate, as a list of one; empty where there is none."""
+        if self._scene:
+            found = read_estimate(reply.text, reply.finish_reason, None).estimate
+            return [] if found is None else [found.text()]
+        if self._space is None:
+            return []
+        action = read_decision(reply.text, reply.finish_reason, None, self._space).action
+        return [] if action is None else [action]
 
     def guards(self, planned: Iterable[CallKey], fingerprint: str) -> tuple[Guard, ...]:
         """Return every guard, now that all attempts were looked at."""

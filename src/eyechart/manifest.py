@@ -15,6 +15,7 @@ from eyechart.conditions import find_condition
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank, open_bank
 from eyechart.modes import RequestMode
+from eyechart.perception.view import NONE
 from eyechart.prompts import Prompt
 from eyechart.reader import READER
 
@@ -33,7 +34,9 @@ class RunManifest:
     ``modes`` says how each model was asked, ``facts`` what is known of it (digest, quantisation, template).
     ``shard`` is (i, n), counted from 1, or None for the whole; ``limit`` the number of frames, or None for all.
     ``stop_early`` says that a model is no longer asked once its verdict is settled.
-    ``reader`` is the version of the reader of replies that the run was begun under.
+    ``reader`` is the version of the reader of replies that the run was begun under. ``view`` is the key of the view
+    that pictures are shown through, ``none`` where they are shown as they are. ``frames`` are the ids of the frames
+    that were chosen for the run, empty where it is about all of them or their first ``limit``.
     """
 
     study: str
@@ -51,13 +54,15 @@ class RunManifest:
     modes: Mapping[str, RequestMode] = field(default_factory=dict)
     facts: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     reader: int = READER
+    view: str = NONE
+    frames: tuple[str, ...] = ()
 
     def extended(self, other: "RunManifest") -> "RunManifest":
         """Return this manifest with another's models, conditions and limit added.
 
         Raises LedgerError that names what differs where the two are not parts of one run.
         """
-        for name in ("study", "seed", "prompt", "fingerprint", "shard", "stop_early"):
+        for name in ("study", "seed", "prompt", "fingerprint", "shard", "stop_early", "view", "frames"):
             mine, theirs = getattr(self, name), getattr(other, name)
             if mine != theirs:
                 shown = (mine.key, theirs.key) if isinstance(mine, Prompt) else (mine, theirs)
@@ -207,9 +212,11 @@ def read_manifest(path: Path) -> RunManifest:
         raw["reader"] = int(raw["reader"])
         raw["limit"] = None if raw["limit"] is None else int(raw["limit"])
         raw["shard"] = None if raw["shard"] is None else _shard(raw["shard"])
+        raw["frames"] = tuple(str(name) for name in raw.get("frames", ()))
         if not isinstance(raw.setdefault("stop_early", False), bool):
             raise LedgerError(f"{file}: stop_early is {raw['stop_early']!r}, neither true nor false")
-        for name in ("study", "created", "bank_path", "fingerprint"):
+        raw.setdefault("view", NONE)
+        for name in ("study", "created", "bank_path", "fingerprint", "view"):
             if not isinstance(raw[name], str) or not raw[name].isprintable():
                 raise LedgerError(f"{file}: {name} is {raw[name]!r}, not a line of text")
         return RunManifest(**raw)

@@ -15,6 +15,8 @@ from pathlib import Path
 from eyechart.actions import DRIVING, ActionSpace, read_toml, space_from
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank
+from eyechart.perception.estimate import SCHEMA
+from eyechart.perception.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, CLOSE_GAP_M
 
 _TASK = (
     "You control the green vehicle in a top-down view of a highway. It drives to the right; the other vehicles are "
@@ -37,7 +39,7 @@ class Prompt:
 
     In a ``template`` ``{column}`` stands for what a frame has in that prompt column, ``{actions}`` for the names of
     the actions, and ``{{word}}`` for ``{word}``; other braces are themselves. ``space`` is the action space that the
-    prompt asks for, None for that of the bank.
+    prompt asks for, None for that of the bank. ``scene`` says that it asks for a scene estimate and for no action.
     """
 
     name: str
@@ -45,13 +47,21 @@ class Prompt:
     user: str
     template: bool = False
     space: ActionSpace | None = None
+    scene: bool = False
+
+    @property
+    def form(self) -> Mapping[str, object] | None:
+        """Return the JSON schema of an answer that is no action, None where an action is asked for."""
+        return SCHEMA if self.scene else None
 
     @property
     def key(self) -> str:
-        """Return ``name@hash``, which changes with any change of the wording or of the actions it asks for."""
+        """Return ``name@hash``, which changes with any change of the wording or of what it asks for."""
         wording = f"{self.system}\x1f{self.user}"
         if self.space is not None:
             wording += f"\x1f{json.dumps(self.space.as_dict())}"
+        if self.form is not None:
+            wording += f"\x1f{json.dumps(self.form, sort_keys=True)}"
         return f"{self.name}@{hashlib.sha256(wording.encode()).hexdigest()[:8]}"
 
     @property
@@ -81,6 +91,7 @@ class Prompt:
             "user": self.user,
             **({"template": True} if self.template else {}),
             **({} if self.space is None else {"action_space": self.space.as_dict()}),
+            **({"scene": True} if self.scene else {}),
             "key": self.key,
         }
 
@@ -94,6 +105,7 @@ class Prompt:
             user=str(values["user"]),
             template=values.get("template") is True,
             space=ActionSpace.from_dict(space) if isinstance(space, dict) else None,
+            scene=values.get("scene") is True,
         )
         if values.get("key", prompt.key) != prompt.key:
             raise SpecError(f"the wording of prompt '{prompt.name}' has key {prompt.key}, not {values['key']}")
@@ -170,6 +182,41 @@ def neutral(picture: str, space: ActionSpace) -> Prompt:
         "",
         f"You control a machine by its camera ({picture}). Choose its next action. Answer with one word: {names}.",
     )
+
+
+_SCENE_SYSTEM = "You measure the scene in one picture. You reply with a single JSON object and nothing else."
+
+
+def _scene(name: str, opening: str, close_m: float) -> Prompt:
+    """Return a prompt that asks for a scene estimate, with the fixed thresholds that its truth is made by."""
+    sides = f"no vehicle in it from {CLEAR_BEHIND_M:g} m behind you to {CLEAR_AHEAD_M:g} m ahead of you, else false"
+    gap = "metres from your middle to the middle of the nearest vehicle ahead of you in your own lane"
+    reply = '"left_clear": <true or false>, "right_clear": <true or false>, "confidence": <number>'
+    lines = (
+        opening,
+        "Report these five values.",
+        f"lead_gap_m: {gap}; null if there is none.",
+        f"close: true if that vehicle is nearer than {close_m:g} m, else false.",
+        f"left_clear: true if there is a lane on your left and {sides}.",
+        f"right_clear: true if there is a lane on your right and {sides}.",
+        "confidence: how sure you are, from 0 to 1.",
+        f'Reply as {{"lead_gap_m": <number or null>, "close": <true or false>, {reply}}}.',
+    )
+    return Prompt(name, _SCENE_SYSTEM, "\n".join(lines), scene=True)
+
+
+SCENE = _scene(
+    "scene",
+    "The picture shows a road from above, enlarged, with a legend and a ruler in metres. You are the vehicle at the "
+    "mark YOU, which stands at 0 m; you drive to the right. Your left is up, your right is down.",
+    CLOSE_GAP_M,
+)
+"""What the structured study asks about the calibrated view of highway-env's picture."""
+
+
+def plain_scene(picture: str, close_m: float) -> Prompt:
+    """Return the prompt for pictures without a view: what they are in words, and the same five values."""
+    return _scene("scene_plain", f"What the picture is: {picture}. You drive the vehicle that it is about.", close_m)
 
 
 def require_sayable(prompt: Prompt, bank: FrameBank) -> None:

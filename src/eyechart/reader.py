@@ -27,7 +27,7 @@ _NEGATED = re.compile(
 _THINK_TAG = re.compile(r"(</?think(?:ing)?>)", re.IGNORECASE)
 _JSON_KEYS = ("action", "decision", "answer")
 _MARKER = r"\b(?:action|answer|decision)\W{0,4}(?:[:=>→–—\n-]|\bis\b)\W{0,6}"
-_READ_AT_MOST = 100_000
+READ_AT_MOST = 100_000
 """Characters of a reply that are read for a decision; the ledger keeps all of it."""
 _BRACES_AT_MOST = 1000
 _SHORT = 80
@@ -50,15 +50,20 @@ def read_decision(text: str, finish_reason: str | None, error: str | None, space
         return Decision(None, "truncated")
     if finish_reason in {"content_filter", "refusal"}:
         return Decision(None, "refused")
-    visible = _without_thinking(text[-_READ_AT_MOST:]).replace("’", "'").strip()
+    visible = without_thinking(text[-READ_AT_MOST:]).replace("’", "'").strip()
     if not visible:
         return Decision(None, "empty")
-    refuses = _REFUSAL.search(visible) is not None
-    decision = _find(visible, space, any_case=not refuses and len(visible) <= _SHORT)
-    return Decision(None, "refused") if refuses and decision.action is None else decision
+    refused = refuses(visible)
+    decision = _find(visible, space, any_case=not refused and len(visible) <= _SHORT)
+    return Decision(None, "refused") if refused and decision.action is None else decision
 
 
-def _without_thinking(text: str) -> str:
+def refuses(text: str) -> bool:
+    """Return whether a text says in words that it declines to answer; whether it answers all the same is not asked."""
+    return _REFUSAL.search(text.replace("’", "'")) is not None
+
+
+def without_thinking(text: str) -> str:
     """Return what stands outside thinking: its tag may have been opened by the chat template, or never closed."""
     visible: list[str] = []
     thinking = False

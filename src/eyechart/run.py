@@ -16,6 +16,7 @@ from eyechart.ledger import Attempt, Ledger
 from eyechart.limits import Budget, Limits, Outcome, Pace, pause_s
 from eyechart.models import Model
 from eyechart.modes import without_secrets
+from eyechart.perception.view import View
 from eyechart.prompts import Prompt
 from eyechart.seeds import key_seed
 from eyechart.stimuli import Stimuli
@@ -51,6 +52,7 @@ class Plan:
     frames: tuple[Frame, ...]
     seed: int
     shard: tuple[int, int] | None = None
+    view: View | None = None
 
     def keys(self) -> list[CallKey]:
         """Return the planned calls, in the bank's order."""
@@ -61,6 +63,12 @@ class Plan:
         frame = self.bank.frame(key.frame)
         told = stimuli.speaker(key.condition, frame, self.bank, self.seed, self.prompt.fields)
         return self.prompt.render(told.fields, self.bank.manifest.action_space)
+
+    def query(self, key: CallKey, picture: bytes | None) -> Query:
+        """Return what a model is asked in a call, of this picture."""
+        seed, form = key.seed(self.seed), self.prompt.form
+        actions = self.bank.manifest.action_space.actions if form is None else ()
+        return Query(*self.words(key), picture, seed, actions, form)
 
     def keys_of(self, model: str) -> Iterator[CallKey]:
         """Yield the planned calls of one model, in the bank's order."""
@@ -205,7 +213,7 @@ class _Execution:
         self._attempts = attempts
         self._progress = progress
         self._done = self._planned = 0
-        self._stimuli = Stimuli(plan.bank, plan.seed)
+        self._stimuli = Stimuli(plan.bank, plan.seed, plan.view)
 
     async def run(self, todo: list[CallKey], planned: int, concurrency: int) -> None:
         self._planned, self._done = planned, planned - len(todo)
@@ -236,8 +244,7 @@ class _Execution:
     async def _call(self, key: CallKey, model: Model, pace: Pace) -> Reply | None:
         """Make a call; return its last reply, or None where a limit kept it from being made."""
         picture = self._stimuli.show(key.condition, key.frame)
-        seed, actions = key.seed(self._plan.seed), self._plan.bank.manifest.action_space.actions
-        query = Query(*self._plan.words(key), picture, seed, actions)
+        query = self._plan.query(key, picture)
         digest, reply = query.sha256(), None
         for number in range(1, self._attempts + 1):
             entered = await pace.enter()

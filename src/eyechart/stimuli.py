@@ -6,6 +6,7 @@ from functools import cached_property
 
 from eyechart.conditions import show
 from eyechart.frames import Frame, FrameBank
+from eyechart.perception.view import View, through
 
 _MOST_BYTES = 128_000_000
 _MOST_PICTURES = 5_000
@@ -47,17 +48,18 @@ class _Remembering(FrameBank):
 
 
 class Stimuli:
-    """What each condition shows for a frame, made once for all models."""
+    """What each condition shows for a frame, through a view if there is one, made once for all models."""
 
-    def __init__(self, bank: FrameBank, seed: int) -> None:
+    def __init__(self, bank: FrameBank, seed: int, view: View | None = None) -> None:
         self._bank = _Remembering(bank.root, bank.frames, bank.manifest)
         self._seed = seed
+        self._view = view
         self._made = _Kept()
 
     def show(self, condition: str, frame_id: str) -> bytes | None:
         """Return the encoded picture of a condition, or None where it shows none."""
 
         def make() -> bytes | None:
-            return show(condition, self._bank.frame(frame_id), self._bank, self._seed)
+            return through(self._view, show(condition, self._bank.frame(frame_id), self._bank, self._seed), frame_id)
 
         return self._made.get((condition, frame_id), make)

@@ -11,6 +11,7 @@ from eyechart.errors import SpecError
 from eyechart.frames import decode, encode, open_bank
 from eyechart.models import open_model
 from eyechart.models.scripted import CONTROLLERS, names, see
+from eyechart.perception.estimators import ESTIMATORS
 from eyechart.reader import read_decision
 from eyechart.verdicts import CALIBRATED_LABELS, PAPER_LABELS
 
@@ -73,7 +74,7 @@ def test_an_unknown_adapter_is_refused_by_name(spec: str) -> None:
 
 def test_there_are_sixteen() -> None:
     """The list for people and the table of controllers agree."""
-    assert list(names()) == list(CONTROLLERS)
+    assert list(names()) == [*CONTROLLERS, *ESTIMATORS]
     assert len(CONTROLLERS) == 16
 
 

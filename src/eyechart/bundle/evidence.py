@@ -4,12 +4,13 @@ import hashlib
 from collections.abc import Iterator
 
 from eyechart.bundle.comparing import Difference
-from eyechart.calls import CallKey, Query
+from eyechart.calls import CallKey
 from eyechart.conditions import show, source
 from eyechart.errors import EyechartError
 from eyechart.frames import FrameBank, read_bounded
 from eyechart.ledger import Ledger
 from eyechart.manifest import RunManifest
+from eyechart.perception.view import through
 from eyechart.run import Plan
 from eyechart.studies.battery.planning import plan_of
 
@@ -90,8 +91,7 @@ def check_requests(
 def _request(plan: Plan, condition: str, frame_id: str) -> str:
     """Return the digest of what was asked about a frame under a condition, or why nothing can have been."""
     try:
-        picture = show(condition, plan.bank.frame(frame_id), plan.bank, plan.seed)
-        words = plan.words(CallKey(plan.study, "", plan.prompt.key, frame_id, condition))
+        picture = through(plan.view, show(condition, plan.bank.frame(frame_id), plan.bank, plan.seed), frame_id)
+        return plan.query(CallKey(plan.study, "", plan.prompt.key, frame_id, condition), picture).sha256()
     except EyechartError as error:
         return str(error)
-    return Query(*words, picture, 0, plan.bank.manifest.action_space.actions).sha256()

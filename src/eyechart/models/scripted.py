@@ -1,4 +1,4 @@
-"""Known-answer controllers: they see what a VLM sees, and each declares the verdict that it deserves.
+"""Known-answer controllers and estimators: they see what a VLM sees, and each declares the verdict that it deserves.
 
 They read the picture's pixels through the image-only positive control and know neither frame nor condition.
 They are the demo, the tutorial, and the instrument's own eye test.
@@ -17,8 +17,10 @@ from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
 from eyechart.frames import RGB, decode
 from eyechart.modes import RequestMode
+from eyechart.perception.estimators import ESTIMATORS, Estimator
 from eyechart.perception.renderer import Reading, read_picture
 from eyechart.perception.scene import FREE_GAP_M, STOP_GAP_M, safe_action
+from eyechart.perception.view import scene_of
 
 Kind = Literal["no_picture", "uniform", "unknown", "road"]
 
@@ -263,7 +265,7 @@ def see(image: bytes | None) -> Sight:
 def _look(pixels: RGB) -> Sight:
     if (pixels == pixels[0, 0]).all():
         return Sight("uniform", None)
-    reading = read_picture(pixels)
+    reading = read_picture(scene_of(pixels))
     return Sight("unknown" if reading is None else "road", reading)
 
 
@@ -284,14 +286,35 @@ class ScriptedModel:
         """Hold nothing, so let go of nothing."""
 
 
-def open_model(name: str, mode: RequestMode) -> ScriptedModel:
-    """Open the controller of this name, which no mode changes; raises SpecError that lists the known ones."""
+@dataclass(frozen=True, slots=True)
+class ScriptedEstimator:
+    """A known-answer estimator behind the same door: it answers with a scene, whatever it is asked."""
+
+    estimator: Estimator
+    version: str = __version__
+    facts: Mapping[str, str] = field(default_factory=dict)
+
+    async def answer(self, query: Query) -> Reply:
+        """Answer from the query's picture alone."""
+        reading = see(query.image).reading
+        return Reply(text=self.estimator.answer(None if reading is None else reading.scene), finish_reason="stop")
+
+    async def close(self) -> None:
+        """Hold nothing, so let go of nothing."""
+
+
+def open_model(name: str, mode: RequestMode) -> ScriptedModel | ScriptedEstimator:
+    """Open the controller or estimator of this name, which no mode changes; raises SpecError that lists all."""
     del mode
+    if name in ESTIMATORS:
+        return ScriptedEstimator(ESTIMATORS[name])
     if name not in CONTROLLERS:
-        raise SpecError(f"unknown controller 'scripted:{name}'; known are {', '.join(CONTROLLERS)}")
+        known = ", ".join((*CONTROLLERS, *ESTIMATORS))
+        raise SpecError(f"unknown controller 'scripted:{name}'; known are {known}")
     return ScriptedModel(CONTROLLERS[name])
 
 
 def names() -> dict[str, str]:
-    """Return each controller's name with what it does in words."""
-    return {name: controller.says for name, controller in CONTROLLERS.items()}
+    """Return each controller's and each estimator's name with what it does in words."""
+    estimators = {name: f"{one.says} (scene estimates)" for name, one in ESTIMATORS.items()}
+    return {name: one.says for name, one in CONTROLLERS.items()} | estimators

@@ -5,7 +5,17 @@ Source: paper, section The Input-Ablation Battery.
 
 from eyechart.studies.battery.calibrated import ALPHA, FLOOR, MARGIN, UNPARSED_CUT
 from eyechart.studies.battery.merging import merge
-from eyechart.studies.battery.planning import Battery, expected, plan, run, within
+from eyechart.studies.battery.planning import (
+    Battery,
+    expected,
+    open_models,
+    open_whole,
+    plan,
+    plan_of,
+    resumed,
+    run,
+    within,
+)
 from eyechart.studies.battery.replication import differences
 from eyechart.studies.battery.scoring import BatteryScore, ModelScore, score, took
 from eyechart.studies.battery.stopping import GUARANTEE, VALIDITY, Stopped
@@ -24,7 +34,11 @@ __all__ = [
     "differences",
     "expected",
     "merge",
+    "open_models",
+    "open_whole",
     "plan",
+    "plan_of",
+    "resumed",
     "run",
     "score",
     "took",

@@ -18,6 +18,7 @@ from eyechart.manifest import LEDGER, RunManifest, asked_of, is_free, is_run, re
 from eyechart.models import Model, open_model
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
+from eyechart.perception.view import View
 from eyechart.prompts import Prompt, find_prompt, neutral, require_sayable
 from eyechart.run import Plan, Progress, execute, spread
 from eyechart.studies.battery.stopping import NEEDED
@@ -95,16 +96,8 @@ def plan(  # noqa: PLR0913 - what a battery can be asked for
     that the bank's manifest recorded, SpecError for an unknown name or for what cannot be stopped early, and
     LedgerError where ``out`` holds another run, or one that stops early and was begun with other frames or conditions.
     """
-    given = [one if isinstance(one, RequestMode) else RequestMode(one) for one in specs]
-    asked = {mode.spec: mode for mode in given}
-    models = {spec: open_model(spec, mode) for spec, mode in asked.items()}
-    if not models:
-        raise SpecError("a battery needs at least one --model, see 'eyechart list models'")
-    if problems := check(bank_path):
-        raise BankError(
-            f"the bank {bank_path} is damaged: {problems[0]} ({len(problems)} in all, 'eyechart frames check')"
-        )
-    bank = open_bank(bank_path)
+    asked, models = open_models(specs)
+    bank = open_whole(bank_path)
     formulation = _prompt_for(bank, prompt)
     bank = asked_of(bank, formulation)
     require_sayable(formulation, bank)
@@ -132,9 +125,28 @@ def plan(  # noqa: PLR0913 - what a battery can be asked for
         facts={spec: dict(model.facts) for spec, model in models.items() if model.facts},
         stop_early=stop_early,
     )
-    manifest = _resumed(out, manifest, bank)
+    manifest = resumed(out, manifest, bank)
     the_plan = plan_of(manifest, bank, models=tuple(models), conditions=chosen, limit=limit)
     return Battery(the_plan, models, manifest, out, {} if conditions else _expected(left_out, formulation))
+
+
+def open_models(specs: Sequence[str | RequestMode]) -> tuple[dict[str, RequestMode], dict[str, Model]]:
+    """Return the request mode and the opened model of each SPEC; raises SpecError where there is none."""
+    given = [one if isinstance(one, RequestMode) else RequestMode(one) for one in specs]
+    asked = {mode.spec: mode for mode in given}
+    models = {spec: open_model(spec, mode) for spec, mode in asked.items()}
+    if not models:
+        raise SpecError("a run needs at least one --model, see 'eyechart list models'")
+    return asked, models
+
+
+def open_whole(bank_path: Path) -> FrameBank:
+    """Open a bank; raises BankError where a picture is not the one that its manifest recorded."""
+    if problems := check(bank_path):
+        raise BankError(
+            f"the bank {bank_path} is damaged: {problems[0]} ({len(problems)} in all, 'eyechart frames check')"
+        )
+    return open_bank(bank_path)
 
 
 def _require_stoppable(conditions: Sequence[str], shard: tuple[int, int] | None) -> None:
@@ -183,7 +195,11 @@ def conditions_of(bank: FrameBank, prompt: Prompt) -> tuple[tuple[str, ...], dic
     return tuple(name for name in CONDITIONS if name not in left_out), left_out
 
 
-def _resumed(out: Path, manifest: RunManifest, bank: FrameBank) -> RunManifest:
+def resumed(out: Path, manifest: RunManifest, bank: FrameBank) -> RunManifest:
+    """Return a run's manifest joined with that of what ``out`` holds already.
+
+    Raises LedgerError where that is another run, or none.
+    """
     if is_run(out):
         before, bank_before = read_run(out)
         if bank_before.manifest.images != bank.manifest.images and before.fingerprint == manifest.fingerprint:
@@ -218,18 +234,24 @@ def plan_of(
     models: Sequence[str] | None = None,
     conditions: Sequence[str] | None = None,
     limit: int | None = None,
+    view: View | None = None,
 ) -> Plan:
-    """Return the plan of a run's manifest, or of some of its models and conditions."""
+    """Return the plan of a run's manifest, or of some of its models and conditions; ``view`` is the manifest's.
+
+    Whoever only reads the run needs no view: a version of eyechart that shows pictures otherwise can score it still.
+    """
     whole = models is None
+    chosen = tuple(bank.frame(name) for name in manifest.frames)
     return Plan(
         study=manifest.study,
         bank=bank,
         prompt=manifest.prompt,
         models=tuple(manifest.models if models is None else models),
         conditions=tuple(conditions or manifest.conditions),
-        frames=spread(bank.frames, manifest.limit if whole else limit),
+        frames=chosen or spread(bank.frames, manifest.limit if whole else limit),
         seed=manifest.seed,
         shard=manifest.shard,
+        view=view,
     )
 
 
@@ -266,7 +288,7 @@ def run(
     try:
         with FileLock(battery.out / ".lock", timeout=0):
             # Again, now that nobody else writes: another process may have begun or extended this run since.
-            manifest = _resumed(battery.out, battery.manifest, battery.plan.bank)
+            manifest = resumed(battery.out, battery.manifest, battery.plan.bank)
             write_run(battery.out, manifest, battery.plan.bank)
             with Ledger(battery.out / LEDGER, create=True) as ledger:
                 return _ask(battery, manifest, ledger, concurrency, attempts, limits, progress)

@@ -18,7 +18,7 @@ from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers, read_answers
 from eyechart.studies.battery.calibrated import Calibrated
-from eyechart.studies.battery.planning import plan_of
+from eyechart.studies.battery.planning import STUDY, plan_of
 from eyechart.studies.battery.published import Published, Resampling
 from eyechart.studies.battery.stopping import Course, Stopped
 from eyechart.studies.battery.watching import EarlyStop, layout_for
@@ -110,6 +110,10 @@ def require_scorable(
     path: Path, manifest: RunManifest, bank: FrameBank, *, independent: bool = False, reread: bool = False
 ) -> None:
     """Raise LedgerError or SpecError where a run may not be scored as was asked, see ``score``."""
+    if manifest.study != STUDY:
+        raise LedgerError(
+            f"{path} is a run of the study '{manifest.study}', not of a battery: use 'eyechart score {path}'"
+        )
     if manifest.reader != READER and not reread:
         raise LedgerError(
             f"{path} was begun under version {manifest.reader} of the reader of replies, and this is version {READER}: "
@@ -179,7 +183,8 @@ def _took(ledger: Ledger, manifest: RunManifest, plan: Plan, prices: Prices, cou
     for spec in manifest.models:
         mode = manifest.mode(spec)
         space = plan.bank.manifest.action_space
-        book, watch = Book(mode, space, prices), Watch(mode, space)
+        scene = manifest.prompt.scene
+        book, watch = Book(mode, space, prices, scene=scene), Watch(mode, space, scene=scene)
         for one in ledger.attempts(spec):
             book.add(one)
             watch.add(one)

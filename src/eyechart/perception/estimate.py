@@ -1,0 +1,260 @@
+"""A scene estimate is what a model says of one picture: read strictly, its syntax repaired and its content never.
+
+Source: paper, section Constructive renderer-calibrated controller.
+"""
+
+import json
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Literal
+
+from eyechart.actions import Missing
+from eyechart.perception.scene import CLOSE_GAP_M, Scene, safe_action
+from eyechart.reader import READ_AT_MOST, refuses, without_thinking
+
+SCENE_READER = 1
+"""The version of these rules. A run records it, so that scenes read by other rules are never taken for these."""
+
+MOST_GAP_M = 1000.0
+"""A larger gap is no distance to a vehicle in a picture."""
+
+FIELDS = ("lead_gap_m", "close", "left_clear", "right_clear", "confidence")
+
+SCHEMA: Mapping[str, object] = {
+    "type": "object",
+    "properties": {
+        "lead_gap_m": {"type": ["number", "null"]},
+        "close": {"type": "boolean"},
+        "left_clear": {"type": "boolean"},
+        "right_clear": {"type": "boolean"},
+        "confidence": {"type": "number"},
+    },
+    "required": list(FIELDS),
+    "additionalProperties": False,
+}
+"""The JSON schema of an estimate; it has no bounds of numbers, because not every server takes a schema that has."""
+
+Unscened = Literal[
+    "no_object",  # the text holds no braces
+    "malformed",  # what stands in braces is no JSON, also after the repairs
+    "several_objects",  # two estimates that differ
+    "contradictory",  # a field is given twice with different values
+    "missing_field",
+    "wrong_type",  # a word or a number for true or false, a word for a number
+    "out_of_range",  # a gap below 0 or above 1000 m, a confidence outside 0 to 1
+]
+"""Why a reply of words holds no estimate."""
+
+Repair = Literal["code_fence", "text_around", "trailing_comma"]
+"""What was set right in a reply's syntax: code fences or words around the object, a comma before a closing brace."""
+
+REPAIRS: tuple[Repair, ...] = ("code_fence", "text_around", "trailing_comma")
+
+_ENDED: Mapping[str | None, Missing] = {"length": "truncated", "content_filter": "refused", "refusal": "refused"}
+_FENCE = re.compile(r"```[\w-]*")
+_STRING_OR_COMMA = re.compile(r'("(?:[^"\\]|\\.)*")|,(?=\s*[}\]])', re.DOTALL)
+_OBJECTS_AT_MOST = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A picture's scene as a model says that it is; ``gap_m`` None means that no lead is seen.
+
+    ``close`` is what the model says, and may contradict its own gap.
+    """
+
+    gap_m: float | None
+    close: bool
+    left_clear: bool
+    right_clear: bool
+    confidence: float
+
+    @classmethod
+    def of(cls, scene: Scene, confidence: float = 1.0) -> "Estimate":
+        """Return a scene as an estimate that agrees with itself."""
+        return cls(scene.gap_m, scene.close, scene.left_clear, scene.right_clear, confidence)
+
+    @property
+    def disagrees(self) -> bool:
+        """Return whether ``close`` is not what the gap says."""
+        return self.close != (self.gap_m is not None and self.gap_m < CLOSE_GAP_M)
+
+    @property
+    def action(self) -> str:
+        """Return the safe action of the scene; where ``close`` and the gap disagree, of the more cautious of the two.
+
+        A close lead at no gap, or at one that is not close, is a lead at 18 m: it is never STRAIGHT, and STOP only
+        where a gap says so. A gap below 18 m counts whatever ``close`` says. Exactly equivariant under reflection.
+        """
+        free = self.gap_m is None or self.gap_m >= CLOSE_GAP_M
+        gap_m = CLOSE_GAP_M if self.close and free else self.gap_m
+        return safe_action(Scene(gap_m, self.left_clear, self.right_clear))
+
+    def mirrored(self) -> "Estimate":
+        """Return the estimate of the reflected scene."""
+        return replace(self, left_clear=self.right_clear, right_clear=self.left_clear)
+
+    def same_scene(self, other: "Estimate") -> bool:
+        """Return whether two estimates say the same of the scene, whatever their confidence."""
+        return replace(self, confidence=0.0) == replace(other, confidence=0.0)
+
+    def text(self) -> str:
+        """Return the estimate as the JSON text that reads back as itself."""
+        values = asdict(self)
+        return json.dumps({"lead_gap_m": values.pop("gap_m"), **values})
+
+
+@dataclass(frozen=True, slots=True)
+class SceneReply:
+    """What a reply says of the scene: an estimate, or the reason that it holds none, and how its syntax was repaired.
+
+    Raises ValueError unless exactly one of ``estimate`` and ``missing`` is given.
+    """
+
+    estimate: Estimate | None
+    missing: Missing | None = None
+    why: Unscened | None = None
+    repairs: tuple[Repair, ...] = ()
+
+    def __post_init__(self) -> None:
+        if (self.estimate is None) == (self.missing is None):
+            raise ValueError("a SceneReply has either an estimate or the reason there is none, never both or neither")
+
+
+class _Unreadable(Exception):  # noqa: N818 - no error: it says why a reply holds no estimate
+    def __init__(self, why: Unscened) -> None:
+        super().__init__(why)
+        self.why = why
+
+
+def read_estimate(text: str, finish_reason: str | None, error: str | None) -> SceneReply:
+    """Read the scene estimate from a reply's verbatim text; strict, deterministic, and never guessing.
+
+    In order: an error, a cut-off (``length``) or a filter's refusal is the reason there is none. What stands in
+    ``<think>`` is no answer. Then the JSON object in what is left. Fields that the schema does not have are not read.
+    """
+    if error is not None:
+        return SceneReply(None, "error")
+    if finish_reason in _ENDED:
+        return SceneReply(None, _ENDED[finish_reason])
+    visible = without_thinking(text[-READ_AT_MOST:]).strip()
+    if not visible:
+        return SceneReply(None, "empty")
+    repairs: dict[Repair, None] = {}
+    try:
+        values = _only_one(visible, repairs)
+        return SceneReply(_estimate(values), repairs=tuple(name for name in REPAIRS if name in repairs))
+    except _Unreadable as unreadable:
+        if unreadable.why == "no_object" and refuses(visible):
+            return SceneReply(None, "refused")
+        return SceneReply(None, "unparsed", unreadable.why)
+
+
+def _only_one(text: str, repairs: dict[Repair, None]) -> dict[str, object]:
+    """Return the one object of a text, noting what had to be set right; raises _Unreadable where there is not one."""
+    spans = list(_spans(text))
+    if not spans:
+        raise _Unreadable("malformed" if "{" in text else "no_object")
+    if len(spans) > _OBJECTS_AT_MOST:
+        raise _Unreadable("several_objects")
+    around = "".join(
+        text[end:start] for (_, end), (start, _) in zip([(0, 0), *spans], [*spans, (None, 0)], strict=True)
+    )
+    if _FENCE.search(around):
+        repairs["code_fence"] = None
+    if _FENCE.sub("", around).strip():
+        repairs["text_around"] = None
+    loaded = [_loaded(text[start:end], repairs) for start, end in spans]
+    objects = [one for one in loaded if one is not None]
+    if not objects:
+        raise _Unreadable("malformed")
+    answers = [one for one in objects if any(name in one for name in FIELDS)] or objects[:1]
+    if any(_differ(answers[0], one) for one in answers[1:]):
+        raise _Unreadable("several_objects")
+    return answers[0]
+
+
+def _spans(text: str) -> Iterator[tuple[int, int]]:
+    """Yield where the outermost braces of a text begin and end; braces in a string are text."""
+    depth, start, quoted, escaped = 0, 0, False, False
+    for place, sign in enumerate(text):
+        if escaped:
+            escaped = False
+        elif quoted:
+            escaped, quoted = sign == "\\", sign != '"'
+        elif sign == '"':
+            quoted = depth > 0
+        elif sign == "{":
+            start = start if depth else place
+            depth += 1
+        elif sign == "}" and depth:
+            depth -= 1
+            if not depth:
+                yield start, place + 1
+
+
+def _loaded(text: str, repairs: dict[Repair, None]) -> dict[str, object] | None:
+    """Return the JSON object that a text is, with its commas mended where it needs that, or None."""
+    try:
+        return _json(text)
+    except (ValueError, RecursionError):
+        mended = _STRING_OR_COMMA.sub(lambda match: match.group(1) or "", text)
+    try:
+        found = _json(mended)
+    except (ValueError, RecursionError):
+        return None
+    repairs["trailing_comma"] = None
+    return found
+
+
+def _json(text: str) -> dict[str, object]:
+    """Return a JSON object; raises ValueError for what is none, _Unreadable for a field that contradicts itself."""
+
+    def only_once(pairs: list[tuple[str, object]]) -> dict[str, object]:
+        found: dict[str, object] = {}
+        for name, value in pairs:
+            if name in found and _differ(found[name], value):
+                raise _Unreadable("contradictory")
+            found[name] = value
+        return found
+
+    def no_number(word: str) -> object:
+        raise ValueError(f"{word} is no JSON")
+
+    found = json.loads(text, object_pairs_hook=only_once, parse_constant=no_number)
+    assert isinstance(found, dict)
+    return found
+
+
+def _differ(one: object, other: object) -> bool:
+    """Return whether two JSON values differ; true is not 1."""
+    return repr(one) != repr(other) if isinstance(one, bool) or isinstance(other, bool) else one != other
+
+
+def _estimate(values: Mapping[str, object]) -> Estimate:
+    if any(name not in values for name in FIELDS):
+        raise _Unreadable("missing_field")
+    gap = values["lead_gap_m"]
+    return Estimate(
+        gap_m=None if gap is None else _number(gap, MOST_GAP_M),
+        close=_flag(values["close"]),
+        left_clear=_flag(values["left_clear"]),
+        right_clear=_flag(values["right_clear"]),
+        confidence=_number(values["confidence"], 1.0),
+    )
+
+
+def _flag(value: object) -> bool:
+    if not isinstance(value, bool):
+        raise _Unreadable("wrong_type")
+    return value
+
+
+def _number(value: object, most: float) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise _Unreadable("wrong_type")
+    if not (0 <= value <= most) or not math.isfinite(value):
+        raise _Unreadable("out_of_range")
+    return float(value) + 0.0

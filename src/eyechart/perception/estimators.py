@@ -1,0 +1,88 @@
+"""Known-answer estimators: each makes something of a scene that was read from the picture, and says how it must fail.
+
+They are given what the image-only positive control read, never the ground truth: a Query has no field for that, so an
+oracle of the truth cannot exist behind the door of a model. The tests build one that knows the pictures by heart.
+"""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from eyechart.perception.estimate import Estimate
+from eyechart.perception.scene import FREE_GAP_M, Scene
+
+NO_ROAD = "I'm sorry, I cannot see a road in this picture."
+_ALWAYS_CLOSE_M = 15.0
+_NEVER_CLOSE_M = 25.0
+
+
+@dataclass(frozen=True, slots=True)
+class Estimator:
+    """What an estimator does in words, the text that it makes of a scene, and the clauses of admission it must fail."""
+
+    says: str
+    tell: Callable[[Scene], str]
+    fails: frozenset[str] = frozenset()
+
+    def answer(self, scene: Scene | None) -> str:
+        """Return the reply about a picture with this scene; a picture of no road is declined."""
+        return NO_ROAD if scene is None else self.tell(scene)
+
+
+def _exact(scene: Scene) -> str:
+    return Estimate.of(scene).text()
+
+
+def _constant(scene: Scene) -> str:
+    del scene
+    return Estimate.of(Scene(None, left_clear=True, right_clear=True)).text()
+
+
+def _over_calling(scene: Scene) -> str:
+    gap_m = _ALWAYS_CLOSE_M if scene.gap_m is None else min(scene.gap_m, _ALWAYS_CLOSE_M)
+    return Estimate.of(replace(scene, gap_m=gap_m)).text()
+
+
+def _side_blind(scene: Scene) -> str:
+    return Estimate.of(replace(scene, left_clear=True, right_clear=True)).text()
+
+
+def _one_sided(scene: Scene) -> str:
+    return Estimate.of(replace(scene, left_clear=True, right_clear=False)).text()
+
+
+def _distance_blind(scene: Scene) -> str:
+    return Estimate.of(replace(scene, gap_m=_NEVER_CLOSE_M)).text()
+
+
+def _silent_when_free(scene: Scene) -> str:
+    text = Estimate.of(scene).text()
+    if scene.gap_m is not None and scene.gap_m < FREE_GAP_M:
+        return text
+    return json.dumps({name: value for name, value in json.loads(text).items() if name != "confidence"})
+
+
+_CLOSE = frozenset({"close_accuracy", "balanced_accuracy"})
+
+ESTIMATORS: dict[str, Estimator] = {
+    "scene_positive_control": Estimator("measures the scene by the picture's exact colours", _exact),
+    "scene_constant": Estimator(
+        "sees a free road with both sides clear, whatever it is shown",
+        _constant,
+        _CLOSE | {"actions", "directional"},
+    ),
+    "scene_over_calling": Estimator("calls every lead close, and one where there is none", _over_calling, _CLOSE),
+    "scene_side_blind": Estimator(
+        "measures the gap, and takes both sides for clear", _side_blind, frozenset({"directional"})
+    ),
+    "scene_one_sided": Estimator(
+        "measures the gap, and takes the left for clear and the right for taken",
+        _one_sided,
+        frozenset({"scene_equivariance", "action_equivariance"}),
+    ),
+    "scene_distance_blind": Estimator("sees the sides, and every lead at 25 m", _distance_blind, _CLOSE),
+    "scene_silent_when_free": Estimator(
+        "measures the scene, and leaves a field out where the road is free", _silent_when_free, frozenset({"parse"})
+    ),
+}
+"""Estimators by name. ``fails`` holds on the admission set of a ``balanced`` bank, whose scenes demand every action."""

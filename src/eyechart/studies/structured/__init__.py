@@ -1,0 +1,23 @@
+"""The structured arm: models estimate the scene of a picture and of its reflection, and a fixed policy acts on it.
+
+Source: paper, sections Constructive renderer-calibrated controller, Structured output is not geometric grounding.
+"""
+
+from eyechart.studies.structured.admission import CLAUSES, Clause
+from eyechart.studies.structured.planning import ADMISSION, STRUCTURED, STUDIES, plan
+from eyechart.studies.structured.scoring import EstimatorScore, StructuredScore, score
+from eyechart.studies.structured.told import Told, read_told
+
+__all__ = [
+    "ADMISSION",
+    "CLAUSES",
+    "STRUCTURED",
+    "STUDIES",
+    "Clause",
+    "EstimatorScore",
+    "StructuredScore",
+    "Told",
+    "plan",
+    "read_told",
+    "score",
+]

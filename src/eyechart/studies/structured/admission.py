@@ -1,0 +1,66 @@
+"""Admission: the clauses that an estimator has to meet before its scenes may steer anything.
+
+Source: paper, section Constructive renderer-calibrated controller. The full battery retains the same gate.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from eyechart.stats.statistic import Statistic
+
+
+@dataclass(frozen=True, slots=True)
+class Clause:
+    """One clause: the statistic that it reads, the least value that meets it, and what that is in words."""
+
+    statistic: str
+    least: float
+    says: str
+
+
+CLAUSES: dict[str, Clause] = {
+    "parse": Clause("parse", 0.95, "share of replies that hold an estimate"),
+    "close_accuracy": Clause("close_accuracy", 0.75, "share of frames whose 'close' is right"),
+    "balanced_accuracy": Clause("balanced_accuracy", 0.75, "mean of sensitivity and specificity of 'close'"),
+    "scene_equivariance": Clause(
+        "scene_equivariance", 0.65, "share of pairs whose scenes are each other's mirror image"
+    ),
+    "action_equivariance": Clause("action_equivariance", 0.75, "share of pairs whose actions are"),
+    "actions": Clause("actions", 3, "different actions on the frames"),
+    "directional": Clause("directional", 2, "decisions for LEFT or RIGHT on the frames"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """A clause held against a model: the statistic that was read, and whether it meets the clause.
+
+    ``passes`` is None where the statistic cannot say, which admits nobody.
+    """
+
+    name: str
+    clause: Clause
+    statistic: Statistic
+
+    @property
+    def passes(self) -> bool | None:
+        """Return whether the value is at least what the clause asks for."""
+        value = self.statistic.value
+        return None if value is None else value >= self.clause.least
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        outcome = {True: "pass", False: "fail", None: "cannot say"}[self.passes]
+        return {
+            "clause": self.name,
+            "least": self.clause.least,
+            "value": self.statistic.value,
+            "n": self.statistic.n,
+            "ci": None if self.statistic.ci is None else list(self.statistic.ci),
+            "outcome": outcome,
+        }
+
+
+def hold(statistics: Mapping[str, Statistic]) -> tuple[Held, ...]:
+    """Hold every clause against a model's statistics."""
+    return tuple(Held(name, clause, statistics[clause.statistic]) for name, clause in CLAUSES.items())

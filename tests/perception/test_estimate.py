@@ -1,0 +1,164 @@
+"""Scene estimates: what is read from a reply, what is repaired and counted, and what is never made up."""
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eyechart.actions import DRIVING
+from eyechart.perception.estimate import FIELDS, REPAIRS, SCHEMA, Estimate, SceneReply, read_estimate
+from eyechart.perception.scene import CLOSE_GAP_M, FREE_GAP_M
+
+SCENE = Estimate(22.5, close=False, left_clear=True, right_clear=False, confidence=0.9)
+GOOD = SCENE.text()
+GAPS = st.none() | st.floats(min_value=0.0, max_value=1000.0)
+ESTIMATES = st.builds(Estimate, GAPS, st.booleans(), st.booleans(), st.booleans(), st.floats(0.0, 1.0))
+
+
+def read(text: str) -> SceneReply:
+    """Read a reply that ended by itself."""
+    return read_estimate(text, "stop", None)
+
+
+@given(ESTIMATES)
+def test_an_estimate_reads_back_as_itself_without_a_repair(estimate: Estimate) -> None:
+    """Whatever its numbers are."""
+    assert read(estimate.text()) == SceneReply(estimate)
+
+
+@given(ESTIMATES)
+def test_the_action_of_a_mirrored_estimate_is_the_mirrored_action(estimate: Estimate) -> None:
+    """Also where close and the gap disagree; reflection undoes itself."""
+    assert estimate.mirrored().action == DRIVING.mirror(estimate.action)
+    assert estimate.mirrored().mirrored() == estimate
+
+
+@given(ESTIMATES)
+def test_close_and_gap_are_never_played_against_caution(estimate: Estimate) -> None:
+    """A close lead is never gone towards, whatever the gap; and a short gap counts, whatever close says."""
+    if estimate.close or (estimate.gap_m is not None and estimate.gap_m < FREE_GAP_M):
+        assert estimate.action != "STRAIGHT"
+    if estimate.gap_m is not None and estimate.gap_m < 12:
+        assert estimate.action == "STOP"
+
+
+def test_a_close_lead_without_a_gap_is_a_lead_at_the_threshold() -> None:
+    """It turns to the one clear side, and does not stop for a distance that nobody gave."""
+    for gap_m in (None, 60.0):
+        assert Estimate(gap_m, close=True, left_clear=True, right_clear=False, confidence=1).action == "LEFT"
+        assert Estimate(gap_m, close=True, left_clear=True, right_clear=False, confidence=1).disagrees
+    assert Estimate(CLOSE_GAP_M - 1, close=False, left_clear=False, right_clear=True, confidence=1).action == "RIGHT"
+
+
+REPAIRED = {
+    f"```json\n{GOOD}\n```": ("code_fence",),
+    f"```\n{GOOD}\n```": ("code_fence",),
+    f"Here it is: {GOOD}": ("text_around",),
+    f"Sure!\n```json\n{GOOD}\n```\nDrive safely.": ("code_fence", "text_around"),
+    GOOD.replace("}", ",}"): ("trailing_comma",),
+    f"```json\n{GOOD.replace('}', ' , }')}\n```": ("code_fence", "trailing_comma"),
+    f"<think>{{not this}}</think>{GOOD}": (),
+    f"{GOOD}\n{GOOD}": (),
+    f"a set is {{x}}; {GOOD}": ("text_around",),
+}
+
+
+@pytest.mark.parametrize("text", REPAIRED)
+def test_a_repair_of_syntax_is_counted_and_changes_no_content(text: str) -> None:
+    """Fences, words around and trailing commas; the estimate is that of the plain text."""
+    assert read(text) == SceneReply(SCENE, repairs=REPAIRED[text])
+    assert set(REPAIRED[text]) <= set(REPAIRS)
+
+
+def test_a_comma_in_a_text_is_no_trailing_comma() -> None:
+    """What stands between quotation marks is content."""
+    text = GOOD.replace("}", ', "note": "so, }",}')
+    assert read(text).estimate == SCENE
+
+
+def without(name: str) -> str:
+    """Return the good reply without a field."""
+    return json.dumps({key: value for key, value in json.loads(GOOD).items() if key != name})
+
+
+def changed(**values: object) -> str:
+    """Return the good reply with other values."""
+    return json.dumps({**json.loads(GOOD), **values})
+
+
+UNREAD = {
+    "The road is free.": "no_object",
+    "[1, 2]": "no_object",
+    '{"lead_gap_m": 3': "malformed",
+    GOOD.replace("true", "True"): "malformed",
+    GOOD.replace("22.5", "NaN"): "malformed",
+    "{}": "missing_field",
+    **{without(name): "missing_field" for name in FIELDS},
+    '{"scene": ' + GOOD + "}": "missing_field",
+    changed(close="false"): "wrong_type",
+    changed(left_clear=1): "wrong_type",
+    changed(right_clear=None): "wrong_type",
+    changed(lead_gap_m="22.5"): "wrong_type",
+    changed(lead_gap_m=True): "wrong_type",
+    changed(confidence=None): "wrong_type",
+    changed(lead_gap_m=-1): "out_of_range",
+    changed(lead_gap_m=1e6): "out_of_range",
+    changed(lead_gap_m=10**400): "out_of_range",
+    changed(confidence=90): "out_of_range",
+    GOOD.replace("22.5", "1e999"): "out_of_range",
+    GOOD.replace("}", ', "close": true}'): "contradictory",
+    f"{GOOD} or {changed(close=True)}": "several_objects",
+}
+
+
+@pytest.mark.parametrize("text", UNREAD)
+def test_what_cannot_be_read_is_unparsed_with_its_reason(text: str) -> None:
+    """Nothing is filled in, converted or chosen."""
+    assert read(text) == SceneReply(None, "unparsed", UNREAD[text])
+
+
+def test_a_reply_that_is_none_says_which() -> None:
+    """As for an action: error, cut-off, refusal, nothing."""
+    assert read_estimate(GOOD, "stop", "timeout").missing == "error"
+    assert read_estimate(GOOD, "length", None).missing == "truncated"
+    assert read_estimate(GOOD, "content_filter", None).missing == "refused"
+    assert read("<think>22 m</think> ").missing == "empty"
+    assert read("I’m sorry, I cannot see a road.").missing == "refused"
+    assert read(f"I'm sorry, this is a guess: {GOOD}").estimate == SCENE
+
+
+PIECES = st.sampled_from([*GOOD, *FIELDS, "{", "}", '"', "\\", ",", ":", "```", "true", "1e999", "<think>", "[", "]"])
+WORDS = st.text(max_size=60) | st.lists(PIECES, max_size=80).map("".join) | st.just(GOOD)
+
+
+@given(st.lists(WORDS, max_size=4).map("".join), st.sampled_from(["stop", None, "length", "refusal", "odd"]))
+def test_whatever_comes_is_an_estimate_or_a_reason(text: str, finish_reason: str | None) -> None:
+    """The reader never raises, and what it accepts reads back as itself."""
+    found = read_estimate(text, finish_reason, None)
+    assert (found.estimate is None) == (found.missing is not None)
+    if found.estimate is not None:
+        assert read(found.estimate.text()).estimate == found.estimate
+
+
+MONSTERS = {
+    "braces": "{" * 99_999,
+    "brackets": "[" * 99_999,
+    "nested": '{"a":' * 5_000 + "1" + "}" * 5_000,
+    "objects": "{}" * 50_000,
+    "quotes": '"' * 99_999,
+    "commas": '{"' + ", " * 40_000 + "}",
+}
+
+
+@pytest.mark.parametrize("name", MONSTERS)
+def test_a_monstrous_reply_costs_little_and_holds_no_estimate(name: str) -> None:
+    """Deep nesting, endless braces, quotes and commas."""
+    assert read(MONSTERS[name]).estimate is None
+
+
+def test_the_schema_is_of_the_fields_that_are_read() -> None:
+    """All are required, and no other is allowed; a gap may be null."""
+    assert tuple(SCHEMA["properties"]) == FIELDS  # type: ignore[arg-type]
+    assert SCHEMA["required"] == list(FIELDS)
+    assert tuple(json.loads(GOOD)) == FIELDS
