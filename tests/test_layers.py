@@ -42,6 +42,7 @@ ASSEMBLED = {
     "cli",
     "episodes",
     "frames",
+    "guardian",
     "importing",
     "models.huggingface",
     "report",

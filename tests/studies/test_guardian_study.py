@@ -151,7 +151,18 @@ def test_an_export_holds_what_a_stack_needs_and_nothing_else(
     study.write_frozen(path, frozen.exported())
     said = json.loads(path.read_text(encoding="utf-8"))
     assert set(said) == {
-        *("format", "committee", "views", "threshold", "operating_point", "models", "prompt", "view", "bank"),
+        *(
+            "format",
+            "committee",
+            "views",
+            "threshold",
+            "operating_point",
+            "models",
+            "prompt",
+            "view",
+            "mirror_axis",
+            "bank",
+        ),
         *("chosen_as", "eyechart", "digest"),
     }
     assert said["chosen_as"] == frozen.digest

@@ -19,7 +19,7 @@ app = typer.Typer(
     no_args_is_help=True,
 )
 
-_Votes = Annotated[Path, typer.Argument(help="Table of votes: .csv, .tsv, .jsonl or .parquet.", metavar="VOTES")]
+_Votes = Annotated[Path, typer.Argument(help="Folder of a run of scene estimates, or a table.", metavar="VOTES")]
 _Guardian = Annotated[Path, typer.Argument(help="File of a guardian, as 'fit' writes it.", metavar="GUARDIAN")]
 _Frames = Annotated[Path | None, typer.Option(help="The bank; truth and episodes are then its own.")]
 _Hazard = Annotated[str, typer.Option(help="The bank's column of hazards; without it, a gap below its threshold.")]
@@ -220,8 +220,14 @@ def export(
 def _read(votes: Path, frames: Path | None, hazard: str, about: Path | None, columns: list[str] | None) -> "VoteTable":
     from eyechart.errors import VoteError
     from eyechart.frames import open_bank
-    from eyechart.studies.guardian import read_votes
+    from eyechart.studies.guardian import read_votes, votes_of_run
 
+    if votes.is_dir():
+        if about is not None or columns:
+            raise VoteError(
+                f"{votes} is a run, which says itself how its votes came about: leave out --about and --map"
+            )
+        return votes_of_run(votes, hazard=hazard)
     named = {}
     for one in columns or ():
         role, sign, column = one.partition("=")

@@ -8,6 +8,7 @@ from eyechart.studies.guardian.fitting import fit
 from eyechart.studies.guardian.frozen import Frozen, Selection, read_frozen, write_frozen
 from eyechart.studies.guardian.modular import Replay, modular_action, reader_of, replay
 from eyechart.studies.guardian.nesting import Nested, nested
+from eyechart.studies.guardian.runs import votes_of_run
 from eyechart.studies.guardian.scoring import GuardianScore, score
 from eyechart.studies.guardian.votes import VIEWS, About, VoteTable, episode_of, hazards_of, read_votes
 
@@ -32,5 +33,6 @@ __all__ = [
     "reader_of",
     "replay",
     "score",
+    "votes_of_run",
     "write_frozen",
 ]

@@ -9,6 +9,7 @@ from typing import cast, get_args
 
 from eyechart import __version__
 from eyechart.errors import EyechartError, GuardianError
+from eyechart.frames import MirrorAxis
 from eyechart.modes import RequestMode
 from eyechart.prompts import Prompt
 from eyechart.stats.committee import Costs, Point
@@ -133,8 +134,9 @@ class Frozen:
             "threshold": self.threshold,
             "operating_point": self.point,
             "models": models,
-            "prompt": {"sha256": self.about.prompt, "wording": None if wording is None else wording.as_dict()},
+            "prompt": {"key": self.about.prompt, "wording": None if wording is None else wording.as_dict()},
             "view": self.about.view,
+            "mirror_axis": self.about.axis,
             "bank": {"name": self.about.bank_name, "fingerprint": self.about.bank},
             **({"selection": _selection(self.selection)} if self.selection else {"chosen_as": self.chosen_as}),
             "eyechart": self.made_by,
@@ -206,7 +208,7 @@ def _frozen(raw: Mapping[str, object]) -> Frozen:
     about = About(
         bank=bank["fingerprint"],
         bank_name=bank["name"],
-        prompt=cast("str | None", prompt["sha256"]),
+        prompt=cast("str | None", prompt["key"]),
         view=cast("str | None", raw["view"]),
         versions={name: str(one["version"]) for name, one in models.items() if one["version"] is not None},
         modes={
@@ -215,6 +217,7 @@ def _frozen(raw: Mapping[str, object]) -> Frozen:
             if one["mode"] is not None
         },
         wording=Prompt.from_dict(wording) if isinstance(wording, dict) else None,
+        axis=cast("MirrorAxis | None", raw["mirror_axis"]),
     )
     selection = raw.get("selection")
     return Frozen(

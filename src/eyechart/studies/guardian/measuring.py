@@ -73,7 +73,8 @@ def _by_episode(table: VoteTable, answer: Ints) -> Floats:
     names, group = table.groups()
     cells = [*_cells(table.hazard, answer).values(), np.ones(len(group), dtype=np.bool_)]
     columns = [np.bincount(group[cell], minlength=len(names)) for cell in cells]
-    return np.stack(columns, axis=1, dtype=np.float64)
+    stacked: Floats = np.stack(columns, axis=1).astype(np.float64)
+    return stacked
 
 
 def _of_sums(metric: str, at: int) -> Callable[[Floats], Floats]:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from eyechart.actions import read_toml
 from eyechart.errors import SourceError, VoteError
-from eyechart.frames import Frame, FrameBank
+from eyechart.frames import Frame, FrameBank, MirrorAxis
 from eyechart.importing.tables import Cell, Row, open_table
 from eyechart.modes import RequestMode
 from eyechart.prompts import Prompt
@@ -33,8 +33,9 @@ _MOST_FRAMES = 1_000_000
 class About:
     """How votes came about. What was not recorded is None, or absent; a change of it cannot be found.
 
-    ``bank`` is the bank's fingerprint and ``bank_name`` its short name, ``prompt`` and ``view`` are digests;
-    ``versions`` and ``modes`` are by model. ``wording`` is the prompt itself, which a stack needs.
+    ``bank`` is the bank's fingerprint and ``bank_name`` its short name, ``prompt`` and ``view`` are keys with
+    digests; ``versions`` and ``modes`` are by model. ``wording`` is the prompt itself and ``axis`` the mirror axis of
+    the pictures, which a stack needs.
     """
 
     bank: str | None = None
@@ -44,6 +45,7 @@ class About:
     versions: Mapping[str, str] = field(default_factory=dict)
     modes: Mapping[str, RequestMode] = field(default_factory=dict)
     wording: Prompt | None = None
+    axis: MirrorAxis | None = None
 
     def unrecorded(self, models: Collection[str]) -> list[str]:
         """Return in words what was not recorded of these models' votes."""

@@ -7,15 +7,16 @@ live in one event loop in a thread of its own, so that an answer comes by the de
 import asyncio
 import threading
 import time
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Coroutine, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Any, Self
 
-from eyechart.calls import Query, Reply, misfit
+from eyechart.calls import misfit
 from eyechart.errors import BankError, GuardianError
+from eyechart.guardian.interface import Answer, Assessment, Interface, Pictures, Vote, interface_of
 from eyechart.models import Model, open_model
 from eyechart.modes import RequestMode, without_secrets
 from eyechart.seeds import key_seed
@@ -27,52 +28,6 @@ _MARGIN_S = 0.02
 """So much of the deadline, a tenth at most, is kept for putting the answer together."""
 _CLOSING_S = 5.0
 _WORDS = 200
-
-Answer = Literal["hazard", "clear", "abstain"]
-Vote = bool | None
-Pictures = tuple[bytes, bytes]
-"""What the models are shown: the view of a picture, and of its reflection."""
-
-
-@dataclass(frozen=True, slots=True)
-class Interface:
-    """What stands between a picture and a vote.
-
-    ``views`` makes of an encoded picture what the models are shown, and raises BankError for what is no picture that it
-    can show; ``query`` makes the question, and ``read`` the vote of a reply: hazard, clear, or None with the reason.
-    ``view`` and ``prompt`` are the digests that a guardian's file has.
-    """
-
-    view: str
-    prompt: str
-    views: Callable[[bytes], Pictures]
-    query: Callable[[bytes, int], Query]
-    read: Callable[[Reply], tuple[Vote, str]]
-
-
-@dataclass(frozen=True, slots=True)
-class Assessment:
-    """What a guardian says of a picture.
-
-    ``votes`` maps each model to its votes on the picture and on its reflection: True is hazard, False clear, and None
-    missing, with the reason in ``missing`` under ``MODEL/VIEW``. ``why`` is one line for a log.
-    """
-
-    answer: Answer
-    votes: Mapping[str, tuple[Vote, Vote]]
-    latency_s: float
-    why: str
-    missing: Mapping[str, str]
-
-    def as_dict(self) -> dict[str, object]:
-        """Return the assessment as plain JSON values."""
-        return {
-            "answer": self.answer,
-            "votes": {model: dict(zip(VIEWS, pair, strict=True)) for model, pair in self.votes.items()},
-            "missing": dict(self.missing),
-            "latency_s": round(self.latency_s, 4),
-            "why": self.why,
-        }
 
 
 class Guardian:
@@ -90,6 +45,7 @@ class Guardian:
         self._interface = interface
         self._pool = ThreadPoolExecutor(4, "eyechart-views")
         self._loop: asyncio.AbstractEventLoop | None = None
+        self._thread: threading.Thread | None = None
         self._lock, self._closed = threading.Lock(), False
         self._tasks: set[asyncio.Task[tuple[Vote, str]]] = set()
 
@@ -98,18 +54,20 @@ class Guardian:
         cls,
         path: Path | str,
         *,
-        interface: Interface,
         deadline_s: float = DEADLINE_S,
+        interface: Interface | None = None,
         modes: Mapping[str, RequestMode] | None = None,
     ) -> "Guardian":
         """Open a guardian and its models. Raises GuardianError that names what is not as it was when it was chosen.
 
         That is an edited file, another prompt or view, or a model of another version. ``modes`` may give a model
-        another address, key, header or time limit than it had then, and nothing else. Nothing is inferred yet.
+        another address, key, header or time limit than it had then, and nothing else. ``interface`` is needed only
+        where the votes that chose the guardian came from a table and not from a run. Nothing is inferred yet.
         """
         frozen = read_frozen(Path(path))
+        shown = interface or interface_of(frozen)
         for name in ("view", "prompt"):
-            chosen, here = getattr(frozen.about, name), getattr(interface, name)
+            chosen, here = getattr(frozen.about, name), getattr(shown, name)
             if chosen != here:
                 raise GuardianError(f"{path}: the {name} differs: it was chosen with {chosen!r}, here is {here!r}")
         given = modes or {}
@@ -125,7 +83,7 @@ class Guardian:
                     f"{path}: the model '{spec}' differs: it was chosen with version '{chosen}', here is '{here}'; "
                     "choose a guardian for this version with 'eyechart guardian fit'"
                 )
-        return cls(frozen, models, interface, deadline_s=deadline_s)
+        return cls(frozen, models, shown, deadline_s=deadline_s)
 
     def assess(self, image: bytes, *, deadline_s: float | None = None) -> Assessment:
         """Return what the committee says of an encoded picture, by the deadline.
@@ -155,12 +113,13 @@ class Guardian:
         return await self._awaited(self._ask(pictures, start, limit), start, limit)
 
     def close(self) -> None:
-        """Let the models go. Closing twice is no error."""
+        """Let the models go, within a few seconds at most. Closing twice is no error."""
         with self._lock:
             loop, self._loop, self._closed = self._loop, None, True
             self._pool.shutdown(wait=False, cancel_futures=True)
-        if loop is not None:
+        if loop is not None and self._thread is not None:
             asyncio.run_coroutine_threadsafe(self._let_go(), loop)
+            self._thread.join(_CLOSING_S)
 
     def __enter__(self) -> Self:
         return self
@@ -183,7 +142,8 @@ class Guardian:
                 raise GuardianError("this guardian was closed; load it again")
             if self._loop is None:
                 self._loop = asyncio.new_event_loop()
-                threading.Thread(target=self._loop.run_forever, name="eyechart-guardian", daemon=True).start()
+                self._thread = threading.Thread(target=_turn, args=(self._loop,), name="eyechart-guardian", daemon=True)
+                self._thread.start()
             return asyncio.run_coroutine_threadsafe(work, self._loop)
 
     async def _awaited(self, work: Coroutine[Any, Any, Assessment], start: float, limit: float) -> Assessment:
@@ -257,15 +217,25 @@ class Guardian:
 
     async def _let_go(self) -> None:
         loop = asyncio.get_running_loop()
-        for task in tuple(self._tasks):
+        asked = tuple(self._tasks)
+        for task in asked:
             task.cancel()
+        if asked:
+            await asyncio.wait(asked, timeout=_CLOSING_S / 2)
         for model in self.models.values():
             try:
-                async with asyncio.timeout(_CLOSING_S):
+                async with asyncio.timeout(_CLOSING_S / 2):
                     await model.close()
             except Exception:  # noqa: BLE001, S112 - what cannot be closed is left
                 continue
         loop.stop()
+
+
+def _turn(loop: asyncio.AbstractEventLoop) -> None:
+    try:
+        loop.run_forever()
+    finally:
+        loop.close()
 
 
 def _left(start: float, limit: float) -> float:
