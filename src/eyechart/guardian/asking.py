@@ -66,7 +66,7 @@ class Guardian:
         """
         frozen = read_frozen(Path(path))
         shown = interface or interface_of(frozen)
-        for name in ("view", "prompt"):
+        for name in ("view", "prompt", "reader"):
             chosen, here = getattr(frozen.about, name), getattr(shown, name)
             if chosen != here:
                 raise GuardianError(f"{path}: the {name} differs: it was chosen with {chosen!r}, here is {here!r}")

@@ -9,7 +9,7 @@ from eyechart.calls import Query, Reply
 from eyechart.conditions import flip
 from eyechart.errors import GuardianError
 from eyechart.frames import decode, encode
-from eyechart.perception.estimate import read_estimate
+from eyechart.perception.estimate import SCENE_READER, read_estimate
 from eyechart.perception.view import find_view
 from eyechart.studies.guardian import VIEWS, Frozen
 
@@ -27,11 +27,12 @@ class Interface:
 
     ``views`` makes of an encoded picture what the models are shown, and raises BankError for what it cannot show;
     ``query`` makes the question about one of these, with a seed; ``read`` returns the vote of a reply, or None with the
-    reason. ``view`` and ``prompt`` are the keys that a guardian's file has.
+    reason. ``view``, ``prompt`` and ``reader`` are what a guardian's file has.
     """
 
     view: str | None
     prompt: str | None
+    reader: int | None
     views: Callable[[bytes], Pictures]
     query: Callable[[bytes, int], Query]
     read: Callable[[Reply], tuple[Vote, str]]
@@ -93,7 +94,7 @@ def interface_of(frozen: Frozen) -> Interface:
     def query(picture: bytes, seed: int) -> Query:
         return Query(*words, picture, seed, (), prompt.form)
 
-    return Interface(about.view, about.prompt, views, query, read_vote)
+    return Interface(about.view, prompt.key, SCENE_READER, views, query, read_vote)
 
 
 def read_vote(reply: Reply) -> tuple[Vote, str]:

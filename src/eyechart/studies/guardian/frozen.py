@@ -104,7 +104,7 @@ class Frozen:
             )
 
     def _require_same(self, table: VoteTable) -> None:
-        for name in ("bank", "prompt", "view"):
+        for name in ("bank", "prompt", "view", "reader"):
             mine, theirs = getattr(self.about, name), getattr(table.about, name)
             if mine != theirs:
                 raise GuardianError(
@@ -137,6 +137,7 @@ class Frozen:
             "prompt": {"key": self.about.prompt, "wording": None if wording is None else wording.as_dict()},
             "view": self.about.view,
             "mirror_axis": self.about.axis,
+            "reader": self.about.reader,
             "bank": {"name": self.about.bank_name, "fingerprint": self.about.bank},
             **({"selection": _selection(self.selection)} if self.selection else {"chosen_as": self.chosen_as}),
             "eyechart": self.made_by,
@@ -218,6 +219,7 @@ def _frozen(raw: Mapping[str, object]) -> Frozen:
         },
         wording=Prompt.from_dict(wording) if isinstance(wording, dict) else None,
         axis=cast("MirrorAxis | None", raw["mirror_axis"]),
+        reader=cast("int | None", raw["reader"]),
     )
     selection = raw.get("selection")
     return Frozen(
@@ -243,5 +245,6 @@ def _read_selection(raw: Mapping[str, object]) -> Selection:
     )
 
 
-def _short(text: str | None) -> str:
-    return "none recorded" if not text else f"'{text}'" if len(text) <= 16 else f"'{text[:16]}…'"
+def _short(value: str | int | None) -> str:
+    text = str(value)
+    return "none recorded" if value in {None, ""} else f"'{text}'" if len(text) <= 24 else f"'{text[:24]}…'"

@@ -73,8 +73,7 @@ def _by_episode(table: VoteTable, answer: Ints) -> Floats:
     names, group = table.groups()
     cells = [*_cells(table.hazard, answer).values(), np.ones(len(group), dtype=np.bool_)]
     columns = [np.bincount(group[cell], minlength=len(names)) for cell in cells]
-    stacked: Floats = np.stack(columns, axis=1).astype(np.float64)
-    return stacked
+    return np.asarray(columns, dtype=np.float64).T
 
 
 def _of_sums(metric: str, at: int) -> Callable[[Floats], Floats]:

@@ -50,6 +50,7 @@ def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = Fals
         modes=dict(manifest.modes),
         wording=manifest.prompt,
         axis=axes.pop() if len(axes) == 1 else None,
+        reader=SCENE_READER,
     )
     return VoteTable(
         name=path.name,

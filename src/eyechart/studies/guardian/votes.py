@@ -35,7 +35,7 @@ class About:
 
     ``bank`` is the bank's fingerprint and ``bank_name`` its short name, ``prompt`` and ``view`` are keys with
     digests; ``versions`` and ``modes`` are by model. ``wording`` is the prompt itself and ``axis`` the mirror axis of
-    the pictures, which a stack needs.
+    the pictures, which a stack needs; ``reader`` is the version of the reader of scenes.
     """
 
     bank: str | None = None
@@ -46,6 +46,7 @@ class About:
     modes: Mapping[str, RequestMode] = field(default_factory=dict)
     wording: Prompt | None = None
     axis: MirrorAxis | None = None
+    reader: int | None = None
 
     def unrecorded(self, models: Collection[str]) -> list[str]:
         """Return in words what was not recorded of these models' votes."""
