@@ -180,6 +180,7 @@ def test_a_stack_that_is_not_as_the_guardian_was_chosen_is_refused_by_name(
     monkeypatch.setitem(voters.VERSION, "all", "1")
     refused(replace(frozen.about, view="highway@00000000"), "there is no view 'highway@00000000'")
     refused(replace(frozen.about, prompt="scene@00000000"), "the prompt differs")
+    refused(replace(frozen.about, reader=0), "the reader differs")
     refused(replace(frozen.about, wording=None), "came from a table")
     refused(replace(frozen.about, axis="none"), "mirror axis 'none'")
     study.write_frozen(path, frozen)

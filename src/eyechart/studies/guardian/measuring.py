@@ -80,7 +80,9 @@ def _of_sums(metric: str, at: int) -> Callable[[Floats], Floats]:
     """Return a metric as a function of summed episodes, whose cells begin in column ``at``."""
 
     def share(part: Floats, whole: Floats) -> Floats:
-        return np.divide(part, whole, out=np.full(len(part), np.nan), where=whole > 0)
+        out = np.full(len(part), np.nan)
+        np.divide(part, whole, out=out, where=whole > 0)
+        return out
 
     def statistic(sums: Floats) -> Floats:
         tp, fn, tn, fp, frames = (sums[:, at + place] for place in range(5))
