@@ -7,10 +7,10 @@ import asyncio
 import math
 import signal
 import time
+from collections import Counter as Counts
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from weakref import WeakKeyDictionary
 
 import orjson
 from aiohttp import web
@@ -91,8 +91,8 @@ class Server:
     held: int = 0
     reading: int = 0
     usual_s: float = 0.1
-    busy: "WeakKeyDictionary[object, int]" = field(default_factory=WeakKeyDictionary)
-    last: "WeakKeyDictionary[object, float]" = field(default_factory=WeakKeyDictionary)
+    busy: Counts[object] = field(default_factory=Counts)
+    last: dict[object, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.turns = asyncio.Semaphore(self.limits.concurrency)
@@ -141,7 +141,7 @@ class Server:
     @web.middleware
     async def watch(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Count a request by its status; answer in JSON whatever goes wrong, and never with a traceback."""
-        self.busy[request.protocol] = self.busy.get(request.protocol, 0) + 1
+        self.busy[request.protocol] += 1
         try:
             response = await handler(request)
         except web.HTTPException as raised:
@@ -226,13 +226,13 @@ class Server:
 
     async def reap(self, connections: Callable[[], list[web.RequestHandler]]) -> None:
         """Close, again and again, the connections that have been without a request for too long."""
-        first: WeakKeyDictionary[object, float] = WeakKeyDictionary()
         while True:
             await asyncio.sleep(min(_REAP_S, self.limits.idle_s / 2))
-            now = time.monotonic()
-            for one in connections():
-                since = max(first.setdefault(one, now), self.last.get(one, 0.0))
-                if not self.busy.get(one, 0) and now - since > self.limits.idle_s:
+            now, there = time.monotonic(), connections()
+            self.last = {one: self.last.get(one, now) for one in there}
+            self.busy = Counts({one: self.busy[one] for one in there if self.busy[one]})
+            for one in there:
+                if not self.busy[one] and now - self.last[one] > self.limits.idle_s:
                     one.force_close()
 
 
