@@ -62,7 +62,7 @@ class RunManifest:
 
         Raises LedgerError that names what differs where the two are not parts of one run.
         """
-        for name in ("study", "seed", "prompt", "fingerprint", "shard", "stop_early", "view", "frames"):
+        for name in ("study", "seed", "view", "prompt", "fingerprint", "shard", "stop_early", "frames"):
             mine, theirs = getattr(self, name), getattr(other, name)
             if mine != theirs:
                 shown = (mine.key, theirs.key) if isinstance(mine, Prompt) else (mine, theirs)

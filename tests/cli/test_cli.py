@@ -36,6 +36,8 @@ COMMANDS = (
     "run",
     "run battery",
     "run prompts",
+    "run admission",
+    "run structured",
     "merge",
     "report",
     "bundle",

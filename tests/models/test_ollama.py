@@ -18,6 +18,7 @@ from eyechart.errors import SpecError
 from eyechart.frames import encode
 from eyechart.models import Model, ollama, open_model
 from eyechart.modes import RequestMode
+from eyechart.perception.estimate import SCHEMA
 from faults import Loopback
 from ollama_stand_in import COUNTS, DIGEST, TEMPLATE, StandIn
 
@@ -74,7 +75,7 @@ def test_the_request_is_as_the_api_has_it(server: StandIn) -> None:
 
 
 def test_options_and_formats_go_where_the_api_wants_them(server: StandIn) -> None:
-    """A schema binds the action to the query's actions; without a picture there is no list of pictures."""
+    """A schema binds the action to the query's actions, or the scene; without a picture there is no list of them."""
     ask(
         server,
         query=Query("", "Which?", None, 1, ("GO", "STOP")),
@@ -84,7 +85,9 @@ def test_options_and_formats_go_where_the_api_wants_them(server: StandIn) -> Non
         body={"options": {"top_k": 1}},
     )
     ask(server, structured="json_object")
-    first, second = server.asked
+    ask(server, query=Query("", "Which scene?", None, 1, form=SCHEMA), structured="json_schema")
+    first, second, third = server.asked
+    assert third["format"] == SCHEMA
     assert (first["think"], first["keep_alive"]) == (False, "10m")
     assert first["options"] == {"num_predict": 1024, "num_ctx": 2048, "top_k": 1}
     assert first["messages"] == [{"role": "user", "content": "Which?"}]

@@ -19,6 +19,7 @@ from eyechart.frames import encode
 from eyechart.models import Model, open_model
 from eyechart.models.http import proxy_for
 from eyechart.modes import RequestMode
+from eyechart.perception.estimate import SCHEMA
 from faults import FaultServer, answer, completion, refuse
 
 PICTURE = encode(np.full((8, 8, 3), 128, dtype=np.uint8))
@@ -84,7 +85,10 @@ def test_the_request_is_as_the_api_has_it() -> None:
 
 
 def test_a_mode_changes_the_request(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Token field, seed, no temperature, schema, headers with their variables filled in, and a body that wins."""
+    """Token field, seed, no temperature, schema, headers with their variables filled in, and a body that wins.
+
+    The schema is that of an action, or of a scene where one is asked for.
+    """
     monkeypatch.setenv("TEAM_TOKEN", "team-token-1234")
     with FaultServer() as server:
         ask(
@@ -98,7 +102,9 @@ def test_a_mode_changes_the_request(monkeypatch: pytest.MonkeyPatch) -> None:
             body={"max_completion_tokens": 9, "provider": {"only": ["x"]}},
         )
         ask(server, structured="json_object")
-    first, second = server.asked
+        ask(server, query=Query("", "Which scene?", None, 1, form=SCHEMA), structured="json_schema")
+    first, second, third = server.asked
+    assert third["response_format"]["json_schema"]["schema"] == SCHEMA  # type: ignore[index]
     schema = first.pop("response_format")
     assert first == {
         "model": "m",

@@ -17,6 +17,7 @@ from eyechart.cli import (
     reporting,
     results,
     running,
+    scenes,
     serving,
 )
 
@@ -30,6 +31,8 @@ app = typer.Typer(
 )
 app.add_typer(frames.app, name="frames")
 running.app.command()(prompting.prompts)
+running.app.command()(scenes.admission)
+running.app.command()(scenes.structured)
 app.add_typer(running.app, name="run")
 app.add_typer(listing.app, name="list")
 app.command()(demo.demo)

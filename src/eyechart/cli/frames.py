@@ -108,22 +108,35 @@ def check(
         raise typer.Exit(1)
 
 
-@app.command(epilog="Example: eyechart frames show bank --out sheet.png")
+@app.command(
+    epilog="Example: eyechart frames show bank --out sheet.png\n\n"
+    "Example: eyechart frames show bank light-0-03 --view --out view.png"
+)
 def show(
     bank: Annotated[Path, typer.Argument(help="Folder of the bank.")],
+    frame: Annotated[str | None, typer.Argument(help="Id of a frame, to write its picture alone.")] = None,
+    *,
     out: Annotated[Path, typer.Option(help="PNG file to write.")],
+    view: Annotated[bool, typer.Option("--view", help="The frame in the calibrated view that estimators see.")] = False,
+    mirrored: Annotated[bool, typer.Option("--mirrored", help="The frame's reflection.")] = False,
     counterfactual: Annotated[str | None, typer.Option(help="lead_near, lead_far or recoloured.")] = None,
     limit: Annotated[int | None, typer.Option(help="At most so many frames, from every episode in turn.")] = None,
 ) -> None:
-    """Write a contact sheet: one row an episode, each frame with its gap and what it demands."""
+    """Write a contact sheet, one row an episode, each frame with its gap and demand; or the picture of one FRAME."""
     from dataclasses import replace
 
+    from eyechart.errors import SpecError
     from eyechart.frames import open_bank
-    from eyechart.report.contact_sheet import contact_sheet
+    from eyechart.report.contact_sheet import contact_sheet, write_frame
     from eyechart.run import spread
 
     opened = open_bank(bank)
-    contact_sheet(replace(opened, frames=spread(opened.frames, limit)), out, counterfactual=counterfactual)
+    if frame is not None:
+        write_frame(opened, opened.frame(frame), out, counterfactual=counterfactual, view=view, mirrored=mirrored)
+    elif view or mirrored:
+        raise SpecError("--view and --mirrored are of one frame: give its id, as in 'eyechart frames show BANK FRAME'")
+    else:
+        contact_sheet(replace(opened, frames=spread(opened.frames, limit)), out, counterfactual=counterfactual)
     say(f"wrote {out}")
 
 

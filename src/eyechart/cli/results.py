@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from eyechart.studies.battery import BatteryScore
+    from eyechart.studies.structured import StructuredScore
     from eyechart.verdicts import Verdict
 
 _Run = Annotated[Path, typer.Argument(help="Folder of the run.")]
@@ -28,9 +29,12 @@ def score(run: _Run, json: _Json = False, independent: _Independent = False, rer
     from eyechart.report.costs import costs_table
     from eyechart.report.tables import frontier_table, prompts_table, statistics_table
     from eyechart.studies import battery as study
-    from eyechart.studies import prompts
+    from eyechart.studies import prompts, structured
     from eyechart.verdicts import judge
 
+    if structured.is_structured(run):
+        print_estimators(structured.score(run, reread=reread), json=json)
+        return
     if prompts.is_study(run):
         cells = prompts.score(run, reread=reread)
         if json:
@@ -51,6 +55,27 @@ def score(run: _Run, json: _Json = False, independent: _Independent = False, rer
     console.print(frontier_table(scored, verdicts))
     print_marks(verdicts)
     console.print(costs_table(scored.accounting, every=False))
+
+
+def print_estimators(scored: "StructuredScore", *, json: bool) -> None:
+    """Print the score of an admission or a structured run: Table t:controller-local, the clauses, and every figure."""
+    from eyechart.report.structured import clauses_table, controller_table, figures_table, marks, reading_words
+    from eyechart.report.tables import MARK
+
+    if json:
+        print_json(scored.as_dict())
+        return
+    console = table_console(140)
+    console.print(controller_table(scored))
+    for spec in scored.models:
+        for words in marks(scored, spec):
+            console.print(f"{MARK.strip()} {spec}: {words}", markup=False)
+    for one in scored.models.values():
+        console.print(clauses_table(one))
+        for line in reading_words(one):
+            console.print(line, markup=False)
+    for one in scored.models.values():
+        console.print(figures_table(one))
 
 
 def verdict(run: _Run, json: _Json = False, independent: _Independent = False, reread: _Reread = False) -> None:

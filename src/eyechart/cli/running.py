@@ -86,7 +86,7 @@ def battery(
         shard=None if shard is None else read_shard(shard),
         stop_early=stop_early,
     )
-    for line in (*_planned(planned), *(one.words for one in study.expected(planned, table, concurrency=concurrency))):
+    for line in (*sizes(planned), *(one.words for one in study.expected(planned, table, concurrency=concurrency))):
         say(line)
     for line in _before(planned) if stop_early else ():
         say(line)
@@ -97,10 +97,11 @@ def battery(
         outcome = study.run(planned, concurrency=concurrency, limits=limits, progress=move)
     for line in _after(planned) if stop_early else ():
         say(line)
-    _tell(outcome, planned.left(), out)
+    tell(outcome, planned.left())
+    say(f"done: 'eyechart verdict {out}' judges, 'eyechart score {out}' prints every statistic")
 
 
-def _planned(planned: "Battery") -> list[str]:
+def sizes(planned: "Battery") -> list[str]:
     """Say what is left out and why, how many calls there are, and what the models themselves give to think about."""
     plan, (calls, finished, unknown) = planned.plan, planned.counts()
     to_make = f"{'at most ' if planned.manifest.stop_early else ''}{planned.left()}"
@@ -113,7 +114,7 @@ def _planned(planned: "Battery") -> list[str]:
     ]
 
 
-def _tell(outcome: "Outcome", left: int, out: Path) -> None:
+def tell(outcome: "Outcome", left: int) -> None:
     """Print how a run ended; raise Exit 3 where a limit stopped it, 1 where calls are unfinished."""
     for spec, why in outcome.set_aside.items():
         say(f"set aside: {spec}: {why}")
@@ -123,7 +124,6 @@ def _tell(outcome: "Outcome", left: int, out: Path) -> None:
     if left:
         say(f"{left} calls are unfinished: their last error may pass, and the same command tries them again")
         raise typer.Exit(1)
-    say(f"done: 'eyechart verdict {out}' judges, 'eyechart score {out}' prints every statistic")
 
 
 def _before(planned: "Battery") -> list[str]:

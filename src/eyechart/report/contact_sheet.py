@@ -1,12 +1,17 @@
-"""A contact sheet shows a bank at a glance: one row an episode, each frame with its gap and what it demands."""
+"""A contact sheet shows a bank at a glance: one row an episode, each frame with its gap and what it demands.
+
+One frame alone is shown as it is, reflected, or in the calibrated view.
+"""
 
 from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from eyechart.conditions import flip
 from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank, decode
+from eyechart.perception.view import CALIBRATED, view_for
 
 _CELL_PX = 300
 _CAPTION_PX = 18
@@ -38,9 +43,35 @@ def contact_sheet(bank: FrameBank, out: Path, *, counterfactual: str | None = No
             left, top = _MARGIN_PX + x * (_CELL_PX + _MARGIN_PX), _MARGIN_PX + y * step
             draw.text((left, top), _caption(frame, bank), fill="black", font=font)
             sheet.paste(Image.fromarray(pixels).resize((_CELL_PX, height)), (left, top + _CAPTION_PX))
+    _save(sheet, out)
+
+
+def write_frame(
+    bank: FrameBank,
+    frame: Frame,
+    out: Path,
+    *,
+    counterfactual: str | None = None,
+    view: bool = False,
+    mirrored: bool = False,
+) -> None:
+    """Write one frame's picture as PNG, or its reflection, as it is or in its simulator's calibrated view.
+
+    Raises BankError where there is no such picture, SpecError where there is no such view or mirror axis.
+    """
+    pixels = decode(bank.image(frame, counterfactual), frame.file)
+    shown = view_for(CALIBRATED, bank.manifest.simulator) if view else None
+    if mirrored:
+        pixels = flip(pixels, frame.mirror_axis)
+    if shown is not None:
+        pixels = shown.show(pixels, frame.file)
+    _save(Image.fromarray(np.ascontiguousarray(pixels)), out)
+
+
+def _save(picture: Image.Image, out: Path) -> None:
     out.parent.mkdir(parents=True, exist_ok=True)
     partial = out.with_name(f".{out.name}.part")
-    sheet.save(partial, "PNG")
+    picture.save(partial, "PNG")
     partial.replace(out)
 
 

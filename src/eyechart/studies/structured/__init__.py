@@ -5,7 +5,7 @@ Source: paper, sections Constructive renderer-calibrated controller, Structured 
 
 from eyechart.studies.structured.admission import CLAUSES, Clause
 from eyechart.studies.structured.planning import ADMISSION, STRUCTURED, STUDIES, plan
-from eyechart.studies.structured.scoring import EstimatorScore, StructuredScore, score
+from eyechart.studies.structured.scoring import EstimatorScore, StructuredScore, is_structured, score
 from eyechart.studies.structured.told import Told, read_told
 
 __all__ = [
@@ -17,6 +17,7 @@ __all__ = [
     "EstimatorScore",
     "StructuredScore",
     "Told",
+    "is_structured",
     "plan",
     "read_told",
     "score",

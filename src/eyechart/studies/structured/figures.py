@@ -20,6 +20,8 @@ Floats = NDArray[np.float64]
 _ENUMERATE = 25_000
 """Up to so many multisets of episodes (9 episodes) the bootstrap is enumerated; beyond, resamples are drawn."""
 
+_NO_SPREAD = "Wilson: the episodes do not differ"
+
 
 @dataclass(frozen=True, slots=True)
 class How:
@@ -83,8 +85,8 @@ class Figures:
     def _parse(self) -> Statistic:
         asked = np.array(self._asked, dtype=np.bool_)
         real, mirrored = (_given(side) for side in (self._real, self._mirrored))
-        hits = real.astype(np.float64) + mirrored
-        return self._ratio(hits, 1.0 + asked, "parse")
+        hits = real.astype(np.float64) + mirrored.astype(np.float64)
+        return self._ratio(hits, 1.0 + asked.astype(np.float64), "parse")
 
     def _share(self, hits: Mask, name: str, of: Mask | None = None) -> Statistic:
         among = np.ones(len(hits), dtype=np.bool_) if of is None else of
@@ -96,7 +98,7 @@ class Figures:
             return _nothing()
         found = self._interval(np.column_stack([hits, among]), ratio_of_sums, name)
         if found.ci is None and self._how.episodes is not None:
-            found = replace(found, ci=rate(k, n).ci, method="Wilson interval; the episodes do not differ")
+            found = replace(found, ci=rate(k, n).ci, method="Wilson interval over replies", note=_NO_SPREAD)
         return replace(found, value=k / n, n=n, detail={"k": k})
 
     def _balanced(self, right: Mask, close: Mask) -> Statistic:
@@ -147,7 +149,7 @@ class Figures:
             by_episode, statistic, seed=seed, resamples=self._how.resamples, enumerate_up_to=_ENUMERATE
         )
         if found.ci is not None and found.ci[0] == found.ci[1]:
-            return replace(found, ci=None, note="the episodes do not differ, so resampling them shows no spread")
+            return replace(found, ci=None, note="no interval: the episodes do not differ")
         return found
 
 

@@ -15,7 +15,7 @@ from eyechart.perception.view import CALIBRATED, NONE, VIEWS, view_for
 from eyechart.prompts import SCENE, Prompt, plain_scene
 from eyechart.seeds import key_seed
 from eyechart.studies.battery import Battery, open_models, open_whole, plan_of, resumed
-from eyechart.studies.structured.told import is_close
+from eyechart.studies.structured.told import episode_of, is_close
 
 ADMISSION, STRUCTURED = "admission", "structured"
 STUDIES = (ADMISSION, STRUCTURED)
@@ -123,7 +123,7 @@ def _in_turn(frames: Sequence[Frame]) -> list[Frame]:
         taken: Counter[str] = Counter()
         turns: list[tuple[int, int]] = []
         for place, frame in enumerate(group):
-            turns.append((taken[frame.episode], place))
-            taken[frame.episode] += 1
+            turns.append((taken[episode_of(frame)], place))
+            taken[episode_of(frame)] += 1
         ranked += [(rank, number, group[place]) for rank, (_, place) in enumerate(sorted(turns))]
     return [frame for _, _, frame in sorted(ranked, key=lambda one: one[:2])]

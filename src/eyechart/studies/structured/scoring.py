@@ -11,14 +11,14 @@ from eyechart.errors import LedgerError
 from eyechart.frames import FrameBank
 from eyechart.integrity import Guard
 from eyechart.ledger import Ledger
-from eyechart.manifest import LEDGER, RunManifest, read_run
+from eyechart.manifest import LEDGER, RunManifest, is_run, read_manifest, read_run
 from eyechart.perception.estimate import SCENE_READER
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import plan_of, took
 from eyechart.studies.structured.admission import Held, hold
 from eyechart.studies.structured.figures import Figures, How
 from eyechart.studies.structured.planning import STUDIES
-from eyechart.studies.structured.told import Told, read_told
+from eyechart.studies.structured.told import Told, episode_of, read_told
 
 
 @dataclass(frozen=True)
@@ -97,6 +97,11 @@ class StructuredScore:
         }
 
 
+def is_structured(path: Path) -> bool:
+    """Return whether a folder holds an admission or a structured run."""
+    return is_run(path) and read_manifest(path).study in STUDIES
+
+
 def score(path: Path, *, resamples: int = 5000, reread: bool = False) -> StructuredScore:
     """Score the admission or structured run in a folder, finished or not.
 
@@ -116,7 +121,7 @@ def score(path: Path, *, resamples: int = 5000, reread: bool = False) -> Structu
         told = {spec: read_told(spec, ledger.replies(spec), bank, plan.frames) for spec in manifest.models}
     accounting, guards = took(path)
     silent = "episode" in bank.manifest.absent and not bank.manifest.independent
-    episodes = None if silent else np.array([frame.episode for frame in plan.frames], dtype=np.str_)
+    episodes = None if silent else np.array([episode_of(frame) for frame in plan.frames])
     how = How(episodes, manifest.seed, resamples)
     models = {
         spec: _scored(told[spec], how, bank, version, sum(1 for _ in plan.keys_of(spec)))

@@ -82,7 +82,7 @@ def read_told(model: str, replies: Iterable[tuple[CallKey, Reply]], bank: FrameB
         replies={condition: tuple(column) for condition, column in sorted(found.items())},
         gap_m=np.array(gaps, dtype=np.float64),
         close=np.array([is_close(frame, bank) for frame in frames], dtype=np.bool_),
-        visible=np.isfinite(gaps) & [frame.truth.get("lead_visible", True) is True for frame in frames],
+        visible=np.isfinite(gaps) & np.array([frame.truth.get("lead_visible") is not False for frame in frames], bool),
         before=before_collision(bank, frames),
         unit=bank.manifest.gap.unit if bank.manifest.gap is not None else "",
         finished=finished,
@@ -118,5 +118,10 @@ def before_collision(bank: FrameBank, frames: tuple[Frame, ...]) -> Mask | None:
     first: dict[str, int] = {}
     for frame in bank:
         if frame.truth["crashed"]:
-            first[frame.episode] = min(first.get(frame.episode, frame.step), frame.step)
-    return np.array([frame.step < first.get(frame.episode, frame.step + 1) for frame in frames], dtype=np.bool_)
+            first[episode_of(frame)] = min(first.get(episode_of(frame), frame.step), frame.step)
+    return np.array([frame.step < first.get(episode_of(frame), frame.step + 1) for frame in frames], dtype=np.bool_)
+
+
+def episode_of(frame: Frame) -> str:
+    """Return the name of a frame's episode among all: an episode's own name may recur in another scenario."""
+    return f"{frame.scenario}/{frame.episode}"

@@ -1,0 +1,160 @@
+"""``eyechart run admission`` and ``run structured``: scene estimates of pictures and of their reflections."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from eyechart.cli import asking
+from eyechart.cli.running import sizes, tell
+from eyechart.cli.terminal import progress, resumable, say
+
+if TYPE_CHECKING:
+    from eyechart.modes import RequestMode
+    from eyechart.studies.battery import Battery
+
+Frames = Annotated[Path, typer.Option(help="Folder of the frame bank.")]
+Out = Annotated[Path, typer.Option(help="Folder of the run; the same one resumes it.")]
+Model = Annotated[list[str] | None, typer.Option(help="A model's SPEC; give it again for more models.")]
+View = Annotated[
+    str | None, typer.Option(help="calibrated or none; default: calibrated where the pictures have such a view.")
+]
+Concurrency = Annotated[int, typer.Option(min=1, help="Calls under way at once, a model.")]
+MaxCalls = Annotated[int | None, typer.Option(min=1, help="Stop at so many requests of this run.")]
+MaxCost = Annotated[float | None, typer.Option(min=0, help="Stop at so many US dollars of this run.")]
+PriceFile = Annotated[Path | None, typer.Option(help="FILE.toml of prices; it comes before the table.")]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="Print the plan and make no call.")]
+
+
+def admission(
+    frames: Frames,
+    out: Out,
+    model: Model = None,
+    mode: asking.Mode = None,
+    view: View = None,
+    seed: Annotated[int, typer.Option(min=0, help="Chooses the pairs, and the order of calls.")] = 0,
+    concurrency: Concurrency = 8,
+    base_url: asking.BaseUrl = None,
+    key_env: asking.KeyEnv = None,
+    max_tokens: asking.MaxTokens = None,
+    temperature: asking.Temperature = None,
+    timeout: asking.Timeout = None,
+    json_mode: asking.JsonMode = None,
+    header: asking.Header = None,
+    body: asking.Body = None,
+    option: asking.Option = None,
+    max_calls: MaxCalls = None,
+    max_cost: MaxCost = None,
+    prices: PriceFile = None,
+    dry_run: DryRun = False,
+) -> None:
+    """Ask for scene estimates of 16 balanced frame/mirror pairs, and hold them against the clauses of admission.
+
+    'eyechart score OUT' prints each clause with its value, interval and n. Exit 1: calls are unfinished; 3: stopped at
+    --max-calls or --max-cost. Example: eyechart run admission --model scripted:scene_side_blind --frames bank --out adm
+    """
+    modes = asking.read_modes(
+        model,
+        mode,
+        base_url=base_url,
+        key_env=key_env,
+        max_tokens=max_tokens,
+        temperature=temperature,
+        timeout=timeout,
+        json_mode=json_mode,
+        header=header,
+        body=body,
+        option=option,
+    )
+    from eyechart.studies import structured as study
+
+    planned = study.plan(study.ADMISSION, frames, modes, out, view=view, seed=seed)
+    _run(planned, modes, prices, concurrency=concurrency, calls=max_calls, cost_usd=max_cost, dry_run=dry_run)
+
+
+def structured(
+    frames: Frames,
+    out: Out,
+    model: Model = None,
+    mode: asking.Mode = None,
+    view: View = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of the order of calls and of sampling.")] = 0,
+    limit: Annotated[int | None, typer.Option(help="So many frames, from every episode in turn.")] = None,
+    concurrency: Concurrency = 8,
+    base_url: asking.BaseUrl = None,
+    key_env: asking.KeyEnv = None,
+    max_tokens: asking.MaxTokens = None,
+    temperature: asking.Temperature = None,
+    timeout: asking.Timeout = None,
+    json_mode: asking.JsonMode = None,
+    header: asking.Header = None,
+    body: asking.Body = None,
+    option: asking.Option = None,
+    max_calls: MaxCalls = None,
+    max_cost: MaxCost = None,
+    prices: PriceFile = None,
+    dry_run: DryRun = False,
+) -> None:
+    """Ask for scene estimates of every frame of a bank and of its reflection (Table t:controller-local).
+
+    The paper has 288 pairs: 'frames build highway --steps 24'. Exit 1: calls are unfinished; 3: stopped at --max-calls
+    or --max-cost. Example: eyechart run structured --model scripted:scene_positive_control --frames bank --out scenes
+    """
+    modes = asking.read_modes(
+        model,
+        mode,
+        base_url=base_url,
+        key_env=key_env,
+        max_tokens=max_tokens,
+        temperature=temperature,
+        timeout=timeout,
+        json_mode=json_mode,
+        header=header,
+        body=body,
+        option=option,
+    )
+    from eyechart.studies import structured as study
+
+    planned = study.plan(study.STRUCTURED, frames, modes, out, view=view, seed=seed, limit=limit)
+    _run(planned, modes, prices, concurrency=concurrency, calls=max_calls, cost_usd=max_cost, dry_run=dry_run)
+
+
+def _run(
+    planned: "Battery",
+    modes: "Sequence[RequestMode]",
+    prices: Path | None,
+    *,
+    concurrency: int,
+    calls: int | None,
+    cost_usd: float | None,
+    dry_run: bool,
+) -> None:
+    """Say what is planned and make the calls."""
+    from eyechart.models.prices import read_prices
+    from eyechart.studies import battery
+
+    table = read_prices(prices)
+    estimates = (one.words for one in battery.expected(planned, table, concurrency=concurrency))
+    for line in (f"view: {planned.manifest.view}", *sizes(planned), *_bound(modes), *estimates):
+        say(line)
+    if dry_run:
+        return
+    limits = battery.within(planned, table, calls=calls, cost_usd=cost_usd)
+    with resumable(), progress("calls", "calls") as move:
+        outcome = battery.run(planned, concurrency=concurrency, limits=limits, progress=move)
+    tell(outcome, planned.left())
+    say(f"done: 'eyechart score {planned.out}' prints the table, the clauses and every figure")
+
+
+def _bound(modes: "Sequence[RequestMode]") -> list[str]:
+    """Say of each model whether its server is told the schema, and warn where a probe found that it does not bind."""
+    lines = []
+    for mode in modes:
+        if mode.spec.startswith("scripted:"):
+            continue
+        if mode.structured != "json_schema":
+            lines.append(f"{mode.spec}: replies are read strictly; --json-mode json_schema binds the schema")
+        elif mode.measured is not None and mode.measured.schema_binds is False:
+            lines.append(f"warning: {mode.spec}: the schema is sent, but a probe found that this server ignores it")
+    return lines
