@@ -147,7 +147,7 @@ async def slow(url: str, began: float, body: bytes, *, whole: bool, deadline_s: 
         reader, writer = await asyncio.open_connection(host, int(port))
         writer.write((head + ("\r\n" if whole else "")).encode())
         answered = asyncio.create_task(reader.readline())
-        for place in range(int(10 * (deadline_s + GRACE_S))):
+        for place in range(int(10 * (deadline_s + 10)) if whole else int(10 * deadline_s)):
             done, _ = await asyncio.wait([answered], timeout=0.1)
             if done or writer.is_closing():
                 break

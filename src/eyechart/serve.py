@@ -26,6 +26,7 @@ from eyechart.studies.guardian import VIEWS
 TYPES = ("image/png", "image/jpeg", "image/webp", "image/bmp", "application/octet-stream")
 """What a picture may be sent as; what it is, its bytes say."""
 
+_SIGNS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"RIFF", b"BM")
 _LEAST_S = 0.01
 """With less time than this left no model is asked."""
 _REAP_S = 1.0
@@ -182,23 +183,23 @@ class Server:
             self.reading -= 1
         if not body:
             raise _Refused(400, "the body is empty; it must be an encoded picture, PNG or JPEG")
+        if not body.startswith(_SIGNS):
+            raise _Refused(422, "no picture that can be shown: it begins as none of PNG, JPEG, WebP and BMP")
         return bytes(body)
 
     async def _asked(self, picture: bytes, start: float) -> Assessment:
         """Wait for a turn, and ask the guardian; refuse where too many wait, or no time is left."""
-        if self.held >= self.limits.concurrency + self.limits.queue:
-            raise _Refused(503, f"{self.held} pictures wait here already")
+        self._require_room(self._left(start))
         self.held += 1
-        turn = False
+        turn, began = False, start
         try:
             async with asyncio.timeout(self._left(start)):
                 await self.turns.acquire()
-                turn = True
+                turn, began = True, time.perf_counter()
                 pictures = await asyncio.to_thread(self.guardian.show, picture)
             left = self._left(start)
             if left < _LEAST_S:
                 raise _Refused(503, "no time is left to ask about the picture")
-            began = time.perf_counter()
             assessment = await self.guardian.ask_async(pictures, deadline_s=left)
         except BankError as error:
             raise _Refused(422, f"no picture that can be shown: {error}") from None
@@ -211,6 +212,15 @@ class Server:
             self.held -= 1
             if turn:
                 self.turns.release()
+
+    def _require_room(self, left_s: float) -> None:
+        """Refuse a picture that finds no place, or whose turn would come too late to be answered."""
+        waiting = self.held - self.limits.concurrency
+        if waiting >= self.limits.queue:
+            raise _Refused(503, f"{self.held} pictures wait here already")
+        rounds = 0 if waiting < 0 else waiting // self.limits.concurrency + 1
+        if rounds and (rounds + 1) * self.usual_s > left_s:
+            raise _Refused(503, f"{self.held} pictures wait here already, so that its turn would come too late")
 
     def _left(self, start: float) -> float:
         return max(0.0, self.guardian.deadline_s - (time.perf_counter() - start))
