@@ -60,6 +60,8 @@ bench: $(BENCH) $(INSPECT)/.done
 	$(BIN)/python benchmarks/bench_bank.py
 	$(BIN)/python benchmarks/bench_positive_control.py
 	$(BIN)/python benchmarks/bench_score.py
+	$(BIN)/python benchmarks/bench_guardian.py
+	$(BIN)/python benchmarks/bench_serve.py
 	$(BIN)/python benchmarks/bench_hf.py
 	$(BIN)/python benchmarks/bench_calls.py --inspect-python $(INSPECT)/bin/python
 
