@@ -203,6 +203,12 @@ def resident_mb(pid: int) -> float:
     return next(int(line.split()[1]) / 1024 for line in lines if line.startswith("VmRSS"))
 
 
+def cpu_s(pid: int) -> float:
+    """Return the processor time that a process has taken."""
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
 async def started(*words: str) -> tuple[asyncio.subprocess.Process, str]:
     """Start a process that prints an address, and return both."""
     process = await asyncio.create_subprocess_exec(sys.executable, *words, stderr=asyncio.subprocess.PIPE)
@@ -245,6 +251,7 @@ async def measure(seconds: float, rate: float) -> dict[str, object]:
             outcomes = await offer(url, seconds=seconds, rate=rate)
             found = judged(outcomes, died_s=await killer)
             alive = server.returncode is None
+            found["server_cpu_s"] = cpu_s(server.pid) if alive else None
         finally:
             watcher.cancel()
             for process in (server, models[0][0]):
