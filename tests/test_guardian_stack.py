@@ -46,7 +46,7 @@ def loaded(table: study.VoteTable, folder: Path, models: Sequence[str], **option
     """Return a guardian that was chosen on a run, with these voters in its place."""
     frozen = study.fit(table)
     names = tuple(f"voter:{name}" for name in models)
-    about = replace(frozen.about, versions=dict.fromkeys(names, "1"), modes={})
+    about = replace(frozen.about, versions=dict.fromkeys(names, "1"), served=dict.fromkeys(names, "itself"), modes={})
     options = {"threshold": 2, **options}
     study.write_frozen(folder / "guardian.json", replace(frozen, committee=names, about=about, **options).exported())
     return Guardian.load(folder / "guardian.json", deadline_s=0.5)
@@ -96,7 +96,7 @@ def test_an_assessment_says_what_was_voted(table: study.VoteTable, tmp_path: Pat
     assert json.loads(json.dumps(far.as_dict()))["votes"]["voter:sees"] == {"original": False, "reflected": False}
 
 
-@pytest.mark.parametrize("failing", ["late", "raises", "refused", "prose", "misfit"])
+@pytest.mark.parametrize("failing", ["late", "raises", "refused", "prose", "misfit", "replaced"])
 @pytest.mark.parametrize("threshold", [1, 2, 3, 4])
 def test_what_fails_is_missing_and_missing_is_never_clear(
     table: study.VoteTable, tmp_path: Path, failing: str, threshold: int
@@ -108,8 +108,15 @@ def test_what_fails_is_missing_and_missing_is_never_clear(
         assert time.perf_counter() - began < 2.0
     assert found.answer == "abstain"
     assert found.votes[f"voter:{failing}"] == (None, None)
-    words = {"late": "late", "raises": "RuntimeError: out of memory", "refused": "rate_limited", "prose": "no scene"}
-    assert words.get(failing, "no reply: its text is a NoneType") in found.missing[f"voter:{failing}/original"]
+    words = {
+        "late": "late",
+        "raises": "RuntimeError: out of memory",
+        "refused": "rate_limited",
+        "prose": "no scene",
+        "misfit": "no reply: its text is a NoneType",
+        "replaced": "another model answered: another, not itself",
+    }
+    assert words[failing] in found.missing[f"voter:{failing}/original"]
     assert "2 missing, which never count as clear" in found.why
 
 

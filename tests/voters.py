@@ -3,7 +3,7 @@
 import asyncio
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -57,8 +57,9 @@ class Voter:
             return Reply("The road is clear.", "stop")
         if self.name == "misfit":
             return Reply(text=None)  # type: ignore[arg-type]
-        fixed = {"always": 5.0, "never": None}
-        return says(fixed[self.name] if self.name in fixed else gap_of(query.image))
+        fixed = {"always": 5.0, "never": None, "replaced": None}
+        said = says(fixed[self.name] if self.name in fixed else gap_of(query.image))
+        return replace(said, served="another" if self.name == "replaced" else "itself")
 
     async def close(self) -> None:
         """Hold nothing."""

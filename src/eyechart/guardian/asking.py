@@ -191,6 +191,9 @@ class Guardian:
                 return None, f"no reply: {wrong}"
             if reply.error is not None:
                 return None, f"{reply.error}: {reply.error_detail}"[:_WORDS]
+            served = self.frozen.about.served.get(spec)
+            if served is not None and reply.served not in {None, served}:
+                return None, f"another model answered: {reply.served}, not {served}"
             return self._interface.read(reply)
         except Exception as error:  # noqa: BLE001 - a stack must not fall over what a model does
             return None, without_secrets(f"{type(error).__name__}: {error}")[:_WORDS]

@@ -112,7 +112,10 @@ class Frozen:
                     f"{_short(theirs)}; choose a guardian for this {name} with 'eyechart guardian fit'"
                 )
         for model in dict.fromkeys((*self.committee, *([self.selection.single] if self.selection else []))):
-            mine, theirs = self.about.versions.get(model), table.about.versions.get(model)
+            mine, theirs = (
+                " served as ".join(filter(None, (one.versions.get(model), one.served.get(model))))
+                for one in (self.about, table.about)
+            )
             if mine != theirs:
                 raise GuardianError(
                     f"the model '{model}' differs: this guardian was chosen with version {_short(mine)}, {table.name} "
@@ -125,7 +128,8 @@ class Frozen:
         for model in dict.fromkeys(names):
             mode = self.about.modes.get(model)
             version = self.about.versions.get(model)
-            models[model] = {"version": version, "mode": None if mode is None else mode.as_dict()}
+            served = self.about.served.get(model)
+            models[model] = {"version": version, "served": served, "mode": None if mode is None else mode.as_dict()}
         wording = self.about.wording
         return {
             "format": FORMAT if self.selection else EXPORT_FORMAT,
@@ -212,6 +216,7 @@ def _frozen(raw: Mapping[str, object]) -> Frozen:
         prompt=cast("str | None", prompt["key"]),
         view=cast("str | None", raw["view"]),
         versions={name: str(one["version"]) for name, one in models.items() if one["version"] is not None},
+        served={name: str(one["served"]) for name, one in models.items() if one["served"] is not None},
         modes={
             name: RequestMode.from_dict(cast("dict[str, object]", one["mode"]), name)
             for name, one in models.items()

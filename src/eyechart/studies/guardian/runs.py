@@ -32,11 +32,14 @@ def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = Fals
     frames = plan_of(manifest, bank).frames
     place = {frame.id: number for number, frame in enumerate(frames)}
     models = tuple(sorted(manifest.models))
+    served: dict[str, set[str | None]] = {model: set() for model in models}
     votes = np.full((len(models), len(frames), 2), MISSING, dtype=np.int8)
     with Ledger(path / LEDGER) as ledger:
         for number, model in enumerate(models):
             for key, reply in ledger.replies(model):
                 if key.frame in place and key.condition in CONDITIONS:
+                    if reply.error is None:
+                        served[model].add(reply.served)
                     found = read_estimate(reply.text, reply.finish_reason, reply.error).estimate
                     vote = MISSING if found is None else int(found.close)
                     votes[number, place[key.frame], CONDITIONS.index(key.condition)] = vote
@@ -47,6 +50,9 @@ def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = Fals
         prompt=manifest.prompt.key,
         view=manifest.view,
         versions=dict(manifest.models),
+        served={
+            model: str(next(iter(names))) for model, names in served.items() if len(names) == 1 and None not in names
+        },
         modes=dict(manifest.modes),
         wording=manifest.prompt,
         axis=axes.pop() if len(axes) == 1 else None,

@@ -34,8 +34,9 @@ class About:
     """How votes came about. What was not recorded is None, or absent; a change of it cannot be found.
 
     ``bank`` is the bank's fingerprint and ``bank_name`` its short name, ``prompt`` and ``view`` are keys with
-    digests; ``versions`` and ``modes`` are by model. ``wording`` is the prompt itself and ``axis`` the mirror axis of
-    the pictures, which a stack needs; ``reader`` is the version of the reader of scenes.
+    digests; ``versions``, ``served`` (what replies name as their model, where they all name one) and ``modes`` are by
+    model. ``wording`` is the prompt itself and ``axis`` the mirror axis of the pictures, which a stack needs;
+    ``reader`` is the version of the reader of scenes.
     """
 
     bank: str | None = None
@@ -43,6 +44,7 @@ class About:
     prompt: str | None = None
     view: str | None = None
     versions: Mapping[str, str] = field(default_factory=dict)
+    served: Mapping[str, str] = field(default_factory=dict)
     modes: Mapping[str, RequestMode] = field(default_factory=dict)
     wording: Prompt | None = None
     axis: MirrorAxis | None = None
@@ -57,8 +59,12 @@ class About:
 
     def only(self, models: Collection[str]) -> "About":
         """Return what is known of these models."""
-        versions = {model: version for model, version in self.versions.items() if model in models}
-        return replace(self, versions=versions, modes={one: mode for one, mode in self.modes.items() if one in models})
+        return replace(
+            self,
+            versions={model: version for model, version in self.versions.items() if model in models},
+            served={model: name for model, name in self.served.items() if model in models},
+            modes={model: mode for model, mode in self.modes.items() if model in models},
+        )
 
 
 @dataclass(frozen=True)
