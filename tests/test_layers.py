@@ -46,6 +46,7 @@ ASSEMBLED = {
     "importing",
     "models.huggingface",
     "report",
+    "serve",
     "simulators.highway",
     "studies.battery",
     "studies.guardian",

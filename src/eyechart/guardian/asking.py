@@ -161,6 +161,8 @@ class Guardian:
             return self._silent(start, "the picture was not ready to be shown by the deadline")
         except BankError as error:
             return self._silent(start, f"no picture that can be shown: {error}")
+        except Exception as error:  # noqa: BLE001 - nor over what an interface of its own does
+            return self._silent(start, f"the picture could not be shown: {type(error).__name__}: {error}"[:_WORDS])
         return await self._ask(pictures, start, limit)
 
     async def _ask(self, pictures: Pictures, start: float, limit: float) -> Assessment:
@@ -172,14 +174,15 @@ class Guardian:
         self._tasks.update(tasks.values())
         for task in tasks.values():
             task.add_done_callback(self._tasks.discard)
-        await asyncio.wait(tasks.values(), timeout=_left(start, limit))
+        try:
+            await asyncio.wait(tasks.values(), timeout=_left(start, limit))
+        finally:
+            for task in tasks.values():
+                task.cancel()  # of what is done already, without effect
         votes: dict[tuple[str, str], tuple[Vote, str]] = {}
         for key, task in tasks.items():
-            if task.done() and not task.cancelled():
-                votes[key] = task.result()
-            else:
-                task.cancel()
-                votes[key] = (None, f"late: no reply within {limit:g} s")
+            done = task.done() and not task.cancelled()
+            votes[key] = task.result() if done else (None, f"late: no reply within {limit:g} s")
         return self._answer(votes, start)
 
     async def _vote(self, spec: str, model: Model, picture: bytes, view: str) -> tuple[Vote, str]:

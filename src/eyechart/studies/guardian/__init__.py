@@ -10,7 +10,9 @@ from eyechart.studies.guardian.modular import Replay, modular_action, reader_of,
 from eyechart.studies.guardian.nesting import Nested, nested
 from eyechart.studies.guardian.runs import votes_of_run
 from eyechart.studies.guardian.scoring import GuardianScore, score
-from eyechart.studies.guardian.votes import VIEWS, About, VoteTable, episode_of, hazards_of, read_votes
+from eyechart.studies.guardian.tables import read_votes
+from eyechart.studies.guardian.truth import episode_of, hazards_of
+from eyechart.studies.guardian.votes import VIEWS, About, VoteTable
 
 __all__ = [
     "VIEWS",

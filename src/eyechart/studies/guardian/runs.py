@@ -10,7 +10,8 @@ from eyechart.manifest import LEDGER, read_run
 from eyechart.perception.estimate import SCENE_READER, read_estimate
 from eyechart.stats.committee import MISSING
 from eyechart.studies.battery import plan_of
-from eyechart.studies.guardian.votes import HAZARD_COLUMN, About, VoteTable, episode_of, hazards_of
+from eyechart.studies.guardian.truth import HAZARD_COLUMN, episode_of, hazards_of
+from eyechart.studies.guardian.votes import About, VoteTable
 
 CONDITIONS = ("real", "mirrored")
 """What the two votes of a model are replies to, in the order of `VIEWS`."""

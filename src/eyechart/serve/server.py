@@ -15,16 +15,15 @@ from dataclasses import dataclass, field
 import orjson
 from aiohttp import web
 from aiohttp.typedefs import Handler
-from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, ProcessCollector, generate_latest
+from prometheus_client import generate_latest
 from prometheus_client.exposition import CONTENT_TYPE_LATEST
 
 from eyechart import __version__
 from eyechart.errors import BankError, GuardianError
 from eyechart.guardian import Assessment, Guardian
-from eyechart.studies.guardian import VIEWS
-
-TYPES = ("image/png", "image/jpeg", "image/webp", "image/bmp", "application/octet-stream")
-"""What a picture may be sent as; what it is, its bytes say."""
+from eyechart.serve.limits import TYPES, Limits
+from eyechart.serve.metrics import Metrics
+from eyechart.serve.openapi import openapi
 
 _SIGNS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"RIFF", b"BM")
 _LEAST_S = 0.01
@@ -32,53 +31,6 @@ _LEAST_S = 0.01
 _REAP_S = 1.0
 _LINGERING_S = 1.0
 """So long what is left of a refused body is read, for its sender to see the refusal."""
-_BUCKETS = (0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0)
-
-
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """What bounds the server.
-
-    ``concurrency`` pictures are asked about at a time, ``queue`` more may wait, and ``uploads`` be read; what comes
-    then is refused with 503. A picture has at most ``most_bytes``. A connection without a request is closed after
-    ``idle_s``. The deadline, from a request's head to its answer, is the guardian's.
-    """
-
-    concurrency: int = 8
-    queue: int = 32
-    uploads: int = 64
-    most_bytes: int = 4_000_000
-    idle_s: float = 10.0
-
-    def __post_init__(self) -> None:
-        if min(self.concurrency, self.uploads, self.most_bytes) < 1 or self.queue < 0 or not self.idle_s > 0:
-            raise GuardianError(f"limits must be positive numbers, the queue 0 or more; got {self}")
-
-
-class Metrics:
-    """What Prometheus is told."""
-
-    def __init__(self) -> None:
-        self.registry = CollectorRegistry()
-        ProcessCollector(registry=self.registry)
-        self.requests = Counter("eyechart_requests", "Requests by status.", ("status",), registry=self.registry)
-        self.answers = Counter("eyechart_assessments", "Assessments by answer.", ("answer",), registry=self.registry)
-        self.votes = Counter("eyechart_votes", "Votes.", ("model", "view", "vote"), registry=self.registry)
-        self.seconds = Histogram(
-            "eyechart_assessment_seconds",
-            "From a request's head to its assessment.",
-            buckets=_BUCKETS,
-            registry=self.registry,
-        )
-        self.waiting = Gauge("eyechart_waiting", "Pictures that wait or are asked about.", registry=self.registry)
-
-    def note(self, assessment: Assessment) -> None:
-        """Count an assessment and its votes."""
-        self.answers.labels(assessment.answer).inc()
-        words = {True: "hazard", False: "clear", None: "missing"}
-        for model, pair in assessment.votes.items():
-            for view, vote in zip(VIEWS, pair, strict=True):
-                self.votes.labels(model, view, words[vote]).inc()
 
 
 @dataclass(slots=True)
@@ -166,6 +118,7 @@ class Server:
             raise _Refused(415, f"a picture is sent as one of {', '.join(TYPES)}, not as {request.content_type[:80]}")
         if (request.content_length or 0) > most:
             raise _Refused(413, f"the picture has {request.content_length} bytes; the limit is {most}")
+        self._require_room(self._left(start))  # before it is read: refusing must stay cheap
         if self.reading >= self.limits.uploads:
             raise _Refused(503, "too many pictures are on their way here")
         body = bytearray()
@@ -306,63 +259,3 @@ async def _ended() -> None:
 
 def _json(values: object, status: int = 200) -> web.Response:
     return web.Response(body=orjson.dumps(values), status=status, content_type="application/json")
-
-
-def openapi(limits: Limits, deadline_s: float) -> dict[str, object]:
-    """Return the OpenAPI document of the server."""
-    vote = {"type": ["boolean", "null"], "description": "true: hazard, false: clear, null: missing"}
-    assessment = {
-        "type": "object",
-        "required": ["answer", "votes", "missing", "latency_s", "why"],
-        "properties": {
-            "answer": {"type": "string", "enum": ["hazard", "clear", "abstain"]},
-            "votes": {
-                "type": "object",
-                "additionalProperties": {"type": "object", "properties": dict.fromkeys(VIEWS, vote)},
-            },
-            "missing": {"type": "object", "additionalProperties": {"type": "string"}},
-            "latency_s": {"type": "number", "description": "seconds from the first model asked to the answer"},
-            "why": {"type": "string"},
-        },
-    }
-    error = {"type": "object", "required": ["error"], "properties": {"error": {"type": "string"}}}
-
-    def said(words: str, schema: object) -> dict[str, object]:
-        return {"description": words, "content": {"application/json": {"schema": schema}}}
-
-    refusals = {
-        "400": "the body is empty",
-        "408": f"the picture was not here within {deadline_s:g} s",
-        "413": f"the picture has more than {limits.most_bytes} bytes",
-        "415": "the body is sent as no picture",
-        "422": "the body is no picture that can be shown",
-        "500": "an error inside the server",
-    }
-    full = said("too much to do; ask again after Retry-After seconds", error)
-    full["headers"] = {"Retry-After": {"schema": {"type": "integer"}, "description": "seconds"}}
-    post = {
-        "summary": f"What the committee says of a picture, within {deadline_s:g} s",
-        "requestBody": {
-            "required": True,
-            "content": {kind: {"schema": {"type": "string", "format": "binary"}} for kind in TYPES},
-        },
-        "responses": {
-            "200": said("hazard, clear, or abstain; missing votes never count as clear", assessment),
-            **{status: said(words, error) for status, words in refusals.items()},
-            "503": full,
-        },
-    }
-
-    def get(words: str, kind: str) -> dict[str, object]:
-        return {"get": {"summary": words, "responses": {"200": {"description": words, "content": {kind: {}}}}}}
-
-    return {
-        "openapi": "3.1.0",
-        "info": {"title": "eyechart guardian", "version": __version__},
-        "paths": {
-            "/assess": {"post": post},
-            "/health": get("that the server is there, and with which guardian", "application/json"),
-            "/metrics": get("metrics as Prometheus reads them", "text/plain"),
-            "/openapi.json": get("this document", "application/json"),
-        },
-    }
