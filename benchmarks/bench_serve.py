@@ -164,7 +164,9 @@ async def slow(url: str, began: float, body: bytes, *, whole: bool, deadline_s: 
     return Outcome("slow" if whole else "headless", sent - began, status, "", time.perf_counter() - sent)
 
 
-def judged(outcomes: Sequence[Outcome], *, died_s: float, deadline_s: float = DEADLINE_S) -> dict[str, object]:
+def judged(
+    outcomes: Sequence[Outcome], *, died_s: float, deadline_s: float = DEADLINE_S, grace_s: float = GRACE_S
+) -> dict[str, object]:
     """Return what is reported, and under ``wrong`` what must not be: a list that should be empty."""
     counts = Counter(f"{one.kind} {one.status}" for one in outcomes)
     good = [one for one in outcomes if one.kind == "good"]
@@ -179,11 +181,12 @@ def judged(outcomes: Sequence[Outcome], *, died_s: float, deadline_s: float = DE
         "headless": {0},
     }
     wrong = [f"{one.kind} got {one.status}" for one in outcomes if one.status not in allowed[one.kind]]
-    late = [one for one in outcomes if one.kind != "headless" and one.seconds > deadline_s + GRACE_S]
+    late = [one for one in outcomes if one.kind != "headless" and one.seconds > deadline_s + grace_s]
     wrong += [f"{one.kind} took {one.seconds:.2f} s" for one in late]
     wrong += ["clear without all models" for one in after if one.answer == "clear" and one.sent_s > died_s + deadline_s]
     return {
         "requests": len(outcomes),
+        "offered_per_s": len(outcomes) / max(1e-9, max((one.sent_s for one in outcomes), default=0.0)),
         "counts": dict(sorted(counts.items())),
         "good_answered": len(answered) / max(1, len(good)),
         "good_per_s": len(answered) / max(1e-9, max((one.sent_s for one in outcomes), default=0.0)),

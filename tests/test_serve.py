@@ -232,7 +232,7 @@ def test_under_load_everything_is_answered_and_a_dead_model_makes_nothing_clear(
             killer = asyncio.create_task(kill())
             offered = await BENCH.offer(await address, seconds=seconds, rate=30, deadline_s=deadline_s)
             await killer
-            found.append(BENCH.judged(offered, died_s=seconds / 2, deadline_s=deadline_s))
+            found.append(BENCH.judged(offered, died_s=seconds / 2, deadline_s=deadline_s, grace_s=5.0))
 
         limits = Limits(most_bytes=BENCH.MOST_BYTES, idle_s=1.0)
         with Guardian.load(path, deadline_s=deadline_s) as guardian:
