@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from eyechart.stats.committee import Costs, Point
-    from eyechart.studies.guardian import Frozen, VoteTable
+    from eyechart.studies.guardian import Frozen, GuardianScore, VoteTable
 
 app = typer.Typer(
     name="guardian",
@@ -89,6 +89,9 @@ def score(
     bound_episodes: Annotated[str | None, typer.Option(help="Such episodes of VOTES, with commas.")] = None,
     confidence: Annotated[float, typer.Option(help="Of each bound.")] = 0.95,
     risk: Annotated[float, typer.Option(help="What conformal risk control is asked for.")] = 0.05,
+    html: Annotated[
+        Path | None, typer.Option(help="Write a page: votes, curve, and with --frames what it missed.")
+    ] = None,
     frames: _Frames = None,
     hazard: _Hazard = "hazard",
     about: _About = None,
@@ -102,9 +105,12 @@ def score(
     """
     from dataclasses import replace
 
+    from eyechart.destination import require_free
     from eyechart.report.guardian import guardian_table, score_lines
     from eyechart.studies import guardian as study
 
+    if html is not None:
+        require_free(html, "report")
     frozen = study.read_frozen(guardian)
     table = _left(_read(votes, frames, hazard, about, columns), frozen, unseen=unseen)
     fresh = None
@@ -122,6 +128,8 @@ def score(
     if fresh is not None:
         bounded = study.bound(frozen, fresh, used=table.episodes, confidence=confidence, risk=risk)
     found = replace(study.score(frozen, table), bound=bounded)
+    if html is not None:
+        _write_page(found, frames, html)
     if json:
         print_json(found.as_dict())
         return
@@ -188,7 +196,9 @@ def modular(
     table = _left(_read(votes, frames, hazard, about, columns), frozen, unseen=unseen)
     if table.split is not None:
         table = table.part("score")
-    found = study.replay(frozen, table, study.reader_of(open_bank(frames)))
+    bank = open_bank(frames)
+    frozen.may_show(bank)
+    found = study.replay(frozen, table, study.reader_of(bank))
     if json:
         print_json(found.as_dict())
     else:
@@ -236,6 +246,17 @@ def _read(votes: Path, frames: Path | None, hazard: str, about: Path | None, col
         named[role] = column
     bank = None if frames is None else open_bank(frames)
     return read_votes(votes, bank=bank, about=about, columns=named, hazard=hazard)
+
+
+def _write_page(found: "GuardianScore", frames: Path | None, out: Path) -> None:
+    from eyechart.frames import open_bank
+    from eyechart.report.guardian_page import write_guardian_page
+
+    bank = None if frames is None else open_bank(frames)
+    if bank is not None:
+        found.frozen.may_show(bank)
+    write_guardian_page(found, bank, out)
+    say(f"wrote {out}, {out.stat().st_size / 1e6:.1f} MB")
 
 
 def _left(table: "VoteTable", frozen: "Frozen", *, unseen: bool) -> "VoteTable":

@@ -13,22 +13,25 @@ from eyechart.studies.guardian import Bound, Frozen, GuardianScore, Nested, Repl
 _SHOWN = 10
 
 
-def guardian_table(found: GuardianScore) -> Table:
-    """Return the best single model and the three operating points, as Table t:positive-guardian has them."""
-    frozen = found.frozen
+def row_names(frozen: Frozen) -> dict[str, str]:
+    """Return the rows of a score in the paper's order, each with its name in words."""
     tie = f"{frozen.voters // 2}–{frozen.voters // 2}"
-    words = {
+    single = "the best single model" if frozen.selection is None else frozen.selection.single
+    return {
+        "single": f"{single}, original",
         "two_way": f"guardian of {len(frozen.committee)}, hazard from {frozen.threshold} of {frozen.voters}",
         "abstain": f"guardian, abstain on {tie}",
         "unanimous": "guardian, unanimous only",
     }
+
+
+def guardian_table(found: GuardianScore) -> Table:
+    """Return the best single model and the three operating points, as Table t:positive-guardian has them."""
     table = _table("method")
-    single = "" if frozen.selection is None else frozen.selection.single
-    table.add_row(Text(f"{single}, original"), *_cells(found.rows["single"]))
-    for point, name in words.items():
-        chosen = point == frozen.point
+    for key, name in row_names(found.frozen).items():
+        chosen = key == found.frozen.point
         label = Text(f"{name}{' *' if chosen else ''}", style="bold" if chosen else "")
-        table.add_row(label, *_cells(found.rows[point]))
+        table.add_row(label, *_cells(found.rows[key]))
     return table
 
 
@@ -73,8 +76,8 @@ def choice_lines(frozen: Frozen) -> Iterator[str]:
         yield f"not recorded, so that a change of it would not be found: {', '.join(lacking)}"
 
 
-def score_lines(found: GuardianScore) -> Iterator[str]:
-    """Yield in words what stands beside the table: test, curve, misses, bound, warnings."""
+def score_lines(found: GuardianScore, *, bounds: bool = True) -> Iterator[str]:
+    """Yield in words what stands beside the table: intervals, test, curve, misses, and the ``bounds``."""
     detail = found.mcnemar.detail or {"b": 0, "c": 0}
     p = found.mcnemar.p
     exact = f" ({p:.3g})" if p is not None and p < 0.0001 else ""
@@ -89,7 +92,7 @@ def score_lines(found: GuardianScore) -> Iterator[str]:
     yield f"Hazards called clear: {len(found.missed)}{f' ({shown})' if shown else ''}"
     if found.incomplete:
         yield f"{found.incomplete} frames lack votes; missing votes never count as clear"
-    if found.bound is not None:
+    if bounds and found.bound is not None:
         yield from bound_lines(found.bound)
 
 
@@ -107,11 +110,12 @@ def bound_lines(found: Bound) -> Iterator[str]:
         f"Episodes with any miss: {number(found.any_miss.value, 4)}, at most {found.any_miss.ci[1]:.4f} {at}; for 1 % "
         f"it needs {found.needed} episodes without a further miss ({found.needed_at_best} without any)"
     )
-    threshold = "no threshold" if found.conformal_threshold is None else f"up to {found.conformal_threshold} votes"
+    kept = found.conformal_threshold
+    threshold = "no two-way threshold" if kept is None else f"a two-way threshold of at most {kept}"
     risks = ", ".join(f"{place}: {risk:.3f}" for place, risk in enumerate(found.conformal, 1))
     yield (
-        f"In expectation only (conformal risk control, no confidence): expected miss at most {found.risk:g} with a "
-        f"two-way threshold of {threshold}; by threshold {risks}"
+        f"In expectation only (conformal risk control, no confidence): expected share missed at most {found.risk:g} "
+        f"with {threshold}; by threshold {risks}"
     )
     yield f"The bounds are {found.scope}"
 

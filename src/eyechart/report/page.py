@@ -4,10 +4,8 @@ import base64
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 
-import jinja2
 from markupsafe import Markup
 
 from eyechart import __version__
@@ -15,6 +13,7 @@ from eyechart.actions import MISSING
 from eyechart.conditions import CONDITIONS
 from eyechart.costs import ALL
 from eyechart.destination import whole
+from eyechart.report.assets import asset, environment
 from eyechart.report.browser import Texts, browser_data, collect_texts, embedded_json, frames_shown
 from eyechart.report.drawing import Drawing
 from eyechart.report.evidence import Evidence, Subject, Tell, subjects
@@ -59,14 +58,14 @@ def make_page(evidence: Sequence[Evidence], *, tell: Tell = lambda _: None) -> P
     drawn = figures(everyone)
     album, texts = make_album(evidence, shown, tell=tell), collect_texts(evidence, shown)
     tell("the page")
-    script = _asset("page.js")
+    script = asset("page.js")
     notes = _notes(evidence, shown, album, texts, len(everyone))
     html = (
-        _environment()
+        environment()
         .get_template("page.html")
         .render(
             csp=_policy(script),
-            css=Markup(_asset("page.css")),  # noqa: S704 - our own file
+            css=Markup(asset("page.css")),  # noqa: S704 - our own file
             script=Markup(script),  # noqa: S704 - our own file
             data=embedded_json(browser_data(evidence, album, texts, shown)),
             title=", ".join(run.name for run in evidence),
@@ -114,19 +113,6 @@ def write_page(page: Page, out: Path) -> None:
     """Write a page; a reader never sees half of it. Raises OutputError where it may not be written there."""
     with whole(out, "report") as partial:
         partial.write_bytes(page.html)
-
-
-def _environment() -> jinja2.Environment:
-    loader = jinja2.FunctionLoader(_asset)
-    made = jinja2.Environment(
-        loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    made.filters["shown"] = shown
-    return made
-
-
-def _asset(name: str) -> str:
-    return (files("eyechart.report") / "template" / name).read_text(encoding="utf-8")
 
 
 def _policy(script: str) -> str:

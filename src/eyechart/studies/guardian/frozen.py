@@ -9,7 +9,7 @@ from typing import cast, get_args
 
 from eyechart import __version__
 from eyechart.errors import EyechartError, GuardianError
-from eyechart.frames import MirrorAxis
+from eyechart.frames import FrameBank, MirrorAxis
 from eyechart.modes import RequestMode
 from eyechart.prompts import Prompt
 from eyechart.stats.committee import Costs, Point
@@ -101,6 +101,13 @@ class Frozen:
             raise GuardianError(
                 f"frame '{seen[0]}' is one of {len(seen)} in {table.name} that chose this guardian; a score on them "
                 "says nothing: leave them out with --unseen"
+            )
+
+    def may_show(self, bank: FrameBank) -> None:
+        """Raise GuardianError where a bank's pictures are not those of the votes that chose this guardian."""
+        if self.about.bank not in {None, bank.manifest.fingerprint}:
+            raise GuardianError(
+                f"the bank differs: this guardian is of {self.about.bank_name}, {bank.root} is {bank.name}"
             )
 
     def _require_same(self, table: VoteTable) -> None:
