@@ -29,6 +29,9 @@ _SIGNS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"RIFF", b"BM")
 _LEAST_S = 0.01
 """With less time than this left no model is asked."""
 _REAP_S = 1.0
+_TICK_S = 0.1
+_FADING = 0.95
+"""A lag is remembered for about a second."""
 _LINGERING_S = 1.0
 """So long what is left of a refused body is read, for its sender to see the refusal."""
 
@@ -44,6 +47,7 @@ class Server:
     held: int = 0
     reading: int = 0
     usual_s: float = 0.1
+    lag_s: float = 0.0
     busy: Counts[object] = field(default_factory=Counts)
     last: dict[object, float] = field(default_factory=dict)
 
@@ -176,7 +180,9 @@ class Server:
             raise _Refused(503, f"{self.held} pictures wait here already, so that its turn would come too late")
 
     def _left(self, start: float) -> float:
-        return max(0.0, self.guardian.deadline_s - (time.perf_counter() - start))
+        """Return the seconds that are left, less what a busy machine takes to send an answer."""
+        limit = self.guardian.deadline_s
+        return max(0.0, limit - min(2 * self.lag_s, limit / 2) - (time.perf_counter() - start))
 
     def _refuse(self, refused: "_Refused") -> web.Response:
         response = _json({"error": refused.why}, refused.status)
@@ -187,16 +193,25 @@ class Server:
             response.force_close()  # what is left of the body is not read
         return response
 
-    async def reap(self, connections: Callable[[], list[web.RequestHandler]]) -> None:
-        """Close, again and again, the connections that have been without a request for too long."""
+    async def tend(self, connections: Callable[[], list[web.RequestHandler]]) -> None:
+        """Measure how late this loop runs, and close connections that have been without a request for too long."""
+        reap_s = min(_REAP_S, self.limits.idle_s / 2)
+        due = time.monotonic() + reap_s
         while True:
-            await asyncio.sleep(min(_REAP_S, self.limits.idle_s / 2))
-            now, there = time.monotonic(), connections()
-            self.last = {one: self.last.get(one, now) for one in there}
-            self.busy = Counts({one: self.busy[one] for one in there if self.busy[one]})
-            for one in there:
-                if not self.busy[one] and now - self.last[one] > self.limits.idle_s:
-                    one.force_close()
+            before = time.perf_counter()
+            await asyncio.sleep(_TICK_S)
+            self.lag_s = max(time.perf_counter() - before - _TICK_S, _FADING * self.lag_s)
+            if time.monotonic() >= due:
+                due = time.monotonic() + reap_s
+                self._reap(connections())
+
+    def _reap(self, there: list[web.RequestHandler]) -> None:
+        now = time.monotonic()
+        self.last = {one: self.last.get(one, now) for one in there}
+        self.busy = Counts({one: self.busy[one] for one in there if self.busy[one]})
+        for one in there:
+            if not self.busy[one] and now - self.last[one] > self.limits.idle_s:
+                one.force_close()
 
 
 class _Refused(Exception):  # noqa: N818 - an answer, and no error of the server's
@@ -232,7 +247,7 @@ async def serve(
     app, server = application(guardian, limits)
     runner = web.AppRunner(app, access_log=None, shutdown_timeout=guardian.deadline_s + 1, lingering_time=_LINGERING_S)
     await runner.setup()
-    reaper = asyncio.create_task(server.reap(lambda: list(runner.server.connections) if runner.server else []))
+    keeper = asyncio.create_task(server.tend(lambda: list(runner.server.connections) if runner.server else []))
     try:
         try:
             await web.TCPSite(runner, host, port).start()
@@ -244,9 +259,9 @@ async def serve(
         started(f"http://{f'[{bound[0]}]' if ':' in bound[0] else bound[0]}:{bound[1]}")
         await (until() if until else _ended())
     finally:
-        reaper.cancel()
+        keeper.cancel()
         with suppress(asyncio.CancelledError):
-            await reaper
+            await keeper
         await runner.cleanup()
 
 
