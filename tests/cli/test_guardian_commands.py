@@ -74,6 +74,11 @@ def test_what_must_not_be_scored_ends_in_one_line(say: Say, files: tuple[Path, P
         ((*scored, about), "frame 'f264' is one of 8"),
         ((*scored, other, "--unseen"), "the bank differs"),
         ((*scored, about, "--unseen", "--bound-episodes", "e00"), "episode 'e00' chose this guardian"),
+        ((*scored, about, "--unseen", "--bound-episodes", "e00", "--confidence", 2), "the confidence must lie"),
+        (
+            ("guardian", "fit", votes, "--out", tmp_path / "x.json", "--calibration", tmp_path),
+            "is no list of frame ids",
+        ),
         (("guardian", "score", edited, votes), "was edited after it was frozen"),
         (("guardian", "fit", votes, "--out", tmp_path / "x.json", "--cost-miss", 1), "both --cost-miss and"),
         (("guardian", "fit", votes, "--out", tmp_path / "x.json", "--point", "maybe"), "--point is one of two_way"),

@@ -66,7 +66,7 @@ def fit(
     require_free(out, "guardian")
     table = _read(votes, frames, hazard, about, columns)
     if calibration is not None:
-        table = table.keep(calibration.read_text(encoding="utf-8").split())
+        table = table.keep(_ids(calibration))
     elif table.split is not None:
         table = table.part("calibration")
     costs = _costs(cost_miss, cost_false_alarm, cost_abstain, hazard_rate)
@@ -246,6 +246,15 @@ def _read(votes: Path, frames: Path | None, hazard: str, about: Path | None, col
         named[role] = column
     bank = None if frames is None else open_bank(frames)
     return read_votes(votes, bank=bank, about=about, columns=named, hazard=hazard)
+
+
+def _ids(path: Path) -> list[str]:
+    from eyechart.errors import VoteError
+
+    try:
+        return [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+    except (OSError, ValueError) as error:
+        raise VoteError(f"{path} is no list of frame ids, one a line: {error}") from error
 
 
 def _write_page(found: "GuardianScore", frames: Path | None, out: Path) -> None:

@@ -63,6 +63,9 @@ def bound(
     ``used`` are the episodes of the score; they and those that chose the guardian are refused with a GuardianError,
     for a bound on them would not hold. ``risk`` is what conformal risk control is asked for.
     """
+    for name, value in (("confidence", confidence), ("risk", risk)):
+        if not 0 < value < 1:
+            raise GuardianError(f"the {name} must lie between 0 and 1, for example 0.95; got {value}")
     frozen.may_score(table)
     seen = set(frozen.selection.episodes) if frozen.selection else set()
     for what, names in (("chose this guardian", seen), ("is scored", set(used))):

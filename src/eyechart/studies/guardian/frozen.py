@@ -97,7 +97,8 @@ class Frozen:
                 "guardian.json that it was made of"
             )
         self._require_same(table)
-        if seen := [frame for frame in table.frames if frame in set(self.selection.frames)]:
+        known = set(self.selection.frames)
+        if seen := [frame for frame in table.frames if frame in known]:
             raise GuardianError(
                 f"frame '{seen[0]}' is one of {len(seen)} in {table.name} that chose this guardian; a score on them "
                 "says nothing: leave them out with --unseen"
