@@ -10,6 +10,7 @@ import voters
 from banks import build_bank
 from eyechart.frames import FrameBank
 from eyechart.models import ADAPTERS
+from eyechart.report.guardian import choice_lines
 from eyechart.report.guardian_page import guardian_page
 from eyechart.studies import guardian as study
 
@@ -39,6 +40,14 @@ def test_what_was_missed_is_shown_with_its_views_and_votes(bank: FrameBank, tmp_
     without = guardian_page(found, None).decode()
     assert "data:image" not in without
     assert "shown where the bank is given with --frames" in without
+
+
+def test_a_committee_that_is_no_better_than_chance_is_said_to_be_none(bank: FrameBank, tmp_path: Path) -> None:
+    """One that never says hazard; one that sees is not called so."""
+    table = voters.ask_all(bank.root, ("never", "sees"), tmp_path / "run")
+    blind, seeing = (study.fit(table, size=1, models=(f"voter:{name}",)) for name in ("never", "sees"))
+    words = "no better than chance"
+    assert (words in " ".join(choice_lines(blind)), words in " ".join(choice_lines(seeing))) == (True, False)
 
 
 def test_nothing_on_it_is_fetched_or_runs(bank: FrameBank, tmp_path: Path) -> None:

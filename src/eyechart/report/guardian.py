@@ -72,6 +72,8 @@ def choice_lines(frozen: Frozen) -> Iterator[str]:
             f"chosen on {len(chosen.frames)} frames of {len(chosen.episodes)} episodes among {chosen.candidates} "
             f"candidates: {worth} there, which flatters; best single model there: {chosen.single}"
         )
+        if not costs and chosen.worth <= 0.5:
+            yield "that is no better than chance: none of these committees is worth a place in a stack"
     if lacking := frozen.about.unrecorded(frozen.committee):
         yield f"not recorded, so that a change of it would not be found: {', '.join(lacking)}"
 
