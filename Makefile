@@ -19,7 +19,7 @@ help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
 	@echo "make demo-vlm     the same on five tiny real vision-language models, on a CPU, offline once installed"
 	@echo "make test         the tests of the core"
-	@echo "make test-models  the tests that need extras (Hugging Face datasets, Parquet, LeRobot, Transformers)"
+	@echo "make test-models  the tests that need extras (Hugging Face datasets, Parquet, LeRobot, Transformers, Ray)"
 	@echo "make test-browser the report in headless Chromium, which has to be there (apt-get install chromium)"
 	@echo "make lint         ruff and mypy"
 	@echo "make docs         the site, in build/docs"
@@ -86,7 +86,7 @@ $(VLM): $(CORE)
 	@touch $@
 
 $(MODELS): $(DEV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,hub,parquet,lerobot,transformers,serve]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,hub,parquet,lerobot,transformers,serve,ray]'
 	@touch $@
 
 $(DOCS): $(CORE)

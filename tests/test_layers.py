@@ -16,7 +16,9 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("gate", "calibrate", "compare", "transfer", "destination", "guardian"),
     ("verdicts",),
     ("studies",),
-    ("run", "episodes", "manifest", "costs", "integrity"),
+    ("episodes",),
+    ("run", "manifest", "costs", "integrity"),
+    ("attempts",),
     ("models", "simulators", "policies", "ledger", "prompts", "importing", "limits", "stimuli"),
     ("perception",),
     ("calls", "conditions", "modes"),
@@ -29,12 +31,23 @@ LAYERS: tuple[tuple[str, ...], ...] = (
 
 FLOORS = {
     "stats": ("eyechart.stats.statistic",),
-    "perception": ("eyechart.perception.scene", "eyechart.perception.estimate"),
+    "perception": (
+        "eyechart.perception.scene",
+        "eyechart.perception.estimate",
+        "eyechart.perception.forward.view",
+    ),
     "models": ("eyechart.models.http", "eyechart.models.energy"),
+    "simulators": (
+        "eyechart.simulators.camera",
+        "eyechart.simulators.banks",
+        "eyechart.simulators.plan",
+        "eyechart.simulators.road",
+    ),
     "studies": ("eyechart.studies.battery",),
 }
-"""Inside a package whose modules are peers, only its floor is shared: for perception, the nouns of
-a scene and of what a model says of one; for models, a request and its energy."""
+"""Inside a package whose modules are peers, only its floor is shared: for perception, the nouns of a scene, of what a
+model says of one, and of a forward camera; for models, a request and its energy; for simulators, the forward camera,
+how a balanced bank is planned and written, and the road of rover and drone."""
 
 ASSEMBLED = {
     "bundle",
@@ -45,9 +58,15 @@ ASSEMBLED = {
     "guardian",
     "importing",
     "models.huggingface",
+    "perception.forward",
+    "perception.view",
     "report",
     "serve",
+    "simulators.drone",
+    "simulators.gym",
     "simulators.highway",
+    "simulators.road",
+    "simulators.rover",
     "studies.battery",
     "studies.guardian",
     "studies.structured",
@@ -65,10 +84,11 @@ OPENS_BY_NAME = {
     "eyechart.models",
     "eyechart.models.energy",
     "eyechart.models.python_callable",
+    "eyechart.policies",
     "eyechart.simulators",
     "eyechart.importing.parquet",
 }
-"""The only modules that import by a name that is not written as an import: two registries, extras, and a user's own."""
+"""The only modules that import by a name that is not written as an import: registries, extras, and a user's own."""
 
 
 BY_NAME = re.compile(r"'(import_module|__import__)'")

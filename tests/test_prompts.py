@@ -4,7 +4,7 @@ import pytest
 
 from eyechart.actions import DRIVING
 from eyechart.errors import SpecError
-from eyechart.prompts import PROMPTS, find_prompt
+from eyechart.prompts import FORWARD_PROMPTS, PROMPTS, Prompt, find_prompt
 
 PAPER = {"baseline", "minimal", "chain_of_thought", "few_shot", "anti_degeneracy"}
 
@@ -17,16 +17,31 @@ def test_there_are_the_five_of_the_paper_and_a_sixth() -> None:
     assert len({(prompt.system, prompt.user) for prompt in PROMPTS.values()}) == 6
 
 
-@pytest.mark.parametrize("name", PROMPTS)
-def test_every_prompt_names_every_action(name: str) -> None:
+ALL = [*PROMPTS.values(), *FORWARD_PROMPTS.values()]
+
+
+@pytest.mark.parametrize("prompt", ALL, ids=lambda prompt: prompt.key)
+def test_every_prompt_names_every_action(prompt: Prompt) -> None:
     """A model can only choose what it was told of."""
-    assert all(action in PROMPTS[name].user for action in DRIVING.actions)
+    assert all(action in prompt.user for action in DRIVING.actions)
 
 
-@pytest.mark.parametrize("name", PROMPTS)
-def test_every_prompt_is_the_same_for_every_frame(name: str) -> None:
+def test_a_forward_picture_is_not_called_a_view_from_above() -> None:
+    """The same six formulations, found by the same names; only a forward camera's speak of one."""
+    assert list(FORWARD_PROMPTS) == list(PROMPTS)
+    assert len({prompt.key for prompt in ALL}) == 12
+    for name in PROMPTS:
+        assert find_prompt(name) == PROMPTS[name]
+        assert find_prompt(name, "horizontal") == FORWARD_PROMPTS[name]
+        assert "down" in PROMPTS[name].user
+        assert "forward camera" in FORWARD_PROMPTS[name].user
+        assert "down" not in FORWARD_PROMPTS[name].user
+
+
+@pytest.mark.parametrize("prompt", ALL, ids=lambda prompt: prompt.key)
+def test_every_prompt_is_the_same_for_every_frame(prompt: Prompt) -> None:
     """No placeholder through which a fact about the frame could come in."""
-    said = PROMPTS[name].system + PROMPTS[name].user
+    said = prompt.system + prompt.user
     assert "%" not in said
     assert "{}" not in said
     assert "gap" not in said.lower()

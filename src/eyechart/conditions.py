@@ -38,12 +38,11 @@ def _real(frame: Frame, bank: FrameBank, seed: int) -> bytes:
 
 def _blank(frame: Frame, bank: FrameBank, seed: int) -> bytes:
     del seed
-    return encode(np.full_like(_pixels(frame, bank), MID_GREY))
+    return encode(grey(_pixels(frame, bank)))
 
 
 def _noise(frame: Frame, bank: FrameBank, seed: int) -> bytes:
-    shape = _pixels(frame, bank).shape
-    return encode(np.random.default_rng(seed).integers(0, 256, shape, dtype=np.uint8))
+    return encode(static(_pixels(frame, bank), seed))
 
 
 def _shuffled(frame: Frame, bank: FrameBank, seed: int) -> bytes:
@@ -128,6 +127,16 @@ def partner(frame: Frame, bank: FrameBank, seed: int, condition: str) -> Frame:
     if not others:
         raise BankError(f"frame '{frame.id}' has no partner for {condition}: the bank needs {need}")
     return others[int(np.random.default_rng(seed).integers(len(others)))]
+
+
+def grey(pixels: RGB) -> RGB:
+    """Return a uniform mid-grey picture of the size of this one, shape (h, w, 3)."""
+    return np.full_like(pixels, MID_GREY)
+
+
+def static(pixels: RGB, seed: int) -> RGB:
+    """Return a picture of uniform random colours of the size of this one, shape (h, w, 3)."""
+    return np.random.default_rng(seed).integers(0, 256, pixels.shape, dtype=np.uint8)
 
 
 def flip(pixels: RGB, axis: str) -> RGB:

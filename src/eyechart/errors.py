@@ -21,6 +21,10 @@ class SpecError(EyechartError):
     """A name (model, condition, prompt, simulator, preset) is unknown or malformed."""
 
 
+class DriveError(EyechartError):
+    """A world under way broke: it raised, or its camera shows nothing."""
+
+
 class OutputError(EyechartError):
     """A place to write to is taken by something else, or cannot be written."""
 

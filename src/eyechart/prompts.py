@@ -14,16 +14,11 @@ from pathlib import Path
 
 from eyechart.actions import DRIVING, ActionSpace, read_toml, space_from
 from eyechart.errors import SpecError
-from eyechart.frames import FrameBank
+from eyechart.frames import FrameBank, MirrorAxis
 from eyechart.perception.estimate import SCHEMA
-from eyechart.perception.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, CLOSE_GAP_M
+from eyechart.perception.scene import HIGHWAY, Distances
+from eyechart.perception.view import View
 
-_TASK = (
-    "You control the green vehicle in a top-down view of a highway. It drives to the right; the other vehicles are "
-    "drawn in other colours. Choose its next action:\n"
-    "STOP: brake hard. SLOW: reduce speed. STRAIGHT: keep the lane and go on. "
-    "LEFT: change to the lane on the left (up in the picture). RIGHT: change to the lane on the right (down)."
-)
 _ONE_WORD = "Answer with one word: STOP, SLOW, STRAIGHT, LEFT or RIGHT."
 
 
@@ -112,43 +107,89 @@ class Prompt:
         return prompt
 
 
-PROMPTS: dict[str, Prompt] = {
-    "baseline": Prompt("baseline", "You are a careful driver.", f"{_TASK}\n{_ONE_WORD}"),
-    "minimal": Prompt("minimal", "", f"Top-down road, you are the green car. {_ONE_WORD}"),
-    "chain_of_thought": Prompt(
-        "chain_of_thought",
-        "You are a careful driver.",
-        f"{_TASK}\nFirst describe the lane of the green vehicle, the distance to the vehicle ahead and which sides "
-        "are free. Then end with a line of the form 'ACTION: <one of STOP, SLOW, STRAIGHT, LEFT, RIGHT>'.",
-    ),
-    "few_shot": Prompt(
-        "few_shot",
-        "You are a careful driver.",
-        f"{_TASK}\nExamples: a free road ahead: STRAIGHT. A vehicle close ahead and the left lane free: LEFT. A "
-        "vehicle close ahead and the right lane free: RIGHT. A vehicle close ahead and both sides taken: SLOW. "
-        f"A vehicle directly ahead: STOP.\n{_ONE_WORD}",
-    ),
-    "anti_degeneracy": Prompt(
-        "anti_degeneracy",
-        "You are a careful driver.",
-        f"{_TASK}\nEarlier controllers failed because they gave the same action for every picture. Different pictures "
-        f"must lead to different actions. Look at this picture before you choose.\n{_ONE_WORD}",
-    ),
-    "structured": Prompt(
-        "structured",
-        "You are a careful driver. You reply with a single JSON object and nothing else.",
-        f'{_TASK}\nReply as {{"action": "<one of STOP, SLOW, STRAIGHT, LEFT, RIGHT>"}}.',
-    ),
-}
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """What a kind of picture shows and what the actions mean in it, in the words of the formulations."""
+
+    whole: str
+    brief: str
+    describe: str
+    lead: str
 
 
-def find_prompt(name: str) -> Prompt:
-    """Return the prompt of this name, or of this TOML file; raises SpecError that lists the known ones."""
+_ABOVE = _Task(
+    whole="You control the green vehicle in a top-down view of a highway. It drives to the right; the other vehicles "
+    "are drawn in other colours. Choose its next action:\n"
+    "STOP: brake hard. SLOW: reduce speed. STRAIGHT: keep the lane and go on. "
+    "LEFT: change to the lane on the left (up in the picture). RIGHT: change to the lane on the right (down).",
+    brief="Top-down road, you are the green car.",
+    describe="First describe the lane of the green vehicle, the distance to the vehicle ahead and which sides "
+    "are free.",
+    lead="A vehicle",
+)
+_FORWARD = _Task(
+    whole="You control a vehicle by the picture of its forward camera. The road ahead has three lanes; the coloured "
+    "cylinders on it are obstacles. Choose the vehicle's next action:\n"
+    "STOP: brake hard. SLOW: reduce speed. STRAIGHT: keep the lane and go on. "
+    "LEFT: change to the lane on the left. RIGHT: change to the lane on the right.",
+    brief="View of a forward camera on a road with obstacles, you are the driver.",
+    describe="First describe the own lane, the distance to the obstacle ahead and which sides are free.",
+    lead="An obstacle",
+)
+
+
+def _formulations(task: _Task) -> dict[str, Prompt]:
+    """Return the six formulations of a task."""
+    careful = "You are a careful driver."
+    return {
+        "baseline": Prompt("baseline", careful, f"{task.whole}\n{_ONE_WORD}"),
+        "minimal": Prompt("minimal", "", f"{task.brief} {_ONE_WORD}"),
+        "chain_of_thought": Prompt(
+            "chain_of_thought",
+            careful,
+            f"{task.whole}\n{task.describe} "
+            "Then end with a line of the form 'ACTION: <one of STOP, SLOW, STRAIGHT, LEFT, RIGHT>'.",
+        ),
+        "few_shot": Prompt(
+            "few_shot",
+            careful,
+            f"{task.whole}\nExamples: a free road ahead: STRAIGHT. "
+            f"{task.lead} close ahead and the left lane free: LEFT. "
+            f"{task.lead} close ahead and the right lane free: RIGHT. "
+            f"{task.lead} close ahead and both sides taken: SLOW. "
+            f"{task.lead} directly ahead: STOP.\n{_ONE_WORD}",
+        ),
+        "anti_degeneracy": Prompt(
+            "anti_degeneracy",
+            careful,
+            f"{task.whole}\nEarlier controllers failed because they gave the same action for every picture. Different "
+            f"pictures must lead to different actions. Look at this picture before you choose.\n{_ONE_WORD}",
+        ),
+        "structured": Prompt(
+            "structured",
+            f"{careful} You reply with a single JSON object and nothing else.",
+            f'{task.whole}\nReply as {{"action": "<one of STOP, SLOW, STRAIGHT, LEFT, RIGHT>"}}.',
+        ),
+    }
+
+
+PROMPTS: dict[str, Prompt] = _formulations(_ABOVE)
+"""For roads seen from above."""
+
+FORWARD_PROMPTS: dict[str, Prompt] = _formulations(_FORWARD)
+"""The same for forward cameras."""
+
+
+def find_prompt(name: str, axis: MirrorAxis = "vertical") -> Prompt:
+    """Return the prompt of this name for pictures of this mirror axis, or the one of this TOML file.
+
+    A forward camera's axis is ``horizontal``. Raises SpecError that lists the known ones.
+    """
     if name.endswith(".toml"):
         return read_prompt(Path(name))
     if name not in PROMPTS:
         raise SpecError(f"unknown prompt '{name}'; known are {', '.join(PROMPTS)}, or a FILE.toml of your own")
-    return PROMPTS[name]
+    return (FORWARD_PROMPTS if axis == "horizontal" else PROMPTS)[name]
 
 
 def read_prompt(path: Path) -> Prompt:
@@ -187,18 +228,21 @@ def neutral(picture: str, space: ActionSpace) -> Prompt:
 _SCENE_SYSTEM = "You measure the scene in one picture. You reply with a single JSON object and nothing else."
 
 
-def _scene(name: str, opening: str, close_m: float) -> Prompt:
-    """Return a prompt that asks for a scene estimate, with the fixed thresholds that its truth is made by."""
-    sides = f"no vehicle in it from {CLEAR_BEHIND_M:g} m behind you to {CLEAR_AHEAD_M:g} m ahead of you, else false"
-    gap = "metres from your middle to the middle of the nearest vehicle ahead of you in your own lane"
+def _scene(name: str, opening: str, gap: str, distances: Distances) -> Prompt:
+    """Return a prompt that asks for a scene estimate, with the fixed thresholds that its truth is made by.
+
+    ``gap`` says of the gap what is measured, to what.
+    """
+    thing = gap.rsplit(maxsplit=1)[-1]
+    reach = f"from {distances.behind_m:g} m behind you to {distances.ahead_m:g} m ahead of you"
     reply = '"left_clear": <true or false>, "right_clear": <true or false>, "confidence": <number>'
     lines = (
         opening,
         "Report these five values.",
-        f"lead_gap_m: {gap}; null if there is none.",
-        f"close: true if that vehicle is nearer than {close_m:g} m, else false.",
-        f"left_clear: true if there is a lane on your left and {sides}.",
-        f"right_clear: true if there is a lane on your right and {sides}.",
+        f"lead_gap_m: {gap} ahead of you in your own lane; null if there is none.",
+        f"close: true if that {thing} is nearer than {distances.close_m:g} m, else false.",
+        f"left_clear: true if there is a lane on your left and no {thing} in it {reach}, else false.",
+        f"right_clear: true if there is a lane on your right and no {thing} in it {reach}, else false.",
         "confidence: how sure you are, from 0 to 1.",
         f'Reply as {{"lead_gap_m": <number or null>, "close": <true or false>, {reply}}}.',
     )
@@ -209,14 +253,24 @@ SCENE = _scene(
     "scene",
     "The picture shows a road from above, enlarged, with a legend and a ruler in metres. You are the vehicle at the "
     "mark YOU, which stands at 0 m; you drive to the right. Your left is up, your right is down.",
-    CLOSE_GAP_M,
+    "metres from your middle to the middle of the nearest vehicle",
+    HIGHWAY,
 )
 """What the structured study asks about the calibrated view of highway-env's picture."""
 
 
-def plain_scene(picture: str, close_m: float) -> Prompt:
-    """Return the prompt for pictures without a view: what they are in words, and the same five values."""
-    return _scene("scene_plain", f"What the picture is: {picture}. You drive the vehicle that it is about.", close_m)
+def scene_prompt(picture: str, distances: Distances, view: View | None) -> Prompt:
+    """Return the prompt for scene estimates through a view; without one it says what the pictures are, in words."""
+    if view is None:
+        opening = f"What the picture is: {picture}. You drive the vehicle that it is about."
+        return _scene("scene_plain", opening, "metres to the nearest vehicle or obstacle", distances)
+    if view.axis == "vertical":
+        return SCENE
+    opening = (
+        "The picture is from your forward camera, enlarged, with rulers in metres on both sides, which say how far "
+        "ahead the ground is. You drive into the picture; the coloured cylinders are obstacles."
+    )
+    return _scene("scene_forward", opening, "metres to the nearest obstacle", distances)
 
 
 def require_sayable(prompt: Prompt, bank: FrameBank) -> None:
@@ -230,7 +284,8 @@ def require_sayable(prompt: Prompt, bank: FrameBank) -> None:
             raise SpecError(f"prompt '{prompt.name}' asks for {{{name}}}, which is no prompt column; {allowed}")
     said = " ".join(prompt.render(bank.frames[0].fields, space)).upper()
     unsaid = [action for action in space.actions if action.upper() not in said]
-    if unsaid or (prompt in PROMPTS.values() and set(space.actions) != set(DRIVING.actions)):
+    ours = (*PROMPTS.values(), *FORWARD_PROMPTS.values())
+    if unsaid or (prompt in ours and set(space.actions) != set(DRIVING.actions)):
         raise SpecError(
             f"prompt '{prompt.name}' does not ask for the actions {', '.join(space.actions)} of action space "
             f"'{space.name}'; give one that does with --prompt FILE.toml"

@@ -1,21 +1,19 @@
 """A run turns a plan into calls and calls into rows of the ledger; it spends money, and only appends."""
 
 import asyncio
-import contextlib
 import random
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 from eyechart import conditions as stimuli
-from eyechart.calls import TRANSIENT, UNFINISHED, CallKey, Query, Reply, misfit
+from eyechart.attempts import Caller, budget_of, close, first_error
+from eyechart.calls import UNFINISHED, CallKey, Query, Reply
 from eyechart.errors import SpecError
 from eyechart.frames import Frame, FrameBank
-from eyechart.ledger import Attempt, Ledger
-from eyechart.limits import Budget, Limits, Outcome, Pace, pause_s
+from eyechart.ledger import Ledger
+from eyechart.limits import Limits, Outcome, Pace
 from eyechart.models import Model
-from eyechart.modes import without_secrets
 from eyechart.perception.view import View
 from eyechart.prompts import Prompt
 from eyechart.seeds import key_seed
@@ -23,9 +21,6 @@ from eyechart.stimuli import Stimuli
 
 Progress = Callable[[int, int], None]
 """Called with (calls finished, calls planned) whenever a call ends."""
-
-_CLOSING_S = 10.0
-_NOT_SENT = Reply(error="exception")
 
 
 class Watch(Protocol):
@@ -131,64 +126,14 @@ def execute(
     finished = ledger.finished()
     todo = [key for key in sorted(keys) if key not in finished]
     random.Random(plan.seed).shuffle(todo)  # noqa: S311 - an order of calls, no secret
-    budget = Budget(limits or Limits(), plan.models)
-    if budget.counts_all:
-        for spec in plan.models:
-            for attempt in ledger.attempts(spec):
-                budget.made_before(spec, attempt.reply)
-    execution = _Execution(plan, models, ledger, budget, attempts=attempts, progress=progress, watch=watch)
+    budget = budget_of(limits, plan.models, ledger)
+    caller = Caller(ledger, budget, attempts=attempts)
+    execution = _Execution(plan, models, caller, progress=progress, watch=watch)
     try:
         asyncio.run(execution.run(todo, len(keys), concurrency))
     except BaseExceptionGroup as group:
-        raise _first(group) from None
+        raise first_error(group) from None
     return Outcome(dict(budget.set_aside), budget.stopped)
-
-
-def _first(error: BaseException) -> BaseException:
-    while isinstance(error, BaseExceptionGroup):
-        error = error.exceptions[0]
-    return error
-
-
-class _Writer:
-    """Writes to the ledger what the calls of one turn of the event loop have to write, in one commit for all.
-
-    A row is durable when its ``begin`` or ``close`` returns, as the ledger's own are.
-    """
-
-    def __init__(self, ledger: Ledger) -> None:
-        self._ledger = ledger
-        self._waiting: list[tuple[Callable[[], Attempt | None], asyncio.Future[Attempt | None]]] = []
-
-    async def begin(self, key: CallKey, digest: str) -> Attempt:
-        attempt = await self._soon(lambda: self._ledger.begin(key, digest))
-        assert attempt is not None
-        return attempt
-
-    async def close(self, attempt: Attempt, reply: Reply) -> None:
-        await self._soon(lambda: self._ledger.close(attempt, reply))
-
-    def _soon(self, write: Callable[[], Attempt | None]) -> "asyncio.Future[Attempt | None]":
-        loop = asyncio.get_running_loop()
-        if not self._waiting:
-            loop.call_soon(self._write)
-        written = loop.create_future()
-        self._waiting.append((write, written))
-        return written
-
-    def _write(self) -> None:
-        waiting, self._waiting = self._waiting, []
-        try:
-            with self._ledger.together():
-                done = [write() for write, _ in waiting]
-        except Exception as error:  # noqa: BLE001 - each of them must hear of it, or they wait for ever
-            for _, written in waiting:
-                if not written.done():
-                    written.set_exception(error)
-            return
-        for (_, written), value in zip(waiting, done, strict=True):
-            if not written.done():
-                written.set_result(value)
 
 
 class _Execution:
@@ -198,19 +143,15 @@ class _Execution:
         self,
         plan: Plan,
         models: Mapping[str, Model],
-        ledger: Ledger,
-        budget: Budget,
+        caller: Caller,
         *,
-        attempts: int,
         progress: Progress | None,
         watch: Watch | None,
     ) -> None:
         self._watch = watch
         self._plan = plan
         self._models = models
-        self._writer = _Writer(ledger)
-        self._budget = budget
-        self._attempts = attempts
+        self._caller = caller
         self._progress = progress
         self._done = self._planned = 0
         self._stimuli = Stimuli(plan.bank, plan.seed, plan.view)
@@ -227,68 +168,24 @@ class _Execution:
                         group.create_task(self._work(queue, self._models[spec], pace))
         finally:
             for model in self._models.values():
-                await _close(model)
+                await close(model)
 
     async def _work(self, queue: Iterator[CallKey], model: Model, pace: Pace) -> None:
         for key in queue:
-            last = await self._call(key, model, pace)
+            last = await self._caller.call(key, self._query(key), model, pace)
             if last is None:
                 return
-            self._budget.ended(key.model, last)
             if self._watch is not None and last.error not in UNFINISHED:
                 self._watch.finished(key, last)
             self._done += last.error not in UNFINISHED  # after the await: other workers count meanwhile
             self._report()
             await asyncio.sleep(0)  # lets the other models' calls, and an interrupt, come in between
 
-    async def _call(self, key: CallKey, model: Model, pace: Pace) -> Reply | None:
-        """Make a call; return its last reply, or None where a limit kept it from being made."""
+    def _query(self, key: CallKey) -> Query:
+        """Return what is asked in a call."""
         picture = self._stimuli.show(key.condition, key.frame)
-        query = self._plan.query(key, picture)
-        digest, reply = query.sha256(), None
-        for number in range(1, self._attempts + 1):
-            entered = await pace.enter()
-            if not await self._budget.turn(key.model):
-                pace.leave(entered, _NOT_SENT)
-                return reply
-            attempt = await self._writer.begin(key, digest)
-            reply = await _ask(model, query)
-            await self._writer.close(attempt, reply)
-            pace.leave(entered, reply)
-            self._budget.came(key.model, reply)
-            if reply.error not in TRANSIENT:
-                break
-            if number < self._attempts:
-                await asyncio.sleep(pause_s(number, reply))
-        return reply
+        return self._plan.query(key, picture)
 
     def _report(self) -> None:
         if self._progress is not None:
             self._progress(self._done, self._planned)
-
-
-async def _close(model: Model) -> None:
-    """Let a model go; one that does not let itself be closed cannot undo the run."""
-    with contextlib.suppress(Exception):
-        async with asyncio.timeout(_CLOSING_S):
-            await model.close()
-
-
-async def _ask(model: Model, query: Query) -> Reply:
-    start = time.perf_counter()
-    try:
-        reply = await model.answer(query)
-        if not isinstance(reply, Reply):
-            raise TypeError(f"the model answered with a {type(reply).__name__}, not with a Reply")  # noqa: TRY301
-        if wrong := misfit(reply):
-            raise TypeError(f"the model's Reply cannot be kept: {wrong}")  # noqa: TRY301
-    except asyncio.CancelledError:
-        task = asyncio.current_task()
-        if task is None or task.cancelling():
-            raise
-        # An adapter's own cancelled request; let through, it would end a worker of the run without a word.
-        reply = Reply(error="exception", error_detail="CancelledError: the adapter cancelled its own request")
-    except Exception as error:  # noqa: BLE001 - whatever an adapter raises is a row, not the end of the run
-        reply = Reply(error="exception", error_detail=without_secrets(f"{type(error).__name__}: {error}")[:2000])
-    seconds = time.perf_counter() - start
-    return reply if reply.seconds is not None else replace(reply, seconds=seconds)

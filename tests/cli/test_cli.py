@@ -36,8 +36,10 @@ COMMANDS = (
     "run",
     "run battery",
     "run prompts",
+    "run closed-loop",
     "run admission",
     "run structured",
+    "run online",
     "merge",
     "report",
     "bundle",
@@ -337,7 +339,10 @@ def test_bad_seeds_are_refused(eyechart: Eyechart, tmp_path: Path, seeds: str) -
 def test_an_unknown_simulator_or_preset_lists_the_known(eyechart: Eyechart, tmp_path: Path) -> None:
     """Exit 2, nothing written."""
     said = eyechart("frames", "build", "boats", "--out", tmp_path / "bank")
-    assert (said.code, said.err) == (2, f"eyechart: unknown simulator 'boats'; known: {', '.join(SIMULATORS)}\n")
+    assert (said.code, said.err) == (
+        2,
+        f"eyechart: unknown simulator 'boats'; known: {', '.join(SIMULATORS)}, gym:ENV_ID\n",
+    )
     said = eyechart("frames", "build", "highway", "--out", tmp_path / "bank", "--preset", "hard")
     assert said.code == 2
     assert "'hard'" in said.err

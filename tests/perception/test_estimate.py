@@ -30,7 +30,7 @@ def test_an_estimate_reads_back_as_itself_without_a_repair(estimate: Estimate) -
 @given(ESTIMATES)
 def test_the_action_of_a_mirrored_estimate_is_the_mirrored_action(estimate: Estimate) -> None:
     """Also where close and the gap disagree; reflection undoes itself."""
-    assert estimate.mirrored().action == DRIVING.mirror(estimate.action)
+    assert estimate.mirrored().act() == DRIVING.mirror(estimate.act())
     assert estimate.mirrored().mirrored() == estimate
 
 
@@ -38,17 +38,17 @@ def test_the_action_of_a_mirrored_estimate_is_the_mirrored_action(estimate: Esti
 def test_close_and_gap_are_never_played_against_caution(estimate: Estimate) -> None:
     """A close lead is never gone towards, whatever the gap; and a short gap counts, whatever close says."""
     if estimate.close or (estimate.gap_m is not None and estimate.gap_m < FREE_GAP_M):
-        assert estimate.action != "STRAIGHT"
+        assert estimate.act() != "STRAIGHT"
     if estimate.gap_m is not None and estimate.gap_m < 12:
-        assert estimate.action == "STOP"
+        assert estimate.act() == "STOP"
 
 
 def test_a_close_lead_without_a_gap_is_a_lead_at_the_threshold() -> None:
     """It turns to the one clear side, and does not stop for a distance that nobody gave."""
     for gap_m in (None, 60.0):
-        assert Estimate(gap_m, close=True, left_clear=True, right_clear=False, confidence=1).action == "LEFT"
-        assert Estimate(gap_m, close=True, left_clear=True, right_clear=False, confidence=1).disagrees
-    assert Estimate(CLOSE_GAP_M - 1, close=False, left_clear=False, right_clear=True, confidence=1).action == "RIGHT"
+        assert Estimate(gap_m, close=True, left_clear=True, right_clear=False, confidence=1).act() == "LEFT"
+        assert Estimate(gap_m, close=True, left_clear=True, right_clear=False, confidence=1).disagrees()
+    assert Estimate(CLOSE_GAP_M - 1, close=False, left_clear=False, right_clear=True, confidence=1).act() == "RIGHT"
 
 
 REPAIRED = {

@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eyechart.perception.scene import Scene, safe_action
+from eyechart.perception.scene import Distances, Scene, safe_action
 
 MIRROR = {"LEFT": "RIGHT", "RIGHT": "LEFT", "STRAIGHT": "STRAIGHT", "SLOW": "SLOW", "STOP": "STOP"}
 SCENES = st.builds(Scene, st.none() | st.floats(min_value=0.0, max_value=200.0), st.booleans(), st.booleans())
@@ -46,3 +46,13 @@ def test_the_policy_goes_on_turns_slows_or_stops_by_the_gap_and_the_sides(
 def test_a_lead_is_close_below_eighteen_metres(*, gap_m: float | None, close: bool) -> None:
     """The paper's threshold is strict, and no lead is no close lead."""
     assert Scene(gap_m, left_clear=False, right_clear=False).close is close
+
+
+@pytest.mark.parametrize(("gap_m", "action"), [(4.9, "STOP"), (5.0, "LEFT"), (14.9, "LEFT"), (15.0, "STRAIGHT")])
+def test_the_policy_goes_by_the_distances_of_the_scenes_world(gap_m: float, action: str) -> None:
+    """A slow rover's distances in the place of the highway's; what is close is likewise the world's."""
+    near = Distances(stop_m=5.0, close_m=8.0, free_m=15.0, behind_m=1.0, ahead_m=15.0)
+    scene = Scene(gap_m, left_clear=True, right_clear=False, distances=near)
+    assert safe_action(scene) == action
+    assert safe_action(scene.mirrored()) == MIRROR[action]
+    assert scene.close == (gap_m < 8.0)

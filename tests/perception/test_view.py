@@ -11,7 +11,7 @@ from eyechart.errors import BankError, SpecError
 from eyechart.frames import RGB, decode, encode
 from eyechart.perception.view import VIEWS, find_view, scene_of, through, view_for
 
-HIGHWAY = VIEWS["highway"]
+HIGHWAY, ROVER = VIEWS["highway"], VIEWS["rover"]
 TOP, BOTTOM, LEFT, RIGHT = HIGHWAY.crop
 
 
@@ -29,6 +29,28 @@ def test_what_is_shown_comes_back_exactly(seed: int) -> None:
     assert (restored[TOP:BOTTOM, LEFT:RIGHT] == pixels[TOP:BOTTOM, LEFT:RIGHT]).all()
     assert (restored[:, :LEFT] == 100).all()
     assert (restored[:TOP] == 100).all()
+
+
+@pytest.mark.parametrize("name", [name for name, view in VIEWS.items() if view.axis == "horizontal"])
+def test_a_forward_picture_comes_back_whole_from_between_its_rulers(name: str) -> None:
+    """Nothing of it is cut off, its reflection exchanges left and right, and the words stay."""
+    view = VIEWS[name]
+    pixels = np.random.default_rng(0).integers(0, 256, (*view.shape, 3), dtype=np.uint8)
+    shown, reflected = view.show(pixels), view.show(np.ascontiguousarray(pixels[:, ::-1]))
+    assert (scene_of(shown) == pixels).all()
+    assert (scene_of(reflected) == pixels[:, ::-1]).all()
+    for around in (slice(0, view.above), slice(-view.below, None)):
+        assert (shown[around] == reflected[around]).all()
+    assert (shown[:, : view.beside] == reflected[:, : view.beside]).all()
+
+
+def test_the_rulers_of_a_forward_view_stand_where_the_ground_is() -> None:
+    """Eight metres ahead of an eye 1.2 m high, 160 pixels of focal length: 24 pixels below the horizon."""
+    shown = ROVER.show(np.zeros((*ROVER.shape, 3), dtype=np.uint8))
+    ticks = np.flatnonzero((shown[:, ROVER.beside - 33] == 0).all(axis=1))
+    for metres in (2, 3, 4, 5, 8, 15):
+        row = ROVER.above + 2 * (96 + 160 * 1.2 / metres)
+        assert np.abs(ticks - row).min() <= 1
 
 
 def test_only_the_scene_differs_between_frames_and_only_it_is_reflected() -> None:

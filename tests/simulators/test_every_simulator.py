@@ -9,8 +9,11 @@ from eyechart.errors import BankError, SpecError
 from eyechart.frames import FrameBank, check, decode, open_bank
 from eyechart.simulators import SIMULATORS, open_simulator
 
+PHOTOGRAPHED = [name for name in SIMULATORS if open_simulator(name).presets]
+"""Those that yield banks; drone-pybullet can only be driven."""
 
-@pytest.fixture(scope="module", params=list(SIMULATORS))
+
+@pytest.fixture(scope="module", params=PHOTOGRAPHED)
 def bank(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
     """Return a small bank of each simulator."""
     return open_simulator(request.param).build(tmp_path_factory.mktemp("door") / "bank", seeds=(0, 1), steps=4)

@@ -48,9 +48,15 @@ def ran(study: str, bank: FrameBank, out: Path, specs: list[str], **options: obj
 
 
 @pytest.fixture(scope="module")
-def admission(bank: FrameBank, tmp_path_factory: pytest.TempPathFactory) -> StructuredScore:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return where the admission of every known-answer estimator lies."""
+    return tmp_path_factory.mktemp("admission") / "run"
+
+
+@pytest.fixture(scope="module")
+def admission(bank: FrameBank, folder: Path) -> StructuredScore:
     """Return the admission of every known-answer estimator."""
-    return ran("admission", bank, tmp_path_factory.mktemp("admission") / "run", SPECS)
+    return ran("admission", bank, folder, SPECS)
 
 
 @pytest.fixture(scope="module")
@@ -103,17 +109,17 @@ def test_an_oracle_is_admitted_without_an_error(
 ) -> None:
     """With the truth the gap's error is 0, which also holds the truth against the policy's demand."""
     scenes: dict[str, Scene] = {}
-    for frame in bank:
+    for frame in choose(bank, 0):
         gap = frame.truth["lead_gap_m"] if frame.truth["lead_visible"] else None
         scene = Scene(gap, frame.truth["left_clear"], frame.truth["right_clear"])  # type: ignore[arg-type]
-        assert Estimate.of(scene).action == frame.truth["demand"]
+        assert Estimate.of(scene).act() == frame.truth["demand"]
         for condition, shown in (("real", scene), ("mirrored", scene.mirrored())):
             picture = through(VIEWS["highway"], show(condition, frame, bank, 0))
             assert picture is not None
             scenes[hashlib.sha256(picture).hexdigest()] = shown
     monkeypatch.setattr("oracle_door.ORACLE", Oracle(scenes), raising=False)
     monkeypatch.setitem(ADAPTERS, "oracle", "oracle_door")
-    scored = ran("structured", bank, tmp_path / "run", ["oracle:truth"]).models["oracle:truth"]
+    scored = ran("admission", bank, tmp_path / "run", ["oracle:truth"]).models["oracle:truth"]
     assert scored.admitted
     assert scored.statistics["gap_mae_m"].value == 0
     assert scored.statistics["lead_missed"].value == 0
@@ -130,14 +136,14 @@ def test_the_admission_set_is_balanced_seeded_and_recorded(admission: Structured
     assert choose(bank, 1) != frames
 
 
-def test_a_score_is_the_same_every_time(bank: FrameBank, tmp_path: Path) -> None:
-    """Also after more of the run's calls are there, as far as those go."""
-    first = ran("structured", bank, tmp_path / "run", [SPECS[-1]], limit=12)
-    again = structured.score(tmp_path / "run", resamples=200)
-    assert json.dumps(first.as_dict()) == json.dumps(again.as_dict())
-    before = (tmp_path / "run" / LEDGER).read_bytes()
-    battery.run(structured.plan("structured", bank.root, [SPECS[-1]], tmp_path / "run", limit=12))
-    assert (tmp_path / "run" / LEDGER).read_bytes() == before
+def test_a_score_is_the_same_every_time_and_a_finished_run_asks_no_more(
+    admission: StructuredScore, bank: FrameBank, folder: Path
+) -> None:
+    """The same bytes, also after the run was begun again."""
+    before = (folder / LEDGER).read_bytes()
+    battery.run(structured.plan("admission", bank.root, SPECS, folder))
+    assert (folder / LEDGER).read_bytes() == before
+    assert json.dumps(structured.score(folder, resamples=200).as_dict()) == json.dumps(admission.as_dict())
 
 
 def test_a_run_records_view_prompt_and_reader_and_goes_on_only_as_it_was_begun(bank: FrameBank, tmp_path: Path) -> None:
@@ -165,30 +171,31 @@ def _prices() -> object:
     return read_prices()
 
 
-def test_a_run_of_another_study_is_refused_by_name(bank: FrameBank, tmp_path: Path) -> None:
+def test_a_run_of_another_study_is_refused_by_name(
+    admission: StructuredScore, bank: FrameBank, folder: Path, tmp_path: Path
+) -> None:
     """A battery's statistics are not of scenes, and the other way round."""
-    ran("admission", bank, tmp_path / "scenes", [CONTROL])
+    assert admission.manifest.study == "admission"
     with pytest.raises(LedgerError, match=r"a run of the study 'admission', not of a battery.*eyechart score"):
-        battery.score(tmp_path / "scenes")
+        battery.score(folder)
     battery.run(battery.plan(bank.root, ["scripted:constant"], tmp_path / "battery", conditions=["real"], limit=4))
     with pytest.raises(LedgerError, match="a run of the study 'battery', not one of admission, structured"):
         structured.score(tmp_path / "battery")
-    assert [structured.is_structured(tmp_path / name) for name in ("scenes", "battery", "nothing")] == [
-        True,
-        False,
-        False,
-    ]
+    kinds = [structured.is_structured(one) for one in (folder, tmp_path / "battery", tmp_path / "nothing")]
+    assert kinds == [True, False, False]
 
 
-def test_what_the_calls_took_counts_estimates(bank: FrameBank, tmp_path: Path) -> None:
+def test_what_the_calls_took_counts_estimates(admission: StructuredScore) -> None:
     """A reply with an estimate is no reply without a decision."""
-    scored = ran("admission", bank, tmp_path / "run", [CONTROL, "scripted:scene_silent_when_free"])
-    assert scored.accounting[CONTROL]["all"].missing == {}
-    assert scored.accounting["scripted:scene_silent_when_free"]["all"].missing == {"unparsed": 4}
-    assert scored.models["scripted:scene_silent_when_free"].told.reasons == {"missing_field": 4}
-    outcomes = {guard.name: guard.holds for guard in scored.guards[CONTROL]}
+    silent = "scripted:scene_silent_when_free"
+    assert admission.accounting[CONTROL]["all"].missing == {}
+    assert admission.accounting[silent]["all"].missing == {"unparsed": 4}
+    assert admission.models[silent].told.reasons == {"missing_field": 4}
+    outcomes = {guard.name: guard.holds for guard in admission.guards[CONTROL]}
     assert outcomes["outcomes"] is True
     assert outcomes["degeneracy"] is True
+    constant = {guard.name: guard.holds for guard in admission.guards["scripted:scene_constant"]}
+    assert constant["degeneracy"] is False
 
 
 def test_pictures_without_a_view_are_asked_about_in_plain_words(tmp_path: Path) -> None:
@@ -313,3 +320,15 @@ def test_a_mode_without_a_schema_is_read_strictly_and_with_one_binds_it(bank: Fr
     query = planned.plan.query(key, None)
     assert query.actions == ()
     assert query.schema()["required"] == ["lead_gap_m", "close", "left_clear", "right_clear", "confidence"]
+
+
+def test_forward_cameras_are_asked_through_their_own_view_with_their_own_distances(tmp_path: Path) -> None:
+    """On a rover's pictures, 8 m is close; the positive control is admitted there too, and the one-sided one is not."""
+    rover = build_bank(tmp_path / "rover", simulator="rover", seeds=(0,))
+    scored = ran("admission", rover, tmp_path / "run", [CONTROL, "scripted:scene_one_sided"])
+    assert scored.manifest.view == VIEWS["rover"].key
+    assert scored.manifest.prompt.name == "scene_forward"
+    assert "nearer than 8 m" in scored.manifest.prompt.user
+    assert scored.models[CONTROL].admitted
+    assert scored.models[CONTROL].statistics["gap_mae_m"].value < 0.05
+    assert scored.models["scripted:scene_one_sided"].failed == ESTIMATORS["scene_one_sided"].fails

@@ -10,6 +10,7 @@ from eyechart.cli import (
     calibrating,
     comparing,
     demo,
+    driving,
     frames,
     guarding,
     listing,
@@ -31,8 +32,10 @@ app = typer.Typer(
 )
 app.add_typer(frames.app, name="frames")
 running.app.command()(prompting.prompts)
+running.app.command()(driving.closed_loop)
 running.app.command()(scenes.admission)
 running.app.command()(scenes.structured)
+running.app.command()(scenes.online)
 app.add_typer(running.app, name="run")
 app.add_typer(listing.app, name="list")
 app.command()(demo.demo)

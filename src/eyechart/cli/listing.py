@@ -46,12 +46,15 @@ def prompts(json: _Json = False) -> None:
 
 @app.command()
 def simulators(json: _Json = False) -> None:
-    """List the simulators and the presets of their banks."""
-    from eyechart.simulators import SIMULATORS, open_simulator
+    """List the simulators, the presets of their banks and the scenarios of their drives."""
+    from eyechart.simulators import KINDS, SIMULATORS, open_simulator
 
+    opened = {name: open_simulator(name) for name in SIMULATORS}
     rows = {
-        f"{name} --preset {preset}": says
-        for name in SIMULATORS
-        for preset, says in open_simulator(name).presets.items()
+        f"{name} --{option} {choice}": says
+        for name, simulator in opened.items()
+        for option, choices in (("preset", simulator.presets), ("scenarios", getattr(simulator, "scenarios", {})))
+        for choice, says in choices.items()
     }
+    rows |= {written: says for written, says, _ in KINDS.values()}
     _show(rows, json=json)

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
     from eyechart.studies.battery import BatteryScore
     from eyechart.studies.structured import StructuredScore
+    from eyechart.studies.structured.online import OnlineScore
     from eyechart.verdicts import Verdict
 
 _Run = Annotated[Path, typer.Argument(help="Folder of the run.")]
@@ -32,6 +33,9 @@ def score(run: _Run, json: _Json = False, independent: _Independent = False, rer
     from eyechart.studies import prompts, structured
     from eyechart.verdicts import judge
 
+    if structured.online.is_online(run):
+        print_online(structured.online.score(run), json=json)
+        return
     if structured.is_structured(run):
         print_estimators(structured.score(run, reread=reread), json=json)
         return
@@ -76,6 +80,20 @@ def print_estimators(scored: "StructuredScore", *, json: bool) -> None:
             console.print(line, markup=False)
     for one in scored.models.values():
         console.print(figures_table(one))
+
+
+def print_online(scored: "OnlineScore", *, json: bool) -> None:
+    """Print the score of an online run: crash rates, decisions and fail-safes."""
+    from eyechart.report.structured import online_table
+
+    if json:
+        print_json(scored.as_dict())
+        return
+    console = table_console(140)
+    console.print(online_table(scored))
+    for one in scored.vetted:
+        if one.why is not None:
+            console.print(f"refused: {one.scenario}/{one.seed}: {one.why}", markup=False)
 
 
 def verdict(run: _Run, json: _Json = False, independent: _Independent = False, reread: _Reread = False) -> None:

@@ -114,15 +114,15 @@ def sizes(planned: "Battery") -> list[str]:
     ]
 
 
-def tell(outcome: "Outcome", left: int) -> None:
+def tell(outcome: "Outcome", left: int, what: str = "calls") -> None:
     """Print how a run ended; raise Exit 3 where a limit stopped it, 1 where calls are unfinished."""
     for spec, why in outcome.set_aside.items():
         say(f"set aside: {spec}: {why}")
     if outcome.stopped is not None and left:
-        say(f"stopped: {outcome.stopped}; {left} calls are left; a higher limit resumes")
+        say(f"stopped: {outcome.stopped}; {left} {what} are left; a higher limit resumes")
         raise typer.Exit(3)
     if left:
-        say(f"{left} calls are unfinished: their last error may pass, and the same command tries them again")
+        say(f"{left} {what} are unfinished: their last error may pass, and the same command tries them again")
         raise typer.Exit(1)
 
 

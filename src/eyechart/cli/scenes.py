@@ -1,4 +1,4 @@
-"""``eyechart run admission`` and ``run structured``: scene estimates of pictures and of their reflections."""
+"""``eyechart run admission``, ``structured`` and ``online``: scene estimates of pictures and of their reflections."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -118,6 +118,75 @@ def structured(
 
     planned = study.plan(study.STRUCTURED, frames, modes, out, view=view, seed=seed, limit=limit)
     _run(planned, modes, prices, concurrency=concurrency, calls=max_calls, cost_usd=max_cost, dry_run=dry_run)
+
+
+def online(
+    out: Out,
+    simulator: Annotated[str, typer.Option(help="See 'eyechart list simulators'.")] = "highway",
+    model: Model = None,
+    mode: asking.Mode = None,
+    view: View = None,
+    episodes: Annotated[int, typer.Option(min=1, help="So many worlds, from every scenario in turn.")] = 12,
+    seed: Annotated[int, typer.Option(min=0, help="Of the order of episodes and of sampling.")] = 0,
+    concurrency: Annotated[int, typer.Option(min=1, help="Episodes of a model under way at once.")] = 8,
+    base_url: asking.BaseUrl = None,
+    key_env: asking.KeyEnv = None,
+    max_tokens: asking.MaxTokens = None,
+    temperature: asking.Temperature = None,
+    timeout: asking.Timeout = None,
+    json_mode: asking.JsonMode = None,
+    header: asking.Header = None,
+    body: asking.Body = None,
+    option: asking.Option = None,
+    max_calls: MaxCalls = None,
+    max_cost: MaxCost = None,
+    prices: PriceFile = None,
+    dry_run: DryRun = False,
+) -> None:
+    """Let scene estimates drive through the safety policy, in worlds that the positive control has driven first.
+
+    Each world must pass renderer integrity and the positive control, or another takes its place. 'eyechart score OUT'
+    prints crash rates, decisions and fail-safes. Exit 1: episodes are unfinished or ended in an error; 3: stopped at
+    --max-calls or --max-cost. Example: eyechart run online --model scripted:scene_side_blind --out online
+    """
+    from eyechart import episodes as closed_loop
+    from eyechart.models.prices import read_prices
+    from eyechart.studies.structured import online as study
+
+    modes = asking.read_modes(
+        model,
+        mode,
+        base_url=base_url,
+        key_env=key_env,
+        max_tokens=max_tokens,
+        temperature=temperature,
+        timeout=timeout,
+        json_mode=json_mode,
+        header=header,
+        body=body,
+        option=option,
+    )
+    table = read_prices(prices)
+    with resumable("nothing was asked yet"), progress("vetting", "worlds") as move:
+        planned = study.plan(simulator, modes, out, view=view, episodes=episodes, seed=seed, progress=move)
+    for one in planned.vetted:
+        if one.why is not None:
+            say(f"refused: {one.scenario}/{one.seed}: {one.why}")
+    drives, left = planned.episodes, len(planned.episodes.left())
+    say(f"view: {drives.manifest.view}")
+    say(f"{len(drives.keys)} episodes in worlds that pass the checks, {left} to drive")
+    for line in (*_bound(modes), *(one.words for one in closed_loop.expected(drives, table, concurrency=concurrency))):
+        say(line)
+    if dry_run:
+        return
+    limits = closed_loop.within(drives, table, calls=max_calls, cost_usd=max_cost)
+    with resumable("finished episodes and calls are kept"), progress("episodes", "episodes") as move:
+        outcome = study.run(planned, bounds=closed_loop.Bounds(concurrency=concurrency, limits=limits), progress=move)
+    tell(outcome, len(drives.left()), what="episodes")
+    if failed := sum(one.errors for one in study.score(out).driven.values()):
+        say(f"{failed} episodes ended in an error; they count in nothing")
+        raise typer.Exit(1)
+    say(f"done: 'eyechart score {out}' prints crash rates, decisions and fail-safes")
 
 
 def _run(

@@ -76,14 +76,14 @@ def patience(what: str, every_s: float = 2.0) -> Iterator[Callable[[str], None]]
 
 
 @contextmanager
-def resumable() -> Iterator[None]:
+def resumable(kept: str = "finished calls are kept") -> Iterator[None]:
     """Let an interrupt end the command with one line that says what is kept, and exit 130."""
     import typer
 
     try:
         yield
     except KeyboardInterrupt:
-        say("interrupted: finished calls are kept; the same command resumes")
+        say(f"interrupted: {kept}; the same command resumes")
         raise typer.Exit(130) from None
 
 

@@ -134,6 +134,17 @@ def write_episodes(path: Path, episodes: Iterable[Episode]) -> None:
         file.flush()
 
 
+def mend_episodes(path: Path) -> None:
+    """Cut off the beginning of an episode that a kill left at the end of a run folder's file, before more is added."""
+    file = path / EPISODES
+    if file.is_file():
+        text = file.read_bytes()
+        whole = text.rfind(b"\n") + 1
+        if whole < len(text):
+            with file.open("r+b") as opened:
+                opened.truncate(whole)
+
+
 def _read(raw: Mapping[str, object]) -> Episode:
     steps = raw["steps"]
     assert isinstance(steps, list)

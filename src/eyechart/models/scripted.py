@@ -1,6 +1,7 @@
 """Known-answer controllers and estimators: they see what a VLM sees, and each declares the verdict that it deserves.
 
-They read the picture's pixels through the image-only positive control and know neither frame nor condition.
+They read the picture's pixels through the image-only positive controls, one for roads seen from above and one for
+forward pictures, and know neither frame nor condition.
 They are the demo, the tutorial, and the instrument's own eye test.
 """
 
@@ -9,7 +10,7 @@ import random
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, Protocol
 
 from eyechart import __version__
 from eyechart.actions import DRIVING
@@ -18,11 +19,36 @@ from eyechart.errors import SpecError
 from eyechart.frames import RGB, decode
 from eyechart.modes import RequestMode
 from eyechart.perception.estimators import ESTIMATORS, Estimator
-from eyechart.perception.renderer import Reading, read_picture
-from eyechart.perception.scene import FREE_GAP_M, STOP_GAP_M, safe_action
+from eyechart.perception.forward import read_forward, view_of
+from eyechart.perception.renderer import read_picture
+from eyechart.perception.scene import Scene, safe_action
 from eyechart.perception.view import scene_of
 
 Kind = Literal["no_picture", "uniform", "unknown", "road"]
+
+
+class Reading(Protocol):
+    """What the reader of any kind of picture tells; ``place`` is the number of the road's kind or surroundings."""
+
+    @property
+    def scene(self) -> Scene:
+        """Return the gap, the sides, and the distances that count in this world."""
+        ...
+
+    @property
+    def ego_colour(self) -> str:
+        """Return the own vehicle's colour; red is that of a crash."""
+        ...
+
+    @property
+    def stripe_phase(self) -> float | None:
+        """Return the phase of the dashed marks in [0, 1), None where none are seen."""
+        ...
+
+    @property
+    def place(self) -> int:
+        """Return the number of the kind of place, constant in a scenario."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,10 +106,8 @@ def _graded(sight: Sight, clear: str) -> Answer:
     """Brake by distance, and answer ``clear`` where the road is free; STOP at anything that is no road."""
     if sight.reading is None:
         return "STOP"
-    gap = sight.reading.scene.gap_m
-    if gap is None or gap >= FREE_GAP_M:
-        return clear
-    return "STOP" if gap < STOP_GAP_M else "SLOW"
+    scene = sight.reading.scene
+    return clear if scene.free else "STOP" if scene.blocked else "SLOW"
 
 
 def _depth(sight: Sight, rng: random.Random) -> Answer:
@@ -134,10 +158,8 @@ def _inverted(sight: Sight, rng: random.Random) -> Answer:
     del rng
     if sight.reading is None:
         return "STOP"
-    gap = sight.reading.scene.gap_m
-    if gap is None or gap >= FREE_GAP_M:
-        return "STOP"
-    return "STRAIGHT" if gap < STOP_GAP_M else "SLOW"
+    scene = sight.reading.scene
+    return "STOP" if scene.free else "STRAIGHT" if scene.blocked else "SLOW"
 
 
 def _nuisance(sight: Sight, rng: random.Random) -> Answer:
@@ -158,9 +180,7 @@ def _scene_only(sight: Sight, rng: random.Random) -> Answer:
     del rng
     if sight.reading is None:
         return "STOP"
-    if sight.reading.ramp or sight.reading.lanes <= 2:
-        return "STOP"
-    return "SLOW" if sight.reading.lanes == 3 else "STRAIGHT"
+    return ("STOP", "SLOW", "STRAIGHT")[sight.reading.place % 3]
 
 
 CONTROLLERS: dict[str, Controller] = {
@@ -265,7 +285,9 @@ def see(image: bytes | None) -> Sight:
 def _look(pixels: RGB) -> Sight:
     if (pixels == pixels[0, 0]).all():
         return Sight("uniform", None)
-    reading = read_picture(scene_of(pixels))
+    picture = scene_of(pixels)
+    view = view_of(picture)
+    reading: Reading | None = read_picture(picture) if view is None else read_forward(picture, view)
     return Sight("unknown" if reading is None else "road", reading)
 
 

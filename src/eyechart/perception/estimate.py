@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Literal
 
 from eyechart.actions import Missing
-from eyechart.perception.scene import CLOSE_GAP_M, Scene, safe_action
+from eyechart.perception.scene import HIGHWAY, Distances, Scene, safe_action
 from eyechart.reader import READ_AT_MOST, refuses, without_thinking
 
 SCENE_READER = 1
@@ -76,21 +76,20 @@ class Estimate:
         """Return a scene as an estimate that agrees with itself."""
         return cls(scene.gap_m, scene.close, scene.left_clear, scene.right_clear, confidence)
 
-    @property
-    def disagrees(self) -> bool:
+    def disagrees(self, distances: Distances = HIGHWAY) -> bool:
         """Return whether ``close`` is not what the gap says."""
-        return self.close != (self.gap_m is not None and self.gap_m < CLOSE_GAP_M)
+        return self.close != (self.gap_m is not None and self.gap_m < distances.close_m)
 
-    @property
-    def action(self) -> str:
+    def act(self, distances: Distances = HIGHWAY) -> str:
         """Return the safe action of the scene; where ``close`` and the gap disagree, of the more cautious of the two.
 
-        A close lead at no gap, or at one that is not close, is a lead at 18 m: it is never STRAIGHT, and STOP only
-        where a gap says so. A gap below 18 m counts whatever ``close`` says. Exactly equivariant under reflection.
+        A close lead at no gap, or at one that is not close, is a lead at the threshold, 18 m on a highway: it is never
+        STRAIGHT, and STOP only where a gap says so. A nearer gap counts whatever ``close`` says. Exactly equivariant
+        under reflection. ``distances`` are those of the world.
         """
-        free = self.gap_m is None or self.gap_m >= CLOSE_GAP_M
-        gap_m = CLOSE_GAP_M if self.close and free else self.gap_m
-        return safe_action(Scene(gap_m, self.left_clear, self.right_clear))
+        free = self.gap_m is None or self.gap_m >= distances.close_m
+        gap_m = distances.close_m if self.close and free else self.gap_m
+        return safe_action(Scene(gap_m, self.left_clear, self.right_clear, distances))
 
     def mirrored(self) -> "Estimate":
         """Return the estimate of the reflected scene."""

@@ -9,11 +9,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from eyechart.perception.estimate import Estimate
-from eyechart.perception.scene import FREE_GAP_M, Scene
+from eyechart.perception.scene import Scene
 
 NO_ROAD = "I'm sorry, I cannot see a road in this picture."
-_ALWAYS_CLOSE_M = 15.0
-_NEVER_CLOSE_M = 25.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +37,8 @@ def _constant(scene: Scene) -> str:
 
 
 def _over_calling(scene: Scene) -> str:
-    gap_m = _ALWAYS_CLOSE_M if scene.gap_m is None else min(scene.gap_m, _ALWAYS_CLOSE_M)
+    called_m = (scene.distances.stop_m + scene.distances.close_m) / 2
+    gap_m = called_m if scene.gap_m is None else min(scene.gap_m, called_m)
     return Estimate.of(replace(scene, gap_m=gap_m)).text()
 
 
@@ -52,12 +51,12 @@ def _one_sided(scene: Scene) -> str:
 
 
 def _distance_blind(scene: Scene) -> str:
-    return Estimate.of(replace(scene, gap_m=_NEVER_CLOSE_M)).text()
+    return Estimate.of(replace(scene, gap_m=(scene.distances.close_m + scene.distances.free_m) / 2)).text()
 
 
 def _silent_when_free(scene: Scene) -> str:
     text = Estimate.of(scene).text()
-    if scene.gap_m is not None and scene.gap_m < FREE_GAP_M:
+    if not scene.free:
         return text
     return json.dumps({name: value for name, value in json.loads(text).items() if name != "confidence"})
 
@@ -80,7 +79,9 @@ ESTIMATORS: dict[str, Estimator] = {
         _one_sided,
         frozenset({"scene_equivariance", "action_equivariance"}),
     ),
-    "scene_distance_blind": Estimator("sees the sides, and every lead at 25 m", _distance_blind, _CLOSE),
+    "scene_distance_blind": Estimator(
+        "sees the sides, and every lead midway between close and free", _distance_blind, _CLOSE
+    ),
     "scene_silent_when_free": Estimator(
         "measures the scene, and leaves a field out where the road is free", _silent_when_free, frozenset({"parse"})
     ),

@@ -93,6 +93,11 @@ class Reading:
     stripe_phase: float | None
     ramp: bool
 
+    @property
+    def place(self) -> int:
+        """Return which kind of road this is: 0 with a ramp or at most two lanes, 1 with three lanes, 2 with more."""
+        return 0 if self.ramp or self.lanes <= 2 else 1 if self.lanes == 3 else 2
+
     def mirrored(self) -> "Reading":
         """Return the reading of the flipped picture."""
         return Reading(

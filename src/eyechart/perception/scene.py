@@ -17,21 +17,48 @@ CLEAR_AHEAD_M = 40.0
 
 
 @dataclass(frozen=True, slots=True)
+class Distances:
+    """What counts as near and as free in a world, in metres ahead of the vehicle, and where a side must be empty."""
+
+    stop_m: float
+    close_m: float
+    free_m: float
+    behind_m: float
+    ahead_m: float
+
+
+HIGHWAY = Distances(STOP_GAP_M, CLOSE_GAP_M, FREE_GAP_M, CLEAR_BEHIND_M, CLEAR_AHEAD_M)
+"""The paper's, at 20 to 30 m/s and centre to centre."""
+
+
+@dataclass(frozen=True, slots=True)
 class Scene:
     """What a controller needs to know of a picture.
 
-    ``gap_m`` is the distance in metres, centre to centre, to the nearest vehicle ahead in the own lane, or
-    None where none is seen. ``left_clear`` and ``right_clear`` are as the driver sees them.
+    ``gap_m`` is the distance in metres to the nearest vehicle or obstacle ahead in the own lane, counted as its world
+    counts it, or None where none is seen. ``left_clear`` and ``right_clear`` are as the driver sees them. ``distances``
+    are those of the world.
     """
 
     gap_m: float | None
     left_clear: bool
     right_clear: bool
+    distances: Distances = HIGHWAY
 
     @property
     def close(self) -> bool:
-        """Whether a lead stands nearer than 18 m."""
-        return self.gap_m is not None and self.gap_m < CLOSE_GAP_M
+        """Whether a lead stands nearer than the world's threshold, 18 m on a highway."""
+        return self.gap_m is not None and self.gap_m < self.distances.close_m
+
+    @property
+    def free(self) -> bool:
+        """Whether the road ahead counts as free."""
+        return self.gap_m is None or self.gap_m >= self.distances.free_m
+
+    @property
+    def blocked(self) -> bool:
+        """Whether a lead stands so near that the safe action is to stop, whatever the sides are."""
+        return self.gap_m is not None and self.gap_m < self.distances.stop_m
 
     def mirrored(self) -> "Scene":
         """Return the scene as its reflection across the lane axis shows it."""
@@ -44,9 +71,9 @@ def safe_action(scene: Scene) -> str:
     STRAIGHT where the road is free, STOP where a lead is very near, the one clear side where exactly one
     is clear, and SLOW otherwise (also where both sides are clear: a choice between them would be a prior).
     """
-    if scene.gap_m is None or scene.gap_m >= FREE_GAP_M:
+    if scene.free:
         return "STRAIGHT"
-    if scene.gap_m < STOP_GAP_M:
+    if scene.blocked:
         return "STOP"
     if scene.left_clear != scene.right_clear:
         return "LEFT" if scene.left_clear else "RIGHT"

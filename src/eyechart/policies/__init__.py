@@ -2,9 +2,12 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
 from typing import Protocol
 
 from eyechart.actions import ActionSpace, Decision
+from eyechart.errors import SpecError
 from eyechart.frames import RGB, Scalar
 
 
@@ -31,3 +34,36 @@ class Policy(Protocol):
     def decide(self, observation: Observation) -> Decision:
         """Return an action of the observation's space, or the reason there is none."""
         ...
+
+
+Recorded = Callable[[Path], Mapping[str, int]]
+"""Returns how often each action was decided in a run's folder; it comes from above, where runs can be read."""
+
+POLICIES: dict[str, str] = {
+    "constant": "eyechart.policies.baselines:constant",
+    "random": "eyechart.policies.baselines:uniform",
+    "marginal": "eyechart.policies.baselines:marginal",
+    "oracle": "eyechart.policies.scripted:oracle",
+    "positive_control": "eyechart.policies.scripted:positive_control",
+}
+"""What a SPEC's first word means: ``module:function``, called with what stands after the colon, the action space and
+how to read a run's decisions. Any other SPEC is a model's.
+"""
+
+
+def is_policy(spec: str) -> bool:
+    """Return whether a SPEC names a policy that is no model."""
+    return spec.partition(":")[0] in POLICIES
+
+
+def open_policy(spec: str, space: ActionSpace, recorded: Recorded) -> Policy:
+    """Open the policy of a SPEC for these actions; what it returns can be sent to another process.
+
+    Raises SpecError for an unknown name, and for what the policy cannot do with these actions.
+    """
+    kind, _, name = spec.partition(":")
+    if kind not in POLICIES:
+        raise SpecError(f"unknown policy '{spec}'; known are {', '.join(POLICIES)}, and any model's SPEC")
+    module, _, function = POLICIES[kind].partition(":")
+    policy: Policy = getattr(import_module(module), function)(name, space, recorded)
+    return policy

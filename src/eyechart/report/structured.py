@@ -7,6 +7,7 @@ from rich.text import Text
 from eyechart.report.tables import MARK
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.structured import EstimatorScore, StructuredScore
+from eyechart.studies.structured.online import OnlineScore
 
 PAPER = ("renderer positive (paper)", "1.000", "1.000", "0.090", "1.000", "1.000", "1.000 (10)", "0.167")
 """The first line of Table t:controller-local, on the paper's own 288 pairs."""
@@ -80,6 +81,31 @@ def figures_table(score: EstimatorScore) -> Table:
         row = ["—", "—", "—"] if before is None else [_number(before), _interval(before), str(before.n)]
         note = "the bank does not record collisions" if before is None else one.note
         table.add_row(name, _number(one), _interval(one), str(one.n), *row, Text(note))
+    return table
+
+
+def online_table(score: OnlineScore) -> Table:
+    """Return one row an estimator: its crash rate, its decisions, and how often it gave none."""
+    passed = sum(one.why is None for one in score.vetted)
+    worlds = f"{passed} of {len(score.vetted)} worlds pass the checks"
+    title = f"online in {score.manifest.simulator}: {worlds}, view {score.manifest.view}"
+    caption = "The paper's positive control crashes in 0.167 of its 12 episodes. — cannot say"
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, title=Text(title), title_justify="left", caption=caption)
+    table.add_column("estimator", no_wrap=True)
+    for name in ("episodes", "crash", "95 % interval", *score.manifest.action_space.actions, "fail-safe", "errors"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for spec, one in score.driven.items():
+        decided = (str(one.decisions.get(name, 0)) for name in score.manifest.action_space.actions)
+        crash = one.crash_rate
+        table.add_row(
+            Text(spec),
+            str(crash.n),
+            _number(crash),
+            _interval(crash),
+            *decided,
+            str(one.fail_safe),
+            str(one.errors),
+        )
     return table
 
 

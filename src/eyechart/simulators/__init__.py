@@ -88,14 +88,39 @@ class Simulator(Protocol):
 
 SIMULATORS: dict[str, str] = {
     "highway": "eyechart.simulators.highway:Highway",
+    "rover": "eyechart.simulators.rover:Rover",
+    "drone": "eyechart.simulators.drone:Drone",
+    "drone-pybullet": "eyechart.simulators.drone:PybulletDrone",
 }
 """What a simulator's name means: ``module:class``, imported when it is opened."""
 
+KINDS: dict[str, tuple[str, str, str]] = {
+    "gym": (
+        "gym:ENV_ID --actions FILE.toml",
+        "Any Gymnasium environment with discrete actions that renders RGB, by a map of its actions; it makes no banks.",
+        "eyechart.simulators.gym:open_environment",
+    ),
+}
+"""What the kind in ``KIND:NAME`` means: how it is written, what it is, and ``module:function``, which is called with
+the name and the action map's file."""
 
-def open_simulator(name: str) -> Simulator:
-    """Open the simulator of this name; raises SpecError that lists what is known."""
+
+def open_simulator(name: str, *, actions: Path | None = None) -> Simulator:
+    """Open the simulator of this name, or of a kind: ``gym:ENV_ID``, whose action map is the TOML file ``actions``.
+
+    Raises SpecError that lists what is known, and for an action map that is missing, wrong, or not wanted.
+    """
+    kind, colon, rest = name.partition(":")
+    if colon and kind in KINDS:
+        return _import(KINDS[kind][-1])(rest, actions)
     if name not in SIMULATORS:
-        raise SpecError(f"unknown simulator '{name}'; known: {', '.join(SIMULATORS)}")
-    module, _, attribute = SIMULATORS[name].partition(":")
-    simulator: Simulator = getattr(import_module(module), attribute)()
-    return simulator
+        raise SpecError(f"unknown simulator '{name}'; known: {', '.join(SIMULATORS)}, gym:ENV_ID")
+    if actions is not None:
+        raise SpecError(f"simulator '{name}' has actions of its own; an action map is for gym:ENV_ID")
+    return _import(SIMULATORS[name])()
+
+
+def _import(place: str) -> Callable[..., Simulator]:
+    module, _, attribute = place.partition(":")
+    opened: Callable[..., Simulator] = getattr(import_module(module), attribute)
+    return opened

@@ -1,9 +1,12 @@
-"""highway-env seen from above: four traffic scenarios as frame banks with ground truth and counterfactuals."""
+"""highway-env seen from above: four traffic scenarios as frame banks with ground truth, and as drives."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from eyechart.frames import FrameBank
+from eyechart.actions import DRIVING, ActionSpace
+from eyechart.frames import FrameBank, MirrorAxis
+from eyechart.simulators import Drive
+from eyechart.simulators.highway.declared import MEANS, PICTURE, versions
 
 
 class Highway:
@@ -16,6 +19,16 @@ class Highway:
         "paper": "Drives nearest to the published bank: the driver idles, drives on after a crash, and closes its gaps "
         "as time goes by.",
     }
+    scenarios: Mapping[str, str] = {
+        "light": "Three lanes and fifteen vehicles, for 30 seconds.",
+        "dense": "Three lanes and twenty vehicles, closer together.",
+        "merge": "Two lanes that vehicles join from a ramp; the drive ends behind it.",
+        "blocked": "Three lanes and twenty vehicles, the nearest right ahead.",
+    }
+    picture = PICTURE
+    mirror_axis: MirrorAxis = "vertical"
+    action_space: ActionSpace = DRIVING
+    commands: Mapping[str, str] = MEANS
 
     def build(
         self,
@@ -34,3 +47,16 @@ class Highway:
         from eyechart.simulators.highway.bank import build_bank  # noqa: PLC0415  (highway-env takes a second to import)
 
         return build_bank(out, preset=preset, seeds=seeds, steps=steps, progress=progress)
+
+    def drive(self, scenario: str, seed: int) -> Drive:
+        """Open one of the ladder's worlds at its beginning.
+
+        Raises SpecError for an unknown scenario or a seed out of range.
+        """
+        from eyechart.simulators.highway.ladder import LadderDrive  # noqa: PLC0415  (as above)
+
+        return LadderDrive(scenario, seed)
+
+    def versions(self) -> dict[str, str]:
+        """Return the versions of highway-env and of what it needs."""
+        return versions()

@@ -10,7 +10,8 @@ import numpy as np
 from highway_env.vehicle.kinematics import Vehicle
 
 from eyechart.seeds import key_seed
-from eyechart.simulators.highway.moment import Moment, record
+from eyechart.simulators.banks import Moment
+from eyechart.simulators.highway.moment import record
 from eyechart.simulators.highway.speedups import speedups
 from eyechart.simulators.highway.world import SIMULATION_HZ, Camera, Setting, World, simulate
 

@@ -1,12 +1,11 @@
 """A moment is one picture with its truth and the pictures of the same world with one thing changed."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from eyechart.frames import RGB, Scalar
+from eyechart.frames import RGB
+from eyechart.simulators.banks import Moment
 from eyechart.simulators.highway.truth import find_lead, gap_to, others, read_truth
 from eyechart.simulators.highway.world import LANE_M, Camera, World, moved, recoloured
 
@@ -17,15 +16,6 @@ FAR_M = (50.0, 60.0)
 _LEAST_MOVE_M = 0.6
 _CAR_M = 5.0
 _BUMPER_M = 1.0
-
-
-@dataclass(frozen=True, slots=True)
-class Moment:
-    """A picture (150, 600, 3), its ground truth, and its counterfactual pictures by name."""
-
-    truth: Mapping[str, Scalar]
-    picture: RGB
-    counterfactuals: Mapping[str, RGB]
 
 
 def record(world: World, camera: Camera, rng: np.random.Generator) -> Moment:

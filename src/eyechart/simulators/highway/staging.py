@@ -16,12 +16,13 @@ from highway_env.vehicle.kinematics import Vehicle
 from eyechart.errors import BankError
 from eyechart.perception.scene import Scene
 from eyechart.seeds import key_seed
-from eyechart.simulators.highway.moment import Moment, record
-from eyechart.simulators.highway.plan import Lanes, Wish, make_plan
+from eyechart.simulators.banks import Moment
+from eyechart.simulators.highway.moment import record
 from eyechart.simulators.highway.speedups import speedups
 from eyechart.simulators.highway.traffic import Placed, Traffic, drive_naturally
 from eyechart.simulators.highway.truth import is_visible, read_scene
 from eyechart.simulators.highway.world import LANE_M, Camera, Setting, World
+from eyechart.simulators.plan import Bands, Lanes, Wish, make_plan
 
 STAGES: Mapping[str, Setting] = {
     "light": Setting("highway-v0", {"lanes_count": 4, "vehicles_count": 18, "vehicles_density": 0.7}),
@@ -39,6 +40,9 @@ _LANES = {
     "blocked": Lanes(count=5, ego=(1, 2, 3)),
 }
 """From the outer lanes of four and of five the picture does not reach far enough to tell them apart."""
+
+GAPS = Bands(near=(6.5, 5.0), close=(12.6, 4.8), middle=(18.6, 20.8), far=(42.0, 28.0), beyond=(82.0, 18.0))
+"""About 12, 18 and 40 m, and the picture's edge at 76 m."""
 
 _BEHIND_M = -9.0
 _CLEAR_M = (-14.0, 42.0)
@@ -70,7 +74,7 @@ def stage(scenario: str, seed: int, steps: int) -> Iterator[Moment]:
         world = STAGES[scenario].open(seed)
         instants = drive_naturally(world, steps)
     camera = Camera(world)
-    for number, wish in enumerate(make_plan(_LANES[scenario], steps, rng)):
+    for number, wish in enumerate(make_plan(_LANES[scenario], GAPS, steps, rng)):
         _set_up(world, instants[number * len(instants) // steps], wish, still=scenario == "blocked", rng=rng)
         yield record(world, camera, rng)
 

@@ -162,11 +162,10 @@ def _require_stoppable(conditions: Sequence[str], shard: tuple[int, int] | None)
 
 
 def _prompt_for(bank: FrameBank, name: str | None) -> Prompt:
-    if name is not None:
-        return find_prompt(name)
-    if bank.manifest.simulator == IMPORTED:
+    imported = bank.manifest.simulator == IMPORTED
+    if name is None and imported:
         return neutral(bank.manifest.picture, bank.manifest.action_space)
-    return find_prompt("baseline")
+    return find_prompt(name or "baseline", "vertical" if imported else bank.frames[0].mirror_axis)
 
 
 def _expected(left_out: Mapping[str, str], prompt: Prompt) -> dict[str, str]:

@@ -3,6 +3,7 @@
 Source: paper, sections Constructive renderer-calibrated controller, Structured output is not geometric grounding.
 """
 
+from eyechart.studies.structured import online
 from eyechart.studies.structured.admission import CLAUSES, Clause
 from eyechart.studies.structured.planning import ADMISSION, STRUCTURED, STUDIES, plan
 from eyechart.studies.structured.scoring import EstimatorScore, StructuredScore, is_structured, score
@@ -18,6 +19,7 @@ __all__ = [
     "StructuredScore",
     "Told",
     "is_structured",
+    "online",
     "plan",
     "read_told",
     "score",

@@ -53,7 +53,7 @@ class Figures:
         close, said = self._told.close[self._frames], _flags(self._real, lambda one: one.close)
         parsed = _given(self._real)
         right = parsed & (said == close)
-        actions = [one.action for one in self._real if one is not None]
+        actions = [self._act(one) for one in self._real if one is not None]
         turns = sum(action in self._space.directional for action in actions)
         counted = "counted on the frames as they are"
         return {
@@ -69,13 +69,18 @@ class Figures:
                 "scene_equivariance.confidence_aside", lambda one, other: one.mirrored().same_scene(other)
             ),
             "action_equivariance": self._pairs(
-                "action_equivariance", lambda one, other: self._space.mirror(one.action) == other.action
+                "action_equivariance", lambda one, other: self._space.mirror(self._act(one)) == self._act(other)
             ),
             "swap_rate": self._swaps(),
-            "disagreement": self._share(_flags(self._real, lambda one: one.disagrees), "disagreement", parsed),
+            "disagreement": self._share(
+                _flags(self._real, lambda one: one.disagrees(self._told.distances)), "disagreement", parsed
+            ),
             "actions": Statistic(float(len(set(actions))), len(actions), method=counted) if actions else _nothing(),
             "directional": Statistic(float(turns), len(actions), method=counted) if actions else _nothing(),
         }
+
+    def _act(self, estimate: Estimate) -> str:
+        return estimate.act(self._told.distances)
 
     @property
     def _seen(self) -> Mask:
@@ -129,9 +134,9 @@ class Figures:
     def _swaps(self) -> Statistic:
         """Return the swap rate over the directional decisions whose reflection was asked about."""
         pairs = zip(self._real, self._mirrored, strict=True)
-        turns = _flags(self._real, lambda one: one.action in self._space.directional)
+        turns = _flags(self._real, lambda one: self._act(one) in self._space.directional)
         swapped = [
-            one is not None and other is not None and other.action == self._space.mirror(one.action)
+            one is not None and other is not None and self._act(other) == self._space.mirror(self._act(one))
             for one, other in pairs
         ]
         asked = np.array(self._asked, dtype=np.bool_)

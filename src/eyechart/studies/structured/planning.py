@@ -12,10 +12,10 @@ from eyechart.manifest import RunManifest, today, versions
 from eyechart.modes import RequestMode
 from eyechart.perception.estimate import SCENE_READER
 from eyechart.perception.view import CALIBRATED, NONE, VIEWS, view_for
-from eyechart.prompts import SCENE, Prompt, plain_scene
+from eyechart.prompts import scene_prompt
 from eyechart.seeds import key_seed
 from eyechart.studies.battery import Battery, open_models, open_whole, plan_of, resumed
-from eyechart.studies.structured.told import episode_of, is_close
+from eyechart.studies.structured.told import episode_of, is_close, worlds_distances
 
 ADMISSION, STRUCTURED = "admission", "structured"
 STUDIES = (ADMISSION, STRUCTURED)
@@ -50,7 +50,7 @@ def plan(
         study=study,
         created=today(),
         seed=seed,
-        prompt=_prompt(bank, viewed=shown is not None),
+        prompt=scene_prompt(bank.manifest.picture, worlds_distances(bank), shown),
         models={spec: model.version for spec, model in models.items()},
         conditions=CONDITIONS,
         limit=limit,
@@ -74,13 +74,6 @@ def _choice(view: str | None, bank: FrameBank) -> str:
     if view is not None:
         return view
     return CALIBRATED if bank.manifest.simulator in VIEWS else NONE
-
-
-def _prompt(bank: FrameBank, *, viewed: bool) -> Prompt:
-    gap = bank.manifest.gap
-    if viewed or gap is None:
-        return SCENE
-    return plain_scene(bank.manifest.picture, gap.threshold)
 
 
 def require_mirrored(bank: FrameBank) -> None:

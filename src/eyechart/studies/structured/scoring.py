@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from eyechart.actions import DRIVING
 from eyechart.costs import Account
 from eyechart.errors import LedgerError
 from eyechart.frames import FrameBank
@@ -124,16 +125,16 @@ def score(path: Path, *, resamples: int = 5000, reread: bool = False) -> Structu
     episodes = None if silent else np.array([episode_of(frame) for frame in plan.frames])
     how = How(episodes, manifest.seed, resamples)
     models = {
-        spec: _scored(told[spec], how, bank, version, sum(1 for _ in plan.keys_of(spec)))
+        spec: _scored(told[spec], how, version, sum(1 for _ in plan.keys_of(spec)))
         for spec, version in manifest.models.items()
     }
     return StructuredScore(manifest, bank, len(plan.frames), models, accounting, guards)
 
 
-def _scored(told: Told, how: How, bank: FrameBank, version: str, planned: int) -> EstimatorScore:
-    space = bank.manifest.action_space
+def _scored(told: Told, how: How, version: str, planned: int) -> EstimatorScore:
+    """Score one model; the safety policy's actions are the five of driving, whatever space the bank is of."""
     every = np.ones(len(told.frames), dtype=np.bool_)
-    statistics = Figures(told, space, every, how).statistics()
+    statistics = Figures(told, DRIVING, every, how).statistics()
     return EstimatorScore(
         model=told.model,
         version=version,
@@ -141,6 +142,6 @@ def _scored(told: Told, how: How, bank: FrameBank, version: str, planned: int) -
         answered=told.finished,
         told=told,
         statistics=statistics,
-        before=None if told.before is None else Figures(told, space, told.before, how).statistics(),
+        before=None if told.before is None else Figures(told, DRIVING, told.before, how).statistics(),
         clauses=hold(statistics),
     )

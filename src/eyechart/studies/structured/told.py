@@ -3,7 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -13,6 +13,8 @@ from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank
 from eyechart.perception.estimate import Estimate, SceneReply, read_estimate
+from eyechart.perception.forward import distances_of
+from eyechart.perception.scene import HIGHWAY, Distances
 
 Mask = NDArray[np.bool_]
 Floats = NDArray[np.float64]
@@ -26,8 +28,8 @@ class Told:
 
     ``gap_m`` is the true gap of each frame in the bank's ``unit``, infinite where there is no lead; ``close`` whether
     it is below the bank's threshold; ``visible`` whether there is a lead in the picture. ``before`` marks the frames
-    before any collision of their episode, and is None where the bank does not record collisions. ``finished`` counts
-    the calls whose reply is final.
+    before any collision of their episode, and is None where the bank does not record collisions. ``distances`` are what
+    counts as near in the world. ``finished`` counts the calls whose reply is final.
     """
 
     model: str
@@ -38,6 +40,7 @@ class Told:
     visible: Mask
     before: Mask | None
     unit: str = "m"
+    distances: Distances = HIGHWAY
     finished: int = 0
 
     def estimates(self, condition: str) -> tuple[Estimate | None, ...]:
@@ -85,8 +88,15 @@ def read_told(model: str, replies: Iterable[tuple[CallKey, Reply]], bank: FrameB
         visible=np.isfinite(gaps) & np.array([frame.truth.get("lead_visible") is not False for frame in frames], bool),
         before=before_collision(bank, frames),
         unit=bank.manifest.gap.unit if bank.manifest.gap is not None else "",
+        distances=worlds_distances(bank),
         finished=finished,
     )
+
+
+def worlds_distances(bank: FrameBank) -> Distances:
+    """Return what counts as near in the bank's world; what is close is what the bank says."""
+    distances, gap = distances_of(bank.manifest.simulator), bank.manifest.gap
+    return distances if gap is None or gap.unit != "m" else replace(distances, close_m=gap.threshold)
 
 
 def gap_of(frame: Frame, bank: FrameBank) -> float:

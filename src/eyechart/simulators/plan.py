@@ -27,6 +27,21 @@ _CLOSE_SHARE = 0.4
 
 
 @dataclass(frozen=True, slots=True)
+class Bands:
+    """Where the gaps of a balanced episode lie: the least and the width of each band, in metres.
+
+    ``near`` demands a stop, ``close`` and ``middle`` the one clear side, ``far`` none of these; ``beyond`` is out of
+    the picture. Room is left between the bands and around the picture's edge, so that no gap is a matter of pixels.
+    """
+
+    near: tuple[float, float]
+    close: tuple[float, float]
+    middle: tuple[float, float]
+    far: tuple[float, float]
+    beyond: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
 class Wish:
     """What a moment is to hold: the gap, whether left and right are clear, and the own lane from the left."""
 
@@ -48,11 +63,11 @@ class Lanes:
         return [lane for lane in self.ego if (lane > 0 or not left) and (lane < self.count - 1 or not right)]
 
 
-def make_plan(lanes: Lanes, steps: int, rng: np.random.Generator) -> list[Wish]:
+def make_plan(lanes: Lanes, bands: Bands, steps: int, rng: np.random.Generator) -> list[Wish]:
     """Return one wish a step, in an order in which the gap has no trend."""
     kinds = [kind for kind, count in share(steps, rng).items() for _ in range(count)]
     wishes = []
-    for gap_m, sides in zip(_draw_gaps(kinds, rng), _draw_sides(kinds, lanes, rng), strict=True):
+    for gap_m, sides in zip(_draw_gaps(kinds, bands, rng), _draw_sides(kinds, lanes, rng), strict=True):
         fits = lanes.fit(sides)
         wishes.append(Wish(gap_m=gap_m, sides=sides, lane=fits[rng.integers(len(fits))]))
     gaps = np.array([wish.gap_m for wish in wishes])
@@ -79,24 +94,21 @@ def trend(gaps: npt.NDArray[np.float64]) -> float:
     return float(np.corrcoef(ranks, np.arange(len(ranks)))[0, 1])
 
 
-def _draw_gaps(kinds: Sequence[str], rng: np.random.Generator) -> list[float]:
-    """Return a gap for each moment, spread evenly within its kind, in metres.
-
-    Room is left around 12, 18 and 40 m and around the picture's edge at 76 m, so that no gap is a matter of pixels.
-    """
+def _draw_gaps(kinds: Sequence[str], bands: Bands, rng: np.random.Generator) -> list[float]:
+    """Return a gap for each moment, spread evenly within its kind, in metres."""
     drawn = []
     for number, kind in enumerate(kinds):
         first = kinds.index(kind)
         even = float((number - first + rng.uniform()) / kinds.count(kind))
         if kind == "near":
-            drawn.append(6.5 + 5.0 * even)
+            least, width = bands.near
         elif kind == "far":
-            beyond = number > first and rng.uniform() < _BEYOND_THE_EDGE
-            drawn.append(82.0 + 18.0 * even if beyond else 42.0 + 28.0 * even)
+            least, width = bands.beyond if number > first and rng.uniform() < _BEYOND_THE_EDGE else bands.far
         elif even < _CLOSE_SHARE:
-            drawn.append(12.6 + 4.8 * even / _CLOSE_SHARE)
+            least, width, even = *bands.close, even / _CLOSE_SHARE
         else:
-            drawn.append(18.6 + 20.8 * (even - _CLOSE_SHARE) / (1.0 - _CLOSE_SHARE))
+            least, width, even = *bands.middle, (even - _CLOSE_SHARE) / (1.0 - _CLOSE_SHARE)
+        drawn.append(least + width * even)
     return drawn
 
 

@@ -1,0 +1,142 @@
+"""A call is made in attempts: each is written down before it is sent, paced, and made again where its failure may pass.
+
+Batteries and episodes make their calls here, so that both cost, fail and resume alike.
+"""
+
+import asyncio
+import contextlib
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from eyechart.calls import TRANSIENT, CallKey, Query, Reply, misfit
+from eyechart.ledger import Attempt, Ledger
+from eyechart.limits import Budget, Limits, Pace, pause_s
+from eyechart.models import Model
+from eyechart.modes import without_secrets
+
+_CLOSING_S = 10.0
+_NOT_SENT = Reply(error="exception")
+
+
+def budget_of(limits: Limits | None, models: Sequence[str], ledger: Ledger) -> Budget:
+    """Return the budget of a run, with what its ledger holds already counted where a limit bounds it."""
+    budget = Budget(limits or Limits(), models)
+    if budget.counts_all:
+        for spec in models:
+            for attempt in ledger.attempts(spec):
+                budget.made_before(spec, attempt.reply)
+    return budget
+
+
+class Caller:
+    """Makes the calls of a run, several at once, in one event loop and with one writer to its ledger."""
+
+    def __init__(self, ledger: Ledger, budget: Budget, *, attempts: int = 5) -> None:
+        self._writer = _Writer(ledger)
+        self._budget = budget
+        self._attempts = attempts
+
+    async def call(self, key: CallKey, query: Query, model: Model, pace: Pace) -> Reply | None:
+        """Make a call; return its last reply, or None where a limit kept it from being made.
+
+        A call whose error is transient is tried again, with backoff; its last reply may still be such an error, and
+        then the call is unfinished.
+        """
+        reply = await self._attempt(key, query, model, pace)
+        if reply is not None:
+            self._budget.ended(key.model, reply)
+        return reply
+
+    async def _attempt(self, key: CallKey, query: Query, model: Model, pace: Pace) -> Reply | None:
+        digest, reply = query.sha256(), None
+        for number in range(1, self._attempts + 1):
+            entered = await pace.enter()
+            if not await self._budget.turn(key.model):
+                pace.leave(entered, _NOT_SENT)
+                return reply
+            attempt = await self._writer.begin(key, digest)
+            reply = await _ask(model, query)
+            await self._writer.close(attempt, reply)
+            pace.leave(entered, reply)
+            self._budget.came(key.model, reply)
+            if reply.error not in TRANSIENT:
+                break
+            if number < self._attempts:
+                await asyncio.sleep(pause_s(number, reply))
+        return reply
+
+
+async def close(model: Model) -> None:
+    """Let a model go; one that does not let itself be closed cannot undo the run."""
+    with contextlib.suppress(Exception):
+        async with asyncio.timeout(_CLOSING_S):
+            await model.close()
+
+
+def first_error(error: BaseException) -> BaseException:
+    """Return the first error inside groups of errors, which is the one that ended a run."""
+    while isinstance(error, BaseExceptionGroup):
+        error = error.exceptions[0]
+    return error
+
+
+class _Writer:
+    """Writes to the ledger what the calls of one turn of the event loop have to write, in one commit for all.
+
+    A row is durable when its ``begin`` or ``close`` returns, as the ledger's own are.
+    """
+
+    def __init__(self, ledger: Ledger) -> None:
+        self._ledger = ledger
+        self._waiting: list[tuple[Callable[[], Attempt | None], asyncio.Future[Attempt | None]]] = []
+
+    async def begin(self, key: CallKey, digest: str) -> Attempt:
+        attempt = await self._soon(lambda: self._ledger.begin(key, digest))
+        assert attempt is not None
+        return attempt
+
+    async def close(self, attempt: Attempt, reply: Reply) -> None:
+        await self._soon(lambda: self._ledger.close(attempt, reply))
+
+    def _soon(self, write: Callable[[], Attempt | None]) -> "asyncio.Future[Attempt | None]":
+        loop = asyncio.get_running_loop()
+        if not self._waiting:
+            loop.call_soon(self._write)
+        written = loop.create_future()
+        self._waiting.append((write, written))
+        return written
+
+    def _write(self) -> None:
+        waiting, self._waiting = self._waiting, []
+        try:
+            with self._ledger.together():
+                done = [write() for write, _ in waiting]
+        except Exception as error:  # noqa: BLE001 - each of them must hear of it, or they wait for ever
+            for _, written in waiting:
+                if not written.done():
+                    written.set_exception(error)
+            return
+        for (_, written), value in zip(waiting, done, strict=True):
+            if not written.done():
+                written.set_result(value)
+
+
+async def _ask(model: Model, query: Query) -> Reply:
+    start = time.perf_counter()
+    try:
+        reply = await model.answer(query)
+        if not isinstance(reply, Reply):
+            raise TypeError(f"the model answered with a {type(reply).__name__}, not with a Reply")  # noqa: TRY301
+        if wrong := misfit(reply):
+            raise TypeError(f"the model's Reply cannot be kept: {wrong}")  # noqa: TRY301
+    except asyncio.CancelledError:
+        task = asyncio.current_task()
+        if task is None or task.cancelling():
+            raise
+        # An adapter's own cancelled request; let through, it would end a worker of the run without a word.
+        reply = Reply(error="exception", error_detail="CancelledError: the adapter cancelled its own request")
+    except Exception as error:  # noqa: BLE001 - whatever an adapter raises is a row, not the end of the run
+        reply = Reply(error="exception", error_detail=without_secrets(f"{type(error).__name__}: {error}")[:2000])
+    seconds = time.perf_counter() - start
+    return reply if reply.seconds is not None else replace(reply, seconds=seconds)

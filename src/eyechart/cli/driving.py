@@ -1,0 +1,198 @@
+"""``eyechart run closed-loop`` lets policies and models drive, and appends their episodes to a run."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from eyechart.cli import asking
+from eyechart.cli.terminal import print_json, progress, resumable, say, table_console
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from eyechart.episodes import Episode, Episodes, Row
+    from eyechart.limits import Outcome
+
+
+def closed_loop(
+    out: Annotated[Path, typer.Option(help="Folder of the run; the same one resumes it.")],
+    simulator: Annotated[str, typer.Option(help="See 'eyechart list simulators'; or gym:ENV_ID.")] = "highway",
+    policy: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Who drives; again for more: constant:ACTION, random, marginal:RUN, oracle, positive_control, or a "
+            "model's SPEC."
+        ),
+    ] = None,
+    mode: asking.Mode = None,
+    scenarios: Annotated[str | None, typer.Option(help="With commas; default: all of the simulator.")] = None,
+    seeds: Annotated[str, typer.Option(help="So many worlds a scenario; or which ones, with commas.")] = "8",
+    condition: Annotated[
+        list[str] | None,
+        typer.Option(help="real, blank, noise, shuffled, frozen or mirrored; again for more. Default: real."),
+    ] = None,
+    processes: Annotated[
+        int | None, typer.Option(min=1, help="Processes that hold worlds; default: one a processor.")
+    ] = None,
+    engine: Annotated[str, typer.Option(help="Where the worlds are: local, or ray for a cluster.")] = "local",
+    actions: Annotated[Path | None, typer.Option(help="FILE.toml: the action map of gym:ENV_ID.")] = None,
+    prompt: Annotated[str | None, typer.Option(help="A name of 'eyechart list prompts', or FILE.toml.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of stimuli, sampling and the order of episodes.")] = 0,
+    concurrency: Annotated[int, typer.Option(min=1, help="Episodes of a model under way at once.")] = 8,
+    base_url: asking.BaseUrl = None,
+    key_env: asking.KeyEnv = None,
+    max_tokens: asking.MaxTokens = None,
+    temperature: asking.Temperature = None,
+    timeout: asking.Timeout = None,
+    json_mode: asking.JsonMode = None,
+    header: asking.Header = None,
+    body: asking.Body = None,
+    option: asking.Option = None,
+    max_steps: Annotated[int, typer.Option(min=1, help="An episode that goes on for longer is an error.")] = 1000,
+    max_calls: Annotated[int | None, typer.Option(min=1, help="Stop at so many requests of this run.")] = None,
+    max_cost: Annotated[float | None, typer.Option(min=0, help="Stop at so many US dollars of this run.")] = None,
+    prices: Annotated[Path | None, typer.Option(help="FILE.toml of prices; it comes before the table.")] = None,
+    again: Annotated[bool, typer.Option("--again", help="Drive anew what ended in an error.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the plan; drive nothing, ask nothing.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Let policies and models drive: policies × scenarios × seeds × conditions. Interrupt it at will.
+
+    The options from --base-url to --option are for the models without a --mode file. Exit 1: episodes are unfinished,
+    or ended in an error; 3: stopped at --max-calls or --max-cost.
+    Example: eyechart run closed-loop --policy constant:SLOW --policy oracle --policy scripted:depth_lateral
+    --condition real --condition blank --out drives
+    """
+    from eyechart import episodes as study
+    from eyechart.models.prices import read_prices
+    from eyechart.policies import is_policy
+
+    asked = [spec for spec in policy or () if ":" in spec and not is_policy(spec)]
+    modes = asking.read_modes(
+        asked,
+        mode,
+        base_url=base_url,
+        key_env=key_env,
+        max_tokens=max_tokens,
+        temperature=temperature,
+        timeout=timeout,
+        json_mode=json_mode,
+        header=header,
+        body=body,
+        option=option,
+    )
+    by_spec = {one.spec: one for one in modes}
+    planned = study.plan(
+        simulator,
+        [by_spec.get(spec, spec) for spec in dict.fromkeys([*(policy or ()), *by_spec])],
+        out,
+        scenarios=None if scenarios is None else [name.strip() for name in scenarios.split(",")],
+        seeds=_seeds(seeds),
+        conditions=condition or ("real",),
+        prompt=prompt,
+        actions=actions,
+        seed=seed,
+        max_steps=max_steps,
+        again=again,
+    )
+    table = read_prices(prices)
+    say(_planned(planned))
+    for one in study.expected(planned, table, concurrency=concurrency):
+        say(one.words)
+    if dry_run:
+        return
+    bounds = study.Bounds(
+        processes=processes or _processors(),
+        concurrency=concurrency,
+        limits=study.within(planned, table, calls=max_calls, cost_usd=max_cost),
+    )
+    with resumable("finished episodes and calls are kept"), progress("episodes", "episodes") as move:
+        outcome = study.run(planned, engine=engine, bounds=bounds, progress=move)
+    keys = set(planned.keys)
+    driven = {one.key: one for one in study.read_episodes(out) if one.key in keys}
+    over = [driven[key] for key in planned.keys if key in driven]
+    _show(study.summarise(over), out, planned, json=json)
+    _tell(outcome, len(planned.left()), over)
+
+
+def _planned(planned: "Episodes") -> str:
+    parts = {
+        name: len({getattr(key, name) for key in planned.keys}) for name in ("policy", "scenario", "seed", "condition")
+    }
+    size = " × ".join(f"{count} {_plural(name, count)}" for name, count in parts.items())
+    left = len(planned.left())
+    return f"{size}: {len(planned.keys)} episodes, {len(planned.keys) - left} finished, {left} to drive"
+
+
+def _plural(name: str, count: int) -> str:
+    return name if count == 1 else f"{name[:-1]}ies" if name.endswith("y") else f"{name}s"
+
+
+def _seeds(given: str) -> list[int]:
+    from eyechart.errors import SpecError
+
+    try:
+        numbers = [int(one) for one in given.split(",") if one.strip()]
+    except ValueError as error:
+        raise SpecError(
+            f"--seeds takes a number of worlds, or seeds with commas such as 0,3,5; got '{given}'"
+        ) from error
+    return numbers if "," in given else list(range(*numbers))
+
+
+def _processors() -> int:
+    import os
+
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _show(rows: "Sequence[Row]", out: Path, planned: "Episodes", *, json: bool) -> None:
+    """Print a row for each policy and condition: means over episodes, as JSON or as a table."""
+    if json:
+        print_json({"run": str(out), "left": len(planned.left()), "rows": [row.as_dict() for row in rows]})
+        return
+    from rich.table import Table
+
+    table = Table(title=f"{planned.manifest.simulator}: means over episodes")
+    for name in ("policy", "condition"):
+        table.add_column(name, no_wrap=True)
+    for name in ("episodes", "distance m", "reward", "speed m/s", "crashed", "no decision", "errors"):
+        table.add_column(name, justify="right")
+    for row in rows:
+        table.add_row(
+            row.policy,
+            row.condition,
+            str(row.episodes),
+            _number(row.distance_m, ".1f"),
+            _number(row.reward, ".2f"),
+            _number(row.speed_mps, ".1f"),
+            _number(row.crash_rate, ".1%"),
+            _number(row.without_decision, ".1%"),
+            str(row.errors),
+        )
+    table_console().print(table)
+
+
+def _number(value: float | None, form: str) -> str:
+    return "—" if value is None else format(value, form)
+
+
+def _tell(outcome: "Outcome", left: int, over: "Sequence[Episode]") -> None:
+    """Print how a run ended; raise Exit 3 where a limit stopped it, 1 where not every episode came to its end."""
+    for spec, why in outcome.set_aside.items():
+        say(f"set aside: {spec}: {why}")
+    failed = [one for one in over if one.ended == "error"]
+    if failed:
+        first = failed[0]
+        say(
+            f"{len(failed)} episodes ended in an error, first {first.key.policy} in {first.key.world}: {first.detail}; "
+            "--again drives them anew"
+        )
+    if outcome.stopped is not None and left:
+        say(f"stopped: {outcome.stopped}; {left} episodes are left; a higher limit resumes")
+        raise typer.Exit(3)
+    if left:
+        say(f"{left} episodes are unfinished; the same command goes on where they were cut")
+    if left or failed:
+        raise typer.Exit(1)

@@ -1,0 +1,266 @@
+"""Planning and running episodes: who drives, in which worlds, under which conditions, and nothing driven twice."""
+
+import sqlite3
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from functools import partial
+from json import dumps
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+from eyechart.actions import DRIVING, read_toml
+from eyechart.costs import Estimate, estimate
+from eyechart.episodes.hosts import Host, LocalHost
+from eyechart.episodes.manifest import EpisodesManifest, is_episodes_run, read_manifest, write_manifest
+from eyechart.episodes.nouns import Episode, EpisodeKey, fail_safe, mend_episodes, read_episodes, write_episodes
+from eyechart.episodes.recorded import recorded
+from eyechart.episodes.running import USUAL, Bounds, Drivers, Progress, drive
+from eyechart.episodes.showing import require_shown
+from eyechart.episodes.worlds import MAX_STEPS, Setup, Worlds
+from eyechart.errors import LedgerError, SpecError
+from eyechart.ledger import Ledger
+from eyechart.limits import Limits, Outcome
+from eyechart.manifest import LEDGER, today, versions
+from eyechart.models import open_model
+from eyechart.models.prices import Prices
+from eyechart.modes import RequestMode
+from eyechart.perception.estimate import SCENE_READER
+from eyechart.perception.forward import distances_of
+from eyechart.perception.view import NONE, View
+from eyechart.policies import is_policy, open_policy
+from eyechart.policies.baselines import Marginal
+from eyechart.prompts import Prompt, find_prompt, neutral
+from eyechart.reader import READER
+from eyechart.simulators import Simulator, open_simulator
+
+ENGINES = ("local", "ray")
+ACTION_MAP = "actions.toml"
+"""The run's copy of the action map of a ``gym:`` environment."""
+
+_LONGEST_SAMPLE = 200
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """Episodes that were planned and not yet driven: who drives, which of them, and the folder they go to."""
+
+    keys: tuple[EpisodeKey, ...]
+    drivers: Drivers
+    manifest: EpisodesManifest
+    setup: Setup
+    out: Path
+    again: bool = False
+
+    def left(self) -> tuple[EpisodeKey, ...]:
+        """Return the episodes that are still to be driven."""
+        over = {one.key for one in read_episodes(self.out) if not (self.again and one.ended == "error")}
+        return tuple(key for key in self.keys if key not in over)
+
+
+def plan(  # noqa: PLR0913 - what can be asked for
+    simulator: str,
+    specs: Sequence[str | RequestMode],
+    out: Path,
+    *,
+    scenarios: Sequence[str] | None = None,
+    seeds: Sequence[int] = tuple(range(8)),
+    conditions: Sequence[str] = ("real",),
+    prompt: str | Prompt | None = None,
+    view: View | None = None,
+    actions: Path | None = None,
+    seed: int = 0,
+    max_steps: int = MAX_STEPS,
+    again: bool = False,
+) -> Episodes:
+    """Plan episodes, or the rest of those that ``out`` holds already; nothing is written, asked or driven yet.
+
+    ``specs`` name who drives: policies, models by SPEC, or models by their request mode. ``scenarios`` default to all.
+    ``prompt`` is a name, a TOML file or the prompt itself, ``view`` what models are shown pictures through.
+    ``actions`` is the action map of a ``gym:`` environment. ``again`` drives anew what ended in an error. Raises
+    SpecError for what is unknown or cannot be, and LedgerError where ``out`` holds something else.
+    """
+    actions = actions or (out / ACTION_MAP if (out / ACTION_MAP).is_file() else None)
+    world = open_simulator(simulator, actions=actions)
+    space, chosen = world.action_space, tuple(dict.fromkeys(scenarios or world.scenarios))
+    _require_worlds(world, chosen, seeds, max_steps)
+    for condition in conditions:
+        require_shown(condition, world.mirror_axis)
+    modes = _modes(specs)
+    names = tuple(dict.fromkeys(one.spec if isinstance(one, RequestMode) else one for one in specs))
+    if not names:
+        raise SpecError("episodes need at least one --policy: constant:SLOW, oracle, or a model's SPEC")
+    policies = {spec: open_policy(spec, space, recorded) for spec in names if spec not in modes}
+    models = {spec: open_model(spec, mode) for spec, mode in modes.items()}
+    formulation = prompt if isinstance(prompt, Prompt) else _prompt_for(world, prompt)
+    manifest = EpisodesManifest(
+        created=today(),
+        simulator=world.name,
+        scenarios=chosen,
+        seeds=tuple(dict.fromkeys(seeds)),
+        conditions=tuple(dict.fromkeys(conditions)),
+        policies={spec: models[spec].version if spec in models else _version(policies[spec]) for spec in names},
+        action_space=space,
+        picture=world.picture,
+        prompt=formulation,
+        seed=seed,
+        max_steps=max_steps,
+        world=world.versions(),
+        versions=versions(),
+        modes=modes,
+        facts={spec: dict(model.facts) for spec, model in models.items() if model.facts},
+        reader=SCENE_READER if formulation.scene else READER,
+        view=NONE if view is None else view.key,
+    )
+    keys = tuple(
+        EpisodeKey(policy, world.name, scenario, number, condition)
+        for policy in names
+        for condition in manifest.conditions
+        for scenario in chosen
+        for number in manifest.seeds
+    )
+    drivers = Drivers(policies, models, formulation, space, seed, view, distances_of(world.name))
+    planned = Episodes(keys, drivers, manifest, Setup(simulator, seed, max_steps, actions=actions), out, again)
+    return replace(planned, manifest=_resumed(planned))
+
+
+def _require_worlds(world: Simulator, scenarios: Sequence[str], seeds: Sequence[int], max_steps: int) -> None:
+    for scenario in scenarios:
+        if scenario not in world.scenarios:
+            raise SpecError(f"'{world.name}' has no scenario '{scenario}'; known: {', '.join(world.scenarios)}")
+    if not seeds or min(seeds) < 0:
+        raise SpecError(f"episodes need seeds from 0 on, got {list(seeds)}")
+    if max_steps < 1:
+        raise SpecError(f"an episode needs at least 1 step, got --max-steps {max_steps}")
+
+
+def _modes(specs: Sequence[str | RequestMode]) -> dict[str, RequestMode]:
+    modes = {}
+    for one in specs:
+        if isinstance(one, RequestMode):
+            modes[one.spec] = one
+        elif ":" in one and not is_policy(one):
+            modes[one] = RequestMode(one)
+    return modes
+
+
+def _version(policy: object) -> str:
+    return str(dict(policy.counts)) if isinstance(policy, Marginal) else ""
+
+
+def _prompt_for(world: Simulator, name: str | None) -> Prompt:
+    """Return the prompt of this name, or the baseline; a plain one where a world has other actions than the paper."""
+    if name is None and world.action_space != DRIVING:
+        return neutral(world.picture, world.action_space)
+    prompt = find_prompt(name or "baseline", world.mirror_axis)
+    if prompt.fields:
+        raise SpecError(f"prompt '{name}' says {', '.join(prompt.fields)} of a frame, and a drive has no such columns")
+    said = " ".join(prompt.render({}, world.action_space)).upper()
+    if unsaid := [action for action in world.action_space.actions if action.upper() not in said]:
+        raise SpecError(f"prompt '{name}' does not ask for {', '.join(unsaid)}; give one that does with --prompt")
+    return prompt
+
+
+def _resumed(planned: Episodes) -> EpisodesManifest:
+    if is_episodes_run(planned.out):
+        return read_manifest(planned.out).extended(planned.manifest)
+    return planned.manifest
+
+
+def expected(planned: Episodes, prices: Prices, *, concurrency: int) -> tuple[Estimate, ...]:
+    """Return what the calls that are still to be made are expected to take, by model.
+
+    An episode counts as long as one that brakes all the way, in the first of the seeds; that drive is made here.
+    """
+    left = [key for key in planned.left() if key.policy in planned.drivers.models]
+    if not left:
+        return ()
+    worlds = Worlds(replace(planned.setup, max_steps=min(planned.setup.max_steps, _LONGEST_SAMPLE)))
+    brake = open_policy(f"constant:{fail_safe(planned.drivers.space)}", planned.drivers.space, recorded)
+    length = {
+        scenario: len(worlds.drive(replace(key, policy="constant", seed=planned.manifest.seeds[0]), brake).steps)
+        for scenario, key in {key.scenario: key for key in left}.items()
+    }
+    return tuple(
+        estimate(
+            planned.manifest.mode(spec),
+            sum(length[key.scenario] for key in left if key.policy == spec),
+            prices,
+            concurrency=concurrency,
+        )
+        for spec in planned.drivers.models
+    )
+
+
+def within(planned: Episodes, prices: Prices, *, calls: int | None = None, cost_usd: float | None = None) -> Limits:
+    """Return the limits of a run: so many requests, so many dollars by these prices."""
+    return Limits(
+        calls=calls, cost_usd=cost_usd, cost=lambda spec, reply: prices.cost(planned.manifest.mode(spec), reply)[0]
+    )
+
+
+def run(
+    planned: Episodes,
+    *,
+    engine: str = "local",
+    bounds: Bounds = USUAL,
+    progress: Progress | None = None,
+) -> Outcome:
+    """Drive the planned episodes that the folder does not hold yet, and return how that ended.
+
+    ``engine`` is where the worlds are: ``local`` processes, or actors on a ``ray`` cluster. Raises LedgerError where
+    another process is writing to the same run, or the ledger cannot be written.
+    """
+    open_host = _engine(engine, planned.setup)
+    planned.out.mkdir(parents=True, exist_ok=True)
+    try:
+        with FileLock(planned.out / ".lock", timeout=0), ExitStack() as opened:
+            _begin(planned)
+            left = planned.left()
+            keep, ledger = _keeper(planned, len(left), progress), None
+            if any(key.policy in planned.drivers.models for key in left):
+                ledger = opened.enter_context(Ledger(planned.out / LEDGER, create=True))
+            return drive(left, planned.drivers, open_host, keep, ledger=ledger, bounds=bounds)
+    except sqlite3.Error as error:
+        raise LedgerError(f"{planned.out / LEDGER} cannot be written: {error}; the same command resumes") from error
+    except Timeout as error:
+        raise LedgerError(
+            f"another process is writing to {planned.out}; wait for it, or choose another --out"
+        ) from error
+
+
+def _engine(engine: str, setup: Setup) -> Callable[[], Host]:
+    if engine not in ENGINES:
+        raise SpecError(f"unknown engine '{engine}'; known are {', '.join(ENGINES)}")
+    if engine == "ray":
+        from eyechart.episodes.ray_hosts import ray_host  # noqa: PLC0415 - an extra
+
+        return ray_host(setup)
+    return partial(LocalHost, setup)
+
+
+def _begin(planned: Episodes) -> None:
+    """Write the manifest, again as another process may have left it, and mend what a kill cut."""
+    mend_episodes(planned.out)
+    write_manifest(planned.out, _resumed(planned))
+    actions = planned.setup.actions
+    copy = planned.out / ACTION_MAP
+    if actions is not None and not copy.exists():
+        name = "" if "name" in read_toml(actions) else f"name = {dumps(actions.stem, ensure_ascii=False)}\n"
+        copy.write_text(name + actions.read_text(encoding="utf-8-sig"), encoding="utf-8")  # the file's name was its own
+
+
+def _keeper(planned: Episodes, left: int, progress: Progress | None) -> Callable[[Episode], None]:
+    done = len(planned.keys) - left
+
+    def keep(episode: Episode) -> None:
+        nonlocal done
+        write_episodes(planned.out, [episode])
+        done += 1
+        if progress is not None:
+            progress(done, len(planned.keys))
+
+    if progress is not None:
+        progress(done, len(planned.keys))
+    return keep

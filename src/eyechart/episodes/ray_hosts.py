@@ -1,0 +1,86 @@
+"""Hosts on a Ray cluster: the same worlds, each set of them an actor, spread over the nodes (extra ``ray``)."""
+
+import asyncio
+import logging
+import os
+from collections.abc import Callable
+
+from eyechart.episodes.hosts import Host, HostDiedError
+from eyechart.episodes.worlds import Setup, Worlds
+from eyechart.errors import EyechartError, SpecError
+
+
+class RayHost:
+    """An actor on one of the nodes in turn.
+
+    It claims no processor, because an actor that waits for a free one would hang the run: how many there are at once is
+    the user's to choose.
+    """
+
+    def __init__(self, setup: Setup) -> None:
+        import ray  # noqa: PLC0415 - an extra
+
+        self.dead = False
+        self._ray = ray
+        self._turn = asyncio.Lock()
+        self._actor = ray.remote(num_cpus=0, max_restarts=0, scheduling_strategy="SPREAD")(_Answering).remote(setup)
+
+    async def ask(self, method: str, *given: object) -> object:
+        """Ask, one question after another."""
+        async with self._turn:
+            try:
+                kind, value = await self._actor.answer.remote(method, given)
+            except self._ray.exceptions.RayActorError as error:
+                self.dead = True
+                raise HostDiedError(f"its actor died: {str(error).splitlines()[0]}") from error
+        if kind == "failed":
+            raise EyechartError(str(value))
+        return value
+
+    def close(self) -> None:
+        """Kill the actor: what it holds can be made again."""
+        self.dead = True
+        self._ray.kill(self._actor)
+
+
+class _Answering:
+    """What runs on a node: worlds, and answers about them."""
+
+    def __init__(self, setup: Setup) -> None:
+        self._setup = setup
+        self._worlds: Worlds | None = None
+
+    def answer(self, method: str, given: tuple[object, ...]) -> tuple[str, object]:
+        """Return what a method of the worlds returned, or in words what it raised."""
+        try:
+            self._worlds = self._worlds or Worlds(self._setup)
+            return "ok", getattr(self._worlds, method)(*given)
+        except Exception as error:  # noqa: BLE001 - the coordinator must hear of it in plain words
+            return "failed", f"{type(error).__name__}: {error}"
+
+
+def ray_host(setup: Setup) -> Callable[[], Host]:
+    """Join the cluster of ``RAY_ADDRESS`` and return what starts a host on it.
+
+    No cluster is begun here: Ray's servers listen on every address of a machine, and that is its owner's to decide.
+    Raises SpecError where Ray is not installed, no cluster is named, or none answers.
+    """
+    try:
+        import ray  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        raise SpecError("--engine ray needs Ray: pip install 'eyechart[ray]'") from error
+    if not ray.is_initialized():
+        address = os.environ.get("RAY_ADDRESS")
+        if not address:
+            raise SpecError(
+                "--engine ray joins a Ray cluster: name it in RAY_ADDRESS, as HOST:PORT, or 'auto' on a node"
+            )
+        try:
+            ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
+        except (ConnectionError, ValueError, RuntimeError) as error:
+            raise SpecError(f"no Ray cluster answers at {address}: {error}") from error
+
+    def start() -> Host:
+        return RayHost(setup)
+
+    return start

@@ -1,0 +1,276 @@
+"""The coordinator holds the models, the ledger and the bounds, and lets hosts drive the worlds."""
+
+import asyncio
+import random
+import signal
+import threading
+from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+
+from eyechart.actions import ActionSpace, Decision
+from eyechart.attempts import Caller, budget_of, close, first_error
+from eyechart.calls import UNFINISHED, CallKey, Query, Reply
+from eyechart.episodes.hosts import Host, HostDiedError
+from eyechart.episodes.nouns import Episode, EpisodeKey
+from eyechart.episodes.worlds import Shown
+from eyechart.errors import EyechartError
+from eyechart.ledger import Ledger
+from eyechart.limits import Limits, Outcome, Pace
+from eyechart.models import Model
+from eyechart.perception.estimate import read_estimate
+from eyechart.perception.scene import HIGHWAY, Distances
+from eyechart.perception.view import View, through
+from eyechart.policies import Policy
+from eyechart.prompts import Prompt
+from eyechart.reader import read_decision
+
+Progress = Callable[[int, int], None]
+"""Called with (episodes finished, episodes planned) whenever one ends."""
+
+
+@dataclass(frozen=True)
+class Drivers:
+    """Who decides in a run: policies that go to the worlds, and models to which the pictures come.
+
+    Models are asked with ``prompt``, about ``space``, and shown pictures through ``view`` where there is one; ``seed``
+    is the run's, and ``distances`` are what counts as near in the worlds.
+    """
+
+    policies: Mapping[str, Policy]
+    models: Mapping[str, Model]
+    prompt: Prompt
+    space: ActionSpace
+    seed: int
+    view: View | None = None
+    distances: Distances = HIGHWAY
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """How much at once, and at most.
+
+    ``processes`` hold the worlds, ``concurrency`` episodes of a model are under way, a call is tried ``attempts``
+    times, and ``limits`` end the run.
+    """
+
+    processes: int = 1
+    concurrency: int = 8
+    attempts: int = 5
+    limits: Limits | None = None
+
+
+USUAL = Bounds()
+
+
+def drive(
+    todo: Sequence[EpisodeKey],
+    drivers: Drivers,
+    open_host: Callable[[], Host],
+    keep: Callable[[Episode], None],
+    *,
+    ledger: Ledger | None = None,
+    bounds: Bounds = USUAL,
+) -> Outcome:
+    """Drive episodes, in seeded random order, and ``keep`` each when it is over.
+
+    ``open_host`` starts a worker; models need a ``ledger``. A call that it holds finished is not made again. An episode
+    that a limit or a passing error cuts is not kept: driven again, its finished calls are replayed.
+    """
+    todo = sorted(todo)
+    random.Random(drivers.seed).shuffle(todo)  # noqa: S311 - an order, no secret
+    coordinator = _Coordinator(drivers, open_host, keep, _calls_of(todo, drivers, ledger))
+    try:
+        return asyncio.run(coordinator.run(todo, ledger, bounds))
+    except BaseExceptionGroup as group:
+        raise first_error(group) from None
+
+
+def _calls_of(
+    todo: Sequence[EpisodeKey], drivers: Drivers, ledger: Ledger | None
+) -> dict[EpisodeKey, dict[CallKey, tuple[Reply, str]]]:
+    """Return, by episode, the finished calls of cut episodes, each with its reply and the digest of what was asked."""
+    by_frame = {(key.policy, key.world, key.condition): key for key in todo if key.policy in drivers.models}
+    found: dict[EpisodeKey, dict[CallKey, tuple[Reply, str]]] = {}
+    if ledger is None:
+        return found
+    for spec in drivers.models:
+        for sent in ledger.attempts(spec):
+            world = sent.key.frame.rpartition("/")[0]
+            episode = by_frame.get((spec, world, sent.key.condition))
+            if episode is not None and sent.reply is not None and sent.reply.error not in UNFINISHED:
+                found.setdefault(episode, {})[sent.key] = sent.reply, sent.request_sha256
+    return found
+
+
+class _CutError(Exception):
+    """An episode cannot go on now: the last error of its call may pass."""
+
+
+class _StoppedError(Exception):
+    """No further call of the model is made: a limit, or the model was set aside."""
+
+
+class _NotRepeatedError(EyechartError):
+    """A world that is driven again shows other pictures than before."""
+
+
+class _Slot:
+    """The place of one host, where another takes over when it dies."""
+
+    def __init__(self, open_host: Callable[[], Host]) -> None:
+        self._open_host = open_host
+        self.host = open_host()
+        self.worlds = 0
+
+    def renew(self) -> None:
+        """Start another host where this one is dead."""
+        if self.host.dead:
+            self.host.close()
+            self.host = self._open_host()
+
+
+class _Coordinator:
+    """One event loop over the episodes that remain; worlds are driven in their hosts, models asked here."""
+
+    def __init__(
+        self,
+        drivers: Drivers,
+        open_host: Callable[[], Host],
+        keep: Callable[[Episode], None],
+        finished: dict[EpisodeKey, dict[CallKey, tuple[Reply, str]]],
+    ) -> None:
+        self._drivers, self._open_host, self._keep, self._finished = drivers, open_host, keep, finished
+        self._slots: list[_Slot] = []
+        self._alone = asyncio.Lock()
+        self._paces: dict[str, Pace] = {}
+        self._caller: Caller | None = None
+
+    async def run(self, todo: Sequence[EpisodeKey], ledger: Ledger | None, bounds: Bounds) -> Outcome:
+        models = self._drivers.models
+        budget = None if ledger is None else budget_of(bounds.limits, tuple(models), ledger)
+        if ledger is not None and budget is not None:
+            self._caller = Caller(ledger, budget, attempts=bounds.attempts)
+        own = [key for key in todo if key.policy not in models]
+        asked = {spec: [key for key in todo if key.policy == spec] for spec in models}
+        with _terminated_as_interrupted():
+            try:
+                for _ in range(min(bounds.processes, len(todo))):
+                    self._slots.append(_Slot(self._open_host))
+                async with asyncio.TaskGroup() as group:
+                    queue = iter(own)
+                    for slot in self._slots:
+                        group.create_task(self._policies(queue, slot))
+                    for spec, keys in asked.items():
+                        self._paces[spec] = Pace(bounds.concurrency)
+                        waiting = iter(keys)
+                        for _ in range(min(bounds.concurrency, len(keys))):
+                            group.create_task(self._model(waiting))
+            finally:
+                for slot in self._slots:
+                    slot.host.close()
+                for model in models.values():
+                    await close(model)
+        return Outcome({}) if budget is None else Outcome(dict(budget.set_aside), budget.stopped)
+
+    async def _policies(self, queue: Iterator[EpisodeKey], slot: _Slot) -> None:
+        """Let one host drive one episode after another, none of whose steps comes here."""
+        for key in queue:
+            self._keep(await self._survive(key, slot, partial(self._drive_alone, key)))
+
+    async def _drive_alone(self, key: EpisodeKey, host: Host) -> Episode:
+        episode = await host.ask("drive", key, self._drivers.policies[key.policy])
+        assert isinstance(episode, Episode)
+        return episode
+
+    async def _model(self, queue: Iterator[EpisodeKey]) -> None:
+        """Drive one episode of a model after another, each in the host with the fewest of them."""
+        for key in queue:
+            slot = min(self._slots, key=lambda one: one.worlds)
+            slot.worlds += 1
+            try:
+                self._keep(await self._survive(key, slot, partial(self._ask_through, key)))
+            except _CutError:
+                continue
+            except _StoppedError:
+                return
+            finally:
+                slot.worlds -= 1
+            self._finished.pop(key, None)
+
+    async def _survive(self, key: EpisodeKey, slot: _Slot, drive: Callable[[Host], Awaitable[Episode]]) -> Episode:
+        """Drive an episode; where its host dies, once more in a host of its own, and then it is an error."""
+        try:
+            return await drive(slot.host)
+        except HostDiedError:
+            slot.renew()
+        async with self._alone:
+            host = self._open_host()
+            try:
+                return await drive(host)
+            except HostDiedError as error:
+                return Episode(key, (), "error", "", f"its world took its process down, twice: {error}")
+            finally:
+                host.close()
+
+    async def _ask_through(self, key: EpisodeKey, host: Host) -> Episode:
+        """Drive an episode of a model: a picture comes, is asked about, and the decision goes back."""
+        shown = await host.ask("open", key)
+        while isinstance(shown, Shown):
+            try:
+                reply = await self._reply(key, shown)
+            except _NotRepeatedError as error:
+                shown = await host.ask("fail", key, str(error))
+            except (_CutError, _StoppedError):
+                await host.ask("close", key)
+                raise
+            else:
+                shown = await host.ask("act", key, decide(reply, self._drivers))
+        assert isinstance(shown, Episode)
+        return shown
+
+    async def _reply(self, key: EpisodeKey, shown: Shown) -> Reply:
+        """Return the reply of a finished call, or make the call."""
+        drivers, call = self._drivers, key.call(self._drivers.prompt.key, shown.step)
+        words, form = drivers.prompt.render({}, drivers.space), drivers.prompt.form
+        picture = through(drivers.view, shown.picture, shown.frame)
+        query = Query(*words, picture, call.seed(drivers.seed), drivers.space.actions if form is None else (), form)
+        known = self._finished.setdefault(key, {})
+        if call in known:
+            reply, digest = known[call]
+            if digest != query.sha256():
+                raise _NotRepeatedError(
+                    f"at step {shown.step} the world shows another picture than when the model was asked: "
+                    "it does not repeat itself"
+                )
+            return reply
+        assert self._caller is not None
+        made = await self._caller.call(call, query, drivers.models[key.policy], self._paces[key.policy])
+        if made is None:
+            raise _StoppedError
+        if made.error in UNFINISHED:
+            raise _CutError
+        known[call] = made, query.sha256()
+        return made
+
+
+def decide(reply: Reply, drivers: Drivers) -> Decision:
+    """Return the decision of a reply: the action that it names, or where a scene was asked for its safe action."""
+    if not drivers.prompt.scene:
+        return read_decision(reply.text, reply.finish_reason, reply.error, drivers.space)
+    told = read_estimate(reply.text, reply.finish_reason, reply.error)
+    return Decision(None, told.missing) if told.estimate is None else Decision(told.estimate.act(drivers.distances))
+
+
+@contextmanager
+def _terminated_as_interrupted() -> Iterator[None]:
+    """Let SIGTERM end the run as SIGINT does: hosts are closed, and what is finished is kept."""
+    loop, here = asyncio.get_running_loop(), threading.current_thread() is threading.main_thread()
+    if here:
+        loop.add_signal_handler(signal.SIGTERM, signal.raise_signal, signal.SIGINT)
+    try:
+        yield
+    finally:
+        if here:
+            loop.remove_signal_handler(signal.SIGTERM)

@@ -1,0 +1,55 @@
+"""Episodes in one row for each policy under each condition; the means alone, to see that a run came out."""
+
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from statistics import fmean
+
+from eyechart.episodes.nouns import Episode
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """Means over the episodes of one policy under one condition; None where there is no episode.
+
+    ``episodes`` ended otherwise than in one of the ``errors``, which count in no mean. ``without_decision`` is the
+    share of steps at which the fail-safe was executed because there was no decision.
+    """
+
+    policy: str
+    condition: str
+    episodes: int
+    errors: int
+    distance_m: float | None
+    reward: float | None
+    speed_mps: float | None
+    crash_rate: float | None
+    without_decision: float | None
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return asdict(self)
+
+
+def summarise(episodes: Iterable[Episode]) -> list[Row]:
+    """Return the rows in the order in which a policy and a condition first come."""
+    groups: dict[tuple[str, str], list[Episode]] = {}
+    for episode in episodes:
+        groups.setdefault((episode.key.policy, episode.key.condition), []).append(episode)
+    return [_row(*names, group) for names, group in groups.items()]
+
+
+def _row(policy: str, condition: str, group: list[Episode]) -> Row:
+    good = [one for one in group if one.ended != "error"]
+    steps = [step for one in good for step in one.steps]
+    speeds = [one.speed_mps for one in good if one.speed_mps is not None]
+    return Row(
+        policy=policy,
+        condition=condition,
+        episodes=len(good),
+        errors=len(group) - len(good),
+        distance_m=fmean(one.distance_m for one in good) if good else None,
+        reward=fmean(one.reward for one in good) if good else None,
+        speed_mps=fmean(speeds) if speeds else None,
+        crash_rate=fmean(one.crashed for one in good) if good else None,
+        without_decision=fmean(step.decision.action is None for step in steps) if steps else None,
+    )

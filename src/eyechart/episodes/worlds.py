@@ -1,0 +1,267 @@
+"""Worlds live in a worker: each drives one episode on, shows its camera's picture, and keeps the record of it."""
+
+import hashlib
+import math
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import lru_cache, partial
+from pathlib import Path
+
+import numpy as np
+
+from eyechart.actions import Decision
+from eyechart.episodes.nouns import Episode, EpisodeKey, Step, fail_safe
+from eyechart.episodes.showing import SHOWN, View
+from eyechart.errors import SpecError
+from eyechart.frames import RGB, Scalar, decode, encode, rounded_truth
+from eyechart.modes import without_secrets
+from eyechart.policies import Observation, Policy, open_policy
+from eyechart.seeds import key_seed
+from eyechart.simulators import SIMULATORS, Drive, Moved, Simulator, open_simulator
+
+MAX_STEPS = 1000
+POOL_SEEDS = (1000, 1001, 1002)
+"""The worlds whose pictures ``shuffled`` shows; an episode in one of them is shown those of the others."""
+
+_POOL_STEPS = 60
+_DETAIL = 500
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """What a worker must know to make worlds.
+
+    ``simulators`` is the registry of the process that began the run, ``seed`` the run's, ``max_steps`` the number
+    of decisions after which an episode that has not ended is an error, and ``actions`` the action map of ``gym:``.
+    """
+
+    simulator: str
+    seed: int
+    max_steps: int = MAX_STEPS
+    actions: Path | None = None
+    simulators: Mapping[str, str] = field(default_factory=lambda: dict(SIMULATORS))
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """What a model is shown at one moment: the encoded picture, under the episode's condition."""
+
+    frame: str
+    step: int
+    picture: bytes
+
+
+class Worlds:
+    """The worlds of one worker, by the keys of their episodes."""
+
+    def __init__(self, setup: Setup) -> None:
+        SIMULATORS.update(setup.simulators)
+        self._setup = setup
+        self._simulator = open_simulator(setup.simulator, actions=setup.actions)
+        self._rides: dict[EpisodeKey, _Ride] = {}
+        self._pool = _Pool(self._simulator, setup.seed)
+
+    def drive(self, key: EpisodeKey, policy: Policy, alive: Callable[[], None] = lambda: None) -> Episode:
+        """Let a policy that is no model drive an episode to its end; ``alive`` is called at every step."""
+        ride = self._begin(key)
+        while ride.over is None:
+            alive()
+            ride.decide(lambda: policy.decide(ride.observe()))
+        return ride.over
+
+    def open(self, key: EpisodeKey) -> Shown | Episode:
+        """Begin an episode whose decisions come from elsewhere; return the first picture, or how it failed."""
+        self._rides[key] = self._begin(key)
+        return self._shown(key)
+
+    def act(self, key: EpisodeKey, decision: Decision) -> Shown | Episode:
+        """Execute a decision; return the next picture, or the episode where it is over."""
+        self._rides[key].decide(lambda: decision)
+        return self._shown(key)
+
+    def fail(self, key: EpisodeKey, detail: str) -> Episode:
+        """End an episode as an error that arose elsewhere."""
+        ride = self._rides.pop(key)
+        ride.end("error", detail)
+        assert ride.over is not None
+        return ride.over
+
+    def close(self, key: EpisodeKey) -> None:
+        """Leave an episode that is not to be driven on; one that is not under way is none."""
+        ride = self._rides.pop(key, None)
+        if ride is not None:
+            ride.end("error", "left")
+
+    def _begin(self, key: EpisodeKey) -> "_Ride":
+        return _Ride(key, self._simulator, self._pool, self._setup)
+
+    def _shown(self, key: EpisodeKey) -> Shown | Episode:
+        ride = self._rides[key]
+        shown = ride.shown()
+        if shown is not None:
+            return shown
+        del self._rides[key]
+        assert ride.over is not None
+        return ride.over
+
+
+class _Ride:
+    """An episode under way. Whatever its world or its policy raises ends it as an error, and nothing else."""
+
+    def __init__(self, key: EpisodeKey, simulator: Simulator, pool: "_Pool", setup: Setup) -> None:
+        self.over: Episode | None = None
+        self._key, self._simulator, self._pool, self._setup = key, simulator, pool, setup
+        self._steps: list[Step] = []
+        self._drive: Drive | None = None
+        self._truth: Mapping[str, Scalar] = {}
+        try:
+            self._drive = simulator.drive(key.scenario, key.seed)
+            self._first = _checked(self._drive.picture(), first=True)
+            self._look()
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - a world that fails is a record, not the end of a run
+            self.end("error", _words(error))
+
+    def observe(self) -> Observation:
+        """Return the moment as a policy that is no model gets it."""
+        frame = self._key.frame(len(self._steps))
+        return Observation(
+            frame=frame,
+            step=len(self._steps),
+            picture=self._picture,
+            truth=self._truth,
+            action_space=self._simulator.action_space,
+            seed=key_seed("policy", self._setup.seed, self._key.policy, frame),
+        )
+
+    def shown(self) -> Shown | None:
+        """Return the moment as a model gets it, or None where the episode is over."""
+        if self.over is not None:
+            return None
+        try:
+            return Shown(self._key.frame(len(self._steps)), len(self._steps), encode(self._picture()))
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - as above
+            self.end("error", _words(error))
+            return None
+
+    def decide(self, decide: Callable[[], Decision]) -> None:
+        """Take a decision and drive on; the fail-safe is executed where there is none."""
+        if self.over is not None:
+            return
+        try:
+            decision = decide()
+            self._execute(decision)
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - as above
+            self.end("error", _words(error))
+
+    def end(self, ended: str, detail: str = "") -> None:
+        """Close the world and make the record."""
+        digest = ""
+        if self._drive is not None:
+            with suppress(Exception):
+                digest = hashlib.sha256(self._drive.state()).hexdigest()
+            with suppress(Exception):
+                self._drive.close()
+        self._drive = None
+        self.over = Episode(self._key, tuple(self._steps), ended, digest, detail)
+
+    def _execute(self, decision: Decision) -> None:
+        assert self._drive is not None
+        executed = decision.action if decision.action is not None else fail_safe(self._simulator.action_space)
+        moved = self._drive.step(executed)
+        _require_finite(moved)
+        number = len(self._steps)
+        self._steps.append(
+            Step(
+                step=number,
+                frame=self._key.frame(number),
+                decision=decision,
+                executed_action=executed,
+                truth=self._truth,
+                reward=moved.reward,
+                speed_mps=moved.speed_mps,
+                distance_m=moved.distance_m,
+                crashed=moved.crashed,
+            )
+        )
+        if moved.ended is not None:
+            self.end(moved.ended)
+        elif len(self._steps) >= self._setup.max_steps:
+            self.end("error", f"it did not end within {self._setup.max_steps} steps")
+        else:
+            self._look()
+
+    def _look(self) -> None:
+        assert self._drive is not None
+        self._truth = rounded_truth(self._drive.truth(), self._key.frame(len(self._steps)))
+
+    def _picture(self) -> RGB:
+        assert self._drive is not None
+        drive, frame = self._drive, self._key.frame(len(self._steps))
+        view = View(
+            real=lambda: _checked(drive.picture()) if self._steps else self._first,
+            first=self._first,
+            pool=lambda: self._pool.pictures(self._key.scenario, self._key.seed),
+            mirror_axis=self._simulator.mirror_axis,
+            seed=key_seed("stimulus", self._setup.seed, self._key.condition, frame),
+        )
+        return SHOWN[self._key.condition](view)
+
+
+class _Pool:
+    """Pictures of other worlds of a scenario, driven by the oracle, or at random where a world tells no scene."""
+
+    def __init__(self, simulator: Simulator, seed: int) -> None:
+        self._simulator, self._seed = simulator, seed
+        self._driven = lru_cache(maxsize=None)(self._drive)
+
+    def pictures(self, scenario: str, seed: int) -> Sequence[Callable[[], RGB]]:
+        """Return the pool of a scenario without the world of this seed."""
+        worlds = [self._driven(scenario, other) for other in POOL_SEEDS if other != seed]
+        return [partial(decode, picture, "a pool's picture") for world in worlds for picture in world]
+
+    def _drive(self, scenario: str, seed: int) -> tuple[bytes, ...]:
+        drive = self._simulator.drive(scenario, seed)
+        key = EpisodeKey("pool", self._simulator.name, scenario, seed)
+        pictures: list[bytes] = []
+        try:
+            while len(pictures) < _POOL_STEPS:
+                pictures.append(encode(_checked(drive.picture())))
+                if drive.step(self._choose(drive, key.frame(len(pictures) - 1))).ended is not None:
+                    break
+        finally:
+            drive.close()
+        return tuple(pictures)
+
+    def _choose(self, drive: Drive, frame: str) -> str:
+        space = self._simulator.action_space
+        moment = Observation(frame, 0, drive.picture, drive.truth(), space, key_seed("pool", self._seed, frame))
+        for spec in ("oracle", "random"):
+            with suppress(SpecError):
+                action = open_policy(spec, space, lambda _: {}).decide(moment).action
+                assert action is not None
+                return action
+        raise AssertionError("a random policy always decides")
+
+
+def _checked(picture: object, *, first: bool = False) -> RGB:
+    """Return a camera's picture; raises SpecError where it is none, or shows nothing at all."""
+    if not isinstance(picture, np.ndarray) or picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3:
+        found = f"{picture.dtype} {picture.shape}" if isinstance(picture, np.ndarray) else type(picture).__name__
+        raise SpecError(f"the camera's picture is no RGB picture of shape (h, w, 3) and uint8, but {found}")
+    if not picture.size or not picture.any():
+        raise SpecError("the camera shows black only; a renderer without a display does (unset SDL_VIDEODRIVER)")
+    if first and (picture == picture[0, 0]).all():
+        raise SpecError(f"the camera shows one colour only, {picture[0, 0].tolist()}: its renderer draws nothing")
+    return picture
+
+
+def _require_finite(moved: Moved) -> None:
+    for name in ("reward", "speed_mps", "distance_m"):
+        if not math.isfinite(getattr(moved, name)):
+            raise SpecError(f"the world's {name} is {getattr(moved, name)}, which is no number")
+
+
+def _words(error: BaseException) -> str:
+    said = without_secrets(f"{type(error).__name__}: {error}")
+    return " ".join(said.split())[:_DETAIL]

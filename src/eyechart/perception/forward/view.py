@@ -1,0 +1,167 @@
+"""What a reader has to know of forward pictures: their pinhole, their road, their colours, and what counts as near.
+
+The worlds that draw such pictures take these numbers from here, so that pictures and readings cannot part.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from eyechart.perception.scene import HIGHWAY, Distances
+
+Colour = tuple[int, int, int]
+_Floats = npt.NDArray[np.float64]
+
+HAZE: Colour = (206, 206, 206)
+"""Everything fades into it with distance. It is grey, as road and marks are: what has a colour is no road."""
+
+HAZE_HALF_M = 45.0
+"""Half of a colour is haze at this distance: share d² / (d² + HAZE_HALF_M²)."""
+
+
+def haze_share(depth_m: _Floats) -> _Floats:
+    """Return the share of haze in a colour so far away."""
+    square = depth_m * depth_m
+    return square / (square + HAZE_HALF_M * HAZE_HALF_M)
+
+
+@dataclass(frozen=True)
+class View:
+    """What a reader has to know of a world's forward pictures; metres, pixels and radians.
+
+    ``tracks_m`` are the places across the road, from the right to the left, that a vehicle of ``radius_m`` with
+    ``margin_m`` of room may follow. ``preview_m`` ahead is where a vehicle under way to a track is looked for.
+    ``verges`` maps a scenery to the colour beside the road, ``bodies`` a name to the own vehicle's colour; ``zenith``
+    is the sky's in the first row, ``surface`` the road's grey, ``dashed_m`` how far from the middle lines are dashed.
+    """
+
+    width: int
+    height: int
+    focal_px: float
+    horizon: int
+    eye_m: float
+    half_width_m: float
+    mark_m: float
+    dashed_m: tuple[float, ...]
+    dash_m: float
+    period_m: float
+    tracks_m: tuple[float, ...]
+    radius_m: float
+    margin_m: float
+    preview_m: float
+    view_ahead_m: float
+    distances: Distances
+    verges: Mapping[str, Colour]
+    bodies: Mapping[str, Colour]
+    zenith: Colour
+    surface: int
+
+    @property
+    def beside_m(self) -> float:
+        """Return how far from a track's middle its corridor reaches."""
+        return self.radius_m + self.margin_m
+
+    def track_at(self, y: float) -> int:
+        """Return the number of the track nearest to a place across the road; halfway, the one nearer the middle."""
+        order = sorted(range(len(self.tracks_m)), key=lambda one: (abs(self.tracks_m[one]), self.tracks_m[one]))
+        return min(order, key=lambda one: abs(self.tracks_m[one] - y))
+
+    @cached_property
+    def aside(self) -> _Floats:
+        """Return each column's tangent to the left, shape (width,), exactly antisymmetric."""
+        return np.asarray((self.width / 2 - (np.arange(self.width) + 0.5)) / self.focal_px, np.float64)
+
+    @cached_property
+    def below(self) -> _Floats:
+        """Return how far each ground row's middle lies below the horizon, in pixels, shape (rows,)."""
+        return np.arange(self.height - self.horizon, dtype=np.float64) + 0.5
+
+    @cached_property
+    def depth(self) -> _Floats:
+        """Return how far ahead the ground of each row lies, in metres, shape (rows,)."""
+        return self.focal_px * self.eye_m / self.below
+
+    @cached_property
+    def sought(self) -> int:
+        """Return the first ground row that is looked at: the one that shows the farthest place in view."""
+        return int(self.focal_px * self.eye_m / self.view_ahead_m)
+
+    @cached_property
+    def verge_rows(self) -> npt.NDArray[np.int16]:
+        """Return each verge's colour in each ground row, shape (verges, rows, 3)."""
+        share = haze_share(self.depth)[None, :, None]
+        plain = np.array(list(self.verges.values()), dtype=np.float64)[:, None, :]
+        return np.asarray(np.floor(plain + share * (np.array(HAZE) - plain) + 0.5), np.int16)
+
+
+ROVER = View(
+    width=320,
+    height=240,
+    focal_px=160.0,
+    horizon=96,
+    eye_m=1.2,
+    half_width_m=4.5,
+    mark_m=0.14,
+    dashed_m=(1.0, 3.0),
+    dash_m=1.5,
+    period_m=4.0,
+    tracks_m=(-2.0, 0.0, 2.0),
+    radius_m=0.5,
+    margin_m=0.25,
+    preview_m=2.0,
+    view_ahead_m=30.0,
+    distances=Distances(stop_m=5.0, close_m=8.0, free_m=15.0, behind_m=0.75, ahead_m=15.0),
+    verges={
+        "meadow": (104, 140, 72),
+        "sand": (210, 180, 110),
+        "red earth": (160, 92, 64),
+        "heather": (138, 104, 166),
+        "water": (72, 124, 170),
+    },
+    bodies={"green": (50, 200, 0), "red": (255, 100, 100)},
+    zenith=(96, 150, 214),
+    surface=88,
+)
+"""The rover's camera: 90 degrees wide, 1.2 m above the road.
+
+At 4.5 m/s and a decision a second it has 4.5 m to the next one, and stops within 2.5 m: ``stop_m`` leaves room for the
+one, ``free_m`` for a decision, a change of track and a stop.
+"""
+
+
+DRONE = replace(
+    ROVER,
+    height=180,
+    horizon=64,
+    eye_m=1.5,
+    radius_m=0.07,
+    margin_m=0.68,
+    preview_m=0.0,
+    distances=Distances(stop_m=5.0, close_m=8.0, free_m=15.0, behind_m=0.32, ahead_m=15.0),
+)
+"""The drone's camera, level on a gimbal, 1.5 m above the same road; its pictures are lower than the rover's.
+
+At 4 m/s it stops within 3.2 m, and keeps the rover's distances and corridors; its body is smaller.
+"""
+
+
+VIEWS: dict[str, View] = {"rover": ROVER, "drone": DRONE}
+"""The forward pictures that can be read, by their simulator."""
+
+
+def distances_of(simulator: str) -> Distances:
+    """Return what counts as near in a simulator's worlds; highway's distances where it has no forward pictures."""
+    return VIEWS[simulator].distances if simulator in VIEWS else HIGHWAY
+
+
+def view_of(rgb: npt.NDArray[np.uint8]) -> View | None:
+    """Return the view that took a picture, by its size and its sky; None for any other."""
+    if rgb.dtype != np.uint8 or rgb.ndim != 3:
+        return None
+    for view in VIEWS.values():
+        if rgb.shape == (view.height, view.width, 3) and (rgb[0] == view.zenith).all(axis=1).any():
+            return view
+    return None

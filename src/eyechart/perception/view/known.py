@@ -1,0 +1,51 @@
+"""The views that there are, by simulator, and how a run finds its own again."""
+
+from eyechart.errors import SpecError
+from eyechart.frames import RGB, decode, encode
+from eyechart.perception.forward.view import VIEWS as CAMERAS
+from eyechart.perception.view.drawing import NONE, View
+from eyechart.perception.view.forward import forward
+from eyechart.perception.view.highway import highway
+
+CALIBRATED = "calibrated"
+"""What ``--view`` takes besides ``none``: the view of the bank's simulator."""
+
+VIEWS: dict[str, View] = {"highway": highway(), **{name: forward(name, one) for name, one in CAMERAS.items()}}
+"""The calibrated view of each simulator's pictures."""
+
+
+def view_for(choice: str, simulator: str) -> View | None:
+    """Return the view that ``--view`` asks for, None for ``none``; raises SpecError for what there is not."""
+    if choice == NONE:
+        return None
+    if choice != CALIBRATED:
+        raise SpecError(f"--view takes {CALIBRATED} or {NONE}, not '{choice}'")
+    if simulator not in VIEWS:
+        raise SpecError(
+            f"there is no calibrated view of pictures from '{simulator}', only of {', '.join(VIEWS)}; "
+            f"show them as they are with --view {NONE}"
+        )
+    return VIEWS[simulator]
+
+
+def find_view(key: str) -> View | None:
+    """Return the view of this key, None for ``none``; raises SpecError where it is unknown, or was another once."""
+    if key == NONE:
+        return None
+    known = {view.key: view for view in VIEWS.values()}
+    if key not in known:
+        raise SpecError(f"there is no view '{key}' in this version of eyechart, which has {', '.join(known)}")
+    return known[key]
+
+
+def through(view: View | None, picture: bytes | None, name: str = "picture") -> bytes | None:
+    """Return an encoded picture as a view shows it; itself without a view, and nothing of no picture."""
+    if view is None or picture is None:
+        return picture
+    return encode(view.show(decode(picture, name), name))
+
+
+def scene_of(pixels: RGB) -> RGB:
+    """Return the picture behind a calibrated view, or the pixels as they are where they are no view."""
+    restored = (view.restore(pixels) for view in VIEWS.values())
+    return next((one for one in restored if one is not None), pixels)

@@ -1,0 +1,78 @@
+"""Policies that never look: one action for ever, a toss among all, or a toss like another controller's decisions."""
+
+import random
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from eyechart.actions import ActionSpace, Decision
+from eyechart.errors import SpecError
+from eyechart.policies import Observation, Recorded
+
+
+@dataclass(frozen=True, slots=True)
+class Constant:
+    """Decides the same at every moment."""
+
+    action: str
+
+    def decide(self, observation: Observation) -> Decision:
+        """Return the action."""
+        del observation
+        return Decision(self.action)
+
+
+@dataclass(frozen=True, slots=True)
+class Uniform:
+    """Draws every action alike, from the moment's own seed."""
+
+    def decide(self, observation: Observation) -> Decision:
+        """Return an action of the observation's space."""
+        return Decision(random.Random(observation.seed).choice(observation.action_space.actions))  # noqa: S311 - no secret
+
+
+@dataclass(frozen=True, slots=True)
+class Marginal:
+    """Draws actions as often as a controller took them, without looking: what is left of it without its eyes.
+
+    ``counts`` are its decisions by action. Source: paper, section Evaluation protocol (model-marginal sampling).
+    """
+
+    counts: Mapping[str, int]
+
+    def decide(self, observation: Observation) -> Decision:
+        """Return an action that the controller took."""
+        rng = random.Random(observation.seed)  # noqa: S311 - no secret
+        return Decision(rng.choices(list(self.counts), weights=list(self.counts.values()))[0])
+
+
+def constant(name: str, space: ActionSpace, recorded: Recorded) -> Constant:
+    """Open ``constant:ACTION``."""
+    del recorded
+    if name not in space.actions:
+        raise SpecError(f"'constant:{name}' is given as constant:ACTION, with one of {', '.join(space.actions)}")
+    return Constant(name)
+
+
+def uniform(name: str, space: ActionSpace, recorded: Recorded) -> Uniform:
+    """Open ``random``."""
+    del space, recorded
+    _require_bare("random", name)
+    return Uniform()
+
+
+def marginal(name: str, space: ActionSpace, recorded: Recorded) -> Marginal:
+    """Open ``marginal:RUN``; raises SpecError where the run holds no decision of these actions."""
+    if not name:
+        raise SpecError("a marginal is given as marginal:RUN, with the folder of a run")
+    counts = dict(recorded(Path(name)))
+    if strange := sorted(counts.keys() - set(space.actions)):
+        raise SpecError(f"{name} holds decisions that are none of {', '.join(space.actions)}: {', '.join(strange)}")
+    if not counts:
+        raise SpecError(f"{name} holds no decision, so there is nothing to sample from")
+    return Marginal({action: counts[action] for action in space.actions if action in counts})
+
+
+def _require_bare(kind: str, name: str) -> None:
+    if name:
+        raise SpecError(f"'{kind}:{name}': policy '{kind}' stands alone")

@@ -1,0 +1,179 @@
+"""A Crazyflie of gym-pybullet-drones among cylinders: its own physics, controller and contacts, and our own camera.
+
+What is set for it here, and why: ``SPEED_LIMIT`` is 0.25 m/s otherwise; the floor's checkerboard is replaced by a plain
+road, which a mirror leaves as it is; contacts are asked for after every step, because no flag tells of them; and the
+picture is taken by a camera call of our own, level and straight ahead, because the stock camera distorts and sees its
+own propellers. It is lit evenly: PyBullet's shading of a cylinder is brighter on one side wherever the light stands, so
+that a flipped picture could not have been drawn.
+"""
+
+import contextlib
+import io
+import os
+import warnings
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+
+from eyechart.errors import SpecError
+from eyechart.frames import RGB
+from eyechart.perception.forward import Colour
+from eyechart.simulators.camera import Cylinder, Lens, Road
+from eyechart.simulators.drone.flight import MOST_SPEED_MPS, Velocity
+
+HZ = 240
+"""PyBullet's and the controller's steps a second."""
+
+SOURCE = "git+https://github.com/utiasDSL/gym-pybullet-drones@90b178aba69b09085dd70e7a1e88bb58ca00b4c9"
+_CLIMB_MPS = 1.0
+_CLIMB_GAIN = 2.0
+_FLOOR_M = (400.0, 400.0, 1.0)
+_FLOOR_BEGINS_M = -50.0
+_ROAD_RISES_M = 0.02
+IN_FRONT_M = 0.15
+_NEAR_M, _FAR_M = 0.05, 300.0
+
+
+class Aviary:
+    """A drone at a height in metres, flown by velocity commands; ``touched`` says whether it ever touched anything."""
+
+    def __init__(self, cylinders: Iterable[Cylinder], road: Road, *, y: float, height: float) -> None:
+        self._bullet, environment = _import()
+        self._height = height
+        with (
+            contextlib.redirect_stdout(io.StringIO()),
+            warnings.catch_warnings(),
+        ):  # it prints what it read of the drone
+            warnings.simplefilter("ignore")  # and says that its spaces are of single precision
+            self._env = environment(
+                initial_xyzs=np.array([[0.0, y, height]]), pyb_freq=HZ, ctrl_freq=HZ, user_debug_gui=False
+            )
+        self._env.SPEED_LIMIT = MOST_SPEED_MPS
+        self._client: int = self._env.CLIENT
+        self._bullet.removeBody(self._env.PLANE_ID, physicsClientId=self._client)
+        self._lay_floor(road)
+        for cylinder in cylinders:
+            self._stand(cylinder)
+        self.touched = False
+
+    @property
+    def position(self) -> tuple[float, float]:
+        """Return how far along the road and to the left of its middle the drone is, in metres."""
+        return float(self._env.pos[0, 0]), float(self._env.pos[0, 1])
+
+    @property
+    def velocity(self) -> Velocity:
+        """Return how fast it flies."""
+        return Velocity(float(self._env.vel[0, 0]), float(self._env.vel[0, 1]))
+
+    def fly(self, command: Velocity) -> None:
+        """Fly by a command for one step, and hold the height."""
+        climb = float(np.clip(_CLIMB_GAIN * (self._height - self._env.pos[0, 2]), -_CLIMB_MPS, _CLIMB_MPS))
+        wanted = np.array([command.ahead, command.left, climb])
+        speed = float(np.linalg.norm(wanted))
+        direction = wanted / speed if speed else wanted
+        self._env.step(np.array([[*direction, min(speed / MOST_SPEED_MPS, 1.0)]]))
+        contacts = self._bullet.getContactPoints(bodyA=int(self._env.DRONE_IDS[0]), physicsClientId=self._client)
+        self.touched = self.touched or bool(contacts)
+
+    def draw(self, lens: Lens) -> RGB:
+        """Return what a level camera at the drone's nose sees, shape (height, width, 3), uint8."""
+        bullet = self._bullet
+        x, y, z = map(float, self._env.pos[0])
+        aside, up = lens.width / 2 / lens.focal_px * _NEAR_M, lens.horizon / lens.focal_px * _NEAR_M
+        down = (lens.height - lens.horizon) / lens.focal_px * _NEAR_M
+        nose = x + IN_FRONT_M
+        _, _, pixels, _, _ = bullet.getCameraImage(
+            lens.width,
+            lens.height,
+            bullet.computeViewMatrix([nose, y, z], [nose + 1.0, y, z], [0.0, 0.0, 1.0]),
+            bullet.computeProjectionMatrix(-aside, aside, -down, up, _NEAR_M, _FAR_M),
+            lightAmbientCoeff=1.0,
+            lightDiffuseCoeff=0.0,
+            lightSpecularCoeff=0.0,
+            shadow=0,
+            renderer=bullet.ER_TINY_RENDERER,
+            flags=bullet.ER_NO_SEGMENTATION_MASK,
+            physicsClientId=self._client,
+        )
+        return np.ascontiguousarray(np.reshape(pixels, (lens.height, lens.width, 4))[:, :, :3], dtype=np.uint8)
+
+    def state(self) -> bytes:
+        """Return position, attitude and both velocities as raw 64-bit floats."""
+        env = self._env
+        return np.concatenate([env.pos[0], env.quat[0], env.vel[0], env.ang_v[0]]).astype(np.float64).tobytes()
+
+    def close(self) -> None:
+        """Disconnect from PyBullet."""
+        with contextlib.suppress(self._bullet.error):
+            self._env.close()
+
+    def _lay_floor(self, road: Road) -> None:
+        """Lay a plain floor, its upper side at zero, and a road upon it that is seen and not felt."""
+        length, width, thick = _FLOOR_M
+        middle = _FLOOR_BEGINS_M + length / 2
+        for half_width, rises, colour in ((width / 2, 0.0, road.verge), (road.half_width, _ROAD_RISES_M, _grey(road))):
+            half = [length / 2, half_width, thick / 2]
+            self._place(
+                self._bullet.GEOM_BOX, {"halfExtents": half}, colour, (middle, 0.0, rises - thick / 2), felt=not rises
+            )
+
+    def _stand(self, cylinder: Cylinder) -> None:
+        where = (cylinder.x, cylinder.y, cylinder.base + cylinder.height / 2)
+        self._place(
+            self._bullet.GEOM_CYLINDER, {"radius": cylinder.radius, "height": cylinder.height}, cylinder.colour, where
+        )
+
+    def _place(
+        self,
+        shape: int,
+        size: dict[str, Any],
+        colour: Colour,
+        where: tuple[float, float, float],
+        *,
+        felt: bool = True,
+    ) -> None:
+        bullet, client = self._bullet, self._client
+        seen = {("length" if name == "height" else name): value for name, value in size.items()}
+        paint = [*(channel / 255 for channel in colour), 1.0]
+        visual = bullet.createVisualShape(shape, rgbaColor=paint, physicsClientId=client, **seen)
+        solid = bullet.createCollisionShape(shape, physicsClientId=client, **size) if felt else -1
+        bullet.createMultiBody(0, solid, visual, where, physicsClientId=client)
+
+
+def require() -> None:
+    """Raise SpecError where gym-pybullet-drones is not installed."""
+    _import()
+
+
+def _import() -> tuple[Any, Any]:
+    """Return PyBullet and the VelocityAviary."""
+    try:
+        with warnings.catch_warnings(), _muted():
+            warnings.simplefilter("ignore")  # pkg_resources, which it imports, is deprecated
+            import pybullet  # noqa: PLC0415  (an extra)
+            from gym_pybullet_drones.envs.VelocityAviary import VelocityAviary  # noqa: PLC0415
+    except ImportError as error:
+        raise SpecError(
+            f"simulator 'drone-pybullet' needs gym-pybullet-drones ({error}): on Python 3.11, pip install "
+            f"'eyechart[drone]', then pip install --no-deps {SOURCE}"
+        ) from error
+    return pybullet, VelocityAviary
+
+
+@contextlib.contextmanager
+def _muted() -> Iterator[None]:
+    """Let what a library in C writes to standard error go nowhere; PyBullet tells when it was built."""
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
+
+
+def _grey(road: Road) -> Colour:
+    return road.surface, road.surface, road.surface

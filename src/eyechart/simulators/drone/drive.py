@@ -1,0 +1,84 @@
+"""A drone's drives: in our own world, and in gym-pybullet-drones, through the same layouts and by the same commands."""
+
+from dataclasses import replace
+
+from eyechart.frames import RGB
+from eyechart.simulators.banks import check_seed
+from eyechart.simulators.drone.aviary import HZ, Aviary
+from eyechart.simulators.drone.flight import INTENTS, Velocity, next_track
+from eyechart.simulators.drone.world import RAISED, Flight, World, decide, start
+from eyechart.simulators.road import (
+    DECISION_S,
+    GOAL_M,
+    TRACKS_M,
+    RoadDrive,
+    cylinders,
+    lens_of,
+    make_layout,
+    road_of,
+)
+
+_TOP_MPS = INTENTS["STRAIGHT"].speed
+
+
+class DroneDrive(RoadDrive[World]):
+    """One of the drone's worlds under way; ``mirrored`` exchanges left and right in all of it.
+
+    Raises SpecError for an unknown scenario or a seed out of range.
+    """
+
+    def __init__(self, scenario: str, seed: int, *, mirrored: bool = False) -> None:
+        super().__init__(_begin("drone", scenario, seed, mirrored=mirrored), decide, actions=INTENTS, top_mps=_TOP_MPS)
+
+
+class PybulletDrive(RoadDrive[World]):
+    """One of the drone's worlds in gym-pybullet-drones.
+
+    The commands are those of our own drone, and the Crazyflie's controller and physics follow them as they can. Any
+    contact is a crash. Raises SpecError for an unknown scenario, a seed out of range, and where gym-pybullet-drones is
+    not installed.
+    """
+
+    def __init__(self, scenario: str, seed: int, *, mirrored: bool = False) -> None:
+        world = _begin("drone-pybullet", scenario, seed, mirrored=mirrored)
+        super().__init__(world, self._fly, actions=INTENTS, top_mps=_TOP_MPS)
+        road = road_of(scenario, world.view)
+        self._aviary = Aviary(cylinders(world.layout), road, y=world.state.y, height=world.view.eye_m)
+        self._command = Velocity()
+
+    def picture(self) -> RGB:
+        """Return what PyBullet's camera shows, shape (180, 320, 3), uint8."""
+        return self._aviary.draw(lens_of(self.world.view))
+
+    def state(self) -> bytes:
+        """Return the drone's state and the obstacles as raw 64-bit floats."""
+        return super().state() + self._aviary.state()
+
+    def close(self) -> None:
+        """Disconnect from PyBullet."""
+        self._aviary.close()
+
+    def _fly(self, world: World, action: str) -> World:
+        intent, aviary = INTENTS[action], self._aviary
+        track = next_track(world.track, intent)
+        steps = round(DECISION_S * HZ)
+        for number in range(1, steps + 1):
+            x, y = aviary.position
+            self._command = self._command.after(intent, TRACKS_M[track] - y, 1 / HZ)
+            aviary.fly(self._command)
+            x, y = aviary.position
+            if aviary.touched or x >= GOAL_M or number == steps:
+                break
+        return replace(
+            world,
+            state=Flight(x, y, aviary.velocity),
+            track=track,
+            seconds=world.seconds + number / HZ,
+            crashed=aviary.touched,
+        )
+
+
+def _begin(simulator: str, scenario: str, seed: int, *, mirrored: bool) -> World:
+    check_seed(seed)
+    layout = make_layout(scenario, seed, simulator=simulator).raised(RAISED)
+    return start(layout.mirrored() if mirrored else layout)

@@ -1,0 +1,93 @@
+"""Any Gymnasium environment with discrete actions that renders RGB, driven through a user's action map."""
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from hashlib import sha256
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from eyechart.errors import SpecError
+from eyechart.frames import FrameBank
+from eyechart.simulators import Drive
+from eyechart.simulators.gym.action_map import ActionMap, read_map
+from eyechart.simulators.gym.drive import GymnasiumDrive, action_count, make
+
+
+class GymnasiumSimulator:
+    """A Gymnasium environment under the name ``gym:ENV_ID``; it can be driven, and yields no banks."""
+
+    presets: Mapping[str, str] = {}
+
+    def __init__(self, env_id: str, action_map: ActionMap) -> None:
+        self.name = f"gym:{env_id}"
+        self.picture = action_map.picture
+        self.mirror_axis = action_map.mirror
+        self.action_space = action_map.space
+        self.scenarios = {
+            name: f"{env_id} as it is registered" + (f", with {dict(settings)}." if settings else ".")
+            for name, settings in action_map.scenarios.items()
+        }
+        self._env_id = env_id
+        self._map = action_map
+        self._package = ""
+        for settings in action_map.scenarios.values():
+            self._check(settings)
+
+    def _check(self, settings: Mapping[str, object]) -> None:
+        env = make(self._env_id, settings)
+        try:
+            start, count = action_count(env, self._env_id)
+            self._package = type(env.unwrapped).__module__.partition(".")[0]
+        finally:
+            env.close()
+        for action, number in self._map.numbers.items():
+            if not start <= number < start + count:
+                raise SpecError(
+                    f"environment '{self._env_id}' has the actions {start} to {start + count - 1}; "
+                    f"the action map gives {action} the number {number}"
+                )
+
+    def build(
+        self,
+        out: Path,
+        *,
+        preset: str = "balanced",
+        seeds: Sequence[int] = (0, 1, 2),
+        steps: int = 12,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> FrameBank:
+        """Raise SpecError: nobody can stage balanced moments in an environment that is not known."""
+        del out, preset, seeds, steps, progress
+        raise SpecError(
+            f"'{self.name}' has no presets: save pictures of your environment with what is true of them, "
+            "and make them a bank with 'eyechart frames import'"
+        )
+
+    def drive(self, scenario: str, seed: int) -> Drive:
+        """Open the environment, reset with this seed; raises SpecError for an unknown scenario."""
+        if scenario not in self._map.scenarios:
+            raise SpecError(f"'{self.name}' has no scenario '{scenario}'; known: {', '.join(self.scenarios)}")
+        return GymnasiumDrive(self._env_id, self._map, self._map.scenarios[scenario], seed)
+
+    def versions(self) -> dict[str, str]:
+        """Return the versions of Gymnasium and of the environment's package, and the digest of the action map."""
+        found = {}
+        for name in ("gymnasium", self._package.replace("_", "-"), "numpy"):
+            with suppress(PackageNotFoundError):
+                found[name] = version(name)
+        return {**found, "action map": sha256(repr(self._map.as_dict()).encode()).hexdigest()[:16]}
+
+
+def open_environment(env_id: str, actions: Path | None) -> GymnasiumSimulator:
+    """Open ``gym:ENV_ID``; raises SpecError where the environment or its action map will not do."""
+    if not env_id:
+        raise SpecError("name an environment, for example gym:CartPole-v1, or gym:highway_env:highway-v0 of a package")
+    if actions is None:
+        env = make(env_id, {})
+        start, count = action_count(env, env_id)
+        env.close()
+        raise SpecError(
+            f"'gym:{env_id}' needs an action map, --actions FILE.toml, that says what its actions "
+            f"{start} to {start + count - 1} mean"
+        )
+    return GymnasiumSimulator(env_id, read_map(actions))

@@ -1,0 +1,123 @@
+"""An action map says what a Gymnasium environment's action numbers and info mean, in the words of an action space."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Literal, cast, get_args
+
+from eyechart.actions import ActionSpace, read_toml, space_from
+from eyechart.errors import SpecError
+from eyechart.frames import MirrorAxis, read_axis
+
+Meaning = Literal["crash", "goal"]
+"""What an environment's ``terminated`` means where its info does not say whether it crashed."""
+
+ONE_SCENARIO = "default"
+"""The scenario of a map that names none: the environment as it is registered."""
+
+_KEYS = ("numbers", "mirror", "picture", "terminated", "repeat", "most_steps", "info", "scenarios")
+_MOST_STEPS = 100_000
+_USUAL_STEPS = 200
+_PICTURE = "what the environment renders"
+
+
+@dataclass(frozen=True, slots=True)
+class ActionMap:
+    """How an action space meets an environment.
+
+    ``numbers`` maps each action to the environment's number for it, ``info`` a column of ground truth to a key of the
+    environment's info (``rewards.collision`` for a key within a key), and ``scenarios`` a name to what
+    ``gymnasium.make`` is given besides. A decision lasts ``repeat`` steps of the environment, and a drive at most
+    ``most_steps`` decisions.
+    """
+
+    space: ActionSpace
+    numbers: Mapping[str, int]
+    mirror: MirrorAxis = "none"
+    picture: str = _PICTURE
+    terminated: Meaning = "crash"
+    repeat: int = 1
+    most_steps: int = _USUAL_STEPS
+    info: Mapping[str, str] = field(default_factory=dict)
+    scenarios: Mapping[str, Mapping[str, object]] = field(default_factory=lambda: {ONE_SCENARIO: {}})
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the map as plain values."""
+        return {**asdict(self), "space": self.space.as_dict()}
+
+
+def read_map(path: Path) -> ActionMap:
+    """Read an action map: the TOML file of an action space with one more table, ``gym``.
+
+    Raises SpecError naming the file and what is wrong in it.
+    """
+    values = read_toml(path)
+    given = values.pop("gym", None)
+    where = f"{path}"
+    if not isinstance(given, dict):
+        raise SpecError(f"{where}: no table [gym]; write for example [gym.numbers] and under it LEFT = 0")
+    for key in given:
+        if key not in _KEYS:
+            raise SpecError(f"{where}: [gym] has no '{key}'; it has {', '.join(_KEYS)}")
+    space = space_from(values, where, path.stem)
+    info, scenarios = _table(given, "info", where), _table(given, "scenarios", where)
+    return ActionMap(
+        space=space,
+        numbers=_numbers(given, space, where),
+        mirror=_mirror(given, where),
+        picture=_text(given, "picture", where),
+        terminated=_meaning(given, where),
+        repeat=_count(given, "repeat", 1, where),
+        most_steps=_count(given, "most_steps", _USUAL_STEPS, where),
+        info={column: _text(info, column, where) for column in info},
+        scenarios={name: _table(scenarios, name, where) for name in scenarios} or {ONE_SCENARIO: {}},
+    )
+
+
+def _table(given: Mapping[str, object], key: str, where: str) -> dict[str, object]:
+    value = given.get(key, {})
+    if not isinstance(value, dict):
+        raise SpecError(f"{where}: '{key}' must be a table, not {value!r}")
+    return value
+
+
+def _numbers(given: Mapping[str, object], space: ActionSpace, where: str) -> dict[str, int]:
+    numbers: dict[str, int] = {}
+    for action, number in _table(given, "numbers", where).items():
+        if action not in space.actions:
+            raise SpecError(f"{where}: [gym.numbers] names '{action}', not one of {list(space.actions)}")
+        if not isinstance(number, int) or isinstance(number, bool):
+            raise SpecError(f"{where}: [gym.numbers] gives {action} the number {number!r}; it must be a whole one")
+        numbers[action] = number
+    if missing := [action for action in space.actions if action not in numbers]:
+        raise SpecError(f"{where}: [gym.numbers] gives no number for {', '.join(missing)}")
+    return numbers
+
+
+def _mirror(given: Mapping[str, object], where: str) -> MirrorAxis:
+    try:
+        return read_axis(str(given.get("mirror", "none")))
+    except ValueError as error:
+        raise SpecError(f"{where}: [gym] mirror takes vertical, horizontal or none, not '{given['mirror']}'") from error
+
+
+def _meaning(given: Mapping[str, object], where: str) -> Meaning:
+    word = given.get("terminated", "crash")
+    for meaning in get_args(Meaning):
+        if word == meaning:
+            return cast("Meaning", meaning)
+    raise SpecError(f"{where}: [gym] terminated takes crash or goal, not {word!r}")
+
+
+def _text(given: Mapping[str, object], key: str, where: str) -> str:
+    value = given.get(key, _PICTURE)
+    if not isinstance(value, str) or not value:
+        raise SpecError(f"{where}: '{key}' must be text, not {value!r}")
+    return value
+
+
+def _count(given: Mapping[str, object], key: str, usual: int, where: str) -> int:
+    value = given.get(key, usual)
+    if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= _MOST_STEPS:
+        raise SpecError(f"{where}: [gym] {key} takes a whole number from 1 to {_MOST_STEPS}, not {value!r}")
+    return value

@@ -1,0 +1,218 @@
+"""A Gymnasium environment under way: what it renders, tells and ends in, held to what a drive must be."""
+
+import math
+import os
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from hashlib import sha256
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from eyechart.errors import DriveError, SpecError
+from eyechart.frames import RGB, Scalar
+from eyechart.simulators import Moved
+from eyechart.simulators.gym.action_map import ActionMap
+
+Env = gymnasium.Env[Any, Any]
+
+_TRUTH = ("lead_gap_m", "left_clear", "right_clear", "demand", "speed_mps", "crashed")
+_LONGEST_WORDS = 300
+_ABSENT = object()
+_MOST_SEED = 2**32 - 1
+
+
+def make(env_id: str, settings: Mapping[str, object]) -> Env:
+    """Make an environment that renders RGB; raises SpecError, naming it, where it cannot be made or has no such mode.
+
+    ``env_id`` may begin with the module that registers it (``highway_env:highway-v0``), as ``gymnasium.make`` has it.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            env: Env = gymnasium.make(
+                env_id, render_mode="rgb_array", disable_env_checker=True, **dict[str, Any](settings)
+            )
+    except gymnasium.error.UnregisteredEnv as error:
+        raise SpecError(
+            f"no environment '{env_id}': {_words(error)} One of another package is named gym:MODULE:ENV_ID"
+        ) from error
+    except Exception as error:  # an environment's own code may raise anything
+        raise SpecError(f"environment '{env_id}' cannot be made: {_words(error)}") from error
+    modes = env.metadata.get("render_modes", ())
+    if "rgb_array" not in modes:
+        env.close()
+        raise SpecError(f"environment '{env_id}' renders no RGB pictures; its render modes are {list(modes)}")
+    return env
+
+
+def action_count(env: Env, env_id: str) -> tuple[int, int]:
+    """Return the first of an environment's actions and their number; raises SpecError where they are not discrete."""
+    space = env.action_space
+    if not isinstance(space, gymnasium.spaces.Discrete):
+        raise SpecError(
+            f"environment '{env_id}' has the actions {space}; eyechart drives discrete actions (spaces.Discrete) only"
+        )
+    return int(space.start), int(space.n)
+
+
+class GymnasiumDrive:
+    """A drive in a Gymnasium environment.
+
+    It is over when the environment terminates (``crash`` or ``goal``, as its info or the map says), when its info says
+    that it crashed, or after the time limit of the environment or the map (``time``). What the map names no key for is
+    None in the truth, and 0 in speed and distance. Raises DriveError where the environment raises, and where it
+    renders a picture of one colour.
+    """
+
+    def __init__(self, env_id: str, action_map: ActionMap, settings: Mapping[str, object], seed: int) -> None:
+        if not 0 <= seed <= _MOST_SEED:
+            raise SpecError(f"seed {seed} is out of range; give seeds from 0 to {_MOST_SEED}")
+        self._id = env_id
+        self._map = action_map
+        self._env = make(env_id, settings)
+        self._steps = 0
+        self._ended: str | None = None
+        self._picture: RGB | None = None
+        observation, info = self._ask("reset", lambda: self._env.reset(seed=seed))
+        self._observation: object = observation
+        self._truth = self._read(info, begun=False)
+        self._start_m = _number(self._truth.get("distance_m"))
+
+    def picture(self) -> RGB:
+        """Return what the environment renders, shape (h, w, 3), uint8."""
+        if self._picture is None:
+            self._picture = self._render()
+        return self._picture
+
+    def truth(self) -> Mapping[str, Scalar]:
+        """Return what the environment's info says of this moment, None for what the map names no key for."""
+        return dict(self._truth)
+
+    def step(self, action: str) -> Moved:
+        """Repeat this action's number as often as the map says, or until the environment ends."""
+        if self._ended is not None:
+            raise ValueError(f"the drive is over: {self._ended}")
+        if action not in self._map.numbers:
+            raise ValueError(f"'{action}' is none of {', '.join(self._map.numbers)}")
+        number = self._map.numbers[action]
+        self._picture = None
+        self._steps += 1
+        reward, terminated, truncated = 0.0, False, False
+        for _ in range(self._map.repeat):
+            outcome = self._ask(f"step {self._steps}", lambda: self._env.step(number))
+            self._observation, gained, terminated, truncated, info = outcome
+            self._truth = self._read(info, begun=True)
+            reward += float(gained)
+            if terminated or truncated or self._truth["crashed"]:
+                break
+        if not math.isfinite(reward):
+            raise DriveError(f"environment '{self._id}' gave the reward {reward} in step {self._steps}")
+        crashed = self._crashed(terminated=bool(terminated))
+        self._ended = self._end(crashed=crashed, terminated=bool(terminated), truncated=bool(truncated))
+        self._truth["crashed"] = crashed
+        return Moved(
+            reward=reward,
+            speed_mps=_number(self._truth["speed_mps"]),
+            distance_m=_number(self._truth.get("distance_m")) - self._start_m,
+            crashed=crashed,
+            ended=self._ended,
+        )
+
+    def state(self) -> bytes:
+        """Return a digest of what the environment shows of its state: observation, truth and random numbers."""
+        generator = getattr(self._env.unwrapped, "np_random", None)
+        random = None if generator is None else generator.bit_generator.state
+        digest = sha256()
+        _feed(digest.update, (self._steps, self._observation, self._truth, random))
+        return digest.digest()
+
+    def close(self) -> None:
+        """Close the environment; what it raises then changes nothing."""
+        with suppress(Exception):
+            self._env.close()
+
+    def _crashed(self, *, terminated: bool) -> bool:
+        if "crashed" in self._map.info:
+            return bool(self._truth["crashed"])
+        return terminated and self._map.terminated == "crash"
+
+    def _end(self, *, crashed: bool, terminated: bool, truncated: bool) -> str | None:
+        if crashed:
+            return "crash"
+        if terminated:
+            return "goal"
+        return "time" if truncated or self._steps >= self._map.most_steps else None
+
+    def _ask(self, when: str, ask: Callable[[], Any]) -> Any:  # noqa: ANN401  (whatever the environment gives)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                return ask()
+        except Exception as error:  # an environment's own code may raise anything
+            raise DriveError(f"environment '{self._id}' raised in {when}: {_words(error)}") from error
+
+    def _render(self) -> RGB:
+        drawn = np.asarray(self._ask(f"render after step {self._steps}", self._env.render))
+        if hasattr(self._env.unwrapped, "enable_auto_render"):
+            # highway-env draws fourteen more pictures in every step once it has been asked for one
+            self._env.unwrapped.enable_auto_render = False
+        if drawn.dtype != np.uint8 or drawn.ndim != 3 or drawn.shape[2] != 3 or not drawn.size:
+            raise DriveError(
+                f"environment '{self._id}' renders {drawn.dtype} of shape {drawn.shape}, no RGB picture (h, w, 3) uint8"
+            )
+        if (drawn == drawn[0, 0]).all():
+            dummy = os.environ.get("SDL_VIDEODRIVER") == "dummy"
+            raise DriveError(
+                f"environment '{self._id}' renders a picture of one colour, {tuple(drawn[0, 0].tolist())}, in which "
+                "nobody can see anything"
+                + ("; SDL_VIDEODRIVER=dummy makes pygame draw nothing: unset it" if dummy else "")
+            )
+        return drawn
+
+    def _read(self, info: Mapping[str, Any], *, begun: bool) -> dict[str, Scalar]:
+        """Return the columns of truth; an environment need not tell before its first step."""
+        truth: dict[str, Scalar] = dict.fromkeys(_TRUTH)
+        truth["crashed"] = False
+        for column, path in self._map.info.items():
+            value: object = info
+            for key in path.split("."):
+                value = value.get(key, _ABSENT) if isinstance(value, Mapping) else _ABSENT
+            if value is _ABSENT and begun:
+                raise DriveError(f"environment '{self._id}': info has no '{path}'; it has {', '.join(map(str, info))}")
+            if value is not _ABSENT:
+                truth[column] = self._plain(value, path)
+        return truth
+
+    def _plain(self, value: object, path: str) -> Scalar:
+        plain = value.item() if isinstance(value, np.generic | np.ndarray) and value.size == 1 else value
+        if not isinstance(plain, str | int | float | bool | None):
+            raise DriveError(f"environment '{self._id}': info '{path}' is a {type(plain).__name__}, no plain value")
+        return None if isinstance(plain, float) and not math.isfinite(plain) else plain
+
+
+def _number(value: object) -> float:
+    return float(value) if isinstance(value, int | float) else 0.0
+
+
+def _words(error: BaseException) -> str:
+    return " ".join(f"{type(error).__name__}: {error}".split())[:_LONGEST_WORDS]
+
+
+def _feed(update: Callable[[bytes], object], value: object) -> None:
+    """Feed plain values and arrays, however nested, to a digest."""
+    if isinstance(value, np.ndarray):
+        update(f"{value.dtype.str}{value.shape}".encode())
+        update(np.ascontiguousarray(value).tobytes())
+    elif isinstance(value, Mapping):
+        for key in sorted(value, key=str):
+            _feed(update, key)
+            _feed(update, value[key])
+    elif isinstance(value, Sequence) and not isinstance(value, str | bytes):
+        update(f"[{len(value)}".encode())
+        for one in value:
+            _feed(update, one)
+    else:
+        update(f"{type(value).__name__}:{value!r}\n".encode())

@@ -1,0 +1,37 @@
+"""Obstacles on a road of three tracks, for any vehicle with a forward camera: layouts, pictures, truth and banks."""
+
+from eyechart.simulators.road.bank import build_bank
+from eyechart.simulators.road.drive import RoadDrive
+from eyechart.simulators.road.layout import FAMILIES, GOAL_M, ROAD_HALF_M, TRACKS_M, Layout, Obstacle, make_layout
+from eyechart.simulators.road.picture import SCENERY, cylinders, draw, lens_of, road_of
+from eyechart.simulators.road.staging import Vehicle, stage
+from eyechart.simulators.road.truth import find_lead, gap_to, read_scene, read_truth
+from eyechart.simulators.road.world import DECISION_S, MIDDLE, TIME_S, AnyWorld, World
+
+__all__ = [
+    "DECISION_S",
+    "FAMILIES",
+    "GOAL_M",
+    "MIDDLE",
+    "ROAD_HALF_M",
+    "SCENERY",
+    "TIME_S",
+    "TRACKS_M",
+    "AnyWorld",
+    "Layout",
+    "Obstacle",
+    "RoadDrive",
+    "Vehicle",
+    "World",
+    "build_bank",
+    "cylinders",
+    "draw",
+    "find_lead",
+    "gap_to",
+    "lens_of",
+    "make_layout",
+    "read_scene",
+    "read_truth",
+    "road_of",
+    "stage",
+]

@@ -1,0 +1,54 @@
+"""What a vehicle's forward camera shows of a world."""
+
+from functools import cache
+
+from eyechart.frames import RGB
+from eyechart.perception.forward import ROVER, VIEWS, Colour, View
+from eyechart.simulators.camera import Camera, Cylinder, Eye, Lens, Road
+from eyechart.simulators.road.layout import FAMILIES, Layout
+from eyechart.simulators.road.world import AnyWorld
+
+PAINTS: tuple[Colour, ...] = ((216, 84, 24), (190, 40, 130), (40, 70, 200))
+"""The obstacles' colours: orange, magenta, blue."""
+
+SCENERY = dict(zip(FAMILIES, ROVER.verges, strict=True))
+"""What lies beside the road of each family: the one cue by which a picture tells its scenario."""
+
+
+def draw(world: AnyWorld, *, red: bool = False) -> RGB:
+    """Return the picture of the vehicle's view, uint8; its own hood is red after a crash, or where it is painted so."""
+    state, view = world.state, world.view
+    hood = view.bodies["red" if red or world.crashed else "green"]
+    eye = Eye(state.x, state.y, view.eye_m, state.yaw)
+    return camera_of(world.layout.family, world.vehicle).draw(eye, cylinders(world.layout), hood=hood)
+
+
+def cylinders(layout: Layout) -> list[Cylinder]:
+    """Return a layout's obstacles as bodies in their paint."""
+    return [Cylinder(one.x, one.y, one.radius, one.height, PAINTS[one.paint]) for one in layout.obstacles]
+
+
+def lens_of(view: View) -> Lens:
+    """Return the lens of a view."""
+    return Lens(view.width, view.height, view.focal_px, view.horizon)
+
+
+def road_of(family: str, view: View) -> Road:
+    """Return the road of a family as a view has it."""
+    return Road(
+        half_width=view.half_width_m,
+        dashed=view.dashed_m,
+        mark=view.mark_m,
+        dash=view.dash_m,
+        period=view.period_m,
+        surface=view.surface,
+        verge=view.verges[SCENERY[family]],
+        zenith=view.zenith,
+    )
+
+
+@cache
+def camera_of(family: str, vehicle: str) -> Camera:
+    """Return the camera of a vehicle on the road of a family."""
+    view = VIEWS[vehicle]
+    return Camera(lens_of(view), road_of(family, view))

@@ -1,0 +1,177 @@
+"""Staged moments: a vehicle on one of three tracks, with the lead and the sides placed by a balanced plan.
+
+Beyond them stand obstacles as the family has them. Each moment is a world of its own, so no gap closes with time.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from eyechart.errors import BankError
+from eyechart.frames import RGB
+from eyechart.seeds import key_seed
+from eyechart.simulators.banks import Moment
+from eyechart.simulators.plan import Bands, Lanes, Wish, make_plan
+from eyechart.simulators.road.layout import GOAL_M, TRACKS_M, Layout, Obstacle, new_obstacle
+from eyechart.simulators.road.picture import draw
+from eyechart.simulators.road.truth import find_lead, gap_to, read_scene, read_truth
+from eyechart.simulators.road.world import AnyWorld
+
+GAPS = Bands(near=(2.6, 2.0), close=(5.4, 2.2), middle=(8.4, 6.2), far=(15.6, 11.0), beyond=(33.0, 12.0))
+"""About 5, 8 and 15 m, and what is seen 30 m away."""
+
+NEAR_M = (2.6, 4.4)
+FAR_M = (18.0, 27.0)
+"""Where ``lead_near`` and ``lead_far`` put the lead, from the vehicle's middle to the lead's near side."""
+
+_LANES = Lanes(count=len(TRACKS_M), ego=tuple(range(len(TRACKS_M))))
+_LEAST_MOVE_M = 0.6
+_OFF_TRACK_M = 0.2
+_LEAN_M = 0.35
+_BESIDE_M = (3.0, 14.0)
+_OFF_SIDE_M = 0.2
+_BEYOND_M = (17.5, 45.0)
+_CLEARANCE_M = 0.05
+_LEAST_SEEN = 0.5
+_LEAST_SPEED_MPS = 1.0
+_TRIES = 200
+_SURROUNDINGS = {"offset": 1, "single": 0, "slalom": 2, "gate": 4, "clutter": 6}
+"""How many obstacles stand farther away than anything that matters; those of a gate in pairs."""
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """What staging has to know of a vehicle.
+
+    ``place(layout, pose, speed, track)`` puts it into a layout, at a pose (x, y, yaw). It may be turned by ``most_yaw``
+    rad to either side, and be as fast as ``most_mps``. ``view`` names its view, and with it the seeds of its moments.
+    """
+
+    view: str
+    place: Callable[[Layout, tuple[float, float, float], float, int], AnyWorld]
+    most_yaw: float
+    most_mps: float
+
+
+def stage(vehicle: Vehicle, scenario: str, seed: int, steps: int) -> Iterator[Moment]:
+    """Yield the moments of one episode."""
+    rng = np.random.default_rng(key_seed(vehicle.view, "balanced", scenario, seed))
+    for wish in make_plan(_LANES, GAPS, steps, rng):
+        yield record(_set_up(vehicle, scenario, wish, rng), rng)
+
+
+def record(world: AnyWorld, rng: np.random.Generator) -> Moment:
+    """Return a world's moment with the lead near, the lead far, and the own hood repainted."""
+    pictures = {
+        "lead_near": _draw_with_lead_at(world, _other_gap(world, NEAR_M, rng)),
+        "lead_far": _draw_with_lead_at(world, _other_gap(world, FAR_M, rng)),
+        "recoloured": draw(world, red=True),
+    }
+    drawn = {name: picture for name, picture in pictures.items() if picture is not None}
+    return Moment(truth=read_truth(world), picture=draw(world), counterfactuals=drawn)
+
+
+def _other_gap(world: AnyWorld, bounds: tuple[float, float], rng: np.random.Generator) -> float:
+    """Return a gap within bounds that differs visibly from the one there is."""
+    lead = find_lead(world)
+    while True:
+        gap_m = float(rng.uniform(*bounds))
+        if lead is None or abs(gap_m - gap_to(world, lead)) >= _LEAST_MOVE_M:
+            return gap_m
+
+
+def _draw_with_lead_at(world: AnyWorld, gap_m: float) -> RGB | None:
+    """Return the picture with the lead at this gap, or None where there is no lead or something stands there."""
+    lead = find_lead(world)
+    if lead is None:
+        return None
+    moved = replace(lead, x=world.state.x + gap_m + lead.radius)
+    others = [one for one in world.layout.obstacles if one is not lead]
+    if any(_overlap(moved, one) for one in others):
+        return None
+    return draw(replace(world, layout=replace(world.layout, obstacles=(moved, *others))))
+
+
+def _set_up(vehicle: Vehicle, scenario: str, wish: Wish, rng: np.random.Generator) -> AnyWorld:
+    """Return a world that holds what is wished for."""
+    track = len(TRACKS_M) - 1 - wish.lane
+    for _ in range(_TRIES):
+        x, y = float(rng.uniform(0.0, GOAL_M)), TRACKS_M[track] + float(rng.uniform(-_OFF_TRACK_M, _OFF_TRACK_M))
+        yaw = float(rng.uniform(-vehicle.most_yaw, vehicle.most_yaw))
+        speed = float(rng.uniform(_LEAST_SPEED_MPS, vehicle.most_mps))
+        needed = [_lead(x, track, wish, rng), *_sides(x, track, wish, rng)]
+        layout = Layout(scenario, (*needed, *_surroundings(scenario, x, track, rng)))
+        world = vehicle.place(layout, (x, y, yaw), speed, track)
+        if _holds(world, wish) and _stand_apart(world.layout.obstacles) and _are_seen(world, needed):
+            return world
+    raise BankError(f"no moment with a gap of {wish.gap_m:.1f} m could be staged; give another seed")
+
+
+def _holds(world: AnyWorld, wish: Wish) -> bool:
+    """Return whether a world is the one that was wished for, as far as its picture reaches."""
+    scene = read_scene(world)
+    seen = wish.gap_m < world.view.view_ahead_m
+    as_wished = scene.gap_m is not None and math.isclose(scene.gap_m, wish.gap_m, abs_tol=1e-6)
+    return (scene.left_clear, scene.right_clear) == wish.sides and (as_wished if seen else scene.gap_m is None)
+
+
+def _lead(x: float, track: int, wish: Wish, rng: np.random.Generator) -> Obstacle:
+    """Return the lead, a little beside the middle of the own track."""
+    across = TRACKS_M[track] + float(rng.uniform(-_LEAN_M, _LEAN_M))
+    lead = new_obstacle(0.0, across, rng)
+    return replace(lead, x=x + wish.gap_m + lead.radius)
+
+
+def _sides(x: float, track: int, wish: Wish, rng: np.random.Generator) -> list[Obstacle]:
+    """Return what blocks the sides that are not to be clear."""
+    found = []
+    for beside, clear in zip((track + 1, track - 1), wish.sides, strict=True):
+        if not clear and 0 <= beside < len(TRACKS_M):
+            across = TRACKS_M[beside] + float(rng.uniform(-_OFF_SIDE_M, _OFF_SIDE_M))
+            found.append(new_obstacle(x + float(rng.uniform(*_BESIDE_M)), across, rng))
+    return found
+
+
+def _surroundings(scenario: str, x: float, track: int, rng: np.random.Generator) -> list[Obstacle]:
+    """Return obstacles on the other tracks, too far away to matter."""
+    others = [one for one in range(len(TRACKS_M)) if one != track]
+    found: list[Obstacle] = []
+    for number in range(_SURROUNDINGS[scenario]):
+        beside = others[number % 2] if scenario in {"slalom", "gate"} else others[int(rng.integers(2))]
+        pair = scenario == "gate" and number % 2
+        there = found[-1].x if pair else x + float(rng.uniform(*_BEYOND_M))
+        across = TRACKS_M[beside] + float(rng.uniform(-_OFF_SIDE_M, _OFF_SIDE_M))
+        found.append(new_obstacle(there, across, rng))
+    return found
+
+
+def _overlap(one: Obstacle, other: Obstacle) -> bool:
+    return math.hypot(one.x - other.x, one.y - other.y) < one.radius + other.radius + _CLEARANCE_M
+
+
+def _stand_apart(obstacles: Sequence[Obstacle]) -> bool:
+    """Return whether no two obstacles touch."""
+    return not any(_overlap(one, other) for n, one in enumerate(obstacles) for other in obstacles[:n])
+
+
+def _are_seen(world: AnyWorld, needed: Sequence[Obstacle]) -> bool:
+    """Return whether the camera sees at least half of the width of each of these that it reaches to."""
+    spans = [(_away(world, one), *_span(world, one)) for one in world.layout.obstacles]
+    for away, low, high in spans[: len(needed)]:
+        hidden = sum(max(min(high, top) - max(low, bottom), 0.0) for nearer, bottom, top in spans if nearer < away)
+        if hidden > (1 - _LEAST_SEEN) * (high - low):
+            return False
+    return True
+
+
+def _away(world: AnyWorld, one: Obstacle) -> float:
+    return math.hypot(one.x - world.state.x, one.y - world.state.y)
+
+
+def _span(world: AnyWorld, one: Obstacle) -> tuple[float, float]:
+    """Return the bearings between which an obstacle is seen."""
+    bearing = math.atan2(one.y - world.state.y, one.x - world.state.x)
+    half = math.asin(min(one.radius / _away(world, one), 1.0))
+    return bearing - half, bearing + half

@@ -1,0 +1,93 @@
+"""Ground truth is read from a world's geometry, never from its picture."""
+
+from collections.abc import Iterable
+
+from eyechart.frames import Scalar
+from eyechart.perception.scene import Scene, safe_action
+from eyechart.simulators.road.layout import TRACKS_M, Obstacle
+from eyechart.simulators.road.world import AnyWorld
+
+
+def gap_to(world: AnyWorld, obstacle: Obstacle) -> float:
+    """Return how far ahead of the vehicle's middle an obstacle's near side is, in metres along the road, 0 or more."""
+    return max(obstacle.x - obstacle.radius - world.state.x, 0.0)
+
+
+def blocks(world: AnyWorld, obstacle: Obstacle, track: int) -> bool:
+    """Return whether an obstacle reaches into a track's corridor: the vehicle and its margin to both sides."""
+    return abs(obstacle.y - TRACKS_M[track]) < obstacle.radius + world.view.beside_m
+
+
+def ahead(world: AnyWorld) -> list[Obstacle]:
+    """Return the obstacles whose middle is ahead of the vehicle's."""
+    return [one for one in world.layout.obstacles if one.x > world.state.x]
+
+
+def find_lead(world: AnyWorld) -> Obstacle | None:
+    """Return the nearest obstacle ahead that blocks the corridor of the own track, or None."""
+    return _nearest(world, (one for one in ahead(world) if blocks(world, one, world.track)))
+
+
+def read_scene(world: AnyWorld) -> Scene:
+    """Return what a controller with perfect eyes would know; an obstacle beyond the view is none."""
+    lead = find_lead(world)
+    gap_m = None if lead is None else gap_to(world, lead)
+    return Scene(
+        gap_m=gap_m if gap_m is not None and gap_m < world.view.view_ahead_m else None,
+        left_clear=_is_clear(world, world.track + 1),
+        right_clear=_is_clear(world, world.track - 1),
+        distances=world.view.distances,
+    )
+
+
+def _is_clear(world: AnyWorld, track: int) -> bool:
+    """Return whether a track exists and nothing blocks it from beside the vehicle to ``ahead_m`` before it."""
+    if not 0 <= track < len(TRACKS_M):
+        return False
+    x, distances = world.state.x, world.view.distances
+    return not any(
+        blocks(world, one, track)
+        and one.x + one.radius > x - distances.behind_m
+        and one.x - one.radius <= x + distances.ahead_m
+        for one in world.layout.obstacles
+    )
+
+
+def read_truth(world: AnyWorld) -> dict[str, Scalar]:
+    """Return the ground truth of a world as it stands; None means that there is none.
+
+    ``lead_gap_m`` is exact also beyond what is seen, where ``lead_visible`` is False. ``demand`` is what the safety
+    policy asks for. ``track`` counts from the left, of three; ``nearest_side`` is where the nearest obstacle ahead
+    stands as seen from the own corridor.
+    """
+    lead, scene, state = find_lead(world), read_scene(world), world.state
+    gap_m = None if lead is None else gap_to(world, lead)
+    return {
+        "lead_gap_m": gap_m,
+        "lead_visible": gap_m is not None and gap_m < world.view.view_ahead_m,
+        "left_clear": scene.left_clear,
+        "right_clear": scene.right_clear,
+        "demand": safe_action(scene),
+        "nearest_side": _nearest_side(world),
+        "track": len(TRACKS_M) - 1 - world.track,
+        "speed_mps": state.speed,
+        "crashed": world.crashed,
+        "x_m": state.x,
+        "y_m": state.y,
+        "yaw": state.yaw,
+    }
+
+
+def _nearest_side(world: AnyWorld) -> str | None:
+    """Return left, right or centre; None where nothing stands ahead within sight."""
+    seen = (one for one in ahead(world) if gap_to(world, one) < world.view.view_ahead_m)
+    nearest = _nearest(world, seen)
+    if nearest is None:
+        return None
+    if blocks(world, nearest, world.track):
+        return "centre"
+    return "left" if nearest.y > TRACKS_M[world.track] else "right"
+
+
+def _nearest(world: AnyWorld, obstacles: Iterable[Obstacle]) -> Obstacle | None:
+    return min(obstacles, key=lambda one: (gap_to(world, one), abs(one.y - TRACKS_M[world.track])), default=None)

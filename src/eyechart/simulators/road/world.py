@@ -1,0 +1,97 @@
+"""A world under way: a vehicle among a layout's obstacles, the track it was asked to follow, and how a drive ends."""
+
+import struct
+from dataclasses import dataclass, replace
+from typing import ClassVar, Generic, Protocol, Self, TypeVar
+
+from eyechart.perception.forward import VIEWS, View
+from eyechart.simulators.road.layout import GOAL_M, TRACKS_M, Layout
+
+DECISION_S = 1.0
+TIME_S = 40.0
+MIDDLE = len(TRACKS_M) // 2
+
+
+class State(Protocol):
+    """Where a vehicle is, how it is turned, and how fast it goes, in m, rad and m/s."""
+
+    @property
+    def x(self) -> float:
+        """Return how far along the road it is."""
+        ...
+
+    @property
+    def y(self) -> float:
+        """Return how far to the left of the road's middle it is."""
+        ...
+
+    @property
+    def yaw(self) -> float:
+        """Return how far it is turned to the left."""
+        ...
+
+    @property
+    def speed(self) -> float:
+        """Return how fast it goes."""
+        ...
+
+    def mirrored(self) -> Self:
+        """Return the state in the mirrored world."""
+        ...
+
+    def numbers(self) -> tuple[float, ...]:
+        """Return all that the state consists of."""
+        ...
+
+
+S_co = TypeVar("S_co", bound=State, covariant=True)
+
+
+@dataclass(frozen=True)
+class World(Generic[S_co]):
+    """A vehicle's state in a layout, the track it was last asked to follow, and how many seconds have passed.
+
+    ``vehicle`` names the view of the vehicle's camera.
+    """
+
+    vehicle: ClassVar[str]
+
+    layout: Layout
+    state: S_co
+    track: int = MIDDLE
+    seconds: float = 0.0
+    crashed: bool = False
+
+    @property
+    def view(self) -> View:
+        """Return what is known of the vehicle's camera, and with it of the vehicle."""
+        return VIEWS[self.vehicle]
+
+    @property
+    def ended(self) -> str | None:
+        """Return why the drive is over, None while it goes on."""
+        if self.crashed:
+            return "crash"
+        if self.state.x >= GOAL_M:
+            return "goal"
+        return "time" if self.seconds >= TIME_S else None
+
+    def mirrored(self) -> Self:
+        """Return the mirrored world."""
+        return replace(
+            self,
+            layout=self.layout.mirrored(),
+            state=self.state.mirrored(),
+            track=len(TRACKS_M) - 1 - self.track,
+        )
+
+    def as_bytes(self) -> bytes:
+        """Return the state of the world as bytes: numbers as they are, obstacles too."""
+        numbers = [*self.state.numbers(), self.seconds, float(self.track), float(self.crashed)]
+        for one in self.layout.obstacles:
+            numbers += [one.x, one.y, one.radius, one.height]
+        return struct.pack(f"<{len(numbers)}d", *(number + 0.0 for number in numbers))
+
+
+AnyWorld = World[State]
+"""The world of any vehicle."""

@@ -1,0 +1,170 @@
+"""Worlds are vetted before a model drives in them: the picture must be whole, and the scene be read from it.
+
+Source: paper, section Constructive renderer-calibrated controller (renderer-integrity and positive-control checks).
+"""
+
+import json
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from eyechart.conditions import flip
+from eyechart.errors import BankError, LedgerError, SpecError
+from eyechart.frames import RGB, Scalar, encode
+from eyechart.models.scripted import see
+from eyechart.perception.estimate import Estimate
+from eyechart.perception.scene import Scene
+from eyechart.perception.view import View
+from eyechart.simulators import Simulator, open_simulator
+
+VETTING = "vetting.json"
+GAP_ERROR_M = 0.1
+"""Half a pixel of highway-env's picture is 0.091 m."""
+
+SIDES_RIGHT = 0.9
+"""Between two lanes a side may be read and told differently for a moment."""
+
+_MOST_STEPS = 1000
+_SEEDS_TRIED = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Vetted:
+    """What the positive control met when it drove in a world.
+
+    ``why`` is None where the world passes. ``frames`` were checked, ``ended`` is how its drive ended, ``actions``
+    counts its decisions, ``gap_mae_m`` is its error over the frames with a lead in the picture, None without one.
+    """
+
+    scenario: str
+    seed: int
+    frames: int
+    ended: str
+    actions: Mapping[str, int]
+    gap_mae_m: float | None
+    why: str | None = None
+
+
+@dataclass
+class _Checks:
+    """What is found frame by frame; ``failed`` is the first fault that fails a world."""
+
+    frames: int = 0
+    errors_m: list[float] = field(default_factory=list)
+    actions: Counter[str] = field(default_factory=Counter)
+    sides_right: int = 0
+    failed: str | None = None
+
+    def look(self, pixels: RGB, truth: Mapping[str, Scalar], view: View | None, axis: str) -> str | None:
+        """Check one frame as a model is shown it; return the safe action of what was read, None where nothing was."""
+        self.frames += 1
+        sides = (pixels, flip(pixels, axis))
+        shown, reflected = (np.ascontiguousarray(one if view is None else view.show(one)) for one in sides)
+        reading, mirrored = see(encode(shown)).reading, see(encode(reflected)).reading
+        if reading is None:
+            self._fail("renderer integrity: no road with a vehicle is seen")
+            return None
+        scene = reading.scene
+        if mirrored is None or mirrored.scene != scene.mirrored():
+            self._fail("positive control: the reflection is read differently")
+        self._compare(scene, truth)
+        action = Estimate.of(scene).act(scene.distances)
+        self.actions[action] += 1
+        return action
+
+    def _compare(self, scene: Scene, truth: Mapping[str, Scalar]) -> None:
+        told = truth["lead_gap_m"] if truth.get("lead_visible") is not False else None
+        if isinstance(told, bool | str):
+            raise SpecError(f"the world tells the gap {told!r}, which is no number")
+        if (told is None) != (scene.gap_m is None):
+            self._fail("positive control: a lead is read and not there, or there and not read")
+        elif told is not None and scene.gap_m is not None:
+            self.errors_m.append(abs(scene.gap_m - told))
+            if self.errors_m[-1] > GAP_ERROR_M:
+                self._fail(f"positive control: the gap is read {self.errors_m[-1]:.2f} m off")
+        self.sides_right += (scene.left_clear, scene.right_clear) == (truth["left_clear"], truth["right_clear"])
+
+    def _fail(self, why: str) -> None:
+        self.failed = self.failed or f"frame {self.frames - 1}: {why}"
+
+
+def vet(simulator: Simulator, scenario: str, seed: int, view: View | None) -> Vetted:
+    """Let the positive control drive in a world and check every frame that it is shown.
+
+    Renderer integrity: the picture is one that the view is for, shows something, and is a road with the own vehicle.
+    Positive control: the lead is read within 0.1 m of the truth at every frame, its sides right on 90 % of them, and
+    the reflection exactly alike.
+    """
+    checks, ended = _Checks(), "time"
+    drive = simulator.drive(scenario, seed)
+    try:
+        while checks.frames < _MOST_STEPS:
+            pixels = drive.picture()
+            if (pixels == pixels[0, 0]).all():
+                checks.failed = f"frame {checks.frames}: renderer integrity: the picture has one colour"
+                break
+            action = checks.look(pixels, drive.truth(), view, simulator.mirror_axis)
+            if action is None:
+                break
+            moved = drive.step(action)
+            if moved.ended is not None:
+                ended = moved.ended
+                break
+    except (BankError, KeyError) as error:
+        checks.failed = f"frame {checks.frames}: renderer integrity: {error}"
+    finally:
+        drive.close()
+    if checks.failed is None and checks.sides_right < SIDES_RIGHT * checks.frames:
+        checks.failed = f"positive control: the sides are read right on {checks.sides_right} of {checks.frames} frames"
+    error_m = float(np.mean(checks.errors_m)) if checks.errors_m else None
+    return Vetted(scenario, seed, checks.frames, ended, dict(checks.actions), error_m, checks.failed)
+
+
+def vet_worlds(
+    name: str, episodes: int, view: View | None, progress: Callable[[int, int], None] | None = None
+) -> tuple[Vetted, ...]:
+    """Vet worlds of every scenario in turn, seed by seed, until ``episodes`` of them pass; all that were tried.
+
+    Raises SpecError where so many do not pass within ten seeds a scenario.
+    """
+    simulator = open_simulator(name)
+    share, rest = divmod(episodes, len(simulator.scenarios))
+    found: list[Vetted] = []
+    for number, scenario in enumerate(simulator.scenarios):
+        wanted = share + (number < rest)
+        for seed in range(_SEEDS_TRIED):
+            if wanted == 0:
+                break
+            found.append(vet(simulator, scenario, seed, view))
+            wanted -= found[-1].why is None
+            if progress is not None:
+                progress(sum(one.why is None for one in found), episodes)
+        if wanted:
+            why = next(one.why for one in reversed(found) if one.why)
+            raise SpecError(
+                f"'{name}' has too few worlds of '{scenario}' that pass the checks, among seeds 0 to "
+                f"{_SEEDS_TRIED - 1}; the last failed at {why}"
+            )
+    return tuple(found)
+
+
+def write_vetting(out: Path, vetted: tuple[Vetted, ...]) -> None:
+    """Write which worlds were tried, and how they came out, into the run's folder."""
+    out.mkdir(parents=True, exist_ok=True)
+    partial = out / f".{VETTING}"
+    partial.write_text(json.dumps([asdict(one) for one in vetted], indent=1) + "\n", encoding="utf-8")
+    partial.replace(out / VETTING)
+
+
+def read_vetting(out: Path) -> tuple[Vetted, ...] | None:
+    """Return the vetting of a run's folder, None where there is none; raises LedgerError where it is none."""
+    file = out / VETTING
+    if not file.is_file():
+        return None
+    try:
+        return tuple(Vetted(**one) for one in json.loads(file.read_text(encoding="utf-8")))
+    except (ValueError, TypeError) as error:
+        raise LedgerError(f"{file} is no record of vetted worlds: {error}") from error

@@ -1,0 +1,94 @@
+"""``eyechart run closed-loop``: its words, its exit codes, and what it prints where."""
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+import tiny_worlds
+from eyechart import cli
+from eyechart.simulators import SIMULATORS
+
+LOOK = "python:tiny_worlds:look"
+
+
+class Said(NamedTuple):
+    """What a command returned and printed."""
+
+    code: object
+    out: str
+    err: str
+
+
+Drive = Callable[..., Said]
+
+
+@pytest.fixture
+def drive(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Drive:
+    """Return the command as a function of its words, in the tiny worlds."""
+    for name, place in tiny_worlds.SIMULATORS.items():
+        monkeypatch.setitem(SIMULATORS, name, place)
+
+    def run(*words: object) -> Said:
+        command = ["eyechart", "run", "closed-loop", "--simulator", "tiny", "--out", tmp_path / "run"]
+        monkeypatch.setattr(sys, "argv", [str(word) for word in [*command, "--processes", 1, *words]])
+        with pytest.raises(SystemExit) as left:
+            cli.main()
+        return Said(left.value.code, *capsys.readouterr())
+
+    return run
+
+
+def test_a_plan_is_printed_and_driven_and_driven_no_more(drive: Drive, tmp_path: Path) -> None:
+    """First the plan alone; then a row for each policy and condition; then nothing is left to do."""
+    words = ("--policy", LOOK, "--policy", "oracle", "--scenarios", "whole", "--seeds", "3,5")
+    words += ("--condition", "real", "--condition", "blank")
+    planned = drive(*words, "--dry-run")
+    assert (planned.code, planned.out) == (0, "")
+    assert "2 policies × 1 scenario × 2 seeds × 2 conditions: 8 episodes, 0 finished, 8 to drive" in planned.err
+    assert f"{LOOK}: 48 calls, tokens unknown" in planned.err
+    assert not (tmp_path / "run").exists()
+    driven = drive(*words)
+    assert driven.code == 0
+    assert "means over episodes" in driven.out
+    again = drive(*words, "--json")
+    assert again.code == 0
+    assert "8 finished, 0 to drive" in again.err
+    rows = {(row["policy"], row["condition"]): row for row in json.loads(again.out)["rows"]}
+    assert rows[LOOK, "real"] == {**rows["oracle", "real"], "policy": LOOK}
+    assert (rows[LOOK, "real"]["crash_rate"], rows[LOOK, "blank"]["crash_rate"]) == (0.0, 1.0)
+
+
+def test_an_episode_in_error_and_a_limit_have_exit_codes_of_their_own(drive: Drive) -> None:
+    """1 with the first error in words; 3 with what is left; the other episodes stand."""
+    failed = drive("--policy", "oracle", "--scenarios", "whole,black", "--seeds", 1, "--json")
+    assert failed.code == 1
+    assert "1 episodes ended in an error, first oracle in tiny/black/0: SpecError: the camera shows black" in failed.err
+    (row,) = json.loads(failed.out)["rows"]
+    assert (row["episodes"], row["errors"], row["crash_rate"]) == (1, 1, 0.0)
+    cut = drive("--policy", LOOK, "--scenarios", "whole", "--seeds", 2, "--max-calls", 4)
+    assert cut.code == 3
+    assert "4 calls were sent, and --max-calls is 4" in cut.err
+    assert "a higher limit resumes" in cut.err
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--policy", "pilot"), "unknown policy 'pilot'; known are constant, random"),
+        (("--policy", "oracle", "--seeds", "x"), "a number of worlds, or seeds with commas"),
+        (("--policy", "oracle", "--engine", "cloud"), "unknown engine 'cloud'; known are local, ray"),
+        (("--policy", "oracle", "--max-tokens", "5"), "would change no model"),
+        (("--policy", "oracle", "--actions", "map.toml"), "has actions of its own"),
+        ((), "at least one --policy"),
+    ],
+)
+def test_bad_words_are_one_line_and_exit_2(drive: Drive, words: tuple[str, ...], message: str) -> None:
+    """And nothing is written."""
+    said = drive(*words)
+    assert said.code == 2
+    assert message in said.err
+    assert "Traceback" not in said.err

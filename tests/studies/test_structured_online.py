@@ -1,0 +1,76 @@
+"""The online run: worlds are vetted, then estimators drive in those that passed, and nothing is credited to silence."""
+
+from pathlib import Path
+
+import pytest
+
+import short_worlds
+from eyechart import cli, simulators
+from eyechart.episodes import read_episodes
+from eyechart.errors import LedgerError, SpecError
+from eyechart.perception.view import VIEWS
+from eyechart.simulators import open_simulator
+from eyechart.studies.structured import online
+from eyechart.studies.structured.vetting import vet
+
+CONTROL = "scripted:scene_positive_control"
+BLIND = "scripted:scene_silent_when_free"
+
+
+@pytest.fixture(autouse=True)
+def _short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Register the short worlds, whose pictures are highway's."""
+    for name, place in short_worlds.SIMULATORS.items():
+        monkeypatch.setitem(simulators.SIMULATORS, name, place)
+        monkeypatch.setitem(VIEWS, name, VIEWS["highway"])
+
+
+def test_estimators_drive_in_worlds_that_pass_and_as_they_were_vetted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A dark world is refused by name and another takes its place; the control drives as in its vetting."""
+    out = tmp_path / "run"
+    words = ["eyechart", "run", "online", "--simulator", "short", "--episodes", "1", "--out", str(out)]
+    monkeypatch.setattr("sys.argv", [*words, "--model", CONTROL, "--model", BLIND])
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    told = capsys.readouterr().err
+    assert left.value.code == 0
+    assert "refused: merge/0: frame 3: renderer integrity: the picture has one colour" in told
+    assert "2 episodes in worlds that pass the checks, 2 to drive" in told
+    scored = online.score(out)
+    assert scored.as_dict()["worlds"] == ["merge/1"]
+    vetting, control, blind = (scored.driven[name] for name in (online.CONTROL, CONTROL, BLIND))
+    assert control.decisions == vetting.decisions
+    assert (control.crash_rate.value, control.crash_rate.n) == (vetting.crash_rate.value, 1)
+    assert control.fail_safe == 0
+    assert blind.fail_safe > 0
+    for episode in read_episodes(out):
+        silent = [step for step in episode.steps if step.decision.action is None]
+        assert all((step.executed_action, step.decision.missing) == ("SLOW", "unparsed") for step in silent)
+    monkeypatch.setattr("eyechart.studies.structured.online.vet_worlds", None)
+    assert len(online.plan("short", [CONTROL, BLIND], out, episodes=1).episodes.left()) == 0
+    monkeypatch.setattr("sys.argv", ["eyechart", "score", str(out)])
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    printed = capsys.readouterr().out
+    assert left.value.code == 0
+    for part in ("online in short: 1 of 2 worlds pass the checks", online.CONTROL, "fail-safe", "refused: merge/0"):
+        assert part in printed
+
+
+def test_a_world_that_tells_what_is_not_in_the_picture_fails_the_positive_control() -> None:
+    """The check is of the truth against the pixels, at every frame."""
+    found = vet(open_simulator("off"), "merge", 1, VIEWS["highway"])
+    assert found.why is not None
+    assert "positive control: the gap is read 0.2" in found.why
+
+
+def test_too_few_worlds_and_no_run_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the last world's fault in words, before anything is written."""
+    monkeypatch.setattr("eyechart.studies.structured.vetting._SEEDS_TRIED", 1)
+    with pytest.raises(SpecError, match=r"too few worlds of 'merge' that pass.*renderer integrity"):
+        online.plan("short", [CONTROL], tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+    with pytest.raises(LedgerError, match="holds no online run"):
+        online.score(tmp_path)
