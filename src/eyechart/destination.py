@@ -28,12 +28,18 @@ def _is_film(path: Path) -> bool:
     return head.startswith(b"GIF8") or head[4:8] == b"ftyp" or GENERATOR in head
 
 
+def _is_guardian(path: Path) -> bool:
+    with path.open("rb") as file:
+        return b'"eyechart-guardian' in file.read(_HEAD)
+
+
 KINDS: dict[str, Callable[[Path], bool]] = {
     "report": _is_report,
     "film": _is_film,
     "bundle": zipfile.is_zipfile,
     "request mode": lambda path: path.suffix.lower() == ".toml",
     "JUnit file": lambda path: path.suffix.lower() == ".xml",
+    "guardian": _is_guardian,
 }
 """What is written, each with the files that it may take the place of."""
 

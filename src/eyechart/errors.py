@@ -35,3 +35,11 @@ class BundleError(EyechartError):
 
 class StateError(EyechartError):
     """A vehicle's state or target is no number, so that nothing can be planned from it."""
+
+
+class VoteError(EyechartError):
+    """A table of votes is not what it must be."""
+
+
+class GuardianError(EyechartError):
+    """A guardian was edited, or is asked about frames or by models that it may not be asked about."""

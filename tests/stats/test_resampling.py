@@ -1,5 +1,6 @@
 import itertools
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -183,3 +184,21 @@ def test_sums_that_are_not_finite_are_refused() -> None:
     """The error says what the rows are."""
     with pytest.raises(ValueError, match="one row per episode"):
         resampling.cluster_bootstrap([[math.nan, 1.0]], seed=0)
+
+
+@pytest.mark.parametrize("enumerate_up_to", [2_000_000, 0])
+def test_several_statistics_of_one_set_of_resamples_are_as_one_by_one(enumerate_up_to: int) -> None:
+    """Also where one of them is undefined in some resamples, constant, or undefined on the episodes."""
+    dice = np.random.default_rng(11)
+    sums = np.column_stack([dice.integers(0, 20, 9), dice.integers(1, 3, 9) * 20, dice.integers(0, 2, 9), np.zeros(9)])
+
+    def ratio(top: int, bottom: int) -> Callable[[np.ndarray], np.ndarray]:
+        return lambda added: resampling.ratio_of_sums(added[:, [top, bottom]])
+
+    statistics = {"rate": ratio(0, 1), "sparse": ratio(0, 2), "one": ratio(1, 1), "never": ratio(0, 3)}
+    how = {"seed": 4, "enumerate_up_to": enumerate_up_to}
+    together = resampling.cluster_bootstraps(sums, statistics, **how)
+    for name, statistic in statistics.items():
+        alone = resampling.cluster_bootstrap(sums, statistic, **how)
+        assert (together[name].value, together[name].ci, together[name].detail) == (alone.value, alone.ci, alone.detail)
+        assert together[name].method.startswith(alone.method)

@@ -13,6 +13,7 @@ from eyechart.cli import (
     demo,
     driving,
     frames,
+    guarding,
     intending,
     listing,
     probing,
@@ -21,6 +22,7 @@ from eyechart.cli import (
     results,
     running,
     scenes,
+    serving,
 )
 
 app = typer.Typer(
@@ -52,6 +54,8 @@ app.command()(comparing.compare)
 app.command()(comparing.transfer)
 app.command()(calibrating.plan)
 app.command()(calibrating.calibrate)
+app.add_typer(guarding.app, name="guardian")
+app.command()(serving.serve)
 app.command()(reporting.report)
 app.command()(auditing.ladder)
 app.command()(auditing.audit)

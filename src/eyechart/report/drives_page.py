@@ -8,11 +8,12 @@ from markupsafe import Markup
 
 from eyechart import __version__
 from eyechart.manifest import RUN
+from eyechart.report.assets import asset, environment, policy
 from eyechart.report.browser import embedded_json
 from eyechart.report.drawing import Drawing
 from eyechart.report.drives_browser import PICTURED, Tell, drives_data
 from eyechart.report.drives_figures import drives_figures
-from eyechart.report.page import Page, asset, environment, policy
+from eyechart.report.page import Page
 from eyechart.report.rungs import NAMES, degeneracy_words, paper_words, share, shown
 from eyechart.report.tables import number, p_value
 from eyechart.studies.closed_loop import Blind, ClosedLoopScore, Degeneracy, Paired, Replay

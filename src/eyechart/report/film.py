@@ -18,9 +18,9 @@ from eyechart.destination import whole
 from eyechart.episodes import Episode
 from eyechart.errors import SpecError
 from eyechart.frames import RGB
+from eyechart.report.assets import asset, environment, policy
 from eyechart.report.browser import embedded_json
 from eyechart.report.drawing import plain
-from eyechart.report.page import asset, environment, policy
 from eyechart.studies.closed_loop.reading import Drives
 from eyechart.studies.closed_loop.replaying import Shot, decided, episode_id, replay
 

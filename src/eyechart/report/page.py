@@ -1,13 +1,9 @@
 """The page: one self-contained HTML file that makes no request, in which nothing that a model wrote is markup."""
 
-import base64
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 
-import jinja2
 from markupsafe import Markup
 
 from eyechart import __version__
@@ -15,6 +11,7 @@ from eyechart.actions import MISSING
 from eyechart.conditions import CONDITIONS
 from eyechart.costs import ALL
 from eyechart.destination import whole
+from eyechart.report.assets import asset, environment, policy
 from eyechart.report.browser import Texts, browser_data, collect_texts, embedded_json, frames_shown
 from eyechart.report.drawing import Drawing
 from eyechart.report.evidence import Evidence, Subject, Tell, subjects
@@ -117,30 +114,6 @@ def write_page(page: Page, out: Path) -> None:
     """Write a page; a reader never sees half of it. Raises OutputError where it may not be written there."""
     with whole(out, "report") as partial:
         partial.write_bytes(page.html)
-
-
-def environment() -> jinja2.Environment:
-    """Return how templates are filled: everything escaped, nothing left undefined."""
-    loader = jinja2.FunctionLoader(asset)
-    made = jinja2.Environment(
-        loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    made.filters["shown"] = shown
-    return made
-
-
-def asset(name: str) -> str:
-    """Return one of the report's own template files."""
-    return (files("eyechart.report") / "template" / name).read_text(encoding="utf-8")
-
-
-def policy(script: str) -> str:
-    """Return the Content-Security-Policy: pictures from data, this one script, and nothing from anywhere."""
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    return (
-        f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'sha256-{digest}'; "
-        "base-uri 'none'; form-action 'none'"
-    )
 
 
 def _figure(drawing: Drawing) -> dict[str, object]:

@@ -1,7 +1,7 @@
 """What chance alone would give: permutation p values, Holm's correction and the episode bootstrap."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -17,6 +17,8 @@ ENUMERATED_MULTISETS = 2_000_000
 
 CHUNK_BYTES = 2**24
 """Resamples are drawn so many bytes at a time; the draws do not depend on it."""
+
+_BINS = 4096
 
 TIE = 1e-9
 """Resampled statistics this close to the observed one, relatively, are ties that rounding set apart."""
@@ -120,6 +122,46 @@ def cluster_bootstrap(
     if not 0 < level < 1 or resamples < 1:
         raise ValueError(f"level={level} must lie in (0, 1) and resamples={resamples} be at least 1")
     return _over_episodes(len(given), given, statistic, _Draws(seed, resamples, level, enumerate_up_to))
+
+
+def cluster_bootstraps(
+    sums: npt.ArrayLike,
+    statistics: Mapping[str, Callable[[Floats], Floats]],
+    *,
+    seed: int,
+    resamples: int = 5000,
+    level: float = 0.95,
+    enumerate_up_to: int = ENUMERATED_MULTISETS,
+) -> dict[str, Statistic]:
+    """Return `cluster_bootstrap` of several statistics of the same sums, over the same resamples, made once."""
+    given = np.asarray(sums, dtype=np.float64)
+    episodes, names = len(given), list(statistics)
+    if episodes < 2:
+        return {name: cluster_bootstrap(given, statistics[name], seed=seed, level=level) for name in names}
+    multisets = math.comb(2 * episodes - 1, episodes)
+    method = f"{100 * level:g}% percentile interval over episodes"
+    if multisets <= enumerate_up_to:
+        chunks = ((added, np.exp(log_p)) for added, log_p in _halves(given))
+        method += f", all {multisets} multisets"
+    else:
+        drawn = _drawn(np.random.default_rng(seed), resamples, episodes)
+        chunks = ((counts @ given, np.full(len(counts), 1 / resamples)) for counts in drawn)
+        method += f", B={resamples}"
+    parts: dict[str, list[Floats]] = {name: [] for name in names}
+    weights: list[Floats] = []
+    for added, weight in chunks:
+        weights.append(weight)
+        for name in names:
+            parts[name].append(statistics[name](added))
+    whole, found = np.concatenate(weights), {}
+    for name in names:
+        value = float(statistics[name](given.sum(axis=0)[None, :])[0])
+        if math.isnan(value):
+            found[name] = cannot_say("the statistic is undefined on these episodes", episodes, method)
+            continue
+        ci, undefined = _interval_by_bins(np.concatenate(parts[name]), whole, level)
+        found[name] = Statistic(value, episodes, ci, method=method, detail={"undefined": undefined})
+    return found
 
 
 def episode_bootstrap(
@@ -294,3 +336,31 @@ def _weighted_interval(values: Floats, weights: Floats, level: float) -> tuple[t
     places = np.searchsorted(below / below[-1], [tail - 1e-12, 1 - tail - 1e-12])
     low, high = values[order[np.minimum(places, len(order) - 1)]]
     return (float(low), float(high)), undefined
+
+
+def _interval_by_bins(values: Floats, weights: Floats, level: float) -> tuple[tuple[float, float] | None, float]:
+    """Return what `_weighted_interval` does, sorting only the values near the tails: bins find where these are."""
+    defined = ~np.isnan(values)
+    undefined = max(0.0, 1.0 - float(weights[defined].sum() / weights.sum()))
+    if not defined.any():
+        return None, undefined
+    if undefined or not defined.all():
+        values, weights = values[defined], weights[defined]
+    low, high = float(values.min()), float(values.max())
+    if low == high:
+        return (low, high), undefined
+    codes = np.minimum(((values - low) * (_BINS / (high - low))).astype(np.int32), _BINS - 1)
+    below = np.asarray(np.cumsum(np.bincount(codes, weights, _BINS)), dtype=np.float64)
+    tail = (1 - level) / 2
+    ends = [_quantile_in(values, weights, codes, below, share) for share in (tail - 1e-12, 1 - tail - 1e-12)]
+    return (ends[0], ends[1]), undefined
+
+
+def _quantile_in(values: Floats, weights: Floats, codes: npt.NDArray[np.int32], below: Floats, share: float) -> float:
+    """Return the inverse distribution at ``share``; ``below`` is the weight up to the end of each bin."""
+    place = min(int(np.searchsorted(below, share * below[-1])), len(below) - 1)
+    inside = np.flatnonzero(codes == place)
+    order = inside[np.argsort(values[inside])]
+    before = below[place - 1] if place else 0.0
+    first = int(np.searchsorted(before + np.cumsum(weights[order]), share * below[-1]))
+    return float(values[order[min(first, len(order) - 1)]])

@@ -1,0 +1,262 @@
+"""A guardian in a stack: it asks its committee about one picture and says hazard, clear, or that it abstains.
+
+Votes that come late, fail or cannot be read are missing votes, and missing votes never count as clear. Its models
+live in one event loop in a thread of its own, so that an answer comes by the deadline whatever they do.
+"""
+
+import asyncio
+import threading
+import time
+from collections.abc import Coroutine, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from eyechart.calls import misfit
+from eyechart.errors import BankError, GuardianError
+from eyechart.guardian.interface import Answer, Assessment, Interface, Pictures, Vote, interface_of
+from eyechart.models import Model, open_model
+from eyechart.modes import RequestMode, without_secrets
+from eyechart.seeds import key_seed
+from eyechart.stats.committee import CLEAR, HAZARD, answers
+from eyechart.studies.guardian import VIEWS, Frozen, read_frozen
+
+DEADLINE_S = 2.0
+_MARGIN_S = 0.02
+"""So much of the deadline, a tenth at most, is kept for putting the answer together."""
+_CLOSING_S = 5.0
+_WORDS = 200
+
+
+class Guardian:
+    """A frozen guardian with its models, ready to be asked; a context manager that lets its models go.
+
+    It may be asked from several threads at once.
+    """
+
+    def __init__(
+        self, frozen: Frozen, models: Mapping[str, Model], interface: Interface, *, deadline_s: float = DEADLINE_S
+    ) -> None:
+        if not 0 < deadline_s < 3600:
+            raise GuardianError(f"deadline_s={deadline_s} must be a number of seconds above 0 and below 3600")
+        self.frozen, self.models, self.deadline_s = frozen, models, deadline_s
+        self._interface = interface
+        self._pool = ThreadPoolExecutor(4, "eyechart-views")
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._thread: threading.Thread | None = None
+        self._lock, self._closed = threading.Lock(), False
+        self._tasks: set[asyncio.Task[tuple[Vote, str]]] = set()
+
+    @classmethod
+    def load(
+        cls,
+        path: Path | str,
+        *,
+        deadline_s: float = DEADLINE_S,
+        interface: Interface | None = None,
+        modes: Mapping[str, RequestMode] | None = None,
+    ) -> "Guardian":
+        """Open a guardian and its models. Raises GuardianError that names what is not as it was when it was chosen.
+
+        That is an edited file, another prompt or view, or a model of another version. ``modes`` may give a model
+        another address, key, header or time limit than it had then, and nothing else. ``interface`` is needed only
+        where the votes that chose the guardian came from a table and not from a run. Nothing is inferred yet.
+        """
+        frozen = read_frozen(Path(path))
+        shown = interface or interface_of(frozen)
+        for name in ("view", "prompt", "reader"):
+            chosen, here = getattr(frozen.about, name), getattr(shown, name)
+            if chosen != here:
+                raise GuardianError(f"{path}: the {name} differs: it was chosen with {chosen!r}, here is {here!r}")
+        given = modes or {}
+        if unknown := sorted(set(given) - set(frozen.committee)):
+            raise GuardianError(f"{path} has no model '{unknown[0]}'; it has {', '.join(frozen.committee)}")
+        models = {}
+        for spec in frozen.committee:
+            mode = _deployed(spec, frozen.about.modes.get(spec), given.get(spec))
+            models[spec] = open_model(spec, mode)
+            chosen, here = frozen.about.versions.get(spec), models[spec].version
+            if chosen != here:
+                raise GuardianError(
+                    f"{path}: the model '{spec}' differs: it was chosen with version '{chosen}', here is '{here}'; "
+                    "choose a guardian for this version with 'eyechart guardian fit'"
+                )
+        return cls(frozen, models, shown, deadline_s=deadline_s)
+
+    def assess(self, image: bytes, *, deadline_s: float | None = None) -> Assessment:
+        """Return what the committee says of an encoded picture, by the deadline.
+
+        What is no picture is abstained from. Raises GuardianError after `close`, and never for what a model does.
+        """
+        start, limit = time.perf_counter(), self._limit(deadline_s)
+        future = self._submit(self._assess(image, start, limit))
+        try:
+            return future.result(limit)
+        except TimeoutError:
+            future.cancel()
+            return self._silent(start, "no vote came by the deadline: something holds the models' event loop")
+
+    async def assess_async(self, image: bytes, *, deadline_s: float | None = None) -> Assessment:
+        """Return what `assess` does, without blocking the caller's event loop."""
+        start, limit = time.perf_counter(), self._limit(deadline_s)
+        return await self._awaited(self._assess(image, start, limit), start, limit)
+
+    def show(self, image: bytes) -> Pictures:
+        """Return what the models would be shown of an encoded picture; raises BankError for what is none."""
+        return self._interface.views(image)
+
+    async def ask_async(self, pictures: Pictures, *, deadline_s: float | None = None) -> Assessment:
+        """Return what the committee says of what `show` returned."""
+        start, limit = time.perf_counter(), self._limit(deadline_s)
+        return await self._awaited(self._ask(pictures, start, limit), start, limit)
+
+    def close(self) -> None:
+        """Let the models go, within a few seconds at most. Closing twice is no error."""
+        with self._lock:
+            loop, self._loop, self._closed = self._loop, None, True
+            self._pool.shutdown(wait=False, cancel_futures=True)
+        if loop is not None and self._thread is not None:
+            asyncio.run_coroutine_threadsafe(self._let_go(), loop)
+            self._thread.join(_CLOSING_S)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _limit(self, deadline_s: float | None) -> float:
+        limit = self.deadline_s if deadline_s is None else deadline_s
+        if not 0 < limit < 3600:
+            raise GuardianError(f"deadline_s={limit} must be a number of seconds above 0 and below 3600")
+        return limit
+
+    def _submit(self, work: Coroutine[Any, Any, Assessment]) -> Future[Assessment]:
+        with self._lock:
+            if self._closed:
+                work.close()
+                raise GuardianError("this guardian was closed; load it again")
+            if self._loop is None:
+                self._loop = asyncio.new_event_loop()
+                self._thread = threading.Thread(target=_turn, args=(self._loop,), name="eyechart-guardian", daemon=True)
+                self._thread.start()
+            return asyncio.run_coroutine_threadsafe(work, self._loop)
+
+    async def _awaited(self, work: Coroutine[Any, Any, Assessment], start: float, limit: float) -> Assessment:
+        try:
+            async with asyncio.timeout(limit):
+                return await asyncio.wrap_future(self._submit(work))
+        except TimeoutError:
+            return self._silent(start, "no vote came by the deadline: something holds the models' event loop")
+
+    async def _assess(self, image: bytes, start: float, limit: float) -> Assessment:
+        try:
+            async with asyncio.timeout(_left(start, limit)):
+                pictures = await asyncio.get_running_loop().run_in_executor(self._pool, self._interface.views, image)
+        except TimeoutError:
+            return self._silent(start, "the picture was not ready to be shown by the deadline")
+        except BankError as error:
+            return self._silent(start, f"no picture that can be shown: {error}")
+        except Exception as error:  # noqa: BLE001 - nor over what an interface of its own does
+            return self._silent(start, f"the picture could not be shown: {type(error).__name__}: {error}"[:_WORDS])
+        return await self._ask(pictures, start, limit)
+
+    async def _ask(self, pictures: Pictures, start: float, limit: float) -> Assessment:
+        tasks = {
+            (spec, view): asyncio.create_task(self._vote(spec, model, picture, view))
+            for spec, model in self.models.items()
+            for view, picture in zip(VIEWS, pictures, strict=True)
+        }
+        self._tasks.update(tasks.values())
+        for task in tasks.values():
+            task.add_done_callback(self._tasks.discard)
+        try:
+            await asyncio.wait(tasks.values(), timeout=_left(start, limit))
+        finally:
+            for task in tasks.values():
+                task.cancel()  # of what is done already, without effect
+        votes: dict[tuple[str, str], tuple[Vote, str]] = {}
+        for key, task in tasks.items():
+            done = task.done() and not task.cancelled()
+            votes[key] = task.result() if done else (None, f"late: no reply within {limit:g} s")
+        return self._answer(votes, start)
+
+    async def _vote(self, spec: str, model: Model, picture: bytes, view: str) -> tuple[Vote, str]:
+        """Ask for one vote; whatever goes wrong is a missing vote with its reason."""
+        try:
+            seed = key_seed("guardian", self.frozen.digest, spec, view)
+            reply = await model.answer(self._interface.query(picture, seed))
+            if (wrong := misfit(reply)) is not None:
+                return None, f"no reply: {wrong}"
+            if reply.error is not None:
+                return None, f"{reply.error}: {reply.error_detail}"[:_WORDS]
+            served = self.frozen.about.served.get(spec)
+            if served is not None and reply.served not in {None, served}:
+                return None, f"another model answered: {reply.served}, not {served}"
+            return self._interface.read(reply)
+        except Exception as error:  # noqa: BLE001 - a stack must not fall over what a model does
+            return None, without_secrets(f"{type(error).__name__}: {error}")[:_WORDS]
+
+    def _answer(self, votes: Mapping[tuple[str, str], tuple[Vote, str]], start: float) -> Assessment:
+        hazard = sum(vote is True for vote, _ in votes.values())
+        missing = {f"{spec}/{view}": why for (spec, view), (vote, why) in votes.items() if vote is None}
+        frozen = self.frozen
+        code = int(answers(hazard, len(missing), voters=frozen.voters, threshold=frozen.threshold, point=frozen.point))
+        answer: Answer = "hazard" if code == HAZARD else "clear" if code == CLEAR else "abstain"
+        why = f"{hazard} of {frozen.voters} votes say hazard (hazard from {frozen.threshold} on, {frozen.point})"
+        if missing:
+            name, reason = next(iter(missing.items()))
+            why += f"; {len(missing)} missing, which never count as clear: {name}: {reason}"
+        pairs = {spec: (votes[spec, VIEWS[0]][0], votes[spec, VIEWS[1]][0]) for spec in self.models}
+        return Assessment(answer, pairs, time.perf_counter() - start, why, missing)
+
+    def _silent(self, start: float, why: str) -> Assessment:
+        """Return the abstention of a committee of which nobody was heard."""
+        votes: dict[tuple[str, str], tuple[Vote, str]] = {
+            (spec, view): (None, why) for spec in self.models for view in VIEWS
+        }
+        return replace(self._answer(votes, start), answer="abstain", why=why)
+
+    async def _let_go(self) -> None:
+        loop = asyncio.get_running_loop()
+        asked = tuple(self._tasks)
+        for task in asked:
+            task.cancel()
+        if asked:
+            await asyncio.wait(asked, timeout=_CLOSING_S / 2)
+        for model in self.models.values():
+            try:
+                async with asyncio.timeout(_CLOSING_S / 2):
+                    await model.close()
+            except Exception:  # noqa: BLE001, S112 - what cannot be closed is left
+                continue
+        loop.stop()
+
+
+def _turn(loop: asyncio.AbstractEventLoop) -> None:
+    try:
+        loop.run_forever()
+    finally:
+        loop.close()
+
+
+def _left(start: float, limit: float) -> float:
+    """Return the seconds that are left for votes."""
+    return max(0.0, limit - min(_MARGIN_S, limit / 10) - (time.perf_counter() - start))
+
+
+def _deployed(spec: str, chosen: RequestMode | None, given: RequestMode | None) -> RequestMode | None:
+    """Return the mode to ask a model in: the given one, where it differs from the chosen one in its address only."""
+    if given is None or chosen is None:
+        return given or chosen
+    address = {name: getattr(given, name) for name in ("base_url", "key_env", "headers", "timeout_s")}
+    if not replace(chosen, **address).same_request(given):
+        raise GuardianError(
+            f"'{spec}' would be asked otherwise than when the guardian was chosen: only base_url, key_env, headers and "
+            "timeout_s of its mode may differ"
+        )
+    return given

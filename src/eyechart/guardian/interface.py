@@ -1,0 +1,105 @@
+"""What stands between a picture and a vote: the view that a model is shown, the question, and the reading."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from eyechart.actions import DRIVING
+from eyechart.calls import Query, Reply
+from eyechart.conditions import flip
+from eyechart.errors import GuardianError
+from eyechart.frames import decode, encode
+from eyechart.perception.estimate import SCENE_READER, read_estimate
+from eyechart.perception.view import find_view
+from eyechart.studies.guardian import VIEWS, Frozen
+
+Answer = Literal["hazard", "clear", "abstain"]
+Vote = bool | None
+Pictures = tuple[bytes, bytes]
+"""What the models are shown: the view of a picture, and of its reflection."""
+
+_PICTURE = "the picture"
+
+
+@dataclass(frozen=True, slots=True)
+class Interface:
+    """How a picture becomes votes.
+
+    ``views`` makes of an encoded picture what the models are shown, and raises BankError for what it cannot show;
+    ``query`` makes the question about one of these, with a seed; ``read`` returns the vote of a reply, or None with the
+    reason. ``view``, ``prompt`` and ``reader`` are what a guardian's file has.
+    """
+
+    view: str | None
+    prompt: str | None
+    reader: int | None
+    views: Callable[[bytes], Pictures]
+    query: Callable[[bytes, int], Query]
+    read: Callable[[Reply], tuple[Vote, str]]
+
+
+@dataclass(frozen=True, slots=True)
+class Assessment:
+    """What a guardian says of a picture.
+
+    ``votes`` maps each model to its votes on the picture and on its reflection: True is hazard, False clear, and None
+    missing, with the reason in ``missing`` under ``MODEL/VIEW``. ``why`` is one line for a log.
+    """
+
+    answer: Answer
+    votes: Mapping[str, tuple[Vote, Vote]]
+    latency_s: float
+    why: str
+    missing: Mapping[str, str]
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the assessment as plain JSON values."""
+        return {
+            "answer": self.answer,
+            "votes": {model: dict(zip(VIEWS, pair, strict=True)) for model, pair in self.votes.items()},
+            "missing": dict(self.missing),
+            "latency_s": round(self.latency_s, 4),
+            "why": self.why,
+        }
+
+
+def interface_of(frozen: Frozen) -> Interface:
+    """Return the interface that a guardian was chosen with: the same view, prompt and reading as in its structured run.
+
+    Raises GuardianError where its votes came from elsewhere, or its prompt says more than a picture holds; SpecError
+    where this version of eyechart has no such view.
+    """
+    prompt, about = frozen.about.wording, frozen.about
+    if prompt is None or about.view is None:
+        raise GuardianError(
+            "this guardian's votes came from a table, so its prompt and view are not known here: give Guardian.load an "
+            "interface of your own"
+        )
+    if not prompt.scene or prompt.fields:
+        said = f"says {{{prompt.fields[0]}}} of a frame" if prompt.fields else "asks for no scene"
+        raise GuardianError(f"the prompt '{prompt.name}' {said}, so it cannot be asked about a picture alone")
+    view, axis = find_view(about.view), about.axis
+    axis = view.axis if view is not None else axis
+    if axis not in {"vertical", "horizontal"}:
+        raise GuardianError(f"this guardian's pictures have the mirror axis {axis!r}, so they cannot be reflected")
+    words = prompt.render({}, DRIVING)
+
+    def views(picture: bytes) -> Pictures:
+        pixels = decode(picture, _PICTURE)
+        reflected = flip(pixels, axis)
+        if view is None:
+            return picture, encode(reflected)
+        return encode(view.show(pixels, _PICTURE)), encode(view.show(reflected, _PICTURE))
+
+    def query(picture: bytes, seed: int) -> Query:
+        return Query(*words, picture, seed, (), prompt.form)
+
+    return Interface(about.view, prompt.key, SCENE_READER, views, query, read_vote)
+
+
+def read_vote(reply: Reply) -> tuple[Vote, str]:
+    """Return the vote of a reply: whether its scene is close; None with the reason where it holds no scene."""
+    found = read_estimate(reply.text, reply.finish_reason, reply.error)
+    if found.estimate is None:
+        return None, f"no scene: {found.why or found.missing}"
+    return found.estimate.close, ""

@@ -1,0 +1,140 @@
+"""What a guardian is worth, for the terminal: Table t:positive-guardian of the paper, and lines of words around it."""
+
+from collections.abc import Iterator, Mapping
+
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+from rich.text import Text
+
+from eyechart.report.tables import number, p_value
+from eyechart.stats.statistic import Statistic
+from eyechart.studies.guardian import Bound, Frozen, GuardianScore, Nested, Replay
+
+_SHOWN = 10
+
+
+def row_names(frozen: Frozen) -> dict[str, str]:
+    """Return the rows of a score in the paper's order, each with its name in words."""
+    tie = f"{frozen.voters // 2}–{frozen.voters // 2}"
+    single = "the best single model" if frozen.selection is None else frozen.selection.single
+    return {
+        "single": f"{single}, original",
+        "two_way": f"guardian of {len(frozen.committee)}, hazard from {frozen.threshold} of {frozen.voters}",
+        "abstain": f"guardian, abstain on {tie}",
+        "unanimous": "guardian, unanimous only",
+    }
+
+
+def guardian_table(found: GuardianScore) -> Table:
+    """Return the best single model and the three operating points, as Table t:positive-guardian has them."""
+    table = _table("method")
+    for key, name in row_names(found.frozen).items():
+        chosen = key == found.frozen.point
+        label = Text(f"{name}{' *' if chosen else ''}", style="bold" if chosen else "")
+        table.add_row(label, *_cells(found.rows[key]))
+    return table
+
+
+def nested_table(found: Nested) -> Table:
+    """Return the pooled row of nested leave-one-episode-out."""
+    table = _table("method")
+    table.add_row("nested leave-one-episode-out", *_cells(found.pooled))
+    return table
+
+
+def _table(first: str) -> Table:
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    for name in (first, "coverage", "acc.", "bal. acc.", "95 % interval", "sens./spec."):
+        table.add_column(name, no_wrap=True)
+    return table
+
+
+def _cells(row: Mapping[str, Statistic]) -> list[str]:
+    balanced = row["bal"].ci
+    return [
+        number(row["coverage"].value),
+        number(row["acc"].value),
+        number(row["bal"].value),
+        "—" if balanced is None else f"[{balanced[0]:.3f}, {balanced[1]:.3f}]",
+        f"{number(row['sens'].value)}/{number(row['spec'].value)}",
+    ]
+
+
+def choice_lines(frozen: Frozen) -> Iterator[str]:
+    """Yield in words what was chosen, on what, and what was not recorded."""
+    votes = f"hazard from {frozen.threshold} of {frozen.voters} votes"
+    yield f"committee: {', '.join(frozen.committee)}; {votes}; {frozen.point}"
+    if frozen.selection is not None:
+        chosen = frozen.selection
+        costs = chosen.costs is not None
+        worth = f"expected cost {-chosen.worth:.4g}" if costs else f"balanced accuracy {chosen.worth:.3f}"
+        yield (
+            f"chosen on {len(chosen.frames)} frames of {len(chosen.episodes)} episodes among {chosen.candidates} "
+            f"candidates: {worth} there, which flatters; best single model there: {chosen.single}"
+        )
+        if not costs and chosen.worth <= 0.5:
+            yield "that is no better than chance: none of these committees is worth a place in a stack"
+    if lacking := frozen.about.unrecorded(frozen.committee):
+        yield f"not recorded, so that a change of it would not be found: {', '.join(lacking)}"
+
+
+def score_lines(found: GuardianScore, *, bounds: bool = True) -> Iterator[str]:
+    """Yield in words what stands beside the table: intervals, test, curve, misses, and the ``bounds``."""
+    detail = found.mcnemar.detail or {"b": 0, "c": 0}
+    p = found.mcnemar.p
+    exact = f" ({p:.3g})" if p is not None and p < 0.0001 else ""
+    yield "* the guardian's own operating point; intervals: " + found.rows["two_way"]["bal"].method
+    yield (
+        f"Two-way against the single model: {detail['b']} errors corrected, {detail['c']} made; exact McNemar p "
+        f"{p_value(p)}{exact}"
+    )
+    curve = ", ".join(f"{one.answered / one.frames:.3f}: {one.wrong / one.answered:.3f}" for one in found.curve)
+    yield f"Risk by coverage, from the surest frames: {curve}"
+    shown = ", ".join(found.missed[:_SHOWN]) + (", …" if len(found.missed) > _SHOWN else "")
+    yield f"Hazards called clear: {len(found.missed)}{f' ({shown})' if shown else ''}"
+    if found.incomplete:
+        yield f"{found.incomplete} frames lack votes; missing votes never count as clear"
+    if bounds and found.bound is not None:
+        yield from bound_lines(found.bound)
+
+
+def bound_lines(found: Bound) -> Iterator[str]:
+    """Yield in words what is bounded, by how many episodes, and where that holds."""
+    if found.rate.ci is None or found.any_miss.ci is None:
+        yield f"no bound: {found.rate.note}; {found.needed_at_best} episodes without a miss would bound it by 1 %"
+        return
+    at = f"at {100 * found.confidence:g} % confidence"
+    yield (
+        f"Missed-hazard rate (share of an episode's hazardous frames called clear, each episode alike): "
+        f"{number(found.rate.value, 4)}, at most {found.rate.ci[1]:.4f} {at}, from {found.episodes} episodes"
+    )
+    yield (
+        f"Episodes with any miss: {number(found.any_miss.value, 4)}, at most {found.any_miss.ci[1]:.4f} {at}; for 1 % "
+        f"it needs {found.needed} episodes without a further miss ({found.needed_at_best} without any)"
+    )
+    kept = found.conformal_threshold
+    threshold = "no two-way threshold" if kept is None else f"a two-way threshold of at most {kept}"
+    risks = ", ".join(f"{place}: {risk:.3f}" for place, risk in enumerate(found.conformal, 1))
+    yield (
+        f"In expectation only (conformal risk control, no confidence): expected share missed at most {found.risk:g} "
+        f"with {threshold}; by threshold {risks}"
+    )
+    yield f"The bounds are {found.scope}"
+
+
+def nested_lines(found: Nested) -> Iterator[str]:
+    """Yield in words what the folds chose."""
+    kinds: dict[tuple[tuple[str, ...], int, str], list[str]] = {}
+    for episode, chosen in found.folds.items():
+        kinds.setdefault(chosen, []).append(episode)
+    for (committee, threshold, point), episodes in sorted(kinds.items(), key=lambda one: -len(one[1])):
+        yield f"{len(episodes)}/{len(found.folds)} folds: {' + '.join(committee)}, hazard from {threshold}, {point}"
+
+
+def replay_lines(found: Replay) -> Iterator[str]:
+    """Yield in words how a modular replay compares."""
+    yield f"Agreement with the renderer policy: {number(found.agreement.value)} (n {found.agreement.n})"
+    yield f"Equivariant under reflection: {number(found.equivariance.value)} (n {found.equivariance.n})"
+    yield f"The renderer policy turns on {found.directional} of these frames; nothing more is said of lateral control"
+    if found.unread:
+        yield f"{len(found.unread)} pictures could not be read and count in neither share"

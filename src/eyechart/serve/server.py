@@ -1,0 +1,276 @@
+"""A guardian over HTTP: one picture a request, an answer by the deadline, and a refusal rather than a long queue.
+
+It listens on this machine only unless told otherwise, has no password, and keeps no picture.
+"""
+
+import asyncio
+import math
+import signal
+import time
+from collections import Counter as Counts
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+import orjson
+from aiohttp import web
+from aiohttp.typedefs import Handler
+from prometheus_client import generate_latest
+from prometheus_client.exposition import CONTENT_TYPE_LATEST
+
+from eyechart import __version__
+from eyechart.errors import BankError, GuardianError
+from eyechart.guardian import Assessment, Guardian
+from eyechart.serve.limits import TYPES, Limits
+from eyechart.serve.metrics import Metrics
+from eyechart.serve.openapi import openapi
+
+_SIGNS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"RIFF", b"BM")
+_LEAST_S = 0.01
+"""With less time than this left no model is asked."""
+_REAP_S = 1.0
+_TICK_S = 0.1
+_FADING = 0.95
+"""A lag is remembered for about a second."""
+_LINGERING_S = 1.0
+"""So long what is left of a refused body is read, for its sender to see the refusal."""
+
+
+@dataclass(slots=True)
+class Server:
+    """A guardian with the state of its server: how many pictures it reads, holds and asks about."""
+
+    guardian: Guardian
+    limits: Limits
+    metrics: Metrics = field(default_factory=Metrics)
+    turns: asyncio.Semaphore = field(init=False)
+    held: int = 0
+    reading: int = 0
+    usual_s: float = 0.1
+    lag_s: float = 0.0
+    busy: Counts[object] = field(default_factory=Counts)
+    last: dict[object, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.turns = asyncio.Semaphore(self.limits.concurrency)
+
+    async def assess(self, request: web.Request) -> web.Response:
+        """Answer a picture, or say in one line why not."""
+        start = time.perf_counter()
+        try:
+            picture = await self._read(request, start)
+            assessment = await self._asked(picture, start)
+        except _Refused as refused:
+            return self._refuse(refused)
+        self.metrics.seconds.observe(time.perf_counter() - start)
+        self.metrics.note(assessment)
+        return _json(assessment.as_dict())
+
+    async def health(self, request: web.Request) -> web.Response:
+        """Say that the server is there, and with which guardian."""
+        del request
+        frozen = self.guardian.frozen
+        return _json(
+            {
+                "status": "ok",
+                "guardian": frozen.digest,
+                "committee": list(frozen.committee),
+                "threshold": frozen.threshold,
+                "operating_point": frozen.point,
+                "deadline_s": self.guardian.deadline_s,
+                "waiting": self.held,
+                "eyechart": __version__,
+            }
+        )
+
+    async def measured(self, request: web.Request) -> web.Response:
+        """Return the metrics as Prometheus reads them."""
+        del request
+        self.metrics.waiting.set(self.held)
+        body = generate_latest(self.metrics.registry)
+        return web.Response(body=body, headers={"Content-Type": CONTENT_TYPE_LATEST})
+
+    async def described(self, request: web.Request) -> web.Response:
+        """Return the OpenAPI document."""
+        del request
+        return _json(openapi(self.limits, self.guardian.deadline_s))
+
+    @web.middleware
+    async def watch(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        """Count a request by its status; answer in JSON whatever goes wrong, and never with a traceback."""
+        self.busy[request.protocol] += 1
+        try:
+            response = await handler(request)
+        except web.HTTPException as raised:
+            response = _json({"error": f"{raised.status} {raised.reason}: see /openapi.json"}, raised.status)
+            response.headers.update({name: value for name, value in raised.headers.items() if name == "Allow"})
+        except (ConnectionError, asyncio.CancelledError):
+            self.metrics.requests.labels("gone").inc()
+            raise
+        except Exception:  # noqa: BLE001 - the server must not fall over one request
+            response = _json({"error": "an error inside the server"}, 500)
+        finally:
+            self.busy[request.protocol] -= 1
+            self.last[request.protocol] = time.monotonic()
+        self.metrics.requests.labels(str(response.status)).inc()
+        return response
+
+    async def _read(self, request: web.Request, start: float) -> bytes:
+        """Read a picture's bytes within bounds of size, time and number."""
+        most = self.limits.most_bytes
+        if request.content_type not in TYPES:
+            raise _Refused(415, f"a picture is sent as one of {', '.join(TYPES)}, not as {request.content_type[:80]}")
+        if (request.content_length or 0) > most:
+            raise _Refused(413, f"the picture has {request.content_length} bytes; the limit is {most}")
+        self._require_room(self._left(start))  # before it is read: refusing must stay cheap
+        if self.reading >= self.limits.uploads:
+            raise _Refused(503, "too many pictures are on their way here")
+        body = bytearray()
+        self.reading += 1
+        try:
+            async with asyncio.timeout(self._left(start)):
+                async for chunk in request.content.iter_any():
+                    body += chunk
+                    if len(body) > most:
+                        raise _Refused(413, f"the picture has more than {most} bytes")
+        except TimeoutError:
+            limit = self.guardian.deadline_s
+            raise _Refused(408, f"the picture was not here within {limit:g} s; {len(body)} bytes were") from None
+        finally:
+            self.reading -= 1
+        if not body:
+            raise _Refused(400, "the body is empty; it must be an encoded picture, PNG or JPEG")
+        if not body.startswith(_SIGNS):
+            raise _Refused(422, "no picture that can be shown: it begins as none of PNG, JPEG, WebP and BMP")
+        return bytes(body)
+
+    async def _asked(self, picture: bytes, start: float) -> Assessment:
+        """Wait for a turn, and ask the guardian; refuse where too many wait, or no time is left."""
+        self._require_room(self._left(start))
+        self.held += 1
+        turn, began = False, start
+        try:
+            async with asyncio.timeout(self._left(start)):
+                await self.turns.acquire()
+                turn, began = True, time.perf_counter()
+                pictures = await asyncio.to_thread(self.guardian.show, picture)
+            left = self._left(start)
+            if left < _LEAST_S:
+                raise _Refused(503, "no time is left to ask about the picture")
+            assessment = await self.guardian.ask_async(pictures, deadline_s=left)
+        except BankError as error:
+            raise _Refused(422, f"no picture that can be shown: {error}") from None
+        except TimeoutError:
+            raise _Refused(503, "its turn did not come by the deadline") from None
+        else:
+            self.usual_s += 0.1 * (time.perf_counter() - began - self.usual_s)
+            return assessment
+        finally:
+            self.held -= 1
+            if turn:
+                self.turns.release()
+
+    def _require_room(self, left_s: float) -> None:
+        """Refuse a picture that finds no place, or whose turn would come too late to be answered."""
+        waiting = self.held - self.limits.concurrency
+        if waiting >= self.limits.queue:
+            raise _Refused(503, f"{self.held} pictures wait here already")
+        rounds = 0 if waiting < 0 else waiting // self.limits.concurrency + 1
+        if rounds and (rounds + 1) * self.usual_s > left_s:
+            raise _Refused(503, f"{self.held} pictures wait here already, so that its turn would come too late")
+
+    def _left(self, start: float) -> float:
+        """Return the seconds that are left, less what a busy machine takes to send an answer."""
+        limit = self.guardian.deadline_s
+        return max(0.0, limit - min(2 * self.lag_s, limit / 2) - (time.perf_counter() - start))
+
+    def _refuse(self, refused: "_Refused") -> web.Response:
+        response = _json({"error": refused.why}, refused.status)
+        if refused.status == 503:
+            wait = math.ceil(self.usual_s * self.held / self.limits.concurrency)
+            response.headers["Retry-After"] = str(min(max(1, wait), 60))
+        if refused.status in {408, 413}:
+            response.force_close()  # what is left of the body is not read
+        return response
+
+    async def tend(self, connections: Callable[[], list[web.RequestHandler]]) -> None:
+        """Measure how late this loop runs, and close connections that have been without a request for too long."""
+        reap_s = min(_REAP_S, self.limits.idle_s / 2)
+        due = time.monotonic() + reap_s
+        while True:
+            before = time.perf_counter()
+            await asyncio.sleep(_TICK_S)
+            self.lag_s = max(time.perf_counter() - before - _TICK_S, _FADING * self.lag_s)
+            if time.monotonic() >= due:
+                due = time.monotonic() + reap_s
+                self._reap(connections())
+
+    def _reap(self, there: list[web.RequestHandler]) -> None:
+        now = time.monotonic()
+        self.last = {one: self.last.get(one, now) for one in there}
+        self.busy = Counts({one: self.busy[one] for one in there if self.busy[one]})
+        for one in there:
+            if not self.busy[one] and now - self.last[one] > self.limits.idle_s:
+                one.force_close()
+
+
+class _Refused(Exception):  # noqa: N818 - an answer, and no error of the server's
+    def __init__(self, status: int, why: str) -> None:
+        super().__init__(why)
+        self.status, self.why = status, why
+
+
+def application(guardian: Guardian, limits: Limits | None = None) -> tuple[web.Application, Server]:
+    """Return the application that serves a guardian, and its state; it is to be made in the loop that runs it."""
+    server = Server(guardian, limits or Limits())
+    app = web.Application(middlewares=[server.watch], client_max_size=server.limits.most_bytes)
+    app.router.add_post("/assess", server.assess)
+    app.router.add_get("/health", server.health)
+    app.router.add_get("/metrics", server.measured)
+    app.router.add_get("/openapi.json", server.described)
+    return app, server
+
+
+async def serve(
+    guardian: Guardian,
+    *,
+    host: str = "127.0.0.1",
+    port: int = 8600,
+    limits: Limits | None = None,
+    started: Callable[[str], None] = lambda _: None,
+    until: Callable[[], Awaitable[object]] | None = None,
+) -> None:
+    """Serve a guardian until SIGINT or SIGTERM, or ``until`` returns; requests under way are answered first.
+
+    ``started`` is told the address; port 0 takes a free one. Raises GuardianError where the address is taken.
+    """
+    app, server = application(guardian, limits)
+    runner = web.AppRunner(app, access_log=None, shutdown_timeout=guardian.deadline_s + 1, lingering_time=_LINGERING_S)
+    await runner.setup()
+    keeper = asyncio.create_task(server.tend(lambda: list(runner.server.connections) if runner.server else []))
+    try:
+        try:
+            await web.TCPSite(runner, host, port).start()
+        except OSError as error:
+            raise GuardianError(
+                f"{host}:{port} cannot be listened on: {error.strerror}; give another --port"
+            ) from error
+        bound = runner.addresses[0]
+        started(f"http://{f'[{bound[0]}]' if ':' in bound[0] else bound[0]}:{bound[1]}")
+        await (until() if until else _ended())
+    finally:
+        keeper.cancel()
+        with suppress(asyncio.CancelledError):
+            await keeper
+        await runner.cleanup()
+
+
+async def _ended() -> None:
+    over, loop = asyncio.Event(), asyncio.get_running_loop()
+    for one in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(one, over.set)
+    await over.wait()
+
+
+def _json(values: object, status: int = 200) -> web.Response:
+    return web.Response(body=orjson.dumps(values), status=status, content_type="application/json")

@@ -1,0 +1,121 @@
+"""Upper bounds on how often a guardian misses, from episodes that nothing else has used.
+
+The unit is the episode, so that frames of one episode may depend on one another in any way; between episodes the
+bounds need independent draws from one source.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from eyechart.stats.statistic import Statistic, cannot_say
+
+MOST_EPISODES = 10_000_000
+
+
+def share_bound(k: int, n: int, *, confidence: float = 0.95) -> Statistic:
+    """Bound from above the probability of an event that happened in ``k`` of ``n`` independent episodes.
+
+    ``ci`` is (0, bound): the exact one-sided bound of Clopper and Pearson (1934). The value is k/n, None without
+    episodes. ValueError unless 0 <= k <= n and 0 < confidence < 1.
+    """
+    _check(k, n, confidence)
+    method = f"one-sided exact upper bound at confidence {confidence:g} (Clopper–Pearson), over episodes"
+    if n == 0:
+        return cannot_say("no episodes", method=method)
+    return Statistic(k / n, n, (0.0, _clopper_pearson(k, n, confidence)), method=method, detail={"k": k})
+
+
+def mean_bound(losses: npt.ArrayLike, *, confidence: float = 0.95) -> Statistic:
+    """Bound from above the mean of ``losses``, one in [0, 1] for each independent episode.
+
+    ``ci`` is (0, bound): the p value of Hoeffding and Bentkus that Learn-then-Test uses (Angelopoulos et al. 2021;
+    Bates et al. 2021), inverted. Without any loss it is 1 - (1 - confidence)^(1/n), which no bound can beat. The
+    value is the mean, None without episodes. ValueError for a loss outside [0, 1].
+    """
+    given = np.asarray(losses, dtype=np.float64)
+    if given.ndim != 1 or not ((given >= 0) & (given <= 1)).all():
+        raise ValueError("losses must be one share in [0, 1] for each episode")
+    _check(0, len(given), confidence)
+    method = f"one-sided upper bound at confidence {confidence:g} (Hoeffding–Bentkus), over episodes"
+    if not len(given):
+        return cannot_say("no episodes", method=method)
+    mean, n = float(given.mean()), len(given)
+    high = _lowest(lambda risk: hoeffding_bentkus_p(mean, n, risk) <= 1 - confidence, mean)
+    return Statistic(mean, n, (0.0, high), method=method)
+
+
+def hoeffding_bentkus_p(mean: float, n: int, risk: float) -> float:
+    """Return a p value of the null that a mean of [0, 1] losses is ``risk`` or more, from the mean of n of them."""
+    if risk <= mean:
+        return 1.0
+    if risk >= 1:
+        return 0.0
+    from scipy import special  # noqa: PLC0415 - slow to import
+
+    apart = (0.0 if mean == 0 else mean * math.log(mean / risk)) + (1 - mean) * math.log((1 - mean) / (1 - risk))
+    k = min(n, math.ceil(n * mean - 1e-9))
+    return float(min(math.exp(-n * apart), math.e * special.bdtr(k, n, risk), 1.0))
+
+
+def episodes_needed(rate: float, misses: int = 0, *, confidence: float = 0.95) -> int:
+    """Return how many episodes, ``misses`` of them with a miss, bound the share with a miss by ``rate``.
+
+    299 for 1 % without a miss at confidence .95. ValueError for a rate outside (0, 1), or one that ten million episodes
+    do not reach.
+    """
+    if not 0 < rate < 1:
+        raise ValueError(f"rate={rate} must lie between 0 and 1, for example 0.01")
+    _check(misses, misses, confidence)
+    low, high = misses, max(misses + 1, 2)
+    while _clopper_pearson(misses, high, confidence) > rate:
+        low, high = high, 2 * high
+        if high > MOST_EPISODES:
+            raise ValueError(f"more than {MOST_EPISODES} episodes would be needed for rate={rate}")
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if _clopper_pearson(misses, middle, confidence) <= rate else (middle, high)
+    return high
+
+
+def conformal_threshold(losses: npt.ArrayLike, risk: float) -> tuple[int | None, tuple[float, ...]]:
+    """Return the highest threshold whose conformal risk is at most ``risk``, and the conformal risk of each.
+
+    ``losses``, shape (thresholds, episodes), hold each episode's share of missed hazards at threshold 1, 2, …, which
+    does not fall with the threshold. The conformal risk is (n mean + 1)/(n + 1); a threshold that is chosen so keeps
+    the expected loss of a next exchangeable episode at ``risk``, in expectation over the episodes that chose it, and
+    not with a confidence (Angelopoulos et al. 2024). None where not even the lowest threshold does.
+    """
+    given = np.asarray(losses, dtype=np.float64)
+    if given.ndim != 2 or not ((given >= 0) & (given <= 1)).all() or (np.diff(given, axis=0) < -1e-12).any():
+        raise ValueError("losses must be shares in [0, 1] that do not fall with the threshold")
+    n = given.shape[1]
+    risks = tuple(float(one) for one in (given.sum(axis=1) + 1) / (n + 1))
+    fit = [number for number, one in enumerate(risks, 1) if one <= risk + 1e-12]
+    return (max(fit) if fit else None), risks
+
+
+def _check(k: int, n: int, confidence: float) -> None:
+    if not 0 <= k <= n or not 0 < confidence < 1:
+        raise ValueError(f"need 0 <= k <= n and a confidence in (0, 1), got {k} of {n} at {confidence}")
+
+
+def _clopper_pearson(k: int, n: int, confidence: float) -> float:
+    if k == n:
+        return 1.0
+    if k == 0:
+        return float(-math.expm1(math.log(1 - confidence) / n))
+    from scipy import special  # noqa: PLC0415 - slow to import
+
+    return float(special.betaincinv(k + 1, n - k, confidence))
+
+
+def _lowest(holds: Callable[[float], bool], low: float) -> float:
+    """Return, to 1e-9 from above, the lowest number up to 1 from which on a condition holds."""
+    high = 1.0
+    while high - low > 1e-9:
+        middle = (low + high) / 2
+        low, high = (low, middle) if holds(middle) else (middle, high)
+    return high

@@ -1,0 +1,40 @@
+"""The symmetry-consensus guardian: chosen on calibration frames, frozen, and scored on frames that it never saw.
+
+Source: section Symmetry-consensus longitudinal guardian.
+"""
+
+from eyechart.studies.guardian.bounding import Bound, bound
+from eyechart.studies.guardian.fitting import fit
+from eyechart.studies.guardian.frozen import Frozen, Selection, read_frozen, write_frozen
+from eyechart.studies.guardian.modular import Replay, modular_action, reader_of, replay
+from eyechart.studies.guardian.nesting import Nested, nested
+from eyechart.studies.guardian.runs import votes_of_run
+from eyechart.studies.guardian.scoring import GuardianScore, score
+from eyechart.studies.guardian.tables import read_votes
+from eyechart.studies.guardian.truth import episode_of, hazards_of
+from eyechart.studies.guardian.votes import VIEWS, About, VoteTable
+
+__all__ = [
+    "VIEWS",
+    "About",
+    "Bound",
+    "Frozen",
+    "GuardianScore",
+    "Nested",
+    "Replay",
+    "Selection",
+    "VoteTable",
+    "bound",
+    "episode_of",
+    "fit",
+    "hazards_of",
+    "modular_action",
+    "nested",
+    "read_frozen",
+    "read_votes",
+    "reader_of",
+    "replay",
+    "score",
+    "votes_of_run",
+    "write_frozen",
+]

@@ -1,0 +1,263 @@
+"""A frozen guardian: a committee with its threshold, which remembers the frames that chose it and refuses them."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast, get_args
+
+from eyechart import __version__
+from eyechart.errors import EyechartError, GuardianError
+from eyechart.frames import FrameBank, MirrorAxis
+from eyechart.modes import RequestMode
+from eyechart.prompts import Prompt
+from eyechart.stats.committee import Costs, Point
+from eyechart.studies.guardian.votes import VIEWS, About, VoteTable
+
+FORMAT = "eyechart-guardian/1"
+EXPORT_FORMAT = "eyechart-guardian-stack/1"
+
+RULE = "highest balanced accuracy of the two-way point on the calibration frames, a frame without an answer being wrong"
+COST_RULE = "lowest expected cost of a frame on the calibration frames"
+TIE_BREAKS = (
+    "first committee in lexicographic order, then lowest threshold, then two_way before abstain before unanimous"
+)
+
+_MOST_BYTES = 64_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """What chose a guardian: the frames and episodes that it saw, and how.
+
+    ``worth`` is the balanced accuracy on those frames, or with ``costs`` minus the expected cost; ``candidates``
+    counts the committees with their thresholds and operating points. ``single`` is the best single model on the same
+    frames, by its vote on the original picture.
+    """
+
+    frames: tuple[str, ...]
+    episodes: tuple[str, ...]
+    candidates: int
+    worth: float
+    single: str
+    costs: Costs | None = None
+
+    @property
+    def rule(self) -> str:
+        """Return the rule of selection in words."""
+        return RULE if self.costs is None else COST_RULE
+
+
+@dataclass(frozen=True, slots=True)
+class Frozen:
+    """A committee of models, its threshold of hazard votes, its operating point, and how all of them were asked.
+
+    ``selection`` is None in what `export` writes: such a guardian may be asked about pictures, and scores nothing.
+    ``chosen_as`` is then the digest of the guardian that it was exported from.
+    """
+
+    committee: tuple[str, ...]
+    threshold: int
+    point: Point
+    about: About
+    selection: Selection | None
+    chosen_as: str = ""
+    made_by: str = __version__
+
+    @property
+    def voters(self) -> int:
+        """Return the number of votes of a full committee."""
+        return len(self.committee) * len(VIEWS)
+
+    @property
+    def digest(self) -> str:
+        """Return the digest of everything that the guardian's file says."""
+        return hashlib.sha256(json.dumps(self._content(), sort_keys=True).encode()).hexdigest()
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the guardian as plain JSON values, its digest last."""
+        return {**self._content(), "digest": self.digest}
+
+    def exported(self) -> "Frozen":
+        """Return what a stack needs of this guardian: all but the selection."""
+        about = self.about.only(self.committee)
+        return Frozen(
+            self.committee, self.threshold, self.point, about, None, self.chosen_as or self.digest, self.made_by
+        )
+
+    def may_score(self, table: VoteTable) -> None:
+        """Raise GuardianError, naming what it is, where a table must not be scored by this guardian.
+
+        That is a frame that it was chosen on; another bank, prompt or view; another version of one of its models.
+        """
+        if self.selection is None:
+            raise GuardianError(
+                "an exported guardian does not hold the frames that chose it, so it cannot score: give the "
+                "guardian.json that it was made of"
+            )
+        self._require_same(table)
+        known = set(self.selection.frames)
+        if seen := [frame for frame in table.frames if frame in known]:
+            raise GuardianError(
+                f"frame '{seen[0]}' is one of {len(seen)} in {table.name} that chose this guardian; a score on them "
+                "says nothing: leave them out with --unseen"
+            )
+
+    def may_show(self, bank: FrameBank) -> None:
+        """Raise GuardianError where a bank's pictures are not those of the votes that chose this guardian."""
+        if self.about.bank not in {None, bank.manifest.fingerprint}:
+            raise GuardianError(
+                f"the bank differs: this guardian is of {self.about.bank_name}, {bank.root} is {bank.name}"
+            )
+
+    def _require_same(self, table: VoteTable) -> None:
+        for name in ("bank", "prompt", "view", "reader"):
+            mine, theirs = getattr(self.about, name), getattr(table.about, name)
+            if mine != theirs:
+                raise GuardianError(
+                    f"the {name} differs: this guardian was chosen with {_short(mine)}, {table.name} is of "
+                    f"{_short(theirs)}; choose a guardian for this {name} with 'eyechart guardian fit'"
+                )
+        for model in dict.fromkeys((*self.committee, *([self.selection.single] if self.selection else []))):
+            mine, theirs = (
+                " served as ".join(filter(None, (one.versions.get(model), one.served.get(model))))
+                for one in (self.about, table.about)
+            )
+            if mine != theirs:
+                raise GuardianError(
+                    f"the model '{model}' differs: this guardian was chosen with version {_short(mine)}, {table.name} "
+                    f"has votes of {_short(theirs)}; choose a guardian for this version with 'eyechart guardian fit'"
+                )
+
+    def _content(self) -> dict[str, object]:
+        models: dict[str, object] = {}
+        names = (*self.committee, *([self.selection.single] if self.selection else []))
+        for model in dict.fromkeys(names):
+            mode = self.about.modes.get(model)
+            version = self.about.versions.get(model)
+            served = self.about.served.get(model)
+            models[model] = {"version": version, "served": served, "mode": None if mode is None else mode.as_dict()}
+        wording = self.about.wording
+        return {
+            "format": FORMAT if self.selection else EXPORT_FORMAT,
+            "committee": list(self.committee),
+            "views": list(VIEWS),
+            "threshold": self.threshold,
+            "operating_point": self.point,
+            "models": models,
+            "prompt": {"key": self.about.prompt, "wording": None if wording is None else wording.as_dict()},
+            "view": self.about.view,
+            "mirror_axis": self.about.axis,
+            "reader": self.about.reader,
+            "bank": {"name": self.about.bank_name, "fingerprint": self.about.bank},
+            **({"selection": _selection(self.selection)} if self.selection else {"chosen_as": self.chosen_as}),
+            "eyechart": self.made_by,
+        }
+
+
+def write_frozen(path: Path, frozen: Frozen) -> None:
+    """Write a guardian's file."""
+    path.write_text(json.dumps(frozen.as_dict(), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def read_frozen(path: Path) -> Frozen:
+    """Read a guardian's file, exported or not; raises GuardianError where it is none, or was edited."""
+    raw = _read(path)
+    said = raw.pop("digest", None)
+    if said != hashlib.sha256(json.dumps(raw, sort_keys=True).encode()).hexdigest():
+        raise GuardianError(
+            f"{path} was edited after it was frozen: its digest does not match; choose a guardian anew with "
+            "'eyechart guardian fit'"
+        )
+    try:
+        frozen = _frozen(raw)
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, EyechartError) as error:
+        raise GuardianError(f"{path} is no guardian that this eyechart can read: {error!r}") from error
+    if frozen.digest != said:
+        raise GuardianError(f"{path} was written by eyechart {frozen.made_by}, whose guardians this one cannot read")
+    return frozen
+
+
+def _read(path: Path) -> dict[str, object]:
+    try:
+        with path.open("rb") as file:
+            text = file.read(_MOST_BYTES + 1)
+    except OSError as error:
+        raise GuardianError(f"{path} cannot be read: {error.strerror}") from error
+    if len(text) > _MOST_BYTES:
+        raise GuardianError(f"{path} has more than {_MOST_BYTES} bytes, too many for a guardian")
+    try:
+        raw = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise GuardianError(f"{path} is no guardian: {error}") from error
+    if not isinstance(raw, dict) or raw.get("format") not in {FORMAT, EXPORT_FORMAT}:
+        raise GuardianError(f"{path} is no guardian; 'eyechart guardian fit' writes one")
+    return raw
+
+
+def _selection(chosen: Selection) -> dict[str, object]:
+    costs = chosen.costs
+    return {
+        "rule": chosen.rule,
+        "tie_breaks": TIE_BREAKS,
+        "costs": None
+        if costs is None
+        else {name: getattr(costs, name) for name in ("miss", "false_alarm", "abstention", "hazard_rate")},
+        "candidates": chosen.candidates,
+        "worth": chosen.worth,
+        "best_single_model": chosen.single,
+        "frames": list(chosen.frames),
+        "episodes": list(chosen.episodes),
+    }
+
+
+def _frozen(raw: Mapping[str, object]) -> Frozen:
+    models = cast("dict[str, dict[str, object]]", raw["models"])
+    prompt, bank = cast("dict[str, object]", raw["prompt"]), cast("dict[str, str]", raw["bank"])
+    wording, point = prompt["wording"], raw["operating_point"]
+    if point not in get_args(Point):
+        raise ValueError(f"no operating point {point!r}")
+    about = About(
+        bank=bank["fingerprint"],
+        bank_name=bank["name"],
+        prompt=cast("str | None", prompt["key"]),
+        view=cast("str | None", raw["view"]),
+        versions={name: str(one["version"]) for name, one in models.items() if one["version"] is not None},
+        served={name: str(one["served"]) for name, one in models.items() if one["served"] is not None},
+        modes={
+            name: RequestMode.from_dict(cast("dict[str, object]", one["mode"]), name)
+            for name, one in models.items()
+            if one["mode"] is not None
+        },
+        wording=Prompt.from_dict(wording) if isinstance(wording, dict) else None,
+        axis=cast("MirrorAxis | None", raw["mirror_axis"]),
+        reader=cast("int | None", raw["reader"]),
+    )
+    selection = raw.get("selection")
+    return Frozen(
+        committee=tuple(map(str, cast("list[str]", raw["committee"]))),
+        threshold=int(cast("int", raw["threshold"])),
+        point=cast("Point", point),
+        about=about,
+        selection=_read_selection(selection) if isinstance(selection, dict) else None,
+        chosen_as=str(raw.get("chosen_as", "")),
+        made_by=str(raw["eyechart"]),
+    )
+
+
+def _read_selection(raw: Mapping[str, object]) -> Selection:
+    costs = cast("dict[str, float] | None", raw["costs"])
+    return Selection(
+        frames=tuple(map(str, cast("list[str]", raw["frames"]))),
+        episodes=tuple(map(str, cast("list[str]", raw["episodes"]))),
+        candidates=int(cast("int", raw["candidates"])),
+        worth=float(cast("float", raw["worth"])),
+        single=str(raw["best_single_model"]),
+        costs=None if costs is None else Costs(**costs),
+    )
+
+
+def _short(value: str | int | None) -> str:
+    text = str(value)
+    return "none recorded" if value in {None, ""} else f"'{text}'" if len(text) <= 24 else f"'{text[:24]}…'"

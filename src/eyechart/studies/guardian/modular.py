@@ -1,0 +1,111 @@
+"""Modular replay: the guardian brakes, a deterministic reader of the picture keeps collision and lateral clearance.
+
+Source: section Symmetry-consensus longitudinal guardian.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from eyechart.errors import GuardianError
+from eyechart.frames import FrameBank, decode
+from eyechart.perception.renderer import read_picture
+from eyechart.perception.scene import STOP_GAP_M, Scene, safe_action
+from eyechart.stats.agreement import rate
+from eyechart.stats.statistic import Statistic
+from eyechart.studies.guardian.frozen import Frozen
+from eyechart.studies.guardian.scoring import WORDS, answer_of
+from eyechart.studies.guardian.votes import VoteTable
+
+Scenes = tuple[Scene, Scene]
+"""What the deterministic reader sees in a picture and in its reflection."""
+
+Read = Callable[[str], Scenes | None]
+
+MIRROR = {"LEFT": "RIGHT", "RIGHT": "LEFT"}
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What a modular controller would have done on each frame, and how that compares.
+
+    ``agreement`` is with the renderer policy, the fixed policy on what the deterministic reader sees;
+    ``equivariance`` the share of frames whose reflection gets the reflected action, without which it is no symmetric
+    controller. ``directional`` counts the frames on which the renderer policy turns: with few of them nothing is said
+    of lateral control. ``unread`` are the frames that the reader could not read, which count in neither share.
+    """
+
+    agreement: Statistic
+    equivariance: Statistic
+    directional: int
+    actions: Mapping[str, str]
+    unread: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the replay as plain JSON values."""
+        return {
+            "agreement_with_renderer_policy": self.agreement.as_dict(),
+            "equivariance": self.equivariance.as_dict(),
+            "directional_reference_actions": self.directional,
+            "actions": dict(self.actions),
+            "unread": list(self.unread),
+        }
+
+
+def modular_action(answer: str, scene: Scene) -> str:
+    """Return the action of a guardian's answer under deterministic collision and lateral authority.
+
+    STOP nearer than 12 m, whatever the guardian says; then STRAIGHT where it says clear; the one clear side or else
+    SLOW where it says hazard; and the fixed policy where it abstains.
+    """
+    if scene.gap_m is not None and scene.gap_m < STOP_GAP_M:
+        return "STOP"
+    if answer == "abstain":
+        return safe_action(scene)
+    if answer == "clear":
+        return "STRAIGHT"
+    if scene.left_clear != scene.right_clear:
+        return "LEFT" if scene.left_clear else "RIGHT"
+    return "SLOW"
+
+
+def replay(frozen: Frozen, table: VoteTable, read: Read) -> Replay:
+    """Replay a guardian's answers to the frames of a table with what ``read`` sees in each and in its reflection.
+
+    A frame and its reflection have the same votes, exchanged, so the answer to both is one. Raises GuardianError as
+    `Frozen.may_score` does, and where no frame can be read.
+    """
+    frozen.may_score(table)
+    said = [WORDS[int(one)] for one in answer_of(frozen, table)[frozen.point]]
+    actions, unread = {}, []
+    agreed = mirrored = directional = 0
+    for frame, answer in zip(table.frames, said, strict=True):
+        scenes = read(frame)
+        if scenes is None:
+            unread.append(frame)
+            continue
+        action, reflected = (modular_action(answer, scene) for scene in scenes)
+        reference = safe_action(scenes[0])
+        actions[frame] = action
+        agreed += action == reference
+        mirrored += reflected == MIRROR.get(action, action)
+        directional += reference in MIRROR
+    if not actions:
+        raise GuardianError(
+            f"{table.name}: the deterministic reader reads none of its {len(unread)} pictures; modular replay is for "
+            "top-down highway banks"
+        )
+    return Replay(rate(agreed, len(actions)), rate(mirrored, len(actions)), directional, actions, tuple(unread))
+
+
+def reader_of(bank: FrameBank) -> Read:
+    """Return the reader of a highway bank: the image-only positive control, on each picture and on its flip."""
+
+    def read(frame_id: str) -> Scenes | None:
+        frame = bank.frame(frame_id)
+        if frame.mirror_axis != "vertical":
+            return None
+        pixels = decode(bank.image(frame), frame.file)
+        here, there = read_picture(pixels), read_picture(pixels[::-1])
+        return None if here is None or there is None else (here.scene, there.scene)
+
+    return read

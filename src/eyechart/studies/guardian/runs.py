@@ -1,0 +1,70 @@
+"""The votes of an admission or structured run: a model votes hazard where its scene estimate says close."""
+
+from pathlib import Path
+
+import numpy as np
+
+from eyechart.errors import VoteError
+from eyechart.ledger import Ledger
+from eyechart.manifest import LEDGER, read_run
+from eyechart.perception.estimate import SCENE_READER, read_estimate
+from eyechart.stats.committee import MISSING
+from eyechart.studies.battery import plan_of
+from eyechart.studies.guardian.truth import HAZARD_COLUMN, episode_of, hazards_of
+from eyechart.studies.guardian.votes import About, VoteTable
+
+CONDITIONS = ("real", "mirrored")
+"""What the two votes of a model are replies to, in the order of `VIEWS`."""
+
+
+def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = False) -> VoteTable:
+    """Return the votes of every model of a run on its frames; what holds no scene estimate is a missing vote.
+
+    Truth is the bank's column ``hazard``, or where it has none whether the gap is below its threshold. Raises VoteError
+    where the folder is no run of scene estimates, or was read by another version of the reader and not ``reread``.
+    """
+    manifest, bank = read_run(path)
+    if not manifest.prompt.scene:
+        raise VoteError(f"{path} is a run of the study '{manifest.study}', whose replies are no scene estimates")
+    if manifest.reader != SCENE_READER and not reread:
+        raise VoteError(
+            f"{path} was begun under version {manifest.reader} of the reader of scenes; this is version {SCENE_READER}"
+        )
+    frames = plan_of(manifest, bank).frames
+    place = {frame.id: number for number, frame in enumerate(frames)}
+    models = tuple(sorted(manifest.models))
+    served: dict[str, set[str | None]] = {model: set() for model in models}
+    votes = np.full((len(models), len(frames), 2), MISSING, dtype=np.int8)
+    with Ledger(path / LEDGER) as ledger:
+        for number, model in enumerate(models):
+            for key, reply in ledger.replies(model):
+                if key.frame in place and key.condition in CONDITIONS:
+                    if reply.error is None:
+                        served[model].add(reply.served)
+                    found = read_estimate(reply.text, reply.finish_reason, reply.error).estimate
+                    vote = MISSING if found is None else int(found.close)
+                    votes[number, place[key.frame], CONDITIONS.index(key.condition)] = vote
+    truth, axes = hazards_of(bank, hazard), {frame.mirror_axis for frame in frames}
+    about = About(
+        bank=bank.manifest.fingerprint,
+        bank_name=bank.name,
+        prompt=manifest.prompt.key,
+        view=manifest.view,
+        versions=dict(manifest.models),
+        served={
+            model: str(next(iter(names))) for model, names in served.items() if len(names) == 1 and None not in names
+        },
+        modes=dict(manifest.modes),
+        wording=manifest.prompt,
+        axis=axes.pop() if len(axes) == 1 else None,
+        reader=SCENE_READER,
+    )
+    return VoteTable(
+        name=path.name,
+        frames=tuple(frame.id for frame in frames),
+        episodes=tuple(episode_of(frame) for frame in frames),
+        hazard=np.array([truth[frame.id] for frame in frames], dtype=np.bool_),
+        models=models,
+        votes=votes,
+        about=about,
+    )

@@ -1,0 +1,65 @@
+"""The guardian's page: what was missed stands there with its views, and nothing on it is fetched or runs."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import voters
+from banks import build_bank
+from eyechart.frames import FrameBank
+from eyechart.models import ADAPTERS
+from eyechart.report.guardian import choice_lines
+from eyechart.report.guardian_page import guardian_page
+from eyechart.studies import guardian as study
+
+
+@pytest.fixture
+def bank(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> FrameBank:
+    """Return a bank of boxes, whose voters can be asked."""
+    monkeypatch.setitem(ADAPTERS, "voter", "voters")
+    return build_bank(tmp_path / "bank", episodes=3, steps=4, drawn=False)
+
+
+def test_what_was_missed_is_shown_with_its_views_and_votes(bank: FrameBank, tmp_path: Path) -> None:
+    """A committee that never sees a hazard: each is listed, marked in the table of votes, and pictured twice."""
+    table = voters.ask_all(bank.root, ("never",), tmp_path / "run")
+    chosen, rest = table.frames[:12], table.frames[12:]
+    frozen = study.fit(table.keep(chosen), size=1)
+    found = study.score(frozen, table.keep(rest), enumerate_up_to=0)
+    html = guardian_page(found, bank).decode()
+    assert guardian_page(found, bank).decode() == html
+    assert len(found.missed) == int(table.keep(rest).hazard.sum()) > 0
+    assert len(re.findall(r'src="data:image/webp;base64,', html)) == 2 * len(found.missed)
+    assert len(re.findall(r'<tr class="missed">', html)) == len(found.missed)
+    for frame in rest:
+        assert frame in html
+    assert "original: voter:never clear" in html
+    assert "Cannot say: no episodes were kept for a bound" in html
+    without = guardian_page(found, None).decode()
+    assert "data:image" not in without
+    assert "shown where the bank is given with --frames" in without
+
+
+def test_a_committee_that_is_no_better_than_chance_is_said_to_be_none(bank: FrameBank, tmp_path: Path) -> None:
+    """One that never says hazard; one that sees is not called so."""
+    table = voters.ask_all(bank.root, ("never", "sees"), tmp_path / "run")
+    blind, seeing = (study.fit(table, size=1, models=(f"voter:{name}",)) for name in ("never", "sees"))
+    words = "no better than chance"
+    assert (words in " ".join(choice_lines(blind)), words in " ".join(choice_lines(seeing))) == (True, False)
+
+
+def test_nothing_on_it_is_fetched_or_runs(bank: FrameBank, tmp_path: Path) -> None:
+    """No script, no address; a model's name is text whatever it holds."""
+    table = voters.ask_all(bank.root, ("sees",), tmp_path / "run")
+    evil = "m<script>alert(1)</script>"
+    named = replace(table, models=(evil,), about=study.About())
+    frozen = study.fit(named.keep(named.frames[:12]), size=1)
+    found = study.score(frozen, named.keep(named.frames[12:]), enumerate_up_to=0)
+    html = guardian_page(found, bank).decode()
+    assert "<script" not in html
+    assert "m&lt;script&gt;" in html
+    assert "default-src 'none'" in html
+    fetched = re.findall(r'(?:src|href)="(?!data:|#)([^"]*)"', html)
+    assert fetched == []

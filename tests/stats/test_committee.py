@@ -1,0 +1,163 @@
+"""A committee's answer, and the choice of the best one, against definitions written out as loops."""
+
+from itertools import combinations, product
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eyechart.stats.committee import (
+    ABSTAIN,
+    CLEAR,
+    HAZARD,
+    MISSING,
+    POINTS,
+    Choice,
+    Costs,
+    Point,
+    answers,
+    risk_coverage,
+    select,
+    select_without_each,
+    tally,
+)
+
+Votes = np.ndarray
+
+
+def one(h: int, m: int, voters: int, threshold: int, point: Point) -> int:
+    """Return the answer to so many votes."""
+    return int(answers(h, m, voters=voters, threshold=threshold, point=point))
+
+
+@pytest.mark.parametrize("voters", range(1, 9))
+def test_a_missing_vote_never_counts_as_clear_nor_makes_a_hazard_of_what_could_be_none(voters: int) -> None:
+    """Every committee, threshold, point and way of filling in the missing votes: the rule, exhaustively."""
+    for threshold, point, h in product(range(1, voters + 1), POINTS, range(voters + 1)):
+        for m in range(voters - h + 1):
+            said = one(h, m, voters, threshold, point)
+            filled = {one(h + j, 0, voters, threshold, point) for j in range(m + 1)}
+            if m and said != ABSTAIN:
+                assert said == HAZARD
+                assert filled == {HAZARD}
+            if HAZARD in filled and filled != {HAZARD}:
+                assert said == ABSTAIN, "a missing vote could have made it a hazard"
+            if not m and point == "two_way":
+                assert said == (HAZARD if h >= threshold else CLEAR)
+            assert one(0, voters, voters, threshold, point) == ABSTAIN
+
+
+def test_the_operating_points_of_four_votes() -> None:
+    """Hazard from two votes on; nothing on two against two; only four or none alike."""
+    at = {point: [one(h, 0, 4, 2, point) for h in range(5)] for point in POINTS}
+    assert at["two_way"] == [CLEAR, CLEAR, HAZARD, HAZARD, HAZARD]
+    assert at["abstain"] == [CLEAR, CLEAR, ABSTAIN, HAZARD, HAZARD]
+    assert at["unanimous"] == [CLEAR, ABSTAIN, ABSTAIN, ABSTAIN, HAZARD]
+
+
+@pytest.mark.parametrize(("h", "m", "threshold"), [(3, 2, 2), (-1, 0, 2), (0, 0, 0), (0, 0, 5)])
+def test_what_no_committee_of_four_can_say_is_refused(h: int, m: int, threshold: int) -> None:
+    """Too many votes, fewer than none, and a threshold that no vote reaches."""
+    with pytest.raises(ValueError, match=r"votes"):
+        one(h, m, 4, threshold, "two_way")
+
+
+def drawn(seed: int, models: int, frames: int, missing: float) -> tuple[Votes, Votes, Votes]:
+    """Return votes, truth and the episode of each frame."""
+    dice = np.random.default_rng(seed)
+    truth = dice.random(frames) < 0.6
+    truth[:2], truth[2:4] = True, False
+    group = dice.integers(0, 4, frames)
+    group[:8] = [0, 1, 0, 1, 2, 3, 2, 3]
+    votes = (dice.random((models, frames, 2)) < np.where(truth, 0.7, 0.3)[None, :, None]).astype(np.int8)
+    votes[dice.random(votes.shape) < missing] = MISSING
+    return votes, truth, group
+
+
+def worth(votes: Votes, truth: Votes, choice: tuple[tuple[int, ...], int, Point], costs: Costs | None) -> float:
+    """Return what a choice is worth, frame by frame."""
+    committee, threshold, point = choice
+    own = votes[list(committee)]
+    h, m = (own == 1).sum(axis=(0, 2)), (own == MISSING).sum(axis=(0, 2))
+    answered = answers(h, m, voters=2 * len(committee), threshold=threshold, point=point).tolist()
+    per_class: dict[bool, list[float]] = {True: [], False: []}
+    for frame, said in enumerate(answered):
+        if costs is None:
+            per_class[bool(truth[frame])].append(float(said == (HAZARD if truth[frame] else CLEAR)))
+        elif said == ABSTAIN:
+            per_class[bool(truth[frame])].append(costs.false_alarm if costs.abstention is None else costs.abstention)
+        elif truth[frame]:
+            per_class[True].append(costs.miss if said == CLEAR else 0.0)
+        else:
+            per_class[False].append(costs.false_alarm if said == HAZARD else 0.0)
+    means = {kind: float(np.mean(values)) for kind, values in per_class.items()}
+    if costs is None:
+        return (means[True] + means[False]) / 2
+    rate = costs.hazard_rate or float(np.mean(truth))
+    return -(rate * means[True] + (1 - rate) * means[False])
+
+
+def slowly(votes: Votes, truth: Votes, size: int, costs: Costs | None) -> Choice:
+    """Return the best choice by trying each in the declared order."""
+    points: tuple[Point, ...] = POINTS if costs is not None and costs.abstention is not None else ("two_way",)
+    best: tuple[float, Choice] | None = None
+    for committee in combinations(range(len(votes)), size):
+        for threshold, point in product(range(1, 2 * size + 1), points):
+            found = worth(votes, truth, (committee, threshold, point), costs)
+            if best is None or found > best[0] + 1e-10:
+                best = (found, Choice(committee, threshold, point, found))
+    assert best is not None
+    return best[1]
+
+
+@settings(max_examples=25)
+@given(
+    seed=st.integers(0, 10_000),
+    size=st.integers(1, 3),
+    missing=st.sampled_from([0.0, 0.15]),
+    costs=st.sampled_from([None, Costs(5, 1), Costs(5, 1, 0.5), Costs(1, 1, 0.1, hazard_rate=0.05)]),
+)
+def test_the_choice_is_that_of_trying_each_in_order(seed: int, size: int, missing: float, costs: Costs | None) -> None:
+    """On all frames, and without each episode; ties in the declared order."""
+    votes, truth, group = drawn(seed, 4, 24, missing)
+    found = tally(votes, truth, group, size=size)
+    choices = [select(found, costs), *select_without_each(found, costs)]
+    kept = [np.ones(len(truth), dtype=bool), *(group != fold for fold in range(4))]
+    for choice, mask in zip(choices, kept, strict=True):
+        wanted = slowly(votes[:, mask], truth[mask], size, costs)
+        assert (choice.committee, choice.threshold, choice.point) == (wanted.committee, wanted.threshold, wanted.point)
+        assert choice.worth == pytest.approx(wanted.worth)
+
+
+def test_a_tie_goes_to_the_first_committee_and_then_to_the_lowest_threshold() -> None:
+    """Six models that all say the same: every pair and each threshold is as good."""
+    truth = np.array([True, True, False, False])
+    votes = np.broadcast_to(truth.astype(np.int8)[None, :, None], (6, 4, 2)).copy()
+    choice = select(tally(votes, truth, np.zeros(4, dtype=np.int64), size=2))
+    assert (choice.committee, choice.threshold, choice.worth) == ((0, 1), 1, 1.0)
+
+
+def test_frames_of_one_class_choose_nothing() -> None:
+    """There is no balanced accuracy of hazards alone."""
+    votes, truth, group = drawn(1, 3, 24, 0.0)
+    with pytest.raises(ValueError, match="at least one hazardous and one clear"):
+        select(tally(votes[:, truth], truth[truth], group[truth], size=2))
+    with pytest.raises(ValueError, match="committee of 4 cannot be chosen from 3"):
+        tally(votes, truth, group, size=4)
+
+
+@pytest.mark.parametrize("bad", [(-1, 1, None, None), (0, 0, None, None), (1, 1, -1, None), (1, 1, None, 1.0)])
+def test_costs_that_cannot_be_are_refused(bad: tuple[float, float, float | None, float | None]) -> None:
+    """Negative, all zero, and a rate of hazards that leaves no clear frame."""
+    with pytest.raises(ValueError, match=r"costs|hazard_rate"):
+        Costs(*bad)
+
+
+def test_the_curve_ends_with_all_that_was_answered() -> None:
+    """From unanimous frames to all: coverage grows, and the last point holds every error."""
+    truth = np.array([True, True, True, False, False, False])
+    votes = np.array([4, 3, 2, 0, 2, 1])
+    said = answers(votes, 0, voters=4, threshold=2, point="two_way")
+    curve = list(risk_coverage(votes, said, truth, voters=4))
+    assert [(one.margin, one.answered, one.wrong) for one in curve] == [(4, 2, 0), (2, 4, 0), (0, 6, 1)]

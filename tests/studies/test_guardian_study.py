@@ -1,0 +1,316 @@
+"""The guardian: chosen, frozen, scored on what it never saw; and the paper's table to its printed digits."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import published_votes
+from banks import build_bank
+from eyechart.errors import GuardianError, VoteError
+from eyechart.frames import open_bank
+from eyechart.perception.scene import Scene, safe_action
+from eyechart.stats.committee import Costs
+from eyechart.studies import guardian as study
+from published_votes import GEMMA, QWEN, published
+
+QUICK = 0
+"""Multisets to enumerate: none, so that intervals are drawn, which is what tests of other things have time for."""
+
+
+@pytest.fixture(scope="module")
+def table() -> study.VoteTable:
+    """Return the votes with the paper's counts."""
+    return published()
+
+
+@pytest.fixture(scope="module")
+def frozen(table: study.VoteTable) -> study.Frozen:
+    """Return the guardian that the 16 calibration frames choose."""
+    return study.fit(table.part("calibration"))
+
+
+def test_the_papers_table_to_its_digits(table: study.VoteTable, frozen: study.Frozen) -> None:
+    """Table t:positive-guardian, the choice behind it, McNemar, and intervals over all multisets of 12 episodes."""
+    assert (frozen.committee, frozen.threshold, frozen.point) == ((GEMMA, QWEN), 2, "two_way")
+    assert frozen.selection is not None
+    assert (frozen.selection.single, frozen.selection.candidates) == (GEMMA, 60)
+    scored = study.score(frozen, table.part("score"))
+    printed = {name: [f"{row[key].value:.3f}" for key in row] for name, row in scored.rows.items()}
+    assert printed == {
+        "single": ["1.000", "0.842", "0.869", "0.821", "0.917"],
+        "two_way": ["1.000", "0.956", "0.954", "0.958", "0.950"],
+        "abstain": ["0.824", "0.960", "0.973", "0.946", "1.000"],
+        "unanimous": ["0.647", "0.994", "0.996", "0.992", "1.000"],
+    }
+    assert scored.mcnemar.p == pytest.approx(3.35e-7, abs=5e-10)
+    assert scored.mcnemar.detail == {"b": 35, "c": 4}
+    assert [(one.answered, one.wrong) for one in scored.curve] == [(176, 1), (224, 9), (272, 12)]
+    assert len(scored.missed) == 9
+    balanced = scored.rows["two_way"]["bal"]
+    assert "all 1352078 multisets" in balanced.method
+    assert balanced.ci is not None
+    assert balanced.ci[0] < 0.954 < balanced.ci[1]
+    assert scored.warnings[0].startswith("12 of 12 scored episodes also gave frames that chose the guardian")
+
+
+def test_the_papers_nested_number(table: study.VoteTable) -> None:
+    """.951 pooled over 288 frames, the same pair and threshold in 12 of 12 folds."""
+    found = study.nested(table, enumerate_up_to=QUICK)
+    assert found.agreed == 12
+    assert set(found.folds.values()) == {((GEMMA, QWEN), 2, "two_way")}
+    assert f"{found.pooled['bal'].value:.3f}" == "0.951"
+    assert found.frames == 288
+
+
+def test_selection_is_inside_every_fold(table: study.VoteTable) -> None:
+    """What fails in one episode only is chosen without that episode, although another model is better on all."""
+    names, group = table.groups()
+    votes = np.ones_like(table.votes)
+    votes[0] = np.where(group == 3, ~table.hazard, table.hazard)[:, None]
+    votes[1] = table.hazard[:, None]
+    wrong = np.flatnonzero((group != 3) & table.hazard)[:2]
+    votes[1, wrong] = 0
+    found = study.nested(replace(table, votes=votes), size=1, enumerate_up_to=QUICK)
+    assert {episode: chosen[0] for episode, chosen in found.folds.items()} == {
+        episode: (table.models[0 if episode == names[3] else 1],) for episode in names
+    }
+    assert found.pooled["acc"].value == pytest.approx(1 - (np.sum(group == 3) + 2) / 288)
+
+
+def test_a_calibration_frame_is_never_scored(table: study.VoteTable, frozen: study.Frozen) -> None:
+    """Not one of them; leaving them out is explicit."""
+    with pytest.raises(GuardianError, match=r"frame 'f272' is one of 16 in votes\.csv that chose this guardian"):
+        study.score(frozen, table)
+    one = table.keep((*table.part("score").frames, "f280"))
+    for refused in (study.score, study.bound):
+        with pytest.raises(GuardianError, match="frame 'f280' is one of 1 "):
+            refused(frozen, one)
+    with pytest.raises(GuardianError, match="frame 'f280'"):
+        study.replay(frozen, one, lambda _: None)
+    assert frozen.selection is not None
+    assert len(table.without(frozen.selection.frames).frames) == 272
+
+
+CHANGES: dict[str, tuple[Callable[[study.About], study.About], str]] = {
+    "bank": (lambda about: replace(about, bank="0" * 64), "the bank differs"),
+    "prompt": (lambda about: replace(about, prompt="another"), "the prompt differs"),
+    "view": (lambda about: replace(about, view="another"), "the view differs"),
+    "model": (
+        lambda about: replace(about, versions={**about.versions, QWEN: "digest-2"}),
+        f"the model '{QWEN}' differs",
+    ),
+    "no record": (lambda about: replace(about, view=None), "the view differs.*none recorded"),
+}
+
+
+@pytest.mark.parametrize("what", CHANGES)
+def test_votes_that_came_about_otherwise_are_refused_by_name(
+    table: study.VoteTable, frozen: study.Frozen, what: str
+) -> None:
+    """Another bank, prompt, view or version of a model: each said by name."""
+    change, message = CHANGES[what]
+    other = replace(table.part("score"), about=change(table.about))
+    with pytest.raises(GuardianError, match=message):
+        study.score(frozen, other)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [('"threshold": 2', '"threshold": 1'), ('   "f280",\n', ""), ('"two_way"', '"abstain"'), ("digest-1", "digest-2")],
+)
+def test_an_edited_guardian_is_refused(frozen: study.Frozen, tmp_path: Path, old: str, new: str) -> None:
+    """Its threshold, a frame that it saw, its operating point, a model's digest."""
+    path = tmp_path / "guardian.json"
+    study.write_frozen(path, frozen)
+    assert study.read_frozen(path) == frozen
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(GuardianError, match="was edited after it was frozen"):
+        study.read_frozen(path)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"format": "eyechart-guardian/9"}', "{" * 10_000])
+def test_what_is_no_guardian_is_said_to_be_none(tmp_path: Path, text: str) -> None:
+    """In one line, whatever the file holds."""
+    path = tmp_path / "guardian.json"
+    path.write_text(text)
+    with pytest.raises(GuardianError, match="is no guardian"):
+        study.read_frozen(path)
+
+
+def test_an_export_holds_what_a_stack_needs_and_nothing_else(
+    table: study.VoteTable, frozen: study.Frozen, tmp_path: Path
+) -> None:
+    """No frame, no episode, no score; it reads back, names what it was made of, and cannot score."""
+    path = tmp_path / "stack.json"
+    study.write_frozen(path, frozen.exported())
+    said = json.loads(path.read_text(encoding="utf-8"))
+    how = "committee views threshold operating_point models prompt view mirror_axis reader bank"
+    assert set(said) == {"format", *how.split(), "chosen_as", "eyechart", "digest"}
+    assert said["chosen_as"] == frozen.digest
+    back = study.read_frozen(path)
+    assert back.exported() == back == frozen.exported()
+    with pytest.raises(GuardianError, match="exported guardian does not hold the frames"):
+        study.score(back, table.part("score"))
+
+
+def test_costs_move_the_operating_point(table: study.VoteTable) -> None:
+    """Dear misses lower the threshold, dear false alarms raise it, and cheap abstention splits no hairs."""
+    whole = table.without(())
+    misses, alarms = (study.fit(whole, costs=costs).threshold for costs in (Costs(50, 1), Costs(1, 50)))
+    assert misses < alarms
+    handed_on = study.fit(whole, costs=Costs(50, 50, 0.01))
+    assert handed_on.point == "unanimous"
+    assert handed_on.selection is not None
+    assert handed_on.selection.rule == "lowest expected cost of a frame on the calibration frames"
+    with pytest.raises(GuardianError, match="chosen by the costs"):
+        study.fit(whole, costs=Costs(1, 1, 1), point="abstain")
+
+
+def test_the_bound_comes_from_episodes_that_served_for_nothing_else(table: study.VoteTable) -> None:
+    """Its number of episodes, what one percent would need, and its scope are said; other episodes are refused."""
+    calibration = table.of_episodes(("e00", "e01", "e02", "e03"))
+    frozen = study.fit(calibration)
+    scored, fresh = table.of_episodes(("e04", "e05")), table.of_episodes([f"e{n:02}" for n in range(6, 12)])
+    found = study.bound(frozen, fresh, used=scored.episodes)
+    assert found.episodes == 6
+    assert found.rate.value is not None
+    assert found.rate.ci is not None
+    assert 0 < found.rate.value < found.rate.ci[1] <= 1
+    assert found.needed_at_best == 299 <= found.needed
+    assert found.scope.startswith("valid only for episodes exchangeable with those of bank paper")
+    assert len(found.conformal) == 4
+    with pytest.raises(GuardianError, match="episode 'e04' is scored"):
+        study.bound(frozen, scored, used=scored.episodes)
+    with pytest.raises(GuardianError, match="episode 'e00' chose this guardian"):
+        study.bound(study.fit(table.part("calibration")), table.part("score"))
+
+
+def test_what_was_handed_on_is_no_miss(table: study.VoteTable) -> None:
+    """At the abstaining point a split counts in coverage, never as clear; with every vote missing nothing is missed."""
+    frozen = study.fit(table.part("calibration"), point="abstain")
+    silent = replace(table.part("score"), votes=np.full((6, 272, 2), -1, dtype=np.int8))
+    scored = study.score(frozen, silent, enumerate_up_to=QUICK)
+    assert set(scored.answers.values()) == {"abstain"}
+    assert scored.rows["two_way"]["coverage"].value == 0
+    assert scored.rows["two_way"]["bal"].value is None
+    assert (scored.missed, scored.incomplete) == ((), 272)
+
+
+def scenes(gap_m: float | None, *, left: bool, right: bool) -> tuple[Scene, Scene]:
+    """Return what the deterministic reader sees in a picture and in its reflection."""
+    scene = Scene(gap_m, left, right)
+    return scene, scene.mirrored()
+
+
+def test_a_replay_is_equivariant_and_the_reader_keeps_collision_and_sides(
+    table: study.VoteTable, frozen: study.Frozen
+) -> None:
+    """The guardian brakes; STOP and the side are the reader's, whatever the votes say."""
+    held_out = table.part("score")
+    gaps = (8.0, 15.0, 30.0, None)
+    seen = {
+        frame: scenes(gaps[place % 4], left=bool(place & 4), right=bool(place & 8))
+        for place, frame in enumerate(held_out.frames)
+    }
+    found = study.replay(frozen, held_out, seen.get)
+    assert found.equivariance.value == 1.0
+    scored = study.score(frozen, held_out, enumerate_up_to=QUICK)
+    for frame, action in found.actions.items():
+        scene, answer = seen[frame][0], scored.answers[frame]
+        if scene.gap_m == 8.0:
+            assert action == "STOP"
+        elif answer == "clear":
+            assert action == "STRAIGHT"
+        elif scene.left_clear != scene.right_clear:
+            assert action == ("LEFT" if scene.left_clear else "RIGHT")
+        else:
+            assert action == "SLOW"
+    agreed = sum(action == safe_action(seen[frame][0]) for frame, action in found.actions.items())
+    assert found.agreement.value == agreed / 272
+    lopsided = {frame: (pair[0], pair[0]) for frame, pair in seen.items()}
+    assert (study.replay(frozen, held_out, lopsided.get).equivariance.value or 0) < 1
+    with pytest.raises(GuardianError, match="reads none of its 272 pictures"):
+        study.replay(frozen, held_out, lambda _: None)
+
+
+def test_votes_are_read_back_as_they_were_written(table: study.VoteTable, tmp_path: Path) -> None:
+    """From CSV with a file about them, and from JSON lines; an empty cell is a missing vote."""
+    votes = table.votes.copy()
+    votes[0, :5] = -1
+    written = replace(table, votes=votes)
+    path, about = published_votes.write(written, tmp_path)
+    read = study.read_votes(path, about=about)
+    assert (read.frames, read.episodes, read.models, read.split) == (
+        *(written.frames, written.episodes),
+        *(written.models, written.split),
+    )
+    assert np.array_equal(read.votes, votes)
+    assert np.array_equal(read.hazard, table.hazard)
+    assert read.about == table.about
+    lines = tmp_path / "votes.jsonl"
+    rows = [{"id": "a", "ride": 1, "danger": 1, "m/original": "hazard", "m/reflected": None}]
+    lines.write_text("\n".join(json.dumps(row) for row in rows))
+    columns = {"frame": "id", "episode": "ride", "hazard": "danger"}
+    short = study.read_votes(lines, columns=columns)
+    assert (short.episodes, short.votes.tolist(), short.about.bank) == (("1",), [[[1, -1]]], None)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("frame,episode,hazard\na,e,1\n", "has no votes"),
+        ("frame,episode,hazard,m/original\na,e,1,1\n", "no column 'm/reflected'"),
+        ("frame,episode,m/original,m/reflected\na,e,1,1\n", "no column 'hazard'"),
+        ("frame,episode,hazard,m/original,m/reflected\na,e,1,1,maybe\n", "row 1: 'm/reflected' is 'maybe'"),
+        ("frame,episode,hazard,m/original,m/reflected\na,e,,1,1\n", "row 1: 'hazard' is None"),
+        ("frame,episode,hazard,m/original,m/reflected\na,e,1,1,1\na,e,0,1,1\n", "'a' stands there twice"),
+        ("frame,episode,hazard,split,m/original,m/reflected\na,e,1,test,1,1\n", "'split' is 'test', not one of"),
+        ("frame,episode,hazard,m/original,m/reflected\n,e,1,1,1\n", "row 1: 'frame' is None"),
+        ("frame,episode,hazard,m/original,m/reflected\n", "has no rows"),
+    ],
+)
+def test_a_table_that_cannot_be_is_refused_with_its_row(tmp_path: Path, text: str, message: str) -> None:
+    """Each says the file, the row and what is wrong."""
+    path = tmp_path / "votes.csv"
+    path.write_text(text)
+    with pytest.raises(VoteError, match=message):
+        study.read_votes(path)
+
+
+def test_truth_and_episodes_may_come_from_a_bank(tmp_path: Path) -> None:
+    """A hazard is what its column says, or a gap below the bank's threshold; the bank's fingerprint is then known."""
+    bank = build_bank(tmp_path / "bank")
+    path = tmp_path / "votes.csv"
+    rows = [f"{frame.id},1,0" for frame in bank]
+    path.write_text("\n".join(["frame,m/original,m/reflected", *rows]))
+    read = study.read_votes(path, bank=bank)
+    near = [isinstance(gap := frame.truth["lead_gap_m"], float) and gap < 18 for frame in bank]
+    assert read.hazard.tolist() == near
+    assert read.episodes == tuple(f"{frame.scenario}/{frame.episode}" for frame in bank)
+    assert read.about.bank == open_bank(bank.root).manifest.fingerprint
+    assert study.read_votes(path, bank=bank, hazard="crashed").hazard.tolist() == [False] * len(bank)
+    for column, message in (("demand", "neither true nor false"), ("danger", "no column 'danger'")):
+        with pytest.raises(VoteError, match=message):
+            study.read_votes(path, bank=bank, hazard=column)
+    path.write_text("frame,m/original,m/reflected\nnobody,1,1\n")
+    with pytest.raises(VoteError, match="has no frame 'nobody'"):
+        study.read_votes(path, bank=bank)
+
+
+def test_a_committee_of_four_can_be_chosen_and_one_of_five_cannot(table: study.VoteTable) -> None:
+    """Its threshold is of eight votes; models may be named, and ties among them go to the first."""
+    four = study.fit(table.without(()), size=4)
+    assert (len(four.committee), four.voters) == (4, 8)
+    assert study.fit(table.without(()), models=(QWEN, GEMMA)).committee == (GEMMA, QWEN)
+    with pytest.raises(GuardianError, match="1 to 4 models"):
+        study.fit(table.without(()), size=5)
+    with pytest.raises(GuardianError, match="hazardous and clear ones are needed"):
+        study.fit(table.keep(table.frames[:5]))
+    with pytest.raises(VoteError, match="no votes of 'nobody'"):
+        study.fit(table.without(()), models=("nobody", GEMMA))

@@ -1,0 +1,246 @@
+"""A guardian over HTTP: answers, refusals that say why, and never "clear" where a model is gone."""
+
+import asyncio
+import importlib.util
+import json
+import sys
+import time
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from types import ModuleType
+
+import aiohttp
+import pytest
+
+from banks import draw
+from eyechart.calls import Query, Reply
+from eyechart.errors import GuardianError
+from eyechart.frames import encode
+from eyechart.guardian import Guardian, interface_of
+from eyechart.serve import Limits, serve
+from eyechart.studies.guardian import Frozen, write_frozen
+from stand_ins import Held
+from voters import gap_of, says
+
+NEAR, FAR = encode(draw(8.0, 3)), encode(draw(38.0, 4))
+PNG = {"Content-Type": "image/png"}
+
+
+def load_bench() -> ModuleType:
+    """Return the benchmark's module, whose load generator the test shares."""
+    path = Path(__file__).parents[1] / "benchmarks" / "bench_serve.py"
+    spec = importlib.util.spec_from_file_location("bench_serve", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["bench_serve"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+BENCH = load_bench()
+
+
+class Seer(Held):
+    """A model that sees the drawn gap, after a pause."""
+
+    def __init__(self, pause_s: float = 0.0) -> None:
+        self.pause_s = pause_s
+
+    async def answer(self, query: Query) -> Reply:
+        """Answer from the picture."""
+        await asyncio.sleep(self.pause_s)
+        assert query.image is not None
+        return says(gap_of(query.image))
+
+
+def guardian_of(pause_s: float = 0.0, deadline_s: float = 1.0) -> Guardian:
+    """Return a guardian of two seers."""
+    frozen: Frozen = BENCH.frozen(("http://127.0.0.1:1/v1",) * 2)
+    models = dict.fromkeys(frozen.committee, Seer(pause_s))
+    return Guardian(frozen, models, interface_of(frozen), deadline_s=deadline_s)
+
+
+Ask = Callable[[aiohttp.ClientSession, str], Awaitable[None]]
+
+
+def served(ask: Ask, guardian: Guardian, limits: Limits | None = None) -> None:
+    """Serve a guardian on a free port as long as ``ask`` takes."""
+
+    async def run() -> None:
+        address: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+
+        async def until() -> None:
+            async with aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=20)) as session:
+                await ask(session, await address)
+
+        await serve(guardian, port=0, limits=limits, started=address.set_result, until=until)
+
+    with guardian:
+        asyncio.run(run())
+
+
+async def post(session: aiohttp.ClientSession, url: str, body: bytes, **headers: str) -> tuple[int, dict[str, object]]:
+    """Send a picture."""
+    async with session.post(f"{url}/assess", data=body, headers=headers or PNG) as came:
+        return came.status, await came.json()
+
+
+def test_a_picture_gets_its_answer_and_the_metrics_count_it() -> None:
+    """Hazard and clear; health names the guardian; the OpenAPI document describes what is there."""
+
+    async def ask(session: aiohttp.ClientSession, url: str) -> None:
+        assert url.startswith("http://127.0.0.1:")
+        (near, hazard), (far, clear) = await post(session, url, NEAR), await post(session, url, FAR)
+        assert (near, far, hazard["answer"], clear["answer"]) == (200, 200, "hazard", "clear")
+        assert hazard["votes"] == {model: {"original": True, "reflected": True} for model in BENCH.MODELS}
+        async with session.get(f"{url}/health") as came:
+            assert (came.status, (await came.json())["threshold"]) == (200, 2)
+        async with session.get(f"{url}/metrics") as came:
+            said = await came.text()
+        assert 'eyechart_assessments_total{answer="hazard"} 1.0' in said
+        assert 'eyechart_votes_total{model="openai:first",view="reflected",vote="clear"} 1.0' in said
+        assert "eyechart_assessment_seconds_count 2.0" in said
+        assert 'eyechart_requests_total{status="200"} 3.0' in said
+        async with session.get(f"{url}/openapi.json") as came:
+            document = await came.json()
+        assert document["openapi"].startswith("3.1")
+        assert set(document["paths"]) == {"/assess", "/health", "/metrics", "/openapi.json"}
+        answers = document["paths"]["/assess"]["post"]["responses"]
+        assert {"200", "400", "408", "413", "415", "422", "503"} <= set(answers)
+        assert set(answers["200"]["content"]["application/json"]["schema"]["properties"]) == set(hazard)
+
+    served(ask, guardian_of())
+
+
+def test_bad_input_is_refused_in_one_line() -> None:
+    """Empty, no picture, cut off, too large, of another type, to another place, by another method."""
+
+    async def ask(session: aiohttp.ClientSession, url: str) -> None:
+        for body, headers, status, why in (
+            (b"", PNG, 400, "the body is empty"),
+            (b"hello", PNG, 422, "no picture that can be shown"),
+            (NEAR[:60], PNG, 422, "no picture that can be shown"),
+            (NEAR, {"Content-Type": "text/html"}, 415, "a picture is sent as"),
+            (bytes(3000), PNG, 413, "3000 bytes; the limit is 2000"),
+        ):
+            found, said = await post(session, url, body, **headers)
+            assert (found, why in str(said["error"])) == (status, True), said
+            assert "\n" not in str(said["error"])
+
+        async def chunks() -> object:
+            for _ in range(10):
+                yield bytes(500)
+
+        async with session.post(f"{url}/assess", data=chunks(), headers=PNG) as came:
+            assert (came.status, "more than 2000 bytes" in await came.text()) == (413, True)
+        for method, path, status in (("GET", "/nowhere", 404), ("GET", "/assess", 405), ("POST", "/health", 405)):
+            async with session.request(method, url + path) as came:
+                assert (came.status, "/openapi.json" in (await came.json())["error"]) == (status, True)
+
+    served(ask, guardian_of(), Limits(most_bytes=2000))
+
+
+def test_too_much_is_refused_at_once_with_when_to_come_back() -> None:
+    """One at a time and one waiting: the others get 503, quickly, and who waits past the deadline too."""
+
+    async def ask(session: aiohttp.ClientSession, url: str) -> None:
+        async def one() -> tuple[int, float, str | None]:
+            start = time.perf_counter()
+            async with session.post(f"{url}/assess", data=NEAR, headers=PNG) as came:
+                await came.read()
+                return came.status, time.perf_counter() - start, came.headers.get("Retry-After")
+
+        found = await asyncio.gather(*(one() for _ in range(6)))
+        assert sorted(status for status, _, _ in found) == [200, 200, 503, 503, 503, 503]
+        for status, seconds, retry in found:
+            assert (retry is not None and int(retry) >= 1) == (status == 503)
+            assert seconds < 2.0
+        assert min(seconds for status, seconds, _ in found if status == 503) < 0.25
+
+    served(ask, guardian_of(pause_s=0.3, deadline_s=2.0), Limits(concurrency=1, queue=1))
+
+
+def test_a_slow_sender_is_cut_off() -> None:
+    """A body that does not come gets 408 by the deadline; a head that does not come is closed after the idle time."""
+
+    async def ask(session: aiohttp.ClientSession, url: str) -> None:
+        del session
+        for whole, status in ((True, 408), (False, 0)):
+            found = await BENCH.slow(url, 0.0, NEAR, whole=whole, deadline_s=2.0)
+            assert found.status == status
+            assert found.seconds < 2.0
+
+    served(ask, guardian_of(deadline_s=0.3), Limits(idle_s=0.4))
+
+
+def test_a_request_under_way_is_answered_before_the_server_ends() -> None:
+    """Shutting down is graceful."""
+    under_way: list[asyncio.Task[tuple[int, dict[str, object]]]] = []
+    session = []
+
+    async def ask(_: aiohttp.ClientSession, url: str) -> None:
+        session.append(aiohttp.ClientSession())
+        under_way.append(asyncio.create_task(post(session[0], url, NEAR)))
+        await asyncio.sleep(0.1)
+
+    async def run() -> None:
+        address: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+
+        async def until() -> None:
+            await ask(session, await address)  # type: ignore[arg-type]
+
+        await serve(guardian, port=0, started=address.set_result, until=until)
+        status, said = await under_way[0]
+        assert (status, said["answer"]) == (200, "hazard")
+        await session[0].close()
+
+    with guardian_of(pause_s=0.4) as guardian:
+        asyncio.run(run())
+
+
+def test_an_address_that_is_taken_is_said_and_limits_must_be_limits() -> None:
+    """In one line."""
+
+    async def ask(session: aiohttp.ClientSession, url: str) -> None:
+        del session
+        with pytest.raises(GuardianError, match="give another --port"):
+            await serve(guardian, port=int(url.rpartition(":")[2]))
+
+    guardian = guardian_of()
+    served(ask, guardian)
+    with pytest.raises(GuardianError, match="limits must be positive"):
+        Limits(concurrency=0)
+
+
+def test_under_load_everything_is_answered_and_a_dead_model_makes_nothing_clear(tmp_path: Path) -> None:
+    """A short version of benchmarks/bench_serve.py: mixed requests, and one of two model servers ends half-way."""
+    seconds, deadline_s = 3.0, 1.5
+
+    async def run() -> dict[str, object]:
+        endpoints = [await BENCH.endpoint() for _ in BENCH.MODELS]
+        path = tmp_path / "guardian.json"
+        write_frozen(path, BENCH.frozen([url for _, url in endpoints]))
+        found: list[dict[str, object]] = []
+        address: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+
+        async def kill() -> None:
+            await asyncio.sleep(seconds / 2)
+            await endpoints[1][0].cleanup()
+
+        async def until() -> None:
+            killer = asyncio.create_task(kill())
+            offered = await BENCH.offer(await address, seconds=seconds, rate=30, deadline_s=deadline_s)
+            await killer
+            found.append(BENCH.judged(offered, died_s=seconds / 2, deadline_s=deadline_s, grace_s=5.0))
+
+        limits = Limits(most_bytes=BENCH.MOST_BYTES, idle_s=1.0)
+        with Guardian.load(path, deadline_s=deadline_s) as guardian:
+            await serve(guardian, port=0, limits=limits, started=address.set_result, until=until)
+        await endpoints[0][0].cleanup()
+        return found[0]
+
+    said = asyncio.run(run())
+    assert said["wrong"] == [], json.dumps(said)
+    assert "clear" in said["answers_before"]  # type: ignore[operator]
+    assert "abstain" in said["answers_after"]  # type: ignore[operator]
