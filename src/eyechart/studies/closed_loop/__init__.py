@@ -4,26 +4,43 @@ Source: paper, Tables t:baselines and t:degeneracy.
 """
 
 from eyechart.studies.closed_loop.agreement import Replay
-from eyechart.studies.closed_loop.blind import Blind
+from eyechart.studies.closed_loop.blind import OUTCOMES, Blind, blind_baselines
 from eyechart.studies.closed_loop.degeneracy import Degeneracy
 from eyechart.studies.closed_loop.identical import Twins, same_drive
-from eyechart.studies.closed_loop.ladder import Paired, Rung
+from eyechart.studies.closed_loop.ladder import (
+    LEVEL,
+    Outcomes,
+    Paired,
+    Rung,
+    corrected,
+    exact_rate,
+    outcomes_of,
+    paired,
+)
 from eyechart.studies.closed_loop.reading import Driver, Drives, is_episodes, read_drives
 from eyechart.studies.closed_loop.repeated import Repeats
 from eyechart.studies.closed_loop.scoring import ClosedLoopScore, score
 
 __all__ = [
+    "LEVEL",
+    "OUTCOMES",
     "Blind",
     "ClosedLoopScore",
     "Degeneracy",
     "Driver",
     "Drives",
+    "Outcomes",
     "Paired",
     "Repeats",
     "Replay",
     "Rung",
     "Twins",
+    "blind_baselines",
+    "corrected",
+    "exact_rate",
     "is_episodes",
+    "outcomes_of",
+    "paired",
     "read_drives",
     "same_drive",
     "score",

@@ -8,9 +8,22 @@ from pathlib import Path
 
 from eyechart.errors import LedgerError
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.closed_loop.blind import OUTCOMES, Blind, blind_baselines
-from eyechart.studies.closed_loop.ladder import LEVEL, Outcomes, Paired, corrected, exact_rate, outcomes_of, paired
-from eyechart.studies.closed_loop.reading import Driver, Drives, is_episodes, read_drives
+from eyechart.studies.closed_loop import (
+    LEVEL,
+    OUTCOMES,
+    Blind,
+    Driver,
+    Drives,
+    Outcomes,
+    Paired,
+    blind_baselines,
+    corrected,
+    exact_rate,
+    is_episodes,
+    outcomes_of,
+    paired,
+    read_drives,
+)
 from eyechart.studies.hierarchy.planning import MPC_ONLY, PARTS
 
 NOT_PERCEPTION = "completion does not show perception"
