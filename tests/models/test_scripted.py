@@ -10,7 +10,7 @@ from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
 from eyechart.frames import decode, encode, open_bank
 from eyechart.models import open_model
-from eyechart.models.scripted import CONTROLLERS, names, see
+from eyechart.models.scripted import CONTROLLERS, PLANNERS, names, see
 from eyechart.perception.estimators import ESTIMATORS
 from eyechart.reader import read_decision
 from eyechart.verdicts import CALIBRATED_LABELS, PAPER_LABELS
@@ -74,7 +74,7 @@ def test_an_unknown_adapter_is_refused_by_name(spec: str) -> None:
 
 def test_there_are_sixteen() -> None:
     """The list for people and the table of controllers agree."""
-    assert list(names()) == [*CONTROLLERS, *ESTIMATORS]
+    assert list(names()) == [*CONTROLLERS, *PLANNERS, *ESTIMATORS]
     assert len(CONTROLLERS) == 16
 
 

@@ -71,8 +71,12 @@ def test_a_drive_is_what_stepping_the_stock_environment_gives() -> None:
 
 
 @pytest.mark.parametrize("road", [RoundaboutEnv, IntersectionEnv, ConnectedLaneMergeEnv])
-def test_roads_that_do_not_point_east_go_the_stock_way(road: Callable[[], Any]) -> None:
+def test_roads_that_do_not_point_east_go_the_stock_way(
+    road: Callable[[], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Curved and crossing lanes, and lanes whose ends are connected, give the states of the stock functions."""
+    for name in ("DISTANCE_WANTED", "COMFORT_ACC_MAX", "COMFORT_ACC_MIN"):  # an intersection sets them for good
+        monkeypatch.setattr(behavior.IDMVehicle, name, getattr(behavior.IDMVehicle, name))
 
     def drive() -> list[bytes]:
         env = road()
