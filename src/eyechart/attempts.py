@@ -20,7 +20,7 @@ def budget_of(limits: Limits | None, models: Sequence[str], ledger: Ledger) -> B
     """Return the budget of a run, with what its ledger holds already counted where a limit bounds it."""
     budget = Budget(limits or Limits(), models)
     if budget.counts_all:
-        for spec in models:
+        for spec in ledger.models():  # also those that are not asked now: a limit is the whole run's
             for attempt in ledger.attempts(spec):
                 budget.made_before(spec, attempt.reply)
     return budget

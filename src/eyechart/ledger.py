@@ -215,6 +215,10 @@ class Ledger:
         )
         return {CallKey(*row) for row in rows}
 
+    def models(self) -> list[str]:
+        """Return the models that calls were begun of, by name."""
+        return [name for (name,) in self._sql.execute("SELECT DISTINCT model FROM calls ORDER BY model")]
+
     def replies(self, model: str) -> Iterator[tuple[CallKey, Reply]]:
         """Yield each call of a model that has a reply: its final one, or its last failure while it has none."""
         names = ", ".join(f"r.{name}" for name in _REPLY)

@@ -146,3 +146,27 @@ def test_a_time_out_is_a_success_only_where_there_is_no_goal(tmp_path: Path) -> 
     found = {row.driver.policy: row for row in score(make_run(tmp_path / "b", [*time_out, *goal])).ladder}
     assert found["slow"].statistics["success_rate"].value == 0
     assert found["fast"].statistics["success_rate"].value == 1
+
+
+def test_failed_calls_are_no_evidence_of_sight(tmp_path: Path) -> None:
+    """Where calls failed under one condition the fail-safe drove, and nothing is said of the picture."""
+    real = [*drive("m", lambda _step, _n: None)]
+    blank = [*drive("m", always("LEFT"), condition="blank")]
+    failed = [
+        replace(
+            episode, steps=tuple(replace(step, decision=Decision(None, "error")) for step in episode.steps)
+        )
+        for episode in real
+    ]
+    run = make_run(tmp_path / "run", [*failed, *blank], models=["m"])
+    (found,) = score(run).blind
+    assert found.finding == "cannot_say"
+    assert "calls failed, 100% of them with real pictures" in found.sentence
+
+
+def test_the_same_drive_by_the_fail_safe_is_not_the_same_decision(tmp_path: Path) -> None:
+    """A model that refuses blank pictures and says SLOW otherwise is not told to ignore its picture."""
+    real, blank = drive("m", always("SLOW")), drive("m", lambda _step, _n: None, condition="blank")
+    (found,) = score(make_run(tmp_path / "run", [*real, *blank], models=["m"])).blind
+    assert found.finding == "cannot_say"
+    assert "the drives are the same, but not the decisions" in found.sentence

@@ -42,7 +42,9 @@ def ladder(
     say(f"{len(planned.keys)} episodes, {len(planned.keys) - len(planned.left())} driven already")
     if planned.left():
         with resumable(), progress("episodes", "episodes") as move:
-            run(planned, bounds=Bounds(processes=processes), progress=move)
+            outcome = run(planned, bounds=Bounds(processes=processes), progress=move)
+        for spec, why in outcome.set_aside.items():
+            say(f"set aside: {spec}: {why}")
     if left := len(planned.left()):
         say(f"{left} episodes are unfinished; the same command goes on")
         raise typer.Exit(1)

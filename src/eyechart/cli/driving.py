@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eyechart.cli import asking
+from eyechart.cli.before import say_uncounted
 from eyechart.cli.terminal import print_json, progress, resumable, say, table_console
 
 if TYPE_CHECKING:
@@ -13,6 +14,9 @@ if TYPE_CHECKING:
 
     from eyechart.episodes import Episode, Episodes, Row
     from eyechart.limits import Outcome
+
+
+_MOST_WORLDS = 100_000
 
 
 def closed_loop(
@@ -145,7 +149,13 @@ def _seeds(given: str) -> list[int]:
         raise SpecError(
             f"--seeds takes a number of worlds, or seeds with commas such as 0,3,5; got '{given}'"
         ) from error
-    return numbers if "," in given else list(range(*numbers))
+    if "," in given:
+        return numbers
+    if len(numbers) != 1 or not 1 <= numbers[0] <= _MOST_WORLDS:
+        raise SpecError(
+            f"--seeds takes a number of worlds from 1 to {_MOST_WORLDS}, or seeds with commas; got '{given}'"
+        )
+    return list(range(numbers[0]))
 
 
 def _processors() -> int:
@@ -189,6 +199,7 @@ def _tell(outcome: "Outcome", left: int, over: "Sequence[Episode]") -> None:
     """Print how a run ended; raise Exit 3 where a limit stopped it, 1 where not every episode came to its end."""
     for spec, why in outcome.set_aside.items():
         say(f"set aside: {spec}: {why}")
+    say_uncounted(outcome)
     failed = [one for one in over if one.ended == "error"]
     if failed:
         first = failed[0]

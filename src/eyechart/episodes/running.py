@@ -83,6 +83,8 @@ def drive(
     coordinator = _Coordinator(drivers, open_host, keep, _calls_of(todo, drivers, ledger))
     try:
         return asyncio.run(coordinator.run(todo, ledger, bounds))
+    except asyncio.CancelledError:
+        raise KeyboardInterrupt from None
     except BaseExceptionGroup as group:
         raise first_error(group) from None
 
@@ -172,7 +174,7 @@ class _Coordinator:
                     slot.host.close()
                 for model in models.values():
                     await close(model)
-        return Outcome({}) if budget is None else Outcome(dict(budget.set_aside), budget.stopped)
+        return Outcome({}) if budget is None else Outcome(dict(budget.set_aside), budget.stopped, budget.uncounted)
 
     async def _policies(self, queue: Iterator[EpisodeKey], slot: _Slot) -> None:
         """Let one host drive one episode after another, none of whose steps comes here."""
@@ -267,8 +269,9 @@ def decide(reply: Reply, drivers: Drivers) -> Decision:
 def _terminated_as_interrupted() -> Iterator[None]:
     """Let SIGTERM end the run as SIGINT does: hosts are closed, and what is finished is kept."""
     loop, here = asyncio.get_running_loop(), threading.current_thread() is threading.main_thread()
-    if here:
-        loop.add_signal_handler(signal.SIGTERM, signal.raise_signal, signal.SIGINT)
+    task = asyncio.current_task()
+    if here and task is not None:
+        loop.add_signal_handler(signal.SIGTERM, task.cancel)  # SIGINT itself may be ignored: a shell's background job
     try:
         yield
     finally:

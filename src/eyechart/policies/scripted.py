@@ -25,7 +25,7 @@ class Oracle:
     def decide(self, observation: Observation) -> Decision:
         """Return the action; raises SpecError where the simulator tells no scene."""
         truth = observation.truth
-        if missing := [name for name in NEEDS if name not in truth]:
+        if missing := [name for name in NEEDS if truth.get(name) is None]:
             raise SpecError(f"'oracle' needs a simulator that tells {', '.join(NEEDS)}; here {missing[0]} is missing")
         if truth["demand"] == "STRAIGHT":
             return Decision("STRAIGHT")

@@ -31,7 +31,7 @@ def _demand(step: Step) -> str | None:
 
 def _oracle(step: Step) -> str | None:
     """Return what the ladder's oracle decides; None where the truth lacks what it reads."""
-    if not set(NEEDS) <= step.truth.keys():
+    if any(step.truth.get(name) is None for name in NEEDS):
         return None
     return Oracle().decide(Observation(step.frame, step.step, lambda: None, step.truth, DRIVING, 0)).action
 

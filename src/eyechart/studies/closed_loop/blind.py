@@ -75,8 +75,9 @@ def _said(real: Drives, other: Drives, found: Paired, outcomes: Outcomes) -> Bli
     condition = other.driver.condition
     worlds = sorted(real.by_world.keys() & other.by_world.keys())
     same = sum(same_drive(real.by_world[name], other.by_world[name]) for name in worlds)
-    finding = _finding(found, same)
-    what = {
+    failed = _failed(real, other)
+    finding = CANNOT_SAY if failed else _finding(found, same)
+    what = failed or {
         DIFFERS: _differs,
         NO_DIFFERENCE: _no_difference,
         SAME: _identical,
@@ -129,6 +130,28 @@ def _cannot_say(found: Paired, condition: str) -> str:
         f"cannot say whether {condition} pictures change how it drives: with {found.worlds} worlds no exact test can "
         "reach .05. Drive more seeds or scenarios."
     )
+
+
+def _failed(real: Drives, other: Drives) -> str:
+    """Return why two drives cannot be held against each other: calls failed, or the fail-safe made them alike."""
+    shares = {one.driver.condition: _share(one, "error") for one in (real, other)}
+    if said := [f"{share:.0%} of them with {name} pictures" for name, share in shares.items() if share > SILENT]:
+        return f"cannot say whether the picture matters: calls failed, {' and '.join(said)}, and the fail-safe drove."
+    decided = [(one.actions == "").tolist() for one in (real, other)]
+    alike = real.by_world.keys() == other.by_world.keys() and all(
+        same_drive(real.by_world[name], other.by_world[name]) for name in real.by_world
+    )
+    if alike and decided[0] != decided[1]:
+        return (
+            "cannot say whether the picture matters: the drives are the same, but not the decisions. At some steps it "
+            "decides nothing under one condition alone, and the fail-safe does there what it does itself under the other."
+        )
+    return ""
+
+
+def _share(drives: Drives, missing: str) -> float:
+    steps = drives.steps
+    return sum(step.decision.missing == missing for step in steps) / len(steps) if steps else 0.0
 
 
 def _silence(real: Drives, other: Drives) -> str:

@@ -104,9 +104,8 @@ def _kind(one: Drives, other: Drives, worlds: Sequence[str]) -> str:
         return CONVERGED
     if not (one.asked and other.asked):
         return SCRIPTED if one.driver.policy != other.driver.policy else REPEATS
-    again = one.driver.policy == other.driver.policy and one.driver.condition == other.driver.condition
-    if again and not _faster(one, other):
-        return REPEATS
+    if one.driver.policy == other.driver.policy and not _faster(one, other):
+        return REPEATS if one.driver.condition == other.driver.condition else COINCIDE
     common = len(one.by_world.keys() & other.by_world.keys())
     return SUSPECT if len(worlds) >= MOSTLY * common and _verbatim(one, other, worlds) else COINCIDE
 
@@ -214,7 +213,12 @@ def _scripted(group: Sequence[Drives], same: Sequence[str]) -> str:
 
 
 def _coincide(group: Sequence[Drives], same: Sequence[str]) -> str:
-    del group
+    if len({one.driver.policy for one in group}) == 1:
+        shown = " and ".join(one.driver.condition for one in group)
+        return (
+            f"the same model decides alike with {shown} pictures in {len(same)} worlds: what differs between them does not "
+            "matter to it there. Nothing in its replies points to a cache."
+        )
     return f"they decide alike in {len(same)} worlds, too few or in too different words for a cache."
 
 

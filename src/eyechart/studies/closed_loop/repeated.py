@@ -16,6 +16,9 @@ FEWEST_REPEATS = 5
 IMPLAUSIBLE = 0.1
 """A repeated request that takes less than this share of what first requests take was hardly answered anew."""
 
+SLOW_S = 0.1
+"""A model that answers faster than this is quick by itself, and its times tell nothing of a cache."""
+
 
 @dataclass(frozen=True)
 class Repeats:
@@ -66,7 +69,7 @@ def repeated_requests(drives: Drives) -> Repeats | None:
     slow, fast = seconds(list(first.values())), seconds([two for _, two in again])
     ratio = fast / slow if slow and any(two.reply and two.reply.seconds is not None for _, two in again) else None
     varies = len({one.reply.text for one in first.values() if one.reply is not None}) > 1
-    suspect = varies and same == len(again) and ratio is not None and ratio < IMPLAUSIBLE
+    suspect = varies and same == len(again) and ratio is not None and ratio < IMPLAUSIBLE and slow >= SLOW_S
     words = f"{len(again)} requests came again, {same} got the text of the first"
     if ratio is not None:
         words += f", in {ratio:.2g} of its time"
