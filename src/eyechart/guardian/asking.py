@@ -161,7 +161,9 @@ class Guardian:
             return self._silent(start, "the picture was not ready to be shown by the deadline")
         except BankError as error:
             return self._silent(start, f"no picture that can be shown: {error}")
-        except Exception as error:  # noqa: BLE001 - nor over what an interface of its own does
+        except asyncio.CancelledError:
+            raise
+        except BaseException as error:  # noqa: BLE001 - nor over what an interface of its own does
             return self._silent(start, f"the picture could not be shown: {type(error).__name__}: {error}"[:_WORDS])
         return await self._ask(pictures, start, limit)
 
@@ -198,7 +200,9 @@ class Guardian:
             if served is not None and reply.served not in {None, served}:
                 return None, f"another model answered: {reply.served}, not {served}"
             return self._interface.read(reply)
-        except Exception as error:  # noqa: BLE001 - a stack must not fall over what a model does
+        except asyncio.CancelledError:
+            raise
+        except BaseException as error:  # noqa: BLE001 - a stack must not fall over what a model does, not even SystemExit
             return None, without_secrets(f"{type(error).__name__}: {error}")[:_WORDS]
 
     def _answer(self, votes: Mapping[tuple[str, str], tuple[Vote, str]], start: float) -> Assessment:
@@ -232,16 +236,23 @@ class Guardian:
             try:
                 async with asyncio.timeout(_CLOSING_S / 2):
                     await model.close()
-            except Exception:  # noqa: BLE001, S112 - what cannot be closed is left
+            except asyncio.CancelledError:
+                raise
+            except BaseException:  # noqa: BLE001, S112 - what cannot be closed is left
                 continue
         loop.stop()
 
 
 def _turn(loop: asyncio.AbstractEventLoop) -> None:
-    try:
-        loop.run_forever()
-    finally:
-        loop.close()
+    """Turn the models' loop until it is stopped; a task of a model's own that raises SystemExit only interrupts it."""
+    turning = True
+    while turning:
+        try:
+            loop.run_forever()
+            turning = False
+        except BaseException:  # noqa: BLE001, S112 - the next picture needs the loop
+            continue
+    loop.close()
 
 
 def _left(start: float, limit: float) -> float:
@@ -253,8 +264,7 @@ def _deployed(spec: str, chosen: RequestMode | None, given: RequestMode | None) 
     """Return the mode to ask a model in: the given one, where it differs from the chosen one in its address only."""
     if given is None or chosen is None:
         return given or chosen
-    address = {name: getattr(given, name) for name in ("base_url", "key_env", "headers", "timeout_s")}
-    if not replace(chosen, **address).same_request(given):
+    if not chosen.differs_in_address_only(given):
         raise GuardianError(
             f"'{spec}' would be asked otherwise than when the guardian was chosen: only base_url, key_env, headers and "
             "timeout_s of its mode may differ"
