@@ -65,10 +65,7 @@ def fit(
 
     require_free(out, "guardian")
     table = _read(votes, frames, hazard, about, columns)
-    if calibration is not None:
-        table = table.keep(_ids(calibration))
-    else:
-        table = _part(table, "calibration")
+    table = table.keep(_ids(calibration)) if calibration is not None else _part(table, "calibration")
     costs = _costs(cost_miss, cost_false_alarm, cost_abstain, hazard_rate)
     frozen = study.fit(table, size=size, models=tuple(models or ()), point=_point(point), costs=costs)
     study.require_own(out, frozen)

@@ -27,8 +27,7 @@ from eyechart.serve.metrics import Metrics
 from eyechart.serve.openapi import openapi
 
 _QUIET = logging.getLogger("eyechart.serve")
-_QUIET.addHandler(logging.NullHandler())
-_QUIET.propagate = False  # what cannot be understood is answered with 400, and is no news to whoever runs the server
+_QUIET.setLevel(logging.CRITICAL + 1)  # what cannot be understood is answered with 400, and needs no traceback
 _SIGNS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"RIFF", b"BM")
 _LEAST_S = 0.01
 """With less time than this left no model is asked."""

@@ -48,8 +48,7 @@ def measure(
     rows: dict[str, Metrics] = {}
     for name, answer in said.items():
         rows[name] = {
-            metric: _spread(one, spread[f"{name} {metric}"])
-            for metric, one in _metrics(table, answer).items()
+            metric: _spread(one, spread[f"{name} {metric}"]) for metric, one in _metrics(table, answer).items()
         }
     return rows
 
