@@ -212,6 +212,8 @@ def test_an_address_that_is_taken_is_said_and_limits_must_be_limits() -> None:
     served(ask, guardian)
     with pytest.raises(GuardianError, match="limits must be positive"):
         Limits(concurrency=0)
+    with pytest.raises(GuardianError, match="at most 64 pictures at a time, got concurrency=65"):
+        Limits(concurrency=65)
 
 
 def test_under_load_everything_is_answered_and_a_dead_model_makes_nothing_clear(tmp_path: Path) -> None:
