@@ -29,5 +29,5 @@ class Limits:
             raise GuardianError(f"limits must be positive numbers, the queue 0 or more; got {self}")
         if self.concurrency > MOST_AT_ONCE:
             raise GuardianError(
-                f"a guardian is asked about at most {MOST_AT_ONCE} pictures at a time, got concurrency={self.concurrency}"
+                f"a guardian takes at most {MOST_AT_ONCE} pictures at a time, got concurrency={self.concurrency}"
             )
