@@ -16,6 +16,7 @@ from eyechart.manifest import LEDGER
 from eyechart.modes import RequestMode
 from eyechart.prompts import PROMPTS
 from eyechart.seeds import key_seed
+from eyechart.simulators import open_simulator
 
 SCENARIOS = ("light", "dense", "merge", "blocked")
 SPEEDS = {"STOP": 20.0, "SLOW": 20.0, "STRAIGHT": 30.0, "LEFT": 25.0, "RIGHT": 25.0}
@@ -48,7 +49,7 @@ def episode(key: EpisodeKey, decide: Decide, *, steps: int = 20, ended: str = "t
         truth = scene(key.scenario, key.seed, number, forward=forward)
         action = decide(truth, number, key.seed)
         decision = Decision(action) if action is not None else Decision(None, "unparsed", "no_action")
-        executed = action or fail_safe(DRIVING)
+        executed = action or fail_safe(open_simulator("highway"))
         distance += SPEEDS[executed]
         done.append(COMMANDS.get(executed, executed))
         crashed = ended == "crash" and number == steps - 1

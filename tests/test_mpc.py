@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from eyechart.errors import StateError
 from eyechart.mpc import STEP_S, Bicycle, Mpc, Plan, Road, State, Target
+from eyechart.mpc.detour import Detour
 
 CAR, ROAD = Bicycle(), Road()
 STILL = State(0.0, 0.0, 0.0, 0.0)
@@ -135,6 +136,19 @@ def test_a_target_and_an_obstacle_that_are_no_numbers_are_refused_by_name() -> N
         mpc.plan(STILL, Target(4.5, math.inf))
     with pytest.raises(StateError, match=r"^obstacle 1 is \[2.0, nan, 1.0\]"):
         mpc.plan(STILL, Target(4.5, 0.0), [(1.0, 1.0, 1.0), (2.0, math.nan, 1.0)])
+
+
+def test_two_discs_in_a_row_have_the_way_round_of_one() -> None:
+    """Equal edges are one way, and no tie between two; a true tie has none, so that no side is preferred."""
+    assert Detour(np.array([[6.0, 0.0, 1.0], [7.0, 0.0, 1.0]]), 0.0, 4.0).aim(0.0, 0.5, 0.0) == pytest.approx(1.1)
+    assert Detour(np.array([[6.0, 0.0, 1.0]]), 0.0, 4.0).aim(0.0, 0.5, 0.0) == pytest.approx(1.1)
+    assert Detour(np.array([[6.0, 0.0, 1.0]]), 0.0, 4.0).aim(0.0, 0.0, 0.0) == 0.0
+
+
+def test_obstacles_of_another_shape_are_refused() -> None:
+    """Three pairs are not two triples."""
+    with pytest.raises(StateError, match=r"obstacles have shape \(3, 2\)"):
+        Mpc(CAR, ROAD).plan(STILL, Target(4.5, 0.0), np.zeros((3, 2)))
 
 
 def test_no_state_leaves_a_failure_unsaid() -> None:

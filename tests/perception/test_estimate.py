@@ -162,3 +162,25 @@ def test_the_schema_is_of_the_fields_that_are_read() -> None:
     assert tuple(SCHEMA["properties"]) == FIELDS  # type: ignore[arg-type]
     assert SCHEMA["required"] == list(FIELDS)
     assert tuple(json.loads(GOOD)) == FIELDS
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        "{'lead_gap_m': 5, 'close': True, 'left_clear': False, 'right_clear': False, 'confidence': 0.9}",
+        'Correction: {"lead_gap_m": 5, "close": true, "left_clear": false',
+    ],
+)
+@pytest.mark.parametrize("first", [True, False])
+def test_a_broken_estimate_beside_a_whole_one_is_not_left_aside(broken: str, *, first: bool) -> None:
+    """It may be the one that was meant, and the whole one the one that was taken back."""
+    whole = '{"lead_gap_m": 50, "close": false, "left_clear": true, "right_clear": true, "confidence": 0.9}'
+    text = f"{broken} }} {whole}" if first else f"{whole} {broken}"
+    found = read_estimate(text, "stop", None)
+    assert (found.estimate, found.missing) == (None, "unparsed")
+
+
+def test_true_and_one_are_two_estimates() -> None:
+    """Also where both are whole objects."""
+    one = '{"lead_gap_m": 50, "close": false, "left_clear": true, "right_clear": true, "confidence": 0.9}'
+    assert read_estimate(one + one.replace("false", "0"), "stop", None).why == "several_objects"

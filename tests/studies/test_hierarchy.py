@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,7 @@ from eyechart.errors import LedgerError
 from eyechart.modes import RequestMode
 from eyechart.report.hierarchy import against_table, source_table
 from eyechart.studies import hierarchy
-from eyechart.studies.hierarchy import HierarchyScore, Part, planning, score
+from eyechart.studies.hierarchy import HierarchyScore, Part, planning, score, scoring
 
 MPC_ONLY = "constant:STRAIGHT"
 SMALL: Mapping[str, Part] = {
@@ -82,6 +83,24 @@ def test_a_planner_that_sees_is_told_from_itself_when_its_picture_is_mirrored(st
     said = [line for line in studied.words if "scripted:clear_side" in line]
     assert said
     assert all("completion does not show perception" in line for line in said)  # two worlds cannot show it either
+
+
+@pytest.mark.parametrize(
+    ("goals", "p", "said"), [(0.5, 0.01, False), (0.5, 0.2, True), (-0.5, 0.01, True), (0.0, 1.0, True)]
+)
+def test_only_more_goals_with_real_pictures_show_perception(
+    studied: HierarchyScore, goals: float, p: float, *, said: bool
+) -> None:
+    """Not another distance, and not fewer goals."""
+    part, blind = studied.blind[0]
+    assert part
+    changed = replace(blind.paired.differences["success_rate"], value=goals)
+    paired = replace(
+        blind.paired,
+        differences={**blind.paired.differences, "success_rate": changed},
+        holm={"success_rate": p, "distance_m": 0.001},
+    )
+    assert bool(scoring.unless_shown(replace(blind, paired=paired))) == said
 
 
 @pytest.mark.parametrize("name", ["garbled", "failing"])

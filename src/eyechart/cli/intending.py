@@ -9,6 +9,10 @@ from eyechart.cli import asking
 from eyechart.cli.terminal import print_json, progress, resumable, say, table_console
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from eyechart.episodes import Bounds, Episodes
+    from eyechart.models.prices import Prices
     from eyechart.studies.hierarchy import HierarchyScore
 
 
@@ -42,7 +46,7 @@ def hierarchy(
     """Let sources of intent plan for a rover under a model-predictive controller, beside the paper's tables.
 
     Scripted sources always, a model where one is given: with real, mirrored and blank pictures and with those of other
-    worlds. Interrupt it at will: it resumes. Exit 1: episodes are unfinished.
+    worlds. Interrupt it at will: it resumes. Exit 1: episodes are unfinished; 3: stopped at --max-calls or --max-cost.
     Example: eyechart run hierarchy --policy scripted:clear_side --out hierarchy
     """
     from eyechart import episodes as study
@@ -72,23 +76,40 @@ def hierarchy(
             say(f"  {estimate.words}")
     if dry_run:
         return
-    for name, part in planned.items():
-        if part.left():
-            limits = study.within(part, table, calls=max_calls, cost_usd=max_cost)
-            bounds = study.Bounds(processes=processes, concurrency=concurrency, limits=limits)
-            with (
-                resumable("finished episodes and calls are kept; the same command resumes"),
-                progress(name, "episodes") as move,
-            ):
-                study.run(part, bounds=bounds, progress=move)
+    stopped = _drive(planned, table, study.Bounds(processes=processes, concurrency=concurrency), max_calls, max_cost)
     found = score(out)
     if json:
         print_json(found.as_dict())
     else:
         print_hierarchy(found)
-    if left := sum(len(part.left()) for part in planned.values()):
+    left = sum(len(part.left()) for part in planned.values())
+    if left and stopped is not None:
+        say(f"stopped: {stopped}; {left} episodes are left; a higher limit resumes")
+        raise typer.Exit(3)
+    if left:
         say(f"{left} episodes are unfinished; the same command goes on where they were cut")
         raise typer.Exit(1)
+
+
+def _drive(
+    planned: "Mapping[str, Episodes]", table: "Prices", bounds: "Bounds", calls: int | None, cost_usd: float | None
+) -> str | None:
+    """Drive what is left of each part; return which limit stopped one of them, None where none did."""
+    from dataclasses import replace
+
+    from eyechart import episodes as study
+
+    stopped = None
+    for name, part in planned.items():
+        if part.left():
+            limited = replace(bounds, limits=study.within(part, table, calls=calls, cost_usd=cost_usd))
+            kept = "finished episodes and calls are kept; the same command resumes"
+            with resumable(kept), progress(name, "episodes") as move:
+                outcome = study.run(part, bounds=limited, progress=move)
+            for spec, why in outcome.set_aside.items():
+                say(f"set aside: {spec}: {why}")
+            stopped = stopped or outcome.stopped
+    return stopped
 
 
 def print_hierarchy(found: "HierarchyScore") -> None:

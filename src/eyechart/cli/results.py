@@ -37,11 +37,11 @@ def score(run: _Run, json: _Json = False, independent: _Independent = False, rer
 
     if structured.online.is_online(run):
         print_online(structured.online.score(run), json=json)
-    elif structured.is_structured(run):
-        print_estimators(structured.score(run, reread=reread), json=json)
     elif closed_loop.is_episodes(run):
         drives = closed_loop.score(run)
         print_json(drives.as_dict()) if json else print_drives(drives)
+    elif structured.is_structured(run):
+        print_estimators(structured.score(run, reread=reread), json=json)
     elif prompts.is_study(run):
         print_cells(prompts.score(run, reread=reread), json=json)
     else:

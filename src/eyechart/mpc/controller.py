@@ -223,7 +223,10 @@ def _normals(nominal: Floats, discs: Floats) -> Floats:
 
 
 def _discs(obstacles: npt.ArrayLike) -> Floats:
-    discs = np.asarray(obstacles, dtype=np.float64).reshape(-1, 3)
+    discs = np.asarray(obstacles, dtype=np.float64)
+    if discs.size and (discs.ndim != 2 or discs.shape[1] != 3):
+        raise StateError(f"obstacles have shape {discs.shape}: each is x, y and radius, so that n of them are (n, 3)")
+    discs = discs.reshape(-1, 3)
     bad = ~np.isfinite(discs).all(axis=1)
     if bad.any():
         number = int(bad.argmax())

@@ -167,8 +167,10 @@ def _only_one(text: str, repairs: dict[Repair, None]) -> dict[str, object]:
         repairs["text_around"] = None
     loaded = [_loaded(text[start:end], repairs) for start, end in spans]
     objects = [one for one in loaded if one is not None]
-    if not objects:
-        raise _Unreadable("malformed")
+    broken = [text[start:end] for (start, end), one in zip(spans, loaded, strict=True) if one is None]
+    broken += text[spans[-1][1] :].partition("{")[2:]
+    if not objects or any(name in part for part in broken for name in FIELDS):
+        raise _Unreadable("malformed")  # beside a broken estimate a whole one may be the one that was taken back
     answers = [one for one in objects if any(name in one for name in FIELDS)] or objects[:1]
     if any(_differ(answers[0], one) for one in answers[1:]):
         raise _Unreadable("several_objects")
@@ -228,8 +230,12 @@ def _json(text: str) -> dict[str, object]:
 
 
 def _differ(one: object, other: object) -> bool:
-    """Return whether two JSON values differ; true is not 1."""
-    return repr(one) != repr(other) if isinstance(one, bool) or isinstance(other, bool) else one != other
+    """Return whether two JSON values differ; true is not 1, at any depth."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() != other.keys() or any(_differ(one[name], other[name]) for name in one)
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) != len(other) or any(map(_differ, one, other))
+    return one != other or isinstance(one, bool) != isinstance(other, bool)
 
 
 def _estimate(values: Mapping[str, object]) -> Estimate:

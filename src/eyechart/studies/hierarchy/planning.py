@@ -1,4 +1,4 @@
-"""Which sources of intent drive which arm of the hierarchy, in how many worlds: six runs of episodes in one folder."""
+"""Which sources of intent drive which arm of the hierarchy, and where: up to seven runs of episodes in one folder."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
