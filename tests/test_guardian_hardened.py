@@ -90,12 +90,13 @@ class Holds(Held):
     """A model that holds the event loop until it is told to go on."""
 
     def __init__(self) -> None:
-        self.go_on = threading.Event()
+        self.holds, self.go_on = threading.Event(), threading.Event()
 
     async def answer(self, query: Query) -> Reply:
         """Wait without letting the loop turn."""
         assert query.image
-        self.go_on.wait(10)
+        self.holds.set()
+        self.go_on.wait(20)
         return voters.says(None)
 
 
@@ -112,7 +113,7 @@ def test_a_model_that_exits_ends_neither_the_loop_nor_the_stack(frozen: study.Fr
     guardian = guardian_of(frozen, Quits(apart=apart))
     with guardian:
         for _ in range(3):
-            found = guardian.assess(NEAR)
+            found = guardian.assess(NEAR, deadline_s=10.0)
             assert found.answer == ("clear" if apart else "abstain")
             assert apart or "SystemExit: 3" in found.why
     assert guardian._thread is not None
@@ -128,7 +129,7 @@ def test_an_interface_that_exits_is_abstained_from(frozen: study.Frozen) -> None
     with guardian_of(frozen, Holds()) as guardian:
         guardian._interface = replace(guardian._interface, views=exits)
         for _ in range(2):
-            assert "the picture could not be shown: SystemExit" in guardian.assess(NEAR).why
+            assert "the picture could not be shown: SystemExit" in guardian.assess(NEAR, deadline_s=10.0).why
 
 
 def test_a_loop_that_is_held_does_not_gather_pictures(frozen: study.Frozen, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -136,19 +137,23 @@ def test_a_loop_that_is_held_does_not_gather_pictures(frozen: study.Frozen, monk
     monkeypatch.setattr(asking_module, "MOST_AT_ONCE", 3)
     model = Holds()
     with guardian_of(frozen, model) as guardian:
-        for _ in range(3):
+        first = threading.Thread(target=guardian.assess, args=(NEAR,), kwargs={"deadline_s": 30.0})
+        first.start()
+        assert model.holds.wait(20)
+        for _ in range(2):
             assert "by the deadline" in guardian.assess(NEAR, deadline_s=0.05).why
         began = time.perf_counter()
         for _ in range(20):
             assert "are under way already" in guardian.assess(NEAR, deadline_s=5.0).why
         assert asyncio.run(guardian.assess_async(NEAR, deadline_s=5.0)).answer == "abstain"
-        assert time.perf_counter() - began < 2.0
+        assert time.perf_counter() - began < 4.0
         model.go_on.set()
-        for _ in range(200):
+        first.join(20)
+        for _ in range(500):
             if not guardian._under_way:
                 break
             time.sleep(0.01)
-        assert guardian.assess(NEAR, deadline_s=2.0).answer == "clear"
+        assert guardian.assess(NEAR, deadline_s=10.0).answer == "clear"
 
 
 def test_votes_that_were_asked_for_in_another_mode_are_refused(table: study.VoteTable) -> None:
