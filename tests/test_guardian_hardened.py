@@ -73,6 +73,7 @@ class Quits(Held):
         assert query.image
         if self.apart:
             self.task = asyncio.get_running_loop().create_task(self.leave())
+            self.task.add_done_callback(lambda done: done.exception())  # else asyncio logs it when it is let go
             await asyncio.sleep(0.01)
             return voters.says(None)
         return await self.leave()
