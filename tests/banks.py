@@ -42,7 +42,7 @@ def draw(gap_m: float | None, code: int, *, lane: int = 1, green: int = 200) -> 
 
 def frames_of(scenarios: Sequence[str], episodes: int, steps: int, axis: MirrorAxis, *, drawn: bool) -> list[Frame]:
     """Return the frames of a bank: episodes and steps of every scenario, gaps mixed over them."""
-    found = []
+    found: list[Frame] = []
     for scenario in scenarios:
         for episode in range(episodes):
             for step in range(steps):

@@ -18,6 +18,7 @@ from eyechart.errors import GuardianError
 from eyechart.frames import encode
 from eyechart.guardian import Guardian, interface_of
 from eyechart.serve import Limits, serve
+from eyechart.serve.openapi import openapi
 from eyechart.studies.guardian import Frozen, write_frozen
 from stand_ins import Held
 from voters import gap_of, says
@@ -211,6 +212,8 @@ def test_an_address_that_is_taken_is_said_and_limits_must_be_limits() -> None:
     served(ask, guardian)
     with pytest.raises(GuardianError, match="limits must be positive"):
         Limits(concurrency=0)
+    with pytest.raises(GuardianError, match="at most 64 pictures at a time, got concurrency=65"):
+        Limits(concurrency=65)
 
 
 def test_under_load_everything_is_answered_and_a_dead_model_makes_nothing_clear(tmp_path: Path) -> None:
@@ -244,3 +247,28 @@ def test_under_load_everything_is_answered_and_a_dead_model_makes_nothing_clear(
     assert said["wrong"] == [], json.dumps(said)
     assert "clear" in said["answers_before"]  # type: ignore[operator]
     assert "abstain" in said["answers_after"]  # type: ignore[operator]
+
+
+def test_a_body_that_is_not_encoded_as_it_says_is_refused_and_leaves_no_traceback(
+    capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    """Nor does what is no HTTP at all; both are 400, and nothing is logged."""
+
+    async def ask(session: aiohttp.ClientSession, url: str) -> None:
+        headers = {**PNG, "Content-Encoding": "gzip"}
+        async with session.post(f"{url}/assess", data=NEAR, headers=headers) as came:
+            assert came.status == 400
+        reader, writer = await asyncio.open_connection("127.0.0.1", int(url.rpartition(":")[2]))
+        writer.write(b"\x00 nonsense\r\n\r\n")
+        assert b" 400 " in await reader.readline()
+        writer.close()
+        assert (await post(session, url, NEAR))[0] == 200
+
+    served(ask, guardian_of())
+    assert capfd.readouterr().err == ""
+    assert caplog.records == []
+
+
+def test_latency_is_described_as_it_is_measured() -> None:
+    """From when the guardian was asked, views included."""
+    assert "from when the guardian was asked" in json.dumps(openapi(Limits(), 1.0))

@@ -25,6 +25,9 @@ STRUCTURED = ("none", "json_object", "json_schema")
 DEFAULT = "default"
 """How a file or an option writes that no temperature is sent, so that the endpoint's own applies."""
 
+_ADDRESS = ("base_url", "key_env", "headers", "timeout_s")
+"""What of a mode says where a model is asked and how long it may take, and nothing of what it is asked."""
+
 FEWEST_TOKENS = 16
 """Fewer tokens than this that a picture adds may be the placeholder of a picture that is dropped."""
 
@@ -95,6 +98,10 @@ class RequestMode:
     def same_request(self, other: "RequestMode") -> bool:
         """Return whether two modes ask alike, whatever a probe measured."""
         return replace(self, measured=None) == replace(other, measured=None)
+
+    def differs_in_address_only(self, other: "RequestMode") -> bool:
+        """Return whether two modes ask alike, wherever, with whatever key and headers, and however long they wait."""
+        return replace(self, **{name: getattr(other, name) for name in _ADDRESS}).same_request(other)
 
     def header_values(self, environ: Mapping[str, str] | None = None) -> dict[str, str]:
         """Return the headers with their variables filled in; raises SpecError that names a missing one."""

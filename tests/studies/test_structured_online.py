@@ -50,6 +50,8 @@ def test_estimators_drive_in_worlds_that_pass_and_as_they_were_vetted(
         assert all((step.executed_action, step.decision.missing) == ("SLOW", "unparsed") for step in silent)
     monkeypatch.setattr("eyechart.studies.structured.online.vet_worlds", None)
     assert len(online.plan("short", [CONTROL, BLIND], out, episodes=1).episodes.left()) == 0
+    with pytest.raises(LedgerError, match="has 1 worlds that passed, now 6 episodes were asked for"):
+        online.plan("short", [CONTROL, BLIND], out, episodes=6)
     monkeypatch.setattr("sys.argv", ["eyechart", "score", str(out)])
     with pytest.raises(SystemExit) as left:
         cli.main()
@@ -74,3 +76,11 @@ def test_too_few_worlds_and_no_run_are_refused(tmp_path: Path, monkeypatch: pyte
     assert not (tmp_path / "run").exists()
     with pytest.raises(LedgerError, match="holds no online run"):
         online.score(tmp_path)
+
+
+def test_a_vetting_without_a_world_is_refused(tmp_path: Path) -> None:
+    """An empty record would be a run of no episodes."""
+    (tmp_path / "vetting.json").write_text("[]")
+    for use in (lambda: online.plan("short", [CONTROL], tmp_path, episodes=1), lambda: online.score(tmp_path)):
+        with pytest.raises(LedgerError, match="it has none that passed"):
+            use()

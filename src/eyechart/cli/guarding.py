@@ -65,12 +65,10 @@ def fit(
 
     require_free(out, "guardian")
     table = _read(votes, frames, hazard, about, columns)
-    if calibration is not None:
-        table = table.keep(_ids(calibration))
-    elif table.split is not None:
-        table = table.part("calibration")
+    table = table.keep(_ids(calibration)) if calibration is not None else _part(table, "calibration")
     costs = _costs(cost_miss, cost_false_alarm, cost_abstain, hazard_rate)
     frozen = study.fit(table, size=size, models=tuple(models or ()), point=_point(point), costs=costs)
+    study.require_own(out, frozen)
     with whole(out, "guardian") as partial:
         study.write_frozen(partial, frozen)
     if json:
@@ -115,15 +113,14 @@ def score(
     table = _left(_read(votes, frames, hazard, about, columns), frozen, unseen=unseen)
     fresh = None
     if bound is not None:
-        fresh = _read(bound, frames, hazard, about, columns)
+        fresh = _part(_read(bound, frames, hazard, about, columns), "bound")
     elif bound_episodes is not None:
         names = [name.strip() for name in bound_episodes.split(",") if name.strip()]
         fresh = table.of_episodes(names)
         table = table.without(fresh.frames)
     elif table.split is not None and "bound" in table.split:
         fresh = table.part("bound")
-    if table.split is not None:
-        table = table.part("score")
+    table = _part(table, "score")
     bounded = None
     if fresh is not None:
         bounded = study.bound(frozen, fresh, used=table.episodes, confidence=confidence, risk=risk)
@@ -157,13 +154,17 @@ def nested(
 ) -> None:
     """Judge every episode by a guardian that was chosen on all the others, selection inside every fold.
 
-    Example: eyechart guardian nested votes.csv --size 2
+    Rows whose column split is bound are left out. Example: eyechart guardian nested votes.csv --size 2
     """
     from eyechart.report.guardian import nested_lines, nested_table
     from eyechart.studies import guardian as study
 
     costs = _costs(cost_miss, cost_false_alarm, cost_abstain, hazard_rate)
     table = _read(votes, frames, hazard, about, columns)
+    if table.split is not None and "bound" in table.split:
+        left_out = len(table.part("bound").frames)
+        table = table.part("calibration", "score")
+        say(f"left out: {left_out} frames whose column split is bound, which serve for nothing else")
     found = study.nested(table, size=size, models=tuple(models or ()), costs=costs)
     if json:
         print_json(found.as_dict())
@@ -194,8 +195,7 @@ def modular(
 
     frozen = study.read_frozen(guardian)
     table = _left(_read(votes, frames, hazard, about, columns), frozen, unseen=unseen)
-    if table.split is not None:
-        table = table.part("score")
+    table = _part(table, "score")
     bank = open_bank(frames)
     frozen.may_show(bank)
     found = study.replay(frozen, table, study.reader_of(bank))
@@ -220,6 +220,7 @@ def export(
 
     require_free(out, "guardian")
     small = study.read_frozen(guardian).exported()
+    study.require_own(out, small)
     with whole(out, "guardian") as partial:
         study.write_frozen(partial, small)
     if json:
@@ -270,6 +271,10 @@ def _write_page(found: "GuardianScore", frames: Path | None, out: Path) -> None:
 
 def _left(table: "VoteTable", frozen: "Frozen", *, unseen: bool) -> "VoteTable":
     return table.without(frozen.selection.frames) if unseen and frozen.selection is not None else table
+
+
+def _part(table: "VoteTable", name: str) -> "VoteTable":
+    return table if table.split is None else table.part(name)
 
 
 def _costs(miss: float | None, alarm: float | None, abstain: float | None, rate: float | None) -> "Costs | None":

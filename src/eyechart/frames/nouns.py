@@ -209,6 +209,16 @@ class FrameBank:
             raise BankError(f"frame '{frame.id}' has no counterfactual picture '{counterfactual}'")
         return read_bounded(self.root, frame.counterfactuals[counterfactual])
 
+    def recorded(self, frame: Frame) -> bytes:
+        """Return the encoded picture of a frame; raises BankError where it is not the one that was recorded."""
+        picture = self.image(frame)
+        if hashlib.sha256(picture).hexdigest() != self.manifest.images.get(frame.file):
+            raise BankError(
+                f"'{frame.file}' of {self.root} is not the picture that the bank's manifest recorded: its SHA-256 "
+                "differs; restore it"
+            )
+        return picture
+
     @property
     def scenarios(self) -> Mapping[str, tuple[Frame, ...]]:
         """Return the frames of each scenario, in the bank's order."""

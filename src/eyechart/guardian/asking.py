@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Coroutine, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -27,7 +28,10 @@ DEADLINE_S = 2.0
 _MARGIN_S = 0.02
 """So much of the deadline, a tenth at most, is kept for putting the answer together."""
 _CLOSING_S = 5.0
+MOST_AT_ONCE = 64
+"""Pictures that may be under way; one more is abstained from at once, so that a loop that is held holds no memory."""
 _WORDS = 200
+_FULL = f"{MOST_AT_ONCE} pictures are under way already: something holds the models' event loop"
 
 
 class Guardian:
@@ -46,7 +50,7 @@ class Guardian:
         self._pool = ThreadPoolExecutor(4, "eyechart-views")
         self._loop: asyncio.AbstractEventLoop | None = None
         self._thread: threading.Thread | None = None
-        self._lock, self._closed = threading.Lock(), False
+        self._lock, self._closed, self._under_way = threading.Lock(), False, 0
         self._tasks: set[asyncio.Task[tuple[Vote, str]]] = set()
 
     @classmethod
@@ -92,6 +96,8 @@ class Guardian:
         """
         start, limit = time.perf_counter(), self._limit(deadline_s)
         future = self._submit(self._assess(image, start, limit))
+        if future is None:
+            return self._silent(start, _FULL)
         try:
             return future.result(limit)
         except TimeoutError:
@@ -135,21 +141,60 @@ class Guardian:
             raise GuardianError(f"deadline_s={limit} must be a number of seconds above 0 and below 3600")
         return limit
 
-    def _submit(self, work: Coroutine[Any, Any, Assessment]) -> Future[Assessment]:
+    def _submit(self, work: Coroutine[Any, Any, Assessment]) -> Future[Assessment] | None:
+        """Let the models' loop do some work; None where it has too much to do already."""
         with self._lock:
             if self._closed:
                 work.close()
                 raise GuardianError("this guardian was closed; load it again")
+            if self._under_way >= MOST_AT_ONCE:
+                work.close()
+                return None
             if self._loop is None:
                 self._loop = asyncio.new_event_loop()
                 self._thread = threading.Thread(target=_turn, args=(self._loop,), name="eyechart-guardian", daemon=True)
                 self._thread.start()
-            return asyncio.run_coroutine_threadsafe(work, self._loop)
+            self._under_way += 1
+            future: Future[Assessment] = Future()
+            self._loop.call_soon_threadsafe(self._begin, work, future)
+            return future
+
+    def _begin(self, work: Coroutine[Any, Any, Assessment], future: Future[Assessment]) -> None:
+        """Begin some work in the models' loop; unlike asyncio's own way in, it is known when its picture is let go."""
+        loop = asyncio.get_running_loop()
+        if future.cancelled():
+            work.close()
+            self._let_one()
+            return
+        task = loop.create_task(work)
+
+        def over(done: asyncio.Task[Assessment]) -> None:
+            self._let_one()
+            if done.cancelled():
+                future.cancel()
+            elif future.set_running_or_notify_cancel():
+                if (error := done.exception()) is not None:
+                    future.set_exception(error)
+                else:
+                    future.set_result(done.result())
+
+        def given_up(asked: Future[Assessment]) -> None:
+            if asked.cancelled():
+                with suppress(RuntimeError):  # the loop was closed meanwhile
+                    loop.call_soon_threadsafe(task.cancel)
+
+        task.add_done_callback(over)
+        future.add_done_callback(given_up)
+
+    def _let_one(self) -> None:
+        with self._lock:
+            self._under_way -= 1
 
     async def _awaited(self, work: Coroutine[Any, Any, Assessment], start: float, limit: float) -> Assessment:
         try:
             async with asyncio.timeout(limit):
-                return await asyncio.wrap_future(self._submit(work))
+                future = self._submit(work)
+                return self._silent(start, _FULL) if future is None else await asyncio.wrap_future(future)
         except TimeoutError:
             return self._silent(start, "no vote came by the deadline: something holds the models' event loop")
 
@@ -161,7 +206,9 @@ class Guardian:
             return self._silent(start, "the picture was not ready to be shown by the deadline")
         except BankError as error:
             return self._silent(start, f"no picture that can be shown: {error}")
-        except Exception as error:  # noqa: BLE001 - nor over what an interface of its own does
+        except asyncio.CancelledError:
+            raise
+        except BaseException as error:  # noqa: BLE001 - nor over what an interface of its own does
             return self._silent(start, f"the picture could not be shown: {type(error).__name__}: {error}"[:_WORDS])
         return await self._ask(pictures, start, limit)
 
@@ -198,7 +245,9 @@ class Guardian:
             if served is not None and reply.served not in {None, served}:
                 return None, f"another model answered: {reply.served}, not {served}"
             return self._interface.read(reply)
-        except Exception as error:  # noqa: BLE001 - a stack must not fall over what a model does
+        except asyncio.CancelledError:
+            raise
+        except BaseException as error:  # noqa: BLE001 - a stack must not fall over what a model does, not even SystemExit
             return None, without_secrets(f"{type(error).__name__}: {error}")[:_WORDS]
 
     def _answer(self, votes: Mapping[tuple[str, str], tuple[Vote, str]], start: float) -> Assessment:
@@ -232,16 +281,23 @@ class Guardian:
             try:
                 async with asyncio.timeout(_CLOSING_S / 2):
                     await model.close()
-            except Exception:  # noqa: BLE001, S112 - what cannot be closed is left
+            except asyncio.CancelledError:
+                raise
+            except BaseException:  # noqa: BLE001, S112 - what cannot be closed is left
                 continue
         loop.stop()
 
 
 def _turn(loop: asyncio.AbstractEventLoop) -> None:
-    try:
-        loop.run_forever()
-    finally:
-        loop.close()
+    """Turn the models' loop until it is stopped; a task of a model's own that raises SystemExit only interrupts it."""
+    turning = True
+    while turning:
+        try:
+            loop.run_forever()
+            turning = False
+        except BaseException:  # noqa: BLE001, S112 - the next picture needs the loop
+            continue
+    loop.close()
 
 
 def _left(start: float, limit: float) -> float:
@@ -253,8 +309,7 @@ def _deployed(spec: str, chosen: RequestMode | None, given: RequestMode | None) 
     """Return the mode to ask a model in: the given one, where it differs from the chosen one in its address only."""
     if given is None or chosen is None:
         return given or chosen
-    address = {name: getattr(given, name) for name in ("base_url", "key_env", "headers", "timeout_s")}
-    if not replace(chosen, **address).same_request(given):
+    if not chosen.differs_in_address_only(given):
         raise GuardianError(
             f"'{spec}' would be asked otherwise than when the guardian was chosen: only base_url, key_env, headers and "
             "timeout_s of its mode may differ"

@@ -158,7 +158,7 @@ def _pictures(found: GuardianScore, bank: FrameBank | None) -> tuple[list[dict[s
 def _views(found: GuardianScore, bank: FrameBank, frame_id: str) -> Sequence[bytes]:
     """Return what the models were shown of a frame, or without a known view the picture and its reflection."""
     frame = bank.frame(frame_id)
-    image = bank.image(frame)
+    image = bank.recorded(frame)
     try:
         return interface_of(found.frozen).views(image)
     except EyechartError:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from eyechart.errors import GuardianError
+from eyechart.guardian import MOST_AT_ONCE
 
 TYPES = ("image/png", "image/jpeg", "image/webp", "image/bmp", "application/octet-stream")
 """What a picture may be sent as; what it is, its bytes say."""
@@ -26,3 +27,7 @@ class Limits:
     def __post_init__(self) -> None:
         if min(self.concurrency, self.uploads, self.most_bytes) < 1 or self.queue < 0 or not self.idle_s > 0:
             raise GuardianError(f"limits must be positive numbers, the queue 0 or more; got {self}")
+        if self.concurrency > MOST_AT_ONCE:
+            raise GuardianError(
+                f"a guardian takes at most {MOST_AT_ONCE} pictures at a time, got concurrency={self.concurrency}"
+            )

@@ -18,7 +18,7 @@ def openapi(limits: Limits, deadline_s: float) -> dict[str, object]:
                 "additionalProperties": {"type": "object", "properties": dict.fromkeys(VIEWS, vote)},
             },
             "missing": {"type": "object", "additionalProperties": {"type": "string"}},
-            "latency_s": {"type": "number", "description": "seconds from the first model asked to the answer"},
+            "latency_s": {"type": "number", "description": "seconds from when the guardian was asked to its answer"},
             "why": {"type": "string"},
         },
     }

@@ -4,6 +4,7 @@ It listens on this machine only unless told otherwise, has no password, and keep
 """
 
 import asyncio
+import logging
 import math
 import signal
 import time
@@ -25,6 +26,8 @@ from eyechart.serve.limits import TYPES, Limits
 from eyechart.serve.metrics import Metrics
 from eyechart.serve.openapi import openapi
 
+_QUIET = logging.getLogger("eyechart.serve")
+_QUIET.setLevel(logging.CRITICAL + 1)  # what cannot be understood is answered with 400, and needs no traceback
 _SIGNS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"RIFF", b"BM")
 _LEAST_S = 0.01
 """With less time than this left no model is asked."""
@@ -136,6 +139,8 @@ class Server:
         except TimeoutError:
             limit = self.guardian.deadline_s
             raise _Refused(408, f"the picture was not here within {limit:g} s; {len(body)} bytes were") from None
+        except web.RequestPayloadError:
+            raise _Refused(400, "the body cannot be read: it is not what its Content-Encoding says") from None
         finally:
             self.reading -= 1
         if not body:
@@ -245,7 +250,9 @@ async def serve(
     ``started`` is told the address; port 0 takes a free one. Raises GuardianError where the address is taken.
     """
     app, server = application(guardian, limits)
-    runner = web.AppRunner(app, access_log=None, shutdown_timeout=guardian.deadline_s + 1, lingering_time=_LINGERING_S)
+    runner = web.AppRunner(
+        app, access_log=None, logger=_QUIET, shutdown_timeout=guardian.deadline_s + 1, lingering_time=_LINGERING_S
+    )
     await runner.setup()
     keeper = asyncio.create_task(server.tend(lambda: list(runner.server.connections) if runner.server else []))
     try:

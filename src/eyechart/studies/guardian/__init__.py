@@ -5,7 +5,7 @@ Source: section Symmetry-consensus longitudinal guardian.
 
 from eyechart.studies.guardian.bounding import Bound, bound
 from eyechart.studies.guardian.fitting import fit
-from eyechart.studies.guardian.frozen import Frozen, Selection, read_frozen, write_frozen
+from eyechart.studies.guardian.frozen import Frozen, Selection, read_frozen, require_own, write_frozen
 from eyechart.studies.guardian.modular import Replay, modular_action, reader_of, replay
 from eyechart.studies.guardian.nesting import Nested, nested
 from eyechart.studies.guardian.runs import votes_of_run
@@ -34,6 +34,7 @@ __all__ = [
     "read_votes",
     "reader_of",
     "replay",
+    "require_own",
     "score",
     "votes_of_run",
     "write_frozen",

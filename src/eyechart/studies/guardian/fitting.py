@@ -25,7 +25,7 @@ def fit(
 
     ``models`` leaves the choice to these only. ``point`` is the operating point to stand at, two-way where none is
     given; with ``costs`` that price abstention the point is chosen too. Ties are broken as `TIE_BREAKS` says. Raises
-    GuardianError where the frames do not hold both classes, or there are too few models.
+    GuardianError where the frames do not hold both classes, there are too few models, or their run is not finished.
     """
     names = tuple(sorted(set(models))) or table.models
     if not 1 <= size <= LARGEST or size > len(names):
@@ -33,6 +33,7 @@ def fit(
     if point is not None and costs is not None and costs.abstention is not None:
         raise GuardianError("with a cost of abstention the operating point is chosen by the costs: leave out --point")
     require_both(table)
+    require_whole(table, names)
     votes, whole = table.of(names), np.zeros(len(table.frames), dtype=np.int64)
     found = tally(votes, table.hazard, whole, size=size)
     best = select(found, costs)
@@ -54,6 +55,15 @@ def fit(
             costs=costs,
         ),
     )
+
+
+def require_whole(table: VoteTable, models: Sequence[str]) -> None:
+    """Raise GuardianError where the run of a table has still to ask for votes of these models."""
+    if left := table.left(models):
+        raise GuardianError(
+            f"{table.name} is a run that is not finished: {left} calls are left, whose votes would count as missing; "
+            "finish it, or name the models that are with --model"
+        )
 
 
 def require_both(table: VoteTable) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import cast, get_args
 
 from eyechart import __version__
-from eyechart.errors import EyechartError, GuardianError
+from eyechart.errors import EyechartError, GuardianError, OutputError
 from eyechart.frames import FrameBank, MirrorAxis
 from eyechart.modes import RequestMode
 from eyechart.prompts import Prompt
@@ -129,6 +129,12 @@ class Frozen:
                     f"the model '{model}' differs: this guardian was chosen with version {_short(mine)}, {table.name} "
                     f"has votes of {_short(theirs)}; choose a guardian for this version with 'eyechart guardian fit'"
                 )
+            chosen, here = self.about.modes.get(model), table.about.modes.get(model)
+            if chosen is not None and here is not None and not chosen.differs_in_address_only(here):
+                raise GuardianError(
+                    f"the mode of '{model}' differs: {table.name} has votes that were asked for otherwise than those "
+                    "that chose this guardian; choose a guardian for this mode with 'eyechart guardian fit'"
+                )
 
     def _content(self) -> dict[str, object]:
         models: dict[str, object] = {}
@@ -159,6 +165,18 @@ class Frozen:
 def write_frozen(path: Path, frozen: Frozen) -> None:
     """Write a guardian's file."""
     path.write_text(json.dumps(frozen.as_dict(), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def require_own(out: Path, frozen: Frozen) -> None:
+    """Raise OutputError where ``out`` holds another guardian, which would lose the memory of its frames."""
+    if not out.exists() or not out.stat().st_size:
+        return
+    try:
+        same = read_frozen(out).digest == frozen.digest
+    except GuardianError:
+        same = False
+    if not same:
+        raise OutputError(f"{out} holds another guardian, and is not overwritten: choose another place, or remove it")
 
 
 def read_frozen(path: Path) -> Frozen:
@@ -235,9 +253,14 @@ def _frozen(raw: Mapping[str, object]) -> Frozen:
         reader=cast("int | None", raw["reader"]),
     )
     selection = raw.get("selection")
+    committee, threshold = tuple(map(str, cast("list[str]", raw["committee"]))), int(cast("int", raw["threshold"]))
+    if len(set(committee)) != len(committee) or not set(committee) <= set(models):
+        raise ValueError(f"its committee is no list of different models: {', '.join(committee)[:200]}")
+    if not 1 <= threshold <= len(committee) * len(VIEWS):
+        raise ValueError(f"threshold {threshold} of {len(committee) * len(VIEWS)} votes")
     return Frozen(
-        committee=tuple(map(str, cast("list[str]", raw["committee"]))),
-        threshold=int(cast("int", raw["threshold"])),
+        committee=committee,
+        threshold=threshold,
         point=cast("Point", point),
         about=about,
         selection=_read_selection(selection) if isinstance(selection, dict) else None,

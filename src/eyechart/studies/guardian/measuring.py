@@ -19,6 +19,8 @@ Metrics = Mapping[str, Statistic]
 METRICS = ("coverage", "acc", "bal", "sens", "spec")
 """Coverage, accuracy, balanced accuracy, sensitivity and specificity, these over the frames that were answered."""
 
+NO_SPREAD = "the episodes do not differ"
+
 
 def measure(
     table: VoteTable,
@@ -31,7 +33,8 @@ def measure(
     """Return the `METRICS` of each set of answers to the frames of a table, shape (frames,) each.
 
     Intervals are of resampled episodes: all multisets where these number at most ``enumerate_up_to`` (12 episodes have
-    1 352 078), else ``resamples`` drawn from ``seed``; each statistic's ``method`` says which.
+    1 352 078), else ``resamples`` drawn from ``seed``; each statistic's ``method`` says which. Where no resample
+    differs, a share keeps its Wilson interval over frames, and balanced accuracy has none.
     """
     sums = {name: _by_episode(table, answer) for name, answer in said.items()}
     statistics: dict[str, Callable[[Floats], Floats]] = {}
@@ -45,10 +48,18 @@ def measure(
     rows: dict[str, Metrics] = {}
     for name, answer in said.items():
         rows[name] = {
-            metric: replace(one, ci=spread[f"{name} {metric}"].ci, method=spread[f"{name} {metric}"].method)
-            for metric, one in _metrics(table, answer).items()
+            metric: _spread(one, spread[f"{name} {metric}"]) for metric, one in _metrics(table, answer).items()
         }
     return rows
+
+
+def _spread(one: Statistic, over_episodes: Statistic) -> Statistic:
+    """Return a statistic with its interval over episodes, where these differ."""
+    detail = {**(one.detail or {}), **(over_episodes.detail or {})}
+    if over_episodes.ci is not None and over_episodes.ci[0] == over_episodes.ci[1]:
+        note = NO_SPREAD if one.ci is None else f"{NO_SPREAD}: Wilson interval over frames"
+        return replace(one, note=note, detail=detail)
+    return replace(one, ci=over_episodes.ci, method=over_episodes.method, detail=detail or None)
 
 
 def _cells(truth: npt.NDArray[np.bool_], answer: Ints) -> dict[str, npt.NDArray[np.bool_]]:

@@ -98,13 +98,16 @@ def replay(frozen: Frozen, table: VoteTable, read: Read) -> Replay:
 
 
 def reader_of(bank: FrameBank) -> Read:
-    """Return the reader of a highway bank: the image-only positive control, on each picture and on its flip."""
+    """Return the reader of a highway bank: the image-only positive control, on each picture and on its flip.
+
+    It raises BankError for a picture that is not the one that the bank's manifest recorded.
+    """
 
     def read(frame_id: str) -> Scenes | None:
         frame = bank.frame(frame_id)
         if frame.mirror_axis != "vertical":
             return None
-        pixels = decode(bank.image(frame), frame.file)
+        pixels = decode(bank.recorded(frame), frame.file)
         here, there = read_picture(pixels), read_picture(pixels[::-1])
         return None if here is None or there is None else (here.scene, there.scene)
 

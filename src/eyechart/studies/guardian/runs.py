@@ -1,5 +1,6 @@
 """The votes of an admission or structured run: a model votes hazard where its scene estimate says close."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -30,12 +31,15 @@ def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = Fals
         raise VoteError(
             f"{path} was begun under version {manifest.reader} of the reader of scenes; this is version {SCENE_READER}"
         )
-    frames = plan_of(manifest, bank).frames
+    plan = plan_of(manifest, bank)
+    frames = plan.frames
     place = {frame.id: number for number, frame in enumerate(frames)}
     models = tuple(sorted(manifest.models))
     served: dict[str, set[str | None]] = {model: set() for model in models}
     votes = np.full((len(models), len(frames), 2), MISSING, dtype=np.int8)
+    plan = replace(plan, shard=None)  # a shard lacks the votes of the others
     with Ledger(path / LEDGER) as ledger:
+        finished = ledger.finished()
         for number, model in enumerate(models):
             for key, reply in ledger.replies(model):
                 if key.frame in place and key.condition in CONDITIONS:
@@ -67,4 +71,8 @@ def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = Fals
         models=models,
         votes=votes,
         about=about,
+        unfinished={
+            model: sum(key.condition in CONDITIONS and key not in finished for key in plan.keys_of(model))
+            for model in models
+        },
     )

@@ -1,5 +1,7 @@
 """Votes are read from a table: a row a frame, two columns a model, and a file that says how they came about."""
 
+import math
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -15,6 +17,8 @@ from eyechart.studies.guardian.truth import HAZARD_COLUMN, episode_of, flag, haz
 from eyechart.studies.guardian.votes import PARTS, VIEWS, About, VoteTable
 
 _MOST_FRAMES = 1_000_000
+_WHOLE = re.compile(r"-?(?:0|[1-9][0-9]*)\.0+")
+"""A number without a fraction, written with one: it names the same frame in a table of text and in one of numbers."""
 
 
 def read_votes(
@@ -114,10 +118,12 @@ def _of_rows(path: Path, rows: Sequence[Row], places: Mapping[str, str]) -> tupl
 
 def _text(path: Path, number: int, row: Row, column: str) -> str:
     cell = row.get(column)
-    if isinstance(cell, float) and cell == int(cell):
+    if isinstance(cell, float) and cell.is_integer():
         cell = int(cell)
     text = "" if cell is None else str(cell).strip()
-    if not text or not text.isprintable():
+    if _WHOLE.fullmatch(text):
+        text = text.partition(".")[0]
+    if not text or not text.isprintable() or (isinstance(cell, float) and not math.isfinite(cell)):
         raise VoteError(f"{path}, row {number}: '{column}' is {cell!r}; every row needs one, on one line")
     return text
 
@@ -177,6 +183,8 @@ def _of_models(path: Path, raw: object, models: Sequence[str]) -> tuple[dict[str
             raise VoteError(f'{path}: [models."{model}"] has version and mode, nothing else')
         if "version" in said:
             versions[model] = str(said["version"])
-        if isinstance(said.get("mode"), dict):
+        if "mode" in said:
+            if not isinstance(said["mode"], dict):
+                raise VoteError(f"{path}: the mode of '{model}' is {said['mode']!r}, not a table of a request mode")
             modes[model] = RequestMode.from_dict({"spec": model, **said["mode"]}, f"{path}, {model}")
     return versions, modes

@@ -62,7 +62,8 @@ class VoteTable:
 
     ``models`` are in lexicographic order, which breaks ties. ``votes`` has shape (models, frames, 2), the picture and
     its reflection: 1 hazard, 0 clear, -1 missing. ``hazard`` (frames,) is the truth. ``split`` says what each frame
-    is for, where the table does. Raises VoteError for a frame that stands twice, and for shapes that do not fit.
+    is for, where the table does. ``unfinished`` counts by model the votes that its run has still to ask for, which are
+    missing here. Raises VoteError for a frame that stands twice, and for shapes that do not fit.
     """
 
     name: str
@@ -73,6 +74,7 @@ class VoteTable:
     votes: npt.NDArray[np.int8]
     about: About = field(default_factory=About)
     split: tuple[str, ...] | None = None
+    unfinished: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if len(set(self.frames)) != len(self.frames):
@@ -93,6 +95,10 @@ class VoteTable:
             if model not in self.models:
                 raise VoteError(f"{self.name} has no votes of '{model}'; it has {', '.join(self.models)}")
         return self.votes[[self.models.index(model) for model in models]]
+
+    def left(self, models: Sequence[str]) -> int:
+        """Return how many votes of these models the run has still to ask for."""
+        return sum(self.unfinished.get(model, 0) for model in models)
 
     def groups(self) -> tuple[tuple[str, ...], npt.NDArray[np.int64]]:
         """Return the episodes, sorted, and the number of each frame's among them."""

@@ -62,8 +62,14 @@ def plan(
         return closed_loop.plan(simulator, specs, out, seeds=seeds, prompt=prompt, view=shown, seed=seed)
 
     planned((0,))  # what is wrong with the models or the folder is said before the worlds are driven
-    vetted = read_vetting(out) or vet_worlds(simulator, episodes, shown, progress)
+    kept = read_vetting(out)
+    vetted = kept or vet_worlds(simulator, episodes, shown, progress)
     worlds = [(one.scenario, one.seed) for one in vetted if one.why is None]
+    if kept and len(worlds) != episodes:
+        raise LedgerError(
+            f"this run has {len(worlds)} worlds that passed, now {episodes} episodes were asked for; "
+            "give the same options to resume it, or another --out for another run"
+        )
     whole = planned(tuple(dict.fromkeys(number for _, number in worlds)))
     keys = tuple(key for key in whole.keys if (key.scenario, key.seed) in worlds)
     return Online(replace(whole, keys=keys), vetted)

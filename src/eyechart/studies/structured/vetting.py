@@ -165,6 +165,9 @@ def read_vetting(out: Path) -> tuple[Vetted, ...] | None:
     if not file.is_file():
         return None
     try:
-        return tuple(Vetted(**one) for one in json.loads(file.read_text(encoding="utf-8")))
+        found = tuple(Vetted(**one) for one in json.loads(file.read_text(encoding="utf-8")))
     except (ValueError, TypeError) as error:
         raise LedgerError(f"{file} is no record of vetted worlds: {error}") from error
+    if not any(one.why is None for one in found):
+        raise LedgerError(f"{file} is no record of vetted worlds: it has none that passed; choose another --out")
+    return found
