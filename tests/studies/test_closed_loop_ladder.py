@@ -1,12 +1,14 @@
 """The ladder and the blind baseline on synthetic drives whose answer is known."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from drives import always, by_depth, drive, make_run, tossing
+from eyechart.actions import Decision
 from eyechart.episodes import Episode, EpisodeKey, write_episodes
 from eyechart.errors import LedgerError, SpecError
 from eyechart.stats.paired import clopper_pearson, mcnemar_exact
@@ -150,12 +152,10 @@ def test_a_time_out_is_a_success_only_where_there_is_no_goal(tmp_path: Path) -> 
 
 def test_failed_calls_are_no_evidence_of_sight(tmp_path: Path) -> None:
     """Where calls failed under one condition the fail-safe drove, and nothing is said of the picture."""
-    real = [*drive("m", lambda _step, _n: None)]
-    blank = [*drive("m", always("LEFT"), condition="blank")]
+    real = drive("m", always(None))
+    blank = drive("m", always("LEFT"), condition="blank")
     failed = [
-        replace(
-            episode, steps=tuple(replace(step, decision=Decision(None, "error")) for step in episode.steps)
-        )
+        replace(episode, steps=tuple(replace(step, decision=Decision(None, "error")) for step in episode.steps))
         for episode in real
     ]
     run = make_run(tmp_path / "run", [*failed, *blank], models=["m"])
@@ -166,7 +166,7 @@ def test_failed_calls_are_no_evidence_of_sight(tmp_path: Path) -> None:
 
 def test_the_same_drive_by_the_fail_safe_is_not_the_same_decision(tmp_path: Path) -> None:
     """A model that refuses blank pictures and says SLOW otherwise is not told to ignore its picture."""
-    real, blank = drive("m", always("SLOW")), drive("m", lambda _step, _n: None, condition="blank")
+    real, blank = drive("m", always("SLOW")), drive("m", always(None), condition="blank")
     (found,) = score(make_run(tmp_path / "run", [*real, *blank], models=["m"])).blind
     assert found.finding == "cannot_say"
     assert "the drives are the same, but not the decisions" in found.sentence

@@ -152,9 +152,7 @@ def _seeds(given: str) -> list[int]:
     if "," in given:
         return numbers
     if len(numbers) != 1 or not 1 <= numbers[0] <= _MOST_WORLDS:
-        raise SpecError(
-            f"--seeds takes a number of worlds from 1 to {_MOST_WORLDS}, or seeds with commas; got '{given}'"
-        )
+        raise SpecError(f"--seeds takes a number from 1 to {_MOST_WORLDS}, or seeds with commas; got '{given}'")
     return list(range(numbers[0]))
 
 

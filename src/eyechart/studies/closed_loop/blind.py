@@ -144,7 +144,7 @@ def _failed(real: Drives, other: Drives) -> str:
     if alike and decided[0] != decided[1]:
         return (
             "cannot say whether the picture matters: the drives are the same, but not the decisions. At some steps it "
-            "decides nothing under one condition alone, and the fail-safe does there what it does itself under the other."
+            "decides nothing under one condition alone, and the fail-safe does there what it does under the other."
         )
     return ""
 

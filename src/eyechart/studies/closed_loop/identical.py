@@ -216,8 +216,8 @@ def _coincide(group: Sequence[Drives], same: Sequence[str]) -> str:
     if len({one.driver.policy for one in group}) == 1:
         shown = " and ".join(one.driver.condition for one in group)
         return (
-            f"the same model decides alike with {shown} pictures in {len(same)} worlds: what differs between them does not "
-            "matter to it there. Nothing in its replies points to a cache."
+            f"the same model decides alike with {shown} pictures in {len(same)} worlds: what differs between them does "
+            "not matter to it there. Nothing in its replies points to a cache."
         )
     return f"they decide alike in {len(same)} worlds, too few or in too different words for a cache."
 
