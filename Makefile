@@ -43,12 +43,12 @@ test: $(DEV)
 	$(BIN)/python -m pytest -n 2 -m "not models and not browser"
 
 test-models: $(MODELS)
-	$(BIN)/python -m pytest -m models
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m models
 
 test-browser: $(BROWSER)
 	@test -n "$${EYECHART_CHROMIUM:-$(CHROMIUM)}" || \
 	  { echo "Chromium is not there: 'apt-get install chromium', or EYECHART_CHROMIUM=/path/to/one make test-browser"; exit 1; }
-	EYECHART_CHROMIUM="$${EYECHART_CHROMIUM:-$(CHROMIUM)}" $(BIN)/python -m pytest -m browser
+	EYECHART_CHROMIUM="$${EYECHART_CHROMIUM:-$(CHROMIUM)}" $(BIN)/python -m pytest -n 2 --dist loadfile -m browser
 
 lint: $(DEV)
 	$(BIN)/ruff check .
