@@ -104,16 +104,15 @@ BY_NAME = {"import_module", "__import__"}
 
 
 @cache
-def modules() -> dict[str, ast.Module]:
-    """Return every module of the tree by its dotted name."""
-    return {
-        name_of(path): ast.parse(path.read_text(encoding="utf-8")) for path in sorted(ROOT.rglob("eyechart/**/*.py"))
-    }
+def modules(root: Path = ROOT) -> dict[str, ast.Module]:
+    """Return every module below ``root`` by its dotted name."""
+    paths = sorted((root / "eyechart").rglob("*.py"))
+    return {name_of(path, root): ast.parse(path.read_text(encoding="utf-8")) for path in paths}
 
 
-def name_of(path: Path) -> str:
+def name_of(path: Path, root: Path = ROOT) -> str:
     """Return the dotted name of a module's file."""
-    parts = path.relative_to(ROOT).with_suffix("").parts
+    parts = path.relative_to(root).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
