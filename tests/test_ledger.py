@@ -8,9 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from eyechart.attempts import budget_of
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.errors import LedgerError
 from eyechart.ledger import UNKNOWN, Ledger
+from eyechart.limits import Limits
 
 MODEL = "standin:steady"
 KEY = CallKey("battery", MODEL, "baseline@0", "f1", "real")
@@ -265,3 +267,13 @@ def test_opening_an_existing_ledger_to_create_it_keeps_its_rows(path: Path) -> N
     fill(path, (OTHER, FULL))
     with Ledger(path, create=True) as ledger:
         assert ledger.finished() == {KEY, OTHER}
+
+
+def test_a_budget_counts_the_calls_of_models_that_are_not_asked_now(path: Path) -> None:
+    """A limit is the whole run's, whoever is asked on this day."""
+    with Ledger(path, create=True) as ledger:
+        ledger.close(ledger.begin(KEY, "d"), Reply("SLOW"))
+        budget = budget_of(Limits(calls=1), ["another:model"], ledger)
+        assert ledger.models() == [MODEL]
+    assert not budget.may_send("another:model")
+    assert budget.stopped == "1 calls were sent, and --max-calls is 1"

@@ -138,3 +138,10 @@ def test_what_was_measured_does_not_make_another_request() -> None:
     mode = RequestMode("openai:m", max_tokens=50)
     assert mode.same_request(RequestMode("openai:m", max_tokens=50, measured=Measured(calls=3)))
     assert not mode.same_request(RequestMode("openai:m", max_tokens=51))
+
+
+def test_a_mode_is_written_into_a_folder_that_is_not_there_yet(tmp_path: Path) -> None:
+    """What a probe was paid for is not lost to a missing folder."""
+    mode = RequestMode("openai:m")
+    write_mode(tmp_path / "new" / "mode.toml", mode)
+    assert read_mode(tmp_path / "new" / "mode.toml") == mode

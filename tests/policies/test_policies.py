@@ -100,6 +100,8 @@ def test_an_oracle_without_a_scene_says_what_is_missing() -> None:
     """As in an environment of somebody else's."""
     with pytest.raises(SpecError, match="needs a simulator that tells demand"):
         decide("oracle", truth={"reward": 1.0})
+    with pytest.raises(SpecError, match="needs a simulator that tells demand"):
+        decide("oracle", truth={"demand": None, "left_clear": None, "right_clear": None})
 
 
 def test_every_other_spec_is_a_models() -> None:

@@ -212,3 +212,12 @@ def test_replay_tells_agreement_from_the_marginal(tmp_path: Path) -> None:
     assert straight.agreement.value == pytest.approx(straight.shuffled.value)
     assert set(reader.constants) == {"STOP", "SLOW", "STRAIGHT", "LEFT", "RIGHT"}
     assert ("reader", "oracle") in found
+
+
+def test_one_model_that_decides_alike_under_two_conditions_is_no_cache(tmp_path: Path) -> None:
+    """A mirror changes no distance: who brakes by distance drives the same, and rightly so."""
+    episodes = [*drive("m", by_depth), *drive("m", by_depth, condition="mirrored")]
+    scored = score(make_run(tmp_path / "run", episodes, models=["m"]))
+    (found,) = scored.twins
+    assert not scored.suspect
+    assert "decides alike with real and mirrored pictures" in found.words
