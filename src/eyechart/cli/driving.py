@@ -55,6 +55,9 @@ def closed_loop(
     body: asking.Body = None,
     option: asking.Option = None,
     max_steps: Annotated[int, typer.Option(min=1, help="An episode that goes on for longer is an error.")] = 1000,
+    silence: Annotated[
+        str, typer.Option(help="What a call that hangs or keeps failing is: unfinished, or fail-safe (executed).")
+    ] = "unfinished",
     max_calls: Annotated[int | None, typer.Option(min=1, help="Stop at so many requests of this run.")] = None,
     max_cost: Annotated[float | None, typer.Option(min=0, help="Stop at so many US dollars of this run.")] = None,
     prices: Annotated[Path | None, typer.Option(help="FILE.toml of prices; it comes before the table.")] = None,
@@ -102,6 +105,7 @@ def closed_loop(
         actions=actions,
         seed=seed,
         max_steps=max_steps,
+        silence=silence,
         again=again,
     )
     table = read_prices(prices)

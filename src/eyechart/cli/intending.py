@@ -1,18 +1,19 @@
 """``eyechart run hierarchy``: intents above a model-predictive controller, scripted ones and a model's own."""
 
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from eyechart.cli import asking
+from eyechart.cli.before import say_uncounted
 from eyechart.cli.terminal import print_json, progress, resumable, say, table_console
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Iterator
 
-    from eyechart.episodes import Bounds, Episodes
-    from eyechart.models.prices import Prices
+    from eyechart.limits import Outcome
     from eyechart.studies.hierarchy import HierarchyScore
 
 
@@ -26,6 +27,9 @@ def hierarchy(
     seed: Annotated[int, typer.Option(min=0, help="Seed of stimuli, sampling and the order of episodes.")] = 0,
     processes: Annotated[int, typer.Option(min=1, help="Processes that hold the worlds.")] = 2,
     concurrency: Annotated[int, typer.Option(min=1, help="Episodes of a model under way at once.")] = 8,
+    silence: Annotated[
+        str, typer.Option(help="What a call that hangs or keeps failing is: fail-safe (STOP), or unfinished.")
+    ] = "fail-safe",
     base_url: asking.BaseUrl = None,
     key_env: asking.KeyEnv = None,
     token_field: asking.TokenField = None,
@@ -36,8 +40,8 @@ def hierarchy(
     header: asking.Header = None,
     body: asking.Body = None,
     option: asking.Option = None,
-    max_calls: Annotated[int | None, typer.Option(min=1, help="Stop each arm at so many requests.")] = None,
-    max_cost: Annotated[float | None, typer.Option(min=0, help="Stop each arm at so many US dollars.")] = None,
+    max_calls: Annotated[int | None, typer.Option(min=1, help="Stop the study at so many requests.")] = None,
+    max_cost: Annotated[float | None, typer.Option(min=0, help="Stop the study at so many US dollars.")] = None,
     prices: Annotated[Path | None, typer.Option(help="FILE.toml of prices; it comes before the table.")] = None,
     again: Annotated[bool, typer.Option("--again", help="Drive anew what ended in an error.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the plan; drive nothing, ask nothing.")] = False,
@@ -46,12 +50,13 @@ def hierarchy(
     """Let sources of intent plan for a rover under a model-predictive controller, beside the paper's tables.
 
     Scripted sources always, a model where one is given: with real, mirrored and blank pictures and with those of other
-    worlds. Interrupt it at will: it resumes. Exit 1: episodes are unfinished; 3: stopped at --max-calls or --max-cost.
+    worlds. A planner that says nothing within --timeout stops the rover. Interrupt it at will: it resumes.
+    Exit 1: episodes are unfinished; 3: stopped at --max-calls or --max-cost.
     Example: eyechart run hierarchy --policy scripted:clear_side --out hierarchy
     """
     from eyechart import episodes as study
     from eyechart.models.prices import read_prices
-    from eyechart.studies.hierarchy import plan, score
+    from eyechart.studies.hierarchy import plan, run, score
 
     modes = asking.read_modes(
         policy or [],
@@ -69,57 +74,64 @@ def hierarchy(
             option=option,
         ),
     ).modes
-    planned, table = plan(out, modes, seed=seed, prompt=prompt, again=again), read_prices(prices)
+    planned = plan(out, modes, seed=seed, prompt=prompt, silence=silence, again=again)
+    table = read_prices(prices)
     for name, part in planned.items():
         say(f"{name}: {len(part.keys)} episodes in {part.manifest.simulator}, {len(part.left())} to drive")
         for estimate in study.expected(part, table, concurrency=concurrency):
             say(f"  {estimate.words}")
     if dry_run:
         return
-    stopped = _drive(planned, table, study.Bounds(processes=processes, concurrency=concurrency), max_calls, max_cost)
+    outcome = run(
+        planned,
+        table,
+        bounds=study.Bounds(processes=processes, concurrency=concurrency),
+        calls=max_calls,
+        cost_usd=max_cost,
+        watch=_watched,
+    )
     found = score(out)
     if json:
         print_json(found.as_dict())
     else:
         print_hierarchy(found)
-    left = sum(len(part.left()) for part in planned.values())
-    if left and stopped is not None:
-        say(f"stopped: {stopped}; {left} episodes are left; a higher limit resumes")
+    _tell(outcome, sum(len(part.left()) for part in planned.values()))
+
+
+def _tell(outcome: "Outcome", left: int) -> None:
+    """Print how the study ended; raise Exit 3 where a limit stopped it, 1 where episodes are left."""
+    for spec, why in outcome.set_aside.items():
+        say(f"set aside: {spec}: {why}; its other episodes are unfinished")
+    say_uncounted(outcome)
+    if left and outcome.stopped is not None:
+        say(f"stopped: {outcome.stopped}; {left} episodes are left; a higher limit resumes")
         raise typer.Exit(3)
     if left:
         say(f"{left} episodes are unfinished; the same command goes on where they were cut")
         raise typer.Exit(1)
 
 
-def _drive(
-    planned: "Mapping[str, Episodes]", table: "Prices", bounds: "Bounds", calls: int | None, cost_usd: float | None
-) -> str | None:
-    """Drive what is left of each part; return which limit stopped one of them, None where none did."""
-    from dataclasses import replace
-
-    from eyechart import episodes as study
-
-    stopped = None
-    for name, part in planned.items():
-        if part.left():
-            limited = replace(bounds, limits=study.within(part, table, calls=calls, cost_usd=cost_usd))
-            kept = "finished episodes and calls are kept; the same command resumes"
-            with resumable(kept), progress(name, "episodes") as move:
-                outcome = study.run(part, bounds=limited, progress=move)
-            for spec, why in outcome.set_aside.items():
-                say(f"set aside: {spec}: {why}")
-            stopped = stopped or outcome.stopped
-    return stopped
+@contextmanager
+def _watched(part: str) -> "Iterator[Callable[[int, int], None]]":
+    with (
+        resumable("finished episodes and calls are kept; the same command resumes"),
+        progress(part, "episodes") as move,
+    ):
+        yield move
 
 
 def print_hierarchy(found: "HierarchyScore") -> None:
     """Print both ablations, the tests against the controller alone, the positive control, and the words."""
-    from eyechart.report.hierarchy import against_table, source_table
+    from eyechart.report.hierarchy import against_table, completion_table, intent_table, source_table
 
     console = table_console(160)
     console.print(source_table(found.sources, primary=True))
+    console.print(intent_table(found.sources, primary=True))
     console.print(against_table(found.against_mpc_only))
     console.print(source_table(found.sources, primary=False))
+    console.print(intent_table(found.sources, primary=False))
+    if found.completions:
+        console.print(completion_table(found.completions))
     if found.oracle_mirrored is not None:
         goals = found.oracle_mirrored.differences["success_rate"]
         shown = "—" if goals.value is None else f"{100 * goals.value:+.0f} points"

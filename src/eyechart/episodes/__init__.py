@@ -1,7 +1,17 @@
 """Closed-loop episodes: a policy or a model drives a simulator, decision by decision."""
 
 from eyechart.episodes.manifest import FORMAT, EpisodesManifest, read_manifest
-from eyechart.episodes.nouns import EPISODES, STUDY, Episode, EpisodeKey, Step, fail_safe, read_episodes, write_episodes
+from eyechart.episodes.nouns import (
+    EPISODES,
+    SILENCES,
+    STUDY,
+    Episode,
+    EpisodeKey,
+    Step,
+    fail_safe,
+    read_episodes,
+    write_episodes,
+)
 from eyechart.episodes.planning import ACTION_MAP, ENGINES, Episodes, expected, plan, run, within
 from eyechart.episodes.running import Bounds
 from eyechart.episodes.showing import SHOWN
@@ -13,6 +23,7 @@ __all__ = [
     "EPISODES",
     "FORMAT",
     "SHOWN",
+    "SILENCES",
     "STUDY",
     "Bounds",
     "Episode",

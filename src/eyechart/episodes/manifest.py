@@ -20,7 +20,7 @@ BESIDE = ("vetting.json",)
 """What may stand in a folder before its run begins: which worlds the structured study's online run chose."""
 
 _MAY_GROW = ("scenarios", "seeds", "conditions")
-_AS_BEGUN = ("simulator", "seed", "view", "prompt", "max_steps", "world", "reader")
+_AS_BEGUN = ("simulator", "seed", "view", "prompt", "max_steps", "world", "reader", "silence")
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,8 @@ class EpisodesManifest:
     ``picture`` is the kind of picture in words. ``world`` holds the versions of the libraries that make the world,
     ``versions`` all that may matter. ``modes`` and ``facts`` say how each model was asked and what is known of it;
     ``reader`` is the version of what reads their replies, ``view`` the key of the view that they are shown pictures
-    through, ``none`` where they are shown as they are.
+    through, ``none`` where they are shown as they are. ``silence`` is one of `SILENCES`: what becomes of a call that
+    fails in a way that may pass.
     """
 
     created: str
@@ -51,6 +52,7 @@ class EpisodesManifest:
     facts: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     reader: int = READER
     view: str = NONE
+    silence: str = "unfinished"
 
     @property
     def models(self) -> tuple[str, ...]:
@@ -161,7 +163,8 @@ def _built(raw: dict[str, Any], file: str) -> EpisodesManifest:
     for name in ("seed", "max_steps", "reader"):
         raw[name] = int(raw[name])
     raw.setdefault("view", NONE)
-    for name in ("created", "simulator", "picture", "view"):
+    raw.setdefault("silence", "unfinished")
+    for name in ("created", "simulator", "picture", "view", "silence"):
         if not isinstance(raw[name], str) or not raw[name].isprintable():
             raise ValueError(f"{name} is {raw[name]!r}, not a line of text")
     return EpisodesManifest(**raw)

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from eyechart.actions import Decision
-from eyechart.calls import CallKey
+from eyechart.calls import SILENT, CallKey
 from eyechart.errors import LedgerError
 from eyechart.frames import Scalar
 from eyechart.simulators import Simulator
@@ -14,6 +14,10 @@ from eyechart.simulators import Simulator
 STUDY = "closed_loop"
 EPISODES = "episodes.jsonl"
 """A run's finished episodes, one a line, in the order in which they ended."""
+
+SILENCES: Mapping[str, frozenset[str]] = {"unfinished": frozenset(), "fail-safe": SILENT}
+"""What becomes of a call that fails in a way that may pass, with the kinds of failure that are then a model's silence:
+the episode is left for a resumed run, or the fail-safe is executed (docs/decisions/0027)."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -46,8 +50,8 @@ class Step:
 
     ``truth`` is of the moment before the decision, ``reward``, ``speed_mps``, ``distance_m`` and ``crashed`` of the one
     after it. ``executed_action`` is the decision's or, where there is none, the fail-safe, which is never credited
-    to the policy. ``facts`` is what else the simulator says of the move. A model's Reply stands in the ledger under
-    ``EpisodeKey.call``.
+    to the policy. ``error`` is the kind of failure where the model's call failed. ``facts`` is what else the simulator
+    says of the move. A model's Reply stands in the ledger under ``EpisodeKey.call``.
     """
 
     step: int
@@ -60,6 +64,7 @@ class Step:
     distance_m: float
     crashed: bool
     facts: Mapping[str, Scalar] = field(default_factory=dict)
+    error: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,14 +14,22 @@ from eyechart.actions import DRIVING, read_toml
 from eyechart.costs import Estimate, estimate
 from eyechart.episodes.hosts import Host, LocalHost
 from eyechart.episodes.manifest import EpisodesManifest, is_episodes_run, read_manifest, write_manifest
-from eyechart.episodes.nouns import Episode, EpisodeKey, fail_safe, mend_episodes, read_episodes, write_episodes
+from eyechart.episodes.nouns import (
+    SILENCES,
+    Episode,
+    EpisodeKey,
+    fail_safe,
+    mend_episodes,
+    read_episodes,
+    write_episodes,
+)
 from eyechart.episodes.recorded import recorded
 from eyechart.episodes.running import USUAL, Bounds, Drivers, Progress, drive
 from eyechart.episodes.showing import require_shown
 from eyechart.episodes.worlds import MAX_STEPS, Setup, Worlds
 from eyechart.errors import LedgerError, SpecError
 from eyechart.ledger import Ledger
-from eyechart.limits import Limits, Outcome
+from eyechart.limits import NOTHING, Limits, Outcome, Spent
 from eyechart.manifest import LEDGER, today, versions
 from eyechart.models import open_model
 from eyechart.models.prices import Prices
@@ -72,18 +80,22 @@ def plan(  # noqa: PLR0913 - what can be asked for
     actions: Path | None = None,
     seed: int = 0,
     max_steps: int = MAX_STEPS,
+    silence: str = "unfinished",
     again: bool = False,
 ) -> Episodes:
     """Plan episodes, or the rest of those that ``out`` holds already; nothing is written, asked or driven yet.
 
     ``specs`` name who drives: policies, models by SPEC, or models by their request mode. ``scenarios`` default to all.
     ``prompt`` is a name, a TOML file or the prompt itself, ``view`` what models are shown pictures through.
-    ``actions`` is the action map of a ``gym:`` environment. ``again`` drives anew what ended in an error. Raises
-    SpecError for what is unknown or cannot be, and LedgerError where ``out`` holds something else.
+    ``actions`` is the action map of a ``gym:`` environment. ``silence`` is one of `SILENCES`: whether the fail-safe is
+    executed where a model says nothing. ``again`` drives anew what ended in an error. Raises SpecError for what is
+    unknown or cannot be, and LedgerError where ``out`` holds something else.
     """
     actions = actions or (out / ACTION_MAP if (out / ACTION_MAP).is_file() else None)
     world = open_simulator(simulator, actions=actions)
     space, chosen = world.action_space, tuple(dict.fromkeys(scenarios or world.scenarios))
+    if silence not in SILENCES:
+        raise SpecError(f"unknown silence '{silence}'; a model that says nothing is {' or '.join(SILENCES)}")
     _require_worlds(world, chosen, seeds, max_steps)
     for condition in conditions:
         require_shown(condition, world.mirror_axis)
@@ -112,6 +124,7 @@ def plan(  # noqa: PLR0913 - what can be asked for
         facts={spec: dict(model.facts) for spec, model in models.items() if model.facts},
         reader=SCENE_READER if formulation.scene else READER,
         view=NONE if view is None else view.key,
+        silence=silence,
     )
     keys = tuple(
         EpisodeKey(policy, world.name, scenario, number, condition)
@@ -120,7 +133,9 @@ def plan(  # noqa: PLR0913 - what can be asked for
         for scenario in chosen
         for number in manifest.seeds
     )
-    drivers = Drivers(policies, models, formulation, space, seed, view, distances_of(world.name))
+    drivers = Drivers(
+        policies, models, formulation, space, seed, view, distances_of(world.name), silent=SILENCES[silence]
+    )
     planned = Episodes(keys, drivers, manifest, Setup(simulator, seed, max_steps, actions=actions), out, again)
     return replace(planned, manifest=_resumed(planned))
 
@@ -194,10 +209,20 @@ def expected(planned: Episodes, prices: Prices, *, concurrency: int) -> tuple[Es
     )
 
 
-def within(planned: Episodes, prices: Prices, *, calls: int | None = None, cost_usd: float | None = None) -> Limits:
-    """Return the limits of a run: so many requests, so many dollars by these prices."""
+def within(
+    planned: Episodes,
+    prices: Prices,
+    *,
+    calls: int | None = None,
+    cost_usd: float | None = None,
+    before: Spent = NOTHING,
+) -> Limits:
+    """Return the limits of a run: so many requests, so many dollars by these prices, with what was spent ``before``."""
     return Limits(
-        calls=calls, cost_usd=cost_usd, cost=lambda spec, reply: prices.cost(planned.manifest.mode(spec), reply)[0]
+        calls=calls,
+        cost_usd=cost_usd,
+        cost=lambda spec, reply: prices.cost(planned.manifest.mode(spec), reply)[0],
+        before=before,
     )
 
 
