@@ -1,5 +1,6 @@
 """A model that says nothing: the fail-safe is executed and logged beside the reason, and an outage is no silence."""
 
+import asyncio
 from collections import Counter
 from pathlib import Path
 
@@ -45,13 +46,21 @@ def server(plan: Episodes) -> FaultServer:
         for step in FAILED:
             dealt[key.call(plan.manifest.prompt.key, step).seed(0) % 2**31] = key.seed
     by_seed = {seed: fault for fault, seed in WORLDS.items()}
-    how = {**FAULTS, "connection closed": closed, "garbage": garbled, "none": FAULTS["fine"]}
+    how = {**FAULTS, "hang": hanging, "connection closed": closed, "garbage": garbled}
 
     async def handle(request, asked, attempt):  # noqa: ANN001, ANN202 - a Handler
         fault = by_seed.get(dealt.get(int(asked["seed"]), -1), "none")
         return answer("STRAIGHT") if fault == "none" else await how[fault](request, asked, attempt)
 
     return FaultServer([handle])
+
+
+async def hanging(request, asked, attempt):  # noqa: ANN001, ANN201 - a Handler
+    """Say nothing for as long as anybody listens."""
+    del asked, attempt
+    while request.transport is not None:  # noqa: ASYNC110 - aiohttp tells no other way
+        await asyncio.sleep(0.02)
+    return answer()
 
 
 async def closed(request, asked, attempt):  # noqa: ANN001, ANN201 - a Handler
@@ -137,6 +146,17 @@ def falling(prompt: str, image: bytes) -> str | Reply:
     return look(prompt, image)
 
 
+async def parting(prompt: str, image: bytes) -> str | Reply:
+    """Answer twice, have the key refused while another call is under way, and let that one hang."""
+    SAID[b""] += 1
+    number = SAID[b""]
+    while number == 3 and SAID[b""] < 4:  # noqa: ASYNC110 - the counter is all there is
+        await asyncio.sleep(0.01)
+    if number == 4:
+        await asyncio.sleep(0.3)
+    return look(prompt, image) if number < 3 else Reply(error="auth" if number == 3 else "timeout")
+
+
 def absent(prompt: str, image: bytes) -> Reply:
     """Never answer."""
     del prompt, image
@@ -173,6 +193,19 @@ def test_a_model_that_never_answers_is_no_silent_one(tmp_path: Path) -> None:
     assert "10 calls in a row failed, the last one with connection" in " ".join(outcome.set_aside.values())
     assert list(read_episodes(tmp_path / "run")) == []
     assert len(plan.left()) == 12
+    with Ledger(tmp_path / "run" / LEDGER) as ledger:
+        assert ledger.finished() == set()
+
+
+def test_a_model_that_is_set_aside_is_not_silent_in_what_was_under_way(tmp_path: Path) -> None:
+    """Its key was refused while another of its calls hung: the drive waits for a key that is none."""
+    plan = tiny(tmp_path / "run", "parting", seeds=2)
+    outcome = study.run(plan, bounds=Bounds(concurrency=2, attempts=1))
+    assert "auth" in " ".join(outcome.set_aside.values())
+    with Ledger(tmp_path / "run" / LEDGER) as ledger:
+        sent = list(ledger.attempts(f"python:{__name__}:parting"))
+    assert [one.reply.error for one in sent if one.reply is not None and one.reply.error] == ["auth", "timeout"]
+    assert not any(one.final for one in sent if one.reply is not None and one.reply.error)
 
 
 def test_an_outage_costs_so_many_stops_and_then_the_model_is_set_aside(tmp_path: Path) -> None:
