@@ -28,7 +28,7 @@ SMALL: Mapping[str, Part] = {
     "primary-models": Part("rover-mpc", (), ("offset",), 1, ("real", "blank"), models=True),
     "unaware": Part("rover-mpc-unaware", (MPC_ONLY,), ("offset", "slalom"), 3),
     "lateral": Part("rover-mpc-lateral", ("route", "mirrored:route"), ("offset", "slalom"), 3),
-    "lateral-models": Part("rover-mpc-lateral", (), ("offset",), 1, planning.CONDITIONS, models=True),
+    "lateral-models": Part("rover-mpc-lateral", (), ("slalom",), 1, planning.CONDITIONS, models=True),
 }
 """The study in fewer worlds."""
 
