@@ -8,6 +8,7 @@ import typer
 
 from eyechart.cli import asking
 from eyechart.cli.before import say_uncounted
+from eyechart.cli.options import NO_LIMIT, Json, Spending, expanded
 from eyechart.cli.terminal import print_json, progress, resumable, say, table_console
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from eyechart.studies.hierarchy import HierarchyScore
 
 
+@expanded
 def hierarchy(
     out: Annotated[Path, typer.Option(help="Folder of the study; the same one resumes it.")] = Path("hierarchy"),
     policy: Annotated[
@@ -30,22 +32,11 @@ def hierarchy(
     silence: Annotated[
         str, typer.Option(help="What a call that hangs or keeps failing is: fail-safe (STOP), or unfinished.")
     ] = "fail-safe",
-    base_url: asking.BaseUrl = None,
-    key_env: asking.KeyEnv = None,
-    token_field: asking.TokenField = None,
-    max_tokens: asking.MaxTokens = None,
-    temperature: asking.Temperature = None,
-    timeout: asking.Timeout = None,
-    json_mode: asking.JsonMode = None,
-    header: asking.Header = None,
-    body: asking.Body = None,
-    option: asking.Option = None,
-    max_calls: Annotated[int | None, typer.Option(min=1, help="Stop the study at so many requests.")] = None,
-    max_cost: Annotated[float | None, typer.Option(min=0, help="Stop the study at so many US dollars.")] = None,
-    prices: Annotated[Path | None, typer.Option(help="FILE.toml of prices; it comes before the table.")] = None,
+    how: asking.Options = asking.AS_USUAL,
+    spending: Spending = NO_LIMIT,
     again: Annotated[bool, typer.Option("--again", help="Drive anew what ended in an error.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the plan; drive nothing, ask nothing.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    json: Json = False,
 ) -> None:
     """Let sources of intent plan for a rover under a model-predictive controller, beside the paper's tables.
 
@@ -55,27 +46,15 @@ def hierarchy(
     Example: eyechart run hierarchy --policy scripted:clear_side --out hierarchy
     """
     from eyechart import episodes as study
-    from eyechart.models.prices import read_prices
     from eyechart.studies.hierarchy import plan, run, score
 
     modes = asking.read_modes(
         policy or [],
         mode,
-        asking.given_fields(
-            base_url=base_url,
-            key_env=key_env,
-            token_field=token_field,
-            max_tokens=max_tokens,
-            temperature=temperature,
-            timeout=timeout,
-            json_mode=json_mode,
-            header=header,
-            body=body,
-            option=option,
-        ),
+        how.given(),
     ).modes
     planned = plan(out, modes, seed=seed, prompt=prompt, silence=silence, again=again)
-    table = read_prices(prices)
+    table = spending.table()
     for name, part in planned.items():
         say(f"{name}: {len(part.keys)} episodes in {part.manifest.simulator}, {len(part.left())} to drive")
         for estimate in study.expected(part, table, concurrency=concurrency):
@@ -86,8 +65,8 @@ def hierarchy(
         planned,
         table,
         bounds=study.Bounds(processes=processes, concurrency=concurrency),
-        calls=max_calls,
-        cost_usd=max_cost,
+        calls=spending.max_calls,
+        cost_usd=spending.max_cost,
         watch=_watched,
     )
     found = score(out)
