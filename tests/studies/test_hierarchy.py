@@ -28,7 +28,7 @@ SMALL: Mapping[str, Part] = {
     "primary-models": Part("rover-mpc", (), ("offset",), 1, ("real", "blank"), models=True),
     "unaware": Part("rover-mpc-unaware", (MPC_ONLY,), ("offset", "slalom"), 3),
     "lateral": Part("rover-mpc-lateral", ("route", "mirrored:route"), ("offset", "slalom"), 3),
-    "lateral-models": Part("rover-mpc-lateral", (), ("slalom",), 1, planning.CONDITIONS, models=True),
+    "lateral-models": Part("rover-mpc-lateral", (), ("clutter",), 1, planning.CONDITIONS, models=True),
 }
 """The study in fewer worlds."""
 
@@ -234,7 +234,9 @@ def test_the_tables_hold_every_source_once(studied: HierarchyScore) -> None:
     assert {name: row for name, row in first["MPC-only"].items() if name not in {"intent source", "paper"}}.items() <= (
         first["constant STRAIGHT"].items()
     )
-    assert against_table(studied.against_mpc_only).row_count == len(studied.against_mpc_only) == 6
+    against = cells(against_table(studied.against_mpc_only))
+    assert len(against) == len(studied.against_mpc_only) == 6
+    assert {"oracle intent", "constant STOP", f"{SEEING}, blank"} <= against.keys()
     assert {one.second.policy for one in studied.against_mpc_only} == {MPC_ONLY}
     assert completion_table(studied.completions).row_count == len(studied.completions) == 4
     for one in studied.sources:
@@ -251,7 +253,7 @@ def test_eleven_sources_and_eight_controllers_drive_in_the_worlds_that_the_paper
     for part in ("primary-models", "unaware-models", "lateral-models"):
         for key in planned[part].keys:
             driver = scoring.Driver(key.simulator, "VLM", key.condition)
-            name = planning.name_of_model(part, driver)
+            name = planning.name_of(part, driver)
             counts[name] = counts.get(name, 0) + 1
     constants = [f"constant {action}" for action in ("STRAIGHT", "SLOW", "STOP", "LEFT", "RIGHT")]
     primary = ["MPC-only", "oracle intent", "random intent", *constants, "VLM", "VLM, mirrored", "VLM, blank"]

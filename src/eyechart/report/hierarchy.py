@@ -7,8 +7,8 @@ from rich.table import Table
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.closed_loop import Paired
 from eyechart.studies.hierarchy import Completion, Source
-from eyechart.studies.hierarchy.planning import PARTS
-from eyechart.studies.hierarchy.scoring import NOT_PERCEPTION, PUBLISHED
+from eyechart.studies.hierarchy.planning import PARTS, name_of
+from eyechart.studies.hierarchy.scoring import NOT_PERCEPTION, PUBLISHED, UNPUBLISHED
 
 TITLES = {
     "primary": "Primary ablation: the controller knows the obstacles",
@@ -16,27 +16,36 @@ TITLES = {
 }
 
 
+COLUMNS = ("intent source", "goal", "95 %", "paper", "crash", "95 %", "paper", "dist. m", "paper")
+EMITTED = ("intent source", "intents", "STOP", "paper", "fail-safe", "solver failed", "no decision")
+
+
 def source_table(sources: Sequence[Source], *, primary: bool) -> Table:
     """Return the rows of one ablation: goals and crashes with exact 95 % intervals, the paper's beside them."""
     table = Table(title=TITLES["primary" if primary else "second"])
-    table.add_column("intent source", no_wrap=True)
-    for name in ("goal", "95 %", "paper", "crash", "95 %", "paper", "dist. m", "paper"):
+    table.add_column(COLUMNS[0], no_wrap=True)
+    for name in COLUMNS[1:]:
         table.add_column(name, justify="right", no_wrap=True)
     for one in sources:
         if one.part.startswith("primary") == primary:
-            paper = _paper(one)
-            table.add_row(
-                one.name,
-                _of(one.goals),
-                _interval(one.goals),
-                paper[0],
-                _of(one.crashes),
-                _interval(one.crashes),
-                paper[1],
-                _spread(one.distance_m, "{:.1f}"),
-                "" if paper[2] is None else f"{paper[2]:.1f}",
-            )
+            table.add_row(*source_cells(one))
     return table
+
+
+def source_cells(one: Source) -> tuple[str, ...]:
+    """Return a row of a source's table, as ``COLUMNS`` name its cells."""
+    paper = PUBLISHED.get(one.name, UNPUBLISHED)
+    return (
+        one.name,
+        _of(one.goals),
+        _interval(one.goals),
+        paper[0],
+        _of(one.crashes),
+        _interval(one.crashes),
+        paper[1],
+        _spread(one.distance_m, "{:.1f}"),
+        "" if paper[2] is None else f"{paper[2]:.1f}",
+    )
 
 
 def intent_table(sources: Sequence[Source], *, primary: bool) -> Table:
@@ -45,22 +54,27 @@ def intent_table(sources: Sequence[Source], *, primary: bool) -> Table:
     A STOP that the fail-safe executed counts in no share; ``no decision`` says how often it did, and why.
     """
     table = Table(title="What was emitted: STOP is a share of the intents [95 %], the fail-safe is no intent")
-    table.add_column("intent source", no_wrap=True)
-    for name in ("intents", "STOP", "paper", "fail-safe", "solver failed", "no decision"):
+    table.add_column(EMITTED[0], no_wrap=True)
+    for name in EMITTED[1:]:
         table.add_column(name, justify="left" if name == "no decision" else "right")
     for one in sources:
         if one.part.startswith("primary") == primary:
-            paper = _paper(one)[3]
-            table.add_row(
-                one.name,
-                str(one.emitted),
-                _spread(one.stop_share, "{:.1%}"),
-                "" if paper is None else f"{paper:.1%}",
-                str(one.fail_safe),
-                str(one.solver_failures),
-                ", ".join(f"{why} {count}" for why, count in one.no_decision.items()),
-            )
+            table.add_row(*intent_cells(one))
     return table
+
+
+def intent_cells(one: Source) -> tuple[str, ...]:
+    """Return a row of what a source emitted, as ``EMITTED`` names its cells."""
+    paper = PUBLISHED.get(one.name, UNPUBLISHED)[3]
+    return (
+        one.name,
+        str(one.emitted),
+        _spread(one.stop_share, "{:.1%}"),
+        "" if paper is None else f"{paper:.1%}",
+        str(one.fail_safe),
+        str(one.solver_failures),
+        ", ".join(f"{why} {count}" for why, count in one.no_decision.items()),
+    )
 
 
 def completion_table(completions: Sequence[Completion]) -> Table:
@@ -87,20 +101,21 @@ def against_table(pairs: Sequence[Paired]) -> Table:
     for name in ("worlds", "goals", "p", "distance m", "p"):
         table.add_column(name, justify="right")
     for one in pairs:
-        goals, distance = one.differences["success_rate"], one.differences["distance_m"]
-        table.add_row(
-            one.first.label,
-            str(one.worlds),
-            _signed(goals.value, 100, " points"),
-            _p(one.holm.get("success_rate")),
-            _signed(distance.value, 1, ""),
-            _p(one.holm.get("distance_m")),
-        )
+        table.add_row(*against_cells(one))
     return table
 
 
-def _paper(one: Source) -> tuple[str, str, float | None, float | None]:
-    return PUBLISHED.get((one.part, one.driver.policy, one.driver.condition), ("", "", None, None))
+def against_cells(one: Paired) -> tuple[str, ...]:
+    """Return a row of a table of paired differences: source, worlds, goals and p, distance and p."""
+    goals, distance = one.differences["success_rate"], one.differences["distance_m"]
+    return (
+        name_of("primary", one.first),
+        str(one.worlds),
+        _signed(goals.value, 100, " points"),
+        _p(one.holm.get("success_rate")),
+        _signed(distance.value, 1, ""),
+        _p(one.holm.get("distance_m")),
+    )
 
 
 def _of(one: Statistic) -> str:

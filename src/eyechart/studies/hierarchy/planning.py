@@ -73,13 +73,16 @@ PARTS: dict[str, Part] = {
 """The paper's two ablations by the name of their folders. The primary one tells the controller where the obstacles
 are; the second does not, but for ``constrained``, its reference."""
 
-_INTENT = {"primary-models": "", "unaware-models": ", full intent", "lateral-models": ", lateral intent"}
+_INTENT = {"unaware-models": ", full intent", "lateral-models": ", lateral intent"}
 _SHOWN = {"real": "", "mirrored": ", mirrored", "blank": ", blank", "shuffled": ", other worlds' pictures"}
 
 
-def name_of_model(part: str, driver: Driver) -> str:
-    """Return the name of a model as a source of intent: its SPEC, what of its intent counts, and what it is shown."""
-    return f"{driver.policy}{_INTENT[part]}{_SHOWN[driver.condition]}"
+def name_of(part: str, driver: Driver) -> str:
+    """Return the name of a source of intent, of a model its SPEC, what of its intent counts, and what it is shown."""
+    for name, place in SCRIPTED.items():
+        if place == (part, driver.policy):
+            return name
+    return f"{driver.policy}{_INTENT.get(part, '')}{_SHOWN[driver.condition]}"
 
 
 def plan(

@@ -29,21 +29,25 @@ from eyechart.studies.closed_loop import (
     paired,
     read_drives,
 )
-from eyechart.studies.hierarchy.planning import MPC_ONLY, PARTS, SCRIPTED, name_of_model
+from eyechart.studies.hierarchy.planning import MPC_ONLY, PARTS, SCRIPTED, name_of
 
 NOT_PERCEPTION = "completion does not show perception"
 
 _WITH = {"real": "with real pictures", "mirrored": "mirrored", "blank": "blank", "shuffled": "with other worlds'"}
 
-PUBLISHED: Mapping[tuple[str, str, str], tuple[str, str, float | None, float | None]] = {
-    ("primary", MPC_ONLY, "real"): ("23/25", "0/25", 95.6, 0.0),
-    ("primary", "route", "real"): ("23/25", "0/25", 96.6, 0.072),
-    ("primary", "random", "real"): ("14/25", "0/25", 82.6, 0.214),
-    ("primary", "constant:LEFT", "real"): ("24/25", "0/25", None, None),
-    ("constrained", MPC_ONLY, "real"): ("30/32", "2/32", None, None),
-    ("unaware", MPC_ONLY, "real"): ("1/32", "31/32", None, None),
+Printed = tuple[str, str, float | None, float | None]
+
+PUBLISHED: Mapping[str, Printed] = {
+    "MPC-only": ("23/25", "0/25", 95.6, 0.0),
+    "oracle intent": ("23/25", "0/25", 96.6, 0.072),
+    "random intent": ("14/25", "0/25", 82.6, 0.214),
+    "constant LEFT": ("24/25", "0/25", None, None),
+    "mpc-oracle": ("30/32", "2/32", None, None),
+    "mpc-blind": ("1/32", "31/32", None, None),
 }
-"""Goals, crashes, metres and the share of STOP that the paper prints, by part, source and condition."""
+"""Goals, crashes, metres and the share of STOP that the paper prints of a source."""
+
+UNPUBLISHED: Printed = ("", "", None, None)
 
 
 @dataclass(frozen=True)
@@ -209,7 +213,7 @@ class HierarchyScore:
         for name, (part, policy) in SCRIPTED.items():
             yield from ((part, name, one) for one in self._of(part) if one.driver.policy == policy)
         for part in (name for name in self.drives if PARTS[name].models):
-            yield from ((part, name_of_model(part, one.driver), one) for one in self.drives[part])
+            yield from ((part, name_of(part, one.driver), one) for one in self.drives[part])
 
     def _of(self, *parts: str) -> list[Drives]:
         return [one for part in parts for one in self.drives.get(part, ())]
