@@ -10,16 +10,13 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
-from markupsafe import Markup
 from PIL import Image, ImageDraw, ImageFont
 
-from eyechart import __version__
 from eyechart.destination import whole
 from eyechart.episodes import Episode
 from eyechart.errors import SpecError
 from eyechart.frames import RGB
-from eyechart.report.assets import asset, environment, policy
-from eyechart.report.browser import embedded_json
+from eyechart.report.assets import fill
 from eyechart.report.drawing import plain
 from eyechart.studies.closed_loop.reading import Drives
 from eyechart.studies.closed_loop.replaying import Shot, decided, episode_id, replay
@@ -185,23 +182,17 @@ def _write_html(out: Path, film: _Film) -> int:
         }
         for line in film.words
     ]
-    script = asset("film.js")
-    html = (
-        environment()
-        .get_template("film.html")
-        .render(
-            csp=policy(script),
-            css=Markup(asset("page.css") + asset("film.css")),  # noqa: S704 - our own files
-            script=Markup(script),  # noqa: S704 - our own file
-            data=embedded_json({"pictures": uris, "steps": steps, "fps": film.fps}),
-            title=episode_id(film.episode),
-            ended=film.episode.ended,
-            detail=film.episode.detail,
-            count=len(uris),
-            version=__version__,
-        )
+    html = fill(
+        "film.html",
+        styles=("film.css",),
+        scripts=("film.js",),
+        data={"pictures": uris, "steps": steps, "fps": film.fps},
+        title=episode_id(film.episode),
+        ended=film.episode.ended,
+        detail=film.episode.detail,
+        count=len(uris),
     )
-    out.write_bytes(html.encode("utf-8", "backslashreplace"))
+    out.write_bytes(html)
     return len(uris)
 
 
