@@ -1,9 +1,9 @@
-"""A film of one episode: the camera's pictures, and under each the decision, the executed action and the gap."""
+"""A film of one episode: the camera's pictures, a controller's plan over them, and the decision and the gap below."""
 
 import base64
 import io
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from importlib.util import find_spec
 from pathlib import Path
@@ -18,6 +18,8 @@ from eyechart.errors import SpecError
 from eyechart.frames import RGB
 from eyechart.report.assets import fill
 from eyechart.report.drawing import plain
+from eyechart.report.overlay import STROKES, over, pieces, plan_words
+from eyechart.simulators import Sketch
 from eyechart.studies.closed_loop.reading import Drives
 from eyechart.studies.closed_loop.replaying import Shot, decided, episode_id, replay
 
@@ -40,6 +42,7 @@ class Line:
     state: str
     reply: str
     substituted: bool
+    plan: str = ""
 
 
 def lines(drives: Drives, episode: Episode) -> list[Line]:
@@ -93,29 +96,38 @@ class _Film:
     words: Sequence[Line]
     fps: float
 
-    def shots(self) -> Iterator[Shot]:
-        """Yield the moments of the replay."""
-        return replay(self.drives, self.episode)
+    def moments(self) -> Iterator[tuple[Shot, Line]]:
+        """Yield the moments of the replay with their words."""
+        for shot, line in zip(replay(self.drives, self.episode), self.words, strict=True):
+            yield shot, replace(line, plan=plan_words(shot.sketch, shot.step))
 
     def drawn(self) -> Iterator[Image.Image]:
         """Yield each moment with its words under it."""
         roles = [self._role(step.executed_action) for step in self.episode.steps]
-        for number, (shot, line) in enumerate(zip(self.shots(), self.words, strict=True)):
-            yield draw(shot.picture, line, roles, number)
+        planning = False
+        for number, (shot, line) in enumerate(self.moments()):
+            planning = planning or shot.sketch is not None
+            yield draw(shot, line, roles, number, planning=planning)
 
     def _role(self, action: str) -> str:
         space = self.drives.space
         return "brake" if action in space.brake else "proceed" if action in space.proceed else ""
 
 
-def draw(picture: RGB, line: Line, roles: Sequence[str], now: int) -> Image.Image:
-    """Return one picture of a film: the camera's, and under it the words and a strip of all steps; even in size."""
+def draw(shot: Shot, line: Line, roles: Sequence[str], now: int, *, planning: bool = False) -> Image.Image:
+    """Return one picture of a film: the camera's, and under it the words and a strip of all steps; even in size.
+
+    A film of a drive with a controller is ``planning`` from its first picture on: it has a line for the plan.
+    """
+    picture = shot.picture
     scale = max(1, round(WIDTH / picture.shape[1])) if picture.shape[1] < WIDTH else 1
     shown = Image.fromarray(picture).resize(
         (picture.shape[1] * scale, picture.shape[0] * scale), Image.Resampling.NEAREST
     )
+    if shot.sketch is not None:
+        shown = over(shown, shot.sketch, scale)
     width = max(shown.width, WIDTH) // 2 * 2
-    height = (shown.height + 4 * STRIP + 18) // 2 * 2
+    height = (shown.height + (6 if planning else 4) * STRIP + 18) // 2 * 2
     page = Image.new("RGB", (width, height), PAPER)
     page.paste(shown, ((width - shown.width) // 2, 0))
     pen, y = ImageDraw.Draw(page), shown.height + 6
@@ -126,12 +138,29 @@ def draw(picture: RGB, line: Line, roles: Sequence[str], now: int) -> Image.Imag
         pen.text((10, y + STRIP), plain(f"decides {line.decision}", 60), fill=tone, font=large)
         pen.text((width // 2, y + STRIP), plain(f"executed {line.executed}", 40), fill=INK, font=large)
     pen.text((10, y + 2 * STRIP), plain(line.state, 100), fill=RED if "CRASH" in line.state else INK, font=small)
+    if planning:
+        pen.text((10, y + 3 * STRIP), plain(line.plan, 100), fill=RED if "failed" in line.plan else INK, font=small)
+        _key(pen, 10, y + 4 * STRIP)
+        y += 2 * STRIP
     each = (width - 20) / max(1, len(roles))
     for place, role in enumerate(roles):
         left, top = 10 + place * each, y + 3 * STRIP + (0 if place <= now else 5)
         box = (left, top, max(left + 1, left + each - 1), y + 3 * STRIP + 12)
         pen.rectangle(box, fill=TONES[role] if place <= now else "#343b45", outline=INK if place == now else None)
     return page
+
+
+def _key(pen: ImageDraw.ImageDraw, x: float, y: float) -> None:
+    """Say what the lines over the picture are."""
+    words = font(12)
+    for stroke in reversed(STROKES):
+        middle = y + 8
+        for part in ((0, 9), (17, 26)) if stroke.dashed else ((0, 26),):
+            pen.line((x + part[0], middle, x + part[1], middle), fill=stroke.colour, width=round(stroke.width))
+        if stroke.dots:
+            pen.ellipse((x + 9, middle - 4, x + 17, middle + 4), fill=stroke.colour)
+        pen.text((x + 34, y), stroke.says, fill=MUTED, font=words)
+        x += 34 + pen.textlength(stroke.says, font=words) + 26
 
 
 def font(size: int) -> ImageFont.FreeTypeFont:
@@ -170,9 +199,12 @@ def _codec(av: object) -> str:
 
 
 def _write_html(out: Path, film: _Film) -> int:
-    uris = list(_encoded(shot.picture for shot in film.shots()))
+    moments = list(film.moments())
+    uris = list(_encoded(shot.picture for shot, _ in moments))
     steps = [
         {
+            "plan": line.plan,
+            "lines": None if shot.sketch is None else lines_of(shot.sketch),
             "place": line.place,
             "decision": line.decision,
             "executed": line.executed,
@@ -180,13 +212,15 @@ def _write_html(out: Path, film: _Film) -> int:
             "reply": line.reply,
             "substituted": line.substituted,
         }
-        for line in film.words
+        for shot, line in moments
     ]
     html = fill(
         "film.html",
         styles=("film.css",),
         scripts=("film.js",),
-        data={"pictures": uris, "steps": steps, "fps": film.fps},
+        data={"pictures": uris, "steps": steps, "fps": film.fps, "size": moments[0][0].picture.shape[1::-1]},
+        strokes=STROKES,
+        planning=any(shot.sketch is not None for shot, _ in moments),
         title=episode_id(film.episode),
         ended=film.episode.ended,
         detail=film.episode.detail,
@@ -194,6 +228,11 @@ def _write_html(out: Path, film: _Film) -> int:
     )
     out.write_bytes(html)
     return len(uris)
+
+
+def lines_of(sketch: Sketch) -> dict[str, list[list[tuple[float, float]]]]:
+    """Return the lines of a sketch by their names, each in pieces of places in pixels."""
+    return {stroke.name: pieces(getattr(sketch, stroke.name)) for stroke in STROKES}
 
 
 def _encoded(pictures: Iterable[RGB]) -> Iterator[str]:

@@ -8,7 +8,7 @@ from eyechart.actions import UNPARSED
 from eyechart.episodes import Episode, Step, read_manifest
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import RGB
-from eyechart.simulators import Simulator
+from eyechart.simulators import Drive, Planning, Simulator, Sketch
 from eyechart.studies.closed_loop.reading import Drives
 
 SHOWN_MOST = 6
@@ -16,10 +16,15 @@ SHOWN_MOST = 6
 
 @dataclass(frozen=True)
 class Shot:
-    """One moment of a replay: the camera's picture before the decision, and the step; None at the end."""
+    """One moment of a replay: the camera's picture before the decision, and the step; None at the end.
+
+    ``sketch`` is what a controller below the decision then planned, where the world has one; no line of it is in the
+    picture.
+    """
 
     picture: RGB
     step: Step | None
+    sketch: Sketch | None = None
 
 
 def episode_id(episode: Episode) -> str:
@@ -54,8 +59,9 @@ def replay(drives: Drives, episode: Episode, simulator: Simulator | None = None)
     drive = world.drive(episode.key.scenario, episode.key.seed)
     try:
         for step in episode.steps:
-            yield Shot(drive.picture(), step)
+            picture = drive.picture()
             drive.step(step.executed_action)
+            yield Shot(picture, step, drive.sketch() if isinstance(drive, Planning) else None)
         yield Shot(drive.picture(), None)
     finally:
         drive.close()
@@ -70,8 +76,7 @@ def verify(drives: Drives, episode: Episode, simulator: Simulator) -> None:
         )
     drive = simulator.drive(episode.key.scenario, episode.key.seed)
     try:
-        for step in episode.steps:
-            drive.step(step.executed_action)
+        drive_on(drive, episode)
         state = hashlib.sha256(drive.state()).hexdigest()
     except ValueError as error:
         raise LedgerError(
@@ -84,6 +89,12 @@ def verify(drives: Drives, episode: Episode, simulator: Simulator) -> None:
             f"episode '{name}' does not drive again here: its actions lead to another state than the recorded "
             f"one{_versions(drives, simulator)}"
         )
+
+
+def drive_on(drive: Drive, episode: Episode) -> None:
+    """Take an episode's executed actions in a world at its beginning."""
+    for step in episode.steps:
+        drive.step(step.executed_action)
 
 
 def decided(step: Step) -> str:
