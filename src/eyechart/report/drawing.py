@@ -22,7 +22,19 @@ LINE = "#d9d6cf"
 PAPER = "#fefefd"
 BLUE = "#0072b2"
 VERMILLION = "#d55e00"
-"""Blue and vermillion are of Okabe and Ito's palette, which the colour-blind can tell apart."""
+SOFT = "#f1efe9"
+"""Blue and vermillion are of Okabe and Ito's palette, which the colour-blind can tell apart; soft is a quiet ground."""
+
+WAYS = {
+    "blue": "#015ef7",
+    "vermillion": "#d95b0a",
+    "green": "#05945c",
+    "purple": "#b325b6",
+    "amber": "#ae9209",
+    "grey": "#6d7581",
+}
+"""Colours of lines of which several cross: sought so that any two but amber and grey, and ink, lie at least 24 apart in
+CIELAB for normal eyes and for those without one kind of cone (Machado et al. 2009), on light paper and on dark."""
 
 THEMED = {
     INK: "currentColor",
@@ -31,6 +43,8 @@ THEMED = {
     PAPER: "var(--surface)",
     BLUE: "var(--blue)",
     VERMILLION: "var(--vermillion)",
+    SOFT: "var(--soft)",
+    **{colour: f"var(--way-{name})" for name, colour in WAYS.items()},
 }
 """What stands for a colour where the page, light or dark, decides."""
 

@@ -16,7 +16,7 @@ from eyechart.studies.closed_loop.published import PUBLISHED, Beside, beside_pap
 
 Row = Sequence[str]
 
-_FINDINGS = {
+FINDINGS = {
     "differs": ("sees", "●", "differs"),
     "no_difference_found": ("open", "?", "no difference found"),
     "identical": ("blind", "○", "identical drives"),
@@ -56,7 +56,7 @@ def make_drives_page(
         replays=[_replay(one) for one in score.replays],
         twins=score.twins,
         repeats=score.repeats,
-        made=[(path.resolve().name, _made(path)) for path in runs],
+        made=[(path.resolve().name, made(path)) for path in runs],
         notes=browser.notes,
     )
     return Page(html, drawn, browser.notes)
@@ -91,15 +91,16 @@ def _beside(row: Beside) -> Row:
 
 
 def _paired(one: Paired) -> dict[str, object]:
-    return {"label": one.first.label, "against": one.second.label, "worlds": one.worlds, "cells": _cells(one)}
+    return {"label": one.first.label, "against": one.second.label, "worlds": one.worlds, "cells": difference_cells(one)}
 
 
-def _cells(one: Paired) -> list[tuple[str, str]]:
+def difference_cells(one: Paired) -> list[tuple[str, str]]:
+    """Return each difference as a page shows it, with its p after Holm."""
     return [(shown(one.differences[name], name, signed=True), p_value(one.holm.get(name))) for name in NAMES]
 
 
 def _blind(one: Blind) -> dict[str, object]:
-    family, glyph, words = _FINDINGS[one.finding]
+    family, glyph, words = FINDINGS[one.finding]
     return {
         "label": one.driver.label,
         "condition": one.condition,
@@ -108,7 +109,7 @@ def _blind(one: Blind) -> dict[str, object]:
         "finding": words,
         "sentence": one.sentence,
         "worlds": one.paired.worlds,
-        "cells": _cells(one.paired),
+        "cells": difference_cells(one.paired),
     }
 
 
@@ -149,7 +150,7 @@ def _replay(one: Replay) -> Row:
     )
 
 
-def _made(path: Path) -> Mapping[str, str]:
+def made(path: Path) -> Mapping[str, str]:
     """Return what the run says of how it was made, as text; nothing where it says nothing."""
     try:
         raw = json.loads((path / RUN).read_text(encoding="utf-8"))

@@ -14,6 +14,19 @@ TITLES = {
     "primary": "Primary ablation: the controller knows the obstacles",
     "second": "Second ablation: it does not, but for mpc-oracle",
 }
+COLUMNS = (
+    "intent source",
+    "goal",
+    "95 %",
+    "paper",
+    "crash",
+    "95 %",
+    "paper",
+    "dist. m",
+    "STOP",
+    "fail-safe",
+    "solver failed",
+)
 _NAMES = {
     ("primary", MPC_ONLY): "MPC-only (= constant:STRAIGHT)",
     ("primary", "route"): "oracle intent",
@@ -28,26 +41,31 @@ _NAMES = {
 def source_table(sources: Sequence[Source], *, primary: bool) -> Table:
     """Return the rows of one ablation: goals and crashes with exact 95 % intervals, the paper's beside them."""
     table = Table(title=TITLES["primary" if primary else "second"])
-    table.add_column("intent source", no_wrap=True)
-    for name in ("goal", "95 %", "paper", "crash", "95 %", "paper", "dist. m", "STOP", "fail-safe", "solver failed"):
+    table.add_column(COLUMNS[0], no_wrap=True)
+    for name in COLUMNS[1:]:
         table.add_column(name, justify="right", no_wrap=True)
     for one in sources:
         if one.part.startswith("primary") == primary:
-            paper = PUBLISHED.get((one.part, one.driver.policy, one.driver.condition), ("", "", None, None))
-            table.add_row(
-                _name(one),
-                _of(one.goals),
-                _interval(one.goals),
-                paper[0],
-                _of(one.crashes),
-                _interval(one.crashes),
-                paper[1],
-                "—" if one.distance_m is None else f"{one.distance_m:.1f}",
-                "—" if one.stop_share is None else f"{one.stop_share:.1%}",
-                str(one.fail_safe),
-                str(one.solver_failures),
-            )
+            table.add_row(*source_cells(one))
     return table
+
+
+def source_cells(one: Source) -> tuple[str, ...]:
+    """Return a row of a source's table, as ``COLUMNS`` name its cells."""
+    paper = PUBLISHED.get((one.part, one.driver.policy, one.driver.condition), ("", "", None, None))
+    return (
+        name_of(one),
+        _of(one.goals),
+        _interval(one.goals),
+        paper[0],
+        _of(one.crashes),
+        _interval(one.crashes),
+        paper[1],
+        "—" if one.distance_m is None else f"{one.distance_m:.1f}",
+        "—" if one.stop_share is None else f"{one.stop_share:.1%}",
+        str(one.fail_safe),
+        str(one.solver_failures),
+    )
 
 
 def against_table(pairs: Sequence[Paired]) -> Table:
@@ -57,19 +75,25 @@ def against_table(pairs: Sequence[Paired]) -> Table:
     for name in ("worlds", "goals", "p", "distance m", "p"):
         table.add_column(name, justify="right")
     for one in pairs:
-        goals, distance = one.differences["success_rate"], one.differences["distance_m"]
-        table.add_row(
-            one.first.label,
-            str(one.worlds),
-            _signed(goals.value, 100, " points"),
-            _p(one.holm.get("success_rate")),
-            _signed(distance.value, 1, ""),
-            _p(one.holm.get("distance_m")),
-        )
+        table.add_row(*against_cells(one))
     return table
 
 
-def _name(one: Source) -> str:
+def against_cells(one: Paired) -> tuple[str, ...]:
+    """Return a row of a table of paired differences: source, worlds, goals and p, distance and p."""
+    goals, distance = one.differences["success_rate"], one.differences["distance_m"]
+    return (
+        one.first.label,
+        str(one.worlds),
+        _signed(goals.value, 100, " points"),
+        _p(one.holm.get("success_rate")),
+        _signed(distance.value, 1, ""),
+        _p(one.holm.get("distance_m")),
+    )
+
+
+def name_of(one: Source) -> str:
+    """Return how a source is called in tables and figures."""
     named = _NAMES.get((one.part, one.driver.policy))
     if named is not None and one.driver.condition == "real":
         return named

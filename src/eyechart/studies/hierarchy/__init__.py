@@ -5,6 +5,6 @@ mpc_intent_ablation.
 """
 
 from eyechart.studies.hierarchy.planning import PARTS, Part, plan
-from eyechart.studies.hierarchy.scoring import HierarchyScore, Source, score
+from eyechart.studies.hierarchy.scoring import HierarchyScore, Source, is_hierarchy, score
 
-__all__ = ["PARTS", "HierarchyScore", "Part", "Source", "plan", "score"]
+__all__ = ["PARTS", "HierarchyScore", "Part", "Source", "is_hierarchy", "plan", "score"]

@@ -1,0 +1,96 @@
+"""The page of the hierarchy: what completion shows and what not, both ablations, and every world from above."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from eyechart.report.assets import fill
+from eyechart.report.drawing import Drawing
+from eyechart.report.drives_browser import Tell
+from eyechart.report.drives_page import FINDINGS, difference_cells, made
+from eyechart.report.hierarchy import COLUMNS, TITLES, against_cells, source_cells
+from eyechart.report.hierarchy_figures import outcomes
+from eyechart.report.hierarchy_ways import ENDS, SIGNS, groups
+from eyechart.report.page import Page
+from eyechart.report.rungs import NAMES
+from eyechart.studies.closed_loop import LEVEL, Blind, Paired
+from eyechart.studies.hierarchy import PARTS, HierarchyScore, Source
+from eyechart.studies.hierarchy.scoring import NOT_PERCEPTION, unless_shown
+
+ABLATIONS = ("primary", "second")
+
+
+def make_hierarchy_page(study: Path, score: HierarchyScore, *, tell: Tell = lambda _: None) -> Page:
+    """Return the report of a study; the same study gives the same bytes. ``tell`` is told what is under way."""
+    tell("figures")
+    drawn = {name: [one for one in [outcomes(score, name)] if one is not None] for name in ABLATIONS}
+    tell("the worlds from above")
+    ways, notes = groups(score)
+    tell("the page")
+    html = fill(
+        "hierarchy.html",
+        styles=("hierarchy.css",),
+        scripts=("layout.js",),
+        title=study.resolve().name,
+        score=score,
+        episodes=sum(len(one.episodes) for many in score.drives.values() for one in many),
+        errors=[
+            (one.driver.label, episode) for many in score.drives.values() for one in many for episode in one.errors
+        ],
+        planners=list(dict.fromkeys(one.driver.policy for _, one in score.blind)),
+        control=_control(score.oracle_mirrored),
+        cards=[_card(part, one) for part, one in score.blind],
+        names=list(NAMES.values()),
+        columns=COLUMNS,
+        titles=TITLES,
+        rows={name: _rows(score.sources, name) for name in ABLATIONS},
+        actions=next(iter(score.sources)).intents.keys(),
+        against=[against_cells(one) for one in score.against_mpc_only],
+        figures=drawn,
+        groups=ways,
+        signs=[(SIGNS[kind], words) for kind, words in ENDS.items()],
+        not_perception=NOT_PERCEPTION,
+        made=[(name, made(study / name)) for name in score.drives],
+        notes=notes,
+    )
+    drawings: dict[str, list[Drawing]] = {**drawn, "ways": [one for group in ways for one in group.drawings]}
+    return Page(html, drawings, tuple(notes))
+
+
+def _rows(sources: Sequence[Source], ablation: str) -> list[dict[str, object]]:
+    return [
+        {"cells": source_cells(one), "intents": list(one.intents.values()), "errors": one.errors}
+        for one in sources
+        if one.part.startswith("primary") == (ablation == "primary")
+    ]
+
+
+def _control(found: Paired | None) -> dict[str, object] | None:
+    """Return what the positive control shows: whether this arm can tell a side from its mirror image."""
+    if found is None:
+        return None
+    goals = found.differences["success_rate"]
+    told = goals.value is not None and goals.value > 0 and goals.p is not None and goals.p < LEVEL
+    return {
+        "points": "—" if goals.value is None else f"{100 * goals.value:+.0f} points",
+        "interval": "—" if goals.ci is None else f"{100 * goals.ci[0]:+.0f} to {100 * goals.ci[1]:+.0f}",
+        "p": "—" if goals.p is None else f"{goals.p:.2g}",
+        "worlds": found.worlds,
+        "tells": told,
+    }
+
+
+def _card(part: str, one: Blind) -> dict[str, object]:
+    family, glyph, words = FINDINGS[one.finding]
+    caveat = unless_shown(one)
+    return {
+        "simulator": PARTS[part].simulator,
+        "label": one.driver.label,
+        "condition": one.condition,
+        "family": "blind" if caveat and one.finding != "cannot_say" else family,
+        "glyph": "○" if caveat and one.finding != "cannot_say" else glyph,
+        "finding": words,
+        "sentence": one.sentence,
+        "caveat": caveat.strip(),
+        "worlds": one.paired.worlds,
+        "cells": difference_cells(one.paired),
+    }
