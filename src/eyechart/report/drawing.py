@@ -74,6 +74,7 @@ ON_COLOUR = "#202020"
 
 _TAG = re.compile(r"<[^>]*>")
 _ID = re.compile(r'(\bid="|url\(#|xlink:href="#)')
+_LONG, _CLIP = re.compile(r"(\d\.\d{2})\d+"), re.compile(r' clip-path="[^"]*"')
 _LONGEST = 40
 
 
@@ -81,7 +82,8 @@ _LONGEST = 40
 class Drawing:
     """A figure. ``name`` is its file's stem and the prefix of every id in it; ``wide`` asks for a row of its own.
 
-    ``of`` is the model that it is about, where a section has one figure a model.
+    ``of`` is the model that it is about, where a section has one figure a model. A page that holds many asks for
+    ``lean`` ones, whose numbers have two decimals.
     """
 
     name: str
@@ -90,6 +92,7 @@ class Drawing:
     figure: Figure
     wide: bool = False
     of: str = ""
+    lean: bool = False
 
     def svg(self, *, inline: bool = False) -> str:
         """Return the figure as SVG: a file of its own, or for a page, in the page's colours."""
@@ -102,6 +105,9 @@ class Drawing:
         text = re.sub(
             r"<defs>\s*<style.*?</style>\s*</defs>\s*", "", text[text.index("<svg") :], count=1, flags=re.DOTALL
         )
+        if self.lean:
+            text = _CLIP.sub("", _LONG.sub(r"\1", _TAG.sub(lambda tag: " ".join(tag.group().split()), text)))
+            text = re.sub(r">\s+<", "><", text)
         text = _TAG.sub(lambda tag: _ID.sub(rf"\g<1>{self.name}-", tag.group()), text)
         return self._opened(_TAG.sub(_theme, text)) if inline else '<?xml version="1.0"?>\n' + self._opened(text)
 

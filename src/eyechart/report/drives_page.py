@@ -16,7 +16,7 @@ from eyechart.studies.closed_loop.published import PUBLISHED, Beside, beside_pap
 
 Row = Sequence[str]
 
-FINDINGS = {
+_FINDINGS = {
     "differs": ("sees", "●", "differs"),
     "no_difference_found": ("open", "?", "no difference found"),
     "identical": ("blind", "○", "identical drives"),
@@ -100,7 +100,7 @@ def difference_cells(one: Paired) -> list[tuple[str, str]]:
 
 
 def _blind(one: Blind) -> dict[str, object]:
-    family, glyph, words = FINDINGS[one.finding]
+    family, glyph, words = _FINDINGS[one.finding]
     return {
         "label": one.driver.label,
         "condition": one.condition,

@@ -55,7 +55,7 @@ def source_cells(one: Source) -> tuple[str, ...]:
     paper = PUBLISHED.get((one.part, one.driver.policy, one.driver.condition), ("", "", None, None))
     return (
         name_of(one),
-        _of(one.goals),
+        goals_of(one),
         _interval(one.goals),
         paper[0],
         _of(one.crashes),
@@ -99,6 +99,11 @@ def name_of(one: Source) -> str:
         return named
     arm = PARTS[one.part].simulator.removeprefix("rover-mpc").removeprefix("-")
     return f"{one.driver.label}{f', {arm}' if arm else ''}"
+
+
+def goals_of(one: Source) -> str:
+    """Return how many episodes reached the goal, of how many."""
+    return _of(one.goals)
 
 
 def _of(one: Statistic) -> str:

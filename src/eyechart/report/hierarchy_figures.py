@@ -5,8 +5,9 @@ from collections.abc import Mapping, Sequence
 from matplotlib.axes import Axes
 
 from eyechart.episodes import Episode
-from eyechart.report.drawing import BLUE, INK, LINE, MUTED, PAPER, VERMILLION, Drawing, canvas, plain, room, style
-from eyechart.report.hierarchy import name_of
+from eyechart.report.drawing import BLUE, INK, LINE, MUTED, PAPER, VERMILLION, Drawing, canvas, plain, style
+from eyechart.report.hierarchy import goals_of, name_of
+from eyechart.simulators.road import FAMILIES
 from eyechart.studies.hierarchy import HierarchyScore, Source
 from eyechart.studies.hierarchy.scoring import PUBLISHED
 
@@ -22,26 +23,27 @@ def outcomes(score: HierarchyScore, ablation: str) -> Drawing | None:
     if not rows:
         return None
     ended = [_ended(score, one) for one in rows]
-    every = sorted({world for one in ended for world in one})
+    families = list(FAMILIES)
+    every = sorted({world for one in ended for world in one}, key=lambda one: (families.index(one[0]), one[1]))
     worlds = [
         every[turn * len(every) // min(len(every), MOST_COLUMNS)] for turn in range(min(len(every), MOST_COLUMNS))
     ]
     with style():
-        labels = [name_of(one) for one in rows]
-        left, wide = room(labels), min(0.2, 5.4 / len(worlds)) * len(worlds)
-        figure, axes = canvas(left + wide + 2.35, 1.05 + _ROW_IN * len(rows), (left, 2.35, 0.5, 0.55))
+        labels = [plain(name_of(one), 46) for one in rows]
+        left, wide = 0.3 + 0.066 * max(map(len, labels)), min(0.36, 5.4 / len(worlds)) * len(worlds)
+        figure, axes = canvas(left + wide + 2.35, 1.2 + _ROW_IN * len(rows), (left, 2.35, 0.65, 0.55))
         _marks(axes, ended, worlds)
         _columns(axes, worlds)
-        axes.set_yticks(range(len(rows)), [plain(label, 34) for label in labels])
+        axes.set_yticks(range(len(rows)), labels)
         height = figure.get_size_inches()[1]
         box = (
             (left + wide + 0.25) / (left + wide + 2.35),
-            0.5 / height,
+            0.65 / height,
             1.35 / (left + wide + 2.35),
-            (height - 1.05) / height,
+            (height - 1.2) / height,
         )
         _shares(figure.add_axes(box), rows)
-    told = "; ".join(f"{label}: {_goals(one)} goals" for label, one in zip(labels, rows, strict=True))
+    told = "; ".join(f"{label}: {goals_of(one)} goals" for label, one in zip(labels, rows, strict=True))
     name = "Primary" if ablation == "primary" else "Second"
     title = f"{name} ablation: what became of each source in the same {len(every)} worlds"
     says = f"Rows are sources, columns worlds: a dot is the goal, a cross a crash, a ring the end of the time. {told}."
@@ -108,13 +110,9 @@ def _shares(axes: Axes, rows: Sequence[Source]) -> None:
                 linewidths=1.0,
                 zorder=2.5,
             )
-        axes.text(1.06, y, _goals(one), transform=axes.get_yaxis_transform(), va="center", fontsize=8)
+        axes.text(1.06, y, goals_of(one), transform=axes.get_yaxis_transform(), va="center", fontsize=8)
     axes.set_yticks([])
     axes.set_xticks([0, 50, 100])
     axes.set_xlabel("goals (%), 95 %\n◇ the paper's", fontsize=8)
     for side in ("top", "right", "left"):
         axes.spines[side].set_visible(False)
-
-
-def _goals(one: Source) -> str:
-    return "—" if one.goals.value is None else f"{round(one.goals.value * one.goals.n)}/{one.goals.n}"

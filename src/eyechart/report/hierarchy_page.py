@@ -6,17 +6,23 @@ from pathlib import Path
 from eyechart.report.assets import fill
 from eyechart.report.drawing import Drawing
 from eyechart.report.drives_browser import Tell
-from eyechart.report.drives_page import FINDINGS, difference_cells, made
-from eyechart.report.hierarchy import COLUMNS, TITLES, against_cells, source_cells
+from eyechart.report.drives_page import difference_cells, made
+from eyechart.report.hierarchy import COLUMNS, TITLES, against_cells, goals_of, source_cells
 from eyechart.report.hierarchy_figures import outcomes
-from eyechart.report.hierarchy_ways import ENDS, SIGNS, groups
+from eyechart.report.hierarchy_ways import CONDITION_NAMES, ENDS, SIGNS, groups
 from eyechart.report.page import Page
-from eyechart.report.rungs import NAMES
+from eyechart.report.rungs import NAMES, shown
+from eyechart.report.tables import p_value
 from eyechart.studies.closed_loop import LEVEL, Blind, Paired
 from eyechart.studies.hierarchy import PARTS, HierarchyScore, Source
 from eyechart.studies.hierarchy.scoring import NOT_PERCEPTION, unless_shown
 
 ABLATIONS = ("primary", "second")
+_ARMS = {
+    "rover-mpc": "the controller knows the obstacles",
+    "rover-mpc-unaware": "it does not; speed and track count",
+    "rover-mpc-lateral": "it does not; only the track counts",
+}
 
 
 def make_hierarchy_page(study: Path, score: HierarchyScore, *, tell: Tell = lambda _: None) -> Page:
@@ -38,17 +44,17 @@ def make_hierarchy_page(study: Path, score: HierarchyScore, *, tell: Tell = lamb
         ],
         planners=list(dict.fromkeys(one.driver.policy for _, one in score.blind)),
         control=_control(score.oracle_mirrored),
-        cards=[_card(part, one) for part, one in score.blind],
+        cards=_cards(score),
+        pairs=[_pair(part, one) for part, one in score.blind],
         names=list(NAMES.values()),
         columns=COLUMNS,
         titles=TITLES,
         rows={name: _rows(score.sources, name) for name in ABLATIONS},
-        actions=next(iter(score.sources)).intents.keys(),
         against=[against_cells(one) for one in score.against_mpc_only],
         figures=drawn,
         groups=ways,
         signs=[(SIGNS[kind], words) for kind, words in ENDS.items()],
-        not_perception=NOT_PERCEPTION,
+        named=CONDITION_NAMES,
         made=[(name, made(study / name)) for name in score.drives],
         notes=notes,
     )
@@ -58,7 +64,11 @@ def make_hierarchy_page(study: Path, score: HierarchyScore, *, tell: Tell = lamb
 
 def _rows(sources: Sequence[Source], ablation: str) -> list[dict[str, object]]:
     return [
-        {"cells": source_cells(one), "intents": list(one.intents.values()), "errors": one.errors}
+        {
+            "cells": source_cells(one),
+            "intents": ", ".join(f"{count} {action}" for action, count in one.intents.items() if count),
+            "errors": one.errors,
+        }
         for one in sources
         if one.part.startswith("primary") == (ablation == "primary")
     ]
@@ -79,18 +89,42 @@ def _control(found: Paired | None) -> dict[str, object] | None:
     }
 
 
-def _card(part: str, one: Blind) -> dict[str, object]:
-    family, glyph, words = FINDINGS[one.finding]
-    caveat = unless_shown(one)
+def _cards(score: HierarchyScore) -> list[dict[str, object]]:
+    """Return a card for each planner in each arm: its goals with real pictures, and with every other beside them."""
+    pairs: dict[tuple[str, str], list[Blind]] = {}
+    for part, one in score.blind:
+        pairs.setdefault((part, one.driver.policy), []).append(one)
+    goals = {(one.part, one.driver.policy, one.driver.condition): goals_of(one) for one in score.sources}
+    cards: list[dict[str, object]] = []
+    for (part, policy), many in pairs.items():
+        unshown, unsure = [one for one in many if unless_shown(one)], any(one.finding == "cannot_say" for one in many)
+        cards.append(
+            {
+                "planner": policy,
+                "arm": _ARMS.get(PARTS[part].simulator, PARTS[part].simulator),
+                "simulator": PARTS[part].simulator,
+                "family": "open" if unsure else "blind" if unshown else "sees",
+                "glyph": "?" if unsure else "○" if unshown else "●",
+                "label": NOT_PERCEPTION if unshown else "it completes by its pictures",
+                "real": goals[part, policy, "real"],
+                "others": [(one.condition, goals[part, policy, one.condition], *_goals(one.paired)) for one in many],
+                "words": [one.sentence + unless_shown(one) for one in many],
+                "worlds": max(one.paired.worlds for one in many),
+            }
+        )
+    return cards
+
+
+def _goals(one: Paired) -> tuple[str, str]:
+    points = shown(one.differences["success_rate"], "success_rate", signed=True).replace("%", "")
+    return points, p_value(one.holm.get("success_rate"))
+
+
+def _pair(part: str, one: Blind) -> dict[str, object]:
     return {
         "simulator": PARTS[part].simulator,
         "label": one.driver.label,
         "condition": one.condition,
-        "family": "blind" if caveat and one.finding != "cannot_say" else family,
-        "glyph": "○" if caveat and one.finding != "cannot_say" else glyph,
-        "finding": words,
-        "sentence": one.sentence,
-        "caveat": caveat.strip(),
         "worlds": one.paired.worlds,
         "cells": difference_cells(one.paired),
     }

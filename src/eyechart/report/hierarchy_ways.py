@@ -1,15 +1,16 @@
-"""The hierarchy from above: one strip a world with the road, what stands on it, and the way of each source of intent."""
+"""The hierarchy from above: a strip a world with the road, what stands on it, and the way of each source."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from matplotlib.axes import Axes
-from matplotlib.patches import Ellipse, PathPatch, Rectangle
+from matplotlib.patches import PathPatch, Rectangle
 from matplotlib.path import Path as Way
 
 from eyechart.report.drawing import INK, LINE, MUTED, PAPER, SOFT, WAYS, Drawing, canvas, plain, style
 from eyechart.simulators.road import GOAL_M, ROAD_HALF_M
+from eyechart.simulators.rover.bicycle import RADIUS_M
 from eyechart.studies.closed_loop import Drives
 from eyechart.studies.hierarchy import HierarchyScore
 from eyechart.studies.hierarchy.planning import MPC_ONLY, ORACLE, ORACLE_MIRRORED
@@ -20,11 +21,12 @@ MOST_WORLDS = 48
 MOST_PLANNERS = 6
 """Planners that have a group in each ablation; the figures of outcomes and the tables have all of them."""
 MOST_WAYS = 8
+MOST_NOTES = 12
 
 SIGNS = {"goal": "●", "crash": "✕", "time": "○"}
 ENDS = {"goal": "reached the goal", "crash": "crashed", "time": "out of time"}
 _SOLID, _DASHED, _DOTTED = "solid", (0, (4.0, 1.6)), (0, (1.0, 1.2))
-_SHOWN = {"real": "real pictures", "mirrored": "mirrored", "blank": "blank", "shuffled": "other worlds'"}
+CONDITION_NAMES = {"real": "real pictures", "mirrored": "mirrored", "blank": "blank", "shuffled": "other worlds'"}
 _PLANNER = {
     "real": ("blue", _SOLID),
     "mirrored": ("vermillion", _SOLID),
@@ -106,7 +108,7 @@ def groups(score: HierarchyScore) -> tuple[list[Group], list[str]]:
                     group, said = _group(f"{ablation}-{number}", ablation, title, lines[:MOST_WAYS])
                     found.append(group)
                     notes += [one for one in said if one not in notes]
-    return found, notes
+    return found, _few(notes)
 
 
 def _parts(ablation: str) -> tuple[str, ...]:
@@ -136,9 +138,14 @@ def _planner(score: HierarchyScore, ablation: str, planner: str) -> list[Line]:
         for one in score.drives.get(part, ()):
             if one.driver.policy == planner:
                 colour, dash = _PLANNER.get(one.driver.condition, ("amber", _DASHED))
-                name = _SHOWN.get(one.driver.condition, one.driver.condition)
+                name = CONDITION_NAMES.get(one.driver.condition, one.driver.condition)
                 lines.append(Line(one, f"{name}, with speed" if full else name, colour, _DOTTED if full else dash))
     return lines
+
+
+def _few(notes: Sequence[str]) -> list[str]:
+    more = len(notes) - MOST_NOTES
+    return [*notes[:MOST_NOTES], *([f"And {more} more ways or worlds are not drawn."] if more > 0 else [])]
 
 
 def _group(key: str, ablation: str, title: str, lines: Sequence[Line]) -> tuple[Group, list[str]]:
@@ -157,7 +164,7 @@ def _strip(key: str, world: PairedWorld, lines: Sequence[Line]) -> Drawing:
     axes.set_xlim(-2.0, GOAL_M + 3.0)
     axes.set_ylim(-ROAD_HALF_M - 0.7, ROAD_HALF_M + 0.7)
     _road(axes, world)
-    widths = [1.3 + 0.62 * (len(lines) - 1 - number) for number in range(len(lines))]
+    widths = [1.2 + 0.45 * (len(lines) - 1 - number) for number in range(len(lines))]
     for number, (way, line) in enumerate(zip(world.ways, lines, strict=True), 1):
         if way is not None:
             _way(axes, way, line, widths[number - 1], f"k{number}")
@@ -169,24 +176,26 @@ def _strip(key: str, world: PairedWorld, lines: Sequence[Line]) -> Drawing:
     title = f"{world.scenario}, seed {world.seed}{closed}"
     told = "; ".join(f"{line.name}: {_words(way)}" for way, line in zip(world.ways, lines, strict=True))
     says = f"The road from above, {len(world.layout.obstacles)} obstacles. {told}."
-    return Drawing(f"ways-{key}-{world.scenario}-{world.seed}", title, says, figure)
+    return Drawing(f"ways-{key}-{world.scenario}-{world.seed}", title, says, figure, lean=True)
 
 
 def _road(axes: Axes, world: PairedWorld) -> None:
-    """Draw the road, 100 m and its three tracks, and the obstacles; across the road all is drawn about twice as long."""
+    """Draw the road and its lines, and each obstacle in a ring that is as wide as half the rover."""
+    axes.set_axis_off()
     axes.add_patch(Rectangle((-2, -ROAD_HALF_M), GOAL_M + 5, 2 * ROAD_HALF_M, facecolor=SOFT, edgecolor="none"))
     axes.hlines((-ROAD_HALF_M, ROAD_HALF_M), -2, GOAL_M + 3, colors=MUTED, linewidth=0.7)
     axes.hlines((-1.0, 1.0), -2, GOAL_M, colors=LINE, linewidth=0.8, linestyles=(0, (5, 4)))
     axes.vlines(GOAL_M, -ROAD_HALF_M, ROAD_HALF_M, colors=INK, linewidth=1.0)
-    for one in world.layout.obstacles:
-        axes.add_patch(
-            Ellipse((one.x, one.y), 2 * one.radius, 2 * one.radius, facecolor=MUTED, edgecolor=PAPER, linewidth=0.5)
-        )
-    axes.set_yticks([])
-    axes.set_xticks([0, 25, 50, 75, GOAL_M], ["0", "25", "50", "75", "100 m, goal"])
-    axes.tick_params(axis="x", length=2, pad=1.5, labelsize=7, width=0.6)
-    for spine in axes.spines.values():
-        spine.set_visible(False)
+    for wider, alpha in ((RADIUS_M, 0.3), (0.0, None)):
+        discs = [_disc(one.x, one.y, one.radius + wider) for one in world.layout.obstacles]
+        if discs:
+            axes.add_patch(PathPatch(Way.make_compound_path(*discs), facecolor=MUTED, edgecolor="none", alpha=alpha))
+    for x, word in ((0, "0"), (25, "25"), (50, "50"), (75, "75"), (GOAL_M, "100 m")):
+        axes.text(x, -ROAD_HALF_M - 0.5, word, ha="center", va="top", fontsize=7, color=MUTED)
+
+
+def _disc(x: float, y: float, radius: float) -> Way:
+    return Way.circle((x, y), radius)
 
 
 def _way(axes: Axes, way: Trajectory, line: Line, width: float, gid: str) -> None:

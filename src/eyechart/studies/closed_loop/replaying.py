@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from eyechart.actions import UNPARSED
 from eyechart.episodes import Episode, Step, read_manifest
 from eyechart.errors import LedgerError, SpecError
-from eyechart.frames import RGB
-from eyechart.simulators import Drive, Planning, Simulator, Sketch
+from eyechart.frames import RGB, Scalar
+from eyechart.simulators import Planning, Simulator, Sketch
 from eyechart.studies.closed_loop.reading import Drives
 
 SHOWN_MOST = 6
@@ -67,8 +67,11 @@ def replay(drives: Drives, episode: Episode, simulator: Simulator | None = None)
         drive.close()
 
 
-def verify(drives: Drives, episode: Episode, simulator: Simulator) -> None:
-    """Drive an episode's actions again without pictures; raises LedgerError where its end is not the recorded one."""
+def verify(drives: Drives, episode: Episode, simulator: Simulator) -> Mapping[str, Scalar]:
+    """Drive an episode's actions again without pictures; return what the simulator says of the last move.
+
+    Raises LedgerError where the end is not the recorded one.
+    """
     name = episode_id(episode)
     if not episode.steps:
         raise LedgerError(
@@ -76,7 +79,8 @@ def verify(drives: Drives, episode: Episode, simulator: Simulator) -> None:
         )
     drive = simulator.drive(episode.key.scenario, episode.key.seed)
     try:
-        drive_on(drive, episode)
+        for step in episode.steps:
+            moved = drive.step(step.executed_action)
         state = hashlib.sha256(drive.state()).hexdigest()
     except ValueError as error:
         raise LedgerError(
@@ -89,12 +93,7 @@ def verify(drives: Drives, episode: Episode, simulator: Simulator) -> None:
             f"episode '{name}' does not drive again here: its actions lead to another state than the recorded "
             f"one{_versions(drives, simulator)}"
         )
-
-
-def drive_on(drive: Drive, episode: Episode) -> None:
-    """Take an episode's executed actions in a world at its beginning."""
-    for step in episode.steps:
-        drive.step(step.executed_action)
+    return moved.facts
 
 
 def decided(step: Step) -> str:

@@ -1,4 +1,4 @@
-"""Where each source of intent drove, world by world: the recorded places of an episode, among the obstacles they met."""
+"""Where each source of intent drove, world by world: the recorded places of an episode among obstacles."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.episodes import Episode
-from eyechart.errors import EyechartError
+from eyechart.errors import EyechartError, LedgerError
 from eyechart.frames import Scalar, rounded_truth
 from eyechart.simulators.road import FAMILIES, Layout, make_layout
 from eyechart.studies.closed_loop import Drives
-from eyechart.studies.closed_loop.replaying import drive_on, verify
+from eyechart.studies.closed_loop.replaying import verify
 
 _CHECKED = ("lead_gap_m", "free_left_m", "free_middle_m", "free_right_m")
 """What the truth of a world's first moment tells of its obstacles."""
@@ -73,7 +73,12 @@ def paired_worlds(sources: Sequence[Drives]) -> tuple[list[PairedWorld], list[st
         if not _told_of(sources[first], mine[first]):
             notes.append(f"World {scenario}/{seed} is not drawn: its obstacles here are not those of the record.")
             continue
-        ways = [trajectory(one, mine[place]) if place in mine else None for place, one in enumerate(sources)]
+        ways: list[Trajectory | None] = [None] * len(sources)
+        for place, episode in mine.items():
+            try:
+                ways[place] = trajectory(sources[place], episode)
+            except LedgerError as error:
+                notes.append(f"A way is not drawn: {error}.")
         worlds.append(PairedWorld(scenario, seed, make_layout(scenario, seed), tuple(ways)))
     return worlds, notes
 
@@ -95,14 +100,7 @@ def _place(told: Mapping[str, Scalar]) -> tuple[float, ...]:
 
 
 def _driven_again(drives: Drives, episode: Episode) -> Mapping[str, Scalar]:
-    world = drives.open_simulator()
-    verify(drives, episode, world)
-    drive = world.drive(episode.key.scenario, episode.key.seed)
-    try:
-        drive_on(drive, episode)
-        return drive.truth()
-    finally:
-        drive.close()
+    return verify(drives, episode, drives.open_simulator())
 
 
 def _told_of(drives: Drives, episode: Episode) -> bool:
