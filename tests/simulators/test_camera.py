@@ -129,7 +129,7 @@ def test_the_hood_is_painted_and_nothing_else_changes() -> None:
 
 
 def test_a_projected_place_on_the_ground_lies_where_the_camera_draws_it() -> None:
-    """Within a pixel, for any eye: the foot of a thin post, and a place beside or behind the eye is none."""
+    """Within a pixel, for any eye: the near foot of a thin post; a place beside or behind the eye is none."""
     rng, camera = np.random.default_rng(3), Camera()
     seen = 0
     for _ in range(60):
@@ -138,7 +138,9 @@ def test_a_projected_place_on_the_ground_lies_where_the_camera_draws_it() -> Non
         ahead, aside = float(rng.uniform(2, 15)), float(rng.uniform(-0.8, 0.8))
         cos, sin = math.cos(eye.yaw), math.sin(eye.yaw)
         x, y = eye.x + ahead * (cos - aside * sin), eye.y + ahead * (sin + aside * cos)
-        bare, with_post = camera.draw(eye), camera.draw(eye, [Cylinder(x, y, 0.02, 0.6, (255, 0, 255))])
+        beyond = 1 + 0.05 / math.hypot(x - eye.x, y - eye.y)
+        post = Cylinder(eye.x + beyond * (x - eye.x), eye.y + beyond * (y - eye.y), 0.05, 0.6, (255, 0, 255))
+        bare, with_post = camera.draw(eye), camera.draw(eye, [post])
         rows, columns = np.nonzero((bare != with_post).any(axis=2))
         ((column, row),) = camera.lens.project(eye, [(x, y)])
         if rows.size and rows.max() < camera.lens.height - 1:

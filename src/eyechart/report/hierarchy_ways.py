@@ -159,8 +159,8 @@ def _group(key: str, ablation: str, title: str, lines: Sequence[Line]) -> tuple[
 
 
 def _strip(key: str, world: PairedWorld, lines: Sequence[Line]) -> Drawing:
-    height = max(0.98, 0.24 + 0.135 * len(lines))
-    figure, axes = canvas(5.5, height, (0.06, 1.42, 0.19, 0.03))
+    height = max(0.98, 0.24 + 0.15 * len(lines))
+    figure, axes = canvas(5.7, height, (0.06, 1.62, 0.19, 0.03))
     axes.set_xlim(-2.0, GOAL_M + 3.0)
     axes.set_ylim(-ROAD_HALF_M - 0.7, ROAD_HALF_M + 0.7)
     _road(axes, world)
@@ -191,7 +191,7 @@ def _road(axes: Axes, world: PairedWorld) -> None:
         if discs:
             axes.add_patch(PathPatch(Way.make_compound_path(*discs), facecolor=MUTED, edgecolor="none", alpha=alpha))
     for x, word in ((0, "0"), (25, "25"), (50, "50"), (75, "75"), (GOAL_M, "100 m")):
-        axes.text(x, -ROAD_HALF_M - 0.5, word, ha="center", va="top", fontsize=7, color=MUTED)
+        axes.text(x, -ROAD_HALF_M - 0.5, word, ha="center", va="top", fontsize=7.5, color=MUTED)
 
 
 def _disc(x: float, y: float, radius: float) -> Way:
@@ -224,7 +224,7 @@ def _end(axes: Axes, way: Trajectory, line: Line, gid: str) -> None:
 
 def _label(axes: Axes, way: Trajectory | None, line: Line, y: float, gid: str) -> None:
     """Name a source beside the road, with the sign of its end, and how far it came where that is not the goal."""
-    where: dict[str, Any] = {"transform": axes.transAxes, "va": "center", "fontsize": 7.6}
+    where: dict[str, Any] = {"transform": axes.transAxes, "va": "center", "fontsize": 8.4}
     sign = "–" if way is None else SIGNS.get(way.ended, "?")
     axes.text(1.015, y, sign, color=line.ink, gid=f"{gid}-sign", **{**where, "fontsize": 8.5})
     far = "" if way is None or way.ended == "goal" else f" {way.places[-1, 0]:.0f} m"

@@ -11,8 +11,7 @@ from eyechart.episodes import Episode
 from eyechart.errors import EyechartError, LedgerError
 from eyechart.frames import Scalar, rounded_truth
 from eyechart.simulators.road import FAMILIES, Layout, make_layout
-from eyechart.studies.closed_loop import Drives
-from eyechart.studies.closed_loop.replaying import verify
+from eyechart.studies.closed_loop import Drives, verify
 
 _CHECKED = ("lead_gap_m", "free_left_m", "free_middle_m", "free_right_m")
 """What the truth of a world's first moment tells of its obstacles."""
@@ -100,7 +99,7 @@ def _place(told: Mapping[str, Scalar]) -> tuple[float, ...]:
 
 
 def _driven_again(drives: Drives, episode: Episode) -> Mapping[str, Scalar]:
-    return verify(drives, episode, drives.open_simulator())
+    return rounded_truth(verify(drives, episode, drives.open_simulator()), episode.steps[-1].frame)
 
 
 def _told_of(drives: Drives, episode: Episode) -> bool:
