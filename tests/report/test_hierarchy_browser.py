@@ -18,9 +18,9 @@ from eyechart.studies.hierarchy import score
 pytestmark = pytest.mark.browser
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="module", autouse=True)
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with the page of a study and a film of one of its drives."""
+    """Return a folder with the page of a study and a film of one of its drives; made before the browser has a loop."""
     folder = tmp_path_factory.mktemp("hierarchy")
     study = intents.make_study(folder / "study")
     write_page(make_hierarchy_page(study, score(study, resamples=200)), folder / "page.html")

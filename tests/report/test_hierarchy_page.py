@@ -9,17 +9,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from typer.testing import CliRunner
 
 import intents
 from corridors import HOSTILE_NAME
+from eyechart.cli.app import app
 from eyechart.episodes import read_episodes
+from eyechart.errors import SpecError
 from eyechart.report import hierarchy_ways
 from eyechart.report.film import write_film
 from eyechart.report.hierarchy_page import make_hierarchy_page
 from eyechart.report.hierarchy_sheets import write_hierarchy_sheets
 from eyechart.report.overlay import over, pieces
 from eyechart.report.page import Page
-from eyechart.simulators.rover.hierarchy import RoverMpc
+from eyechart.simulators.rover.hierarchy import RoverMpc, RoverMpcUnaware
 from eyechart.studies.closed_loop import read_drives
 from eyechart.studies.closed_loop.replaying import find_episode, replay
 from eyechart.studies.hierarchy import score
@@ -134,10 +137,10 @@ def test_tables_hold_every_source_and_every_difference(study: Path, tmp_path: Pa
 
 def test_a_film_draws_the_plan_over_the_picture_and_leaves_the_picture_as_it_is(study: Path, tmp_path: Path) -> None:
     """Lines for each decision, none at the end; what the camera saw has none of them."""
-    drives, found = find_episode(read_drives([study / "primary"]), "route rover-mpc/offset/0")
+    drives, found = find_episode(read_drives([study / "unaware"]), "constant:STRAIGHT rover-mpc-unaware/offset/0")
     shots = list(replay(drives, found))
     assert [shot.sketch is None for shot in shots] == [False] * (len(shots) - 1) + [True]
-    drive = RoverMpc().drive("offset", 0)
+    drive = RoverMpcUnaware().drive("offset", 0)
     np.testing.assert_array_equal(shots[0].picture, drive.picture())
     picture = Image.fromarray(shots[0].picture)
     sketch = shots[0].sketch
@@ -156,3 +159,18 @@ def test_a_film_draws_the_plan_over_the_picture_and_leaves_the_picture_as_it_is(
     assert steps[0]["plan"] == "controller: 4.5 m/s on the middle track · 5 of 5 plans solved (flag 1)"
     assert [list(one) for one in steps[0]["lines"]["plan"][0]] == np.round(sketch.plan, 1).tolist()
     assert (steps[-1]["plan"], steps[-1]["lines"]) == ("", None)
+
+
+def test_the_commands_know_a_study_by_its_folder(study: Path, tmp_path: Path) -> None:
+    """The report and the score of all of it; a report is about one study."""
+    run = CliRunner()
+    told = run.invoke(
+        app, ["report", str(study), "--out", str(tmp_path / "page.html"), "--figures", str(tmp_path / "f")]
+    )
+    assert told.exit_code == 0, told.stderr
+    assert "16 files of figures" in told.stderr
+    assert (tmp_path / "f" / "ways-primary-0-offset-1.pdf").is_file()
+    found = json.loads(run.invoke(app, ["score", str(study), "--json"]).stdout)
+    assert found["study"] == "hierarchy"
+    with pytest.raises(SpecError, match="a report is about one hierarchy"):
+        run.invoke(app, ["report", str(study), str(study), "--out", str(tmp_path / "x.html")], catch_exceptions=False)

@@ -26,7 +26,8 @@ def report(
 ) -> None:
     """Write one self-contained HTML page with verdicts, figures, statistics and every reply.
 
-    It needs no network and shows in any browser. Example: eyechart report run --out report.html
+    Of a battery, of episodes, or of a whole study of the hierarchy. It needs no network and shows in any browser.
+    Example: eyechart report run --out report.html
     """
     from eyechart.destination import require_free
     from eyechart.errors import SpecError

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageColor, ImageDraw, ImageFont
 
 from eyechart.destination import whole
 from eyechart.episodes import Episode
@@ -169,10 +169,19 @@ def font(size: int) -> ImageFont.FreeTypeFont:
 
 
 def _write_gif(out: Path, film: _Film) -> int:
-    pictures = [page.quantize(128, dither=Image.Dither.NONE) for page in film.drawn()]
+    pictures = [_reduced(page) for page in film.drawn()]
     held = [round(1000 / film.fps)] * (len(pictures) - 1) + [round(2500 / film.fps)]
     pictures[0].save(out, "GIF", save_all=True, append_images=pictures[1:], duration=held, loop=0, optimize=True)
     return len(pictures)
+
+
+def _reduced(page: Image.Image) -> Image.Image:
+    """Return a picture in 128 colours, and those of a sketch's thin lines, which would be lost among them."""
+    found = page.quantize(128, dither=Image.Dither.NONE)
+    kept = [level for stroke in STROKES for level in ImageColor.getrgb(stroke.colour)]
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([*(found.getpalette() or [])[: 3 * 128], *kept])
+    return page.quantize(palette=palette, dither=Image.Dither.NONE)
 
 
 def _write_mp4(out: Path, film: _Film) -> int:

@@ -23,7 +23,7 @@
             dot.setAttribute("class", name);
             dot.setAttribute("cx", x);
             dot.setAttribute("cy", y);
-            dot.setAttribute("r", "1.9");
+            dot.setAttribute("r", "2.1");
             nodes.push(dot);
           }
         }
