@@ -115,6 +115,18 @@ def test_a_world_with_other_obstacles_than_the_records_is_not_drawn(copied: Path
     assert "World offset/1 is not drawn: its obstacles here are not those of the record." in page.notes
 
 
+def test_a_record_without_places_is_not_drawn(copied: Path) -> None:
+    """The way is left out with a sentence; another source's is there."""
+    file = copied / "primary" / "episodes.jsonl"
+    file.write_text(file.read_text().replace('"x_m":', '"x":'))
+    page = page_of(copied)
+    assert (
+        "A way is not drawn: the record holds no place at some step: it needs x_m, y_m, yaw, speed_mps." in page.notes
+    )
+    assert "MPC-only: did not drive here" in page.drawings["ways"][0].description
+    assert "mpc-blind: crashed" in page.drawings["ways"][4].description
+
+
 def test_of_many_worlds_some_are_drawn_and_the_page_says_so(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The figure of outcomes and the tables count all."""
     monkeypatch.setattr(hierarchy_ways, "MOST_WORLDS", 1)

@@ -7,9 +7,9 @@ from matplotlib.axes import Axes
 from eyechart.episodes import Episode
 from eyechart.report.drawing import BLUE, INK, LINE, MUTED, PAPER, VERMILLION, Drawing, canvas, plain, style
 from eyechart.report.hierarchy import goals_of, name_of
-from eyechart.simulators.road import FAMILIES
 from eyechart.studies.hierarchy import HierarchyScore, Source
 from eyechart.studies.hierarchy.scoring import PUBLISHED
+from eyechart.studies.hierarchy.trajectories import in_order
 
 MOST_ROWS = 40
 MOST_COLUMNS = 60
@@ -23,8 +23,7 @@ def outcomes(score: HierarchyScore, ablation: str) -> Drawing | None:
     if not rows:
         return None
     ended = [_ended(score, one) for one in rows]
-    families = list(FAMILIES)
-    every = sorted({world for one in ended for world in one}, key=lambda one: (families.index(one[0]), one[1]))
+    every = in_order({world for one in ended for world in one})
     worlds = [
         every[turn * len(every) // min(len(every), MOST_COLUMNS)] for turn in range(min(len(every), MOST_COLUMNS))
     ]

@@ -1,6 +1,6 @@
 """Where each source of intent drove, world by world: the recorded places of an episode among obstacles."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,6 +15,8 @@ from eyechart.studies.closed_loop import Drives, verify
 
 _CHECKED = ("lead_gap_m", "free_left_m", "free_middle_m", "free_right_m")
 """What the truth of a world's first moment tells of its obstacles."""
+
+_PLACE = ("x_m", "y_m", "yaw", "speed_mps")
 
 
 @dataclass(frozen=True)
@@ -65,9 +67,9 @@ def paired_worlds(sources: Sequence[Drives]) -> tuple[list[PairedWorld], list[st
         for episode in source.episodes:
             if episode.steps:
                 found.setdefault((episode.key.scenario, episode.key.seed), {})[number] = episode
-    families = list(FAMILIES)
     worlds, notes = [], []
-    for (scenario, seed), mine in sorted(found.items(), key=lambda one: (families.index(one[0][0]), one[0][1])):
+    for scenario, seed in in_order(found):
+        mine = found[scenario, seed]
         first = min(mine)
         if not _told_of(sources[first], mine[first]):
             notes.append(f"World {scenario}/{seed} is not drawn: its obstacles here are not those of the record.")
@@ -82,10 +84,16 @@ def paired_worlds(sources: Sequence[Drives]) -> tuple[list[PairedWorld], list[st
     return worlds, notes
 
 
+def in_order(worlds: Iterable[tuple[str, int]]) -> list[tuple[str, int]]:
+    """Return worlds, each a scenario and a seed, as the study names its scenarios."""
+    places = {name: place for place, name in enumerate(FAMILIES)}
+    return sorted(worlds, key=lambda one: (places.get(one[0], len(places)), one))
+
+
 def trajectory(drives: Drives, episode: Episode) -> Trajectory:
     """Return where an episode led. Where its end was not recorded it is driven again, and has to end as it did.
 
-    Raises LedgerError where it does not.
+    Raises LedgerError where it does not, and where a place is missing.
     """
     rows = [_place(step.truth) for step in episode.steps]
     last = episode.steps[-1]
@@ -95,7 +103,10 @@ def trajectory(drives: Drives, episode: Episode) -> Trajectory:
 
 
 def _place(told: Mapping[str, Scalar]) -> tuple[float, ...]:
-    return tuple(float(told[name] or 0.0) for name in ("x_m", "y_m", "yaw", "speed_mps"))
+    found = [told.get(name) for name in _PLACE]
+    if not all(isinstance(one, int | float) for one in found):
+        raise LedgerError(f"the record holds no place at some step: it needs {', '.join(_PLACE)}")
+    return tuple(float(one or 0.0) for one in found)
 
 
 def _driven_again(drives: Drives, episode: Episode) -> Mapping[str, Scalar]:
