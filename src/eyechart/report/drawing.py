@@ -74,7 +74,7 @@ ON_COLOUR = "#202020"
 
 _TAG = re.compile(r"<[^>]*>")
 _ID = re.compile(r'(\bid="|url\(#|xlink:href="#)')
-_LONG, _CLIP = re.compile(r"(\d\.\d{2})\d+"), re.compile(r' clip-path="[^"]*"')
+_LONG, _CLIP = re.compile(r"(\d\.\d)\d+"), re.compile(r' clip-path="[^"]*"')
 _LONGEST = 40
 
 
@@ -83,7 +83,7 @@ class Drawing:
     """A figure. ``name`` is its file's stem and the prefix of every id in it; ``wide`` asks for a row of its own.
 
     ``of`` is the model that it is about, where a section has one figure a model. A page that holds many asks for
-    ``lean`` ones, whose numbers have two decimals.
+    ``lean`` ones, whose numbers have one decimal.
     """
 
     name: str

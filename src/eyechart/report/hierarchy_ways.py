@@ -139,7 +139,9 @@ def _planner(score: HierarchyScore, ablation: str, planner: str) -> list[Line]:
             if one.driver.policy == planner:
                 colour, dash = _PLANNER.get(one.driver.condition, ("amber", _DASHED))
                 name = CONDITION_NAMES.get(one.driver.condition, one.driver.condition)
-                lines.append(Line(one, f"{name}, with speed" if full else name, colour, _DOTTED if full else dash))
+                lines.append(
+                    Line(one, f"{one.driver.condition} + speed" if full else name, colour, _DOTTED if full else dash)
+                )
     return lines
 
 
