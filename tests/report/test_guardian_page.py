@@ -60,6 +60,6 @@ def test_nothing_on_it_is_fetched_or_runs(bank: FrameBank, tmp_path: Path) -> No
     html = guardian_page(found, bank).decode()
     assert "<script" not in html
     assert "m&lt;script&gt;" in html
-    assert "default-src 'none'" in html
+    assert "default-src &#39;none&#39;" in html
     fetched = re.findall(r'(?:src|href)="(?!data:|#)([^"]*)"', html)
     assert fetched == []

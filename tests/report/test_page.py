@@ -18,7 +18,8 @@ from eyechart.errors import LedgerError
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, write_run
 from eyechart.models import ADAPTERS
-from eyechart.report.browser import LONGEST, collect_texts, embedded_json, frames_shown
+from eyechart.report.assets import embedded_json
+from eyechart.report.browser import LONGEST, collect_texts, frames_shown
 from eyechart.report.evidence import read_evidence, subjects
 from eyechart.report.page import make_page
 from eyechart.report.pictures import LEFT_OUT, make_album

@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import pytest
 
@@ -124,3 +126,26 @@ def test_the_hood_is_painted_and_nothing_else_changes() -> None:
     np.testing.assert_array_equal(changed, camera.hood)
     assert 0.03 < changed.mean() < 0.1
     assert np.flatnonzero(changed.any(axis=1)).min() > 0.85 * camera.lens.height
+
+
+def test_a_projected_place_on_the_ground_lies_where_the_camera_draws_it() -> None:
+    """Within a pixel, for any eye: the near foot of a thin post; a place beside or behind the eye is none."""
+    rng, camera = np.random.default_rng(3), Camera()
+    seen = 0
+    for _ in range(60):
+        x, y, high = rng.uniform((0, -3, 0.8), (50, 3, 1.6)).tolist()
+        eye = Eye(x, y, high, float(rng.normal(0, 0.2)))
+        ahead, aside = float(rng.uniform(2, 15)), float(rng.uniform(-0.8, 0.8))
+        cos, sin = math.cos(eye.yaw), math.sin(eye.yaw)
+        x, y = eye.x + ahead * (cos - aside * sin), eye.y + ahead * (sin + aside * cos)
+        beyond = 1 + 0.05 / math.hypot(x - eye.x, y - eye.y)
+        post = Cylinder(eye.x + beyond * (x - eye.x), eye.y + beyond * (y - eye.y), 0.05, 0.6, (255, 0, 255))
+        bare, with_post = camera.draw(eye), camera.draw(eye, [post])
+        rows, columns = np.nonzero((bare != with_post).any(axis=2))
+        ((column, row),) = camera.lens.project(eye, [(x, y)])
+        if rows.size and rows.max() < camera.lens.height - 1:
+            seen += 1
+            assert abs(column - (columns.mean() + 0.5)) < 1.0
+            assert abs(row - (rows.max() + 0.5)) <= 1.0
+    assert seen > 40
+    assert np.isnan(Camera().lens.project(Eye(5.0, 0.0), [(4.0, 0.0), (5.0, 1.0)])).all()

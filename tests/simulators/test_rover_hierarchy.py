@@ -1,5 +1,7 @@
 """The rover under the controller: intents once a second, plans five times, and nothing that prefers a side."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -23,6 +25,12 @@ def driven(drive: MpcDrive, intents: list[str]) -> list[tuple[Moved, bytes]]:
     return moves
 
 
+def reflected(moved: Moved) -> Moved:
+    """Return the move in the mirrored world: where it ended across the road, and how it was turned, change sign."""
+    sides = {name: -float(moved.facts[name] or 0.0) for name in ("y_m", "yaw")}
+    return replace(moved, facts={**moved.facts, **sides})
+
+
 @pytest.mark.parametrize("arm", [RoverMpc, RoverMpcUnaware, RoverMpcLateral])
 def test_a_mirrored_world_with_mirrored_intents_gives_the_mirrored_drive_to_the_bit(arm: type[RoverMpc]) -> None:
     """Over random worlds and intents, those of three arms: 51 in all; and a repeat is equal to the bit."""
@@ -32,7 +40,7 @@ def test_a_mirrored_world_with_mirrored_intents_gives_the_mirrored_drive_to_the_
         intents = [str(one) for one in rng.choice(ACTIONS, 12, p=[0.05, 0.1, 0.35, 0.25, 0.25])]
         here, there = arm().drive(family, number), arm().drive(family, number, mirrored=True)
         moves, others = driven(here, intents), driven(there, [MIRRORED(one) for one in intents])
-        assert [moved for moved, _ in moves] == [moved for moved, _ in others]
+        assert [moved for moved, _ in moves] == [reflected(moved) for moved, _ in others]
         assert here.state() == there.world.mirrored().as_bytes()
         assert driven(arm().drive(family, number), intents) == moves
 
@@ -57,12 +65,39 @@ def test_a_stop_stands_still_and_lasts_until_the_time_is_up() -> None:
 def test_every_move_says_how_often_the_solver_failed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Five plans a second; a failed one brakes, and stands in the record with the solver's code."""
     drive = RoverMpc().drive("single", 0)
-    assert drive.step("STRAIGHT").facts == {"plans": 5, "solver_failures": 0, "solver_flag": 1}
+    moved = drive.step("STRAIGHT")
+    assert moved.facts == {"plans": 5, "solver_failures": 0, "solver_flag": 1, **side_of(drive)}
     brake = Plan(-5.0, 0.0, solved=False, flag=-1, path=np.zeros((8, 2)))
     monkeypatch.setattr("eyechart.mpc.Mpc.plan", lambda *_: brake)
     moved = drive.step("STRAIGHT")
-    assert moved.facts == {"plans": 5, "solver_failures": 5, "solver_flag": -1}
+    assert moved.facts == {"plans": 5, "solver_failures": 5, "solver_flag": -1, **side_of(drive)}
     assert moved.speed_mps == 0.0
+
+
+def side_of(drive: MpcDrive) -> dict[str, object]:
+    """Return where across the road a drive stands, and how it is turned."""
+    return {"y_m": drive.truth()["y_m"], "yaw": drive.truth()["yaw"]}
+
+
+def test_a_sketch_lies_where_the_picture_before_the_decision_shows_the_ground() -> None:
+    """The target is the track's middle, the way begins at the vehicle, a mirrored world has mirrored lines."""
+    here, there = RoverMpc().drive("slalom", 1), RoverMpc().drive("slalom", 1, mirrored=True)
+    with pytest.raises(ValueError, match="nothing was planned yet"):
+        here.sketch()
+    for intent in ("STRAIGHT", "LEFT"):
+        before = here.truth()
+        here.step(intent)
+        there.step(MIRRORED(intent))
+    sketch, other = here.sketch(), there.sketch()
+    assert (sketch.words, other.words) == ("4 m/s on the left track", "4 m/s on the right track")
+    for name in ("plan", "target", "driven"):
+        mine, theirs = getattr(sketch, name), getattr(other, name)
+        np.testing.assert_allclose(mine[:, 0], 320 - theirs[:, 0], atol=1e-9)
+        np.testing.assert_allclose(mine[:, 1], theirs[:, 1], atol=1e-9)
+    assert here.driven[0] == (before["x_m"], before["y_m"])
+    assert here.driven[-1] == (here.truth()["x_m"], here.truth()["y_m"])
+    assert len(sketch.plan) == 8
+    assert sketch.plan[-1][0] < 160 < other.plan[-1][0]
 
 
 def test_the_truth_says_how_far_each_track_is_free() -> None:

@@ -129,6 +129,8 @@ def film(
 ) -> None:
     """Write a film of one drive: camera, decision, executed action and gap. The drive is made anew and checked.
 
+    Of the hierarchy it shows the controller's plan over the picture.
+
     Example: eyechart film run --episode "oracle highway/dense/3 real" --out drive.gif
     """
     from eyechart.destination import require_free

@@ -1,11 +1,14 @@
 """``eyechart report`` writes one page that shows a run's evidence; it makes no call and changes nothing."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from eyechart.cli.terminal import patience, say
+
+if TYPE_CHECKING:
+    from eyechart.report.page import Page
 
 
 def report(
@@ -23,7 +26,8 @@ def report(
 ) -> None:
     """Write one self-contained HTML page with verdicts, figures, statistics and every reply.
 
-    It needs no network and shows in any browser. Example: eyechart report run --out report.html
+    Of a battery, of episodes, or of a whole study of the hierarchy. It needs no network and shows in any browser.
+    Example: eyechart report run --out report.html
     """
     from eyechart.destination import require_free
     from eyechart.errors import SpecError
@@ -31,9 +35,14 @@ def report(
     from eyechart.report.figures import write_figures
     from eyechart.report.page import make_page, write_page
     from eyechart.report.sheets import write_sheets
-    from eyechart.studies import closed_loop
+    from eyechart.studies import closed_loop, hierarchy
 
     require_free(out, "report")
+    if any(studied := [hierarchy.is_hierarchy(run) for run in runs]):
+        if len(studied) > 1:
+            raise SpecError("a report is about one hierarchy: make one of each study")
+        _report_hierarchy(runs[0], out, figures, tables)
+        return
     if any(drove := [closed_loop.is_episodes(run) for run in runs]):
         if not all(drove):
             raise SpecError("a report is about batteries or about episodes: make one of each kind of run")
@@ -71,6 +80,30 @@ def _report_drives(runs: list[Path], out: Path, figures: Path | None, tables: Pa
         say(f"{len(write_figures(page.drawings, figures))} files of figures in {figures}")
     if tables is not None:
         say(f"{len(write_drives_sheets(scored, tables))} tables in {tables}")
+    _told(page, out)
+
+
+def _report_hierarchy(study: Path, out: Path, figures: Path | None, tables: Path | None) -> None:
+    """Write the report of a study of the hierarchy."""
+    from eyechart.report.figures import write_figures
+    from eyechart.report.hierarchy_page import make_hierarchy_page
+    from eyechart.report.hierarchy_sheets import write_hierarchy_sheets
+    from eyechart.report.page import write_page
+    from eyechart.studies.hierarchy import score
+
+    with patience("report") as tell:
+        tell("scoring")
+        scored = score(study)
+        page = make_hierarchy_page(study, scored, tell=tell)
+        write_page(page, out)
+    if figures is not None:
+        say(f"{len(write_figures(page.drawings, figures))} files of figures in {figures}")
+    if tables is not None:
+        say(f"{len(write_hierarchy_sheets(scored, tables))} tables in {tables}")
+    _told(page, out)
+
+
+def _told(page: "Page", out: Path) -> None:
     for note in page.notes:
         say(note)
     say(f"wrote {out}, {len(page.html) / 1e6:.1f} MB")

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eyechart.cli.auditing import print_drives
+from eyechart.cli.intending import print_hierarchy
 from eyechart.cli.options import Json, PriceFile
 from eyechart.cli.terminal import print_json, table_console
 
@@ -32,7 +33,7 @@ def score(run: _Run, json: Json = False, independent: _Independent = False, rere
     from eyechart.report.costs import costs_table
     from eyechart.report.tables import frontier_table, statistics_table
     from eyechart.studies import battery as study
-    from eyechart.studies import closed_loop, prompts, structured
+    from eyechart.studies import closed_loop, hierarchy, prompts, structured
     from eyechart.verdicts import judge
 
     if structured.online.is_online(run):
@@ -42,6 +43,9 @@ def score(run: _Run, json: Json = False, independent: _Independent = False, rere
         print_json(drives.as_dict()) if json else print_drives(drives)
     elif structured.is_structured(run):
         print_estimators(structured.score(run, reread=reread), json=json)
+    elif hierarchy.is_hierarchy(run):
+        intents = hierarchy.score(run)
+        print_json(intents.as_dict()) if json else print_hierarchy(intents)
     elif prompts.is_study(run):
         print_cells(prompts.score(run, reread=reread), json=json)
     else:

@@ -1,10 +1,7 @@
 """What the browser of frames shows: every call with its verbatim reply and its decision, as JSON inside the page."""
 
-import json
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-
-from markupsafe import Markup
 
 from eyechart.actions import Decision
 from eyechart.calls import Reply
@@ -27,8 +24,6 @@ _LONGEST_WORD = 100
 _LONGEST_NOTE = 500
 _NOTES = 1_000_000
 """Characters of all notes on finish reasons and errors together."""
-
-_ESCAPES = {ord(sign): f"\\u{ord(sign):04x}" for sign in "<>&\u2028\u2029"}
 
 
 @dataclass(frozen=True)
@@ -192,9 +187,3 @@ def _call(reply: Reply, decision: Decision, texts: tuple[Texts, Texts]) -> list[
     call: list[int | str | bool] = [texts[0].numbers[reply.text], word, decision.action is not None]
     note = _note(reply, decision)
     return [*call, texts[1].numbers[note]] if note else call
-
-
-def embedded_json(values: object) -> Markup:
-    """Return JSON that can stand inside a script element: no sign in it can end the element or a line."""
-    text = json.dumps(values, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
-    return Markup(text.translate(_ESCAPES))  # noqa: S704 - what could be markup was escaped just now

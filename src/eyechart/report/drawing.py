@@ -22,7 +22,19 @@ LINE = "#d9d6cf"
 PAPER = "#fefefd"
 BLUE = "#0072b2"
 VERMILLION = "#d55e00"
-"""Blue and vermillion are of Okabe and Ito's palette, which the colour-blind can tell apart."""
+SOFT = "#f1efe9"
+"""Blue and vermillion are of Okabe and Ito's palette, which the colour-blind can tell apart; soft is a quiet ground."""
+
+WAYS = {
+    "blue": "#015ef7",
+    "vermillion": "#d95b0a",
+    "green": "#05945c",
+    "purple": "#b325b6",
+    "amber": "#ae9209",
+    "grey": "#6d7581",
+}
+"""Colours of lines of which several cross: sought so that any two but amber and grey, and ink, lie at least 24 apart in
+CIELAB for normal eyes and for those without one kind of cone (Machado et al. 2009), on light paper and on dark."""
 
 THEMED = {
     INK: "currentColor",
@@ -31,6 +43,8 @@ THEMED = {
     PAPER: "var(--surface)",
     BLUE: "var(--blue)",
     VERMILLION: "var(--vermillion)",
+    SOFT: "var(--soft)",
+    **{colour: f"var(--way-{name})" for name, colour in WAYS.items()},
 }
 """What stands for a colour where the page, light or dark, decides."""
 
@@ -60,6 +74,7 @@ ON_COLOUR = "#202020"
 
 _TAG = re.compile(r"<[^>]*>")
 _ID = re.compile(r'(\bid="|url\(#|xlink:href="#)')
+_LONG, _CLIP = re.compile(r"(\d\.\d)\d+"), re.compile(r' clip-path="[^"]*"')
 _LONGEST = 40
 
 
@@ -67,7 +82,8 @@ _LONGEST = 40
 class Drawing:
     """A figure. ``name`` is its file's stem and the prefix of every id in it; ``wide`` asks for a row of its own.
 
-    ``of`` is the model that it is about, where a section has one figure a model.
+    ``of`` is the model that it is about, where a section has one figure a model. A page that holds many asks for
+    ``lean`` ones, whose numbers have one decimal.
     """
 
     name: str
@@ -76,6 +92,7 @@ class Drawing:
     figure: Figure
     wide: bool = False
     of: str = ""
+    lean: bool = False
 
     def svg(self, *, inline: bool = False) -> str:
         """Return the figure as SVG: a file of its own, or for a page, in the page's colours."""
@@ -88,6 +105,9 @@ class Drawing:
         text = re.sub(
             r"<defs>\s*<style.*?</style>\s*</defs>\s*", "", text[text.index("<svg") :], count=1, flags=re.DOTALL
         )
+        if self.lean:
+            text = _CLIP.sub("", _LONG.sub(r"\1", _TAG.sub(lambda tag: " ".join(tag.group().split()), text)))
+            text = re.sub(r">\s+<", "><", text)
         text = _TAG.sub(lambda tag: _ID.sub(rf"\g<1>{self.name}-", tag.group()), text)
         return self._opened(_TAG.sub(_theme, text)) if inline else '<?xml version="1.0"?>\n' + self._opened(text)
 

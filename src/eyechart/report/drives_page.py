@@ -4,13 +4,8 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from markupsafe import Markup
-
-from eyechart import __version__
 from eyechart.manifest import RUN
-from eyechart.report.assets import asset, environment, policy
-from eyechart.report.browser import embedded_json
-from eyechart.report.drawing import Drawing
+from eyechart.report.assets import fill
 from eyechart.report.drives_browser import PICTURED, Tell, drives_data
 from eyechart.report.drives_figures import drives_figures
 from eyechart.report.page import Page
@@ -37,44 +32,34 @@ def make_drives_page(
     drawn = drives_figures(score)
     browser = drives_data(score, pictured=pictured, tell=tell)
     tell("the page")
-    script, beside = asset("drives.js"), beside_paper(score.ladder)
-    html = (
-        environment()
-        .get_template("drives.html")
-        .render(
-            csp=policy(script),
-            css=Markup(asset("page.css") + asset("drives.css")),  # noqa: S704 - our own files
-            script=Markup(script),  # noqa: S704 - our own file
-            data=embedded_json(browser.data),
-            title=", ".join(path.resolve().name for path in runs),
-            drives=score.drives,
-            episodes=sum(len(one.episodes) for one in score.drives),
-            errors=[(one.driver.label, episode) for one in score.drives for episode in one.errors],
-            simulators=score.simulators,
-            references=[one.label for one in score.references.values()],
-            figures={section: [_figure(one) for one in many] for section, many in drawn.items()},
-            columns=list(NAMES.values()),
-            ladder=_ladder(score),
-            paper=[_beside(one) for one in beside],
-            paper_words=paper_words(beside, score.ladder) if beside else [],
-            paired=[_paired(one) for one in score.paired],
-            blind=[_blind(one) for one in score.blind],
-            audit=[_degeneracy(one) for one in score.audit],
-            audit_words=degeneracy_words(score.audit),
-            replays=[_replay(one) for one in score.replays],
-            twins=score.twins,
-            repeats=score.repeats,
-            made=[(path.resolve().name, _made(path)) for path in runs],
-            notes=browser.notes,
-            version=__version__,
-        )
+    beside = beside_paper(score.ladder)
+    html = fill(
+        "drives.html",
+        styles=("drives.css",),
+        scripts=("layout.js", "browser.js", "drives.js"),
+        data=browser.data,
+        title=", ".join(path.resolve().name for path in runs),
+        drives=score.drives,
+        episodes=sum(len(one.episodes) for one in score.drives),
+        errors=[(one.driver.label, episode) for one in score.drives for episode in one.errors],
+        simulators=score.simulators,
+        references=[one.label for one in score.references.values()],
+        figures=drawn,
+        columns=list(NAMES.values()),
+        ladder=_ladder(score),
+        paper=[_beside(one) for one in beside],
+        paper_words=paper_words(beside, score.ladder) if beside else [],
+        paired=[_paired(one) for one in score.paired],
+        blind=[_blind(one) for one in score.blind],
+        audit=[_degeneracy(one) for one in score.audit],
+        audit_words=degeneracy_words(score.audit),
+        replays=[_replay(one) for one in score.replays],
+        twins=score.twins,
+        repeats=score.repeats,
+        made=[(path.resolve().name, made(path)) for path in runs],
+        notes=browser.notes,
     )
-    return Page(html.encode("utf-8", "backslashreplace"), drawn, browser.notes)
-
-
-def _figure(drawing: Drawing) -> dict[str, object]:
-    svg = Markup(drawing.svg(inline=True))  # noqa: S704 - drawn here; every word in it was escaped
-    return {"title": drawing.title, "svg": svg, "wide": drawing.wide}
+    return Page(html, drawn, browser.notes)
 
 
 def _ladder(score: ClosedLoopScore) -> list[dict[str, object]]:
@@ -106,10 +91,11 @@ def _beside(row: Beside) -> Row:
 
 
 def _paired(one: Paired) -> dict[str, object]:
-    return {"label": one.first.label, "against": one.second.label, "worlds": one.worlds, "cells": _cells(one)}
+    return {"label": one.first.label, "against": one.second.label, "worlds": one.worlds, "cells": difference_cells(one)}
 
 
-def _cells(one: Paired) -> list[tuple[str, str]]:
+def difference_cells(one: Paired) -> list[tuple[str, str]]:
+    """Return each difference as a page shows it, with its p after Holm."""
     return [(shown(one.differences[name], name, signed=True), p_value(one.holm.get(name))) for name in NAMES]
 
 
@@ -123,7 +109,7 @@ def _blind(one: Blind) -> dict[str, object]:
         "finding": words,
         "sentence": one.sentence,
         "worlds": one.paired.worlds,
-        "cells": _cells(one.paired),
+        "cells": difference_cells(one.paired),
     }
 
 
@@ -164,7 +150,7 @@ def _replay(one: Replay) -> Row:
     )
 
 
-def _made(path: Path) -> Mapping[str, str]:
+def made(path: Path) -> Mapping[str, str]:
     """Return what the run says of how it was made, as text; nothing where it says nothing."""
     try:
         raw = json.loads((path / RUN).read_text(encoding="utf-8"))

@@ -7,6 +7,13 @@ from eyechart.studies.closed_loop import ClosedLoopScore, Driver, Paired
 
 _STATISTIC = (("value", "number"), ("interval", "interval"), ("level", "text"), ("n", "count"), ("p", "p"))
 _WHO = (("simulator", "text"), ("policy", "text"), ("condition", "text"), ("run", "text"))
+DIFFERENCE = (
+    *((name, "text") for name in ("first", "second", "statistic")),
+    *_STATISTIC,
+    ("Holm p", "p"),
+    ("finding", "text"),
+)
+"""The columns of a sheet of paired differences."""
 
 
 def write_drives_sheets(score: ClosedLoopScore, folder: Path) -> list[Path]:
@@ -36,15 +43,15 @@ def _ladder(score: ClosedLoopScore) -> Sheet:
 def _paired(score: ClosedLoopScore) -> Sheet:
     rows: list[tuple[Cell, ...]] = []
     for one in score.paired:
-        rows += _differences(one, "")
+        rows += differences(one, "")
     for blind in score.blind:
-        rows += _differences(blind.paired, blind.finding)
-    columns = (("first", "text"), ("second", "text"), ("statistic", "text"), *_STATISTIC, ("Holm p", "p"))
+        rows += differences(blind.paired, blind.finding)
     caption = "Differences in the same worlds: from the reference, and real pictures less others"
-    return Sheet("paired", caption, (*columns, ("finding", "text")), tuple(rows))
+    return Sheet("paired", caption, DIFFERENCE, tuple(rows))
 
 
-def _differences(one: Paired, finding: str) -> list[tuple[Cell, ...]]:
+def differences(one: Paired, finding: str) -> list[tuple[Cell, ...]]:
+    """Return a row for each statistic of a pair, as ``DIFFERENCE`` names its cells."""
     who = (one.first.label, one.second.label)
     return [
         (*who, name, found.value, found.ci, level(found), found.n, found.p, one.holm.get(name), finding)

@@ -1,26 +1,25 @@
-"""A film of one episode: the camera's pictures, and under each the decision, the executed action and the gap."""
+"""A film of one episode: the camera's pictures, a controller's plan over them, and the decision and the gap below."""
 
 import base64
 import io
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from importlib.util import find_spec
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
-from markupsafe import Markup
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageColor, ImageDraw, ImageFont
 
-from eyechart import __version__
 from eyechart.destination import whole
 from eyechart.episodes import Episode
 from eyechart.errors import SpecError
 from eyechart.frames import RGB
-from eyechart.report.assets import asset, environment, policy
-from eyechart.report.browser import embedded_json
+from eyechart.report.assets import fill
 from eyechart.report.drawing import plain
+from eyechart.report.overlay import STROKES, over, pieces, plan_words
+from eyechart.simulators import Sketch
 from eyechart.studies.closed_loop.reading import Drives
 from eyechart.studies.closed_loop.replaying import Shot, decided, episode_id, replay
 
@@ -43,6 +42,7 @@ class Line:
     state: str
     reply: str
     substituted: bool
+    plan: str = ""
 
 
 def lines(drives: Drives, episode: Episode) -> list[Line]:
@@ -96,29 +96,38 @@ class _Film:
     words: Sequence[Line]
     fps: float
 
-    def shots(self) -> Iterator[Shot]:
-        """Yield the moments of the replay."""
-        return replay(self.drives, self.episode)
+    def moments(self) -> Iterator[tuple[Shot, Line]]:
+        """Yield the moments of the replay with their words."""
+        for shot, line in zip(replay(self.drives, self.episode), self.words, strict=True):
+            yield shot, replace(line, plan=plan_words(shot.sketch, shot.step))
 
     def drawn(self) -> Iterator[Image.Image]:
         """Yield each moment with its words under it."""
         roles = [self._role(step.executed_action) for step in self.episode.steps]
-        for number, (shot, line) in enumerate(zip(self.shots(), self.words, strict=True)):
-            yield draw(shot.picture, line, roles, number)
+        planning = False
+        for number, (shot, line) in enumerate(self.moments()):
+            planning = planning or shot.sketch is not None
+            yield draw(shot, line, roles, number, planning=planning)
 
     def _role(self, action: str) -> str:
         space = self.drives.space
         return "brake" if action in space.brake else "proceed" if action in space.proceed else ""
 
 
-def draw(picture: RGB, line: Line, roles: Sequence[str], now: int) -> Image.Image:
-    """Return one picture of a film: the camera's, and under it the words and a strip of all steps; even in size."""
+def draw(shot: Shot, line: Line, roles: Sequence[str], now: int, *, planning: bool = False) -> Image.Image:
+    """Return one picture of a film: the camera's, and under it the words and a strip of all steps; even in size.
+
+    A film of a drive with a controller is ``planning`` from its first picture on: it has a line for the plan.
+    """
+    picture = shot.picture
     scale = max(1, round(WIDTH / picture.shape[1])) if picture.shape[1] < WIDTH else 1
     shown = Image.fromarray(picture).resize(
         (picture.shape[1] * scale, picture.shape[0] * scale), Image.Resampling.NEAREST
     )
+    if shot.sketch is not None:
+        shown = over(shown, shot.sketch, scale)
     width = max(shown.width, WIDTH) // 2 * 2
-    height = (shown.height + 4 * STRIP + 18) // 2 * 2
+    height = (shown.height + (6 if planning else 4) * STRIP + 18) // 2 * 2
     page = Image.new("RGB", (width, height), PAPER)
     page.paste(shown, ((width - shown.width) // 2, 0))
     pen, y = ImageDraw.Draw(page), shown.height + 6
@@ -129,6 +138,10 @@ def draw(picture: RGB, line: Line, roles: Sequence[str], now: int) -> Image.Imag
         pen.text((10, y + STRIP), plain(f"decides {line.decision}", 60), fill=tone, font=large)
         pen.text((width // 2, y + STRIP), plain(f"executed {line.executed}", 40), fill=INK, font=large)
     pen.text((10, y + 2 * STRIP), plain(line.state, 100), fill=RED if "CRASH" in line.state else INK, font=small)
+    if planning:
+        pen.text((10, y + 3 * STRIP), plain(line.plan, 100), fill=RED if "failed" in line.plan else INK, font=small)
+        _key(pen, 10, y + 4 * STRIP)
+        y += 2 * STRIP
     each = (width - 20) / max(1, len(roles))
     for place, role in enumerate(roles):
         left, top = 10 + place * each, y + 3 * STRIP + (0 if place <= now else 5)
@@ -137,16 +150,38 @@ def draw(picture: RGB, line: Line, roles: Sequence[str], now: int) -> Image.Imag
     return page
 
 
+def _key(pen: ImageDraw.ImageDraw, x: float, y: float) -> None:
+    """Say what the lines over the picture are."""
+    words = font(12)
+    for stroke in reversed(STROKES):
+        middle = y + 8
+        for part in ((0, 9), (17, 26)) if stroke.dashed else ((0, 26),):
+            pen.line((x + part[0], middle, x + part[1], middle), fill=stroke.colour, width=round(stroke.width))
+        if stroke.dots:
+            pen.ellipse((x + 9, middle - 4, x + 17, middle + 4), fill=stroke.colour)
+        pen.text((x + 34, y), stroke.says, fill=MUTED, font=words)
+        x += 34 + pen.textlength(stroke.says, font=words) + 26
+
+
 def font(size: int) -> ImageFont.FreeTypeFont:
     """Return the font that figures are drawn in."""
     return ImageFont.truetype(str(Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"), size)
 
 
 def _write_gif(out: Path, film: _Film) -> int:
-    pictures = [page.quantize(128, dither=Image.Dither.NONE) for page in film.drawn()]
+    pictures = [_reduced(page) for page in film.drawn()]
     held = [round(1000 / film.fps)] * (len(pictures) - 1) + [round(2500 / film.fps)]
     pictures[0].save(out, "GIF", save_all=True, append_images=pictures[1:], duration=held, loop=0, optimize=True)
     return len(pictures)
+
+
+def _reduced(page: Image.Image) -> Image.Image:
+    """Return a picture in 128 colours, and those of a sketch's thin lines, which would be lost among them."""
+    found = page.quantize(128, dither=Image.Dither.NONE)
+    kept = [level for stroke in STROKES for level in ImageColor.getrgb(stroke.colour)]
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([*(found.getpalette() or [])[: 3 * 128], *kept])
+    return page.quantize(palette=palette, dither=Image.Dither.NONE)
 
 
 def _write_mp4(out: Path, film: _Film) -> int:
@@ -173,9 +208,12 @@ def _codec(av: object) -> str:
 
 
 def _write_html(out: Path, film: _Film) -> int:
-    uris = list(_encoded(shot.picture for shot in film.shots()))
+    moments = list(film.moments())
+    uris = list(_encoded(shot.picture for shot, _ in moments))
     steps = [
         {
+            "plan": line.plan,
+            "lines": None if shot.sketch is None else lines_of(shot.sketch),
             "place": line.place,
             "decision": line.decision,
             "executed": line.executed,
@@ -183,26 +221,27 @@ def _write_html(out: Path, film: _Film) -> int:
             "reply": line.reply,
             "substituted": line.substituted,
         }
-        for line in film.words
+        for shot, line in moments
     ]
-    script = asset("film.js")
-    html = (
-        environment()
-        .get_template("film.html")
-        .render(
-            csp=policy(script),
-            css=Markup(asset("page.css") + asset("film.css")),  # noqa: S704 - our own files
-            script=Markup(script),  # noqa: S704 - our own file
-            data=embedded_json({"pictures": uris, "steps": steps, "fps": film.fps}),
-            title=episode_id(film.episode),
-            ended=film.episode.ended,
-            detail=film.episode.detail,
-            count=len(uris),
-            version=__version__,
-        )
+    html = fill(
+        "film.html",
+        styles=("film.css",),
+        scripts=("film.js",),
+        data={"pictures": uris, "steps": steps, "fps": film.fps, "size": moments[0][0].picture.shape[1::-1]},
+        strokes=STROKES,
+        planning=any(shot.sketch is not None for shot, _ in moments),
+        title=episode_id(film.episode),
+        ended=film.episode.ended,
+        detail=film.episode.detail,
+        count=len(uris),
     )
-    out.write_bytes(html.encode("utf-8", "backslashreplace"))
+    out.write_bytes(html)
     return len(uris)
+
+
+def lines_of(sketch: Sketch) -> dict[str, list[list[tuple[float, float]]]]:
+    """Return the lines of a sketch by their names, each in pieces of places in pixels."""
+    return {stroke.name: pieces(getattr(sketch, stroke.name)) for stroke in STROKES}
 
 
 def _encoded(pictures: Iterable[RGB]) -> Iterator[str]:

@@ -5,16 +5,14 @@ import io
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from markupsafe import Markup
 from PIL import Image
 
-from eyechart import __version__
 from eyechart.conditions import flip
 from eyechart.destination import whole
 from eyechart.errors import EyechartError
 from eyechart.frames import FrameBank, decode, encode
 from eyechart.guardian import interface_of
-from eyechart.report.assets import asset, environment
+from eyechart.report.assets import fill
 from eyechart.report.drawing import BLUE, INK, MUTED, VERMILLION, Drawing, canvas
 from eyechart.report.guardian import bound_lines, row_names, score_lines
 from eyechart.report.tables import number
@@ -43,35 +41,30 @@ def guardian_page(found: GuardianScore, bank: FrameBank | None) -> bytes:
     pictures, note = _pictures(found, bank)
     votes = _votes(found)
     listed = sum(len(rows) for _, rows in votes)
-    html = (
-        environment()
-        .get_template("guardian.html")
-        .render(
-            css=Markup(asset("page.css")),  # noqa: S704 - our own file
-            version=__version__,
-            digest=frozen.digest,
-            committee=frozen.committee,
-            threshold=frozen.threshold,
-            voters=frozen.voters,
-            point=frozen.point,
-            frames=len(table.frames),
-            episodes=len(set(table.episodes)),
-            bank=frozen.about.bank_name,
-            warnings=found.warnings,
-            metrics=_METRICS.values(),
-            rows=[(name, key == frozen.point, _cells(found, key)) for key, name in row_names(frozen).items()],
-            lines=list(score_lines(found, bounds=False))[1:],
-            curve=Markup(curve(found).svg(inline=True)),  # noqa: S704 - drawn here; every word in it was escaped
-            bound=[] if found.bound is None else list(bound_lines(found.bound)),
-            missed=len(found.missed),
-            hazards=int(table.hazard.sum()),
-            note=note,
-            pictures=pictures,
-            votes=votes,
-            left_out="" if listed == len(table.frames) else f"The first {listed} of {len(table.frames)} frames.",
-        )
+    return fill(
+        "guardian.html",
+        styles=("guardian.css",),
+        digest=frozen.digest,
+        committee=frozen.committee,
+        threshold=frozen.threshold,
+        voters=frozen.voters,
+        point=frozen.point,
+        frames=len(table.frames),
+        episodes=len(set(table.episodes)),
+        bank=frozen.about.bank_name,
+        warnings=found.warnings,
+        metrics=_METRICS.values(),
+        rows=[(name, key == frozen.point, _cells(found, key)) for key, name in row_names(frozen).items()],
+        lines=list(score_lines(found, bounds=False))[1:],
+        curve=curve(found),
+        bound=[] if found.bound is None else list(bound_lines(found.bound)),
+        missed=len(found.missed),
+        hazards=int(table.hazard.sum()),
+        note=note,
+        pictures=pictures,
+        votes=votes,
+        left_out="" if listed == len(table.frames) else f"The first {listed} of {len(table.frames)} frames.",
     )
-    return html.encode("utf-8", "backslashreplace")
 
 
 def write_guardian_page(found: GuardianScore, bank: FrameBank | None, out: Path) -> None:

@@ -118,6 +118,11 @@ def against_cells(one: Paired) -> tuple[str, ...]:
     )
 
 
+def goals_of(one: Source) -> str:
+    """Return how many episodes reached the goal, of how many."""
+    return _of(one.goals)
+
+
 def _of(one: Statistic) -> str:
     return "—" if one.value is None else f"{round(one.value * one.n)}/{one.n}"
 

@@ -4,15 +4,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from markupsafe import Markup
-
-from eyechart import __version__
 from eyechart.actions import MISSING
 from eyechart.conditions import CONDITIONS
 from eyechart.costs import ALL
 from eyechart.destination import whole
-from eyechart.report.assets import asset, environment, policy
-from eyechart.report.browser import Texts, browser_data, collect_texts, embedded_json, frames_shown
+from eyechart.report.assets import fill
+from eyechart.report.browser import Texts, browser_data, collect_texts, frames_shown
 from eyechart.report.drawing import Drawing
 from eyechart.report.evidence import Evidence, Subject, Tell, subjects
 from eyechart.report.figures import figures
@@ -58,38 +55,31 @@ def make_page(evidence: Sequence[Evidence], *, tell: Tell = lambda _: None) -> P
     drawn = figures(everyone)
     album, texts = make_album(evidence, shown, tell=tell), collect_texts(evidence, shown)
     tell("the page")
-    script = asset("page.js")
     notes = _notes(evidence, shown, album, texts, len(everyone))
-    html = (
-        environment()
-        .get_template("page.html")
-        .render(
-            csp=policy(script),
-            css=Markup(asset("page.css")),  # noqa: S704 - our own file
-            script=Markup(script),  # noqa: S704 - our own file
-            data=embedded_json(browser_data(evidence, album, texts, shown)),
-            title=", ".join(run.name for run in evidence),
-            runs=[_run(run) for run in evidence],
-            cards=[_card(who, shared) for who in everyone],
-            shared=shared,
-            figures={section: [_figure(one) for one in many[:MODELS_DRAWN]] for section, many in drawn.items()},
-            silent=silent(evidence, everyone, drawn),
-            pairs=[
-                one
-                for run, places in zip(evidence, album.places, strict=True)
-                for one in pairs(run, places, album, len(everyone))
-            ],
-            statistics=[(who.label, _statistics(who)) for who in everyone],
-            statistic_columns=STATISTIC_COLUMNS,
-            conditions=list(CONDITIONS.values()),
-            stopped=any(who.model.stopped for who in everyone),
-            accounting=[_accounting(who) for who in everyone],
-            reasons=MISSING,
-            notes=notes,
-            version=__version__,
-        )
+    html = fill(
+        "page.html",
+        scripts=("layout.js", "browser.js", "page.js"),
+        data=browser_data(evidence, album, texts, shown),
+        title=", ".join(run.name for run in evidence),
+        runs=[_run(run) for run in evidence],
+        cards=[_card(who, shared) for who in everyone],
+        shared=shared,
+        figures={section: many[:MODELS_DRAWN] for section, many in drawn.items()},
+        silent=silent(evidence, everyone, drawn),
+        pairs=[
+            one
+            for run, places in zip(evidence, album.places, strict=True)
+            for one in pairs(run, places, album, len(everyone))
+        ],
+        statistics=[(who.label, _statistics(who)) for who in everyone],
+        statistic_columns=STATISTIC_COLUMNS,
+        conditions=list(CONDITIONS.values()),
+        stopped=any(who.model.stopped for who in everyone),
+        accounting=[_accounting(who) for who in everyone],
+        reasons=MISSING,
+        notes=notes,
     )
-    return Page(html.encode("utf-8", "backslashreplace"), drawn, tuple(notes))
+    return Page(html, drawn, tuple(notes))
 
 
 def _notes(
@@ -114,11 +104,6 @@ def write_page(page: Page, out: Path) -> None:
     """Write a page; a reader never sees half of it. Raises OutputError where it may not be written there."""
     with whole(out, "report") as partial:
         partial.write_bytes(page.html)
-
-
-def _figure(drawing: Drawing) -> dict[str, object]:
-    svg = Markup(drawing.svg(inline=True))  # noqa: S704 - drawn here; every word in it was escaped
-    return {"title": drawing.title, "svg": svg, "wide": drawing.wide, "name": drawing.name, "of": drawing.of}
 
 
 def _card(who: Subject, shared: Mapping[str, str]) -> dict[str, object]:

@@ -4,7 +4,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import Protocol, cast
+from typing import Protocol, cast, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
 
 from eyechart.actions import ActionSpace
 from eyechart.errors import SpecError
@@ -49,6 +52,30 @@ class Drive(Protocol):
 
     def close(self) -> None:
         """Let go of what the drive holds."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Sketch:
+    """What a controller below the decisions made of the last one, as lines over the picture before it.
+
+    ``plan`` is the predicted path, a point a stage, ``target`` what the decision asked it to follow, and ``driven`` the
+    way that it then went. Each has shape (n, 2), column and row in pixels of the picture, NaN where a place is not
+    before the camera. ``words`` say what the decision meant.
+    """
+
+    plan: npt.NDArray[np.float64]
+    target: npt.NDArray[np.float64]
+    driven: npt.NDArray[np.float64]
+    words: str
+
+
+@runtime_checkable
+class Planning(Protocol):
+    """A drive with a controller below the decisions, which can show what that planned."""
+
+    def sketch(self) -> Sketch:
+        """Return what became of the last decision; raises ValueError before the first."""
         ...
 
 

@@ -47,6 +47,20 @@ class Lens:
         """Return how many pixels the middle of each ground row lies below the horizon, shape (height - horizon,)."""
         return np.arange(self.height - self.horizon, dtype=np.float64) + 0.5
 
+    def project(self, eye: "Eye", places: npt.ArrayLike) -> _Doubles:
+        """Return where places on the ground lie in the picture, shape (n, 2); ``places`` are x and y in metres.
+
+        Column and row in pixels from the upper left corner, so that the first pixel's middle is (0.5, 0.5); beyond the
+        picture's edges too. NaN for a place that is not before the eye.
+        """
+        away = np.asarray(places, np.float64).reshape(-1, 2) - (eye.x, eye.y)
+        cos, sin = math.cos(eye.yaw), math.sin(eye.yaw)
+        depth = away[:, 0] * cos + away[:, 1] * sin
+        depth = np.where(depth > _LEAST_DEPTH_M, depth, np.nan)
+        to_left = away[:, 1] * cos - away[:, 0] * sin
+        scale = self.focal_px / depth
+        return np.column_stack([self.width / 2 - scale * to_left, self.horizon + scale * eye.height])
+
 
 @dataclass(frozen=True, slots=True)
 class Eye:

@@ -1,56 +1,11 @@
-"use strict";
 (() => {
-  const data = JSON.parse(document.getElementById("data").textContent);
-  const at = (id) => document.getElementById(id);
-  const make = (tag, className, text) => {
-    const node = document.createElement(tag);
-    if (className) node.className = className;
-    if (text !== undefined) node.textContent = text;
-    return node;
-  };
-
-  const themes = ["automatic", "light", "dark"];
-  const themed = (theme) => {
-    if (theme === "automatic") delete document.documentElement.dataset.theme;
-    else document.documentElement.dataset.theme = theme;
-    at("theme").textContent = `Theme: ${theme}`;
-  };
-  let theme = "automatic";
-  try { theme = themes.includes(localStorage.getItem("eyechart-theme")) ? localStorage.getItem("eyechart-theme") : theme; } catch { /* a page from a file may have no storage */ }
-  themed(theme);
-  at("theme").addEventListener("click", () => {
-    theme = themes[(themes.indexOf(theme) + 1) % themes.length];
-    themed(theme);
-    try { localStorage.setItem("eyechart-theme", theme); } catch { /* as above */ }
-  });
-
-  const links = new Map([...document.querySelectorAll(".contents a")].map((link) => [link.hash.slice(1), link]));
-  const current = () => {
-    let last = null;
-    for (const id of links.keys()) if (at(id).getBoundingClientRect().top < innerHeight * 0.35) last = id;
-    for (const [id, link] of links) {
-      if (id === last) link.setAttribute("aria-current", "true");
-      else link.removeAttribute("aria-current");
-    }
-  };
-  addEventListener("scroll", () => requestAnimationFrame(current), { passive: true });
-  current();
-
+  const { data, at, make, options } = eyechart;
   const filters = ["text", "driver", "scenario", "condition", "ended", "pictures"];
   const field = Object.fromEntries(filters.map((name) => [name, at(`f-${name}`)]));
   for (const name of ["driver", "scenario", "condition", "ended"]) {
     const values = [...new Set(data.episodes.map((one) => one[name]))];
-    field[name].replaceChildren(...[["", "all"], ...values.map((value) => [value, value])].map(([value, text]) => {
-      const option = make("option", "", text);
-      option.value = value;
-      return option;
-    }));
+    options(field[name], [["", "all"], ...values.map((value) => [value, value])]);
   }
-
-  const list = at("list");
-  const detail = at("detail");
-  let listed = [];
-  let chosen = 0;
 
   const matches = (one) => {
     for (const name of ["driver", "scenario", "condition", "ended"]) if (field[name].value && one[name] !== field[name].value) return false;
@@ -60,42 +15,10 @@
   };
 
   const update = () => {
-    const before = listed[chosen];
-    listed = data.episodes.filter(matches);
-    chosen = Math.max(0, listed.indexOf(before));
+    const before = shown.chosen();
+    const listed = data.episodes.filter(matches);
     at("status").textContent = `${listed.length} of ${data.episodes.length} episodes match.`;
-    list.replaceChildren(...listed.map((one, place) => {
-      const item = make("li");
-      const button = make("button");
-      button.type = "button";
-      button.tabIndex = -1;
-      button.append(make("span", "", one.run ? `${one.run} · ${one.id}` : one.id), " ", make("span", "n", one.ended));
-      button.addEventListener("click", () => choose(place, true));
-      item.append(button);
-      return item;
-    }));
-    choose(chosen, false);
-  };
-
-  const choose = (place, focus) => {
-    const buttons = list.querySelectorAll("button");
-    if (!buttons.length) {
-      detail.replaceChildren(make("p", "empty", "No episode matches these filters."));
-      return;
-    }
-    const old = buttons[chosen];
-    if (old) {
-      old.removeAttribute("aria-current");
-      old.tabIndex = -1;
-    }
-    chosen = Math.min(Math.max(place, 0), buttons.length - 1);
-    const button = buttons[chosen];
-    button.setAttribute("aria-current", "true");
-    button.tabIndex = 0;
-    const item = button.parentNode;
-    list.scrollTop = Math.min(Math.max(list.scrollTop, item.offsetTop + item.offsetHeight - list.clientHeight), item.offsetTop);
-    if (focus) button.focus({ preventScroll: true });
-    show(listed[chosen]);
+    shown.fill(listed, Math.max(0, listed.indexOf(before)), (one) => [make("span", "", one.run ? `${one.run} · ${one.id}` : one.id), " ", make("span", "n", one.ended)]);
   };
 
   const counted = (steps) => {
@@ -144,7 +67,7 @@
     const title = make("h3");
     title.append(make("bdi", "", one.id));
     if (!one.steps.length) {
-      detail.replaceChildren(title, truth, told);
+      at("detail").replaceChildren(title, truth, told);
       return;
     }
     const strip = make("div", "strip");
@@ -193,37 +116,15 @@
       }
     };
     slider.addEventListener("input", step);
-    detail.replaceChildren(title, truth, told, ...(one.pictures.length ? [image] : []), strip, svg, label, key, line, words, reply);
+    at("detail").replaceChildren(title, truth, told, ...(one.pictures.length ? [image] : []), strip, svg, label, key, line, words, reply);
     step();
   };
 
-  at("filters").addEventListener("input", update);
-  at("filters").addEventListener("submit", (event) => event.preventDefault());
   at("f-clear").addEventListener("click", () => {
     for (const name of filters) field[name].value = "";
     update();
   });
 
-  document.addEventListener("keydown", (event) => {
-    if (event.ctrlKey || event.metaKey || event.altKey) return;
-    const typing = event.target.closest("input, select, textarea");
-    if (event.key === "Escape" && typing && list.querySelector("button")) {
-      choose(chosen, true);
-      return;
-    }
-    if (typing) return;
-    if (event.key === "/") {
-      event.preventDefault();
-      field.text.focus();
-      return;
-    }
-    const inside = list.contains(event.target);
-    const move = { j: 1, k: -1, ...(inside && { ArrowDown: 1, ArrowUp: -1, Home: -1e9, End: 1e9 }) }[event.key];
-    if (!move || !listed.length) return;
-    event.preventDefault();
-    choose(chosen + move, true);
-    if (!inside) at("status").scrollIntoView({ block: "start" });
-  });
-
+  const shown = eyechart.browser({ update, show, empty: "No episode matches these filters.", sideways: false });
   update();
 })();

@@ -1,58 +1,13 @@
-"use strict";
 (() => {
-  const data = JSON.parse(document.getElementById("data").textContent);
+  const { data, at, make, options } = eyechart;
   const CUT = 1500;
-  const at = (id) => document.getElementById(id);
-  const make = (tag, className, text) => {
-    const node = document.createElement(tag);
-    if (className) node.className = className;
-    if (text !== undefined) node.textContent = text;
-    return node;
-  };
-
-  const themes = ["automatic", "light", "dark"];
-  const themed = (theme) => {
-    if (theme === "automatic") delete document.documentElement.dataset.theme;
-    else document.documentElement.dataset.theme = theme;
-    at("theme").textContent = `Theme: ${theme}`;
-  };
-  let theme = "automatic";
-  try { theme = themes.includes(localStorage.getItem("eyechart-theme")) ? localStorage.getItem("eyechart-theme") : theme; } catch { /* a page from a file may have no storage */ }
-  themed(theme);
-  at("theme").addEventListener("click", () => {
-    theme = themes[(themes.indexOf(theme) + 1) % themes.length];
-    themed(theme);
-    try { localStorage.setItem("eyechart-theme", theme); } catch { /* as above */ }
-  });
-
-  const links = new Map([...document.querySelectorAll(".contents a")].map((link) => [link.hash.slice(1), link]));
-  const current = () => {
-    let last = null;
-    for (const id of links.keys()) if (at(id).getBoundingClientRect().top < innerHeight * 0.35) last = id;
-    for (const [id, link] of links) {
-      if (id === last) link.setAttribute("aria-current", "true");
-      else link.removeAttribute("aria-current");
-    }
-  };
-  addEventListener("scroll", () => requestAnimationFrame(current), { passive: true });
-  current();
-
   const filters = ["text", "run", "model", "scenario", "condition", "decision", "differs"];
   const field = Object.fromEntries(filters.map((name) => [name, at(`f-${name}`)]));
-  const options = (select, pairs) => {
-    select.replaceChildren(...pairs.map(([value, text]) => {
-      const option = make("option", "", text);
-      option.value = value;
-      return option;
-    }));
-  };
   const named = (names) => [["", "all"], ...names.map((name) => [name, name])];
   options(field.run, data.runs.map((run, place) => [String(place), run.name]));
   at("l-run").hidden = data.runs.length < 2;
 
   let run = null;
-  let listed = [];
-  let chosen = 0;
   const openRun = () => {
     run = data.runs[Number(field.run.value)];
     if (!run) return;
@@ -62,7 +17,6 @@
     const missing = new Set();
     for (const model of run.models) for (const calls of Object.values(model.calls)) for (const call of calls) if (call && !call[2]) missing.add(call[1]);
     options(field.decision, [["", "all"], ...run.actions.map((name) => [`a ${name}`, name]), ...[...missing].sort().map((name) => [`m ${name}`, `(${name})`])]);
-    chosen = 0;
   };
 
   const symbol = (call) => (call[2] ? `a ${call[1]}` : "m");
@@ -91,55 +45,23 @@
     return found;
   };
 
-  const list = at("list");
-  const detail = at("detail");
   const update = () => {
     if (!run) {
       at("status").textContent = "The run holds no frames.";
       return;
     }
-    const before = listed[chosen] && listed[chosen][0];
-    listed = run.frames.map((_, frame) => [frame, matches(frame)]).filter(([, found]) => found.length);
-    chosen = Math.max(0, listed.findIndex(([frame]) => frame === before));
+    const before = shown.chosen();
+    const listed = run.frames.map((_, frame) => [frame, matches(frame)]).filter(([, found]) => found.length);
     const calls = listed.reduce((sum, [, found]) => sum + found.length, 0);
     at("status").textContent = `${listed.length} of ${run.frames.length} frames, ${calls} calls match.` + (run.asked > run.frames.length ? ` This page lists ${run.frames.length} of ${run.asked} frames.` : "");
-    list.replaceChildren(...listed.map(([frame, found], place) => {
-      const item = make("li");
-      const button = make("button");
-      button.type = "button";
+    shown.fill(listed, Math.max(0, before ? listed.findIndex(([frame]) => frame === before[0]) : 0), ([frame, found]) => {
       const count = make("span", "n", `${found.length}`);
       count.append(make("span", "unseen", " calls match"));
-      button.append(make("span", "", run.frames[frame].id), " ", count);
-      button.tabIndex = -1;
-      button.addEventListener("click", () => choose(place, true));
-      item.append(button);
-      return item;
-    }));
-    choose(chosen, false);
+      return [make("span", "", run.frames[frame].id), " ", count];
+    });
   };
 
-  const choose = (place, focus) => {
-    const buttons = list.querySelectorAll("button");
-    if (!buttons.length) {
-      detail.replaceChildren(make("p", "empty", "No call matches these filters."));
-      return;
-    }
-    const old = buttons[chosen];
-    if (old) {
-      old.removeAttribute("aria-current");
-      old.tabIndex = -1;
-    }
-    chosen = Math.min(Math.max(place, 0), buttons.length - 1);
-    const button = buttons[chosen];
-    button.setAttribute("aria-current", "true");
-    button.tabIndex = 0;
-    const item = button.parentNode;
-    list.scrollTop = Math.min(Math.max(list.scrollTop, item.offsetTop + item.offsetHeight - list.clientHeight), item.offsetTop);
-    if (focus) button.focus({ preventScroll: true });
-    show(...listed[chosen]);
-  };
-
-  const show = (frame, found) => {
+  const show = ([frame, found]) => {
     const about = run.frames[frame];
     const truth = make("p", "truth", `${about.scenario}, episode ${about.episode}, step ${about.step}`);
     tell(truth, about.truth);
@@ -153,7 +75,7 @@
       const mine = found.filter(([name]) => name === condition.name);
       if (mine.length) calls.append(card(frame, condition, mine));
     }
-    detail.replaceChildren(make("h3", "", about.id), truth, ...(about.said ? [said] : []), calls);
+    at("detail").replaceChildren(make("h3", "", about.id), truth, ...(about.said ? [said] : []), calls);
   };
 
   const tell = (node, pairs) => {
@@ -228,37 +150,13 @@
     return node;
   };
 
-  at("filters").addEventListener("input", (event) => {
-    if (event.target === field.run) openRun();
-    update();
-  });
-  at("filters").addEventListener("submit", (event) => event.preventDefault());
   at("f-clear").addEventListener("click", () => {
     for (const name of filters) if (name !== "run") field[name].value = name === "model" && field.model.options.length ? field.model.options[0].value : "";
     update();
   });
 
-  document.addEventListener("keydown", (event) => {
-    if (event.ctrlKey || event.metaKey || event.altKey) return;
-    const typing = event.target.closest("input, select, textarea");
-    if (event.key === "Escape" && typing && list.querySelector("button")) {
-      choose(chosen, true);
-      return;
-    }
-    if (typing) return;
-    if (event.key === "/") {
-      event.preventDefault();
-      field.text.focus();
-      return;
-    }
-    const inside = list.contains(event.target);
-    const step = { j: 1, k: -1, ...(inside && { ArrowDown: 1, ArrowUp: -1, ArrowRight: 1, ArrowLeft: -1, Home: -1e9, End: 1e9 }) }[event.key];
-    if (!step || !listed.length) return;
-    event.preventDefault();
-    choose(chosen + step, true);
-    if (!inside) at("status").scrollIntoView({ block: "start" });
-  });
-
+  const shown = eyechart.browser({ update, show, empty: "No call matches these filters.", sideways: true });
+  field.run.addEventListener("input", openRun);
   openRun();
   update();
 })();

@@ -17,10 +17,13 @@ SCENERY = dict(zip(FAMILIES, ROVER.verges, strict=True))
 
 def draw(world: AnyWorld, *, red: bool = False) -> RGB:
     """Return the picture of the vehicle's view, uint8; its own hood is red after a crash, or where it is painted so."""
-    state, view = world.state, world.view
-    hood = view.bodies["red" if red or world.crashed else "green"]
-    eye = Eye(state.x, state.y, view.eye_m, state.yaw)
-    return camera_of(world.layout.family, world.vehicle).draw(eye, cylinders(world.layout), hood=hood)
+    hood = world.view.bodies["red" if red or world.crashed else "green"]
+    return camera_of(world.layout.family, world.vehicle).draw(eye_of(world), cylinders(world.layout), hood=hood)
+
+
+def eye_of(world: AnyWorld) -> Eye:
+    """Return where the vehicle's camera is and looks."""
+    return Eye(world.state.x, world.state.y, world.view.eye_m, world.state.yaw)
 
 
 def cylinders(layout: Layout) -> list[Cylinder]:

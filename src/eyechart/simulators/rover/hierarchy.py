@@ -13,9 +13,18 @@ import numpy.typing as npt
 
 from eyechart.frames import Scalar
 from eyechart.mpc import STEP_S, Bicycle, Mpc, Plan, Road, State, Target
-from eyechart.simulators import Moved
+from eyechart.simulators import Moved, Sketch
 from eyechart.simulators.banks import check_seed, versions_of
-from eyechart.simulators.road import ROAD_HALF_M, TRACKS_M, Layout, RoadDrive, free_tracks, make_layout
+from eyechart.simulators.road import (
+    ROAD_HALF_M,
+    TRACKS_M,
+    Layout,
+    RoadDrive,
+    eye_of,
+    free_tracks,
+    lens_of,
+    make_layout,
+)
 from eyechart.simulators.rover import Rover, bicycle
 from eyechart.simulators.rover.tracking import INNER_S, INTENTS, Intent
 from eyechart.simulators.rover.world import World, decide, start
@@ -47,26 +56,33 @@ class Arm:
 
 
 class Law:
-    """The controller as the plant's law: it plans every 0.2 s, holds the command in between, and keeps its failures."""
+    """The controller as the plant's law: it plans every 0.2 s and holds the command in between.
+
+    ``plans`` are what it planned, ``places`` where it was asked for a command, x and y.
+    """
 
     def __init__(self, arm: Arm, layout: Layout) -> None:
         self._arm, self._mpc = arm, Mpc(CAR, ROAD)
         self._discs = _discs(layout) if arm.told_obstacles else np.empty((0, 3))
         self._calls = 0
         self.plans: list[Plan] = []
+        self.places: list[tuple[float, float]] = []
 
     def __call__(self, state: bicycle.State, intent: Intent, track: int) -> tuple[float, float]:
         """Return acceleration (m/s²) and steering angle (rad)."""
         if self._calls % round(STEP_S / INNER_S) == 0:
             now = State(state.x, state.y, state.yaw, state.speed)
-            speed = CRUISE_MPS if self._arm.lateral_only else intent.speed
-            self.plans.append(self._mpc.plan(now, Target(speed, TRACKS_M[track]), self._discs))
+            self.plans.append(self._mpc.plan(now, _target(self._arm, intent, track), self._discs))
         self._calls += 1
+        self.places.append((state.x, state.y))
         return self.plans[-1].accel_mps2, self.plans[-1].steer_rad
 
 
 class MpcDrive(RoadDrive[World]):
-    """A rover's world in which the controller drives and decisions are intents; ``plans`` are the last decision's."""
+    """A rover's world in which the controller drives and decisions are intents.
+
+    ``plans`` are the last decision's, and ``driven`` its way: x and y in metres, every 0.05 s and at its end.
+    """
 
     def __init__(self, scenario: str, seed: int, arm: Arm, *, mirrored: bool = False) -> None:
         check_seed(seed)
@@ -74,6 +90,8 @@ class MpcDrive(RoadDrive[World]):
         world = start(layout.mirrored() if mirrored else layout)
         super().__init__(world, self._plan, actions=INTENTS, top_mps=CRUISE_MPS)
         self._arm = arm
+        self._before, self._last = world, ""
+        self.driven: tuple[tuple[float, float], ...] = ()
         self.plans: tuple[Plan, ...] = ()
 
     def truth(self) -> Mapping[str, Scalar]:
@@ -82,16 +100,37 @@ class MpcDrive(RoadDrive[World]):
         return {**super().truth(), "free_left_m": left, "free_middle_m": middle, "free_right_m": right}
 
     def step(self, action: str) -> Moved:
-        """Drive on for a second; ``facts`` of the move say how many plans the solver failed at, and its last code."""
+        """Drive on for a second.
+
+        ``facts`` of the move say how many plans the solver failed at, its last code, and where across the road the
+        move ended, in m and rad.
+        """
+        self._before, self._last = self.world, action
         moved = super().step(action)
         failed = sum(not plan.solved for plan in self.plans)
         told = {"plans": len(self.plans), "solver_failures": failed, "solver_flag": self.plans[-1].flag}
-        return replace(moved, facts=told)
+        return replace(moved, facts={**told, "y_m": self.world.state.y, "yaw": self.world.state.yaw})
+
+    def sketch(self) -> Sketch:
+        """Return the first plan of the last decision, its target and the way that was driven under it.
+
+        Over the picture before the decision, which the first plan was made at. Raises ValueError before the first.
+        """
+        if not self.plans:
+            raise ValueError("nothing was planned yet: the drive has not taken a step")
+        view, eye, track = self._before.view, eye_of(self._before), self.world.track
+        target = _target(self._arm, INTENTS[self._last], track)
+        along = eye.x + np.arange(0.0, view.view_ahead_m + 0.5, 0.5)
+        lines = (self.plans[0].path, np.column_stack([along, np.full_like(along, target.offset_m)]), self.driven)
+        plan, aim, driven = (lens_of(view).project(eye, line) for line in lines)
+        name = ("right", "middle", "left")[track]
+        return Sketch(plan, aim, driven, f"{target.speed_mps:g} m/s on the {name} track")
 
     def _plan(self, world: World, action: str) -> World:
         law = Law(self._arm, world.layout)
         after = decide(world, action, law)
         self.plans = tuple(law.plans)
+        self.driven = (*law.places, (after.state.x, after.state.y))
         return after
 
 
@@ -128,6 +167,11 @@ class RoverMpcLateral(RoverMpc):
 
     name = "rover-mpc-lateral"
     arm = Arm(told_obstacles=False, lateral_only=True)
+
+
+def _target(arm: Arm, intent: Intent, track: int) -> Target:
+    """Return what an intent asks of the controller, as far as it counts in an arm."""
+    return Target(CRUISE_MPS if arm.lateral_only else intent.speed, TRACKS_M[track])
 
 
 def _discs(layout: Layout) -> npt.NDArray[np.float64]:

@@ -19,6 +19,7 @@ from eyechart.studies.closed_loop.ladder import (
 )
 from eyechart.studies.closed_loop.reading import Driver, Drives, is_episodes, read_drives
 from eyechart.studies.closed_loop.repeated import Repeats
+from eyechart.studies.closed_loop.replaying import verify
 from eyechart.studies.closed_loop.scoring import ClosedLoopScore, score
 
 __all__ = [
@@ -45,4 +46,5 @@ __all__ = [
     "read_drives",
     "same_drive",
     "score",
+    "verify",
 ]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from eyechart.actions import UNPARSED
 from eyechart.episodes import Episode, Step, read_manifest
 from eyechart.errors import LedgerError, SpecError
-from eyechart.frames import RGB
-from eyechart.simulators import Simulator
+from eyechart.frames import RGB, Scalar
+from eyechart.simulators import Planning, Simulator, Sketch
 from eyechart.studies.closed_loop.reading import Drives
 
 SHOWN_MOST = 6
@@ -16,10 +16,15 @@ SHOWN_MOST = 6
 
 @dataclass(frozen=True)
 class Shot:
-    """One moment of a replay: the camera's picture before the decision, and the step; None at the end."""
+    """One moment of a replay: the camera's picture before the decision, and the step; None at the end.
+
+    ``sketch`` is what a controller below the decision then planned, where the world has one; no line of it is in the
+    picture.
+    """
 
     picture: RGB
     step: Step | None
+    sketch: Sketch | None = None
 
 
 def episode_id(episode: Episode) -> str:
@@ -54,15 +59,19 @@ def replay(drives: Drives, episode: Episode, simulator: Simulator | None = None)
     drive = world.drive(episode.key.scenario, episode.key.seed)
     try:
         for step in episode.steps:
-            yield Shot(drive.picture(), step)
+            picture = drive.picture()
             drive.step(step.executed_action)
+            yield Shot(picture, step, drive.sketch() if isinstance(drive, Planning) else None)
         yield Shot(drive.picture(), None)
     finally:
         drive.close()
 
 
-def verify(drives: Drives, episode: Episode, simulator: Simulator) -> None:
-    """Drive an episode's actions again without pictures; raises LedgerError where its end is not the recorded one."""
+def verify(drives: Drives, episode: Episode, simulator: Simulator) -> Mapping[str, Scalar]:
+    """Drive an episode's actions again without pictures; return what the simulator says of the last move.
+
+    Raises LedgerError where the end is not the recorded one.
+    """
     name = episode_id(episode)
     if not episode.steps:
         raise LedgerError(
@@ -71,7 +80,7 @@ def verify(drives: Drives, episode: Episode, simulator: Simulator) -> None:
     drive = simulator.drive(episode.key.scenario, episode.key.seed)
     try:
         for step in episode.steps:
-            drive.step(step.executed_action)
+            moved = drive.step(step.executed_action)
         state = hashlib.sha256(drive.state()).hexdigest()
     except ValueError as error:
         raise LedgerError(
@@ -84,6 +93,7 @@ def verify(drives: Drives, episode: Episode, simulator: Simulator) -> None:
             f"episode '{name}' does not drive again here: its actions lead to another state than the recorded "
             f"one{_versions(drives, simulator)}"
         )
+    return moved.facts
 
 
 def decided(step: Step) -> str:

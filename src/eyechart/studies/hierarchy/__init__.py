@@ -6,6 +6,18 @@ mpc_intent_ablation.
 
 from eyechart.studies.hierarchy.planning import PARTS, SCRIPTED, SILENCE, Part, plan
 from eyechart.studies.hierarchy.running import run
-from eyechart.studies.hierarchy.scoring import Completion, HierarchyScore, Source, score
+from eyechart.studies.hierarchy.scoring import Completion, HierarchyScore, Source, is_hierarchy, score
 
-__all__ = ["PARTS", "SCRIPTED", "SILENCE", "Completion", "HierarchyScore", "Part", "Source", "plan", "run", "score"]
+__all__ = [
+    "PARTS",
+    "SCRIPTED",
+    "SILENCE",
+    "Completion",
+    "HierarchyScore",
+    "Part",
+    "Source",
+    "is_hierarchy",
+    "plan",
+    "run",
+    "score",
+]

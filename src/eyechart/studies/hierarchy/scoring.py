@@ -219,6 +219,11 @@ class HierarchyScore:
         return [one for part in parts for one in self.drives.get(part, ())]
 
 
+def is_hierarchy(path: Path) -> bool:
+    """Return whether a folder holds runs of the study."""
+    return any(is_episodes(path / name) for name in PARTS)
+
+
 def score(out: Path, *, resamples: int = 5000) -> HierarchyScore:
     """Read the runs of the study in ``out``; raises LedgerError where there is none."""
     begun = [name for name in PARTS if is_episodes(out / name)]

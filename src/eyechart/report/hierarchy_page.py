@@ -1,0 +1,133 @@
+"""The page of the hierarchy: what completion shows and what not, both ablations, and every world from above."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from eyechart.report.assets import fill
+from eyechart.report.drawing import Drawing
+from eyechart.report.drives_browser import Tell
+from eyechart.report.drives_page import difference_cells, made
+from eyechart.report.hierarchy import COLUMNS, EMITTED, TITLES, against_cells, goals_of, intent_cells, source_cells
+from eyechart.report.hierarchy_figures import outcomes
+from eyechart.report.hierarchy_ways import CONDITION_NAMES, ENDS, SIGNS, groups
+from eyechart.report.page import Page
+from eyechart.report.rungs import NAMES, shown
+from eyechart.report.tables import p_value
+from eyechart.studies.closed_loop import LEVEL, Blind, Paired
+from eyechart.studies.hierarchy import PARTS, HierarchyScore, Source
+from eyechart.studies.hierarchy.scoring import NOT_PERCEPTION, unless_shown
+
+ABLATIONS = ("primary", "second")
+_ARMS = {
+    "rover-mpc": "the controller knows the obstacles",
+    "rover-mpc-unaware": "it does not; speed and track count",
+    "rover-mpc-lateral": "it does not; only the track counts",
+}
+
+
+def make_hierarchy_page(study: Path, score: HierarchyScore, *, tell: Tell = lambda _: None) -> Page:
+    """Return the report of a study; the same study gives the same bytes. ``tell`` is told what is under way."""
+    tell("figures")
+    drawn = {name: [one for one in [outcomes(score, name)] if one is not None] for name in ABLATIONS}
+    tell("the worlds from above")
+    ways, notes = groups(score)
+    tell("the page")
+    html = fill(
+        "hierarchy.html",
+        styles=("hierarchy.css",),
+        scripts=("layout.js",),
+        title=study.resolve().name,
+        score=score,
+        episodes=sum(len(one.episodes) for many in score.drives.values() for one in many),
+        errors=[
+            (one.driver.label, episode) for many in score.drives.values() for one in many for episode in one.errors
+        ],
+        planners=list(dict.fromkeys(one.driver.policy for _, one in score.blind)),
+        control=_control(score.oracle_mirrored),
+        cards=_cards(score),
+        pairs=[_pair(part, one) for part, one in score.blind],
+        names=list(NAMES.values()),
+        columns=COLUMNS,
+        emitted=EMITTED,
+        titles=TITLES,
+        rows={name: _rows(score.sources, name) for name in ABLATIONS},
+        against=[against_cells(one) for one in score.against_mpc_only],
+        figures=drawn,
+        groups=ways,
+        signs=[(SIGNS[kind], words) for kind, words in ENDS.items()],
+        named=CONDITION_NAMES,
+        made=[(name, made(study / name)) for name in score.drives],
+        notes=notes,
+    )
+    drawings: dict[str, list[Drawing]] = {**drawn, "ways": [one for group in ways for one in group.drawings]}
+    return Page(html, drawings, tuple(notes))
+
+
+def _rows(sources: Sequence[Source], ablation: str) -> list[dict[str, object]]:
+    return [
+        {
+            "cells": source_cells(one),
+            "intents": intent_cells(one),
+            "emitted": ", ".join(f"{count} {action}" for action, count in one.intents.items() if count),
+            "errors": one.errors,
+        }
+        for one in sources
+        if one.part.startswith("primary") == (ablation == "primary")
+    ]
+
+
+def _control(found: Paired | None) -> dict[str, object] | None:
+    """Return what the positive control shows: whether this arm can tell a side from its mirror image."""
+    if found is None:
+        return None
+    goals = found.differences["success_rate"]
+    told = goals.value is not None and goals.value > 0 and goals.p is not None and goals.p < LEVEL
+    return {
+        "points": "—" if goals.value is None else f"{100 * goals.value:+.0f} points",
+        "interval": "—" if goals.ci is None else f"{100 * goals.ci[0]:+.0f} to {100 * goals.ci[1]:+.0f}",
+        "p": "—" if goals.p is None else f"{goals.p:.2g}",
+        "worlds": found.worlds,
+        "tells": told,
+    }
+
+
+def _cards(score: HierarchyScore) -> list[dict[str, object]]:
+    """Return a card for each planner in each arm: its goals with real pictures, and with every other beside them."""
+    pairs: dict[tuple[str, str], list[Blind]] = {}
+    for part, one in score.blind:
+        pairs.setdefault((part, one.driver.policy), []).append(one)
+    goals = {(one.part, one.driver.policy, one.driver.condition): goals_of(one) for one in score.sources}
+    completions = {(one.part, one.policy): one for one in score.completions}
+    cards: list[dict[str, object]] = []
+    for (part, policy), many in pairs.items():
+        unshown, unsure = not completions[part, policy].shown, any(one.finding == "cannot_say" for one in many)
+        cards.append(
+            {
+                "planner": policy,
+                "arm": _ARMS.get(PARTS[part].simulator, PARTS[part].simulator),
+                "simulator": PARTS[part].simulator,
+                "family": "open" if unsure else "blind" if unshown else "sees",
+                "glyph": "?" if unsure else "○" if unshown else "●",
+                "label": NOT_PERCEPTION if unshown else "it completes by its pictures",
+                "real": goals[part, policy, "real"],
+                "others": [(one.condition, goals[part, policy, one.condition], *_goals(one.paired)) for one in many],
+                "words": [completions[part, policy].sentence, *(one.sentence + unless_shown(one) for one in many)],
+                "worlds": max(one.paired.worlds for one in many),
+            }
+        )
+    return cards
+
+
+def _goals(one: Paired) -> tuple[str, str]:
+    points = shown(one.differences["success_rate"], "success_rate", signed=True).replace("%", "")
+    return points, p_value(one.holm.get("success_rate"))
+
+
+def _pair(part: str, one: Blind) -> dict[str, object]:
+    return {
+        "simulator": PARTS[part].simulator,
+        "label": one.driver.label,
+        "condition": one.condition,
+        "worlds": one.paired.worlds,
+        "cells": difference_cells(one.paired),
+    }

@@ -1,0 +1,48 @@
+"use strict";
+const eyechart = (() => {
+  const data = JSON.parse(document.getElementById("data").textContent);
+  const at = (id) => document.getElementById(id);
+  const make = (tag, className, text) => {
+    const node = document.createElement(tag);
+    if (className) node.className = className;
+    if (text !== undefined) node.textContent = text;
+    return node;
+  };
+
+  const themes = ["automatic", "light", "dark"];
+  const themed = (theme) => {
+    if (theme === "automatic") delete document.documentElement.dataset.theme;
+    else document.documentElement.dataset.theme = theme;
+    at("theme").textContent = `Theme: ${theme}`;
+  };
+  let theme = "automatic";
+  try { theme = themes.includes(localStorage.getItem("eyechart-theme")) ? localStorage.getItem("eyechart-theme") : theme; } catch { /* a page from a file may have no storage */ }
+  themed(theme);
+  at("theme").addEventListener("click", () => {
+    theme = themes[(themes.indexOf(theme) + 1) % themes.length];
+    themed(theme);
+    try { localStorage.setItem("eyechart-theme", theme); } catch { /* as above */ }
+  });
+
+  const links = new Map([...document.querySelectorAll(".contents a")].map((link) => [link.hash.slice(1), link]));
+  const current = () => {
+    let last = null;
+    for (const id of links.keys()) if (at(id).getBoundingClientRect().top < innerHeight * 0.35) last = id;
+    for (const [id, link] of links) {
+      if (id === last) link.setAttribute("aria-current", "true");
+      else link.removeAttribute("aria-current");
+    }
+  };
+  addEventListener("scroll", () => requestAnimationFrame(current), { passive: true });
+  current();
+
+  const options = (select, pairs) => {
+    select.replaceChildren(...pairs.map(([value, text]) => {
+      const option = make("option", "", text);
+      option.value = value;
+      return option;
+    }));
+  };
+
+  return { data, at, make, options };
+})();
