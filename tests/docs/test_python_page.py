@@ -28,7 +28,7 @@ def blocks(text: str) -> list[str]:
 
 @pytest.fixture
 def folder(demo: Demo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return the working folder; a bank that is built there holds half of the frames of the demo's, which is the same one."""
+    """Return the working folder; a bank that is built there holds half of the demo's frames, else the same."""
 
     def build(_self: Highway, out: Path, **options: object) -> FrameBank:
         assert (options["preset"], tuple(options["seeds"]), options["steps"]) == ("balanced", (0, 1, 2), 12)
