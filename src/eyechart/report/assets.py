@@ -2,6 +2,7 @@
 
 import base64
 import hashlib
+from functools import cache
 from importlib.resources import files
 
 import jinja2
@@ -9,8 +10,9 @@ import jinja2
 from eyechart.report.sheets import shown
 
 
+@cache
 def environment() -> jinja2.Environment:
-    """Return the environment that fills a template."""
+    """Return the environment that fills a template; it compiles each template once."""
     loader = jinja2.FunctionLoader(asset)
     made = jinja2.Environment(
         loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
