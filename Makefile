@@ -40,7 +40,7 @@ ladder: $(CORE)
 	$(BIN)/eyechart ladder --out ladder --processes 2
 
 test: $(DEV)
-	$(BIN)/python -m pytest -n 2 -m "not models and not browser"
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not models and not browser"
 
 test-models: $(MODELS)
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m models

@@ -13,9 +13,13 @@ BLOCK = re.compile(r"(<!-- demo: .*? -->\n).*?(<!-- end of demo -->)", re.DOTALL
 
 
 def demo_output(folder: Path) -> str:
-    """Return what the demo prints on standard output, its date masked and trailing blanks removed."""
+    """Return what the demo prints on standard output, as the README shows it."""
     command = [Path(sys.executable).with_name("eyechart"), "demo", "--out", str(folder)]
-    printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    return masked(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+
+
+def masked(printed: str) -> str:
+    """Return what was printed with its date masked and trailing blanks removed."""
     lines = [line.rstrip() for line in printed.splitlines()]
     return re.sub(r"\d{4}-\d\d-\d\d", "DATE", "\n".join(lines)).strip("\n")
 

@@ -18,6 +18,9 @@ from typing import Self
 
 from aiohttp import web
 
+HANGS_S = 60.0
+"""What hangs would answer after so long."""
+
 Handler = Callable[[web.Request, dict[str, object], int], Awaitable[web.StreamResponse]]
 """(request, its JSON, which attempt at this call it is, counted from 1) to the response."""
 
@@ -81,7 +84,7 @@ async def _broken(request: web.Request) -> web.Response:
 
 async def _hang(request: web.Request) -> web.Response:
     del request
-    await asyncio.sleep(60)
+    await asyncio.sleep(HANGS_S)
     return answer()
 
 

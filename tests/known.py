@@ -1,13 +1,21 @@
-"""One demo for all tests that look at it: a balanced bank, sixteen controllers, and what the command printed."""
+"""One demo for all tests that look at it: a balanced bank, sixteen controllers, and what the command printed.
+
+Parts of it stand for runs and banks that a test would else make anew: a run of one of the controllers, and half of
+the frames.
+"""
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 from filelock import FileLock
+
+from eyechart.frames import BankWriter, open_bank
+from eyechart.manifest import RUN
 
 EYECHART = Path(sys.executable).with_name("eyechart")
 
@@ -30,6 +38,20 @@ class Demo:
         """Return the demo's run."""
         return self.folder / "run-0"
 
+    @property
+    def half(self) -> Path:
+        """Return a bank of every second frame of the demo's: all episodes, six frames each."""
+        return self.folder.with_name("half")
+
+    def alone(self, controller: str, out: Path) -> Path:
+        """Return a complete run of one controller: the demo's, of which only this one's calls count."""
+        shutil.copytree(self.run, out)
+        manifest = json.loads((out / RUN).read_text(encoding="utf-8"))
+        for place in ("models", "modes"):
+            manifest[place] = {f"scripted:{controller}": manifest[place][f"scripted:{controller}"]}
+        (out / RUN).write_text(json.dumps(manifest), encoding="utf-8")
+        return out
+
 
 def demo(shared: Path) -> Demo:
     """Run ``eyechart demo`` once a test session, however many workers ask for it."""
@@ -37,10 +59,19 @@ def demo(shared: Path) -> Demo:
     with FileLock(shared / "demo.lock"):
         if not record.exists():
             command = [EYECHART, "demo", "--out", str(folder)]
-            done = subprocess.run(
-                command, capture_output=True, text=True, check=False, env={**os.environ, "COLUMNS": "120"}
-            )
+            plain = {name: value for name, value in os.environ.items() if name != "COLUMNS"}
+            done = subprocess.run(command, capture_output=True, text=True, check=False, env=plain)
             if done.returncode not in (0, 1):
                 raise AssertionError(f"the demo failed: {done.stderr}")
+            thin(folder / "bank-0", folder.with_name("half"))
             record.write_text(json.dumps({"printed": done.stdout, "code": done.returncode}))
     return Demo(folder, **json.loads(record.read_text()))
+
+
+def thin(bank: Path, out: Path) -> None:
+    """Write every second frame of a bank into another."""
+    whole = open_bank(bank)
+    with BankWriter(out, whole.manifest) as writer:
+        for frame in whole.frames[::2]:
+            pictures = {name: whole.image(frame, name) for name in frame.counterfactuals}
+            writer.add(frame, whole.image(frame), pictures)

@@ -58,7 +58,7 @@ def copy_tree(to: Path) -> Path:
     for name in TREE:
         source = ROOT / name
         if source.is_dir():
-            shutil.copytree(source, to / name, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info", "_build"))
+            shutil.copytree(source, to / name, ignore=shutil.ignore_patterns("*.egg-info", "_build"))
         else:
             to.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(source, to / name)
@@ -90,7 +90,7 @@ def run(line: str, tree: Path) -> str:
     program = (
         [sys.executable, "-m", "pytest"] if command == "pytest" else [str(Path(sys.executable).with_name(command))]
     )
-    path = {"PYTHONPATH": str(tree / "src"), "PYTHONDONTWRITEBYTECODE": "1"}
+    path = {"PYTHONPATH": str(tree / "src")}
     kept = {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST_", "COV_"))}
     done = subprocess.run(
         [*program, *words], cwd=tree, capture_output=True, text=True, check=False, env={**kept, **path}

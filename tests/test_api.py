@@ -264,8 +264,10 @@ def test_a_hostile_reply_stays_out_of_the_report(tmp_path: Path, monkeypatch: py
     assert "<script" not in html
 
 
-def test_a_report_is_written_as_the_page_of_the_command(report: Report, tmp_path: Path) -> None:
+@pytest.mark.usefixtures("stand_in")
+def test_a_report_is_written_as_the_page_of_the_command(tmp_path: Path) -> None:
     """The page of ``eyechart report`` for this score, byte by byte, with every model of the run."""
+    report = run_battery(build_bank(tmp_path / "bank"), ["standin:noisy", "standin:steady"], tmp_path / "run")
     written = report.to_html(tmp_path / "page.html")
     html = written.read_bytes()
     assert all(spec.encode() in html for spec in report)

@@ -58,8 +58,7 @@ def run_of(spec: str, folder: Path, **options: object) -> Path:
 )
 def test_the_exit_code_is_the_answer(demo: Demo, tmp_path: Path, require: str, controller: str, code: int) -> None:
     """0 holds, 1 fails, 2 cannot say, on a complete run of one controller."""
-    run = tmp_path / "run"
-    battery.run(battery.plan(demo.bank, [f"scripted:{controller}"], run))
+    run = demo.alone(controller, tmp_path / "run")
     result = CliRunner().invoke(app, ["gate", str(run), "--require", require, "--junit", str(tmp_path / "gate.xml")])
     assert result.exit_code == code, result.output
     suite = ET.parse(tmp_path / "gate.xml").getroot()[0]  # noqa: S314 - our own file
@@ -75,7 +74,7 @@ def test_the_exit_code_is_the_answer(demo: Demo, tmp_path: Path, require: str, c
 def test_an_unfinished_run_cannot_say(demo: Demo, tmp_path: Path) -> None:
     """A grounded controller with half of its calls does not pass."""
     run = tmp_path / "run"
-    planned = battery.plan(demo.bank, ["scripted:depth"], run, shard=(1, 2))
+    planned = battery.plan(demo.bank, ["scripted:depth"], run, limit=48, shard=(1, 2))
     battery.run(planned)
     battery.merge([run], tmp_path / "merged")
     result = CliRunner().invoke(app, ["gate", str(tmp_path / "merged")])
@@ -83,9 +82,9 @@ def test_an_unfinished_run_cannot_say(demo: Demo, tmp_path: Path) -> None:
     assert "unfinished" in result.output
 
 
-def test_a_null_that_nothing_bounds_cannot_say(demo: Demo) -> None:
+def test_a_null_that_nothing_bounds_cannot_say(demo: Demo, tmp_path: Path) -> None:
     """Where distance was tested by observation only, content without depth is no failure: nothing bounds the effect."""
-    scored = battery.score(demo.run)
+    scored = battery.score(demo.alone("nuisance", tmp_path / "run"))
     spec = "scripted:nuisance"
     few = Statistic(None, 0, p=1.0, detail={"wins": 0, "losses": 0, "ties": 12})
     model = scored.models[spec]
@@ -135,9 +134,10 @@ def _interrupt(done: int, total: int) -> None:
     raise KeyboardInterrupt
 
 
-def test_too_many_unparsed_calls_fail(demo: Demo) -> None:
-    """``--max-unparsed`` is a check of its own."""
-    result = CliRunner().invoke(app, ["gate", str(demo.run), "--max-unparsed", "0.1", "--json"])
+def test_too_many_unparsed_calls_fail(demo: Demo, tmp_path: Path) -> None:
+    """``--max-unparsed`` is a check of its own: one whose replies are cut fails it."""
+    run = demo.alone("truncating", tmp_path / "run")
+    result = CliRunner().invoke(app, ["gate", str(run), "--max-unparsed", "0.1", "--json"])
     assert result.exit_code == 1
     assert '"max_unparsed"' in result.output
 

@@ -97,7 +97,7 @@ class Holds(Held):
         """Wait without letting the loop turn."""
         assert query.image
         self.holds.set()
-        self.go_on.wait(20)
+        self.go_on.wait(60)
         return voters.says(None)
 
 
@@ -145,9 +145,9 @@ def test_a_loop_that_is_held_does_not_gather_pictures(frozen: study.Frozen, monk
             assert "by the deadline" in guardian.assess(NEAR, deadline_s=0.05).why
         began = time.perf_counter()
         for _ in range(20):
-            assert "are under way already" in guardian.assess(NEAR, deadline_s=5.0).why
-        assert asyncio.run(guardian.assess_async(NEAR, deadline_s=5.0)).answer == "abstain"
-        assert time.perf_counter() - began < 4.0
+            assert "are under way already" in guardian.assess(NEAR, deadline_s=30.0).why
+        assert asyncio.run(guardian.assess_async(NEAR, deadline_s=30.0)).answer == "abstain"
+        assert time.perf_counter() - began < 25.0
         model.go_on.set()
         first.join(20)
         for _ in range(500):

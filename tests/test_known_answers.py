@@ -1,15 +1,16 @@
 """The whole line, end to end, through the command line: real frames to the verdicts that controllers declare."""
 
 import json
-import subprocess
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
-import known
+from eyechart.cli.app import app
 from eyechart.frames import open_bank
 from eyechart.models.scripted import CONTROLLERS
 from eyechart.studies import battery
+from eyechart.studies.battery import BatteryScore
 from eyechart.verdicts import Verdict, judge
 from known import Demo
 
@@ -21,9 +22,15 @@ def test_the_demo_prints_every_verdict_as_declared(demo: Demo) -> None:
 
 
 @pytest.fixture(scope="module")
-def verdicts(demo: Demo) -> dict[str, Verdict]:
+def scored(demo: Demo) -> BatteryScore:
+    """Return the score of the demo's run."""
+    return battery.score(demo.run, resamples=999)
+
+
+@pytest.fixture(scope="module")
+def verdicts(scored: BatteryScore) -> dict[str, Verdict]:
     """Return the verdicts on the demo's run."""
-    return judge(battery.score(demo.run, resamples=999))
+    return judge(scored)
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)
@@ -54,21 +61,18 @@ def test_json_has_the_names_that_scripts_rely_on(demo: Demo) -> None:
             assert {"value", "n", "ci", "p"} <= statistic.keys()
 
 
-def test_a_repeat_is_asked_anew_and_never_answered_from_the_first_call(demo: Demo) -> None:
+def test_a_repeat_is_asked_anew_and_never_answered_from_the_first_call(scored: BatteryScore) -> None:
     """A coin toss disagrees with itself on four of five repeats; a cache of contents would make it agree on all."""
-    models = battery.score(demo.run, resamples=99).models
-    assert models["scripted:random"].statistics["noise_floor"].value > 0.65
-    assert models["scripted:depth"].statistics["noise_floor"].value == 0
+    assert scored.models["scripted:random"].statistics["noise_floor"].value > 0.65
+    assert scored.models["scripted:depth"].statistics["noise_floor"].value == 0
 
 
 def test_a_finished_demo_makes_no_further_calls(demo: Demo) -> None:
     """A second demo in the same folder finds every call finished and prints the same."""
     before = (demo.run / "ledger.sqlite").read_bytes()
-    again = subprocess.run(
-        [known.EYECHART, "demo", "--out", str(demo.folder)], capture_output=True, text=True, check=False
-    )
-    assert again.returncode == 0
-    assert again.stdout.splitlines()[-1] == demo.printed.splitlines()[-1]
+    again = CliRunner().invoke(app, ["demo", "--out", str(demo.folder)])
+    assert again.exit_code == 0
+    assert again.stdout == demo.printed
     assert (demo.run / "ledger.sqlite").read_bytes() == before
 
 
@@ -78,12 +82,13 @@ def test_a_contact_sheet_shows_the_bank(demo: Demo, tmp_path: Path) -> None:
 
     for extra in ([], ["--counterfactual", "lead_near"]):
         out = tmp_path / f"sheet{len(extra)}.png"
-        subprocess.run([known.EYECHART, "frames", "show", demo.bank, "--out", out, *extra], check=True)
+        assert CliRunner().invoke(app, ["frames", "show", str(demo.bank), "--out", str(out), *extra]).exit_code == 0
         with Image.open(out) as sheet:
             assert sheet.width > 12 * 300
             assert sheet.height > 12 * 75
 
 
 def _json(*arguments: str) -> dict[str, dict[str, dict]]:
-    printed = subprocess.run([known.EYECHART, *arguments], capture_output=True, text=True, check=True).stdout
-    return json.loads(printed, parse_constant=lambda word: pytest.fail(f"{word} in the JSON"))
+    told = CliRunner().invoke(app, arguments)
+    assert told.exit_code == 0
+    return json.loads(told.stdout, parse_constant=lambda word: pytest.fail(f"{word} in the JSON"))

@@ -107,7 +107,13 @@ BY_NAME = {"import_module", "__import__"}
 def modules(root: Path = ROOT) -> dict[str, ast.Module]:
     """Return every module below ``root`` by its dotted name."""
     paths = sorted((root / "eyechart").rglob("*.py"))
-    return {name_of(path, root): ast.parse(path.read_text(encoding="utf-8")) for path in paths}
+    return {name_of(path, root): parsed(path.read_text(encoding="utf-8")) for path in paths}
+
+
+@cache
+def parsed(text: str) -> ast.Module:
+    """Return a module's syntax tree; what stands unchanged in another copy of the source is parsed once."""
+    return ast.parse(text)
 
 
 def name_of(path: Path, root: Path = ROOT) -> str:

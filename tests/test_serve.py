@@ -4,7 +4,7 @@ import asyncio
 import importlib.util
 import json
 import sys
-import time
+import threading
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from types import ModuleType
@@ -43,22 +43,25 @@ BENCH = load_bench()
 
 
 class Seer(Held):
-    """A model that sees the drawn gap, after a pause."""
+    """A model that sees the drawn gap, as soon as it may go on."""
 
-    def __init__(self, pause_s: float = 0.0) -> None:
-        self.pause_s = pause_s
+    def __init__(self, *, held: bool) -> None:
+        self.asked, self.go_on = threading.Event(), threading.Event()
+        if not held:
+            self.go_on.set()
 
     async def answer(self, query: Query) -> Reply:
         """Answer from the picture."""
-        await asyncio.sleep(self.pause_s)
+        self.asked.set()
+        await asyncio.to_thread(self.go_on.wait, 30)
         assert query.image is not None
         return says(gap_of(query.image))
 
 
-def guardian_of(pause_s: float = 0.0, deadline_s: float = 1.0) -> Guardian:
+def guardian_of(seer: Seer | None = None, deadline_s: float = 20.0) -> Guardian:
     """Return a guardian of two seers."""
     frozen: Frozen = BENCH.frozen(("http://127.0.0.1:1/v1",) * 2)
-    models = dict.fromkeys(frozen.committee, Seer(pause_s))
+    models = dict.fromkeys(frozen.committee, seer or Seer(held=False))
     return Guardian(frozen, models, interface_of(frozen), deadline_s=deadline_s)
 
 
@@ -143,23 +146,23 @@ def test_bad_input_is_refused_in_one_line() -> None:
 
 
 def test_too_much_is_refused_at_once_with_when_to_come_back() -> None:
-    """One at a time and one waiting: the others get 503, quickly, and who waits past the deadline too."""
+    """One at a time and one waiting: the others get 503 before anybody is answered."""
+    seer, ended = Seer(held=True), list[int]()
 
     async def ask(session: aiohttp.ClientSession, url: str) -> None:
-        async def one() -> tuple[int, float, str | None]:
-            start = time.perf_counter()
+        async def one() -> None:
             async with session.post(f"{url}/assess", data=NEAR, headers=PNG) as came:
                 await came.read()
-                return came.status, time.perf_counter() - start, came.headers.get("Retry-After")
+                ended.append(came.status)
+                retry = came.headers.get("Retry-After")
+                assert (retry is not None and int(retry) >= 1) == (came.status == 503)
+                if len(ended) == 4:
+                    seer.go_on.set()
 
-        found = await asyncio.gather(*(one() for _ in range(6)))
-        assert sorted(status for status, _, _ in found) == [200, 200, 503, 503, 503, 503]
-        for status, seconds, retry in found:
-            assert (retry is not None and int(retry) >= 1) == (status == 503)
-            assert seconds < 2.0
-        assert min(seconds for status, seconds, _ in found if status == 503) < 0.25
+        await asyncio.gather(*(one() for _ in range(6)))
 
-    served(ask, guardian_of(pause_s=0.3, deadline_s=2.0), Limits(concurrency=1, queue=1))
+    served(ask, guardian_of(seer), Limits(concurrency=1, queue=1))
+    assert ended == [503, 503, 503, 503, 200, 200]
 
 
 def test_a_slow_sender_is_cut_off() -> None:
@@ -168,9 +171,9 @@ def test_a_slow_sender_is_cut_off() -> None:
     async def ask(session: aiohttp.ClientSession, url: str) -> None:
         del session
         for whole, status in ((True, 408), (False, 0)):
-            found = await BENCH.slow(url, 0.0, NEAR, whole=whole, deadline_s=2.0)
+            found = await BENCH.slow(url, 0.0, NEAR, whole=whole, deadline_s=15.0)
             assert found.status == status
-            assert found.seconds < 2.0
+            assert found.seconds < 15.0
 
     served(ask, guardian_of(deadline_s=0.3), Limits(idle_s=0.4))
 
@@ -178,12 +181,13 @@ def test_a_slow_sender_is_cut_off() -> None:
 def test_a_request_under_way_is_answered_before_the_server_ends() -> None:
     """Shutting down is graceful."""
     under_way: list[asyncio.Task[tuple[int, dict[str, object]]]] = []
-    session = []
+    session, seer = [], Seer(held=True)
 
     async def ask(_: aiohttp.ClientSession, url: str) -> None:
         session.append(aiohttp.ClientSession())
         under_way.append(asyncio.create_task(post(session[0], url, NEAR)))
-        await asyncio.sleep(0.1)
+        assert await asyncio.to_thread(seer.asked.wait, 30)
+        asyncio.get_running_loop().call_later(0.2, seer.go_on.set)
 
     async def run() -> None:
         address: asyncio.Future[str] = asyncio.get_running_loop().create_future()
@@ -196,7 +200,7 @@ def test_a_request_under_way_is_answered_before_the_server_ends() -> None:
         assert (status, said["answer"]) == (200, "hazard")
         await session[0].close()
 
-    with guardian_of(pause_s=0.4) as guardian:
+    with guardian_of(seer) as guardian:
         asyncio.run(run())
 
 
@@ -218,7 +222,7 @@ def test_an_address_that_is_taken_is_said_and_limits_must_be_limits() -> None:
 
 def test_under_load_everything_is_answered_and_a_dead_model_makes_nothing_clear(tmp_path: Path) -> None:
     """A short version of benchmarks/bench_serve.py: mixed requests, and one of two model servers ends half-way."""
-    seconds, deadline_s = 3.0, 1.5
+    seconds, deadline_s = 3.0, 3.0
 
     async def run() -> dict[str, object]:
         endpoints = [await BENCH.endpoint() for _ in BENCH.MODELS]
@@ -233,11 +237,11 @@ def test_under_load_everything_is_answered_and_a_dead_model_makes_nothing_clear(
 
         async def until() -> None:
             killer = asyncio.create_task(kill())
-            offered = await BENCH.offer(await address, seconds=seconds, rate=30, deadline_s=deadline_s)
+            offered = await BENCH.offer(await address, seconds=seconds, rate=15, deadline_s=deadline_s)
             await killer
-            found.append(BENCH.judged(offered, died_s=seconds / 2, deadline_s=deadline_s, grace_s=5.0))
+            found.append(BENCH.judged(offered, died_s=seconds / 2, deadline_s=deadline_s, grace_s=10.0))
 
-        limits = Limits(most_bytes=BENCH.MOST_BYTES, idle_s=1.0)
+        limits = Limits(most_bytes=BENCH.MOST_BYTES, idle_s=10.0)
         with Guardian.load(path, deadline_s=deadline_s) as guardian:
             await serve(guardian, port=0, limits=limits, started=address.set_result, until=until)
         await endpoints[0][0].cleanup()

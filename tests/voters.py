@@ -1,7 +1,7 @@
 """Stand-in models that vote on the pictures of `banks`, opened as ``voter:NAME``; each fails in its own way."""
 
 import asyncio
-import time
+import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,6 +16,9 @@ from eyechart.perception.scene import CLOSE_GAP_M, Scene
 from eyechart.studies import battery, guardian, structured
 
 VERSION = {"all": "1"}
+LATE_S = 30.0
+GO_ON = threading.Event()
+"""When it is set, ``holds`` lets the event loop turn again."""
 
 
 def gap_of(picture: bytes) -> float | None:
@@ -46,9 +49,9 @@ class Voter:
         """Answer from the picture, or fail."""
         assert query.image is not None
         if self.name == "late":
-            await asyncio.sleep(30)
+            await asyncio.sleep(LATE_S)
         if self.name == "holds":
-            time.sleep(1.0)  # noqa: ASYNC251 - that it holds the loop is what is tested
+            GO_ON.wait(LATE_S)  # that it holds the loop is what is tested
         if self.name == "raises":
             raise RuntimeError("out of memory")
         if self.name == "refused":

@@ -6,7 +6,7 @@ import re
 import shutil
 import sqlite3
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 
@@ -16,7 +16,8 @@ from typer.testing import CliRunner
 
 import banks
 import stand_ins
-from eyechart.bundle import Validation, validate, write_bundle
+from eyechart.bundle import Validation, validate, validating, write_bundle
+from eyechart.bundle.contents import Derived, derive
 from eyechart.cli.app import app
 from eyechart.errors import BundleError
 from eyechart.frames import BankManifest, encode, open_unchecked
@@ -37,6 +38,25 @@ def packed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = make_run(bank.root, folder / "run", {"noisy": stand_ins.noisy})
     write_bundle(run, folder / "run.zip", resamples=200)
     return folder / "run.zip"
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _derived_once() -> Iterator[None]:
+    """Derive once what follows from one and the same run; from a run of which any byte differs it is derived anew."""
+    derived: dict[str, Derived] = {}
+
+    def derive_once(run: Path, *given: object) -> Derived:
+        _, _, recipe, _ = given
+        files = sorted(path for path in run.rglob("*") if path.is_file())
+        held = [(path.relative_to(run).as_posix(), hashlib.sha256(path.read_bytes()).hexdigest()) for path in files]
+        key = repr((held, recipe))
+        if key not in derived:
+            derived[key] = derive(run, *given)  # type: ignore[arg-type]
+        return derived[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(validating, "derive", derive_once)
+        yield
 
 
 @pytest.fixture

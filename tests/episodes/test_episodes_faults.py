@@ -84,9 +84,9 @@ def test_a_process_that_dies_once_is_survived(tmp_path: Path, monkeypatch: pytes
 
 def test_a_step_that_never_returns_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """After so many seconds without a sign of life."""
-    monkeypatch.setattr(planning, "LocalHost", partial(LocalHost, patience_s=3.0))
+    monkeypatch.setattr(planning, "LocalHost", partial(LocalHost, patience_s=8.0))
     found = drive(tmp_path / "run", "oracle", scenarios=["hanging", "whole"], processes=2)
-    assert "did not answer for 3 s" in found["oracle", "hanging"].detail
+    assert "did not answer for 8 s" in found["oracle", "hanging"].detail
     assert found["oracle", "whole"].ended == "goal"
 
 
@@ -130,13 +130,13 @@ def test_however_a_run_is_ended_no_worker_outlives_it(tmp_path: Path, how: signa
     """Interrupt, termination and kill: the processes that hold worlds are gone at once, and the run can be resumed."""
     env = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "TINY_CALLS": str(tmp_path / "calls")}
     with subprocess.Popen([sys.executable, "-m", "tiny_worlds", str(tmp_path / "run")], env=env) as running:
-        while not (tmp_path / "calls").exists():
+        while running.poll() is None and not (tmp_path / "calls").exists():
             time.sleep(0.01)
         children = workers(running.pid)
         running.send_signal(how)
-        running.wait(20)
+        running.wait(60)
     assert len(children) == 2
-    deadline = time.monotonic() + 5
+    deadline = time.monotonic() + 30
     while any(Path(f"/proc/{pid}").exists() for pid in children):
         assert time.monotonic() < deadline
         time.sleep(0.02)

@@ -250,7 +250,7 @@ def test_what_drips_or_speaks_no_http_is_told_in_time(monkeypatch: pytest.Monkey
         mode = RequestMode("ollama:llava", base_url=f"http://127.0.0.1:{listener.getsockname()[1]}")
         with pytest.raises(SpecError, match="no Ollama server answers"):
             open_model(mode.spec, mode)
-        assert time.monotonic() - began < 5
+        assert time.monotonic() - began < 30
         over.set()
         for one in (thread, *(one for one in threading.enumerate() if one.name == "ollama-opens")):
             one.join(5)

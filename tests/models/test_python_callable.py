@@ -12,7 +12,7 @@ from eyechart.models import Model, open_model
 from eyechart.modes import RequestMode
 
 MODULE = """
-import asyncio, os, time
+import asyncio, os, threading, time
 from eyechart.calls import Reply
 
 def decide(prompt, image):
@@ -40,8 +40,8 @@ def stops(prompt, image):
 def counts(prompt, image):
     return 7
 
-def sleeps(prompt, image):
-    time.sleep(0.2)
+def meets(prompt, image, all_eight=threading.Barrier(8)):
+    all_eight.wait(30)
     return "SLOW"
 
 def hangs(prompt, image):
@@ -107,15 +107,13 @@ def test_what_a_callable_raises_is_a_reply_without_secrets(module: str, function
 
 
 def test_synchronous_callables_run_at_the_same_time(module: str) -> None:
-    """One that waits does not hold up another."""
-    model = opened(module, "sleeps")
+    """Each of eight waits for the other seven."""
+    model = opened(module, "meets")
 
     async def eight() -> list[Reply]:
         return await asyncio.gather(*(model.answer(QUERY) for _ in range(8)))
 
-    began = time.monotonic()
     assert {reply.text for reply in asyncio.run(eight())} == {"SLOW"}
-    assert time.monotonic() - began < 1.2
 
 
 def test_a_callable_that_hangs_times_out_and_does_not_hold_up_the_end(module: str) -> None:
@@ -123,7 +121,7 @@ def test_a_callable_that_hangs_times_out_and_does_not_hold_up_the_end(module: st
     began = time.monotonic()
     reply = ask(opened(module, "hangs", timeout_s=0.2))
     assert (reply.error, reply.error_detail) == ("timeout", "no answer within 0.2 s")
-    assert time.monotonic() - began < 5
+    assert time.monotonic() - began < 30
 
 
 def test_the_version_is_that_of_the_file(module: str, tmp_path: Path) -> None:

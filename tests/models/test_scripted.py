@@ -80,9 +80,9 @@ def test_there_are_sixteen() -> None:
 
 def test_depth_lateral_exchanges_its_turns_under_the_flip(demo) -> None:  # noqa: ANN001
     """On every frame of a real bank the flipped picture gets the mirrored action."""
-    turns = 0
-    for frame in open_bank(demo.bank):
-        pixels = decode(open_bank(demo.bank).image(frame), frame.file)
+    turns, bank = 0, open_bank(demo.bank)
+    for frame in bank:
+        pixels = decode(bank.image(frame), frame.file)
         action = ask("depth_lateral", encode(pixels)).text
         assert ask("depth_lateral", encode(np.ascontiguousarray(pixels[::-1]))).text == DRIVING.mirror(action)
         turns += action in DRIVING.directional

@@ -100,14 +100,25 @@ def test_an_unknown_function_fails_by_name() -> None:
         (None, "cannot be read"),
         ("[{", "are not JSON"),
         ("[]", "hold no entry of kind statistic or rate"),
+        ('[{"id": "a", "kind": "rate"}]', r"entry number 0 lacks \['function', "),
     ],
-    ids=["missing", "cut_short", "without_an_entry"],
+    ids=["missing", "cut_short", "without_an_entry", "without_inputs"],
 )
-def test_a_missing_or_malformed_file_stops_the_run(tmp_path: Path, content: str | None, message: str) -> None:
-    """With --vectors pointing at such a file, pytest ends with an error that says what is wrong."""
+def test_a_missing_or_malformed_file_is_a_collection_error(
+    request: pytest.FixtureRequest, tmp_path: Path, content: str | None, message: str
+) -> None:
+    """Which says what is wrong with it."""
     path = tmp_path / "vectors.json"
     if content is not None:
         path.write_text(content, encoding="utf-8")
+    (plugin,) = {one for one in request.config.pluginmanager.get_plugins() if hasattr(one, "read_vectors")}
+    with pytest.raises(pytest.Collector.CollectError, match=message):
+        plugin.read_vectors(path)
+
+
+def test_a_collection_error_stops_the_run(tmp_path: Path) -> None:
+    """With --vectors pointing at such a file, pytest ends with an error that says what is wrong."""
+    path = tmp_path / "vectors.json"
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "number_of_the_paper"]
     run = subprocess.run(
         [*command, str(HERE), "--vectors", str(path)],
@@ -117,4 +128,4 @@ def test_a_missing_or_malformed_file_stops_the_run(tmp_path: Path, content: str 
         cwd=HERE.parents[1],
     )
     assert run.returncode != 0
-    assert message in run.stdout + run.stderr
+    assert "cannot be read" in run.stdout + run.stderr

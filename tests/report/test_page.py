@@ -2,6 +2,7 @@
 
 import base64
 import hashlib
+import io
 import json
 import re
 import shutil
@@ -9,7 +10,9 @@ from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
 import banks
 import stand_ins
@@ -18,11 +21,12 @@ from eyechart.errors import LedgerError
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, write_run
 from eyechart.models import ADAPTERS
+from eyechart.report import pictures
 from eyechart.report.assets import embedded_json
 from eyechart.report.browser import LONGEST, collect_texts, frames_shown
 from eyechart.report.evidence import read_evidence, subjects
 from eyechart.report.page import make_page
-from eyechart.report.pictures import LEFT_OUT, make_album
+from eyechart.report.pictures import LEFT_OUT, encode_small, make_album
 from eyechart.studies import battery as study
 from report_runs import HOSTILE, LONG, Reported, data_of, make_run, report
 
@@ -306,3 +310,26 @@ def test_the_verdict_card_holds_what_bounds_the_verdict(bank: Path, tmp_path: Pa
         *verdict.notes,
     ):
         assert words in unescape(card)
+
+
+def test_a_plain_picture_is_kept_exactly_and_a_busy_one_in_fewer_bytes() -> None:
+    """Drawings lose nothing; what would take many bytes is what is compressed with a loss."""
+    plain = banks.draw(8.0, 3)
+    code = encode_small(plain, 600, 82, lossless=True)
+    assert np.array_equal(np.asarray(Image.open(io.BytesIO(code)).convert("RGB")), plain)
+    busy = np.random.default_rng(0).integers(0, 256, (64, 64, 3), dtype=np.uint8)
+    assert len(encode_small(busy, 600, 82, lossless=True)) == len(encode_small(busy, 600, 82, lossless=False))
+
+
+def test_pictures_stand_in_the_album_as_wide_as_its_rung(
+    bank: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where the widest do not fit, the next are taken, and none that was tried in another width."""
+    evidence = read_evidence([make_run(bank, tmp_path / "run", {"noisy": noisy}, limit=6)])
+    shown = frames_shown(evidence)
+    monkeypatch.setattr(pictures, "RUNGS", ((60, 100), (30, 45)))
+    for budget, width in ((9_000_000, 60), (4_000, 30)):
+        album = make_album(evidence, shown, budget=budget)
+        uris = [album.uris[place] for place in album.places[0]["real"] if place >= 0]
+        codes = [base64.b64decode(uri.partition(",")[2]) for uri in uris]
+        assert {Image.open(io.BytesIO(code)).width for code in codes} == {width}

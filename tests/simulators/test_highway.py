@@ -14,7 +14,7 @@ from highway_env.vehicle.behavior import IDMVehicle
 from scipy.stats import spearmanr
 
 from eyechart.errors import BankError, SpecError
-from eyechart.frames import Frame, FrameBank, check, decode
+from eyechart.frames import Frame, FrameBank, check, decode, open_bank
 from eyechart.perception.renderer import EGO_COLUMN, HEIGHT_PX, PX_PER_M, Reading, read_picture
 from eyechart.perception.scene import safe_action
 from eyechart.simulators import SIMULATORS, open_bank_simulator, open_simulator
@@ -29,14 +29,15 @@ from eyechart.simulators.highway.world import Camera, World
 from eyechart.simulators.plan import Lanes, make_plan, share, trend
 
 SCENARIOS = ("light", "dense", "merge", "blocked")
-BALANCED = {"the default bank": ((0, 1, 2), 12), "one long seed": ((41,), 24)}
+DEFAULT = "the default bank"
 
 
-@pytest.fixture(scope="session", params=list(BALANCED))
+@pytest.fixture(scope="session", params=[DEFAULT, "one long seed"])
 def balanced(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
-    """Return a balanced bank: the default one, and one of another seed and twice as many steps."""
-    seeds, steps = BALANCED[request.param]
-    return Highway().build(tmp_path_factory.mktemp("balanced") / "bank", seeds=seeds, steps=steps)
+    """Return a balanced bank: the default one, which is the demo's, and one of another seed and twice as many steps."""
+    if request.param == DEFAULT:
+        return open_bank(request.getfixturevalue("demo").bank)
+    return Highway().build(tmp_path_factory.mktemp("balanced") / "bank", seeds=(41,), steps=24)
 
 
 @pytest.fixture(scope="session")

@@ -4,6 +4,7 @@ import base64
 import hashlib
 import json
 from collections.abc import Sequence
+from functools import cache
 from importlib.resources import files
 
 import jinja2
@@ -36,8 +37,9 @@ def fill(
     return html.encode("utf-8", "backslashreplace")
 
 
+@cache
 def environment() -> jinja2.Environment:
-    """Return the environment that fills a template."""
+    """Return the environment that fills a template; it compiles each template once."""
     loader = jinja2.FunctionLoader(asset)
     made = jinja2.Environment(
         loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True

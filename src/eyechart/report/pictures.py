@@ -24,6 +24,9 @@ BUDGET_BYTES = 9_000_000
 RUNGS: tuple[tuple[int, int], ...] = ((600, 82), (480, 75), (360, 65), (240, 55), (160, 45))
 """Largest width in pixels, and WebP quality: the first rung on which the album fits its budget is taken."""
 
+_PLAIN = 1 / 16
+"""Bits a pixel: what is coded exactly in fewer is kept so, without a try whether a lossy code is smaller."""
+
 _NOISE = (240, 5)
 _SAMPLE = 12
 _FILL = 0.92
@@ -53,23 +56,29 @@ def make_album(
     A sample of the frames decides how large they are; where not even the smallest fit, frames evenly taken have
     theirs.
     """
+    codes: dict[tuple[str, int, int], bytes] = {}
     for rung in RUNGS:
-        cost = _cost(evidence, shown, rung)
+        cost = _cost(evidence, shown, rung, codes)
         room = int(_FILL * budget / cost) if cost else sum(map(len, shown))
         if room >= sum(map(len, shown)):
             break
     part = min(1.0, room / max(1, sum(map(len, shown))))
     taken = [_evenly(places, round(part * len(places))) for places in shown]
-    binder = _Binder(*rung, budget, tell=tell)
+    binder = _Binder(*rung, budget, codes, tell=tell)
     bound = tuple(binder.places(run, places) for run, places in zip(evidence, taken, strict=True))
     pictured = [run.pictures is not None for run in evidence]
     left = sum(len(a) - len(b) for a, b, held in zip(shown, taken, pictured, strict=True) if held)
     return Album(tuple(binder.uris), bound, binder.notes(left) if any(pictured) else ())
 
 
-def _cost(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]], rung: tuple[int, int]) -> float:
+def _cost(
+    evidence: Sequence[Evidence],
+    shown: Sequence[Sequence[int]],
+    rung: tuple[int, int],
+    codes: dict[tuple[str, int, int], bytes],
+) -> float:
     """Return the bytes that a frame's own pictures take on a rung, in the mean over a sample; partners have theirs."""
-    binder, frames = _Binder(*rung, budget=1 << 62), 0
+    binder, frames = _Binder(*rung, budget=1 << 62, codes=codes), 0
     for run, places in zip(evidence, shown, strict=True):
         if run.pictures is not None:
             sample = _evenly(places, _SAMPLE)
@@ -87,11 +96,12 @@ def _evenly(places: Sequence[int], count: int) -> tuple[int, ...]:
 
 @dataclass
 class _Binder:
-    """Encodes pictures on one rung, each distinct one once, until the budget is spent."""
+    """Encodes pictures on one rung, each distinct one once, until the budget is spent; ``codes`` are shared."""
 
     width: int
     quality: int
     budget: int
+    codes: dict[tuple[str, int, int], bytes]
     uris: list[str] = field(default_factory=list)
     seen: dict[str, int] = field(default_factory=dict)
     spent: int = 0
@@ -125,7 +135,10 @@ class _Binder:
         if digest not in self.seen:
             rgb = decode(picture, "a picture of the report")
             wide, quality = _NOISE if noise else (self.width, self.quality)
-            small = encode_small(rgb, wide, quality, lossless=not noise)
+            made = (digest, wide, quality)
+            if made not in self.codes:
+                self.codes[made] = encode_small(rgb, wide, quality, lossless=not noise)
+            small = self.codes[made]
             if self.spent + len(small) > self.budget:
                 self.left_out += 1
                 return LEFT_OUT
@@ -163,10 +176,11 @@ def encode_small(rgb: RGB, width: int, quality: int, *, lossless: bool) -> bytes
     image = Image.fromarray(rgb)
     if image.width > width:
         image = image.resize((width, max(1, round(image.height * width / image.width))), Image.Resampling.LANCZOS)
-    made = [_webp(image, quality=quality, method=4)]
-    if lossless:
-        made.append(_webp(image, lossless=True, quality=60, method=4))
-    return min(made, key=len)
+    exact = _webp(image, lossless=True, quality=60, method=4) if lossless else None
+    if exact is not None and 8 * len(exact) < _PLAIN * image.width * image.height:
+        return exact
+    lossy = _webp(image, quality=quality, method=4)
+    return lossy if exact is None else min(exact, lossy, key=len)
 
 
 def _webp(image: Image.Image, **how: int) -> bytes:
