@@ -1,7 +1,7 @@
 """Planning and running episodes: who drives, in which worlds, under which conditions, and nothing driven twice."""
 
 import sqlite3
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
@@ -14,15 +14,16 @@ from eyechart.actions import DRIVING, read_toml
 from eyechart.costs import Estimate, estimate
 from eyechart.episodes.hosts import Host, LocalHost
 from eyechart.episodes.manifest import EpisodesManifest, is_episodes_run, read_manifest, write_manifest
-from eyechart.episodes.nouns import Episode, EpisodeKey, fail_safe, mend_episodes, read_episodes, write_episodes
+from eyechart.episodes.nouns import Episode, EpisodeKey, fail_safe
 from eyechart.episodes.recorded import recorded
+from eyechart.episodes.records import mend_episodes, read_episodes, write_episodes
 from eyechart.episodes.running import USUAL, Bounds, Drivers, Progress, drive
 from eyechart.episodes.showing import require_shown
 from eyechart.episodes.worlds import MAX_STEPS, Setup, Worlds
 from eyechart.errors import LedgerError, SpecError
 from eyechart.ledger import Ledger
-from eyechart.limits import Limits, Outcome
-from eyechart.manifest import LEDGER, today, versions
+from eyechart.limits import Limits, Outcome, Spent
+from eyechart.manifest import LEDGER, is_run, today, versions
 from eyechart.models import open_model
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
@@ -53,6 +54,11 @@ class Episodes:
     out: Path
     again: bool = False
 
+    def unfinished(self) -> tuple[EpisodeKey, ...]:
+        """Return the episodes that have no record yet, of whatever end."""
+        over = {one.key for one in read_episodes(self.out)}
+        return tuple(key for key in self.keys if key not in over)
+
     def left(self) -> tuple[EpisodeKey, ...]:
         """Return the episodes that are still to be driven."""
         over = {one.key for one in read_episodes(self.out) if not (self.again and one.ended == "error")}
@@ -73,13 +79,15 @@ def plan(  # noqa: PLR0913 - what can be asked for
     seed: int = 0,
     max_steps: int = MAX_STEPS,
     again: bool = False,
+    probes: Mapping[str, Spent] | None = None,
 ) -> Episodes:
     """Plan episodes, or the rest of those that ``out`` holds already; nothing is written, asked or driven yet.
 
     ``specs`` name who drives: policies, models by SPEC, or models by their request mode. ``scenarios`` default to all.
     ``prompt`` is a name, a TOML file or the prompt itself, ``view`` what models are shown pictures through.
-    ``actions`` is the action map of a ``gym:`` environment. ``again`` drives anew what ended in an error. Raises
-    SpecError for what is unknown or cannot be, and LedgerError where ``out`` holds something else.
+    ``actions`` is the action map of a ``gym:`` environment. ``again`` drives anew what ended in an error. ``probes``
+    says what was spent on probing models for this run. Raises SpecError for what is unknown or cannot be, and
+    LedgerError where ``out`` holds something else.
     """
     actions = actions or (out / ACTION_MAP if (out / ACTION_MAP).is_file() else None)
     world = open_simulator(simulator, actions=actions)
@@ -112,6 +120,7 @@ def plan(  # noqa: PLR0913 - what can be asked for
         facts={spec: dict(model.facts) for spec, model in models.items() if model.facts},
         reader=SCENE_READER if formulation.scene else READER,
         view=NONE if view is None else view.key,
+        probes=_with_earlier(out, probes or {}),
     )
     keys = tuple(
         EpisodeKey(policy, world.name, scenario, number, condition)
@@ -123,6 +132,12 @@ def plan(  # noqa: PLR0913 - what can be asked for
     drivers = Drivers(policies, models, formulation, space, seed, view, distances_of(world.name))
     planned = Episodes(keys, drivers, manifest, Setup(simulator, seed, max_steps, actions=actions), out, again)
     return replace(planned, manifest=_resumed(planned))
+
+
+def _with_earlier(out: Path, probes: Mapping[str, Spent]) -> dict[str, Spent]:
+    """Return what probes took, with what earlier ones of the same models took for a run that is there already."""
+    earlier = read_manifest(out).probes if probes and is_run(out) else {}
+    return {spec: Spent.together([earlier.get(spec, Spent()), one]) for spec, one in probes.items()}
 
 
 def _require_worlds(world: Simulator, scenarios: Sequence[str], seeds: Sequence[int], max_steps: int) -> None:
@@ -195,9 +210,12 @@ def expected(planned: Episodes, prices: Prices, *, concurrency: int) -> tuple[Es
 
 
 def within(planned: Episodes, prices: Prices, *, calls: int | None = None, cost_usd: float | None = None) -> Limits:
-    """Return the limits of a run: so many requests, so many dollars by these prices."""
+    """Return the limits of a run: so many requests, so many dollars by these prices; its probes count too."""
     return Limits(
-        calls=calls, cost_usd=cost_usd, cost=lambda spec, reply: prices.cost(planned.manifest.mode(spec), reply)[0]
+        calls=calls,
+        cost_usd=cost_usd,
+        before=planned.manifest.spent_before(),
+        cost=lambda spec, reply: prices.cost(planned.manifest.mode(spec), reply)[0],
     )
 
 
@@ -257,7 +275,7 @@ def _keeper(planned: Episodes, left: int, progress: Progress | None) -> Callable
 
     def keep(episode: Episode) -> None:
         nonlocal done
-        write_episodes(planned.out, [episode])
+        write_episodes(planned.out, [replace(episode, max_steps=planned.setup.max_steps)])
         done += 1
         if progress is not None:
             progress(done, len(planned.keys))

@@ -165,7 +165,7 @@ def _source(part: str, drives: Drives, outcomes: Outcomes) -> Source:
         driver=drives.driver,
         goals=exact_rate(sum(map(outcomes.success, episodes)), len(episodes)),
         crashes=exact_rate(sum(one.crashed for one in episodes), len(episodes)),
-        distance_m=_mean([one.distance_m for one in episodes]),
+        distance_m=_mean([told for one in episodes if (told := one.distance_m) is not None]),
         stop_share=stops / len(steps) if steps else None,
         intents={action: intents[action] for action in drives.space.actions},
         fail_safe=sum(step.decision.action is None for step in steps),
