@@ -69,6 +69,11 @@ class Spent:
         return made
 
 
+def added(earlier: Mapping[str, Spent], now: Mapping[str, Spent]) -> dict[str, Spent]:
+    """Return what was spent now by model, with what was spent on the same models before."""
+    return {spec: Spent.together([earlier.get(spec, Spent()), one]) for spec, one in now.items()}
+
+
 @dataclass(frozen=True, slots=True)
 class Limits:
     """What ends a run before its plan is done; nothing is lost, and the run can be resumed.

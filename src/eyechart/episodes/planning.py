@@ -22,14 +22,14 @@ from eyechart.episodes.showing import require_shown
 from eyechart.episodes.worlds import MAX_STEPS, Setup, Worlds
 from eyechart.errors import LedgerError, SpecError
 from eyechart.ledger import Ledger
-from eyechart.limits import Limits, Outcome, Spent
+from eyechart.limits import Limits, Outcome, Spent, added
 from eyechart.manifest import LEDGER, is_run, today, versions
 from eyechart.models import open_model
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
 from eyechart.perception.estimate import SCENE_READER
 from eyechart.perception.forward import distances_of
-from eyechart.perception.view import NONE, View
+from eyechart.perception.view import NONE, View, through
 from eyechart.policies import is_policy, open_policy
 from eyechart.policies.baselines import Marginal
 from eyechart.prompts import Prompt, find_prompt, neutral
@@ -120,7 +120,7 @@ def plan(  # noqa: PLR0913 - what can be asked for
         facts={spec: dict(model.facts) for spec, model in models.items() if model.facts},
         reader=SCENE_READER if formulation.scene else READER,
         view=NONE if view is None else view.key,
-        probes=_with_earlier(out, probes or {}),
+        probes=added(read_manifest(out).probes if probes and is_run(out) else {}, probes or {}),
     )
     keys = tuple(
         EpisodeKey(policy, world.name, scenario, number, condition)
@@ -132,12 +132,6 @@ def plan(  # noqa: PLR0913 - what can be asked for
     drivers = Drivers(policies, models, formulation, space, seed, view, distances_of(world.name))
     planned = Episodes(keys, drivers, manifest, Setup(simulator, seed, max_steps, actions=actions), out, again)
     return replace(planned, manifest=_resumed(planned))
-
-
-def _with_earlier(out: Path, probes: Mapping[str, Spent]) -> dict[str, Spent]:
-    """Return what probes took, with what earlier ones of the same models took for a run that is there already."""
-    earlier = read_manifest(out).probes if probes and is_run(out) else {}
-    return {spec: Spent.together([earlier.get(spec, Spent()), one]) for spec, one in probes.items()}
 
 
 def _require_worlds(world: Simulator, scenarios: Sequence[str], seeds: Sequence[int], max_steps: int) -> None:
@@ -209,6 +203,26 @@ def expected(planned: Episodes, prices: Prices, *, concurrency: int) -> tuple[Es
     )
 
 
+def first_pictures(planned: Episodes, most: int) -> tuple[bytes, ...]:
+    """Return the first picture of each of the first worlds of a plan, as a model is shown it with real pictures.
+
+    A world that shows none is passed over; raises SpecError where none of ``most`` shows any.
+    """
+    worlds, pictures, why = Worlds(planned.setup), list[bytes](), ""
+    for key in list({key.world: replace(key, condition="real") for key in planned.keys}.values())[:most]:
+        shown = worlds.open(key)
+        if isinstance(shown, Episode):
+            why = shown.detail
+            continue
+        picture = through(planned.drivers.view, shown.picture, shown.frame)
+        assert picture is not None
+        pictures.append(picture)
+        worlds.close(key)
+    if not pictures:
+        raise SpecError(f"no world of {planned.manifest.simulator} shows a picture to probe a model with: {why}")
+    return tuple(pictures)
+
+
 def within(planned: Episodes, prices: Prices, *, calls: int | None = None, cost_usd: float | None = None) -> Limits:
     """Return the limits of a run: so many requests, so many dollars by these prices; its probes count too."""
     return Limits(
@@ -249,13 +263,22 @@ def run(
         ) from error
 
 
-def _engine(engine: str, setup: Setup) -> Callable[[], Host]:
+def require_engine(engine: str) -> None:
+    """Raise SpecError where worlds cannot be held there: an unknown name, or a cluster that does not answer."""
     if engine not in ENGINES:
         raise SpecError(f"unknown engine '{engine}'; known are {', '.join(ENGINES)}")
     if engine == "ray":
-        from eyechart.episodes.ray_hosts import ray_host  # noqa: PLC0415 - an extra
+        from eyechart.episodes.ray_hosts import join  # noqa: PLC0415 - an extra
 
-        return ray_host(setup)
+        join()
+
+
+def _engine(engine: str, setup: Setup) -> Callable[[], Host]:
+    require_engine(engine)
+    if engine == "ray":
+        from eyechart.episodes.ray_hosts import RayHost  # noqa: PLC0415 - an extra
+
+        return partial(RayHost, setup)
     return partial(LocalHost, setup)
 
 

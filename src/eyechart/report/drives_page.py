@@ -14,7 +14,7 @@ from eyechart.report.drawing import Drawing
 from eyechart.report.drives_browser import PICTURED, Tell, drives_data
 from eyechart.report.drives_figures import drives_figures
 from eyechart.report.page import Page
-from eyechart.report.rungs import NAMES, degeneracy_words, paper_words, share, shown
+from eyechart.report.rungs import NAMES, degeneracy_words, paper_words, share, shown, unfinished_words
 from eyechart.report.tables import number, p_value
 from eyechart.studies.closed_loop import Blind, ClosedLoopScore, Degeneracy, Paired, Replay
 from eyechart.studies.closed_loop.published import PUBLISHED, Beside, beside_paper
@@ -49,6 +49,7 @@ def make_drives_page(
             title=", ".join(path.resolve().name for path in runs),
             drives=score.drives,
             episodes=sum(len(one.episodes) for one in score.drives),
+            unfinished=unfinished_words(score),
             errors=[(one.driver.label, episode) for one in score.drives for episode in one.errors],
             simulators=score.simulators,
             references=[one.label for one in score.references.values()],

@@ -8,7 +8,7 @@ from rich.text import Text
 
 from eyechart.report.tables import number, p_value
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.closed_loop import Blind, Degeneracy, Driver, Paired, Replay, Rung
+from eyechart.studies.closed_loop import Blind, ClosedLoopScore, Degeneracy, Driver, Paired, Replay, Rung
 from eyechart.studies.closed_loop.published import PUBLISHED, Beside, leads
 
 _DIGITS = {"distance_m": 1, "reward": 2, "speed_mps": 1}
@@ -91,6 +91,15 @@ def paper_words(rows: Sequence[Beside], rungs: Sequence[Rung]) -> list[str]:
             )
             words.append(f"differs: {row.rung.driver.policy}: {apart}")
     return words
+
+
+def unfinished_words(score: ClosedLoopScore) -> list[str]:
+    """Return what is left of the runs, and why, a line a policy."""
+    return [
+        f"{f'{run} · ' if run else ''}{one.policy}: {one.words}"
+        for run, left in score.unfinished.items()
+        for one in left
+    ]
 
 
 def paired_table(found: Sequence[Paired], title: str) -> Table:

@@ -5,12 +5,13 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from eyechart.episodes import Unfinished, every_episode, read_episodes, read_manifest, unfinished
 from eyechart.studies.closed_loop.agreement import Replay, replays
 from eyechart.studies.closed_loop.blind import Blind, blind_baselines
 from eyechart.studies.closed_loop.degeneracy import Degeneracy, audit
 from eyechart.studies.closed_loop.identical import SUSPECT, Twins, twins
 from eyechart.studies.closed_loop.ladder import Outcomes, Paired, Rung, against, outcomes_of, reference_of, rung
-from eyechart.studies.closed_loop.reading import Driver, Drives, read_drives
+from eyechart.studies.closed_loop.reading import Driver, Drives, names_of, read_drives
 from eyechart.studies.closed_loop.repeated import Repeats, repeated_requests
 
 RESAMPLES = 5000
@@ -27,6 +28,14 @@ class ClosedLoopScore:
     drives: tuple[Drives, ...]
     against_policy: str | None = None
     resamples: int = RESAMPLES
+    paths: tuple[Path, ...] = ()
+
+    @cached_property
+    def unfinished(self) -> Mapping[str, tuple[Unfinished, ...]]:
+        """Return by run, where any is, the episodes without a record that its policies and worlds make together."""
+        return {
+            name: left for path, name in zip(self.paths, names_of(self.paths), strict=True) if (left := _left(path))
+        }
 
     @property
     def simulators(self) -> tuple[str, ...]:
@@ -102,6 +111,7 @@ class ClosedLoopScore:
             "paired": [one.as_dict() for one in self.paired],
             "blind": [one.as_dict() for one in self.blind],
             **self.audit_dict(),
+            "unfinished": [{"run": run, **one.as_dict()} for run, left in self.unfinished.items() for one in left],
         }
 
     def audit_dict(self) -> dict[str, object]:
@@ -122,4 +132,10 @@ def score(
 ) -> ClosedLoopScore:
     """Read one run of episodes or several; raises LedgerError where a folder is none or holds no episode."""
     paths = [runs] if isinstance(runs, Path) else list(runs)
-    return ClosedLoopScore(read_drives(paths), against_policy, resamples)
+    return ClosedLoopScore(read_drives(paths), against_policy, resamples, tuple(paths))
+
+
+def _left(path: Path) -> tuple[Unfinished, ...]:
+    manifest = read_manifest(path)
+    over = {one.key for one in read_episodes(path)}
+    return tuple(unfinished(path, [key for key in every_episode(manifest) if key not in over], manifest.models))
