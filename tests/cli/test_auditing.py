@@ -7,14 +7,19 @@ import pytest
 from typer.testing import CliRunner, Result
 
 import banks
+import tiny_worlds
 from drives import add_replies, always, drive, make_run, tossing
 from eyechart.calls import Reply
 from eyechart.cli.app import app
 from eyechart.episodes import write_episodes
 from eyechart.episodes.manifest import write_manifest
 from eyechart.errors import LedgerError, SpecError
+from eyechart.simulators import SIMULATORS
 from eyechart.studies import battery
 from eyechart.studies.closed_loop.laddering import plan_ladder
+
+
+LOOK = "python:tiny_worlds:look"
 
 
 def say(*words: object) -> Result:
@@ -48,6 +53,33 @@ def test_a_finished_ladder_drives_nothing_and_stands_beside_the_papers(tmp_path:
     assert {row["statistics"]["reward"]["n"] for row in found["ladder"]} == {32}
     assert len(found["beside_paper"]) == 6
     assert found["references"] == {"highway": "constant:STRAIGHT"}
+
+
+def test_what_a_ladder_is_held_against_is_checked_before_anything_is_driven(tmp_path: Path) -> None:
+    """The error names who drives; no folder is begun."""
+    told = say("ladder", "--out", tmp_path / "ladder", "--against", "oracel")
+    assert isinstance(told.exception, SpecError)
+    assert "--against oracel: no such policy drives here; there are constant:STOP, constant:SLOW" in str(told.exception)
+    assert not (tmp_path / "ladder").exists()
+
+
+def test_a_model_on_the_ladder_is_estimated_and_bounded_as_in_a_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A dry run says what it will take and writes nothing; a limit ends it with exit 3, and says what is left."""
+    monkeypatch.setitem(SIMULATORS, "tiny", tiny_worlds.SIMULATORS["tiny"])
+    monkeypatch.setattr(tiny_worlds.Tiny, "scenarios", {"whole": "Ten cells."})
+    words = ("ladder", "--simulator", "tiny", "--seeds", 1, "--out", tmp_path / "ladder", "--policy", LOOK)
+    dry = say(*words, "--dry-run")
+    assert (dry.exit_code, (tmp_path / "ladder").exists()) == (0, False)
+    assert f"{LOOK}: 12 calls, tokens unknown" in dry.stderr
+    cut = say(*words, "--max-calls", 5)
+    assert cut.exit_code == 3
+    assert f"{LOOK}: 1 episode is unfinished, 1 of them begun" in cut.stderr
+    assert "5 calls were sent, and --max-calls is 5; 1 episode is left; a higher limit resumes" in cut.stderr
+    whole = say(*words, "--json", "--against", "oracle")
+    assert whole.exit_code == 0
+    assert json.loads(whole.stdout)["references"] == {"tiny": "oracle"}
 
 
 def test_the_audit_prints_the_papers_table_and_names_a_cache(constants: Path, tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eyechart.cli import asking
+from eyechart.cli import asking, before
 from eyechart.cli.options import NO_LIMIT, Json, Spending, expanded
 from eyechart.cli.terminal import print_json, progress, resumable, say, table_console
 
@@ -30,6 +30,7 @@ def hierarchy(
     concurrency: Annotated[int, typer.Option(min=1, help="Episodes of a model under way at once.")] = 8,
     how: asking.Options = asking.AS_USUAL,
     spending: Spending = NO_LIMIT,
+    no_probe: asking.NoProbe = False,
     again: Annotated[bool, typer.Option("--again", help="Drive anew what ended in an error.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the plan; drive nothing, ask nothing.")] = False,
     json: Json = False,
@@ -41,14 +42,23 @@ def hierarchy(
     Example: eyechart run hierarchy --policy scripted:clear_side --out hierarchy
     """
     from eyechart import episodes as study
-    from eyechart.studies.hierarchy import plan, score
+    from eyechart.studies import closed_loop
+    from eyechart.studies.hierarchy import PARTS, plan, score
 
-    modes = asking.read_modes(
-        policy or [],
-        mode,
-        how.given(),
-    ).modes
-    planned, table = plan(out, modes, seed=seed, prompt=prompt, again=again), spending.table()
+    given, table = how.given(), spending.table()
+    runs = [out / name for name in PARTS]
+    planned, failed = before.plan_probed(
+        asking.read_modes(policy or [], mode, given),
+        before.Study(
+            lambda modes, probes: plan(out, modes, seed=seed, prompt=prompt, again=again, probes=probes),
+            lambda one: closed_loop.as_recorded(runs, one, given),
+            lambda parts: closed_loop.sample_of(next(parts[name] for name in parts if PARTS[name].models)),
+            lambda known: closed_loop.spent_on(runs, known),
+            others=True,
+        ),
+        before.Allowed(no_probe, dry_run, spending.max_calls, spending.max_cost),
+        table,
+    )
     for name, part in planned.items():
         say(f"{name}: {len(part.keys)} episodes in {part.manifest.simulator}, {len(part.left())} to drive")
         for estimate in study.expected(part, table, concurrency=concurrency):
@@ -61,12 +71,25 @@ def hierarchy(
         print_json(found.as_dict())
     else:
         print_hierarchy(found)
-    left = sum(len(part.left()) for part in planned.values())
+    _tell(planned, stopped, failed)
+
+
+def _tell(planned: "Mapping[str, Episodes]", stopped: str | None, failed: "Mapping[str, str]") -> None:
+    """Print what is left and why; raise Exit 3 where a limit stopped it, 1 where anything else did."""
+    from eyechart.episodes import unfinished
+
+    for spec, why in failed.items():
+        say(f"set aside: {spec}: {why}")
+    for name, part in planned.items():
+        for one in unfinished(part.out, part.unfinished(), part.drivers.models):
+            say(f"{name}: {one.policy}: {one.words}")
+    left = sum(len(part.unfinished()) for part in planned.values())
     if left and stopped is not None:
         say(f"stopped: {stopped}; {left} episodes are left; a higher limit resumes")
         raise typer.Exit(3)
     if left:
         say(f"{left} episodes are unfinished; the same command goes on where they were cut")
+    if left or failed:
         raise typer.Exit(1)
 
 

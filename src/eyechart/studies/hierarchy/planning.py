@@ -1,11 +1,12 @@
 """Which sources of intent drive which arm of the hierarchy, and where: up to seven runs of episodes in one folder."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from eyechart.episodes import Episodes
 from eyechart.episodes import plan as plan_episodes
+from eyechart.limits import Spent
 from eyechart.modes import RequestMode
 
 MPC_ONLY = "constant:STRAIGHT"
@@ -54,12 +55,14 @@ def plan(
     seed: int = 0,
     prompt: str | None = None,
     again: bool = False,
+    probes: Mapping[str, Spent] | None = None,
 ) -> dict[str, Episodes]:
     """Plan the study's runs in folders of ``out``, or the rest of what it holds of them; nothing is asked.
 
-    Without ``models`` only the scripted sources drive. Raises what `eyechart.episodes.plan` raises.
+    Without ``models`` only the scripted sources drive. ``probes`` says what was spent on probing models; the first run
+    with models keeps it. Raises what `eyechart.episodes.plan` raises.
     """
-    planned = {}
+    planned: dict[str, Episodes] = {}
     for name, part in PARTS.items():
         drivers: list[str | RequestMode] = [*part.policies, *(models if part.models else ())]
         if drivers:
@@ -73,5 +76,7 @@ def plan(
                 prompt=prompt,
                 seed=seed,
                 again=again,
+                probes=probes if part.models else None,
             )
+            probes = None if part.models else probes
     return planned
