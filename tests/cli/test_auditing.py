@@ -18,7 +18,6 @@ from eyechart.simulators import SIMULATORS
 from eyechart.studies import battery
 from eyechart.studies.closed_loop.laddering import plan_ladder
 
-
 LOOK = "python:tiny_worlds:look"
 
 
@@ -79,7 +78,12 @@ def test_a_model_on_the_ladder_is_estimated_and_bounded_as_in_a_run(
     assert "5 calls were sent, and --max-calls is 5; 1 episode is left; a higher limit resumes" in cut.stderr
     whole = say(*words, "--json", "--against", "oracle")
     assert whole.exit_code == 0
-    assert json.loads(whole.stdout)["references"] == {"tiny": "oracle"}
+    found = json.loads(whole.stdout)
+    assert (found["references"], found["references_chosen_on_these_data"]) == ({"tiny": "oracle"}, False)
+    named, chosen = (" ".join(say(*words, *more).stdout.split()) for more in (("--against", "oracle"), ()))
+    assert "tiny: policy less oracle" in named
+    assert "the p are not exact" not in named
+    assert "so that the differences lean to its side and the p are not exact" in chosen
 
 
 def test_the_audit_prints_the_papers_table_and_names_a_cache(constants: Path, tmp_path: Path) -> None:
@@ -129,7 +133,9 @@ def test_the_report_of_drives_is_written_with_figures_and_tables(constants: Path
     )
     assert told.exit_code == 0
     assert "does not drive again here" in told.stderr
-    assert "Who drives well, and who by sight?" in (tmp_path / "p.html").read_text()
+    page = (tmp_path / "p.html").read_text()
+    assert "Who drives well, and who by sight?" in page
+    assert "Beware: the reference is the best constant of these same episodes" in page
     assert {file.name for file in (tmp_path / "f").iterdir()} >= {"ladder-distance_m.svg", "drives-information.pdf"}
     assert (tmp_path / "t" / "degeneracy.csv").exists()
 

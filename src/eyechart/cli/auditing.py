@@ -96,7 +96,10 @@ def ladder_dict(scored: "ClosedLoopScore") -> dict[str, object]:
     from eyechart.studies.closed_loop.published import beside_paper
 
     found = scored.as_dict()
-    kept = {name: found[name] for name in ("study", "references", "ladder", "paired", "identical")}
+    kept = {
+        name: found[name]
+        for name in ("study", "references", "references_chosen_on_these_data", "ladder", "paired", "identical")
+    }
     return {**kept, "beside_paper": [one.as_dict() for one in beside_paper(scored.ladder)]}
 
 
@@ -114,7 +117,8 @@ def print_ladder(scored: "ClosedLoopScore") -> None:
         console.print(f"Why, row by row: {DOCS}.", markup=False)
     for name, reference in scored.references.items():
         mine = [one for one in scored.paired if one.first.simulator == name]
-        console.print(paired_table(mine, f"{name}: policy less {reference.label}, same worlds; p after Holm"))
+        title = f"{name}: policy less {reference.label}, same worlds; p after Holm"
+        console.print(paired_table(mine, title, scored.caveat))
     print_twins(scored)
 
 
@@ -179,10 +183,12 @@ def film(
 
 def print_drives(scored: "ClosedLoopScore") -> None:
     """Print all that ``eyechart score`` prints of a run of episodes."""
-    from eyechart.report.rungs import blind_table, degeneracy_table, degeneracy_words, replay_table
+    from eyechart.report.rungs import blind_table, degeneracy_table, degeneracy_words, replay_table, unfinished_words
 
     print_ladder(scored)
     console = table_console(160)
+    for line in unfinished_words(scored):
+        console.print(line, markup=False)
     if scored.blind:
         console.print(blind_table(scored.blind))
         for one in scored.blind:

@@ -54,6 +54,7 @@ def make_drives_page(
             simulators=score.simulators,
             references=[one.label for one in score.references.values()],
             figures={section: [_figure(one) for one in many] for section, many in drawn.items()},
+            caveat=score.caveat,
             columns=list(NAMES.values()),
             ladder=_ladder(score),
             paper=[_beside(one) for one in beside],

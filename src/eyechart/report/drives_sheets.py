@@ -40,7 +40,8 @@ def _paired(score: ClosedLoopScore) -> Sheet:
     for blind in score.blind:
         rows += _differences(blind.paired, blind.finding)
     columns = (("first", "text"), ("second", "text"), ("statistic", "text"), *_STATISTIC, ("Holm p", "p"))
-    caption = "Differences in the same worlds: from the reference, and real pictures less others"
+    beware = f" (beware: {score.caveat})" if score.caveat else ""
+    caption = f"Differences in the same worlds: from the reference{beware}, and real pictures less others"
     return Sheet("paired", caption, (*columns, ("finding", "text")), tuple(rows))
 
 

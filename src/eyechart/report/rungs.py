@@ -102,9 +102,11 @@ def unfinished_words(score: ClosedLoopScore) -> list[str]:
     ]
 
 
-def paired_table(found: Sequence[Paired], title: str) -> Table:
+def paired_table(found: Sequence[Paired], title: str, caveat: str = "") -> Table:
     """Return one row a comparison: first less second in the same worlds, with the p that Holm leaves."""
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, title=Text(title), title_justify="left")
+    caption = Text(caveat) if caveat else None
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, title=Text(title), title_justify="left", caption=caption)
+    table.caption_justify = "left"
     table.add_column("policy", no_wrap=True)
     table.add_column("worlds", justify="right")
     for name in NAMES.values():

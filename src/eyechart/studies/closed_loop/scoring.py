@@ -15,6 +15,11 @@ from eyechart.studies.closed_loop.reading import Driver, Drives, names_of, read_
 from eyechart.studies.closed_loop.repeated import Repeats, repeated_requests
 
 RESAMPLES = 5000
+CHOSEN_HERE = (
+    "the reference is the best constant of these same episodes, so that the differences lean to its side and the p are "
+    "not exact; they are with a reference that --against names beforehand"
+)
+"""What must be known of tests against a reference that the same data chose."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +67,11 @@ class ClosedLoopScore:
         found = {name: reference_of(self.of(name), self.against_policy) for name in self.simulators}
         return {name: one.driver for name, one in found.items() if one is not None}
 
+    @property
+    def caveat(self) -> str:
+        """Return what must be known of the paired differences, nothing where the reference was named."""
+        return CHOSEN_HERE if self.references and self.against_policy is None else ""
+
     @cached_property
     def paired(self) -> tuple[Paired, ...]:
         """Return every other driver less the reference of its simulator, Holm over one simulator's tests."""
@@ -107,6 +117,7 @@ class ClosedLoopScore:
         return {
             "study": "closed_loop",
             "references": {name: one.policy for name, one in self.references.items()},
+            "references_chosen_on_these_data": self.against_policy is None,
             "ladder": [one.as_dict() for one in self.ladder],
             "paired": [one.as_dict() for one in self.paired],
             "blind": [one.as_dict() for one in self.blind],
