@@ -1,5 +1,6 @@
 """``eyechart run closed-loop``: its words, its exit codes, and what it prints where."""
 
+import html
 import json
 import sys
 from collections.abc import Callable
@@ -121,6 +122,46 @@ def test_what_a_bound_on_steps_ended_goes_on_under_a_larger_one(drive: Drive) ->
     longer = drive(*words, "--max-steps", 30, "--again")
     assert (longer.code, "ended in an error" in longer.err) == (0, False)
     assert drive(*words, "--max-steps", 3).code == 2
+
+
+def test_drives_that_converge_and_a_planted_cache_are_told_apart(
+    drive: Drive, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A constant model drives as the constant policy does; two models behind one cache by content are suspect."""
+    words = ("--scenarios", "whole", "--seeds", 4)
+    assert drive("--policy", "python:tiny_worlds:onward", "--policy", "constant:LEFT", *words).code == 0
+    code, told, _ = audit(tmp_path, capsys, monkeypatch)
+    assert code == 0
+    assert "constant policies converge: python:tiny_worlds:onward, constant:LEFT: identical in 4 of 4 worlds" in told
+    cached = ("--policy", "python:tiny_worlds:dealt", "--policy", "python:tiny_worlds:dealt_too")
+    assert drive(*cached, *words).code == 0
+    code, told, _ = audit(tmp_path, capsys, monkeypatch)
+    assert code == 1
+    assert "suspect caching: python:tiny_worlds:dealt, python:tiny_worlds:dealt_too: identical in 4 of 4" in told
+
+
+def audit(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Said:
+    """Audit the run."""
+    monkeypatch.setattr(sys, "argv", ["eyechart", "audit", str(tmp_path / "run")])
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    said = Said(left.value.code, *capsys.readouterr())
+    return said._replace(out=" ".join(said.out.split()))
+
+
+def test_a_driver_that_reads_pixels_differs_from_itself_without_and_a_constant_does_not(
+    drive: Drive, tmp_path: Path
+) -> None:
+    """Driven with real and blank pictures and scored; the report says both in words."""
+    words = ("--scenarios", "whole", "--seeds", 10, "--condition", "real", "--condition", "blank")
+    assert drive("--policy", LOOK, "--policy", "constant:LEFT", *words).code == 0
+    scored = score(tmp_path / "run")
+    sees, constant = scored.blind
+    assert (sees.finding, "crash_rate" in sees.paired.changed) == ("differs", True)
+    assert (constant.finding, constant.paired.changed) == ("identical", ())
+    page = html.unescape(make_drives_page([tmp_path / "run"], scored, pictured=0).html.decode())
+    assert "it drives differently with real pictures than with blank ones in the same 10 worlds" in page
+    assert "all 10 drives are the same to the last digit with blank pictures as with real ones" in page
 
 
 @pytest.mark.parametrize(
