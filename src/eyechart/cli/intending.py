@@ -38,7 +38,8 @@ def hierarchy(
     """Let sources of intent plan for a rover under a model-predictive controller, beside the paper's tables.
 
     Scripted sources always, a model where one is given: with real, mirrored and blank pictures and with those of other
-    worlds. Interrupt it at will: it resumes. Exit 1: episodes are unfinished; 3: stopped at --max-calls or --max-cost.
+    worlds; one that is served elsewhere is probed first. Interrupt it at will: it resumes. Exit 1: episodes are
+    unfinished; 3: stopped at --max-calls or --max-cost.
     Example: eyechart run hierarchy --policy scripted:clear_side --out hierarchy
     """
     from eyechart import episodes as study

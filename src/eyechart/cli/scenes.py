@@ -44,8 +44,9 @@ def admission(
 ) -> None:
     """Ask for scene estimates of 16 balanced frame/mirror pairs, and hold them against the clauses of admission.
 
-    'eyechart score OUT' prints each clause with its value, interval and n. Exit 1: calls are unfinished; 3: stopped at
-    --max-calls or --max-cost. Example: eyechart run admission --model scripted:scene_side_blind --frames bank --out adm
+    'eyechart score OUT' prints each clause with its value, interval and n. A model that is served elsewhere, and that
+    no --mode file says how to ask, is probed first. Exit 1: calls are unfinished; 3: stopped at --max-calls or
+    --max-cost. Example: eyechart run admission --model scripted:scene_side_blind --frames bank --out adm
     """
     from eyechart.studies import structured as study
 
@@ -73,8 +74,9 @@ def structured(
 ) -> None:
     """Ask for scene estimates of every frame of a bank and of its reflection (Table t:controller-local).
 
-    The paper has 288 pairs: 'frames build highway --steps 24'. Exit 1: calls are unfinished; 3: stopped at --max-calls
-    or --max-cost. Example: eyechart run structured --model scripted:scene_positive_control --frames bank --out scenes
+    The paper has 288 pairs: 'frames build highway --steps 24'. A model that is served elsewhere, and that no --mode
+    file says how to ask, is probed first. Exit 1: calls are unfinished; 3: stopped at --max-calls or --max-cost.
+    Example: eyechart run structured --model scripted:scene_positive_control --frames bank --out scenes
     """
     from eyechart.studies import structured as study
 
@@ -103,8 +105,9 @@ def online(
     """Let scene estimates drive through the safety policy, in worlds that the positive control has driven first.
 
     Each world must pass renderer integrity and the positive control, or another takes its place. 'eyechart score OUT'
-    prints crash rates, decisions and fail-safes. Exit 1: episodes are unfinished or ended in an error; 3: stopped at
-    --max-calls or --max-cost. Example: eyechart run online --model scripted:scene_side_blind --out online
+    prints crash rates, decisions and fail-safes. A model that is served elsewhere, and that no --mode file says how to
+    ask, is probed between the two. Exit 1: episodes are unfinished or ended in an error; 3: stopped at --max-calls or
+    --max-cost. Example: eyechart run online --model scripted:scene_side_blind --out online
     """
     from eyechart import episodes as closed_loop
     from eyechart.studies import closed_loop as drives_study
