@@ -105,7 +105,11 @@ def test_score_reads_a_run_of_episodes(constants: Path) -> None:
     found = json.loads(say("score", constants, "--json").stdout)
     assert found["study"] == "closed_loop"
     assert [row["policy"] for row in found["audit"]] == ["constant:STOP", "constant:SLOW", "random"]
-    assert "Table t:degeneracy" in say("score", constants).stdout
+    told = " ".join(say("score", constants).stdout.split())
+    assert "Table t:degeneracy" in told
+    assert "the p are not exact" in told
+    named = json.loads(say("score", constants, "--json", "--against", "random").stdout)
+    assert (named["references"], named["references_chosen_on_these_data"]) == ({"highway": "random"}, False)
 
 
 @pytest.mark.parametrize("command", ["verdict", "gate", "costs"])
@@ -121,6 +125,7 @@ def test_a_battery_is_no_run_of_episodes(tmp_path: Path, constants: Path) -> Non
     bank = banks.build_bank(tmp_path / "bank", scenarios=["light"], episodes=1)
     battery.run(battery.plan(bank.root, ["scripted:constant"], tmp_path / "battery", conditions=["real"]))
     assert isinstance(say("audit", tmp_path / "battery").exception, LedgerError)
+    assert isinstance(say("score", tmp_path / "battery", "--against", "oracle").exception, SpecError)
     both = say("report", tmp_path / "battery", constants, "--out", tmp_path / "page.html")
     assert isinstance(both.exception, SpecError)
     assert not (tmp_path / "page.html").exists()

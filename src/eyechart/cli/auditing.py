@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from eyechart.modes import RequestMode
     from eyechart.studies.closed_loop import ClosedLoopScore
 
-_Against = Annotated[
-    str | None, typer.Option(help="The policy that the others are held against; default: the best constant.")
+Against = Annotated[
+    str | None, typer.Option(help="Of drives: the policy that the others are held against; default: the best constant.")
 ]
 
 DOCS = "docs/reading-drives.md, 'The ladder beside the paper's'"
@@ -40,7 +40,7 @@ def ladder(
     concurrency: Annotated[int, typer.Option(min=1, help="Episodes of a model under way at once.")] = 8,
     how: asking.Options = asking.AS_USUAL,
     spending: Spending = NO_LIMIT,
-    against: _Against = None,
+    against: Against = None,
     again: Annotated[bool, typer.Option("--again", help="Drive anew what ended in an error.")] = False,
     no_probe: asking.NoProbe = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the plan; drive nothing, ask nothing.")] = False,
@@ -160,7 +160,7 @@ def audit(
 
 def film(
     run: Annotated[Path, typer.Argument(help="Folder of a run of episodes.")],
-    episode: Annotated[str, typer.Option(help="Policy, world and condition, or enough of these words.")],
+    episode: Annotated[str, typer.Option(help="Policy, scenario, seed, condition: enough of these words.")],
     out: Annotated[Path, typer.Option(help="FILE.mp4, FILE.gif or FILE.html.")],
     fps: Annotated[float, typer.Option(help="Decisions a second.")] = 2.0,
 ) -> None:

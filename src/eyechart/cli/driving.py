@@ -96,6 +96,7 @@ def closed_loop(
     _show(study.summarise(driven[key] for key in planned.keys if key in driven), planned, json=json)
     tell_left(planned, outcome, failed)
     tell_errors(planned)
+    say(f"done: 'eyechart score {out}' compares who drove, 'eyechart report {out} --out page.html' shows every drive")
 
 
 def _planned(planned: "Episodes") -> str:

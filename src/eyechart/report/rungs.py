@@ -9,7 +9,7 @@ from rich.text import Text
 from eyechart.report.tables import number, p_value
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.closed_loop import Blind, ClosedLoopScore, Degeneracy, Driver, Paired, Replay, Rung
-from eyechart.studies.closed_loop.published import PUBLISHED, Beside, leads
+from eyechart.studies.closed_loop.published import PUBLISHED, Beside, leads, unlike
 
 _DIGITS = {"distance_m": 1, "reward": 2, "speed_mps": 1}
 NAMES = {
@@ -75,7 +75,7 @@ def paper_table(rows: Sequence[Beside]) -> Table:
 
 def paper_words(rows: Sequence[Beside], rungs: Sequence[Rung]) -> list[str]:
     """Return in words who leads, and which rows lie further from the paper than 2 % (in crashes: one episode)."""
-    words = []
+    words = [unlike(rows)] if unlike(rows) else []
     real = [one for one in rungs if one.driver.condition == "real"]
     best = {NAMES[name]: " and ".join(who) for name, who in leads(real).items()}
     if best:

@@ -8,14 +8,23 @@ from eyechart.episodes import ACTION_MAP, Episodes, plan
 from eyechart.errors import SpecError
 from eyechart.limits import Spent
 from eyechart.modes import RequestMode
+from eyechart.policies import open_policy
 from eyechart.simulators import open_simulator
 
 SEEDS = 8
 
 
 def ladder_policies(space: ActionSpace) -> tuple[str, ...]:
-    """Return the policies that a ladder ranks: the constants of an action space, random, and the oracle."""
-    return (*(f"constant:{action}" for action in space.actions), "random", "oracle")
+    """Return the policies that a ladder ranks: the constants of an action space, random, and the oracle.
+
+    An action space without the actions that the oracle drives with has none.
+    """
+    policies = (*(f"constant:{action}" for action in space.actions), "random")
+    try:
+        open_policy("oracle", space, lambda _: {})
+    except SpecError:
+        return policies
+    return (*policies, "oracle")
 
 
 def plan_ladder(  # noqa: PLR0913 - what a ladder can be asked for

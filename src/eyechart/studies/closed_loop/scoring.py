@@ -17,7 +17,7 @@ from eyechart.studies.closed_loop.repeated import Repeats, repeated_requests
 RESAMPLES = 5000
 CHOSEN_HERE = (
     "the reference is the best constant of these same episodes, so that the differences lean to its side and the p are "
-    "not exact; they are with a reference that --against names beforehand"
+    "not exact; they are with a reference that is named beforehand, by --against"
 )
 """What must be known of tests against a reference that the same data chose."""
 
