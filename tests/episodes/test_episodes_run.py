@@ -194,6 +194,8 @@ def test_a_limit_cuts_episodes_and_a_higher_one_goes_on_without_asking_again(tmp
     first = study.run(plan, bounds=Bounds(limits=Limits(calls=7)))
     assert first.stopped is not None
     assert plan.left()
+    (rest,) = study.expected(plan, read_prices(None), concurrency=1)
+    assert rest.calls == 24 - 7
     second = study.run(plan, bounds=Bounds(limits=Limits(calls=1000)))
     assert (second.stopped, plan.left()) == (None, ())
     with Ledger(tmp_path / "run" / LEDGER) as ledger:

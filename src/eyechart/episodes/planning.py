@@ -17,7 +17,7 @@ from eyechart.episodes.manifest import EpisodesManifest, is_episodes_run, read_m
 from eyechart.episodes.nouns import Episode, EpisodeKey, fail_safe
 from eyechart.episodes.recorded import recorded
 from eyechart.episodes.records import mend_episodes, read_episodes, write_episodes
-from eyechart.episodes.running import USUAL, Bounds, Drivers, Progress, drive
+from eyechart.episodes.running import USUAL, Bounds, Drivers, Progress, calls_of, drive
 from eyechart.episodes.showing import require_shown
 from eyechart.episodes.worlds import MAX_STEPS, Setup, Worlds
 from eyechart.errors import LedgerError, SpecError
@@ -180,7 +180,8 @@ def _resumed(planned: Episodes) -> EpisodesManifest:
 def expected(planned: Episodes, prices: Prices, *, concurrency: int) -> tuple[Estimate, ...]:
     """Return what the calls that are still to be made are expected to take, by model.
 
-    An episode counts as long as one that brakes all the way, in the first of the seeds; that drive is made here.
+    An episode counts as long as one that brakes all the way, in the first of the seeds; that drive is made here. Of an
+    episode that was cut the calls that are finished are not made again.
     """
     left = [key for key in planned.left() if key.policy in planned.drivers.models]
     if not left:
@@ -192,15 +193,24 @@ def expected(planned: Episodes, prices: Prices, *, concurrency: int) -> tuple[Es
         scenario: len(worlds.drive(replace(key, policy="constant", seed=planned.manifest.seeds[0]), brake).steps)
         for scenario, key in {key.scenario: key for key in left}.items()
     }
+    made = _finished(planned, left)
     return tuple(
         estimate(
             planned.manifest.mode(spec),
-            sum(length[key.scenario] for key in left if key.policy == spec),
+            sum(max(0, length[key.scenario] - made.get(key, 0)) for key in left if key.policy == spec),
             prices,
             concurrency=concurrency,
         )
         for spec in planned.drivers.models
     )
+
+
+def _finished(planned: Episodes, left: Sequence[EpisodeKey]) -> dict[EpisodeKey, int]:
+    """Return how many calls of each of these episodes are finished."""
+    if not (planned.out / LEDGER).is_file():
+        return {}
+    with Ledger(planned.out / LEDGER) as ledger:
+        return {key: len(calls) for key, calls in calls_of(left, planned.drivers, ledger).items()}
 
 
 def first_pictures(planned: Episodes, most: int) -> tuple[bytes, ...]:
