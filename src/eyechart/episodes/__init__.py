@@ -1,18 +1,9 @@
 """Closed-loop episodes: a policy or a model drives a simulator, decision by decision."""
 
+from eyechart.episodes.expecting import expected, first_pictures, within
 from eyechart.episodes.manifest import FORMAT, EpisodesManifest, read_manifest
 from eyechart.episodes.nouns import STUDY, Episode, EpisodeKey, Step, fail_safe
-from eyechart.episodes.planning import (
-    ACTION_MAP,
-    ENGINES,
-    Episodes,
-    expected,
-    first_pictures,
-    plan,
-    require_engine,
-    run,
-    within,
-)
+from eyechart.episodes.planning import ACTION_MAP, ENGINES, Episodes, plan, require_engine, run
 from eyechart.episodes.records import EPISODES, read_episodes, write_episodes
 from eyechart.episodes.running import Bounds
 from eyechart.episodes.showing import SHOWN

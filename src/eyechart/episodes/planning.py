@@ -11,25 +11,23 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from eyechart.actions import DRIVING, read_toml
-from eyechart.costs import Estimate, estimate
 from eyechart.episodes.hosts import Host, LocalHost
 from eyechart.episodes.manifest import EpisodesManifest, is_episodes_run, read_manifest, write_manifest
-from eyechart.episodes.nouns import Episode, EpisodeKey, fail_safe
+from eyechart.episodes.nouns import Episode, EpisodeKey
 from eyechart.episodes.recorded import recorded
 from eyechart.episodes.records import mend_episodes, read_episodes, write_episodes
-from eyechart.episodes.running import USUAL, Bounds, Drivers, Progress, calls_of, drive
+from eyechart.episodes.running import USUAL, Bounds, Drivers, Progress, drive
 from eyechart.episodes.showing import require_shown
-from eyechart.episodes.worlds import MAX_STEPS, Setup, Worlds
+from eyechart.episodes.worlds import MAX_STEPS, Setup
 from eyechart.errors import LedgerError, SpecError
 from eyechart.ledger import Ledger
-from eyechart.limits import Limits, Outcome, Spent, added
+from eyechart.limits import Outcome, Spent, added
 from eyechart.manifest import LEDGER, is_run, today, versions
 from eyechart.models import open_model
-from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
 from eyechart.perception.estimate import SCENE_READER
 from eyechart.perception.forward import distances_of
-from eyechart.perception.view import NONE, View, through
+from eyechart.perception.view import NONE, View
 from eyechart.policies import is_policy, open_policy
 from eyechart.policies.baselines import Marginal
 from eyechart.prompts import Prompt, find_prompt, neutral
@@ -39,8 +37,6 @@ from eyechart.simulators import Simulator, open_simulator
 ENGINES = ("local", "ray")
 ACTION_MAP = "actions.toml"
 """The run's copy of the action map of a ``gym:`` environment."""
-
-_LONGEST_SAMPLE = 200
 
 
 @dataclass(frozen=True)
@@ -175,72 +171,6 @@ def _resumed(planned: Episodes) -> EpisodesManifest:
     if is_episodes_run(planned.out):
         return read_manifest(planned.out).extended(planned.manifest)
     return planned.manifest
-
-
-def expected(planned: Episodes, prices: Prices, *, concurrency: int) -> tuple[Estimate, ...]:
-    """Return what the calls that are still to be made are expected to take, by model.
-
-    An episode counts as long as one that brakes all the way, in the first of the seeds; that drive is made here. Of an
-    episode that was cut the calls that are finished are not made again.
-    """
-    left = [key for key in planned.left() if key.policy in planned.drivers.models]
-    if not left:
-        return ()
-    worlds = Worlds(replace(planned.setup, max_steps=min(planned.setup.max_steps, _LONGEST_SAMPLE)))
-    simulator = open_simulator(planned.setup.simulator, actions=planned.setup.actions)
-    brake = open_policy(f"constant:{fail_safe(simulator)}", planned.drivers.space, recorded)
-    length = {
-        scenario: len(worlds.drive(replace(key, policy="constant", seed=planned.manifest.seeds[0]), brake).steps)
-        for scenario, key in {key.scenario: key for key in left}.items()
-    }
-    made = _finished(planned, left)
-    return tuple(
-        estimate(
-            planned.manifest.mode(spec),
-            sum(max(0, length[key.scenario] - made.get(key, 0)) for key in left if key.policy == spec),
-            prices,
-            concurrency=concurrency,
-        )
-        for spec in planned.drivers.models
-    )
-
-
-def _finished(planned: Episodes, left: Sequence[EpisodeKey]) -> dict[EpisodeKey, int]:
-    """Return how many calls of each of these episodes are finished."""
-    if not (planned.out / LEDGER).is_file():
-        return {}
-    with Ledger(planned.out / LEDGER) as ledger:
-        return {key: len(calls) for key, calls in calls_of(left, planned.drivers, ledger).items()}
-
-
-def first_pictures(planned: Episodes, most: int) -> tuple[bytes, ...]:
-    """Return the first picture of each of the first worlds of a plan, as a model is shown it with real pictures.
-
-    A world that shows none is passed over; raises SpecError where none of ``most`` shows any.
-    """
-    worlds, pictures, why = Worlds(planned.setup), list[bytes](), ""
-    for key in list({key.world: replace(key, condition="real") for key in planned.keys}.values())[:most]:
-        shown = worlds.open(key)
-        if isinstance(shown, Episode):
-            why = shown.detail
-            continue
-        picture = through(planned.drivers.view, shown.picture, shown.frame)
-        assert picture is not None
-        pictures.append(picture)
-        worlds.close(key)
-    if not pictures:
-        raise SpecError(f"no world of {planned.manifest.simulator} shows a picture to probe a model with: {why}")
-    return tuple(pictures)
-
-
-def within(planned: Episodes, prices: Prices, *, calls: int | None = None, cost_usd: float | None = None) -> Limits:
-    """Return the limits of a run: so many requests, so many dollars by these prices; its probes count too."""
-    return Limits(
-        calls=calls,
-        cost_usd=cost_usd,
-        before=planned.manifest.spent_before(),
-        cost=lambda spec, reply: prices.cost(planned.manifest.mode(spec), reply)[0],
-    )
 
 
 def run(
