@@ -70,6 +70,7 @@ bench: $(BENCH) $(INSPECT)/.done
 	$(BIN)/python benchmarks/bench_positive_control.py
 	$(BIN)/python benchmarks/bench_score.py
 	$(BIN)/python benchmarks/bench_guardian.py
+	$(BIN)/python benchmarks/bench_mpc.py
 	$(BIN)/python benchmarks/bench_serve.py
 	$(BIN)/python benchmarks/bench_hf.py
 	$(BIN)/python benchmarks/bench_calls.py --inspect-python $(INSPECT)/bin/python

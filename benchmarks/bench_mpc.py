@@ -16,6 +16,7 @@ import json
 import math
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterator
 
 import casadi
@@ -189,6 +190,7 @@ def main() -> int:
     parser.add_argument("--states", type=int, default=300)
     parser.add_argument("--json", action="store_true")
     asked = parser.parse_args()
+    warnings.filterwarnings("ignore", "Solution may be inaccurate")  # cvxpy's; commands_agree says what came of it
     own = Mpc(CAR, ROAD)
 
     def ours(state: State, target: Target, discs: Floats) -> tuple[float, float]:

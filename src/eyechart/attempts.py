@@ -6,10 +6,11 @@ Batteries and episodes make their calls here, so that both cost, fail and resume
 import asyncio
 import contextlib
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
-from eyechart.calls import TRANSIENT, CallKey, Query, Reply
+from eyechart.calls import TRANSIENT, UNFINISHED, CallKey, Query, Reply
 from eyechart.ledger import Attempt, Ledger
-from eyechart.limits import Budget, Limits, Pace, pause_s
+from eyechart.limits import Budget, Limits, Pace, asks_too_much, pause_s
 from eyechart.models import Model, ask
 
 _CLOSING_S = 10.0
@@ -26,42 +27,72 @@ def budget_of(limits: Limits | None, models: Sequence[str], ledger: Ledger) -> B
     return budget
 
 
-class Caller:
-    """Makes the calls of a run, several at once, in one event loop and with one writer to its ledger."""
+@dataclass(frozen=True, slots=True)
+class Made:
+    """What a call came to: its last reply, and whether that finishes the call; else a resumed run makes it again."""
 
-    def __init__(self, ledger: Ledger, budget: Budget, *, attempts: int = 5) -> None:
+    reply: Reply
+    finished: bool
+
+
+class Caller:
+    """Makes the calls of a run, several at once, in one event loop and with one writer to its ledger.
+
+    ``silent`` are the kinds of passing failures that finish a call, as the model's silence: a timeout at once, the
+    others when the attempts are used up. A model that has answered nothing yet in this ledger, or is set aside, is not
+    silent: nobody is there.
+    """
+
+    def __init__(
+        self, ledger: Ledger, budget: Budget, *, attempts: int = 5, silent: frozenset[str] = frozenset()
+    ) -> None:
         self._writer = _Writer(ledger)
         self._budget = budget
         self._attempts = attempts
+        self._silent = silent
+        self._heard = {spec for spec in ledger.models() if silent and _answered(ledger, spec)}
 
-    async def call(self, key: CallKey, query: Query, model: Model, pace: Pace) -> Reply | None:
-        """Make a call; return its last reply, or None where a limit kept it from being made.
+    async def call(self, key: CallKey, query: Query, model: Model, pace: Pace) -> Made | None:
+        """Make a call; return what it came to, or None where a limit kept it from being made.
 
         A call whose error is transient is tried again, with backoff; its last reply may still be such an error, and
         then the call is unfinished.
         """
-        reply = await self._attempt(key, query, model, pace)
-        if reply is not None:
-            self._budget.ended(key.model, reply)
-        return reply
+        made = await self._attempt(key, query, model, pace)
+        if made is not None:
+            self._budget.ended(key.model, made.reply)
+        return made
 
-    async def _attempt(self, key: CallKey, query: Query, model: Model, pace: Pace) -> Reply | None:
-        digest, reply = query.sha256(), None
+    async def _attempt(self, key: CallKey, query: Query, model: Model, pace: Pace) -> Made | None:
+        digest, made = query.sha256(), None
         for number in range(1, self._attempts + 1):
             entered = await pace.enter()
             if not await self._budget.turn(key.model):
                 pace.leave(entered, _NOT_SENT)
-                return reply
+                return made
             attempt = await self._writer.begin(key, digest)
             reply = await ask(model, query)
-            await self._writer.close(attempt, reply)
+            silence = self._is_silence(key.model, reply, last=number == self._attempts)
+            await self._writer.close(attempt, reply, silence=silence)
+            made = Made(reply, silence or reply.error not in UNFINISHED)
             pace.leave(entered, reply)
             self._budget.came(key.model, reply)
-            if reply.error not in TRANSIENT or key.model in self._budget.set_aside:
+            if silence or reply.error not in TRANSIENT or key.model in self._budget.set_aside:
                 break
             if number < self._attempts:
                 await asyncio.sleep(pause_s(number, reply))
-        return reply
+        return made
+
+    def _is_silence(self, spec: str, reply: Reply, *, last: bool) -> bool:
+        if reply.error is None:
+            self._heard.add(spec)
+        if reply.error not in self._silent or spec not in self._heard or spec in self._budget.set_aside:
+            return False
+        return (last or reply.error == "timeout") and not asks_too_much(reply)
+
+
+def _answered(ledger: Ledger, spec: str) -> bool:
+    return any(reply.error is None for _, reply in ledger.replies(spec))
 
 
 async def close(model: Model) -> None:
@@ -93,8 +124,8 @@ class _Writer:
         assert attempt is not None
         return attempt
 
-    async def close(self, attempt: Attempt, reply: Reply) -> None:
-        await self._soon(lambda: self._ledger.close(attempt, reply))
+    async def close(self, attempt: Attempt, reply: Reply, *, silence: bool) -> None:
+        await self._soon(lambda: self._ledger.close(attempt, reply, silence=silence))
 
     def _soon(self, write: Callable[[], Attempt | None]) -> "asyncio.Future[Attempt | None]":
         loop = asyncio.get_running_loop()

@@ -34,6 +34,10 @@ HOPELESS: frozenset[str] = frozenset({"auth", "quota", "missing_model"})
 UNFINISHED: frozenset[str] = TRANSIENT | HOPELESS
 """The kinds that leave a call unfinished: a resumed run makes it again."""
 
+SILENT: frozenset[str] = frozenset({"timeout", "server_error", "connection", "cut_short"})
+"""The kinds in which a model says nothing, for a run that counts silence (docs/decisions/0027). A 429 is none: it says
+that the run asks too fast."""
+
 
 @dataclass(frozen=True, slots=True)
 class Query:

@@ -102,7 +102,7 @@ class Book:
             page.cost_from[UNKNOWN] += 1
             return
         missing = self._read(reply.text, reply.finish_reason, reply.error)
-        if reply.error in UNFINISHED:
+        if reply.error in UNFINISHED and not one.final:
             page.pending.add(one.key)
         else:
             page.pending.discard(one.key)

@@ -153,7 +153,7 @@ class _Outcomes:
         self.counts["sent"] += 1
         self.counts["repeated"] += one.number > 1
         self.counts["unknown"] += one.reply is None
-        if one.reply is not None and one.reply.error not in UNFINISHED:
+        if one.reply is not None and (one.final or one.reply.error not in UNFINISHED):
             self.counts["twice"] += hash(one.key) in self.finals
             self.counts["failed"] += one.reply.error is not None
             self.finals.add(hash(one.key))

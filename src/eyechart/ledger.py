@@ -99,13 +99,17 @@ class Attempt:
 
 @dataclass(frozen=True, slots=True)
 class Sent:
-    """An attempt as it is read back: its call, its number, why it was made, and what came; None is "unknown"."""
+    """An attempt as it is read back: its call, its number, why it was made, and what came; None is "unknown".
+
+    ``final`` says that what came finished the call.
+    """
 
     key: CallKey
     number: int
     reason: str | None
     reply: Reply | None
     request_sha256: str = ""
+    final: bool = False
 
 
 class Ledger:
@@ -195,9 +199,12 @@ class Ledger:
         added = sql.execute(_ADD_ATTEMPT, (call, number, reason, request_sha256, _now()))
         return Attempt(id=int(added.lastrowid or 0), call=call, number=number, reason=reason)
 
-    def close(self, attempt: Attempt, reply: Reply) -> None:
-        """Record what came back. An error that may pass, or that somebody can mend, leaves the call unfinished."""
-        final = reply.error not in UNFINISHED
+    def close(self, attempt: Attempt, reply: Reply, *, silence: bool = False) -> None:
+        """Record what came back. An error that may pass, or that somebody can mend, leaves the call unfinished.
+
+        With ``silence`` such an error finishes it too: the model said nothing, and is not asked again.
+        """
+        final = silence or reply.error not in UNFINISHED
         came = [_storable(value) if isinstance(value, str) else value for value in _reply_values(reply)]
         self._sql.execute(_ADD_REPLY, (attempt.id, attempt.call, int(final), _now(), *came))
 
@@ -237,7 +244,7 @@ class Ledger:
         names = ", ".join(f"r.{name}" for name in _REPLY)
         calls = ", ".join(f"c.{field.name}" for field in fields(CallKey))
         rows = self._sql.execute(
-            f"SELECT {calls}, a.number, a.reason, a.request_sha256, r.attempt, {names} "
+            f"SELECT {calls}, a.number, a.reason, a.request_sha256, r.final, {names} "
             "FROM attempts a JOIN calls c ON c.id = a.call "
             "LEFT JOIN replies r ON r.attempt = a.id WHERE c.model = ? ORDER BY a.id",
             (model,),
@@ -246,7 +253,7 @@ class Ledger:
         for row in rows:
             number, reason, digest, came = row[split : split + 4]
             reply = None if came is None else Reply(*row[split + 4 :])
-            yield Sent(CallKey(*row[:split]), number, reason, reply, digest)
+            yield Sent(CallKey(*row[:split]), number, reason, reply, digest, bool(came))
 
     def copy_to(self, path: Path) -> None:
         """Write a copy of the ledger as it stands, also while a run appends; the same rows give the same bytes."""

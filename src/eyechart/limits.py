@@ -69,9 +69,12 @@ class Spent:
         return made
 
 
+NOTHING = Spent()
+
+
 def added(earlier: Mapping[str, Spent], now: Mapping[str, Spent]) -> dict[str, Spent]:
     """Return what was spent now by model, with what was spent on the same models before."""
-    return {spec: Spent.together([earlier.get(spec, Spent()), one]) for spec, one in now.items()}
+    return {spec: Spent.together([earlier.get(spec, NOTHING), one]) for spec, one in now.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,8 +82,8 @@ class Limits:
     """What ends a run before its plan is done; nothing is lost, and the run can be resumed.
 
     ``calls`` and ``cost_usd`` bound the attempts and the cost of the whole run, those of earlier days included; calls
-    under way are let finish. ``before`` is what a probe spent on the run before its ledger began, and counts too.
-    ``patience`` is how many calls of a model may fail in a row before it is set aside.
+    under way are let finish. ``before`` is what was spent elsewhere, by a probe or in another run of a study, and
+    counts too. ``patience`` is how many calls of a model may fail in a row before it is set aside.
     ``cost`` returns what an attempt cost in dollars, or None where that is not known.
     """
 
@@ -88,7 +91,7 @@ class Limits:
     cost_usd: float | None = None
     patience: int = 10
     cost: Callable[[str, Reply], float | None] = lambda _, reply: reply.cost_usd
-    before: Spent = Spent()
+    before: Spent = NOTHING
 
 
 @dataclass(frozen=True, slots=True)

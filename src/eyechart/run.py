@@ -8,7 +8,7 @@ from typing import Protocol
 
 from eyechart import conditions as stimuli
 from eyechart.attempts import Caller, budget_of, close, first_error
-from eyechart.calls import UNFINISHED, CallKey, Query, Reply
+from eyechart.calls import CallKey, Query, Reply
 from eyechart.errors import SpecError
 from eyechart.frames import Frame, FrameBank
 from eyechart.ledger import Ledger
@@ -172,12 +172,12 @@ class _Execution:
 
     async def _work(self, queue: Iterator[CallKey], model: Model, pace: Pace) -> None:
         for key in queue:
-            last = await self._caller.call(key, self._query(key), model, pace)
-            if last is None:
+            made = await self._caller.call(key, self._query(key), model, pace)
+            if made is None:
                 return
-            if self._watch is not None and last.error not in UNFINISHED:
-                self._watch.finished(key, last)
-            self._done += last.error not in UNFINISHED  # after the await: other workers count meanwhile
+            if self._watch is not None and made.finished:
+                self._watch.finished(key, made.reply)
+            self._done += made.finished  # after the await: other workers count meanwhile
             self._report()
             await asyncio.sleep(0)  # lets the other models' calls, and an interrupt, come in between
 

@@ -14,7 +14,7 @@ from scipy.stats import spearmanr
 from eyechart.actions import DRIVING
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank, check, decode
-from eyechart.models.scripted import CONTROLLERS
+from eyechart.models.scripted import CONTROLLERS, PLANNERS
 from eyechart.perception.forward import ROVER, ForwardReading, read_forward
 from eyechart.perception.scene import safe_action
 from eyechart.prompts import FORWARD_PROMPTS
@@ -349,15 +349,31 @@ ON_EVERY_RUN = ("depth_lateral", "nuisance", "crash_colour", "scene_only")
 
 
 def test_known_answer_controllers_get_their_labels_on_forward_pictures(bank: FrameBank, tmp_path: Path) -> None:
-    """Calibrated, lateral and paper label, with the horizontal flip as the mirror."""
-    planned = battery.plan(bank.root, [f"scripted:{name}" for name in ON_EVERY_RUN], tmp_path / "run")
+    """Calibrated, lateral and paper label, with the horizontal flip as the mirror; so do the hierarchy's planners.
+
+    Of a planner that goes round and seldom brakes, the paper's rules see the depth in 180 frames, not in these 120.
+    """
+    known = {name: CONTROLLERS[name] for name in ON_EVERY_RUN} | PLANNERS
+    planned = battery.plan(bank.root, [f"scripted:{name}" for name in known], tmp_path / "run")
     assert planned.plan.prompt == FORWARD_PROMPTS["baseline"]
     battery.run(planned, concurrency=8)
     verdicts = judge(battery.score(tmp_path / "run", resamples=999))
-    for name in ON_EVERY_RUN:
-        verdict, declared = verdicts[f"scripted:{name}"], CONTROLLERS[name].declared
+    for name, controller in known.items():
+        verdict, declared = verdicts[f"scripted:{name}"], controller.declared
         found = (verdict.paper.label, verdict.calibrated.label, verdict.lateral.label)
-        assert found == (declared.paper, declared.calibrated, declared.lateral), name
+        paper = "presence_only" if name == "clear_side" else declared.paper
+        assert found == (paper, declared.calibrated, declared.lateral), name
+
+
+def test_the_planners_of_the_hierarchy_are_four_and_one_alone_sees_the_side() -> None:
+    """One that goes round on the clear side, a one-sided one, one that brakes by distance, and one that stops."""
+    deserved = {name: (one.declared.calibrated, one.declared.lateral) for name, one in PLANNERS.items()}
+    assert deserved == {
+        "clear_side": ("depth_lateral", "swaps"),
+        "left_side": ("depth", "one_sided"),
+        "distance": ("depth", "no_power"),
+        "stopping": ("image_invariant", "no_power"),
+    }
 
 
 def test_the_inner_loop_is_fine_enough_for_another_law() -> None:

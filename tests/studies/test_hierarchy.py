@@ -6,23 +6,40 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from rich.table import Table
 
-from eyechart.episodes import Bounds, read_episodes, run
+import planners
+from eyechart.calls import Reply
+from eyechart.episodes import Bounds, read_episodes
 from eyechart.errors import LedgerError
+from eyechart.ledger import Ledger
+from eyechart.manifest import LEDGER
+from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
-from eyechart.report.hierarchy import against_table, source_table
+from eyechart.report.hierarchy import against_table, completion_table, intent_table, source_table
 from eyechart.studies import hierarchy
-from eyechart.studies.hierarchy import HierarchyScore, Part, planning, score, scoring
+from eyechart.studies.hierarchy import HierarchyScore, Part, Source, planning, running, score, scoring
+from faults import FaultServer
 
 MPC_ONLY = "constant:STRAIGHT"
+SEEING = "scripted:clear_side"
 SMALL: Mapping[str, Part] = {
     "primary": Part("rover-mpc", (MPC_ONLY, "constant:STOP", "route"), ("offset",), 1),
     "primary-models": Part("rover-mpc", (), ("offset",), 1, ("real", "blank"), models=True),
     "unaware": Part("rover-mpc-unaware", (MPC_ONLY,), ("offset", "slalom"), 3),
     "lateral": Part("rover-mpc-lateral", ("route", "mirrored:route"), ("offset", "slalom"), 3),
-    "lateral-models": Part("rover-mpc-lateral", (), ("offset",), 2, ("real", "mirrored"), models=True),
+    "lateral-models": Part("rover-mpc-lateral", (), ("clutter",), 1, planning.CONDITIONS, models=True),
 }
 """The study in fewer worlds."""
+
+SHORT: Mapping[str, Part] = {
+    name: Part(simulator, (), ("offset",), 1, models=True)
+    for name, simulator in (("unaware-models", "rover-mpc-unaware"), ("lateral-models", "rover-mpc-lateral"))
+}
+"""A drive in each of two parts, straight into an obstacle."""
+
+FREE = Prices(())
+ONE = Bounds(processes=1)
 
 
 def garbled(prompt: str, image: object) -> str:
@@ -39,25 +56,65 @@ def failing(prompt: str, image: object, calls: Iterator[int] = itertools.count()
     return "STRAIGHT"
 
 
+def hanging(prompt: str, image: object, calls: Iterator[int] = itertools.count()) -> str | Reply:  # noqa: B008
+    """Hang every other time."""
+    del prompt, image
+    return Reply(error="timeout") if next(calls) % 2 else "SLOW"
+
+
+def dear(prompt: str, image: object) -> Reply:
+    """Go straight on, for a cent."""
+    del prompt, image
+    return Reply("STRAIGHT", "stop", cost_usd=0.01)
+
+
+def lapsed(prompt: str, image: object) -> Reply:
+    """Refuse the key."""
+    del prompt, image
+    return Reply(error="auth", error_detail="no such key")
+
+
+def own(name: str) -> str:
+    """Return the SPEC of one of the planners above."""
+    return f"python:{__name__}:{name}"
+
+
 @pytest.fixture(scope="module")
 def studied(tmp_path_factory: pytest.TempPathFactory) -> HierarchyScore:
-    """Run the small study with a planner that sees and two that fail."""
+    """Run the small study with a planner that sees, in this process and behind an endpoint."""
     out = tmp_path_factory.mktemp("hierarchy")
-    specs = ("scripted:clear_side", f"python:{__name__}:garbled", f"python:{__name__}:failing")
-    with pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch, FaultServer([planners.clear_side]) as server:
         patch.setattr(planning, "PARTS", SMALL)
-        for planned in hierarchy.plan(out, [RequestMode(spec) for spec in specs]).values():
-            run(planned, bounds=Bounds(processes=1))
+        modes = [RequestMode(SEEING), RequestMode(planners.SPEC, base_url=server.base_url)]
+        hierarchy.run(hierarchy.plan(out, modes), FREE, bounds=ONE)
         return score(out)
+
+
+@pytest.fixture(scope="module")
+def failed(tmp_path_factory: pytest.TempPathFactory) -> HierarchyScore:
+    """Drive once with each of three planners that fail."""
+    out = tmp_path_factory.mktemp("failed")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(planning, "PARTS", {"primary-models": replace(SHORT["unaware-models"], simulator="rover-mpc")})
+        modes = [RequestMode(own(name)) for name in ("garbled", "failing", "hanging")]
+        hierarchy.run(hierarchy.plan(out, modes), FREE, bounds=ONE)
+        return score(out)
+
+
+def cells(table: Table) -> dict[str, dict[str, str]]:
+    """Return a table's cells by row and column; the last of two columns of one name."""
+    names = [str(column.header) for column in table.columns]
+    rows = zip(*(list(column.cells) for column in table.columns), strict=True)
+    return {str(row[0]): dict(zip(names, map(str, row), strict=True)) for row in rows}
 
 
 def goals(studied: HierarchyScore, part: str, policy: str, condition: str = "real") -> tuple[int, int]:
     """Return how many episodes of a source reached the goal, of how many."""
-    (row,) = [
+    row = next(
         one
         for one in studied.sources
         if (one.part, one.driver.policy, one.driver.condition) == (part, policy, condition)
-    ]
+    )
     assert row.goals.value is not None
     return round(row.goals.value * row.goals.n), row.goals.n
 
@@ -82,16 +139,25 @@ def test_a_planner_that_sees_is_told_from_itself_when_its_picture_is_mirrored(st
     )
     said = [line for line in studied.words if "scripted:clear_side" in line]
     assert said
-    assert all("completion does not show perception" in line for line in said)  # two worlds cannot show it either
+    assert all("completion does not show perception" in line for line in said)  # one world cannot show it either
+    rates = "goals with real pictures 1/1, blank 0/1"
+    assert said[0] == f"rover-mpc, scripted:clear_side: {rates}: completion does not show perception."
 
 
 @pytest.mark.parametrize(
-    ("goals", "p", "said"), [(0.5, 0.01, False), (0.5, 0.2, True), (-0.5, 0.01, True), (0.0, 1.0, True)]
+    ("goals", "p", "finding", "said"),
+    [
+        (0.5, 0.01, "differs", False),
+        (0.5, 0.2, "differs", True),
+        (-0.5, 0.01, "differs", True),
+        (0.0, 1.0, "differs", True),
+        (0.5, 0.01, "cannot_say", True),
+    ],
 )
 def test_only_more_goals_with_real_pictures_show_perception(
-    studied: HierarchyScore, goals: float, p: float, *, said: bool
+    studied: HierarchyScore, goals: float, p: float, finding: str, *, said: bool
 ) -> None:
-    """Not another distance, and not fewer goals."""
+    """Not another distance, not fewer goals, and nothing where so many calls failed that the fail-safe drove."""
     part, blind = studied.blind[0]
     assert part
     changed = replace(blind.paired.differences["success_rate"], value=goals)
@@ -100,41 +166,134 @@ def test_only_more_goals_with_real_pictures_show_perception(
         differences={**blind.paired.differences, "success_rate": changed},
         holm={"success_rate": p, "distance_m": 0.001},
     )
-    assert bool(scoring.unless_shown(replace(blind, paired=paired))) == said
+    assert bool(scoring.unless_shown(replace(blind, paired=paired, finding=finding))) == said
 
 
-@pytest.mark.parametrize("name", ["garbled", "failing"])
-def test_a_planner_that_fails_ends_in_logged_stops(studied: HierarchyScore, name: str) -> None:
-    """Never in the last plan again: each step without a decision executed STOP."""
-    drives = [one for one in studied.drives["primary-models"] if one.driver.policy == f"python:{__name__}:{name}"]
-    failed = [step for one in drives for step in one.steps if step.decision.action is None]
-    assert failed
-    assert all(step.executed_action == "STOP" for step in failed)
-    assert {step.decision.missing for step in failed} == {"unparsed" if name == "garbled" else "error"}
-    mine = [one for one in studied.sources if one.driver.policy == f"python:{__name__}:{name}"]
-    rows = [one for one in mine if one.part == "primary-models"]
-    assert sum(one.fail_safe for one in rows) == len(failed)
-    assert all(one.intents["STOP"] == 0 for one in rows)
-    assert all(one.intents["STRAIGHT"] == 0 or name == "failing" for one in rows)
+def test_a_planner_behind_an_endpoint_drives_as_it_does_in_this_process(studied: HierarchyScore) -> None:
+    """To the last digit of every world's state, whatever it is shown."""
+    for part in ("primary-models", "lateral-models"):
+        states = {
+            spec: {
+                (one.key.world, one.key.condition): one.state_sha256
+                for drives in studied.drives[part]
+                for one in drives.episodes
+                if one.key.policy == spec
+            }
+            for spec in (SEEING, planners.SPEC)
+        }
+        assert states[SEEING] == states[planners.SPEC]
+        assert len(states[SEEING]) == (2 if part == "primary-models" else 4)
+
+
+def of(found: HierarchyScore, name: str) -> Source:
+    """Return the row of one of the planners that fail."""
+    (row,) = [one for one in found.sources if one.driver.policy == own(name)]
+    return row
+
+
+@pytest.mark.parametrize(("name", "why"), [("garbled", "unparsed"), ("failing", "exception"), ("hanging", "timeout")])
+def test_a_planner_that_fails_ends_in_logged_stops_that_are_no_intents_of_its_own(
+    failed: HierarchyScore, name: str, why: str
+) -> None:
+    """Never in the last plan again; the table counts them by reason, and no STOP is credited to the planner."""
+    (drives,) = [one for one in failed.drives["primary-models"] if one.driver.policy == own(name)]
+    silent = [step for step in drives.steps if step.decision.action is None]
+    assert len(silent) >= 10
+    assert {step.executed_action for step in silent} == {"STOP"}
+    row = of(failed, name)
+    assert row.no_decision == {why: len(silent)}
+    assert (row.intents["STOP"], row.emitted) == (0, len(drives.steps) - len(silent))
+    assert row.stop_share.value == (None if name == "garbled" else 0.0)
+    shown = cells(intent_table(failed.sources, primary=True))[own(name)]
+    assert (shown["intents"], shown["fail-safe"], shown["no decision"]) == (
+        str(row.emitted),
+        str(len(silent)),
+        f"{why} {len(silent)}",
+    )
+
+
+def test_solver_failures_are_counted_and_shown(studied: HierarchyScore) -> None:
+    """No plan failed here; those that are put into a record stand in its row."""
+    assert all(one.solver_failures == 0 for one in studied.sources)
+    drives = studied.drives["primary"][0]
+    episode = drives.episodes[0]
+    steps = tuple(replace(step, facts={**step.facts, "solver_failures": 2}) for step in episode.steps[:3])
+    worse = replace(drives, episodes=(replace(episode, steps=(*steps, *episode.steps[3:])),))
+    row = HierarchyScore({"primary": (worse,)}).sources[0]
+    assert row.solver_failures == 6
+    assert cells(intent_table([row], primary=True))[row.name]["solver failed"] == "6"
 
 
 def test_the_tables_hold_every_source_once(studied: HierarchyScore) -> None:
     """Beside the paper's where it prints one; the controller alone is what the others are held against."""
-    first, second = source_table(studied.sources, primary=True), source_table(studied.sources, primary=False)
-    assert first.row_count + second.row_count == len(studied.sources)
-    names = [str(cell) for table in (first, second) for cell in table.columns[0].cells]
-    assert "oracle, lateral intent, mirrored" in names
-    assert len(set(names)) == len(names)
-    assert against_table(studied.against_mpc_only).row_count == len(studied.against_mpc_only) == 8
+    first, second = (cells(source_table(studied.sources, primary=primary)) for primary in (True, False))
+    assert len(first) + len(second) == len(studied.sources)
+    assert {"MPC-only", "constant STRAIGHT", f"{SEEING}, blank"} <= first.keys()
+    assert {"mpc-blind", "oracle, lateral intent, mirrored", f"{SEEING}, lateral intent, mirrored"} <= second.keys()
+    assert first["MPC-only"]["paper"] == "95.6"
+    assert {name: row for name, row in first["MPC-only"].items() if name not in {"intent source", "paper"}}.items() <= (
+        first["constant STRAIGHT"].items()
+    )
+    against = cells(against_table(studied.against_mpc_only))
+    assert len(against) == len(studied.against_mpc_only) == 6
+    assert {"oracle intent", "constant STOP", f"{SEEING}, blank"} <= against.keys()
     assert {one.second.policy for one in studied.against_mpc_only} == {MPC_ONLY}
-
-
-def test_solver_failures_and_intents_are_counted(studied: HierarchyScore) -> None:
-    """No plan failed here; the counts of intents add up to the decisions."""
-    assert all(one.solver_failures == 0 for one in studied.sources)
+    assert completion_table(studied.completions).row_count == len(studied.completions) == 4
     for one in studied.sources:
         drives = next(each for each in studied.drives[one.part] if each.driver == one.driver)
-        assert sum(one.intents.values()) + one.fail_safe == len(drives.steps)
+        assert one.emitted + one.fail_safe == len(drives.steps)
+
+
+def test_eleven_sources_and_eight_controllers_drive_in_the_worlds_that_the_paper_counts(tmp_path: Path) -> None:
+    """Five families by five seeds, and four by eight; each is planned and named."""
+    planned = hierarchy.plan(tmp_path, [RequestMode(SEEING)])
+    counts: dict[str, int] = {}
+    for name, (part, policy) in hierarchy.SCRIPTED.items():
+        counts[name] = sum(key.policy == policy for key in planned[part].keys)
+    for part in ("primary-models", "unaware-models", "lateral-models"):
+        for key in planned[part].keys:
+            driver = scoring.Driver(key.simulator, "VLM", key.condition)
+            name = planning.name_of(part, driver)
+            counts[name] = counts.get(name, 0) + 1
+    constants = [f"constant {action}" for action in ("STRAIGHT", "SLOW", "STOP", "LEFT", "RIGHT")]
+    primary = ["MPC-only", "oracle intent", "random intent", *constants, "VLM", "VLM, mirrored", "VLM, blank"]
+    oracle, vlm = "oracle, lateral intent", "VLM, lateral intent"
+    second = ["mpc-oracle", "mpc-blind", vlm, f"{vlm}, mirrored", oracle, f"{oracle}, mirrored"]
+    second += ["VLM, full intent", "VLM, full intent, mirrored"]
+    assert {name: counts[name] for name in primary} == dict.fromkeys(primary, 25)
+    assert {name: counts[name] for name in second} == dict.fromkeys(second, 32)
+    other = {f"{name}, {shown}" for name in (vlm, "VLM, full intent") for shown in ("blank", "other worlds' pictures")}
+    assert counts.keys() - {*primary, *second} == other | {"VLM, other worlds' pictures"}
+
+
+@pytest.mark.parametrize("limits", [{"calls": 10}, {"cost_usd": 0.095}])
+def test_a_limit_bounds_the_whole_study(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limits: dict[str, float]
+) -> None:
+    """What the first part took is not left for the second; the command that resumes counts both."""
+    monkeypatch.setattr(planning, "PARTS", SHORT)
+    planned = hierarchy.plan(tmp_path, [RequestMode(own("dear"))])
+    for _ in range(2):
+        outcome = hierarchy.run(planned, FREE, bounds=ONE, **limits)  # type: ignore[arg-type]
+        assert outcome.stopped is not None
+        assert len(planned["lateral-models"].left()) == 1
+        calls = [running.spent(part, FREE).calls for part in planned.values()]
+        assert min(calls) >= 3
+        assert sum(calls) == 10
+
+
+def test_a_model_that_is_set_aside_in_one_part_is_asked_in_no_later_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its key would be refused there too; what is not driven is unfinished, and the study says why."""
+    monkeypatch.setattr(planning, "PARTS", SHORT)
+    planned = hierarchy.plan(tmp_path, [RequestMode(own("lapsed"))])
+    outcome = hierarchy.run(planned, FREE, bounds=ONE)
+    assert outcome.set_aside == {own("lapsed"): "auth: no such key"}
+    assert [len(part.left()) for part in planned.values()] == [1, 1]
+    assert not (tmp_path / "lateral-models" / LEDGER).exists()
+    with Ledger(tmp_path / "unaware-models" / LEDGER) as ledger:
+        assert len(list(ledger.attempts(own("lapsed")))) == 1
 
 
 def test_a_folder_without_the_study_is_refused(tmp_path: Path) -> None:

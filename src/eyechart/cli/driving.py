@@ -49,6 +49,9 @@ def closed_loop(
     concurrency: Annotated[int, typer.Option(min=1, help="Episodes of a model under way at once.")] = 8,
     how: asking.Options = asking.AS_USUAL,
     max_steps: Annotated[int, typer.Option(min=1, help="An episode that goes on for longer is an error.")] = 1000,
+    silence: Annotated[
+        str, typer.Option(help="What a call that hangs or keeps failing is: unfinished, or fail-safe (executed).")
+    ] = "unfinished",
     spending: Spending = NO_LIMIT,
     again: Annotated[bool, typer.Option("--again", help="Drive anew what ended in an error.")] = False,
     no_probe: asking.NoProbe = False,
@@ -80,6 +83,7 @@ def closed_loop(
             actions=actions,
             seed=seed,
             max_steps=max_steps,
+            silence=silence,
             again=again,
             probes=probes,
         )

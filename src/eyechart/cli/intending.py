@@ -1,5 +1,6 @@
 """``eyechart run hierarchy``: intents above a model-predictive controller, scripted ones and a model's own."""
 
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,10 +11,10 @@ from eyechart.cli.options import NO_LIMIT, Json, Spending, expanded
 from eyechart.cli.terminal import print_json, progress, resumable, say, table_console
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
-    from eyechart.episodes import Bounds, Episodes
-    from eyechart.models.prices import Prices
+    from eyechart.episodes import Episodes
+    from eyechart.limits import Outcome
     from eyechart.studies.hierarchy import HierarchyScore
 
 
@@ -28,6 +29,9 @@ def hierarchy(
     seed: Annotated[int, typer.Option(min=0, help="Seed of stimuli, sampling and the order of episodes.")] = 0,
     processes: Annotated[int, typer.Option(min=1, help="Processes that hold the worlds.")] = 2,
     concurrency: Annotated[int, typer.Option(min=1, help="Episodes of a model under way at once.")] = 8,
+    silence: Annotated[
+        str, typer.Option(help="What a call that hangs or keeps failing is: fail-safe (STOP), or unfinished.")
+    ] = "fail-safe",
     how: asking.Options = asking.AS_USUAL,
     spending: Spending = NO_LIMIT,
     no_probe: asking.NoProbe = False,
@@ -38,20 +42,22 @@ def hierarchy(
     """Let sources of intent plan for a rover under a model-predictive controller, beside the paper's tables.
 
     Scripted sources always, a model where one is given: with real, mirrored and blank pictures and with those of other
-    worlds; one that is served elsewhere is probed first. Interrupt it at will: it resumes. Exit 1: episodes are
-    unfinished; 3: stopped at --max-calls or --max-cost.
+    worlds; one that is served elsewhere is probed first. A planner that says nothing within --timeout stops the rover.
+    Interrupt it at will: it resumes. Exit 1: episodes are unfinished; 3: stopped at --max-calls or --max-cost.
     Example: eyechart run hierarchy --policy scripted:clear_side --out hierarchy
     """
     from eyechart import episodes as study
     from eyechart.studies import closed_loop
-    from eyechart.studies.hierarchy import PARTS, plan, score
+    from eyechart.studies.hierarchy import PARTS, plan, run, score
 
     given, table = how.given(), spending.table()
     runs = [out / name for name in PARTS]
     planned, failed = before.plan_probed(
         asking.read_modes(policy or [], mode, given),
         before.Study(
-            lambda modes, probes: plan(out, modes, seed=seed, prompt=prompt, again=again, probes=probes),
+            lambda modes, probes: plan(
+                out, modes, seed=seed, prompt=prompt, silence=silence, again=again, probes=probes
+            ),
             lambda one: closed_loop.as_recorded(runs, one, given),
             lambda parts: closed_loop.sample_of(next(parts[name] for name in parts if PARTS[name].models)),
             lambda known: closed_loop.spent_on(runs, known),
@@ -66,27 +72,37 @@ def hierarchy(
             say(f"  {estimate.words}")
     if dry_run:
         return
-    stopped = _drive(planned, table, study.Bounds(processes=processes, concurrency=concurrency), spending)
+    outcome = run(
+        planned,
+        table,
+        bounds=study.Bounds(processes=processes, concurrency=concurrency),
+        calls=spending.max_calls,
+        cost_usd=spending.max_cost,
+        watch=_watched,
+    )
     found = score(out)
     if json:
         print_json(found.as_dict())
     else:
         print_hierarchy(found)
-    _tell(planned, stopped, failed)
+    _tell(planned, outcome, failed)
 
 
-def _tell(planned: "Mapping[str, Episodes]", stopped: str | None, failed: "Mapping[str, str]") -> None:
-    """Print what is left and why; raise Exit 3 where a limit stopped it, 1 where anything else did."""
+def _tell(planned: "Mapping[str, Episodes]", outcome: "Outcome", failed: "Mapping[str, str]") -> None:
+    """Print how the study ended, what is left and why; raise Exit 3 where a limit stopped it, else 1."""
     from eyechart.episodes import unfinished
 
     for spec, why in failed.items():
         say(f"set aside: {spec}: {why}")
+    for spec, why in outcome.set_aside.items():
+        say(f"set aside: {spec}: {why}; its other episodes are unfinished")
+    before.say_uncounted(outcome)
     for name, part in planned.items():
         for one in unfinished(part.out, part.unfinished(), part.drivers.models):
             say(f"{name}: {one.policy}: {one.words}")
     left = sum(len(part.unfinished()) for part in planned.values())
-    if left and stopped is not None:
-        say(f"stopped: {stopped}; {left} episodes are left; a higher limit resumes")
+    if left and outcome.stopped is not None:
+        say(f"stopped: {outcome.stopped}; {left} episodes are left; a higher limit resumes")
         raise typer.Exit(3)
     if left:
         say(f"{left} episodes are unfinished; the same command goes on where they were cut")
@@ -94,33 +110,27 @@ def _tell(planned: "Mapping[str, Episodes]", stopped: str | None, failed: "Mappi
         raise typer.Exit(1)
 
 
-def _drive(planned: "Mapping[str, Episodes]", table: "Prices", bounds: "Bounds", spending: Spending) -> str | None:
-    """Drive what is left of each part; return which limit stopped one of them, None where none did."""
-    from dataclasses import replace
-
-    from eyechart import episodes as study
-
-    stopped = None
-    for name, part in planned.items():
-        if part.left():
-            limits = study.within(part, table, calls=spending.max_calls, cost_usd=spending.max_cost)
-            kept = "finished episodes and calls are kept; the same command resumes"
-            with resumable(kept), progress(name, "episodes") as move:
-                outcome = study.run(part, bounds=replace(bounds, limits=limits), progress=move)
-            for spec, why in outcome.set_aside.items():
-                say(f"set aside: {spec}: {why}")
-            stopped = stopped or outcome.stopped
-    return stopped
+@contextmanager
+def _watched(part: str) -> "Iterator[Callable[[int, int], None]]":
+    with (
+        resumable("finished episodes and calls are kept; the same command resumes"),
+        progress(part, "episodes") as move,
+    ):
+        yield move
 
 
 def print_hierarchy(found: "HierarchyScore") -> None:
     """Print both ablations, the tests against the controller alone, the positive control, and the words."""
-    from eyechart.report.hierarchy import against_table, source_table
+    from eyechart.report.hierarchy import against_table, completion_table, intent_table, source_table
 
     console = table_console(160)
     console.print(source_table(found.sources, primary=True))
+    console.print(intent_table(found.sources, primary=True))
     console.print(against_table(found.against_mpc_only))
     console.print(source_table(found.sources, primary=False))
+    console.print(intent_table(found.sources, primary=False))
+    if found.completions:
+        console.print(completion_table(found.completions))
     if found.oracle_mirrored is not None:
         goals = found.oracle_mirrored.differences["success_rate"]
         shown = "—" if goals.value is None else f"{100 * goals.value:+.0f} points"

@@ -2,7 +2,7 @@
 
 from eyechart.episodes.expecting import expected, first_pictures, within
 from eyechart.episodes.manifest import FORMAT, EpisodesManifest, read_manifest
-from eyechart.episodes.nouns import STUDY, Episode, EpisodeKey, Step, fail_safe
+from eyechart.episodes.nouns import SILENCES, STUDY, Episode, EpisodeKey, Step, fail_safe
 from eyechart.episodes.planning import ACTION_MAP, ENGINES, Episodes, plan, require_engine, run
 from eyechart.episodes.records import EPISODES, read_episodes, write_episodes
 from eyechart.episodes.running import Bounds
@@ -16,6 +16,7 @@ __all__ = [
     "EPISODES",
     "FORMAT",
     "SHOWN",
+    "SILENCES",
     "STUDY",
     "Bounds",
     "Episode",

@@ -11,7 +11,7 @@ from eyechart.episodes.running import calls_of
 from eyechart.episodes.worlds import Worlds
 from eyechart.errors import SpecError
 from eyechart.ledger import Ledger
-from eyechart.limits import Limits
+from eyechart.limits import NOTHING, Limits, Spent
 from eyechart.manifest import LEDGER
 from eyechart.models.prices import Prices
 from eyechart.perception.view import through
@@ -77,11 +77,21 @@ def first_pictures(planned: Episodes, most: int) -> tuple[bytes, ...]:
     return tuple(pictures)
 
 
-def within(planned: Episodes, prices: Prices, *, calls: int | None = None, cost_usd: float | None = None) -> Limits:
-    """Return the limits of a run: so many requests, so many dollars by these prices; its probes count too."""
+def within(
+    planned: Episodes,
+    prices: Prices,
+    *,
+    calls: int | None = None,
+    cost_usd: float | None = None,
+    before: Spent = NOTHING,
+) -> Limits:
+    """Return the limits of a run: so many requests, so many dollars by these prices, with what was spent ``before``.
+
+    What probing for the run took counts too.
+    """
     return Limits(
         calls=calls,
         cost_usd=cost_usd,
-        before=planned.manifest.spent_before(),
+        before=Spent.together([planned.manifest.spent_before(), before]),
         cost=lambda spec, reply: prices.cost(planned.manifest.mode(spec), reply)[0],
     )

@@ -21,7 +21,7 @@ BESIDE = ("vetting.json",)
 """What may stand in a folder before its run begins: which worlds the structured study's online run chose."""
 
 _MAY_GROW = ("scenarios", "seeds", "conditions")
-_AS_BEGUN = ("simulator", "seed", "view", "prompt", "world", "reader")
+_AS_BEGUN = ("simulator", "seed", "view", "prompt", "world", "reader", "silence")
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +34,7 @@ class EpisodesManifest:
     ``reader`` is the version of what reads their replies, ``view`` the key of the view that they are shown pictures
     through, ``none`` where they are shown as they are. ``max_steps`` is the largest bound on decisions that was asked
     for; each episode says under which it was driven. ``probes`` says what it took to probe a model before the run.
+    ``silence`` is one of `SILENCES`: what becomes of a call that fails in a way that may pass.
     """
 
     created: str
@@ -54,6 +55,7 @@ class EpisodesManifest:
     reader: int = READER
     view: str = NONE
     probes: Mapping[str, Spent] = field(default_factory=dict)
+    silence: str = "unfinished"
 
     @property
     def models(self) -> tuple[str, ...]:
@@ -177,7 +179,8 @@ def _built(raw: dict[str, Any], file: str) -> EpisodesManifest:
         raw[name] = int(raw[name])
     raw["probes"] = {spec: Spent.from_dict(spent) for spec, spent in raw.get("probes", {}).items()}
     raw.setdefault("view", NONE)
-    for name in ("created", "simulator", "picture", "view"):
+    raw.setdefault("silence", "unfinished")
+    for name in ("created", "simulator", "picture", "view", "silence"):
         if not isinstance(raw[name], str) or not raw[name].isprintable():
             raise ValueError(f"{name} is {raw[name]!r}, not a line of text")
     return EpisodesManifest(**raw)

@@ -5,11 +5,15 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 
 from eyechart.actions import Decision
-from eyechart.calls import CallKey
+from eyechart.calls import SILENT, CallKey
 from eyechart.frames import Scalar
 from eyechart.simulators import Simulator
 
 STUDY = "closed_loop"
+
+SILENCES: Mapping[str, frozenset[str]] = {"unfinished": frozenset(), "fail-safe": SILENT}
+"""What becomes of a call that fails in a way that may pass, with the kinds of failure that are then a model's silence:
+the episode is left for a resumed run, or the fail-safe is executed (docs/decisions/0027)."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -42,7 +46,8 @@ class Step:
 
     ``truth`` is of the moment before the decision, ``reward``, ``speed_mps``, ``distance_m`` and ``crashed`` of the one
     after it. ``executed_action`` is the decision's or, where there is none, the fail-safe, which is never credited
-    to the policy. A speed or a distance that the simulator does not tell is None. ``facts`` is what else the simulator
+    to the policy. ``error`` is the kind of failure where the model's call failed. A speed or a distance that the
+    simulator does not tell is None. ``facts`` is what else the simulator
     says of the move. A model's Reply stands in the ledger under ``EpisodeKey.call``.
     """
 
@@ -56,6 +61,7 @@ class Step:
     distance_m: float | None
     crashed: bool
     facts: Mapping[str, Scalar] = field(default_factory=dict)
+    error: str = ""
 
 
 @dataclass(frozen=True, slots=True)

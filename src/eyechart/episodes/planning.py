@@ -13,7 +13,7 @@ from filelock import FileLock, Timeout
 from eyechart.actions import DRIVING, read_toml
 from eyechart.episodes.hosts import Host, LocalHost
 from eyechart.episodes.manifest import EpisodesManifest, is_episodes_run, read_manifest, write_manifest
-from eyechart.episodes.nouns import Episode, EpisodeKey
+from eyechart.episodes.nouns import SILENCES, Episode, EpisodeKey
 from eyechart.episodes.recorded import recorded
 from eyechart.episodes.records import mend_episodes, read_episodes, write_episodes
 from eyechart.episodes.running import USUAL, Bounds, Drivers, Progress, drive
@@ -74,6 +74,7 @@ def plan(  # noqa: PLR0913 - what can be asked for
     actions: Path | None = None,
     seed: int = 0,
     max_steps: int = MAX_STEPS,
+    silence: str = "unfinished",
     again: bool = False,
     probes: Mapping[str, Spent] | None = None,
 ) -> Episodes:
@@ -81,13 +82,16 @@ def plan(  # noqa: PLR0913 - what can be asked for
 
     ``specs`` name who drives: policies, models by SPEC, or models by their request mode. ``scenarios`` default to all.
     ``prompt`` is a name, a TOML file or the prompt itself, ``view`` what models are shown pictures through.
-    ``actions`` is the action map of a ``gym:`` environment. ``again`` drives anew what ended in an error. ``probes``
-    says what was spent on probing models for this run. Raises SpecError for what is unknown or cannot be, and
-    LedgerError where ``out`` holds something else.
+    ``actions`` is the action map of a ``gym:`` environment. ``silence`` is one of `SILENCES`: whether the fail-safe is
+    executed where a model says nothing. ``again`` drives anew what ended in an error. ``probes`` says what was spent on
+    probing models for this run. Raises SpecError for what is unknown or cannot be, and LedgerError where ``out`` holds
+    something else.
     """
     actions = actions or (out / ACTION_MAP if (out / ACTION_MAP).is_file() else None)
     world = open_simulator(simulator, actions=actions)
     space, chosen = world.action_space, tuple(dict.fromkeys(scenarios or world.scenarios))
+    if silence not in SILENCES:
+        raise SpecError(f"unknown silence '{silence}'; a model that says nothing is {' or '.join(SILENCES)}")
     _require_worlds(world, chosen, seeds, max_steps)
     for condition in conditions:
         require_shown(condition, world.mirror_axis)
@@ -117,6 +121,7 @@ def plan(  # noqa: PLR0913 - what can be asked for
         reader=SCENE_READER if formulation.scene else READER,
         view=NONE if view is None else view.key,
         probes=added(read_manifest(out).probes if probes and is_run(out) else {}, probes or {}),
+        silence=silence,
     )
     keys = tuple(
         EpisodeKey(policy, world.name, scenario, number, condition)
@@ -125,7 +130,9 @@ def plan(  # noqa: PLR0913 - what can be asked for
         for scenario in chosen
         for number in manifest.seeds
     )
-    drivers = Drivers(policies, models, formulation, space, seed, view, distances_of(world.name))
+    drivers = Drivers(
+        policies, models, formulation, space, seed, view, distances_of(world.name), silent=SILENCES[silence]
+    )
     planned = Episodes(keys, drivers, manifest, Setup(simulator, seed, max_steps, actions=actions), out, again)
     return replace(planned, manifest=_resumed(planned))
 

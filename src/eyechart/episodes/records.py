@@ -90,7 +90,7 @@ def _episode(raw: object) -> Episode:
 
 
 def _step(raw: object, where: str, frame: str, number: int) -> Step:
-    found = _fields(raw, where, _STEP, optional=("facts",))
+    found = _fields(raw, where, _STEP, optional=("facts", "error"))
     for name, due in (("step", number), ("frame", frame)):
         if found[name] != due:
             _amiss(f"{where}.{name}", found[name], f"{json.dumps(due)}, which is this step's")
@@ -190,6 +190,7 @@ _STEP: Mapping[str, Reader] = {
     "distance_m": _maybe(_number),
     "crashed": _flag,
     "facts": _scalars,
+    "error": _text,
 }
 _EPISODE: Mapping[str, Reader] = {
     "key": lambda raw, where: _fields(raw, where, _KEY, optional=("condition",)),

@@ -11,7 +11,7 @@ from functools import partial
 
 from eyechart.actions import ActionSpace, Decision
 from eyechart.attempts import Caller, budget_of, close, first_error
-from eyechart.calls import UNFINISHED, CallKey, Query, Reply
+from eyechart.calls import CallKey, Query, Reply
 from eyechart.episodes.hosts import Host, HostDiedError
 from eyechart.episodes.nouns import Episode, EpisodeKey
 from eyechart.episodes.worlds import Shown
@@ -35,7 +35,8 @@ class Drivers:
     """Who decides in a run: policies that go to the worlds, and models to which the pictures come.
 
     Models are asked with ``prompt``, about ``space``, and shown pictures through ``view`` where there is one; ``seed``
-    is the run's, and ``distances`` are what counts as near in the worlds.
+    is the run's, and ``distances`` are what counts as near in the worlds. ``silent`` are the kinds of failure at which
+    the fail-safe is executed; every other one that may pass leaves the episode unfinished.
     """
 
     policies: Mapping[str, Policy]
@@ -45,6 +46,7 @@ class Drivers:
     seed: int
     view: View | None = None
     distances: Distances = HIGHWAY
+    silent: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +103,7 @@ def calls_of(
         for sent in ledger.attempts(spec):
             world = sent.key.frame.rpartition("/")[0]
             episode = by_frame.get((spec, world, sent.key.condition))
-            if episode is not None and sent.reply is not None and sent.reply.error not in UNFINISHED:
+            if episode is not None and sent.reply is not None and sent.final:
                 found.setdefault(episode, {})[sent.key] = sent.reply, sent.request_sha256
     return found
 
@@ -153,7 +155,7 @@ class _Coordinator:
         models = self._drivers.models
         budget = None if ledger is None else budget_of(bounds.limits, tuple(models), ledger)
         if ledger is not None and budget is not None:
-            self._caller = Caller(ledger, budget, attempts=bounds.attempts)
+            self._caller = Caller(ledger, budget, attempts=bounds.attempts, silent=self._drivers.silent)
         own = [key for key in todo if key.policy not in models]
         asked = {spec: [key for key in todo if key.policy == spec] for spec in models}
         with _terminated_as_interrupted():
@@ -228,7 +230,7 @@ class _Coordinator:
                 await host.ask("close", key)
                 raise
             else:
-                shown = await host.ask("act", key, decide(reply, self._drivers))
+                shown = await host.ask("act", key, decide(reply, self._drivers), reply.error or "")
         assert isinstance(shown, Episode)
         return shown
 
@@ -251,10 +253,10 @@ class _Coordinator:
         made = await self._caller.call(call, query, drivers.models[key.policy], self._paces[key.policy])
         if made is None:
             raise _StoppedError
-        if made.error in UNFINISHED:
+        if not made.finished:
             raise _CutError
-        known[call] = made, query.sha256()
-        return made
+        known[call] = made.reply, query.sha256()
+        return made.reply
 
 
 def decide(reply: Reply, drivers: Drivers) -> Decision:

@@ -75,9 +75,12 @@ class Worlds:
         self._rides[key] = self._begin(key)
         return self._shown(key)
 
-    def act(self, key: EpisodeKey, decision: Decision) -> Shown | Episode:
-        """Execute a decision; return the next picture, or the episode where it is over."""
-        self._rides[key].decide(lambda: decision)
+    def act(self, key: EpisodeKey, decision: Decision, error: str = "") -> Shown | Episode:
+        """Execute a decision; return the next picture, or the episode where it is over.
+
+        ``error`` is the kind of failure of the call that brought no decision.
+        """
+        self._rides[key].decide(lambda: decision, error)
         return self._shown(key)
 
     def fail(self, key: EpisodeKey, detail: str) -> Episode:
@@ -144,15 +147,15 @@ class _Ride:
             self.end("error", _words(error))
             return None
 
-    def decide(self, decide: Callable[[], Decision]) -> None:
+    def decide(self, decide: Callable[[], Decision], error: str = "") -> None:
         """Take a decision and drive on; the fail-safe is executed where there is none."""
         if self.over is not None:
             return
         try:
             decision = decide()
-            self._execute(decision)
-        except (Exception, SystemExit) as error:  # noqa: BLE001 - as above
-            self.end("error", _words(error))
+            self._execute(decision, error)
+        except (Exception, SystemExit) as raised:  # noqa: BLE001 - as above
+            self.end("error", _words(raised))
 
     def end(self, ended: str, detail: str = "") -> None:
         """Close the world and make the record."""
@@ -165,7 +168,7 @@ class _Ride:
         self._drive = None
         self.over = Episode(self._key, tuple(self._steps), ended, digest, detail)
 
-    def _execute(self, decision: Decision) -> None:
+    def _execute(self, decision: Decision, error: str) -> None:
         assert self._drive is not None
         executed = decision.action if decision.action is not None else fail_safe(self._simulator)
         moved = self._drive.step(executed)
@@ -183,6 +186,7 @@ class _Ride:
                 distance_m=moved.distance_m,
                 crashed=moved.crashed,
                 facts=rounded_truth(moved.facts, self._key.frame(number)),
+                error=error,
             )
         )
         if moved.ended is not None:

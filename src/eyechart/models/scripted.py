@@ -141,6 +141,12 @@ def _clear_side(sight: Sight, rng: random.Random) -> Answer:
     return "LEFT" if scene.left_clear else "RIGHT" if scene.right_clear else "SLOW"
 
 
+def _left_side(sight: Sight, rng: random.Random) -> Answer:
+    """Go round on the left or not at all: SLOW where the left is not clear, as if there were no right."""
+    action = _clear_side(sight, rng)
+    return "SLOW" if action == "RIGHT" else action
+
+
 def _stopping(sight: Sight, rng: random.Random) -> Answer:
     del sight, rng
     return "STOP"
@@ -288,14 +294,23 @@ PLANNERS: dict[str, Controller] = {
         _clear_side,
         Declared("depth_lateral", "depth_lateral", "swaps"),
     ),
+    "left_side": Controller(
+        "goes round what is in its way on the left where that is clear, never on the right",
+        _left_side,
+        Declared("depth", "depth", "one_sided"),
+    ),
+    "distance": Controller(
+        "slows down and stops by the distance of what is in its way, and knows no side",
+        _depth,
+        Declared("depth", "depth", "no_power"),
+    ),
     "stopping": Controller(
         "answers STOP, whatever it is shown",
         _stopping,
         Declared("image_invariant", "image_invariant", "no_power"),
     ),
 }
-"""Planners for a controller below them, such as the rover's: ``one_sided`` and ``depth`` are others. Their labels are
-those on a rover's bank."""
+"""Planners for a controller below them, such as the rover's; their labels are those on a rover's bank."""
 
 _SIGHTS_KEPT = 20_000
 _SIGHTS: OrderedDict[bytes, Sight] = OrderedDict()

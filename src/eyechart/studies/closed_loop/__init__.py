@@ -5,7 +5,7 @@ Source: paper, Tables t:baselines and t:degeneracy.
 
 from eyechart.studies.closed_loop.agreement import Replay
 from eyechart.studies.closed_loop.asked import as_recorded, sample_of, spent_on
-from eyechart.studies.closed_loop.blind import OUTCOMES, Blind, blind_baselines
+from eyechart.studies.closed_loop.blind import DIFFERS, OUTCOMES, Blind, blind_baselines
 from eyechart.studies.closed_loop.degeneracy import Degeneracy
 from eyechart.studies.closed_loop.identical import Twins, same_drive
 from eyechart.studies.closed_loop.ladder import (
@@ -23,6 +23,7 @@ from eyechart.studies.closed_loop.repeated import Repeats
 from eyechart.studies.closed_loop.scoring import ClosedLoopScore, score
 
 __all__ = [
+    "DIFFERS",
     "LEVEL",
     "OUTCOMES",
     "Blind",

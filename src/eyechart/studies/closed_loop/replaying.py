@@ -96,8 +96,8 @@ def decided(step: Step) -> str:
     """Return a step's decision in words: the action, or why there is none."""
     if step.decision.action is not None:
         return step.decision.action
-    why = f": {step.decision.why}" if step.decision.why else ""
-    return f"{UNPARSED} ({step.decision.missing}{why})"
+    more = step.decision.why or step.error
+    return f"{UNPARSED} ({step.decision.missing}{f': {more}' if more else ''})"
 
 
 def _versions(drives: Drives, simulator: Simulator) -> str:

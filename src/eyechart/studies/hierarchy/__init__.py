@@ -4,7 +4,8 @@ Source: paper, sections Hierarchical VLM-MPC Diagnostic and MPC cannot repair an
 mpc_intent_ablation.
 """
 
-from eyechart.studies.hierarchy.planning import PARTS, Part, plan
-from eyechart.studies.hierarchy.scoring import HierarchyScore, Source, score
+from eyechart.studies.hierarchy.planning import PARTS, SCRIPTED, SILENCE, Part, plan
+from eyechart.studies.hierarchy.running import run
+from eyechart.studies.hierarchy.scoring import Completion, HierarchyScore, Source, score
 
-__all__ = ["PARTS", "HierarchyScore", "Part", "Source", "plan", "score"]
+__all__ = ["PARTS", "SCRIPTED", "SILENCE", "Completion", "HierarchyScore", "Part", "Source", "plan", "run", "score"]

@@ -8,6 +8,7 @@ from eyechart.episodes import Episodes
 from eyechart.episodes import plan as plan_episodes
 from eyechart.limits import Spent
 from eyechart.modes import RequestMode
+from eyechart.studies.closed_loop import Driver
 
 MPC_ONLY = "constant:STRAIGHT"
 """No intent: the controller cruises on the track that it is on, as it does for the intent STRAIGHT."""
@@ -17,7 +18,11 @@ FAMILIES = ("offset", "single", "slalom", "gate", "clutter")
 SIDED = ("offset", "slalom", "gate", "clutter")
 """The families in which a side matters: in ``single`` both sides are free."""
 
-_CONSTANTS = tuple(f"constant:{action}" for action in ("STRAIGHT", "SLOW", "STOP", "LEFT", "RIGHT"))
+CONDITIONS = ("real", "mirrored", "blank", "shuffled")
+"""What a model is shown: its rates with real pictures stand beside those of the same model that sees nothing."""
+
+SILENCE = "fail-safe"
+"""A planner that says nothing is part of what is studied here: STOP is executed (docs/decisions/0027)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,17 +40,50 @@ class Part:
     models: bool = False
 
 
+SCRIPTED: Mapping[str, tuple[str, str]] = {
+    "MPC-only": ("primary", MPC_ONLY),
+    "oracle intent": ("primary", ORACLE),
+    "random intent": ("primary", "random"),
+    "constant STRAIGHT": ("primary", "constant:STRAIGHT"),
+    "constant SLOW": ("primary", "constant:SLOW"),
+    "constant STOP": ("primary", "constant:STOP"),
+    "constant LEFT": ("primary", "constant:LEFT"),
+    "constant RIGHT": ("primary", "constant:RIGHT"),
+    "mpc-oracle": ("constrained", MPC_ONLY),
+    "mpc-blind": ("unaware", MPC_ONLY),
+    "oracle, lateral intent": ("lateral", ORACLE),
+    "oracle, lateral intent, mirrored": ("lateral", ORACLE_MIRRORED),
+}
+"""The sources that are no model, by their names: the part in which each drives, and its policy there. MPC-only and the
+constant STRAIGHT are the same drives under the paper's two names."""
+
+
+def _policies(part: str) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(policy for place, policy in SCRIPTED.values() if place == part))
+
+
 PARTS: dict[str, Part] = {
-    "primary": Part("rover-mpc", (*_CONSTANTS, ORACLE, "random"), FAMILIES, 5),
-    "primary-models": Part("rover-mpc", (), FAMILIES, 5, ("real", "mirrored", "blank", "shuffled"), models=True),
-    "constrained": Part("rover-mpc", (MPC_ONLY,), SIDED, 8),
-    "unaware": Part("rover-mpc-unaware", (MPC_ONLY,), SIDED, 8),
-    "unaware-models": Part("rover-mpc-unaware", (), SIDED, 8, ("real", "mirrored"), models=True),
-    "lateral": Part("rover-mpc-lateral", (ORACLE, ORACLE_MIRRORED), SIDED, 8),
-    "lateral-models": Part("rover-mpc-lateral", (), SIDED, 8, ("real", "mirrored", "blank", "shuffled"), models=True),
+    "primary": Part("rover-mpc", _policies("primary"), FAMILIES, 5),
+    "primary-models": Part("rover-mpc", (), FAMILIES, 5, CONDITIONS, models=True),
+    "constrained": Part("rover-mpc", _policies("constrained"), SIDED, 8),
+    "unaware": Part("rover-mpc-unaware", _policies("unaware"), SIDED, 8),
+    "unaware-models": Part("rover-mpc-unaware", (), SIDED, 8, CONDITIONS, models=True),
+    "lateral": Part("rover-mpc-lateral", _policies("lateral"), SIDED, 8),
+    "lateral-models": Part("rover-mpc-lateral", (), SIDED, 8, CONDITIONS, models=True),
 }
 """The paper's two ablations by the name of their folders. The primary one tells the controller where the obstacles
 are; the second does not, but for ``constrained``, its reference."""
+
+_INTENT = {"unaware-models": ", full intent", "lateral-models": ", lateral intent"}
+_SHOWN = {"real": "", "mirrored": ", mirrored", "blank": ", blank", "shuffled": ", other worlds' pictures"}
+
+
+def name_of(part: str, driver: Driver) -> str:
+    """Return the name of a source of intent, of a model its SPEC, what of its intent counts, and what it is shown."""
+    for name, place in SCRIPTED.items():
+        if place == (part, driver.policy):
+            return name
+    return f"{driver.policy}{_INTENT.get(part, '')}{_SHOWN[driver.condition]}"
 
 
 def plan(
@@ -54,13 +92,15 @@ def plan(
     *,
     seed: int = 0,
     prompt: str | None = None,
+    silence: str = SILENCE,
     again: bool = False,
     probes: Mapping[str, Spent] | None = None,
 ) -> dict[str, Episodes]:
     """Plan the study's runs in folders of ``out``, or the rest of what it holds of them; nothing is asked.
 
-    Without ``models`` only the scripted sources drive. ``probes`` says what was spent on probing models; the first run
-    with models keeps it. Raises what `eyechart.episodes.plan` raises.
+    Without ``models`` only the scripted sources drive. ``silence`` is what becomes of a call that fails in a way that
+    may pass, one of `eyechart.episodes.SILENCES`. ``probes`` says what was spent on probing models; the first run with
+    models keeps it. Raises what `eyechart.episodes.plan` raises.
     """
     planned: dict[str, Episodes] = {}
     for name, part in PARTS.items():
@@ -75,6 +115,7 @@ def plan(
                 conditions=part.conditions,
                 prompt=prompt,
                 seed=seed,
+                silence=silence,
                 again=again,
                 probes=probes if part.models else None,
             )

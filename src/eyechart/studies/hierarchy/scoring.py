@@ -1,15 +1,20 @@
 """score() reads the study's runs and makes no call: who reaches the goal, beside those who see nothing."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from eyechart.episodes import read_episodes
+import numpy as np
+
+from eyechart.episodes import Episode, read_episodes
 from eyechart.errors import LedgerError
+from eyechart.seeds import key_seed
+from eyechart.stats.resampling import cluster_bootstrap
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.closed_loop import (
+    DIFFERS,
     LEVEL,
     Blind,
     Driver,
@@ -24,56 +29,104 @@ from eyechart.studies.closed_loop import (
     paired,
     read_drives,
 )
-from eyechart.studies.hierarchy.planning import MPC_ONLY, PARTS
+from eyechart.studies.hierarchy.planning import MPC_ONLY, PARTS, SCRIPTED, name_of
 
 NOT_PERCEPTION = "completion does not show perception"
 
-PUBLISHED: Mapping[tuple[str, str, str], tuple[str, str, float | None, float | None]] = {
-    ("primary", MPC_ONLY, "real"): ("23/25", "0/25", 95.6, 0.0),
-    ("primary", "route", "real"): ("23/25", "0/25", 96.6, 0.072),
-    ("primary", "random", "real"): ("14/25", "0/25", 82.6, 0.214),
-    ("primary", "constant:LEFT", "real"): ("24/25", "0/25", None, None),
-    ("constrained", MPC_ONLY, "real"): ("30/32", "2/32", None, None),
-    ("unaware", MPC_ONLY, "real"): ("1/32", "31/32", None, None),
+_WITH = {"real": "with real pictures", "mirrored": "mirrored", "blank": "blank", "shuffled": "with other worlds'"}
+
+Printed = tuple[str, str, float | None, float | None]
+
+PUBLISHED: Mapping[str, Printed] = {
+    "MPC-only": ("23/25", "0/25", 95.6, 0.0),
+    "oracle intent": ("23/25", "0/25", 96.6, 0.072),
+    "random intent": ("14/25", "0/25", 82.6, 0.214),
+    "constant LEFT": ("24/25", "0/25", None, None),
+    "mpc-oracle": ("30/32", "2/32", None, None),
+    "mpc-blind": ("1/32", "31/32", None, None),
 }
-"""Goals, crashes, metres and the share of STOP that the paper prints, by part, source and condition."""
+"""Goals, crashes, metres and the share of STOP that the paper prints of a source."""
+
+UNPUBLISHED: Printed = ("", "", None, None)
 
 
 @dataclass(frozen=True)
 class Source:
     """One source of intent in one arm: its rates with exact intervals, and what it emitted.
 
-    ``stop_share`` is of the intents that were executed, ``intents`` counts those that were emitted, ``fail_safe`` the
-    steps without a decision. ``solver_failures`` are plans that braked instead.
+    ``intents`` counts the intents that were emitted, and ``stop_share`` is of them: a STOP that the fail-safe executed
+    is in neither. ``no_decision`` counts the steps at which it did, by the reason: the kind of failure of the call, or
+    why its reply holds no decision. ``solver_failures`` are plans that braked instead. The intervals of
+    ``distance_m`` and ``stop_share`` resample episodes.
     """
 
     part: str
+    name: str
     driver: Driver
     goals: Statistic
     crashes: Statistic
-    distance_m: float | None
-    stop_share: float | None
+    distance_m: Statistic
+    stop_share: Statistic
     intents: Mapping[str, int]
-    fail_safe: int
+    no_decision: Mapping[str, int]
     solver_failures: int
     errors: int
+
+    @property
+    def emitted(self) -> int:
+        """Return how many intents were emitted."""
+        return sum(self.intents.values())
+
+    @property
+    def fail_safe(self) -> int:
+        """Return at how many steps the fail-safe was executed because there was no decision."""
+        return sum(self.no_decision.values())
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
         return {
             "part": self.part,
+            "name": self.name,
             "simulator": self.driver.simulator,
             "source": self.driver.policy,
             "condition": self.driver.condition,
             "goals": self.goals.as_dict(),
             "crashes": self.crashes.as_dict(),
-            "distance_m": self.distance_m,
-            "stop_share": self.stop_share,
+            "distance_m": self.distance_m.as_dict(),
+            "stop_share": self.stop_share.as_dict(),
             "intents": dict(self.intents),
+            "intents_emitted": self.emitted,
             "fail_safe_steps": self.fail_safe,
+            "no_decision": dict(self.no_decision),
             "solver_failures": self.solver_failures,
             "episodes_in_error": self.errors,
         }
+
+
+@dataclass(frozen=True)
+class Completion:
+    """How often a model reaches the goal in one arm, beside itself with pictures that show nothing of its world.
+
+    ``goals`` are by condition, ``shown`` says whether both paired differences, from blank and from other worlds'
+    pictures, exclude zero after Holm, upwards.
+    """
+
+    part: str
+    policy: str
+    goals: Mapping[str, Statistic]
+    shown: bool
+
+    @property
+    def sentence(self) -> str:
+        """Return it in words, which end in what completion does not show."""
+        counts = ", ".join(f"{_WITH[name]} {_of(one)}" for name, one in self.goals.items())
+        found = "the paired differences exclude zero" if self.shown else NOT_PERCEPTION
+        return f"{PARTS[self.part].simulator}, {self.policy}: goals {counts}: {found}."
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        goals = {condition: one.as_dict() for condition, one in self.goals.items()}
+        return {"part": self.part, "source": self.policy, "goals": goals, "shows_perception": self.shown}
 
 
 @dataclass(frozen=True)
@@ -90,8 +143,10 @@ class HierarchyScore:
 
     @cached_property
     def sources(self) -> tuple[Source, ...]:
-        """Return a row for each source, condition and part."""
-        return tuple(_source(part, one, self.outcomes) for part, drives in self.drives.items() for one in drives)
+        """Return a row for each source by its name; MPC-only and the constant STRAIGHT are two names of one."""
+        return tuple(
+            _source(part, name, one, self.outcomes, resamples=self.resamples) for part, name, one in self._named()
+        )
 
     @cached_property
     def against_mpc_only(self) -> tuple[Paired, ...]:
@@ -120,10 +175,27 @@ class HierarchyScore:
             found += [(part, one) for one in blind_baselines(self._of(part), self.outcomes, resamples=self.resamples)]
         return tuple(found)
 
+    @cached_property
+    def completions(self) -> tuple[Completion, ...]:
+        """Return each model in each arm, its goals with real pictures beside those without."""
+        found = []
+        for part in (name for name in self.drives if PARTS[name].models):
+            goals: dict[str, dict[str, Statistic]] = {}
+            for one in self.drives[part]:
+                reached = exact_rate(sum(map(self.outcomes.success, one.episodes)), len(one.episodes))
+                goals.setdefault(one.driver.policy, {})[one.driver.condition] = reached
+            found += [Completion(part, policy, rates, self._shown(part, policy)) for policy, rates in goals.items()]
+        return tuple(found)
+
+    def _shown(self, part: str, policy: str) -> bool:
+        mine = {one.condition: one for name, one in self.blind if (name, one.driver.policy) == (part, policy)}
+        return {"blank", "shuffled"} <= mine.keys() and all(shows(mine[name]) for name in ("blank", "shuffled"))
+
     @property
     def words(self) -> tuple[str, ...]:
-        """Return what completion shows of each model, in words."""
-        return tuple(f"{PARTS[part].simulator}: {one.sentence}{unless_shown(one)}" for part, one in self.blind)
+        """Return what completion shows of each model, in words: the conclusions, then each pair."""
+        pairs = (f"{PARTS[part].simulator}: {one.sentence}{unless_shown(one)}" for part, one in self.blind)
+        return (*(one.sentence for one in self.completions), *pairs)
 
     def as_dict(self) -> dict[str, object]:
         """Return every number as plain JSON values."""
@@ -132,9 +204,16 @@ class HierarchyScore:
             "sources": [one.as_dict() for one in self.sources],
             "against_mpc_only": [one.as_dict() for one in self.against_mpc_only],
             "oracle_against_its_mirror": None if self.oracle_mirrored is None else self.oracle_mirrored.as_dict(),
+            "completions": [one.as_dict() for one in self.completions],
             "blind": [{"part": part, **one.as_dict()} for part, one in self.blind],
             "words": list(self.words),
         }
+
+    def _named(self) -> Iterator[tuple[str, str, Drives]]:
+        for name, (part, policy) in SCRIPTED.items():
+            yield from ((part, name, one) for one in self._of(part) if one.driver.policy == policy)
+        for part in (name for name in self.drives if PARTS[name].models):
+            yield from ((part, name_of(part, one.driver), one) for one in self.drives[part])
 
     def _of(self, *parts: str) -> list[Drives]:
         return [one for part in parts for one in self.drives.get(part, ())]
@@ -149,33 +228,52 @@ def score(out: Path, *, resamples: int = 5000) -> HierarchyScore:
     return HierarchyScore(drives, resamples)
 
 
-def unless_shown(one: Blind) -> str:
-    """Return the caveat, but where more worlds are completed with real pictures, significantly so after Holm."""
+def shows(one: Blind) -> bool:
+    """Return whether more worlds are completed with real pictures, significantly so after Holm.
+
+    Never where calls failed so often that the fail-safe, and not the picture, may have made the difference.
+    """
     goals, p = one.paired.differences["success_rate"].value, one.paired.holm.get("success_rate")
-    shown = goals is not None and goals > 0 and p is not None and p < LEVEL
-    return "" if shown else f" So here {NOT_PERCEPTION}."
+    return one.finding == DIFFERS and goals is not None and goals > 0 and p is not None and p < LEVEL
 
 
-def _source(part: str, drives: Drives, outcomes: Outcomes) -> Source:
+def unless_shown(one: Blind) -> str:
+    """Return the caveat, where a pair does not show perception."""
+    return "" if shows(one) else f" So here {NOT_PERCEPTION}."
+
+
+def _source(part: str, name: str, drives: Drives, outcomes: Outcomes, *, resamples: int) -> Source:
     episodes, steps = drives.episodes, drives.steps
     intents = Counter(step.decision.action for step in steps if step.decision.action is not None)
-    stops = sum(step.executed_action == "STOP" for step in steps)
+    silent = Counter(step.error or str(step.decision.missing) for step in steps if step.decision.action is None)
+
+    def mean(what: str, sums: Sequence[tuple[float, float]]) -> Statistic:
+        seed = key_seed("hierarchy", drives.driver.simulator, what)  # one for all: equal drives get equal rows
+        return cluster_bootstrap(np.array(sums).reshape(-1, 2), seed=seed, resamples=resamples)
+
     return Source(
         part=part,
+        name=name,
         driver=drives.driver,
         goals=exact_rate(sum(map(outcomes.success, episodes)), len(episodes)),
         crashes=exact_rate(sum(one.crashed for one in episodes), len(episodes)),
-        distance_m=_mean([told for one in episodes if (told := one.distance_m) is not None]),
-        stop_share=stops / len(steps) if steps else None,
+        distance_m=mean("distance_m", [(told, 1.0) for one in episodes if (told := one.distance_m) is not None]),
+        stop_share=mean("stop_share", [_stops(one) for one in episodes]),
         intents={action: intents[action] for action in drives.space.actions},
-        fail_safe=sum(step.decision.action is None for step in steps),
+        no_decision=dict(sorted(silent.items())),
         solver_failures=sum(_count(step.facts.get("solver_failures")) for step in steps),
         errors=len(drives.errors),
     )
 
 
-def _mean(values: Sequence[float]) -> float | None:
-    return sum(values) / len(values) if values else None
+def _stops(episode: Episode) -> tuple[float, float]:
+    """Return how many of an episode's intents are STOP, and how many there are."""
+    said = [step.decision.action for step in episode.steps if step.decision.action is not None]
+    return said.count("STOP"), len(said)
+
+
+def _of(one: Statistic) -> str:
+    return "—" if one.value is None else f"{round(one.value * one.n)}/{one.n}"
 
 
 def _count(value: object) -> int:
