@@ -124,6 +124,16 @@ def test_what_a_bound_on_steps_ended_goes_on_under_a_larger_one(drive: Drive) ->
     assert drive(*words, "--max-steps", 3).code == 2
 
 
+def test_a_limit_that_stops_what_is_driven_anew_is_told_as_one(drive: Drive) -> None:
+    """The record of the first time stands, and yet the exit code is that of a limit."""
+    words = ("--policy", LOOK, "--scenarios", "whole", "--seeds", 1)
+    assert drive(*words, "--max-steps", 3).code == 1
+    cut = drive(*words, "--max-steps", 30, "--again", "--max-calls", 5)
+    assert cut.code == 3
+    assert "5 calls were sent, and --max-calls is 5; 1 episode is left; a higher limit resumes" in cut.err
+    assert drive(*words, "--max-steps", 30, "--again").code == 0
+
+
 def test_drives_that_converge_and_a_planted_cache_are_told_apart(
     drive: Drive, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -102,8 +102,8 @@ def tell_left(planned: "Episodes", outcome: "Outcome", failed: Mapping[str, str]
     left = planned.unfinished()
     for one in unfinished(planned.out, left, planned.drivers.models):
         say(f"{one.policy}: {one.words}")
-    if outcome.stopped is not None and left:
-        say(f"stopped: {outcome.stopped}; {count(len(left))} left; a higher limit resumes")
+    if outcome.stopped is not None and (waiting := planned.left()):  # also what was to be driven anew
+        say(f"stopped: {outcome.stopped}; {count(len(waiting))} left; a higher limit resumes")
         raise typer.Exit(3)
     if left:
         say(f"{count(len(left))} unfinished; the same command goes on where they were cut")
