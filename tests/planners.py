@@ -5,12 +5,11 @@ As a program it serves until it is killed, and prints its address.
 
 import random
 import threading
-from collections.abc import Callable
 
 from aiohttp import web
 
 from eyechart.models.scripted import PLANNERS, see
-from faults import FAULTS, FaultServer, Handler, answer
+from faults import FaultServer, answer
 from seeing import read
 
 SPEC = "openai:clear-side"
@@ -22,17 +21,6 @@ async def clear_side(request: web.Request, asked: dict[str, object], attempt: in
     said = PLANNERS["clear_side"].decide(see(read(asked)[1]), random.Random(0))  # noqa: S311
     assert isinstance(said, str)
     return answer(said)
-
-
-def failing(fault: str, when: Callable[[int], bool]) -> Handler:
-    """Return a planner that drives STRAIGHT but for the calls, numbered as they first come, at which it fails."""
-    numbers: dict[object, int] = {}
-
-    async def handle(request: web.Request, asked: dict[str, object], attempt: int) -> web.StreamResponse:
-        number = numbers.setdefault(asked["seed"], len(numbers))
-        return await FAULTS[fault](request, asked, attempt) if when(number) else answer("STRAIGHT")
-
-    return handle
 
 
 def main() -> None:

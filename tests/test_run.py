@@ -337,10 +337,10 @@ def test_a_ledger_that_cannot_be_written_ends_the_run_with_its_error(
 ) -> None:
     """Every worker hears of it, none waits for ever, and what was committed before stays."""
 
-    def full(attempt: Attempt, reply: Reply) -> None:
+    def full(attempt: Attempt, reply: Reply, **how: bool) -> None:
         if attempt.id > 20:
             raise sqlite3.OperationalError("database or disk is full")
-        Ledger.close(ledger, attempt, reply)
+        Ledger.close(ledger, attempt, reply, **how)
 
     monkeypatch.setattr(ledger, "close", full)
     with pytest.raises(sqlite3.OperationalError, match="disk is full"):

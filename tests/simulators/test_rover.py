@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from collections import Counter, defaultdict
+from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from scipy.stats import spearmanr
 from eyechart.actions import DRIVING
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank, check, decode
-from eyechart.models.scripted import CONTROLLERS, PLANNERS
+from eyechart.models.scripted import CONTROLLERS, PLANNERS, Controller
 from eyechart.perception.forward import ROVER, ForwardReading, read_forward
 from eyechart.perception.scene import safe_action
 from eyechart.prompts import FORWARD_PROMPTS
@@ -347,22 +348,31 @@ def test_a_bank_is_whole_declares_its_distances_and_is_the_same_in_every_process
 ON_EVERY_RUN = ("depth_lateral", "nuisance", "crash_colour", "scene_only")
 """Of the sixteen, those whose label hangs on what the reader sees; docs/simulators.md counts all of them."""
 
+BLINDER = ("left_side", "distance", "stopping")
 
-def test_known_answer_controllers_get_their_labels_on_forward_pictures(bank: FrameBank, tmp_path: Path) -> None:
-    """Calibrated, lateral and paper label, with the horizontal flip as the mirror; so do the hierarchy's planners.
 
-    Of a planner that goes round and seldom brakes, the paper's rules see the depth in 180 frames, not in these 120.
-    """
-    known = {name: CONTROLLERS[name] for name in ON_EVERY_RUN} | PLANNERS
-    planned = battery.plan(bank.root, [f"scripted:{name}" for name in known], tmp_path / "run")
+def require_declared(bank: FrameBank, known: Mapping[str, Controller], out: Path) -> None:
+    """Ask controllers about a bank; each gets its calibrated, lateral and paper label."""
+    planned = battery.plan(bank.root, [f"scripted:{name}" for name in known], out)
     assert planned.plan.prompt == FORWARD_PROMPTS["baseline"]
     battery.run(planned, concurrency=8)
-    verdicts = judge(battery.score(tmp_path / "run", resamples=999))
+    verdicts = judge(battery.score(out, resamples=999))
     for name, controller in known.items():
         verdict, declared = verdicts[f"scripted:{name}"], controller.declared
         found = (verdict.paper.label, verdict.calibrated.label, verdict.lateral.label)
-        paper = "presence_only" if name == "clear_side" else declared.paper
-        assert found == (paper, declared.calibrated, declared.lateral), name
+        assert found == (declared.paper, declared.calibrated, declared.lateral), name
+
+
+def test_known_answer_controllers_get_their_labels_on_forward_pictures(bank: FrameBank, tmp_path: Path) -> None:
+    """With the horizontal flip as the mirror; so do the hierarchy's planners that see less than both sides."""
+    known = {name: CONTROLLERS[name] for name in ON_EVERY_RUN}
+    require_declared(bank, known | {name: PLANNERS[name] for name in BLINDER}, tmp_path / "run")
+
+
+@pytest.mark.models
+def test_the_planners_of_the_hierarchy_get_their_labels_on_the_default_bank(tmp_path: Path) -> None:
+    """One that goes round seldom brakes: the depth in it shows in 180 frames, and not in 120."""
+    require_declared(Rover().build(tmp_path / "bank"), PLANNERS, tmp_path / "run")
 
 
 def test_the_planners_of_the_hierarchy_are_four_and_one_alone_sees_the_side() -> None:
