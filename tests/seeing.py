@@ -20,6 +20,8 @@ from faults import FaultServer, completion, refuse
 from ollama_stand_in import StandIn
 
 ACTIONS = ("STOP", "SLOW", "STRAIGHT", "LEFT", "RIGHT")
+SCENE = '{"lead_gap_m": 30.0, "close": false, "left_clear": true, "right_clear": true}'
+"""What it says under a schema that asks for no action: always the same scene."""
 SENTENCES = (
     "A red fox runs home.",
     "Rain falls on the tin roof.",
@@ -87,7 +89,10 @@ class Endpoint:
         if isinstance(form, dict) and self.binds_schema:
             names = [said]
             if form["type"] == "json_schema":
-                names = form["json_schema"]["schema"]["properties"]["action"].get("enum", [said])
+                wanted = form["json_schema"]["schema"]["properties"]
+                if "action" not in wanted:
+                    return SCENE
+                names = wanted["action"].get("enum", [said])
             return json.dumps({"action": said if said in names else names[0]})
         return said
 

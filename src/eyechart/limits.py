@@ -72,6 +72,11 @@ class Spent:
 NOTHING = Spent()
 
 
+def added(earlier: Mapping[str, Spent], now: Mapping[str, Spent]) -> dict[str, Spent]:
+    """Return what was spent now by model, with what was spent on the same models before."""
+    return {spec: Spent.together([earlier.get(spec, NOTHING), one]) for spec, one in now.items()}
+
+
 @dataclass(frozen=True, slots=True)
 class Limits:
     """What ends a run before its plan is done; nothing is lost, and the run can be resumed.

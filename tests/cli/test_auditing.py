@@ -7,14 +7,18 @@ import pytest
 from typer.testing import CliRunner, Result
 
 import banks
+import tiny_worlds
 from drives import add_replies, always, drive, make_run, tossing
 from eyechart.calls import Reply
 from eyechart.cli.app import app
 from eyechart.episodes import write_episodes
 from eyechart.episodes.manifest import write_manifest
 from eyechart.errors import LedgerError, SpecError
+from eyechart.simulators import SIMULATORS
 from eyechart.studies import battery
 from eyechart.studies.closed_loop.laddering import plan_ladder
+
+LOOK = "python:tiny_worlds:look"
 
 
 def say(*words: object) -> Result:
@@ -50,6 +54,38 @@ def test_a_finished_ladder_drives_nothing_and_stands_beside_the_papers(tmp_path:
     assert found["references"] == {"highway": "constant:STRAIGHT"}
 
 
+def test_what_a_ladder_is_held_against_is_checked_before_anything_is_driven(tmp_path: Path) -> None:
+    """The error names who drives; no folder is begun."""
+    told = say("ladder", "--out", tmp_path / "ladder", "--against", "oracel")
+    assert isinstance(told.exception, SpecError)
+    assert "--against oracel: no such policy drives here; there are constant:STOP, constant:SLOW" in str(told.exception)
+    assert not (tmp_path / "ladder").exists()
+
+
+def test_a_model_on_the_ladder_is_estimated_and_bounded_as_in_a_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A dry run says what it will take and writes nothing; a limit ends it with exit 3, and says what is left."""
+    monkeypatch.setitem(SIMULATORS, "tiny", tiny_worlds.SIMULATORS["tiny"])
+    monkeypatch.setattr(tiny_worlds.Tiny, "scenarios", {"whole": "Ten cells."})
+    words = ("ladder", "--simulator", "tiny", "--seeds", 1, "--out", tmp_path / "ladder", "--policy", LOOK)
+    dry = say(*words, "--dry-run")
+    assert (dry.exit_code, (tmp_path / "ladder").exists()) == (0, False)
+    assert f"{LOOK}: 12 calls, tokens unknown" in dry.stderr
+    cut = say(*words, "--max-calls", 5)
+    assert cut.exit_code == 3
+    assert f"{LOOK}: 1 episode is unfinished, 1 of them begun" in cut.stderr
+    assert "5 calls were sent, and --max-calls is 5; 1 episode is left; a higher limit resumes" in cut.stderr
+    whole = say(*words, "--json", "--against", "oracle")
+    assert whole.exit_code == 0
+    found = json.loads(whole.stdout)
+    assert (found["references"], found["references_chosen_on_these_data"]) == ({"tiny": "oracle"}, False)
+    named, chosen = (" ".join(say(*words, *more).stdout.split()) for more in (("--against", "oracle"), ()))
+    assert "tiny: policy less oracle" in named
+    assert "the p are not exact" not in named
+    assert "so that the differences lean to its side and the p are not exact" in chosen
+
+
 def test_the_audit_prints_the_papers_table_and_names_a_cache(constants: Path, tmp_path: Path) -> None:
     """Exit 1 where one is suspected, 0 where drives converge or alias for good reason."""
     told = say("audit", constants)
@@ -69,7 +105,11 @@ def test_score_reads_a_run_of_episodes(constants: Path) -> None:
     found = json.loads(say("score", constants, "--json").stdout)
     assert found["study"] == "closed_loop"
     assert [row["policy"] for row in found["audit"]] == ["constant:STOP", "constant:SLOW", "random"]
-    assert "Table t:degeneracy" in say("score", constants).stdout
+    told = " ".join(say("score", constants).stdout.split())
+    assert "Table t:degeneracy" in told
+    assert "the p are not exact" in told
+    named = json.loads(say("score", constants, "--json", "--against", "random").stdout)
+    assert (named["references"], named["references_chosen_on_these_data"]) == ({"highway": "random"}, False)
 
 
 @pytest.mark.parametrize("command", ["verdict", "gate", "costs"])
@@ -85,6 +125,7 @@ def test_a_battery_is_no_run_of_episodes(tmp_path: Path, constants: Path) -> Non
     bank = banks.build_bank(tmp_path / "bank", scenarios=["light"], episodes=1)
     battery.run(battery.plan(bank.root, ["scripted:constant"], tmp_path / "battery", conditions=["real"]))
     assert isinstance(say("audit", tmp_path / "battery").exception, LedgerError)
+    assert isinstance(say("score", tmp_path / "battery", "--against", "oracle").exception, SpecError)
     both = say("report", tmp_path / "battery", constants, "--out", tmp_path / "page.html")
     assert isinstance(both.exception, SpecError)
     assert not (tmp_path / "page.html").exists()
@@ -97,7 +138,9 @@ def test_the_report_of_drives_is_written_with_figures_and_tables(constants: Path
     )
     assert told.exit_code == 0
     assert "does not drive again here" in told.stderr
-    assert "Who drives well, and who by sight?" in (tmp_path / "p.html").read_text()
+    page = (tmp_path / "p.html").read_text()
+    assert "Who drives well, and who by sight?" in page
+    assert "Beware: the reference is the best constant of these same episodes" in page
     assert {file.name for file in (tmp_path / "f").iterdir()} >= {"ladder-distance_m.svg", "drives-information.pdf"}
     assert (tmp_path / "t" / "degeneracy.csv").exists()
 

@@ -1,5 +1,6 @@
 """``eyechart run closed-loop``: its words, its exit codes, and what it prints where."""
 
+import html
 import json
 import sys
 from collections.abc import Callable
@@ -9,10 +10,14 @@ from typing import NamedTuple
 import pytest
 
 import tiny_worlds
-from eyechart import cli
+from eyechart import attempts, cli
+from eyechart.report.drives_page import make_drives_page
 from eyechart.simulators import SIMULATORS
+from eyechart.studies.closed_loop import score
+from faults import FaultServer
 
 LOOK = "python:tiny_worlds:look"
+FAILING = "python:tiny_worlds:failing"
 
 
 class Said(NamedTuple):
@@ -66,13 +71,107 @@ def test_an_episode_in_error_and_a_limit_have_exit_codes_of_their_own(drive: Dri
     """1 with the first error in words; 3 with what is left; the other episodes stand."""
     failed = drive("--policy", "oracle", "--scenarios", "whole,black", "--seeds", 1, "--json")
     assert failed.code == 1
-    assert "1 episodes ended in an error, first oracle in tiny/black/0: SpecError: the camera shows black" in failed.err
+    assert "1 episode ended in an error, first oracle in tiny/black/0: SpecError: the camera shows black" in failed.err
     (row,) = json.loads(failed.out)["rows"]
     assert (row["episodes"], row["errors"], row["crash_rate"]) == (1, 1, 0.0)
     cut = drive("--policy", LOOK, "--scenarios", "whole", "--seeds", 2, "--max-calls", 4)
     assert cut.code == 3
     assert "4 calls were sent, and --max-calls is 4" in cut.err
     assert "a higher limit resumes" in cut.err
+
+
+def test_a_run_that_ends_unfinished_says_why_by_policy(drive: Drive) -> None:
+    """The errors of the last attempts by kind and count, for people and as JSON; what limits cut met none."""
+    words = ("--policy", FAILING, "--policy", LOOK, "--scenarios", "whole", "--seeds", 2, "--concurrency", 1)
+    told = drive(*words)
+    assert told.code == 1
+    why = "episodes are unfinished, 1 of them begun; their calls last met: exception 10, as: RuntimeError: out of mem"
+    assert f"{FAILING}: 2 {why}" in told.err
+    assert "2 episodes are unfinished; the same command goes on" in told.err
+    found = json.loads(drive("--policy", LOOK, "--seeds", 3, *words[4:6], "--max-calls", 35, "--json").out)
+    (left,) = found["unfinished"]
+    assert (left["policy"], left["errors"], left["episodes"], found["left"]) == (LOOK, {}, 1, 1)
+
+
+def test_calls_that_keep_failing_in_a_way_that_may_pass_are_counted_by_kind(
+    drive: Drive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One call an episode, however often it was tried; the score and the report say it too."""
+    monkeypatch.setattr(attempts, "pause_s", lambda *_: 0.0)
+    with FaultServer(["500 for ever"]) as server:
+        words = ("--policy", "openai:m", "--base-url", server.base_url, "--no-probe", "--policy", "oracle")
+        told = drive(*words, "--scenarios", "whole", "--seeds", 2)
+    assert told.code == 1
+    assert (
+        "openai:m: 2 episodes are unfinished, 2 of them begun; their calls last met: server_error 2, as: " in told.err
+    )
+    run = tmp_path / "run"
+    left = score(run).unfinished
+    assert [(one.policy, one.errors) for one in left[""]] == [("openai:m", {"server_error": 2})]
+    page = make_drives_page([run], score(run), pictured=0).html.decode()
+    assert "their calls last met: server_error 2" in page
+
+
+def test_what_a_bound_on_steps_ended_goes_on_under_a_larger_one(drive: Drive) -> None:
+    """The same command with --again; the message says so, and a smaller bound is refused."""
+    words = ("--policy", "oracle", "--scenarios", "whole", "--seeds", 1)
+    short = drive(*words, "--max-steps", 3)
+    assert (short.code, short.err.count("it did not end within 3 steps")) == (1, 1)
+    assert "with a larger --max-steps those that the bound ended go on" in short.err
+    assert drive(*words, "--max-steps", 30).code == 1
+    longer = drive(*words, "--max-steps", 30, "--again")
+    assert (longer.code, "ended in an error" in longer.err) == (0, False)
+    assert drive(*words, "--max-steps", 3).code == 2
+
+
+def test_a_limit_that_stops_what_is_driven_anew_is_told_as_one(drive: Drive) -> None:
+    """The record of the first time stands, and yet the exit code is that of a limit."""
+    words = ("--policy", LOOK, "--scenarios", "whole", "--seeds", 1)
+    assert drive(*words, "--max-steps", 3).code == 1
+    cut = drive(*words, "--max-steps", 30, "--again", "--max-calls", 5)
+    assert cut.code == 3
+    assert "5 calls were sent, and --max-calls is 5; 1 episode is left; a higher limit resumes" in cut.err
+    assert drive(*words, "--max-steps", 30, "--again").code == 0
+
+
+def test_drives_that_converge_and_a_planted_cache_are_told_apart(
+    drive: Drive, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A constant model drives as the constant policy does; two models behind one cache by content are suspect."""
+    words = ("--scenarios", "whole", "--seeds", 4)
+    assert drive("--policy", "python:tiny_worlds:onward", "--policy", "constant:LEFT", *words).code == 0
+    code, told, _ = audit(tmp_path, capsys, monkeypatch)
+    assert code == 0
+    assert "constant policies converge: python:tiny_worlds:onward, constant:LEFT: identical in 4 of 4 worlds" in told
+    cached = ("--policy", "python:tiny_worlds:dealt", "--policy", "python:tiny_worlds:dealt_too")
+    assert drive(*cached, *words).code == 0
+    code, told, _ = audit(tmp_path, capsys, monkeypatch)
+    assert code == 1
+    assert "suspect caching: python:tiny_worlds:dealt, python:tiny_worlds:dealt_too: identical in 4 of 4" in told
+
+
+def audit(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Said:
+    """Audit the run."""
+    monkeypatch.setattr(sys, "argv", ["eyechart", "audit", str(tmp_path / "run")])
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    said = Said(left.value.code, *capsys.readouterr())
+    return said._replace(out=" ".join(said.out.split()))
+
+
+def test_a_driver_that_reads_pixels_differs_from_itself_without_and_a_constant_does_not(
+    drive: Drive, tmp_path: Path
+) -> None:
+    """Driven with real and blank pictures and scored; the report says both in words."""
+    words = ("--scenarios", "whole", "--seeds", 10, "--condition", "real", "--condition", "blank")
+    assert drive("--policy", LOOK, "--policy", "constant:LEFT", *words).code == 0
+    scored = score(tmp_path / "run")
+    sees, constant = scored.blind
+    assert (sees.finding, "crash_rate" in sees.paired.changed) == ("differs", True)
+    assert (constant.finding, constant.paired.changed) == ("identical", ())
+    page = html.unescape(make_drives_page([tmp_path / "run"], scored, pictured=0).html.decode())
+    assert "it drives differently with real pictures than with blank ones in the same 10 worlds" in page
+    assert "all 10 drives are the same to the last digit with blank pictures as with real ones" in page
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ import tiny_worlds
 from eyechart import episodes as study
 from eyechart.episodes import Bounds, Episode, planning, read_episodes
 from eyechart.episodes.hosts import LocalHost
+from eyechart.errors import LedgerError
 from eyechart.ledger import Ledger
 from eyechart.limits import Limits
 from eyechart.manifest import LEDGER
@@ -123,6 +124,23 @@ def test_what_ended_in_an_error_is_driven_anew_when_asked(tmp_path: Path, monkey
     monkeypatch.setenv("TINY_MARK", str(tmp_path))
     study.run(study.plan("tiny", ["oracle"], tmp_path / "run", again=True, **asked))  # type: ignore[arg-type]
     assert [one.ended for one in read_episodes(tmp_path / "run")] == ["error", "goal"]
+
+
+@pytest.mark.parametrize("policy", [LOOK, "oracle"])
+def test_what_the_bound_on_steps_ended_is_driven_anew_under_a_larger_one(tmp_path: Path, policy: str) -> None:
+    """The records say under which bound; a model's finished calls are not made again, and no smaller bound is taken."""
+    asked = {"scenarios": ["whole"], "seeds": [0]}
+    for steps in (4, 12):
+        study.run(study.plan("tiny", [policy], tmp_path, max_steps=steps, again=True, **asked))  # type: ignore[arg-type]
+    first, then = read_episodes(tmp_path)
+    assert (first.ended, first.detail, first.max_steps) == ("error", "it did not end within 4 steps", 4)
+    assert (then.ended, then.max_steps, then.steps[:4]) == ("goal", 12, first.steps)
+    with pytest.raises(LedgerError, match="has --max-steps 12, now 4 was asked for"):
+        study.plan("tiny", [policy], tmp_path, max_steps=4, **asked)  # type: ignore[arg-type]
+    if policy == LOOK:
+        with Ledger(tmp_path / LEDGER) as ledger:
+            sent = [one.key for one in ledger.attempts(LOOK)]
+        assert len(sent) == len(set(sent)) == len(then.steps)
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])

@@ -41,8 +41,9 @@ def test_episodes_killed_at_random_moments_end_as_undisturbed_ones(
 ) -> None:
     """Equal records to the byte; no finished call is made again, and an unfinished one at most once a kill."""
     out, calls = tmp_path / "killed", tmp_path / "calls"
-    for more in random.Random(5).sample(range(1, 20), KILLS):  # noqa: S311 - moments, no secret
-        assert kill_after(out, calls, more) == -signal.SIGKILL
+    moments = random.SystemRandom().sample(range(1, 16), KILLS)
+    for more in moments:
+        assert kill_after(out, calls, more) == -signal.SIGKILL, moments
     monkeypatch.setenv("TINY_CALLS", str(calls))
     assert tiny_worlds.planned(out).left()
     study.run(tiny_worlds.planned(out), bounds=study.Bounds(processes=2, concurrency=3))
@@ -51,7 +52,7 @@ def test_episodes_killed_at_random_moments_end_as_undisturbed_ones(
     whole = tmp_path / "whole"
     study.run(tiny_worlds.planned(whole), bounds=study.Bounds(processes=2, concurrency=3))
     killed, undisturbed = (sorted(one.as_line() for one in read_episodes(folder)) for folder in (out, whole))
-    assert killed == undisturbed
+    assert killed == undisturbed, moments
     assert len(killed) == 24
 
     with Ledger(out / LEDGER) as ledger:

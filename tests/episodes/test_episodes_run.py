@@ -124,7 +124,7 @@ def test_a_torn_last_line_is_driven_anew(driven: Path, tmp_path: Path) -> None:
     write_episodes(tmp_path, read_episodes(driven))
     with (tmp_path / study.EPISODES).open("a") as damaged:
         damaged.write("{}\n")
-    with pytest.raises(LedgerError, match="line 17 is no episode"):
+    with pytest.raises(LedgerError, match="line 17 is no episode: it has no key, steps, ended, state_sha256"):
         list(read_episodes(tmp_path))
 
 
@@ -145,7 +145,7 @@ def test_policies_seeds_and_conditions_may_be_added_and_nothing_else_may_change(
     for asked, words in (
         ({"seed": 3}, "has seed 0, now seed 3"),
         ({"prompt": "minimal"}, "has prompt baseline@.*, now prompt minimal@"),
-        ({"max_steps": 9}, "has max_steps 1000"),
+        ({"max_steps": 9}, "has --max-steps 1000, now 9 was asked for"),
     ):
         with pytest.raises(LedgerError, match=words):
             planned(out, "oracle", **asked)
@@ -194,6 +194,8 @@ def test_a_limit_cuts_episodes_and_a_higher_one_goes_on_without_asking_again(tmp
     first = study.run(plan, bounds=Bounds(limits=Limits(calls=7)))
     assert first.stopped is not None
     assert plan.left()
+    (rest,) = study.expected(plan, read_prices(None), concurrency=1)
+    assert rest.calls == 24 - 7
     second = study.run(plan, bounds=Bounds(limits=Limits(calls=1000)))
     assert (second.stopped, plan.left()) == (None, ())
     with Ledger(tmp_path / "run" / LEDGER) as ledger:
@@ -232,3 +234,7 @@ def test_an_environment_of_ones_own_is_driven_by_its_action_map_which_the_run_ke
     assert study.plan("gym:CartPole-v1", ["random"], out, **asked).left() == ()  # type: ignore[arg-type]
     (first, *_) = read_episodes(out)
     assert (first.key.simulator, first.ended in {"crash", "time"}) == ("gym:CartPole-v1", True)
+    assert {(one.distance_m, one.speed_mps) for one in read_episodes(out)} == {(None, None)}
+    assert '"speed_mps":null,"distance_m":null' in (out / study.EPISODES).read_text()
+    row = study.summarise(read_episodes(out))[0]
+    assert (row.distance_m, row.speed_mps, row.reward) == (None, None, 8.0)

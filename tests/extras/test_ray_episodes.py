@@ -1,5 +1,6 @@
 """Episodes on a Ray cluster of two local nodes: the same records as in one process."""
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from eyechart.episodes import Bounds, Episode, read_episodes
 from eyechart.errors import SpecError
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER
+from eyechart.studies.closed_loop import score
 
 pytestmark = pytest.mark.models
 
@@ -25,7 +27,8 @@ def _cluster() -> Iterator[None]:
     from ray.cluster_utils import Cluster  # noqa: PLC0415
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PYTHONPATH", str(Path(tiny_worlds.__file__).parent))
+        here = (str(Path(tiny_worlds.__file__).parent), os.environ.get("PYTHONPATH", ""))
+        patch.setenv("PYTHONPATH", os.pathsep.join(filter(None, here)))
         patch.setenv("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
         patch.setenv("RAY_USAGE_STATS_ENABLED", "0")
         cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
@@ -44,6 +47,13 @@ def drive(out: Path, engine: str, *specs: str, simulator: str, **asked: object) 
     return {str(one.key): one for one in read_episodes(out)}
 
 
+def table(out: Path) -> tuple[object, object]:
+    """Return the rows that a run prints, and every number of its score but the times of replies."""
+    scored = score(out).as_dict()
+    del scored["repeated_requests"]
+    return [row.as_dict() for row in study.summarise(sorted(read_episodes(out), key=lambda one: one.key))], scored
+
+
 @pytest.mark.usefixtures("_cluster")
 def test_two_nodes_drive_the_same_episodes_as_one_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Policies and a model, real and shuffled pictures, in the tiny world and on the highway."""
@@ -59,6 +69,7 @@ def test_two_nodes_drive_the_same_episodes_as_one_process(tmp_path: Path, monkey
         there = drive(tmp_path / f"{name}-ray", "ray", *specs, **asked)  # type: ignore[arg-type]
         here = drive(tmp_path / f"{name}-local", "local", *specs, **asked)  # type: ignore[arg-type]
         assert there == here
+        assert table(tmp_path / f"{name}-ray") == table(tmp_path / f"{name}-local")
         assert all(one.ended != "error" for one in here.values())
     assert len([node for node in ray.nodes() if node["Alive"]]) == 2
     with Ledger(tmp_path / "tiny-ray" / LEDGER) as ledger:

@@ -17,7 +17,7 @@ from eyechart.report.drives_sheets import write_drives_sheets
 from eyechart.report.page import Page
 from eyechart.simulators import SIMULATORS
 from eyechart.studies.closed_loop import read_drives, score
-from eyechart.studies.closed_loop.replaying import find_episode
+from eyechart.studies.closed_loop.replaying import episode_id, find_episode
 from report_runs import HOSTILE
 
 
@@ -139,6 +139,8 @@ def test_a_film_says_what_is_wrong_with_it(run: Path, tmp_path: Path, monkeypatc
         find_episode(read_drives([run]), "constant:SLOW")
     with pytest.raises(SpecError, match="names no episode"):
         find_episode(read_drives([run]), "nobody")
+    _, by_parts = find_episode(read_drives([run]), "light 0 constant:SLOW real")
+    assert episode_id(by_parts) == "constant:SLOW corridor/light/0 real"
     with pytest.raises(OutputError, match="belongs to the run"):
         film.write_film(drives, found, run / "episodes.jsonl" / "x.gif")
     (tmp_path / "taken.gif").write_text("my notes")

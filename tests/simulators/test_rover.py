@@ -136,6 +136,20 @@ def test_a_mirrored_world_with_mirrored_actions_gives_the_mirrored_drive(scenari
                 np.testing.assert_array_equal(picture_m, picture[:, ::-1])
 
 
+def test_a_hundred_mirrored_worlds_render_to_the_flipped_picture() -> None:
+    """To the bit, at a random moment of a random drive in each of 100 worlds."""
+    rng = np.random.default_rng(7)
+    scenes = [(family, seed) for seed in range(-(-100 // len(FAMILIES))) for family in FAMILIES][:100]
+    for family, seed in scenes:
+        one, other = Rover().drive(family, seed), Rover().drive(family, seed, mirrored=True)
+        for action in rng.choice(DRIVING.actions, int(rng.integers(10)), p=[0.05, 0.25, 0.3, 0.2, 0.2]).tolist():
+            other.step(DRIVING.mirror(action))
+            if one.step(action).ended is not None:
+                break
+        np.testing.assert_array_equal(other.picture(), one.picture()[:, ::-1])
+    assert len(scenes) == 100
+
+
 def test_equal_worlds_and_actions_give_equal_drives_and_states() -> None:
     """Bytes of the state are equal here and in a process that hashes strings otherwise; asking changes nothing."""
     code = (

@@ -1,14 +1,21 @@
 """The audit on synthetic drives whose answer is known: who decides, who varies, who converges, and what is a cache."""
 
+import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from drives import add_replies, always, by_depth, drive, make_run, tossing
 from eyechart.calls import Reply
+from eyechart.cli.app import app
 from eyechart.episodes import Episode, Step
 from eyechart.frames import Scalar
+from eyechart.report.drives_browser import drives_data
+from eyechart.report.drives_figures import drives_figures
+from eyechart.report.film import lines
 from eyechart.studies.closed_loop import score
 from eyechart.studies.closed_loop.scene import GAP_ALONE, GAP_AND_SIDE
 
@@ -127,6 +134,32 @@ def test_other_actions_with_one_drive_are_not_called_aliases(tmp_path: Path) -> 
     assert found.kind == "other actions, same drive"
 
 
+def test_what_a_simulator_does_not_tell_is_a_dash_everywhere(tmp_path: Path) -> None:
+    """No speed, no distance and no gap: neither a zero in a table, nor a difference, nor a link to a scene."""
+    run = make_run(tmp_path / "run", [_untold(one) for one in (*drive("a", by_depth), *drive("b", tossing("x")))])
+    scored = score(run, against_policy="b")
+    for rung in scored.ladder:
+        told = {name: rung.statistics[name].value is not None for name in ("distance_m", "reward", "speed_mps")}
+        assert told == {"distance_m": False, "reward": True, "speed_mps": False}
+        assert rung.statistics["speed_mps"].note == "the simulator does not tell it"
+    (pair,) = scored.paired
+    assert (pair.differences["distance_m"].value, pair.holm["distance_m"]) == (None, None)
+    assert pair.differences["reward"].p is not None
+    assert {(row.label, row.geometry) for row in scored.audit} == {("cannot say", "")}
+    drives = scored.drives[0]
+    assert {line.state for line in lines(drives, drives.episodes[0])[:-1]} == {"gap — · then — m/s"}
+    printed = " ".join(CliRunner().invoke(app, ["score", str(run)]).stdout.split())
+    assert " 0.0 " not in printed.partition("Degeneracy")[0]
+    browser = json.loads(json.dumps(drives_data(scored, pictured=0).data["episodes"][0]))  # type: ignore[index]
+    assert (browser["distance"], {step[4] for step in browser["steps"]}) == (None, {None})
+    assert drives_figures(scored)["ladder"]
+
+
+def _untold(one: Episode) -> Episode:
+    steps = (replace(step, speed_mps=None, distance_m=None, truth=dict.fromkeys(step.truth)) for step in one.steps)
+    return replace(one, steps=tuple(steps))
+
+
 def test_a_run_is_scored_where_its_simulator_is_not(tmp_path: Path) -> None:
     """What is not installed here declares nothing, and everything else is computed."""
     away = "gym:Elsewhere-v9"
@@ -183,6 +216,19 @@ def test_a_cache_inside_one_model_shows_in_its_repeated_requests(tmp_path: Path)
         slow, episodes, lambda _step, n: Reply(f"roll {n % 20}", "stop", seconds=1.0), lambda s: f"picture {s.step}"
     )
     assert [one.suspect for one in score(slow).repeats] == [False]
+
+
+@pytest.mark.parametrize(("seconds", "suspect"), [(0.101, True), (0.099, False)])
+def test_a_model_that_is_quick_by_itself_is_no_cache(tmp_path: Path, seconds: float, suspect: bool) -> None:  # noqa: FBT001
+    """Below a tenth of a second for a first reply its repeats may take a hundredth of that, and tell nothing."""
+    episodes = drive("model", tossing("x"))
+    run = make_run(tmp_path / "run", episodes, models=["model"])
+
+    def reply(_step: Step, number: int) -> Reply:
+        return Reply(f"roll {number % 20}", "stop", seconds=seconds if number < 20 else seconds / 100)
+
+    add_replies(run, episodes, reply, lambda step: f"picture {step.step}")
+    assert [one.suspect for one in score(run).repeats] == [suspect]
 
 
 def test_what_needs_no_cache_is_not_suspected(tmp_path: Path) -> None:

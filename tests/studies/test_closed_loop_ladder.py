@@ -13,7 +13,7 @@ from eyechart.episodes import Episode, EpisodeKey, write_episodes
 from eyechart.errors import LedgerError, SpecError
 from eyechart.stats.paired import clopper_pearson, mcnemar_exact
 from eyechart.studies.closed_loop import score
-from eyechart.studies.closed_loop.published import PUBLISHED, beside_paper, leads
+from eyechart.studies.closed_loop.published import PUBLISHED, beside_paper, leads, unlike
 
 
 def crashing(policy: str, action: str, *, of: int, condition: str = "real") -> list[Episode]:
@@ -106,6 +106,9 @@ def test_the_papers_rows_stand_beside_ours(tmp_path: Path) -> None:
     assert slow.apart == ("distance_m", "reward")
     assert left.differences["crash_rate"] == 0
     assert leads(found.ladder)["crash_rate"] == ["constant:STOP", "constant:SLOW"]
+    assert unlike([slow, left]) == ""
+    (few,) = beside_paper(score(make_run(tmp_path / "few", drive("constant:SLOW", always("SLOW"), seeds=[0]))).ladder)
+    assert "the paper's rows are of 32 episodes in four scenarios, these of 4" in unlike([few])
 
 
 def test_a_seeing_driver_differs_from_itself_without_pictures_and_a_constant_does_not(tmp_path: Path) -> None:

@@ -5,57 +5,90 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eyechart.cli.options import Json
-from eyechart.cli.terminal import patience, print_json, progress, resumable, say, table_console
+from eyechart.cli import asking
+from eyechart.cli.drives import Wanted, drive, plan_drives, say_expected, tell_errors, tell_left
+from eyechart.cli.options import NO_LIMIT, Json, Spending, expanded
+from eyechart.cli.terminal import patience, print_json, say, table_console
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from eyechart.episodes import Episodes
+    from eyechart.limits import Spent
+    from eyechart.modes import RequestMode
     from eyechart.studies.closed_loop import ClosedLoopScore
 
-_Against = Annotated[
-    str | None, typer.Option(help="The policy that the others are held against; default: the best constant.")
+Against = Annotated[
+    str | None, typer.Option(help="Of drives: the policy that the others are held against; default: the best constant.")
 ]
 
 DOCS = "docs/reading-drives.md, 'The ladder beside the paper's'"
 """Where it is explained what differs from the paper, and why."""
 
 
+@expanded
 def ladder(
     out: Annotated[Path, typer.Option(help="Folder of the run; the same one resumes it.")] = Path("ladder"),
-    simulator: Annotated[str, typer.Option(help="A name of 'eyechart list simulators'.")] = "highway",
+    simulator: Annotated[str, typer.Option(help="See 'eyechart list simulators'; or gym:ENV_ID.")] = "highway",
     policy: Annotated[list[str] | None, typer.Option(help="A further policy or model; again for more.")] = None,
+    mode: asking.Mode = None,
     seeds: Annotated[int, typer.Option(min=1, help="So many seeds a scenario, from 0 on.")] = 8,
+    actions: Annotated[Path | None, typer.Option(help="FILE.toml: the action map of gym:ENV_ID.")] = None,
+    prompt: Annotated[str | None, typer.Option(help="A name of 'eyechart list prompts', or FILE.toml.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the run, and so of random's stream.")] = 0,
     processes: Annotated[int, typer.Option(min=1, help="Processes that hold the worlds.")] = 1,
-    against: _Against = None,
+    concurrency: Annotated[int, typer.Option(min=1, help="Episodes of a model under way at once.")] = 8,
+    how: asking.Options = asking.AS_USUAL,
+    spending: Spending = NO_LIMIT,
+    against: Against = None,
+    again: Annotated[bool, typer.Option("--again", help="Drive anew what ended in an error.")] = False,
+    no_probe: asking.NoProbe = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the plan; drive nothing, ask nothing.")] = False,
     json: Json = False,
 ) -> None:
     """Drive the baselines and print Table t:baselines beside the paper's. Interrupt it at will: it resumes.
 
-    Every constant action, random and the scripted controller in every scenario: in the highway 7 × 4 × 8 episodes.
-    Exit 1: episodes are unfinished, or ended in an error. Example: eyechart ladder --out ladder --processes 2
+    Every constant action, random and the scripted controller in every scenario: in the highway 7 × 4 × 8 episodes. A
+    model among the further policies is asked, probed and paid for as in 'run closed-loop'. Exit 1: episodes are
+    unfinished, or ended in an error; 3: stopped at --max-calls or --max-cost.
+    Example: eyechart ladder --out ladder --processes 2
     """
-    from eyechart.episodes import Bounds, run
+    from eyechart.episodes import Bounds
+    from eyechart.limits import Outcome
     from eyechart.studies.closed_loop import score
-    from eyechart.studies.closed_loop.laddering import plan_ladder
+    from eyechart.studies.closed_loop.laddering import plan_ladder, require_reference
 
-    planned = plan_ladder(out, simulator=simulator, seeds=seeds, further=policy or (), seed=seed)
+    def planned_for(drivers: "Sequence[str | RequestMode]", probes: "Mapping[str, Spent]") -> "Episodes":
+        made = plan_ladder(
+            out,
+            simulator=simulator,
+            seeds=seeds,
+            further=drivers,
+            actions=actions,
+            prompt=prompt,
+            seed=seed,
+            again=again,
+            probes=probes,
+        )
+        if not probes:  # before anything is asked or driven
+            require_reference(made, against)
+        return made
+
+    wanted = Wanted(policy or (), mode, how, spending, no_probe, dry_run, alone=False)
+    planned, failed = plan_drives(wanted, out, planned_for)
     say(f"{len(planned.keys)} episodes, {len(planned.keys) - len(planned.left())} driven already")
+    say_expected(planned, spending, concurrency)
+    if dry_run:
+        return
+    outcome = Outcome({})
     if planned.left():
-        with resumable(), progress("episodes", "episodes") as move:
-            outcome = run(planned, bounds=Bounds(processes=processes), progress=move)
-        for spec, why in outcome.set_aside.items():
-            say(f"set aside: {spec}: {why}")
-    if left := len(planned.left()):
-        say(f"{left} episodes are unfinished; the same command goes on")
-        raise typer.Exit(1)
+        outcome = drive(planned, Bounds(processes=processes, concurrency=concurrency), spending)
+    if planned.unfinished():
+        tell_left(planned, outcome, failed)
     scored = score(out, against_policy=against)
-    if json:
-        print_json(ladder_dict(scored))
-    else:
-        print_ladder(scored)
-    if failed := sum(one.errors for one in scored.ladder):
-        say(f"{failed} episodes ended in an error and count in no number; 'eyechart report {out}' lists them")
-        raise typer.Exit(1)
+    print_json(ladder_dict(scored)) if json else print_ladder(scored)
+    tell_left(planned, outcome, failed)
+    tell_errors(planned)
 
 
 def ladder_dict(scored: "ClosedLoopScore") -> dict[str, object]:
@@ -63,7 +96,10 @@ def ladder_dict(scored: "ClosedLoopScore") -> dict[str, object]:
     from eyechart.studies.closed_loop.published import beside_paper
 
     found = scored.as_dict()
-    kept = {name: found[name] for name in ("study", "references", "ladder", "paired", "identical")}
+    kept = {
+        name: found[name]
+        for name in ("study", "references", "references_chosen_on_these_data", "ladder", "paired", "identical")
+    }
     return {**kept, "beside_paper": [one.as_dict() for one in beside_paper(scored.ladder)]}
 
 
@@ -81,7 +117,8 @@ def print_ladder(scored: "ClosedLoopScore") -> None:
         console.print(f"Why, row by row: {DOCS}.", markup=False)
     for name, reference in scored.references.items():
         mine = [one for one in scored.paired if one.first.simulator == name]
-        console.print(paired_table(mine, f"{name}: policy less {reference.label}, same worlds; p after Holm"))
+        title = f"{name}: policy less {reference.label}, same worlds; p after Holm"
+        console.print(paired_table(mine, title, scored.caveat))
     print_twins(scored)
 
 
@@ -123,7 +160,7 @@ def audit(
 
 def film(
     run: Annotated[Path, typer.Argument(help="Folder of a run of episodes.")],
-    episode: Annotated[str, typer.Option(help="Policy, world and condition, or enough of these words.")],
+    episode: Annotated[str, typer.Option(help="Policy, scenario, seed, condition: enough of these words.")],
     out: Annotated[Path, typer.Option(help="FILE.mp4, FILE.gif or FILE.html.")],
     fps: Annotated[float, typer.Option(help="Decisions a second.")] = 2.0,
 ) -> None:
@@ -148,10 +185,12 @@ def film(
 
 def print_drives(scored: "ClosedLoopScore") -> None:
     """Print all that ``eyechart score`` prints of a run of episodes."""
-    from eyechart.report.rungs import blind_table, degeneracy_table, degeneracy_words, replay_table
+    from eyechart.report.rungs import blind_table, degeneracy_table, degeneracy_words, replay_table, unfinished_words
 
     print_ladder(scored)
     console = table_console(160)
+    for line in unfinished_words(scored):
+        console.print(line, markup=False)
     if scored.blind:
         console.print(blind_table(scored.blind))
         for one in scored.blind:

@@ -116,12 +116,16 @@ class Allowed:
 
 @dataclass(frozen=True)
 class Study(Generic[P]):
-    """A study as a probe before its run needs it: how it is planned, asked already, sampled, and paid for so far."""
+    """A study as a probe before its run needs it: how it is planned, asked already, sampled, and paid for so far.
+
+    ``others`` says that something is run beside the models, which goes on where none of these can be probed.
+    """
 
     plan: "Callable[[Sequence[RequestMode], Mapping[str, Spent]], P]"
     recorded: "Callable[[RequestMode], RequestMode | None]"
     sample: "Callable[[P], Sample]"
     spent: "Callable[[Prices], Spent]"
+    others: bool = False
 
 
 def plan_probed(
@@ -143,7 +147,7 @@ def plan_probed(
     left = None if allowed.max_cost is None else max(0.0, allowed.max_cost - made.cost_usd)
     given = {**asked.given, **(fixed or {})}
     probed = probe_each(modes, unprobed, study.sample(planned), given, prices, left=left)
-    if not probed.modes:
+    if not probed.modes and not study.others:
         tell_none(probed.failed)
     return study.plan(probed.modes, probed.spent), probed.failed
 

@@ -6,15 +6,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eyechart.cli import asking
-from eyechart.cli.before import say_uncounted
+from eyechart.cli.drives import Wanted, drive, plan_drives, say_expected, tell_errors, tell_left
 from eyechart.cli.options import NO_LIMIT, Json, Spending, expanded
-from eyechart.cli.terminal import print_json, progress, resumable, say, table_console
+from eyechart.cli.terminal import print_json, say, table_console
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
-    from eyechart.episodes import Episode, Episodes, Row
-    from eyechart.limits import Outcome
+    from eyechart.episodes import Episodes, Row
+    from eyechart.limits import Spent
+    from eyechart.modes import RequestMode
 
 
 _MOST_WORLDS = 100_000
@@ -53,61 +54,53 @@ def closed_loop(
     ] = "unfinished",
     spending: Spending = NO_LIMIT,
     again: Annotated[bool, typer.Option("--again", help="Drive anew what ended in an error.")] = False,
+    no_probe: asking.NoProbe = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the plan; drive nothing, ask nothing.")] = False,
     json: Json = False,
 ) -> None:
     """Let policies and models drive: policies × scenarios × seeds × conditions. Interrupt it at will.
 
-    The options from --base-url to --option are for the models without a --mode file. Exit 1: episodes are unfinished,
-    or ended in an error; 3: stopped at --max-calls or --max-cost.
+    The options from --base-url to --option are for the models without a --mode file; of these, one that is served
+    elsewhere is probed first, with the first pictures of the first worlds. Exit 1: episodes are unfinished, or ended in
+    an error; 3: stopped at --max-calls or --max-cost.
     Example: eyechart run closed-loop --policy constant:SLOW --policy oracle --policy scripted:depth_lateral
     --condition real --condition blank --out drives
     """
     from eyechart import episodes as study
-    from eyechart.policies import is_policy
 
-    asked = [spec for spec in policy or () if ":" in spec and not is_policy(spec)]
-    modes = asking.read_modes(
-        asked,
-        mode,
-        how.given(),
-    ).modes
-    by_spec = {one.spec: one for one in modes}
-    planned = study.plan(
-        simulator,
-        [by_spec.get(spec, spec) for spec in dict.fromkeys([*(policy or ()), *by_spec])],
-        out,
-        scenarios=None if scenarios is None else [name.strip() for name in scenarios.split(",")],
-        seeds=_seeds(seeds),
-        conditions=condition or ("real",),
-        prompt=prompt,
-        actions=actions,
-        seed=seed,
-        max_steps=max_steps,
-        silence=silence,
-        again=again,
-    )
-    table = spending.table()
+    if not dry_run:
+        study.require_engine(engine)
+
+    def planned_for(drivers: "Sequence[str | RequestMode]", probes: "Mapping[str, Spent]") -> "Episodes":
+        return study.plan(
+            simulator,
+            drivers,
+            out,
+            scenarios=None if scenarios is None else [name.strip() for name in scenarios.split(",")],
+            seeds=_seeds(seeds),
+            conditions=condition or ("real",),
+            prompt=prompt,
+            actions=actions,
+            seed=seed,
+            max_steps=max_steps,
+            silence=silence,
+            again=again,
+            probes=probes,
+        )
+
+    planned, failed = plan_drives(Wanted(policy or (), mode, how, spending, no_probe, dry_run), out, planned_for)
     say(_planned(planned))
-    for one in study.expected(planned, table, concurrency=concurrency):
-        say(one.words)
+    say_expected(planned, spending, concurrency)
     if dry_run:
         return
-    bounds = study.Bounds(
-        processes=processes or _processors(),
-        concurrency=concurrency,
-        limits=study.within(planned, table, calls=spending.max_calls, cost_usd=spending.max_cost),
-    )
-    with (
-        resumable("finished episodes and calls are kept; the same command resumes"),
-        progress("episodes", "episodes") as move,
-    ):
-        outcome = study.run(planned, engine=engine, bounds=bounds, progress=move)
+    bounds = study.Bounds(processes=processes or _processors(), concurrency=concurrency)
+    outcome = drive(planned, bounds, spending, engine=engine)
     keys = set(planned.keys)
     driven = {one.key: one for one in study.read_episodes(out) if one.key in keys}
-    over = [driven[key] for key in planned.keys if key in driven]
-    _show(study.summarise(over), out, planned, json=json)
-    _tell(outcome, len(planned.left()), over)
+    _show(study.summarise(driven[key] for key in planned.keys if key in driven), planned, json=json)
+    tell_left(planned, outcome, failed)
+    tell_errors(planned)
+    say(f"done: 'eyechart score {out}' compares who drove, 'eyechart report {out} --out page.html' shows every drive")
 
 
 def _planned(planned: "Episodes") -> str:
@@ -145,10 +138,15 @@ def _processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _show(rows: "Sequence[Row]", out: Path, planned: "Episodes", *, json: bool) -> None:
+def _show(rows: "Sequence[Row]", planned: "Episodes", *, json: bool) -> None:
     """Print a row for each policy and condition: means over episodes, as JSON or as a table."""
     if json:
-        print_json({"run": str(out), "left": len(planned.left()), "rows": [row.as_dict() for row in rows]})
+        from eyechart.episodes import unfinished
+
+        left = planned.unfinished()
+        why = [one.as_dict() for one in unfinished(planned.out, left, planned.drivers.models)]
+        told = {"run": str(planned.out), "left": len(left), "unfinished": why}
+        print_json({**told, "rows": [row.as_dict() for row in rows]})
         return
     from rich.table import Table
 
@@ -174,24 +172,3 @@ def _show(rows: "Sequence[Row]", out: Path, planned: "Episodes", *, json: bool) 
 
 def _number(value: float | None, form: str) -> str:
     return "—" if value is None else format(value, form)
-
-
-def _tell(outcome: "Outcome", left: int, over: "Sequence[Episode]") -> None:
-    """Print how a run ended; raise Exit 3 where a limit stopped it, 1 where not every episode came to its end."""
-    for spec, why in outcome.set_aside.items():
-        say(f"set aside: {spec}: {why}")
-    say_uncounted(outcome)
-    failed = [one for one in over if one.ended == "error"]
-    if failed:
-        first = failed[0]
-        say(
-            f"{len(failed)} episodes ended in an error, first {first.key.policy} in {first.key.world}: {first.detail}; "
-            "--again drives them anew"
-        )
-    if outcome.stopped is not None and left:
-        say(f"stopped: {outcome.stopped}; {left} episodes are left; a higher limit resumes")
-        raise typer.Exit(3)
-    if left:
-        say(f"{left} episodes are unfinished; the same command goes on where they were cut")
-    if left or failed:
-        raise typer.Exit(1)

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eyechart.cli import asking
-from eyechart.cli.before import say_uncounted
+from eyechart.cli import asking, before
 from eyechart.cli.options import NO_LIMIT, Json, Spending, expanded
 from eyechart.cli.terminal import print_json, progress, resumable, say, table_console
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Mapping
 
+    from eyechart.episodes import Episodes
     from eyechart.limits import Outcome
     from eyechart.studies.hierarchy import HierarchyScore
 
@@ -34,6 +34,7 @@ def hierarchy(
     ] = "fail-safe",
     how: asking.Options = asking.AS_USUAL,
     spending: Spending = NO_LIMIT,
+    no_probe: asking.NoProbe = False,
     again: Annotated[bool, typer.Option("--again", help="Drive anew what ended in an error.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the plan; drive nothing, ask nothing.")] = False,
     json: Json = False,
@@ -41,20 +42,30 @@ def hierarchy(
     """Let sources of intent plan for a rover under a model-predictive controller, beside the paper's tables.
 
     Scripted sources always, a model where one is given: with real, mirrored and blank pictures and with those of other
-    worlds. A planner that says nothing within --timeout stops the rover. Interrupt it at will: it resumes.
-    Exit 1: episodes are unfinished; 3: stopped at --max-calls or --max-cost.
+    worlds; one that is served elsewhere is probed first. A planner that says nothing within --timeout stops the rover.
+    Interrupt it at will: it resumes. Exit 1: episodes are unfinished; 3: stopped at --max-calls or --max-cost.
     Example: eyechart run hierarchy --policy scripted:clear_side --out hierarchy
     """
     from eyechart import episodes as study
-    from eyechart.studies.hierarchy import plan, run, score
+    from eyechart.studies import closed_loop
+    from eyechart.studies.hierarchy import PARTS, plan, run, score
 
-    modes = asking.read_modes(
-        policy or [],
-        mode,
-        how.given(),
-    ).modes
-    planned = plan(out, modes, seed=seed, prompt=prompt, silence=silence, again=again)
-    table = spending.table()
+    given, table = how.given(), spending.table()
+    runs = [out / name for name in PARTS]
+    planned, failed = before.plan_probed(
+        asking.read_modes(policy or [], mode, given),
+        before.Study(
+            lambda modes, probes: plan(
+                out, modes, seed=seed, prompt=prompt, silence=silence, again=again, probes=probes
+            ),
+            lambda one: closed_loop.as_recorded(runs, one, given),
+            lambda parts: closed_loop.sample_of(next(parts[name] for name in parts if PARTS[name].models)),
+            lambda known: closed_loop.spent_on(runs, known),
+            others=True,
+        ),
+        before.Allowed(no_probe, dry_run, spending.max_calls, spending.max_cost),
+        table,
+    )
     for name, part in planned.items():
         say(f"{name}: {len(part.keys)} episodes in {part.manifest.simulator}, {len(part.left())} to drive")
         for estimate in study.expected(part, table, concurrency=concurrency):
@@ -74,19 +85,28 @@ def hierarchy(
         print_json(found.as_dict())
     else:
         print_hierarchy(found)
-    _tell(outcome, sum(len(part.left()) for part in planned.values()))
+    _tell(planned, outcome, failed)
 
 
-def _tell(outcome: "Outcome", left: int) -> None:
-    """Print how the study ended; raise Exit 3 where a limit stopped it, 1 where episodes are left."""
+def _tell(planned: "Mapping[str, Episodes]", outcome: "Outcome", failed: "Mapping[str, str]") -> None:
+    """Print how the study ended, what is left and why; raise Exit 3 where a limit stopped it, else 1."""
+    from eyechart.episodes import unfinished
+
+    for spec, why in failed.items():
+        say(f"set aside: {spec}: {why}")
     for spec, why in outcome.set_aside.items():
         say(f"set aside: {spec}: {why}; its other episodes are unfinished")
-    say_uncounted(outcome)
+    before.say_uncounted(outcome)
+    for name, part in planned.items():
+        for one in unfinished(part.out, part.unfinished(), part.drivers.models):
+            say(f"{name}: {one.policy}: {one.words}")
+    left = sum(len(part.unfinished()) for part in planned.values())
     if left and outcome.stopped is not None:
         say(f"stopped: {outcome.stopped}; {left} episodes are left; a higher limit resumes")
         raise typer.Exit(3)
     if left:
         say(f"{left} episodes are unfinished; the same command goes on where they were cut")
+    if left or failed:
         raise typer.Exit(1)
 
 

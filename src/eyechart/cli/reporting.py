@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from eyechart.cli.auditing import Against
 from eyechart.cli.terminal import patience, say
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ def report(
     reread: Annotated[
         bool, typer.Option("--reread", help="Read the replies of a run anew that another version of the reader read.")
     ] = False,
+    against: Against = None,
 ) -> None:
     """Write one self-contained HTML page with verdicts, figures, statistics and every reply.
 
@@ -46,8 +48,10 @@ def report(
     if any(drove := [closed_loop.is_episodes(run) for run in runs]):
         if not all(drove):
             raise SpecError("a report is about batteries or about episodes: make one of each kind of run")
-        _report_drives(runs, out, figures, tables)
+        _report_drives(runs, out, figures, tables, against)
         return
+    if against is not None:
+        raise SpecError("--against names a policy of a run of drives, and these are none")
     with patience("report") as tell:
         evidence = read_evidence(runs, frames or (), independent=independent, reread=reread, tell=tell)
         page = make_page(evidence, tell=tell)
@@ -63,7 +67,7 @@ def report(
     say(f"wrote {out}, {len(page.html) / 1e6:.1f} MB")
 
 
-def _report_drives(runs: list[Path], out: Path, figures: Path | None, tables: Path | None) -> None:
+def _report_drives(runs: list[Path], out: Path, figures: Path | None, tables: Path | None, against: str | None) -> None:
     """Write the report of runs of episodes."""
     from eyechart.report.drives_page import make_drives_page
     from eyechart.report.drives_sheets import write_drives_sheets
@@ -73,7 +77,7 @@ def _report_drives(runs: list[Path], out: Path, figures: Path | None, tables: Pa
 
     with patience("report") as tell:
         tell("scoring")
-        scored = score(runs)
+        scored = score(runs, against_policy=against)
         page = make_drives_page(runs, scored, tell=tell)
         write_page(page, out)
     if figures is not None:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eyechart.cli.auditing import print_drives
+from eyechart.cli.auditing import Against, print_drives
 from eyechart.cli.intending import print_hierarchy
 from eyechart.cli.options import Json, PriceFile
 from eyechart.cli.terminal import print_json, table_console
@@ -28,18 +28,27 @@ _Reread = Annotated[
 ]
 
 
-def score(run: _Run, json: Json = False, independent: _Independent = False, reread: _Reread = False) -> None:
+def score(
+    run: _Run,
+    json: Json = False,
+    independent: _Independent = False,
+    reread: _Reread = False,
+    against: Against = None,
+) -> None:
     """Print every statistic of a run with its interval, n and p. Example: eyechart score run --json."""
+    from eyechart.errors import SpecError
     from eyechart.report.costs import costs_table
     from eyechart.report.tables import frontier_table, statistics_table
     from eyechart.studies import battery as study
     from eyechart.studies import closed_loop, hierarchy, prompts, structured
     from eyechart.verdicts import judge
 
+    if against is not None and (structured.online.is_online(run) or not closed_loop.is_episodes(run)):
+        raise SpecError("--against names a policy of a run of drives, and this is none")
     if structured.online.is_online(run):
         print_online(structured.online.score(run), json=json)
     elif closed_loop.is_episodes(run):
-        drives = closed_loop.score(run)
+        drives = closed_loop.score(run, against_policy=against)
         print_json(drives.as_dict()) if json else print_drives(drives)
     elif structured.is_structured(run):
         print_estimators(structured.score(run, reread=reread), json=json)

@@ -1,21 +1,14 @@
 """Closed-loop episodes: a policy or a model drives a simulator, decision by decision."""
 
+from eyechart.episodes.expecting import expected, first_pictures, within
 from eyechart.episodes.manifest import FORMAT, EpisodesManifest, read_manifest
-from eyechart.episodes.nouns import (
-    EPISODES,
-    SILENCES,
-    STUDY,
-    Episode,
-    EpisodeKey,
-    Step,
-    fail_safe,
-    read_episodes,
-    write_episodes,
-)
-from eyechart.episodes.planning import ACTION_MAP, ENGINES, Episodes, expected, plan, run, within
+from eyechart.episodes.nouns import SILENCES, STUDY, Episode, EpisodeKey, Step, fail_safe
+from eyechart.episodes.planning import ACTION_MAP, ENGINES, Episodes, plan, require_engine, run
+from eyechart.episodes.records import EPISODES, read_episodes, write_episodes
 from eyechart.episodes.running import Bounds
 from eyechart.episodes.showing import SHOWN
 from eyechart.episodes.summary import Row, summarise
+from eyechart.episodes.unfinished import Unfinished, every_episode, unfinished
 
 __all__ = [
     "ACTION_MAP",
@@ -32,13 +25,18 @@ __all__ = [
     "EpisodesManifest",
     "Row",
     "Step",
+    "Unfinished",
+    "every_episode",
     "expected",
     "fail_safe",
+    "first_pictures",
     "plan",
     "read_episodes",
     "read_manifest",
+    "require_engine",
     "run",
     "summarise",
+    "unfinished",
     "within",
     "write_episodes",
 ]

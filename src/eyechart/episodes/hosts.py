@@ -47,7 +47,7 @@ class LocalHost:
 
     def __init__(self, setup: Setup, *, patience_s: float = PATIENCE_S) -> None:
         self.dead = False
-        self._patience_s = patience_s
+        self._patience_s, self._begun = patience_s, False
         ours, theirs = socket.socketpair()
         with theirs:
             self._process = subprocess.Popen(  # noqa: S603 - our own program
@@ -86,8 +86,10 @@ class LocalHost:
     def _exchange(self, method: str, given: tuple[object, ...]) -> tuple[str, object]:
         try:
             self._connection.send((method, given))
-            while self._connection.poll(self._patience_s):
+            # an interpreter that only starts, on a busy machine, is no world that hangs
+            while self._connection.poll(self._patience_s if self._begun else max(PATIENCE_S, self._patience_s)):
                 kind, value = self._connection.recv()
+                self._begun = True
                 if kind != "alive":
                     return kind, value
         except (EOFError, OSError):

@@ -9,6 +9,7 @@ from typing import Any
 
 from eyechart.actions import ActionSpace
 from eyechart.errors import LedgerError, SpecError
+from eyechart.limits import Spent
 from eyechart.manifest import RUN, is_run
 from eyechart.modes import RequestMode
 from eyechart.perception.view import NONE
@@ -20,7 +21,7 @@ BESIDE = ("vetting.json",)
 """What may stand in a folder before its run begins: which worlds the structured study's online run chose."""
 
 _MAY_GROW = ("scenarios", "seeds", "conditions")
-_AS_BEGUN = ("simulator", "seed", "view", "prompt", "max_steps", "world", "reader", "silence")
+_AS_BEGUN = ("simulator", "seed", "view", "prompt", "world", "reader", "silence")
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +32,9 @@ class EpisodesManifest:
     ``picture`` is the kind of picture in words. ``world`` holds the versions of the libraries that make the world,
     ``versions`` all that may matter. ``modes`` and ``facts`` say how each model was asked and what is known of it;
     ``reader`` is the version of what reads their replies, ``view`` the key of the view that they are shown pictures
-    through, ``none`` where they are shown as they are. ``silence`` is one of `SILENCES`: what becomes of a call that
-    fails in a way that may pass.
+    through, ``none`` where they are shown as they are. ``max_steps`` is the largest bound on decisions that was asked
+    for; each episode says under which it was driven. ``probes`` says what it took to probe a model before the run.
+    ``silence`` is one of `SILENCES`: what becomes of a call that fails in a way that may pass.
     """
 
     created: str
@@ -52,6 +54,7 @@ class EpisodesManifest:
     facts: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     reader: int = READER
     view: str = NONE
+    probes: Mapping[str, Spent] = field(default_factory=dict)
     silence: str = "unfinished"
 
     @property
@@ -63,8 +66,12 @@ class EpisodesManifest:
         """Return how a model was asked."""
         return self.modes.get(spec) or RequestMode(spec)
 
+    def spent_before(self) -> Spent:
+        """Return what probing took, of all models together."""
+        return Spent.together(self.probes.values())
+
     def extended(self, other: "EpisodesManifest") -> "EpisodesManifest":
-        """Return this manifest with another's policies, scenarios, seeds and conditions added.
+        """Return this manifest with another's policies, scenarios, seeds and conditions added, under the wider bound.
 
         Raises LedgerError that names what differs where the two cannot be one run.
         """
@@ -76,15 +83,23 @@ class EpisodesManifest:
                     f"this run has {name} {shown[0]}, now {name} {shown[1]} was asked for; "
                     "give the same options to resume it, or another --out for another run"
                 )
+        if other.max_steps < self.max_steps:
+            raise LedgerError(
+                f"this run has --max-steps {self.max_steps}, now {other.max_steps} was asked for: what it drove "
+                "already may have gone on for longer; give at least as many, or another --out"
+            )
         for spec in self.policies.keys() & other.policies.keys():
             self._require_same(spec, other)
+        modes = {spec: mode for spec, mode in other.modes.items() if mode.measured or spec not in self.modes}
         grown = {name: _joined(getattr(self, name), getattr(other, name)) for name in _MAY_GROW}
         return replace(
             self,
             **grown,  # type: ignore[arg-type]
             policies={**self.policies, **other.policies},
-            modes={**self.modes, **other.modes},
+            modes={**self.modes, **modes},
             facts={**self.facts, **other.facts},
+            max_steps=other.max_steps,
+            probes={**self.probes, **other.probes},
         )
 
     def _require_same(self, spec: str, other: "EpisodesManifest") -> None:
@@ -162,6 +177,7 @@ def _built(raw: dict[str, Any], file: str) -> EpisodesManifest:
         raw[name] = dict(raw[name])
     for name in ("seed", "max_steps", "reader"):
         raw[name] = int(raw[name])
+    raw["probes"] = {spec: Spent.from_dict(spent) for spec, spent in raw.get("probes", {}).items()}
     raw.setdefault("view", NONE)
     raw.setdefault("silence", "unfinished")
     for name in ("created", "simulator", "picture", "view", "silence"):

@@ -1,7 +1,7 @@
 """Planning and running episodes: who drives, in which worlds, under which conditions, and nothing driven twice."""
 
 import sqlite3
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
@@ -11,28 +11,19 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from eyechart.actions import DRIVING, read_toml
-from eyechart.costs import Estimate, estimate
 from eyechart.episodes.hosts import Host, LocalHost
 from eyechart.episodes.manifest import EpisodesManifest, is_episodes_run, read_manifest, write_manifest
-from eyechart.episodes.nouns import (
-    SILENCES,
-    Episode,
-    EpisodeKey,
-    fail_safe,
-    mend_episodes,
-    read_episodes,
-    write_episodes,
-)
+from eyechart.episodes.nouns import SILENCES, Episode, EpisodeKey
 from eyechart.episodes.recorded import recorded
+from eyechart.episodes.records import mend_episodes, read_episodes, write_episodes
 from eyechart.episodes.running import USUAL, Bounds, Drivers, Progress, drive
 from eyechart.episodes.showing import require_shown
-from eyechart.episodes.worlds import MAX_STEPS, Setup, Worlds
+from eyechart.episodes.worlds import MAX_STEPS, Setup
 from eyechart.errors import LedgerError, SpecError
 from eyechart.ledger import Ledger
-from eyechart.limits import NOTHING, Limits, Outcome, Spent
-from eyechart.manifest import LEDGER, today, versions
+from eyechart.limits import Outcome, Spent, added
+from eyechart.manifest import LEDGER, is_run, today, versions
 from eyechart.models import open_model
-from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
 from eyechart.perception.estimate import SCENE_READER
 from eyechart.perception.forward import distances_of
@@ -47,8 +38,6 @@ ENGINES = ("local", "ray")
 ACTION_MAP = "actions.toml"
 """The run's copy of the action map of a ``gym:`` environment."""
 
-_LONGEST_SAMPLE = 200
-
 
 @dataclass(frozen=True)
 class Episodes:
@@ -60,6 +49,11 @@ class Episodes:
     setup: Setup
     out: Path
     again: bool = False
+
+    def unfinished(self) -> tuple[EpisodeKey, ...]:
+        """Return the episodes that have no record yet, of whatever end."""
+        over = {one.key for one in read_episodes(self.out)}
+        return tuple(key for key in self.keys if key not in over)
 
     def left(self) -> tuple[EpisodeKey, ...]:
         """Return the episodes that are still to be driven."""
@@ -82,14 +76,16 @@ def plan(  # noqa: PLR0913 - what can be asked for
     max_steps: int = MAX_STEPS,
     silence: str = "unfinished",
     again: bool = False,
+    probes: Mapping[str, Spent] | None = None,
 ) -> Episodes:
     """Plan episodes, or the rest of those that ``out`` holds already; nothing is written, asked or driven yet.
 
     ``specs`` name who drives: policies, models by SPEC, or models by their request mode. ``scenarios`` default to all.
     ``prompt`` is a name, a TOML file or the prompt itself, ``view`` what models are shown pictures through.
     ``actions`` is the action map of a ``gym:`` environment. ``silence`` is one of `SILENCES`: whether the fail-safe is
-    executed where a model says nothing. ``again`` drives anew what ended in an error. Raises SpecError for what is
-    unknown or cannot be, and LedgerError where ``out`` holds something else.
+    executed where a model says nothing. ``again`` drives anew what ended in an error. ``probes`` says what was spent on
+    probing models for this run. Raises SpecError for what is unknown or cannot be, and LedgerError where ``out`` holds
+    something else.
     """
     actions = actions or (out / ACTION_MAP if (out / ACTION_MAP).is_file() else None)
     world = open_simulator(simulator, actions=actions)
@@ -124,6 +120,7 @@ def plan(  # noqa: PLR0913 - what can be asked for
         facts={spec: dict(model.facts) for spec, model in models.items() if model.facts},
         reader=SCENE_READER if formulation.scene else READER,
         view=NONE if view is None else view.key,
+        probes=added(read_manifest(out).probes if probes and is_run(out) else {}, probes or {}),
         silence=silence,
     )
     keys = tuple(
@@ -183,49 +180,6 @@ def _resumed(planned: Episodes) -> EpisodesManifest:
     return planned.manifest
 
 
-def expected(planned: Episodes, prices: Prices, *, concurrency: int) -> tuple[Estimate, ...]:
-    """Return what the calls that are still to be made are expected to take, by model.
-
-    An episode counts as long as one that brakes all the way, in the first of the seeds; that drive is made here.
-    """
-    left = [key for key in planned.left() if key.policy in planned.drivers.models]
-    if not left:
-        return ()
-    worlds = Worlds(replace(planned.setup, max_steps=min(planned.setup.max_steps, _LONGEST_SAMPLE)))
-    simulator = open_simulator(planned.setup.simulator, actions=planned.setup.actions)
-    brake = open_policy(f"constant:{fail_safe(simulator)}", planned.drivers.space, recorded)
-    length = {
-        scenario: len(worlds.drive(replace(key, policy="constant", seed=planned.manifest.seeds[0]), brake).steps)
-        for scenario, key in {key.scenario: key for key in left}.items()
-    }
-    return tuple(
-        estimate(
-            planned.manifest.mode(spec),
-            sum(length[key.scenario] for key in left if key.policy == spec),
-            prices,
-            concurrency=concurrency,
-        )
-        for spec in planned.drivers.models
-    )
-
-
-def within(
-    planned: Episodes,
-    prices: Prices,
-    *,
-    calls: int | None = None,
-    cost_usd: float | None = None,
-    before: Spent = NOTHING,
-) -> Limits:
-    """Return the limits of a run: so many requests, so many dollars by these prices, with what was spent ``before``."""
-    return Limits(
-        calls=calls,
-        cost_usd=cost_usd,
-        cost=lambda spec, reply: prices.cost(planned.manifest.mode(spec), reply)[0],
-        before=before,
-    )
-
-
 def run(
     planned: Episodes,
     *,
@@ -256,13 +210,22 @@ def run(
         ) from error
 
 
-def _engine(engine: str, setup: Setup) -> Callable[[], Host]:
+def require_engine(engine: str) -> None:
+    """Raise SpecError where worlds cannot be held there: an unknown name, or a cluster that does not answer."""
     if engine not in ENGINES:
         raise SpecError(f"unknown engine '{engine}'; known are {', '.join(ENGINES)}")
     if engine == "ray":
-        from eyechart.episodes.ray_hosts import ray_host  # noqa: PLC0415 - an extra
+        from eyechart.episodes.ray_hosts import join  # noqa: PLC0415 - an extra
 
-        return ray_host(setup)
+        join()
+
+
+def _engine(engine: str, setup: Setup) -> Callable[[], Host]:
+    require_engine(engine)
+    if engine == "ray":
+        from eyechart.episodes.ray_hosts import RayHost  # noqa: PLC0415 - an extra
+
+        return partial(RayHost, setup)
     return partial(LocalHost, setup)
 
 
@@ -282,7 +245,7 @@ def _keeper(planned: Episodes, left: int, progress: Progress | None) -> Callable
 
     def keep(episode: Episode) -> None:
         nonlocal done
-        write_episodes(planned.out, [episode])
+        write_episodes(planned.out, [replace(episode, max_steps=planned.setup.max_steps)])
         done += 1
         if progress is not None:
             progress(done, len(planned.keys))

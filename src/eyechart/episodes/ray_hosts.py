@@ -3,9 +3,8 @@
 import asyncio
 import logging
 import os
-from collections.abc import Callable
 
-from eyechart.episodes.hosts import Host, HostDiedError
+from eyechart.episodes.hosts import HostDiedError
 from eyechart.episodes.worlds import Setup, Worlds
 from eyechart.errors import EyechartError, SpecError
 
@@ -59,8 +58,8 @@ class _Answering:
             return "failed", f"{type(error).__name__}: {error}"
 
 
-def ray_host(setup: Setup) -> Callable[[], Host]:
-    """Join the cluster of ``RAY_ADDRESS`` and return what starts a host on it.
+def join() -> None:
+    """Join the cluster of ``RAY_ADDRESS``.
 
     No cluster is begun here: Ray's servers listen on every address of a machine, and that is its owner's to decide.
     Raises SpecError where Ray is not installed, no cluster is named, or none answers.
@@ -79,8 +78,3 @@ def ray_host(setup: Setup) -> Callable[[], Host]:
             ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
         except (ConnectionError, ValueError, RuntimeError) as error:
             raise SpecError(f"no Ray cluster answers at {address}: {error}") from error
-
-    def start() -> Host:
-        return RayHost(setup)
-
-    return start

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from eyechart.episodes.manifest import FORMAT
-from eyechart.episodes.nouns import read_episodes
+from eyechart.episodes.records import read_episodes
 from eyechart.errors import LedgerError, SpecError
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RUN, read_run

@@ -82,7 +82,7 @@ def drive(
     """
     todo = sorted(todo)
     random.Random(drivers.seed).shuffle(todo)  # noqa: S311 - an order, no secret
-    coordinator = _Coordinator(drivers, open_host, keep, _calls_of(todo, drivers, ledger))
+    coordinator = _Coordinator(drivers, open_host, keep, calls_of(todo, drivers, ledger))
     try:
         return asyncio.run(coordinator.run(todo, ledger, bounds))
     except asyncio.CancelledError:
@@ -91,7 +91,7 @@ def drive(
         raise first_error(group) from None
 
 
-def _calls_of(
+def calls_of(
     todo: Sequence[EpisodeKey], drivers: Drivers, ledger: Ledger | None
 ) -> dict[EpisodeKey, dict[CallKey, tuple[Reply, str]]]:
     """Return, by episode, the finished calls of cut episodes, each with its reply and the digest of what was asked."""

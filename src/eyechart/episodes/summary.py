@@ -9,7 +9,7 @@ from eyechart.episodes.nouns import Episode
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Means over the episodes of one policy under one condition; None where there is no episode.
+    """Means over the episodes of one policy under one condition; None where no episode tells the number.
 
     ``episodes`` ended otherwise than in one of the ``errors``, which count in no mean. ``without_decision`` is the
     share of steps at which the fail-safe was executed because there was no decision.
@@ -41,15 +41,19 @@ def summarise(episodes: Iterable[Episode]) -> list[Row]:
 def _row(policy: str, condition: str, group: list[Episode]) -> Row:
     good = [one for one in group if one.ended != "error"]
     steps = [step for one in good for step in one.steps]
-    speeds = [one.speed_mps for one in good if one.speed_mps is not None]
     return Row(
         policy=policy,
         condition=condition,
         episodes=len(good),
         errors=len(group) - len(good),
-        distance_m=fmean(one.distance_m for one in good) if good else None,
+        distance_m=_mean(one.distance_m for one in good),
         reward=fmean(one.reward for one in good) if good else None,
-        speed_mps=fmean(speeds) if speeds else None,
+        speed_mps=_mean(one.speed_mps for one in good),
         crash_rate=fmean(one.crashed for one in good) if good else None,
         without_decision=fmean(step.decision.action is None for step in steps) if steps else None,
     )
+
+
+def _mean(values: Iterable[float | None]) -> float | None:
+    told = [value for value in values if value is not None]
+    return fmean(told) if told else None

@@ -12,7 +12,8 @@ ALIVE_EVERY_S = 1.0
 
 
 def serve(connection: "Connection[Any, Any]") -> None:
-    """Answer: first comes the setup, then a method's name with what it is given, again and again."""
+    """Say "alive" and answer: first comes the setup, then a method's name with what it is given, again and again."""
+    _send(connection, ("alive", None))
     setup = connection.recv()
     assert isinstance(setup, Setup)
     worlds: Worlds | None = None

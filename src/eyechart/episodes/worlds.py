@@ -263,8 +263,9 @@ def _checked(picture: object, *, first: bool = False) -> RGB:
 
 def _require_finite(moved: Moved) -> None:
     for name in ("reward", "speed_mps", "distance_m"):
-        if not math.isfinite(getattr(moved, name)):
-            raise SpecError(f"the world's {name} is {getattr(moved, name)}, which is no number")
+        value = getattr(moved, name)
+        if not (value is None and name != "reward") and not math.isfinite(value):
+            raise SpecError(f"the world's {name} is {value}, which is no number")
 
 
 def _words(error: BaseException) -> str:

@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from eyechart.actions import DRIVING, ActionSpace
@@ -23,17 +23,22 @@ _PLAIN = "Reply with the word YES and nothing else: one plain word, no JSON, no 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """What a run will ask: a few pairs of words (system, user) and picture (PNG or JPEG bytes), and its actions."""
+    """What a run will ask: a few pairs of words (system, user) and picture (PNG or JPEG bytes), and its actions.
+
+    ``form`` is the JSON schema of an answer that is no action.
+    """
 
     words: Sequence[tuple[str, str]]
     pictures: Sequence[bytes]
     space: ActionSpace = DRIVING
+    form: Mapping[str, object] | None = None
 
     def query(self, number: int, *, picture: bool = True) -> Query:
         """Return one query of it, with or without its picture."""
         image = self.pictures[number % len(self.pictures)] if picture else None
         system, user = self.words[number % len(self.words)]
-        return Query(system, user, image, key_seed("sample", number), self.space.actions)
+        actions = self.space.actions if self.form is None else ()
+        return Query(system, user, image, key_seed("sample", number), actions, self.form)
 
     @property
     def wants_json(self) -> bool:

@@ -159,7 +159,7 @@ def _episode(drives: Drives, episode: Episode, album: _Album, texts: _Texts) -> 
         text = texts.number(replies[step.frame]) if step.frame in replies else -1
         metres = round(gap, 2) if isinstance(gap, int | float) and not isinstance(gap, bool) else None
         own = step.decision.action is not None
-        steps.append([decided(step), step.executed_action, own, metres, round(step.speed_mps, 2), text])
+        steps.append([decided(step), step.executed_action, own, metres, _rounded(step.speed_mps, 2), text])
     return {
         "id": episode_id(episode),
         "driver": drives.driver.label,
@@ -171,12 +171,16 @@ def _episode(drives: Drives, episode: Episode, album: _Album, texts: _Texts) -> 
         "condition": episode.key.condition,
         "ended": episode.ended,
         "detail": episode.detail,
-        "distance": round(episode.distance_m, 1),
+        "distance": _rounded(episode.distance_m, 1),
         "reward": round(episode.reward, 2),
         "crashed": episode.crashed,
         "steps": steps,
         "pictures": album.places.get((drives.driver.label, episode_id(episode)), []),
     }
+
+
+def _rounded(value: float | None, digits: int) -> float | None:
+    return None if value is None else round(value, digits)
 
 
 def _role(space: ActionSpace, action: str) -> str:

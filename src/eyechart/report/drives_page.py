@@ -9,7 +9,7 @@ from eyechart.report.assets import fill
 from eyechart.report.drives_browser import PICTURED, Tell, drives_data
 from eyechart.report.drives_figures import drives_figures
 from eyechart.report.page import Page
-from eyechart.report.rungs import NAMES, degeneracy_words, paper_words, share, shown
+from eyechart.report.rungs import NAMES, degeneracy_words, paper_words, share, shown, unfinished_words
 from eyechart.report.tables import number, p_value
 from eyechart.studies.closed_loop import Blind, ClosedLoopScore, Degeneracy, Paired, Replay
 from eyechart.studies.closed_loop.published import PUBLISHED, Beside, beside_paper
@@ -41,10 +41,12 @@ def make_drives_page(
         title=", ".join(path.resolve().name for path in runs),
         drives=score.drives,
         episodes=sum(len(one.episodes) for one in score.drives),
+        unfinished=unfinished_words(score),
         errors=[(one.driver.label, episode) for one in score.drives for episode in one.errors],
         simulators=score.simulators,
         references=[one.label for one in score.references.values()],
         figures=drawn,
+        caveat=score.caveat,
         columns=list(NAMES.values()),
         ladder=_ladder(score),
         paper=[_beside(one) for one in beside],

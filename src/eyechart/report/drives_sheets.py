@@ -46,7 +46,8 @@ def _paired(score: ClosedLoopScore) -> Sheet:
         rows += differences(one, "")
     for blind in score.blind:
         rows += differences(blind.paired, blind.finding)
-    caption = "Differences in the same worlds: from the reference, and real pictures less others"
+    beware = f" (beware: {score.caveat})" if score.caveat else ""
+    caption = f"Differences in the same worlds: from the reference{beware}, and real pictures less others"
     return Sheet("paired", caption, DIFFERENCE, tuple(rows))
 
 

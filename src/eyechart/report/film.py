@@ -2,7 +2,7 @@
 
 import base64
 import io
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from importlib.util import find_spec
@@ -49,13 +49,14 @@ def lines(drives: Drives, episode: Episode) -> list[Line]:
     """Return the words of every moment; a model's reply is there as the ledger holds it."""
     replies = {sent.key.frame: sent.reply.text for sent in drives.replies if sent.reply is not None}
     found, world, count = [], episode.key.world, len(episode.steps)
+    tells = any(gap is not None for gap in drives.truth("lead_gap_m"))
     for number, step in enumerate(episode.steps, 1):
         found.append(
             Line(
                 place=f"{world} · decision {number} of {count} · shown: {episode.key.condition}",
                 decision=decided(step),
                 executed=step.executed_action,
-                state=_state(step.truth, step.speed_mps, crashed=step.crashed),
+                state=_state(step.truth.get("lead_gap_m"), step.speed_mps, tells=tells, crashed=step.crashed),
                 reply=replies.get(step.frame, "")[:LONGEST_REPLY],
                 substituted=step.decision.action is None,
             )
@@ -64,10 +65,10 @@ def lines(drives: Drives, episode: Episode) -> list[Line]:
     return [*found, Line(f"{world} · end", "", "", ended, "", substituted=False)]
 
 
-def _state(truth: Mapping[str, object], speed_mps: float, *, crashed: bool) -> str:
-    gap = truth.get("lead_gap_m")
-    said = f"gap {gap:.1f} m" if isinstance(gap, int | float) else "no vehicle ahead" if "lead_gap_m" in truth else ""
-    parts = [said, f"then {speed_mps:.1f} m/s", "CRASH" if crashed else ""]
+def _state(gap: object, speed_mps: float | None, *, tells: bool, crashed: bool) -> str:
+    """Return a moment's words; ``tells`` is whether the simulator tells a gap at all."""
+    said = f"gap {gap:.1f} m" if isinstance(gap, int | float) else "no vehicle ahead" if tells else "gap —"
+    parts = [said, f"then {'—' if speed_mps is None else f'{speed_mps:.1f}'} m/s", "CRASH" if crashed else ""]
     return " · ".join(part for part in parts if part)
 
 

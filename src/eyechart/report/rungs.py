@@ -8,8 +8,8 @@ from rich.text import Text
 
 from eyechart.report.tables import number, p_value
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.closed_loop import Blind, Degeneracy, Driver, Paired, Replay, Rung
-from eyechart.studies.closed_loop.published import PUBLISHED, Beside, leads
+from eyechart.studies.closed_loop import Blind, ClosedLoopScore, Degeneracy, Driver, Paired, Replay, Rung
+from eyechart.studies.closed_loop.published import PUBLISHED, Beside, leads, unlike
 
 _DIGITS = {"distance_m": 1, "reward": 2, "speed_mps": 1}
 NAMES = {
@@ -75,7 +75,7 @@ def paper_table(rows: Sequence[Beside]) -> Table:
 
 def paper_words(rows: Sequence[Beside], rungs: Sequence[Rung]) -> list[str]:
     """Return in words who leads, and which rows lie further from the paper than 2 % (in crashes: one episode)."""
-    words = []
+    words = [unlike(rows)] if unlike(rows) else []
     real = [one for one in rungs if one.driver.condition == "real"]
     best = {NAMES[name]: " and ".join(who) for name, who in leads(real).items()}
     if best:
@@ -93,9 +93,20 @@ def paper_words(rows: Sequence[Beside], rungs: Sequence[Rung]) -> list[str]:
     return words
 
 
-def paired_table(found: Sequence[Paired], title: str) -> Table:
+def unfinished_words(score: ClosedLoopScore) -> list[str]:
+    """Return what is left of the runs, and why, a line a policy."""
+    return [
+        f"{f'{run} · ' if run else ''}{one.policy}: {one.words}"
+        for run, left in score.unfinished.items()
+        for one in left
+    ]
+
+
+def paired_table(found: Sequence[Paired], title: str, caveat: str = "") -> Table:
     """Return one row a comparison: first less second in the same worlds, with the p that Holm leaves."""
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, title=Text(title), title_justify="left")
+    caption = Text(caveat) if caveat else None
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, title=Text(title), title_justify="left", caption=caption)
+    table.caption_justify = "left"
     table.add_column("policy", no_wrap=True)
     table.add_column("worlds", justify="right")
     for name in NAMES.values():

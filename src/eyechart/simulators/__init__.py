@@ -19,13 +19,14 @@ class Moved:
     """What one decision's worth of driving brought about.
 
     ``reward`` is the simulator's own. ``distance_m`` is what the vehicle has covered since the drive began, as the
-    simulator counts progress. ``ended`` says in one word why the drive is over (``crash``, ``goal``, ``time``), None
-    while it goes on. ``facts`` is what else the simulator says of the move, such as its solver's failures.
+    simulator counts progress; a speed or a distance that it does not tell is None. ``ended`` says in one word why the
+    drive is over (``crash``, ``goal``, ``time``), None while it goes on. ``facts`` is what else the simulator says of
+    the move, such as its solver's failures.
     """
 
     reward: float
-    speed_mps: float
-    distance_m: float
+    speed_mps: float | None
+    distance_m: float | None
     crashed: bool
     ended: str | None
     facts: Mapping[str, Scalar] = field(default_factory=dict)

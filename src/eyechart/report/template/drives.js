@@ -62,7 +62,7 @@
   };
 
   const show = (one) => {
-    const truth = make("p", "truth", `${one.simulator} · ${one.scenario} · seed ${one.seed} · shown ${one.condition} · ended ${one.ended}${one.detail ? `: ${one.detail}` : ""} · ${one.distance} m · reward ${one.reward}`);
+    const truth = make("p", "truth", `${one.simulator} · ${one.scenario} · seed ${one.seed} · shown ${one.condition} · ended ${one.ended}${one.detail ? `: ${one.detail}` : ""} · ${one.distance === null ? "—" : one.distance} m · reward ${one.reward}`);
     const told = make("p", "truth", `${one.steps.length} decisions: ${counted(one.steps) || "none"}`);
     const title = make("h3");
     title.append(make("bdi", "", one.id));
@@ -103,7 +103,7 @@
       cursor.setAttribute("x2", x);
       const chip = make("span", `chip ${own ? role(decision) : "none"}`, own ? decision : `no decision: ${decision}`);
       line.replaceChildren(chip, make("span", own ? "against" : "against differs", own ? "executed as decided" : `executed ${executed}: the fail-safe, not the policy's`));
-      words.textContent = `Step ${now + 1} of ${one.steps.length} · ${gap === null ? "nothing ahead" : `gap ${gap} m`} · then ${speed} m/s`;
+      words.textContent = `Step ${now + 1} of ${one.steps.length} · ${gap === null ? (far === null ? "gap —" : "nothing ahead") : `gap ${gap} m`} · then ${speed === null ? "—" : speed} m/s`;
       slider.setAttribute("aria-valuetext", words.textContent);
       if (one.pictures.length) {
         image.src = data.pictures[one.pictures[Math.min(now, one.pictures.length - 1)]];

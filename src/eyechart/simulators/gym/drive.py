@@ -63,8 +63,9 @@ class GymnasiumDrive:
 
     It is over when the environment terminates (``crash`` or ``goal``, as its info or the map says), when its info says
     that it crashed, or after the time limit of the environment or the map (``time``). What the map names no key for is
-    None in the truth, and 0 in speed and distance. Raises DriveError where the environment raises, and where it
-    renders a picture of one colour.
+    None in the truth, and so are speed and distance then. A distance counts from what was told before the first step,
+    and from 0 where nothing was. Raises DriveError where the environment raises, and where it renders a picture of one
+    colour.
     """
 
     def __init__(self, env_id: str, action_map: ActionMap, settings: Mapping[str, object], seed: int) -> None:
@@ -79,7 +80,7 @@ class GymnasiumDrive:
         observation, info = self._ask("reset", lambda: self._env.reset(seed=seed))
         self._observation: object = observation
         self._truth = self._read(info, begun=False)
-        self._start_m = _number(self._truth.get("distance_m"))
+        self._start_m = _number(self._truth.get("distance_m")) or 0.0
 
     def picture(self) -> RGB:
         """Return what the environment renders, shape (h, w, 3), uint8."""
@@ -113,10 +114,11 @@ class GymnasiumDrive:
         crashed = self._crashed(terminated=bool(terminated))
         self._ended = self._end(crashed=crashed, terminated=bool(terminated), truncated=bool(truncated))
         self._truth["crashed"] = crashed
+        covered = _number(self._truth.get("distance_m"))
         return Moved(
             reward=reward,
             speed_mps=_number(self._truth["speed_mps"]),
-            distance_m=_number(self._truth.get("distance_m")) - self._start_m,
+            distance_m=None if covered is None else covered - self._start_m,
             crashed=crashed,
             ended=self._ended,
         )
@@ -193,8 +195,9 @@ class GymnasiumDrive:
         return None if isinstance(plain, float) and not math.isfinite(plain) else plain
 
 
-def _number(value: object) -> float:
-    return float(value) if isinstance(value, int | float) else 0.0
+def _number(value: object) -> float | None:
+    """Return a number that was told, None for anything else: nothing is made up."""
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
 
 
 def _words(error: BaseException) -> str:

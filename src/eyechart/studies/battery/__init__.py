@@ -3,7 +3,7 @@
 Source: paper, section The Input-Ablation Battery.
 """
 
-from eyechart.studies.battery.asked import PROBED, as_recorded, sample_of, spent_on
+from eyechart.studies.battery.asked import PROBED, as_probed, as_recorded, sample_of, spent_on
 from eyechart.studies.battery.calibrated import ALPHA, FLOOR, MARGIN, UNPARSED_CUT
 from eyechart.studies.battery.merging import merge
 from eyechart.studies.battery.planning import (
@@ -15,6 +15,7 @@ from eyechart.studies.battery.planning import (
     plan_of,
     resumed,
     run,
+    with_earlier,
     within,
 )
 from eyechart.studies.battery.replication import differences
@@ -34,6 +35,7 @@ __all__ = [
     "ModelScore",
     "Stopped",
     "Took",
+    "as_probed",
     "as_recorded",
     "differences",
     "expected",
@@ -48,5 +50,6 @@ __all__ = [
     "score",
     "spent_on",
     "took",
+    "with_earlier",
     "within",
 ]

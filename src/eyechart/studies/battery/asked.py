@@ -10,6 +10,7 @@ from eyechart.limits import Spent
 from eyechart.manifest import LEDGER, is_run, read_manifest
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
+from eyechart.perception.view import through
 from eyechart.probe import Sample
 from eyechart.run import spread
 from eyechart.studies.battery.planning import Battery
@@ -30,7 +31,11 @@ def as_recorded(out: Path, mode: RequestMode, given: Collection[str]) -> Request
     manifest = read_manifest(out)
     if mode.spec not in manifest.models:
         return None
-    before = manifest.mode(mode.spec)
+    return as_probed(manifest.mode(mode.spec), mode, given)
+
+
+def as_probed(before: RequestMode, mode: RequestMode, given: Collection[str]) -> RequestMode:
+    """Return a mode with what a probe set and measured in an earlier one; the fields ``given`` now stay as they are."""
     if before.measured is None:
         return mode
     kept = {name: getattr(before, name) for name in PROBED if name not in given}
@@ -38,15 +43,18 @@ def as_recorded(out: Path, mode: RequestMode, given: Collection[str]) -> Request
 
 
 def sample_of(planned: Iterable[Battery]) -> Sample:
-    """Return what batteries of one bank will ask: a few of their pictures, with the words of each battery in turn."""
+    """Return what batteries of one bank will ask: a few of their pictures, with the words of each battery in turn.
+
+    Pictures are shown through the view of the first, and an answer has its form.
+    """
     held = list(planned)
     plan = held[0].plan
     words, pictures = [], []
     for number, frame in enumerate(spread(plan.frames, max(_PICTURES, len(held)))):
         mine = held[number % len(held)].plan
         words.append(mine.words(CallKey(mine.study, "", mine.prompt.key, frame.id, "real")))
-        pictures.append(plan.bank.image(frame))
-    return Sample(tuple(words), tuple(pictures), plan.bank.manifest.action_space)
+        pictures.append(through(plan.view, plan.bank.image(frame), frame.id) or b"")
+    return Sample(tuple(words), tuple(pictures), plan.bank.manifest.action_space, plan.prompt.form)
 
 
 def spent_on(out: Path, prices: Prices) -> Spent:

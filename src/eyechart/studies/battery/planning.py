@@ -13,7 +13,7 @@ from eyechart.costs import Estimate, estimate
 from eyechart.errors import BankError, LedgerError, SpecError
 from eyechart.frames import IMPORTED, FrameBank, check, open_bank
 from eyechart.ledger import Ledger
-from eyechart.limits import Limits, Outcome, Spent
+from eyechart.limits import Limits, Outcome, Spent, added
 from eyechart.manifest import (
     LEDGER,
     RunManifest,
@@ -137,7 +137,7 @@ def plan(  # noqa: PLR0913 - what a battery can be asked for
         modes=asked,
         facts={spec: dict(model.facts) for spec, model in models.items() if model.facts},
         stop_early=stop_early,
-        probes=_with_earlier(out, probes or {}),
+        probes=with_earlier(out, probes or {}),
     )
     manifest = resumed(out, manifest, bank)
     the_plan = plan_of(manifest, bank, models=tuple(models), conditions=chosen, limit=limit)
@@ -163,10 +163,10 @@ def open_whole(bank_path: Path) -> FrameBank:
     return open_bank(bank_path)
 
 
-def _with_earlier(out: Path, probes: Mapping[str, Spent]) -> dict[str, Spent]:
+def with_earlier(out: Path, probes: Mapping[str, Spent]) -> dict[str, Spent]:
     """Return what probes took, with what earlier ones of the same models took for a run that is there already."""
     earlier = read_manifest(out).probes if probes and is_run(out) else {}
-    return {spec: Spent.together([earlier.get(spec, Spent()), one]) for spec, one in probes.items()}
+    return added(earlier, probes)
 
 
 def _require_stoppable(conditions: Sequence[str], shard: tuple[int, int] | None) -> None:

@@ -4,6 +4,7 @@ Source: paper, Tables t:baselines and t:degeneracy.
 """
 
 from eyechart.studies.closed_loop.agreement import Replay
+from eyechart.studies.closed_loop.asked import as_recorded, sample_of, spent_on
 from eyechart.studies.closed_loop.blind import DIFFERS, OUTCOMES, Blind, blind_baselines
 from eyechart.studies.closed_loop.degeneracy import Degeneracy
 from eyechart.studies.closed_loop.identical import Twins, same_drive
@@ -37,6 +38,7 @@ __all__ = [
     "Replay",
     "Rung",
     "Twins",
+    "as_recorded",
     "blind_baselines",
     "corrected",
     "exact_rate",
@@ -45,6 +47,8 @@ __all__ = [
     "paired",
     "read_drives",
     "same_drive",
+    "sample_of",
     "score",
+    "spent_on",
     "verify",
 ]

@@ -58,7 +58,7 @@ def same_drive(one: Episode, other: Episode) -> bool:
     return _course(one) == _course(other)
 
 
-def _course(episode: Episode) -> list[tuple[float, float, float, bool]]:
+def _course(episode: Episode) -> list[tuple[float | None, ...]]:
     return [(step.reward, step.speed_mps, step.distance_m, step.crashed) for step in episode.steps]
 
 

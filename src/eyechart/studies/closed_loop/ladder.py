@@ -24,18 +24,14 @@ CONSTANT = "constant:"
 LEVEL = 0.05
 
 
-def mean_speed_mps(episode: Episode) -> float:
-    """Return the mean speed over the decisions of an episode, in metres per second."""
-    speed = episode.speed_mps
-    return 0.0 if speed is None else speed
+UNTOLD = "the simulator does not tell it"
 
-
-NUMBERS: dict[str, Callable[[Episode], float]] = {
+NUMBERS: dict[str, Callable[[Episode], float | None]] = {
     "distance_m": lambda episode: episode.distance_m,
     "reward": lambda episode: episode.reward,
-    "speed_mps": mean_speed_mps,
+    "speed_mps": lambda episode: episode.speed_mps,
 }
-"""What an episode adds up to, each a number."""
+"""What an episode adds up to, each a number, or None where the simulator does not tell it."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +121,11 @@ def rung(drives: Drives, outcomes: Outcomes, *, resamples: int = 5000) -> Rung:
     episodes = drives.episodes
     found: dict[str, Statistic] = {}
     for name, measure in NUMBERS.items():
-        values = np.array([[measure(one), 1.0] for one in episodes]).reshape(len(episodes), 2)
+        told = [value for one in episodes if (value := measure(one)) is not None]
+        if episodes and not told:
+            found[name] = cannot_say(UNTOLD)
+            continue
+        values = np.array([[value, 1.0] for value in told]).reshape(len(told), 2)
         seed = key_seed("ladder", drives.driver.simulator, name)  # one for all: equal drives get equal rows
         found[name] = cluster_bootstrap(values, seed=seed, resamples=resamples, enumerate_up_to=20_000)
     found["crash_rate"] = exact_rate(sum(one.crashed for one in episodes), len(episodes))
@@ -151,12 +151,17 @@ def paired(first: Drives, second: Drives, outcomes: Outcomes, *, resamples: int 
     who = (*_key(first.driver), *_key(second.driver))
     found: dict[str, Statistic] = {}
     for name, measure in NUMBERS.items():
-        a, b = np.array([measure(each) for each in one]), np.array([measure(each) for each in other])
+        pairs = [(measure(mine), measure(theirs)) for mine, theirs in zip(one, other, strict=True)]
+        told = [(mine, theirs) for mine, theirs in pairs if mine is not None and theirs is not None]
+        if pairs and not told:
+            found[name] = cannot_say(UNTOLD)
+            continue
+        a, b = np.array([mine for mine, _ in told]), np.array([theirs for _, theirs in told])
         seed = key_seed("paired", *who, name)
         tested = sign_flip_test(a, b, seed=seed, resamples=resamples)
         if tested.value is not None and (a != b).any():
-            pairs = np.column_stack([a - b, np.ones(len(a))])
-            interval = cluster_bootstrap(pairs, seed=seed, resamples=resamples, enumerate_up_to=20_000)
+            less = np.column_stack([a - b, np.ones(len(a))])
+            interval = cluster_bootstrap(less, seed=seed, resamples=resamples, enumerate_up_to=20_000)
             tested = replace(tested, ci=interval.ci, method=f"{tested.method}; {interval.method}")
         found[name] = tested
     found["crash_rate"] = _binary([each.crashed for each in one], [each.crashed for each in other])

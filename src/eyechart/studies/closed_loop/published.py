@@ -16,6 +16,7 @@ PUBLISHED: Mapping[str, Mapping[str, float]] = {
 """Table t:baselines of the paper: 32 episodes a policy in highway-env. It leaves out STOP, whose row is SLOW's."""
 
 SIMULATOR = "highway"
+EPISODES = 32
 NEAR = 0.02
 """A number within so much of the paper's, relatively, is called the same."""
 
@@ -58,6 +59,15 @@ def beside_paper(rungs: Sequence[Rung]) -> list[Beside]:
 
 def _comparable(one: Rung) -> bool:
     return one.driver.simulator == SIMULATOR and one.driver.condition == "real"
+
+
+def unlike(rows: Sequence[Beside]) -> str:
+    """Return in words that some rows are of other episodes than the paper's, nothing where all have as many."""
+    counts = sorted({row.rung.statistics["reward"].n for row in rows} - {EPISODES})
+    if not counts:
+        return ""
+    mine = " or ".join(map(str, counts))
+    return f"the paper's rows are of {EPISODES} episodes in four scenarios, these of {mine}: drive the whole ladder"
 
 
 def leads(rungs: Sequence[Rung]) -> dict[str, list[str]]:

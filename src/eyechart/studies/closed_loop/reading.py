@@ -130,7 +130,7 @@ def read_drives(runs: Sequence[Path]) -> tuple[Drives, ...]:
     Raises LedgerError where a folder is no run of episodes, holds none, or holds two different episodes of one key.
     """
     found: list[Drives] = []
-    for path, name in zip(runs, _names(runs), strict=True):
+    for path, name in zip(runs, names_of(runs), strict=True):
         manifest, episodes = read_manifest(path), _once(read_episodes(path), path)
         if not episodes:
             raise LedgerError(f"{path / EPISODES} holds no finished episode; the command that began the run goes on")
@@ -138,7 +138,7 @@ def read_drives(runs: Sequence[Path]) -> tuple[Drives, ...]:
     return tuple(found)
 
 
-def _names(runs: Sequence[Path]) -> list[str]:
+def names_of(runs: Sequence[Path]) -> list[str]:
     """Return the runs' names, numbered where two have the same; none where there is only one run."""
     if len(runs) < 2:
         return [""] * len(runs)

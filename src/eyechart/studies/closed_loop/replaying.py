@@ -37,7 +37,7 @@ def find_episode(drives: Sequence[Drives], wanted: str) -> tuple[Drives, Episode
     every = [(one, episode) for one in drives for episode in (*one.episodes, *one.errors)]
     exact = [pair for pair in every if episode_id(pair[1]) == wanted.strip()]
     words = wanted.split()
-    found = exact or [pair for pair in every if words and set(words) <= set(episode_id(pair[1]).split())]
+    found = exact or [pair for pair in every if words and set(words) <= _words_of(pair[1])]
     if len(found) == 1:
         return found[0]
     shown = "; ".join(f"'{episode_id(episode)}'" for _, episode in (found or every)[:SHOWN_MOST])
@@ -46,6 +46,12 @@ def find_episode(drives: Sequence[Drives], wanted: str) -> tuple[Drives, Episode
     if found:
         raise SpecError(f"--episode '{wanted}' names {len(found)} episodes: {some}; give one of them whole")
     raise SpecError(f"--episode '{wanted}' names no episode of the run; there are {some}")
+
+
+def _words_of(episode: Episode) -> set[str]:
+    """Return the words by which an episode may be named: those of its id, and the parts of its world."""
+    words = episode_id(episode).split()
+    return {*words, *(part for word in words for part in word.split("/"))}
 
 
 def replay(drives: Drives, episode: Episode, simulator: Simulator | None = None) -> Iterator[Shot]:

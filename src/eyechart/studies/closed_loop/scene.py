@@ -20,7 +20,7 @@ GAP_AND_SIDE = "gap in quartiles × side of the nearest obstacle"
 
 @dataclass(frozen=True)
 class Scene:
-    """The label of each step's scene; ``geometry`` says of what, and is empty where the truth holds no gap."""
+    """The label of each step's scene; ``geometry`` says of what, and is empty where the truth never tells a gap."""
 
     codes: NDArray[np.int64]
     geometry: str
@@ -34,9 +34,10 @@ def scene_of(drives: Drives) -> Scene:
     each gap bin is told apart by side.
     """
     steps = drives.steps
-    if not steps or any(GAP not in step.truth for step in steps):
+    told = [_metres(step.truth.get(GAP)) for step in steps]
+    if any(GAP not in step.truth for step in steps) or all(gap is None for gap in told):
         return Scene(np.zeros(len(steps), dtype=np.int64), "")
-    bins = quantile_bins([_metres(step.truth[GAP]) for step in steps], BINS)
+    bins = quantile_bins(told, BINS)
     if not all(SIDE in step.truth for step in steps):
         return Scene(bins.codes, GAP_ALONE, bins.edges)
     sides = np.array([str(step.truth[SIDE]) for step in steps], dtype=np.str_)

@@ -5,15 +5,21 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from eyechart.episodes import Unfinished, every_episode, read_episodes, read_manifest, unfinished
 from eyechart.studies.closed_loop.agreement import Replay, replays
 from eyechart.studies.closed_loop.blind import Blind, blind_baselines
 from eyechart.studies.closed_loop.degeneracy import Degeneracy, audit
 from eyechart.studies.closed_loop.identical import SUSPECT, Twins, twins
 from eyechart.studies.closed_loop.ladder import Outcomes, Paired, Rung, against, outcomes_of, reference_of, rung
-from eyechart.studies.closed_loop.reading import Driver, Drives, read_drives
+from eyechart.studies.closed_loop.reading import Driver, Drives, names_of, read_drives
 from eyechart.studies.closed_loop.repeated import Repeats, repeated_requests
 
 RESAMPLES = 5000
+CHOSEN_HERE = (
+    "the reference is the best constant of these same episodes, so that the differences lean to its side and the p are "
+    "not exact; they are with a reference that is named beforehand, by --against"
+)
+"""What must be known of tests against a reference that the same data chose."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +33,14 @@ class ClosedLoopScore:
     drives: tuple[Drives, ...]
     against_policy: str | None = None
     resamples: int = RESAMPLES
+    paths: tuple[Path, ...] = ()
+
+    @cached_property
+    def unfinished(self) -> Mapping[str, tuple[Unfinished, ...]]:
+        """Return by run, where any is, the episodes without a record that its policies and worlds make together."""
+        return {
+            name: left for path, name in zip(self.paths, names_of(self.paths), strict=True) if (left := _left(path))
+        }
 
     @property
     def simulators(self) -> tuple[str, ...]:
@@ -52,6 +66,11 @@ class ClosedLoopScore:
         """Return by simulator the driver that the others are held against, where there is one."""
         found = {name: reference_of(self.of(name), self.against_policy) for name in self.simulators}
         return {name: one.driver for name, one in found.items() if one is not None}
+
+    @property
+    def caveat(self) -> str:
+        """Return what must be known of the paired differences, nothing where the reference was named."""
+        return CHOSEN_HERE if self.references and self.against_policy is None else ""
 
     @cached_property
     def paired(self) -> tuple[Paired, ...]:
@@ -98,10 +117,12 @@ class ClosedLoopScore:
         return {
             "study": "closed_loop",
             "references": {name: one.policy for name, one in self.references.items()},
+            "references_chosen_on_these_data": self.against_policy is None,
             "ladder": [one.as_dict() for one in self.ladder],
             "paired": [one.as_dict() for one in self.paired],
             "blind": [one.as_dict() for one in self.blind],
             **self.audit_dict(),
+            "unfinished": [{"run": run, **one.as_dict()} for run, left in self.unfinished.items() for one in left],
         }
 
     def audit_dict(self) -> dict[str, object]:
@@ -122,4 +143,10 @@ def score(
 ) -> ClosedLoopScore:
     """Read one run of episodes or several; raises LedgerError where a folder is none or holds no episode."""
     paths = [runs] if isinstance(runs, Path) else list(runs)
-    return ClosedLoopScore(read_drives(paths), against_policy, resamples)
+    return ClosedLoopScore(read_drives(paths), against_policy, resamples, tuple(paths))
+
+
+def _left(path: Path) -> tuple[Unfinished, ...]:
+    manifest = read_manifest(path)
+    over = {one.key for one in read_episodes(path)}
+    return tuple(unfinished(path, [key for key in every_episode(manifest) if key not in over], manifest.models))

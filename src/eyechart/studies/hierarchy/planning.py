@@ -6,6 +6,7 @@ from pathlib import Path
 
 from eyechart.episodes import Episodes
 from eyechart.episodes import plan as plan_episodes
+from eyechart.limits import Spent
 from eyechart.modes import RequestMode
 from eyechart.studies.closed_loop import Driver
 
@@ -93,13 +94,15 @@ def plan(
     prompt: str | None = None,
     silence: str = SILENCE,
     again: bool = False,
+    probes: Mapping[str, Spent] | None = None,
 ) -> dict[str, Episodes]:
     """Plan the study's runs in folders of ``out``, or the rest of what it holds of them; nothing is asked.
 
     Without ``models`` only the scripted sources drive. ``silence`` is what becomes of a call that fails in a way that
-    may pass, one of `eyechart.episodes.SILENCES`. Raises what `eyechart.episodes.plan` raises.
+    may pass, one of `eyechart.episodes.SILENCES`. ``probes`` says what was spent on probing models; the first run with
+    models keeps it. Raises what `eyechart.episodes.plan` raises.
     """
-    planned = {}
+    planned: dict[str, Episodes] = {}
     for name, part in PARTS.items():
         drivers: list[str | RequestMode] = [*part.policies, *(models if part.models else ())]
         if drivers:
@@ -114,5 +117,7 @@ def plan(
                 seed=seed,
                 silence=silence,
                 again=again,
+                probes=probes if part.models else None,
             )
+            probes = None if part.models else probes
     return planned

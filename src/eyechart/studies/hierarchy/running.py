@@ -52,8 +52,8 @@ def run(
 
 
 def spent(part: Episodes, prices: Prices) -> Spent:
-    """Return what the attempts that a part's ledger holds took; one whose outcome is unknown has no known cost."""
-    path, total = part.out / LEDGER, Spent()
+    """Return what a part's probes and the attempts in its ledger took; one of unknown outcome has no known cost."""
+    path, total = part.out / LEDGER, part.manifest.spent_before()
     if not path.is_file():
         return total
     with Ledger(path) as ledger:

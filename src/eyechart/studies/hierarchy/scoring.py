@@ -262,7 +262,7 @@ def _source(part: str, name: str, drives: Drives, outcomes: Outcomes, *, resampl
         driver=drives.driver,
         goals=exact_rate(sum(map(outcomes.success, episodes)), len(episodes)),
         crashes=exact_rate(sum(one.crashed for one in episodes), len(episodes)),
-        distance_m=mean("distance_m", [(one.distance_m, 1.0) for one in episodes]),
+        distance_m=mean("distance_m", [(told, 1.0) for one in episodes if (told := one.distance_m) is not None]),
         stop_share=mean("stop_share", [_stops(one) for one in episodes]),
         intents={action: intents[action] for action in drives.space.actions},
         no_decision=dict(sorted(silent.items())),

@@ -11,7 +11,7 @@ from pathlib import Path
 from eyechart import episodes as closed_loop
 from eyechart.episodes import Bounds, Episode, Episodes, EpisodesManifest, read_episodes, read_manifest
 from eyechart.errors import LedgerError, SpecError
-from eyechart.limits import Outcome
+from eyechart.limits import Outcome, Spent
 from eyechart.modes import RequestMode
 from eyechart.perception.forward import distances_of
 from eyechart.perception.view import CALIBRATED, NONE, VIEWS, view_for
@@ -36,7 +36,7 @@ class Online:
     vetted: tuple[Vetted, ...]
 
 
-def plan(
+def plan(  # noqa: PLR0913 - what an online run can be asked for
     simulator: str,
     specs: Sequence[str | RequestMode],
     out: Path,
@@ -45,11 +45,14 @@ def plan(
     episodes: int = EPISODES,
     seed: int = 0,
     progress: Progress | None = None,
+    vetted: tuple[Vetted, ...] | None = None,
+    probes: Mapping[str, Spent] | None = None,
 ) -> Online:
     """Vet worlds, or read which ones ``out`` holds already, and plan an episode of each model in each that passed.
 
-    Nothing is written or asked yet. ``progress`` gets (worlds passed, of how many). Raises SpecError and LedgerError as
-    a closed loop's plan does, and SpecError where too few worlds pass.
+    Nothing is written or asked yet. ``progress`` gets (worlds passed, of how many). ``vetted`` is how the worlds of
+    this plan were vetted before, ``probes`` what was spent on probing models for this run. Raises SpecError and
+    LedgerError as a closed loop's plan does, and SpecError where too few worlds pass.
     """
     if episodes < 1:
         raise SpecError(f"an online run needs at least 1 episode, got {episodes}")
@@ -59,11 +62,11 @@ def plan(
     prompt = scene_prompt(world.picture, distances_of(world.name), shown)
 
     def planned(seeds: Sequence[int]) -> Episodes:
-        return closed_loop.plan(simulator, specs, out, seeds=seeds, prompt=prompt, view=shown, seed=seed)
+        return closed_loop.plan(simulator, specs, out, seeds=seeds, prompt=prompt, view=shown, seed=seed, probes=probes)
 
     planned((0,))  # what is wrong with the models or the folder is said before the worlds are driven
     kept = read_vetting(out)
-    vetted = kept or vet_worlds(simulator, episodes, shown, progress)
+    vetted = kept or vetted or vet_worlds(simulator, episodes, shown, progress)
     worlds = [(one.scenario, one.seed) for one in vetted if one.why is None]
     if kept and len(worlds) != episodes:
         raise LedgerError(

@@ -1,20 +1,21 @@
 """Planning the structured study: every frame and its reflection through the view; for admission sixteen pairs."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank
+from eyechart.limits import Spent
 from eyechart.manifest import RunManifest, today, versions
 from eyechart.modes import RequestMode
 from eyechart.perception.estimate import SCENE_READER
 from eyechart.perception.view import CALIBRATED, NONE, VIEWS, view_for
 from eyechart.prompts import scene_prompt
 from eyechart.seeds import key_seed
-from eyechart.studies.battery import Battery, open_models, open_whole, plan_of, resumed
+from eyechart.studies.battery import Battery, open_models, open_whole, plan_of, resumed, with_earlier
 from eyechart.studies.structured.told import episode_of, is_close, worlds_distances
 
 ADMISSION, STRUCTURED = "admission", "structured"
@@ -32,14 +33,15 @@ def plan(
     view: str | None = None,
     seed: int = 0,
     limit: int | None = None,
+    probes: Mapping[str, Spent] | None = None,
 ) -> Battery:
     """Plan an ``admission`` or a ``structured`` run, or the rest of one that ``out`` holds; nothing is asked yet.
 
     ``view`` is ``calibrated`` or ``none``, and by default calibrated where the bank's pictures have such a view.
     Admission asks about 8 close and 8 other frames, chosen by ``seed``, whose ids the manifest records; the structured
-    run about all frames or the first ``limit``. Every frame needs a mirror axis, and the bank a gap. The plan is
-    counted, estimated, run and resumed by `eyechart.studies.battery`. Raises BankError, SpecError or LedgerError as a
-    battery's plan does.
+    run about all frames or the first ``limit``. ``probes`` says what was spent on probing models for this run. Every
+    frame needs a mirror axis, and the bank a gap. The plan is counted, estimated, run and resumed by
+    `eyechart.studies.battery`. Raises BankError, SpecError or LedgerError as a battery's plan does.
     """
     asked, models = open_models(specs)
     bank = open_whole(bank_path)
@@ -63,6 +65,7 @@ def plan(
         reader=SCENE_READER,
         view=NONE if shown is None else shown.key,
         frames=tuple(frame.id for frame in chosen),
+        probes=with_earlier(out, probes or {}),
     )
     manifest = resumed(out, manifest, bank)
     calls = plan_of(manifest, bank, models=tuple(models), conditions=CONDITIONS, limit=limit, view=shown)
