@@ -189,7 +189,7 @@ def print_drives(scored: "ClosedLoopScore") -> None:
 
     print_ladder(scored)
     console = table_console(160)
-    for line in unfinished_words(scored):
+    for line in unfinished_words(scored.unfinished):
         console.print(line, markup=False)
     if scored.blind:
         console.print(blind_table(scored.blind))

@@ -122,6 +122,7 @@ def _watched(part: str) -> "Iterator[Callable[[int, int], None]]":
 def print_hierarchy(found: "HierarchyScore") -> None:
     """Print both ablations, the tests against the controller alone, the positive control, and the words."""
     from eyechart.report.hierarchy import against_table, completion_table, intent_table, source_table
+    from eyechart.report.rungs import unfinished_words
 
     console = table_console(160)
     console.print(source_table(found.sources, primary=True))
@@ -139,5 +140,5 @@ def print_hierarchy(found: "HierarchyScore") -> None:
             f"p {'—' if goals.p is None else f'{goals.p:.2g}'}, {found.oracle_mirrored.worlds} worlds.",
             markup=False,
         )
-    for line in found.words:
+    for line in (*found.words, *unfinished_words(found.unfinished)):
         console.print(line, markup=False)

@@ -41,7 +41,7 @@ def make_drives_page(
         title=", ".join(path.resolve().name for path in runs),
         drives=score.drives,
         episodes=sum(len(one.episodes) for one in score.drives),
-        unfinished=unfinished_words(score),
+        unfinished=unfinished_words(score.unfinished),
         errors=[(one.driver.label, episode) for one in score.drives for episode in one.errors],
         simulators=score.simulators,
         references=[one.label for one in score.references.values()],

@@ -11,7 +11,7 @@ from eyechart.report.hierarchy import COLUMNS, EMITTED, TITLES, against_cells, g
 from eyechart.report.hierarchy_figures import outcomes
 from eyechart.report.hierarchy_ways import CONDITION_NAMES, ENDS, SIGNS, groups
 from eyechart.report.page import Page
-from eyechart.report.rungs import NAMES, shown
+from eyechart.report.rungs import NAMES, shown, unfinished_words
 from eyechart.report.tables import p_value
 from eyechart.studies.closed_loop import LEVEL, Blind, Paired
 from eyechart.studies.hierarchy import PARTS, HierarchyScore, Source
@@ -42,6 +42,7 @@ def make_hierarchy_page(study: Path, score: HierarchyScore, *, tell: Tell = lamb
         errors=[
             (one.driver.label, episode) for many in score.drives.values() for one in many for episode in one.errors
         ],
+        unfinished=unfinished_words(score.unfinished),
         planners=list(dict.fromkeys(one.driver.policy for _, one in score.blind)),
         control=_control(score.oracle_mirrored),
         cards=_cards(score),

@@ -6,9 +6,10 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
+from eyechart.episodes import Unfinished
 from eyechart.report.tables import number, p_value
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.closed_loop import Blind, ClosedLoopScore, Degeneracy, Driver, Paired, Replay, Rung
+from eyechart.studies.closed_loop import Blind, Degeneracy, Driver, Paired, Replay, Rung
 from eyechart.studies.closed_loop.published import PUBLISHED, Beside, leads, unlike
 
 _DIGITS = {"distance_m": 1, "reward": 2, "speed_mps": 1}
@@ -93,13 +94,9 @@ def paper_words(rows: Sequence[Beside], rungs: Sequence[Rung]) -> list[str]:
     return words
 
 
-def unfinished_words(score: ClosedLoopScore) -> list[str]:
+def unfinished_words(found: Mapping[str, Sequence[Unfinished]]) -> list[str]:
     """Return what is left of the runs, and why, a line a policy."""
-    return [
-        f"{f'{run} · ' if run else ''}{one.policy}: {one.words}"
-        for run, left in score.unfinished.items()
-        for one in left
-    ]
+    return [f"{f'{run} · ' if run else ''}{one.policy}: {one.words}" for run, left in found.items() for one in left]
 
 
 def paired_table(found: Sequence[Paired], title: str, caveat: str = "") -> Table:

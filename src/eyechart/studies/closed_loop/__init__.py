@@ -21,7 +21,7 @@ from eyechart.studies.closed_loop.ladder import (
 from eyechart.studies.closed_loop.reading import Driver, Drives, is_episodes, read_drives
 from eyechart.studies.closed_loop.repeated import Repeats
 from eyechart.studies.closed_loop.replaying import verify
-from eyechart.studies.closed_loop.scoring import ClosedLoopScore, score
+from eyechart.studies.closed_loop.scoring import ClosedLoopScore, score, unfinished_of
 
 __all__ = [
     "DIFFERS",
@@ -50,5 +50,6 @@ __all__ = [
     "sample_of",
     "score",
     "spent_on",
+    "unfinished_of",
     "verify",
 ]

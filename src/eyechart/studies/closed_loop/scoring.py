@@ -38,9 +38,8 @@ class ClosedLoopScore:
     @cached_property
     def unfinished(self) -> Mapping[str, tuple[Unfinished, ...]]:
         """Return by run, where any is, the episodes without a record that its policies and worlds make together."""
-        return {
-            name: left for path, name in zip(self.paths, names_of(self.paths), strict=True) if (left := _left(path))
-        }
+        named = zip(self.paths, names_of(self.paths), strict=True)
+        return {name: left for path, name in named if (left := unfinished_of(path))}
 
     @property
     def simulators(self) -> tuple[str, ...]:
@@ -146,7 +145,8 @@ def score(
     return ClosedLoopScore(read_drives(paths), against_policy, resamples, tuple(paths))
 
 
-def _left(path: Path) -> tuple[Unfinished, ...]:
+def unfinished_of(path: Path) -> tuple[Unfinished, ...]:
+    """Return the episodes without a record that a run's policies and worlds make together, by policy, and why."""
     manifest = read_manifest(path)
     over = {one.key for one in read_episodes(path)}
     return tuple(unfinished(path, [key for key in every_episode(manifest) if key not in over], manifest.models))

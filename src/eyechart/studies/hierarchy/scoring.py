@@ -2,13 +2,13 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from eyechart.episodes import Episode, read_episodes
+from eyechart.episodes import Episode, Unfinished, read_episodes
 from eyechart.errors import LedgerError
 from eyechart.seeds import key_seed
 from eyechart.stats.resampling import cluster_bootstrap
@@ -28,6 +28,7 @@ from eyechart.studies.closed_loop import (
     outcomes_of,
     paired,
     read_drives,
+    unfinished_of,
 )
 from eyechart.studies.hierarchy.planning import MPC_ONLY, PARTS, SCRIPTED, name_of
 
@@ -131,10 +132,14 @@ class Completion:
 
 @dataclass(frozen=True)
 class HierarchyScore:
-    """What the study's runs show, each part computed when it is asked for, from the episodes alone."""
+    """What the study's runs show, each part computed when it is asked for, from the episodes alone.
+
+    ``unfinished`` is what the runs lack, by part, and why.
+    """
 
     drives: Mapping[str, tuple[Drives, ...]]
     resamples: int = 5000
+    unfinished: Mapping[str, tuple[Unfinished, ...]] = field(default_factory=dict)
 
     @cached_property
     def outcomes(self) -> Outcomes:
@@ -207,6 +212,7 @@ class HierarchyScore:
             "completions": [one.as_dict() for one in self.completions],
             "blind": [{"part": part, **one.as_dict()} for part, one in self.blind],
             "words": list(self.words),
+            "unfinished": [{"part": part, **one.as_dict()} for part, many in self.unfinished.items() for one in many],
         }
 
     def _named(self) -> Iterator[tuple[str, str, Drives]]:
@@ -230,7 +236,8 @@ def score(out: Path, *, resamples: int = 5000) -> HierarchyScore:
     drives = {name: read_drives([out / name]) for name in begun if any(read_episodes(out / name))}
     if not drives:
         raise LedgerError(f"{out} holds no run of the hierarchy; 'eyechart run hierarchy --out {out}' makes one")
-    return HierarchyScore(drives, resamples)
+    lacking = {name: found for name in begun if (found := unfinished_of(out / name))}
+    return HierarchyScore(drives, resamples, lacking)
 
 
 def shows(one: Blind) -> bool:
