@@ -19,9 +19,9 @@ from eyechart.perception.forward import ROVER, ForwardReading, read_forward
 from eyechart.perception.scene import safe_action
 from eyechart.prompts import FORWARD_PROMPTS
 from eyechart.simulators.road.layout import FAMILIES, GOAL_M, TRACKS_M, Layout, Obstacle, make_layout
-from eyechart.simulators.road.picture import camera_of
+from eyechart.simulators.road.picture import camera_of, draw
 from eyechart.simulators.road.staging import FAR_M, NEAR_M
-from eyechart.simulators.road.truth import read_truth
+from eyechart.simulators.road.truth import read_truth, unseen_sides
 from eyechart.simulators.rover import Rover
 from eyechart.simulators.rover.bicycle import RADIUS_M, WHEELBASE_M, State, advance
 from eyechart.simulators.rover.tracking import INNER_S, INTENTS
@@ -92,6 +92,21 @@ def test_braking_and_going_straight_keep_the_track_that_was_asked_for() -> None:
     assert world.state.y == pytest.approx(2.0, abs=0.05)
     world = decide(decide(decide(world, "RIGHT"), "SLOW"), "SLOW")
     assert world.state.y == pytest.approx(0.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("ahead_m", "unseen"), [(-1.0, True), (0.0, True), (0.9, True), (1.3, False), (6.0, False), (-1.5, False)]
+)
+def test_what_stands_beside_a_forward_camera_closes_a_side_and_is_not_in_its_picture(
+    ahead_m: float, unseen: bool
+) -> None:
+    """Truth counts it, no picture shows it; a reader of the picture says of an unseen side that it is clear."""
+    world = world_of((ahead_m, 2.0))
+    assert unseen_sides(world) == (frozenset({"left"}) if unseen else frozenset())
+    assert unseen_sides(world.mirrored()) == (frozenset({"right"}) if unseen else frozenset())
+    reading = read_forward(draw(world), ROVER)
+    assert reading is not None
+    assert reading.scene.left_clear == (unseen or bool(read_truth(world)["left_clear"]))
 
 
 def test_stop_brings_the_fastest_rover_to_rest_before_a_near_obstacle() -> None:
