@@ -95,18 +95,18 @@ def test_braking_and_going_straight_keep_the_track_that_was_asked_for() -> None:
 
 
 @pytest.mark.parametrize(
-    ("ahead_m", "unseen"), [(-1.0, True), (0.0, True), (0.9, True), (1.3, False), (6.0, False), (-1.5, False)]
+    ("ahead_m", "sides"), [(-1.5, ""), (-1.0, "left"), (0.0, "left"), (0.9, "left"), (1.3, ""), (6.0, "")]
 )
 def test_what_stands_beside_a_forward_camera_closes_a_side_and_is_not_in_its_picture(
-    ahead_m: float, unseen: bool
+    ahead_m: float, sides: str
 ) -> None:
     """Truth counts it, no picture shows it; a reader of the picture says of an unseen side that it is clear."""
     world = world_of((ahead_m, 2.0))
-    assert unseen_sides(world) == (frozenset({"left"}) if unseen else frozenset())
-    assert unseen_sides(world.mirrored()) == (frozenset({"right"}) if unseen else frozenset())
+    assert unseen_sides(world) == frozenset(sides.split())
+    assert unseen_sides(world.mirrored()) == frozenset(sides.replace("left", "right").split())
     reading = read_forward(draw(world), ROVER)
     assert reading is not None
-    assert reading.scene.left_clear == (unseen or bool(read_truth(world)["left_clear"]))
+    assert reading.scene.left_clear == (bool(sides) or bool(read_truth(world)["left_clear"]))
 
 
 def test_stop_brings_the_fastest_rover_to_rest_before_a_near_obstacle() -> None:

@@ -201,8 +201,10 @@ def modular(
     found = study.replay(frozen, table, study.reader_of(bank))
     if json:
         print_json(found.as_dict())
-    else:
-        _print(replay_lines(found))
+        return
+    _print(replay_lines(found))
+    for line in found.warnings:
+        say(f"warning: {line}")
 
 
 @app.command()

@@ -144,8 +144,6 @@ def read_estimate(text: str, finish_reason: str | None, error: str | None) -> Sc
     visible = without_thinking(text).strip()
     if not visible:
         return SceneReply(None, "empty")
-    if len(visible) > READ_AT_MOST:
-        return SceneReply(None, "unparsed", "too_long")
     repairs: dict[Repair, None] = {}
     try:
         values = _only_one(visible, repairs)
@@ -158,6 +156,8 @@ def read_estimate(text: str, finish_reason: str | None, error: str | None) -> Sc
 
 def _only_one(text: str, repairs: dict[Repair, None]) -> dict[str, object]:
     """Return the one object of a text, noting what had to be set right; raises _Unreadable where there is not one."""
+    if len(text) > READ_AT_MOST:
+        raise _Unreadable("too_long")
     spans = list(_spans(text))
     if not spans:
         raise _Unreadable("malformed" if "{" in text else "no_object")

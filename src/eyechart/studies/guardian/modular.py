@@ -32,6 +32,7 @@ class Replay:
     ``equivariance`` the share of frames whose reflection gets the reflected action, without which it is no symmetric
     controller. ``directional`` counts the frames on which the renderer policy turns: with few of them nothing is said
     of lateral control. ``unread`` are the frames that the reader could not read, which count in neither share.
+    ``warnings`` say that votes are still to be asked for, which makes a guardian abstain and so agree.
     """
 
     agreement: Statistic
@@ -39,6 +40,7 @@ class Replay:
     directional: int
     actions: Mapping[str, str]
     unread: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, object]:
         """Return the replay as plain JSON values."""
@@ -48,6 +50,7 @@ class Replay:
             "directional_reference_actions": self.directional,
             "actions": dict(self.actions),
             "unread": list(self.unread),
+            "warnings": list(self.warnings),
         }
 
 
@@ -94,7 +97,14 @@ def replay(frozen: Frozen, table: VoteTable, read: Read) -> Replay:
             f"{table.name}: the deterministic reader reads none of its {len(unread)} pictures; modular replay is for "
             "top-down highway banks"
         )
-    return Replay(rate(agreed, len(actions)), rate(mirrored, len(actions)), directional, actions, tuple(unread))
+    return Replay(
+        agreement=rate(agreed, len(actions)),
+        equivariance=rate(mirrored, len(actions)),
+        directional=directional,
+        actions=actions,
+        unread=tuple(unread),
+        warnings=tuple(table.unfinished_words(frozen.committee)),
+    )
 
 
 def reader_of(bank: FrameBank) -> Read:

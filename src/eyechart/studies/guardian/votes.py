@@ -100,6 +100,12 @@ class VoteTable:
         """Return how many votes of these models the run has still to ask for."""
         return sum(self.unfinished.get(model, 0) for model in models)
 
+    def unfinished_words(self, models: Sequence[str]) -> list[str]:
+        """Return in words that the run has still to ask for votes of these models; nothing where it has not."""
+        left = self.left(models)
+        words = f"{self.name} is a run that is not finished: {left} calls are left, whose votes count as missing"
+        return [words] if left else []
+
     def groups(self) -> tuple[tuple[str, ...], npt.NDArray[np.int64]]:
         """Return the episodes, sorted, and the number of each frame's among them."""
         names = tuple(sorted(set(self.episodes)))
