@@ -18,7 +18,7 @@ from eyechart.studies.battery.planning import (
     within,
 )
 from eyechart.studies.battery.replication import differences
-from eyechart.studies.battery.scoring import BatteryScore, ModelScore, Took, score, took
+from eyechart.studies.battery.scoring import BatteryScore, ModelScore, Took, score, took, took_run
 from eyechart.studies.battery.stopping import GUARANTEE, VALIDITY, Stopped
 
 __all__ = [
@@ -48,5 +48,6 @@ __all__ = [
     "score",
     "spent_on",
     "took",
+    "took_run",
     "within",
 ]
