@@ -217,7 +217,7 @@ def test_a_run_that_is_not_finished_chooses_no_guardian(
     frozen = study.fit(table.part("calibration"))
     some = replace(table.part("score"), unfinished={GEMMA: 7, "another": 1})
     assert any("not finished: 7 calls are left" in one for one in study.score(frozen, some, enumerate_up_to=0).warnings)
-    with pytest.raises(GuardianError, match="not finished: 7 calls are left.*before a bound is taken from it"):
+    with pytest.raises(GuardianError, match=r"not finished: 7 calls are left.*before a bound is taken from it"):
         study.bound(frozen, some)
     battery.run(plan)
     assert not study.votes_of_run(tmp_path / "run").left(half.models)
@@ -226,7 +226,7 @@ def test_a_run_that_is_not_finished_chooses_no_guardian(
 def test_every_command_that_reads_a_run_says_that_it_is_not_finished(
     tmp_path: Path, say: Callable[..., tuple[object, str, str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Those that choose or bound refuse it, those that measure warn: a missing vote abstains, which looks like sight."""
+    """Those that choose or bound refuse it, those that measure warn: a missing vote abstains, as sight may."""
     monkeypatch.setitem(ADAPTERS, "voter", "voters")
     bank = build_bank(tmp_path / "bank", scenarios=("merge",), episodes=3, steps=6, drawn=False)
     whole, half, guardian = tmp_path / "whole", tmp_path / "half", tmp_path / "guardian.json"

@@ -80,8 +80,8 @@ class Recipe:
         if raw.get("eyechart") != __version__ or reader not in {READER, SCENE_READER}:
             raise BundleError(
                 f"this bundle was made by eyechart {raw.get('eyechart')!r} with version {reader!r} of the reader of "
-                f"replies, and this is {__version__} with {READER}, of scenes {SCENE_READER}; validate it with the one that "
-                "made it"
+                f"replies, and this is {__version__} with {READER}, of scenes {SCENE_READER}; validate it with the "
+                "one that made it"
             )
         if not isinstance(name, str) or not isinstance(independent, bool) or not isinstance(drawn, dict):
             raise BundleError(f"{INDEX} does not say how its results were made")
