@@ -272,7 +272,7 @@ def _write_page(found: "GuardianScore", frames: Path | None, out: Path) -> None:
 
 
 def _left(table: "VoteTable", frozen: "Frozen", *, unseen: bool) -> "VoteTable":
-    return table.without(frozen.selection.frames) if unseen and frozen.selection is not None else table
+    return frozen.unseen(table) if unseen else table
 
 
 def _part(table: "VoteTable", name: str) -> "VoteTable":

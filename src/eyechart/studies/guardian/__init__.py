@@ -11,7 +11,7 @@ from eyechart.studies.guardian.nesting import Nested, nested
 from eyechart.studies.guardian.runs import votes_of_run
 from eyechart.studies.guardian.scoring import GuardianScore, score
 from eyechart.studies.guardian.tables import read_votes
-from eyechart.studies.guardian.truth import episode_of, hazards_of
+from eyechart.studies.guardian.truth import episode_of, hazards_of, pictures_of
 from eyechart.studies.guardian.votes import VIEWS, About, VoteTable
 
 __all__ = [
@@ -30,6 +30,7 @@ __all__ = [
     "hazards_of",
     "modular_action",
     "nested",
+    "pictures_of",
     "read_frozen",
     "read_votes",
     "reader_of",

@@ -49,6 +49,7 @@ def fit(
         selection=Selection(
             frames=table.frames,
             episodes=tuple(sorted(set(table.episodes))),
+            pictures=table.pictures or (),
             candidates=len(found.committees) * size * len(VIEWS) * points,
             worth=best.worth,
             single=alone,
