@@ -314,3 +314,36 @@ def test_a_committee_of_four_can_be_chosen_and_one_of_five_cannot(table: study.V
         study.fit(table.keep(table.frames[:5]))
     with pytest.raises(VoteError, match="no votes of 'nobody'"):
         study.fit(table.without(()), models=("nobody", GEMMA))
+
+
+def test_votes_of_several_runs_make_one_committee_and_what_does_not_fit_is_named(table: study.VoteTable) -> None:
+    """A run a model, in any order of models and frames: the same guardian; each way not to fit is said."""
+    apart = [
+        replace(table, name=model, models=(model,), votes=table.of([model]), about=table.about.only([model]))
+        for model in reversed(table.models)
+    ]
+    back = slice(None, None, -1)
+    assert table.split is not None
+    apart[1] = replace(
+        apart[1],
+        frames=table.frames[back],
+        episodes=table.episodes[back],
+        hazard=table.hazard[back],
+        votes=apart[1].votes[:, back],
+        split=table.split[back],
+        unfinished={apart[1].models[0]: 3},
+    )
+    joined = study.join(apart)
+    assert (joined.models, joined.frames, joined.unfinished) == (table.models, apart[0].frames, {apart[1].name: 3})
+    assert np.array_equal(joined.votes, table.votes)
+    whole = replace(joined, unfinished={})
+    assert study.fit(whole.part("calibration")).digest == study.fit(table.part("calibration")).digest
+    one, other = apart[0], apart[2]
+    for wrong, message in (
+        (one, f"'{one.name}' votes in {one.name} and in another table"),
+        (replace(other, about=replace(other.about, view="another")), f"the view of {other.name} is not that of"),
+        (other.keep(other.frames[1:]), "frame 'f000' is in one of them only"),
+        (replace(other, hazard=~other.hazard), "say of a frame another hazard"),
+    ):
+        with pytest.raises(VoteError, match=message):
+            study.join([one, wrong])

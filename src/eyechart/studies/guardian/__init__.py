@@ -6,6 +6,7 @@ Source: section Symmetry-consensus longitudinal guardian.
 from eyechart.studies.guardian.bounding import Bound, bound
 from eyechart.studies.guardian.fitting import fit
 from eyechart.studies.guardian.frozen import Frozen, Selection, read_frozen, require_own, write_frozen
+from eyechart.studies.guardian.joining import join
 from eyechart.studies.guardian.modular import Replay, modular_action, reader_of, replay
 from eyechart.studies.guardian.nesting import Nested, nested
 from eyechart.studies.guardian.runs import votes_of_run
@@ -28,6 +29,7 @@ __all__ = [
     "episode_of",
     "fit",
     "hazards_of",
+    "join",
     "modular_action",
     "nested",
     "pictures_of",
