@@ -9,6 +9,7 @@ from eyechart.stats.paired import clopper_pearson
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import ALPHA, MARGIN, BatteryScore, ModelScore
 from eyechart.studies.structured import CLAUSES, EstimatorScore, StructuredScore
+from eyechart.studies.structured.admission import Held
 from eyechart.verdicts import Verdict, judge
 
 REQUIREMENTS: dict[str, str] = {
@@ -112,11 +113,8 @@ def hold_admission(
         reason, held = _no_estimates(one), {clause.name: clause for clause in one.clauses}
         mine = []
         for name in names:
-            found = held[name]
-            value, n = found.statistic.value, found.statistic.n
-            shown = f"{value:.3f}" if found.clause.least < 1 else f"{value:g}"
-            words = found.statistic.note if value is None else f"{shown}, at least {found.clause.least:g} (n = {n})"
-            mine.append(Check(spec, name, None if reason else found.passes, reason or words))
+            passes = None if reason else held[name].passes
+            mine.append(Check(spec, name, passes, reason or _held_words(held[name])))
         if max_unparsed is not None:
             parse = one.statistics["parse"]
             without = None if parse.value is None else 1 - parse.value
@@ -128,6 +126,13 @@ def hold_admission(
             _marked(check, [f"guard '{guard.name}' fails: {guard.because}" for guard in failed]) for check in mine
         ]
     return Gate(tuple(checks))
+
+
+def _held_words(found: Held) -> str:
+    one, least = found.statistic, found.clause.least
+    if one.value is None:
+        return one.note
+    return f"{one.value:.{3 if least < 1 else 0}f}, at least {least:g} (n = {one.n})"
 
 
 def _no_estimates(one: EstimatorScore) -> str:

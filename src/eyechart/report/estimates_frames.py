@@ -25,6 +25,7 @@ _POINTED_OUT = 0.1
 _WIDEST = 640
 _LONGEST = 600
 _VIEWS = {"real": "the picture", "mirrored": "its reflection"}
+_OF = {"real": "picture", "mirrored": "reflection"}
 
 
 def shown_frames(evidence: Sequence[Estimates]) -> tuple[list[dict[str, object]], list[str]]:
@@ -93,7 +94,7 @@ def _row(run: Estimates, spec: str, condition: str, place: int) -> dict[str, obj
     verbatim = run.replies[spec].get((run.frames[place].id, condition))
     return {
         "model": spec,
-        "of": _VIEWS[condition],
+        "of": _OF[condition],
         "none": None if one is not None else _missing(reply),
         "text": "" if one is not None else _verbatim(verbatim),
         "cells": []
