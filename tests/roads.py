@@ -1,5 +1,6 @@
-"""Tiny banks of a rover's pictures: an obstacle ahead at one distance after the other, beside it a free road."""
+"""Tiny banks of a rover's pictures: an obstacle ahead at one distance after the other, and one beside it or none."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,17 +16,14 @@ from eyechart.simulators.rover.world import World
 GAPS_M = (3.0, 4.5, 6.0, 7.5, 9.0, 12.0, 16.0, 24.0)
 
 
-def build_bank(out: Path, *, episodes: int = 1) -> FrameBank:
-    """Write a bank of eight frames an episode; of every second one an obstacle closes the left side."""
+def build_bank(out: Path, gaps_m: Sequence[float] = GAPS_M) -> FrameBank:
+    """Write a bank of a frame a gap; in every second one an obstacle closes the left side."""
     gap = Gap(column="lead_gap_m", threshold=ROVER.distances.close_m, unit="m")
     said = replace(banks.manifest(), simulator="rover", picture="forward camera of a rover", gap=gap)
     with BankWriter(out, said) as writer:
-        for episode in range(episodes):
-            for step, gap_m in enumerate(GAPS_M):
-                ahead = [Obstacle(gap_m + 0.6 + 0.1 * episode, 0.0, 0.6, 1.0, 0)]
-                beside = [Obstacle(6.0, 2.0, 0.6, 1.0, 1)] if step % 2 else []
-                world = World(Layout("single", (*ahead, *beside)), State(0.0, 0.0, 0.0, 1.0), 1)
-                name = f"single-{episode}-{step}"
-                place = (name, "single", f"single-{episode}", step, "horizontal", f"images/{name}.png")
-                writer.add(Frame(*place, read_truth(world), {}), encode(draw(world)), {})
+        for step, gap_m in enumerate(gaps_m):
+            ahead, beside = Obstacle(gap_m + 0.6, 0.0, 0.6, 1.0, 0), Obstacle(6.0, 2.0, 0.6, 1.0, 1)
+            world = World(Layout("single", (ahead, beside) if step % 2 else (ahead,)), State(0.0, 0.0, 0.0, 1.0), 1)
+            place = (f"single-0-{step}", "single", "single-0", step, "horizontal", f"images/{step}.png")
+            writer.add(Frame(*place, read_truth(world), {}), encode(draw(world)), {})
     return open_bank(out)

@@ -44,7 +44,6 @@ def test_clauses_and_worst_frames_stand_there_with_their_views(run: Path) -> Non
     """Every clause with value, n and outcome; the frame that most is told wrong of first; pictures through the view."""
     evidence = read_estimates([run])
     html = make_estimates_page(evidence).html.decode()
-    assert make_estimates_page(read_estimates([run])).html.decode() == html
     words = text_of(html)
     assert "1 of 2 estimators are admitted" in words.replace(NEVER, "")
     assert re.search(r"close_accuracy 0\.75 0\.500 \[0\.\d+, 0\.\d+\] 8 ✗ fail share of frames", words)
@@ -75,10 +74,10 @@ def test_the_tables_and_the_page_say_the_same(run: Path, tmp_path: Path) -> None
 
 def test_what_is_missing_is_said(run: Path, tmp_path: Path) -> None:
     """Calls that are left, pictures that are gone, and a model that gave no estimate with its words."""
-    bank = roads.build_bank(tmp_path / "bank")
+    bank = roads.build_bank(tmp_path / "bank", roads.GAPS_M[:4])
     half = ran(bank.root, tmp_path / "half", SEES, calls=5)
     words = text_of(make_estimates_page(read_estimates([half])).html.decode())
-    assert f"Unfinished: {SEES}: 5 of 16 calls are answered" in words
+    assert f"Unfinished: {SEES}: 5 of 8 calls are answered" in words
     assert "0 of 1 estimator is admitted" in words
     for picture in bank.root.glob("images/*"):
         picture.unlink()
