@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import published_votes
+import roads
 from banks import build_bank
 from eyechart.errors import GuardianError, VoteError
 from eyechart.frames import open_bank
@@ -237,6 +238,20 @@ def test_a_replay_is_equivariant_and_the_reader_keeps_collision_and_sides(
     assert (study.replay(frozen, held_out, lopsided.get).equivariance.value or 0) < 1
     with pytest.raises(GuardianError, match="reads none of its 272 pictures"):
         study.replay(frozen, held_out, lambda _: None)
+
+
+def test_a_replay_reads_the_pictures_of_a_forward_camera(tmp_path: Path) -> None:
+    """With the rover's own distances: STOP below 5 m, the free side below 8 m, STRAIGHT where it is called clear."""
+    bank = roads.build_bank(tmp_path / "bank")
+    truth = study.hazards_of(bank)
+    lines = [f"{frame.id},{','.join(4 * [str(truth[frame.id])])}" for frame in bank]
+    votes = tmp_path / "votes.csv"
+    votes.write_text("frame,a/original,a/reflected,b/original,b/reflected\n" + "\n".join(lines))
+    table = study.read_votes(votes, bank=bank)
+    frozen = study.fit(table.keep([table.frames[2], table.frames[7]]))
+    found = study.replay(frozen, frozen.unseen(table), study.reader_of(bank))
+    assert list(found.actions.values()) == ["STOP", "STOP", "RIGHT", "STRAIGHT", "STRAIGHT", "STRAIGHT"]
+    assert (found.equivariance.value, found.equivariance.n, found.unread) == (1.0, 6, ())
 
 
 def test_votes_are_read_back_as_they_were_written(table: study.VoteTable, tmp_path: Path) -> None:
