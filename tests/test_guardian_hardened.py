@@ -24,6 +24,7 @@ from eyechart.guardian import asking as asking_module
 from eyechart.limits import Limits
 from eyechart.models import ADAPTERS, Model
 from eyechart.modes import RequestMode
+from eyechart.perception.scene import Scene
 from eyechart.prompts import SCENE
 from eyechart.report.guardian_page import guardian_page
 from eyechart.studies import battery, structured
@@ -216,8 +217,40 @@ def test_a_run_that_is_not_finished_chooses_no_guardian(
     frozen = study.fit(table.part("calibration"))
     some = replace(table.part("score"), unfinished={GEMMA: 7, "another": 1})
     assert any("not finished: 7 calls are left" in one for one in study.score(frozen, some, enumerate_up_to=0).warnings)
+    with pytest.raises(GuardianError, match=r"not finished: 7 calls are left.*before a bound is taken from it"):
+        study.bound(frozen, some)
     battery.run(plan)
     assert not study.votes_of_run(tmp_path / "run").left(half.models)
+
+
+def test_every_command_that_reads_a_run_says_that_it_is_not_finished(
+    tmp_path: Path, say: Callable[..., tuple[object, str, str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those that choose or bound refuse it, those that measure warn: a missing vote abstains, as sight may."""
+    monkeypatch.setitem(ADAPTERS, "voter", "voters")
+    bank = build_bank(tmp_path / "bank", scenarios=("merge",), episodes=3, steps=6, drawn=False)
+    whole, half, guardian = tmp_path / "whole", tmp_path / "half", tmp_path / "guardian.json"
+    pair = ["voter:sees", "voter:looks"]
+    battery.run(structured.plan("structured", bank.root, pair, whole))
+    battery.run(structured.plan("structured", bank.root, pair, half), limits=Limits(calls=36))
+    ids = tmp_path / "ids.txt"
+    ids.write_text("\n".join(frame.id for frame in bank if frame.episode.endswith("-0")))
+    assert say("guardian", "fit", whole, "--calibration", ids, "--out", guardian)[0] == 0
+    scene = Scene(30.0, left_clear=True, right_clear=True)
+    monkeypatch.setattr(study, "reader_of", lambda _: lambda _: (scene, scene))
+    asked = (half, "--unseen")
+    for words, code, why in (
+        (("score", guardian, *asked), 0, "not finished: 36 calls are left, whose votes count as missing"),
+        (("modular", guardian, *asked, "--frames", bank.root), 0, "not finished: 36 calls are left"),
+        (("modular", guardian, whole, "--unseen", "--frames", bank.root), 0, ""),
+        (("score", guardian, *asked, "--bound-episodes", "merge/merge-1"), 2, "before a bound is taken from it"),
+        (("fit", half, "--out", tmp_path / "new.json"), 2, "not finished: 36 calls are left"),
+        (("nested", half), 2, "not finished: 36 calls are left"),
+    ):
+        found, _, err = say("guardian", *words)
+        assert (found, why in err, "not finished" in err) == (code, True, bool(why)), (words, err)
+    _, out, _ = say("guardian", "modular", guardian, *asked, "--frames", bank.root, "--json")
+    assert "not finished" in json.loads(out)["warnings"][0]
 
 
 def test_episodes_that_do_not_differ_give_no_interval_of_no_width(table: study.VoteTable) -> None:

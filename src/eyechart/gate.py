@@ -1,13 +1,15 @@
 """A gate holds a run to what is required of it: yes, no, or "cannot say"; it never passes for want of evidence."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from eyechart.errors import SpecError
 from eyechart.stats.paired import clopper_pearson
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import ALPHA, MARGIN, BatteryScore, ModelScore
+from eyechart.studies.structured import CLAUSES, EstimatorScore, StructuredScore
+from eyechart.studies.structured.admission import Held
 from eyechart.verdicts import Verdict, judge
 
 REQUIREMENTS: dict[str, str] = {
@@ -16,6 +18,11 @@ REQUIREMENTS: dict[str, str] = {
     "swaps": "the lateral label is swaps",
 }
 UNPARSED = "max_unparsed"
+ADMISSION: dict[str, str] = {
+    "admission": "every clause of admission",
+    **{name: one.says for name, one in CLAUSES.items()},
+}
+"""What may be required of a run of scene estimates, which is asked for nothing of the above."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,13 +88,68 @@ def _printable(text: str) -> str:
     return "".join(character for character in text if character.isprintable() or character in "\n\t")
 
 
-def read_requirements(text: str) -> tuple[str, ...]:
-    """Read ``depth,swaps``; raises SpecError that lists the known requirements."""
+def read_requirements(text: str, known: Collection[str] = tuple(REQUIREMENTS)) -> tuple[str, ...]:
+    """Read ``depth,swaps``; raises SpecError that lists the ``known`` requirements of the kind of run."""
     wanted = tuple(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
-    unknown = [name for name in wanted if name not in REQUIREMENTS]
+    unknown = [name for name in wanted if name not in known]
     if unknown or not wanted:
-        raise SpecError(f"--require takes one or more of {', '.join(REQUIREMENTS)}, with commas; got '{text}'")
+        raise SpecError(f"--require takes one or more of {', '.join(known)}, with commas; got '{text}'")
     return wanted
+
+
+def hold_admission(
+    score: StructuredScore, require: Sequence[str] = ("admission",), *, max_unparsed: float | None = None
+) -> Gate:
+    """Hold every model of a run of scene estimates to clauses of admission, a check a clause.
+
+    ``admission`` stands for all of them. As with a battery, an unfinished run, one whose calls ended in errors, and
+    what would hold where a guard failed cannot say. Raises SpecError for an unknown clause or a rate outside [0, 1].
+    """
+    wanted = read_requirements(",".join(require), tuple(ADMISSION))
+    _require_rate(max_unparsed)
+    names = tuple(name for name in CLAUSES if name in wanted or "admission" in wanted)
+    checks: list[Check] = []
+    for spec, one in score.models.items():
+        reason, held = _no_estimates(one), {clause.name: clause for clause in one.clauses}
+        mine = []
+        for name in names:
+            passes = None if reason else held[name].passes
+            mine.append(Check(spec, name, passes, reason or _held_words(held[name])))
+        if max_unparsed is not None:
+            parse = one.statistics["parse"]
+            without = None if parse.value is None else 1 - parse.value
+            words = parse.note if without is None else f"without an estimate {without:.3f}, at most {max_unparsed}"
+            holds = None if reason or without is None else without <= max_unparsed
+            mine.append(Check(spec, UNPARSED, holds, reason or words))
+        failed = [guard for guard in score.guards[spec] if guard.holds is False]
+        checks += [
+            _marked(check, [f"guard '{guard.name}' fails: {guard.because}" for guard in failed]) for check in mine
+        ]
+    return Gate(tuple(checks))
+
+
+def _held_words(found: Held) -> str:
+    one, least = found.statistic, found.clause.least
+    if one.value is None:
+        return one.note
+    return f"{one.value:.{3 if least < 1 else 0}f}, at least {least:g} (n = {one.n})"
+
+
+def _no_estimates(one: EstimatorScore) -> str:
+    """Return why a model's calls are no evidence of what it estimates, or nothing."""
+    if one.planned == 0 or one.answered == 0:
+        return "the run holds no finished call of this model"
+    if one.answered < one.planned:
+        return f"the run is unfinished: {one.answered} of {one.planned} calls"
+    errors = one.told.reasons.get("error", 0)
+    if errors:
+        return f"{errors} of {one.answered} calls ended in an error (see the ledger), so they say nothing of the model"
+    return ""
+
+
+def _require_rate(max_unparsed: float | None) -> None:
+    if max_unparsed is not None and not 0 <= max_unparsed <= 1:
+        raise SpecError(f"--max-unparsed takes a rate between 0 and 1, got {max_unparsed}")
 
 
 def hold(score: BatteryScore, require: Sequence[str], *, max_unparsed: float | None = None) -> Gate:
@@ -98,8 +160,7 @@ def hold(score: BatteryScore, require: Sequence[str], *, max_unparsed: float | N
     for an unknown requirement or a rate outside [0, 1].
     """
     wanted = read_requirements(",".join(require))
-    if max_unparsed is not None and not 0 <= max_unparsed <= 1:
-        raise SpecError(f"--max-unparsed takes a rate between 0 and 1, got {max_unparsed}")
+    _require_rate(max_unparsed)
     verdicts = judge(score)
     checks: list[Check] = []
     for spec, model in score.models.items():

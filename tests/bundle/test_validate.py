@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 
 import banks
 import stand_ins
+from bundles import repacked
 from eyechart.bundle import Validation, validate, validating, write_bundle
 from eyechart.bundle.contents import Derived, derive
 from eyechart.cli.app import app
@@ -62,23 +63,7 @@ def _derived_once() -> Iterator[None]:
 @pytest.fixture
 def changed(packed: Path, tmp_path: Path) -> Try:
     """Return a function that validates the bundle after a change, whose author has mended every digest of a file."""
-
-    def make(change: Change) -> Validation:
-        folder, out = tmp_path / "open", tmp_path / "changed.zip"
-        with zipfile.ZipFile(packed) as file:
-            file.extractall(folder)
-        change(folder)
-        index = json.loads((folder / "bundle.json").read_text())
-        names = [path.relative_to(folder).as_posix() for path in sorted(folder.rglob("*")) if path.is_file()]
-        digests = {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in names}
-        index["files"] = {name: digest for name, digest in digests.items() if name != "bundle.json"}
-        (folder / "bundle.json").write_text(json.dumps(index))
-        with zipfile.ZipFile(out, "w") as file:
-            for name in names:
-                file.write(folder / name, name)
-        return validate(out)
-
-    return make
+    return lambda change: validate(repacked(packed, tmp_path, change))
 
 
 def said(found: Validation) -> str:

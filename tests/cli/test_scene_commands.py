@@ -2,14 +2,17 @@
 
 import json
 import sys
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
 
 import banks
+import roads
 from eyechart import cli
 from eyechart.frames import FrameBank
 
+CONTROL = "scripted:scene_positive_control"
 DECLINES = "scripted:scene_positive_control"
 """On pictures of boxes, which are no road, it declines to answer."""
 
@@ -74,3 +77,46 @@ def test_limits_and_wrong_words_end_in_one_line(
         capsys, monkeypatch, "frames", "show", bank.root, "light-0-0", "--mirrored", "--out", tmp_path / "x.png"
     )
     assert (code, (tmp_path / "x.png").is_file()) == (0, True)
+
+
+def test_what_a_researcher_does_with_a_run_of_estimates(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A gate with JUnit and a report with tables; what cannot be required is said in a line."""
+    road, run = roads.build_bank(tmp_path / "bank", roads.GAPS_M[2:6]), tmp_path / "run"
+    models = ("--model", CONTROL, "--model", "scripted:scene_one_sided")
+    words = ("run", "structured", *models, "--frames", road.root, "--out", run)
+    assert say(capsys, monkeypatch, *words, "--max-calls", 3)[0] == 3
+    code, printed, _ = say(capsys, monkeypatch, "gate", run)
+    assert (code, "FAILS" in printed, "the run is unfinished: 3 of 8 calls" in printed) == (2, False, True)
+    assert say(capsys, monkeypatch, *words)[0] == 0
+    code, printed, _ = say(capsys, monkeypatch, "gate", run, "--junit", tmp_path / "gate.xml")
+    assert code == 1
+    assert f"holds       {CONTROL}  close_accuracy: 1.000, at least 0.75 (n = 4)" in printed
+    assert "FAILS       scripted:scene_one_sided  scene_equivariance: 0." in printed
+    suite = ET.fromstring((tmp_path / "gate.xml").read_text())  # noqa: S314 - our own file
+    assert {name: suite.get(name) for name in ("tests", "failures", "errors")} == {
+        "tests": "14",
+        "failures": str(printed.count("FAILS")),
+        "errors": "0",
+    }
+    asked = ("--require", "parse,gap", "--max-unparsed", 0)
+    code, _, why = say(capsys, monkeypatch, "gate", run, *asked)
+    assert (code, "--require takes one or more of admission, parse, close_accuracy" in why) == (2, True)
+    code, printed, _ = say(capsys, monkeypatch, "gate", run, "--require", "parse,directional", "--max-unparsed", 0)
+    assert (code, printed.count("holds ")) == (0, 6)
+    code, _, told = say(
+        capsys, monkeypatch, "report", run, "--out", tmp_path / "r.html", "--tables", tmp_path / "tables"
+    )
+    assert (code, "9 tables in" in told) == (0, True)
+    assert "Worst frames" in (tmp_path / "r.html").read_text()
+
+
+def test_an_online_run_is_refused_where_it_proves_nothing(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """By name, in one line, with what to do instead."""
+    (tmp_path / "vetting.json").write_text("[]")
+    (tmp_path / "run.json").write_text('{"simulator": "rover", "policies": {}}')
+    code, _, why = say(capsys, monkeypatch, "gate", tmp_path)
+    assert (code, why.count("\n"), "is an online run, which bounds no claim" in why) == (2, 1, True)

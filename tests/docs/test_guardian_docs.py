@@ -47,7 +47,7 @@ def test_its_commands_and_its_python_run_as_they_stand(
         printed[words[2]] = said.out + said.err
     assert "hazard from" in printed["score"]
     assert "9/9 folds" in printed["nested"]
-    assert "modular replay is for top-down highway banks" in printed["modular"]
+    assert "modular replay is for pictures of highway-env, of the rover and of the drone" in printed["modular"]
     (python,) = re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
     exec(compile(python, "docs/guardian.md", "exec"), {"picture": encode(draw(8.0, 1))})  # noqa: S102 - it is tested
     assert capsys.readouterr().out.startswith("hazard 4 of 4 votes say hazard")

@@ -77,6 +77,22 @@ def test_a_comma_in_a_text_is_no_trailing_comma() -> None:
     assert read(text).estimate == SCENE
 
 
+LONG = "word " * 21_000
+"""105 000 characters, more than are read."""
+
+
+@pytest.mark.parametrize("text", [LONG + GOOD, GOOD + LONG, GOOD.replace("}", ', "note": "' + LONG + '"}')])
+def test_of_an_answer_that_is_too_long_no_part_is_read(text: str) -> None:
+    """What was cut off could take back what was read."""
+    assert read(text) == SceneReply(None, "unparsed", "too_long")
+
+
+def test_thinking_may_be_longer_than_what_is_read() -> None:
+    """It is no answer; nor does an estimate in it become one where its end never came."""
+    assert read(f"<think>{LONG}</think>{GOOD}") == SceneReply(SCENE)
+    assert read(f"<think>{LONG}{GOOD}") == SceneReply(None, "empty")
+
+
 def without(name: str) -> str:
     """Return the good reply without a field."""
     return json.dumps({key: value for key, value in json.loads(GOOD).items() if key != name})

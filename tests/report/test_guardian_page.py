@@ -10,8 +10,8 @@ import voters
 from banks import build_bank
 from eyechart.frames import FrameBank
 from eyechart.models import ADAPTERS
-from eyechart.report.guardian import choice_lines
-from eyechart.report.guardian_page import guardian_page
+from eyechart.report.guardian import choice_lines, score_lines
+from eyechart.report.guardian_page import curve, guardian_page
 from eyechart.studies import guardian as study
 
 
@@ -40,6 +40,19 @@ def test_what_was_missed_is_shown_with_its_views_and_votes(bank: FrameBank, tmp_
     without = guardian_page(found, None).decode()
     assert "data:image" not in without
     assert "shown where the bank is given with --frames" in without
+
+
+def test_the_curve_has_the_pages_colours_and_an_interval_that_there_is_not_has_a_reason(
+    bank: FrameBank, tmp_path: Path
+) -> None:
+    """Black axes would not be seen on a dark page; where nobody errs, it says why there is no interval."""
+    table = voters.ask_all(bank.root, ("sees",), tmp_path / "run")
+    frozen = study.fit(table.keep(table.frames[:12]), size=1)
+    found = study.score(frozen, table.keep(table.frames[12:]), enumerate_up_to=0)
+    drawn = curve(found).svg(inline=True)
+    assert "#000000" not in drawn
+    assert "currentColor" in drawn
+    assert next(score_lines(found)).endswith("intervals: none, because the episodes do not differ")
 
 
 def test_a_committee_that_is_no_better_than_chance_is_said_to_be_none(bank: FrameBank, tmp_path: Path) -> None:

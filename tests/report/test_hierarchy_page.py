@@ -143,7 +143,7 @@ def test_tables_hold_every_source_and_every_difference(study: Path, tmp_path: Pa
         f"{name}.{kind}" for name in ("sources", "paired") for kind in ("csv", "md", "tex")
     }
     sources = (tmp_path / "tables" / "sources.csv").read_text()
-    assert "unaware,rover-mpc-unaware,constant:STRAIGHT,real,2,0.0" in sources
+    assert "unaware,mpc-blind,rover-mpc-unaware,constant:STRAIGHT,real,2,0.0" in sources
     assert "positive control" in (tmp_path / "tables" / "paired.csv").read_text()
 
 

@@ -20,9 +20,9 @@ from eyechart.perception.forward import ROVER, ForwardReading, read_forward
 from eyechart.perception.scene import safe_action
 from eyechart.prompts import FORWARD_PROMPTS
 from eyechart.simulators.road.layout import FAMILIES, GOAL_M, TRACKS_M, Layout, Obstacle, make_layout
-from eyechart.simulators.road.picture import camera_of
+from eyechart.simulators.road.picture import camera_of, draw
 from eyechart.simulators.road.staging import FAR_M, NEAR_M
-from eyechart.simulators.road.truth import read_truth
+from eyechart.simulators.road.truth import read_truth, unseen_sides
 from eyechart.simulators.rover import Rover
 from eyechart.simulators.rover.bicycle import RADIUS_M, WHEELBASE_M, State, advance
 from eyechart.simulators.rover.tracking import INNER_S, INTENTS
@@ -93,6 +93,21 @@ def test_braking_and_going_straight_keep_the_track_that_was_asked_for() -> None:
     assert world.state.y == pytest.approx(2.0, abs=0.05)
     world = decide(decide(decide(world, "RIGHT"), "SLOW"), "SLOW")
     assert world.state.y == pytest.approx(0.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("ahead_m", "sides"), [(-1.5, ""), (-1.0, "left"), (0.0, "left"), (0.9, "left"), (1.3, ""), (6.0, "")]
+)
+def test_what_stands_beside_a_forward_camera_closes_a_side_and_is_not_in_its_picture(
+    ahead_m: float, sides: str
+) -> None:
+    """Truth counts it, no picture shows it; a reader of the picture says of an unseen side that it is clear."""
+    world = world_of((ahead_m, 2.0))
+    assert unseen_sides(world) == frozenset(sides.split())
+    assert unseen_sides(world.mirrored()) == frozenset(sides.replace("left", "right").split())
+    reading = read_forward(draw(world), ROVER)
+    assert reading is not None
+    assert reading.scene.left_clear == (bool(sides) or bool(read_truth(world)["left_clear"]))
 
 
 def test_stop_brings_the_fastest_rover_to_rest_before_a_near_obstacle() -> None:

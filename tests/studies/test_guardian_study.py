@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import published_votes
+import roads
 from banks import build_bank
 from eyechart.errors import GuardianError, VoteError
 from eyechart.frames import open_bank
@@ -239,6 +240,20 @@ def test_a_replay_is_equivariant_and_the_reader_keeps_collision_and_sides(
         study.replay(frozen, held_out, lambda _: None)
 
 
+def test_a_replay_reads_the_pictures_of_a_forward_camera(tmp_path: Path) -> None:
+    """With the rover's own distances: STOP below 5 m, the free side below 8 m, STRAIGHT where it is called clear."""
+    bank = roads.build_bank(tmp_path / "bank")
+    truth = study.hazards_of(bank)
+    lines = [f"{frame.id},{','.join(4 * [str(truth[frame.id])])}" for frame in bank]
+    votes = tmp_path / "votes.csv"
+    votes.write_text("frame,a/original,a/reflected,b/original,b/reflected\n" + "\n".join(lines))
+    table = study.read_votes(votes, bank=bank)
+    frozen = study.fit(table.keep([table.frames[2], table.frames[7]]))
+    found = study.replay(frozen, frozen.unseen(table), study.reader_of(bank))
+    assert list(found.actions.values()) == ["STOP", "STOP", "RIGHT", "STRAIGHT", "STRAIGHT", "STRAIGHT"]
+    assert (found.equivariance.value, found.equivariance.n, found.unread) == (1.0, 6, ())
+
+
 def test_votes_are_read_back_as_they_were_written(table: study.VoteTable, tmp_path: Path) -> None:
     """From CSV with a file about them, and from JSON lines; an empty cell is a missing vote."""
     votes = table.votes.copy()
@@ -314,3 +329,36 @@ def test_a_committee_of_four_can_be_chosen_and_one_of_five_cannot(table: study.V
         study.fit(table.keep(table.frames[:5]))
     with pytest.raises(VoteError, match="no votes of 'nobody'"):
         study.fit(table.without(()), models=("nobody", GEMMA))
+
+
+def test_votes_of_several_runs_make_one_committee_and_what_does_not_fit_is_named(table: study.VoteTable) -> None:
+    """A run a model, in any order of models and frames: the same guardian; each way not to fit is said."""
+    apart = [
+        replace(table, name=model, models=(model,), votes=table.of([model]), about=table.about.only([model]))
+        for model in reversed(table.models)
+    ]
+    back = slice(None, None, -1)
+    assert table.split is not None
+    apart[1] = replace(
+        apart[1],
+        frames=table.frames[back],
+        episodes=table.episodes[back],
+        hazard=table.hazard[back],
+        votes=apart[1].votes[:, back],
+        split=table.split[back],
+        unfinished={apart[1].models[0]: 3},
+    )
+    joined = study.join(apart)
+    assert (joined.models, joined.frames, joined.unfinished) == (table.models, apart[0].frames, {apart[1].name: 3})
+    assert np.array_equal(joined.votes, table.votes)
+    whole = replace(joined, unfinished={})
+    assert study.fit(whole.part("calibration")).digest == study.fit(table.part("calibration")).digest
+    one, other = apart[0], apart[2]
+    for wrong, message in (
+        (one, f"'{one.name}' votes in {one.name} and in another table"),
+        (replace(other, about=replace(other.about, view="another")), f"the view of {other.name} is not that of"),
+        (other.keep(other.frames[1:]), "frame 'f000' is in one of them only"),
+        (replace(other, hazard=~other.hazard), "say of a frame another hazard"),
+    ):
+        with pytest.raises(VoteError, match=message):
+            study.join([one, wrong])

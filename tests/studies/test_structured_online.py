@@ -68,6 +68,12 @@ def test_a_world_that_tells_what_is_not_in_the_picture_fails_the_positive_contro
     assert "positive control: the gap is read 0.2" in found.why
 
 
+def test_a_world_is_not_refused_for_what_stands_beside_a_forward_camera() -> None:
+    """At three of 24 frames an obstacle beside the rover closes a side, which no picture shows; it is counted."""
+    found = vet(open_simulator("rover"), "offset", 0, None)
+    assert (found.why, found.frames, found.unseen, found.ended) == (None, 24, 3, "goal")
+
+
 def test_too_few_worlds_and_no_run_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With the last world's fault in words, before anything is written."""
     monkeypatch.setattr("eyechart.studies.structured.vetting._SEEDS_TRIED", 1)

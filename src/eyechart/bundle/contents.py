@@ -15,11 +15,18 @@ from eyechart.errors import BundleError
 from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest
+from eyechart.perception.estimate import SCENE_READER
 from eyechart.reader import READER
-from eyechart.report.evidence import SHOWN, Evidence, Tell, evidence_of, subjects
-from eyechart.report.page import make_page
+from eyechart.report.estimates import estimates_of, estimators
+from eyechart.report.estimates_page import make_estimates_page
+from eyechart.report.estimates_sheets import estimates_files
+from eyechart.report.evidence import SHOWN, Tell, evidence_of, subjects
+from eyechart.report.page import Page, make_page
 from eyechart.report.sheets import sheet_files
+from eyechart.studies import structured
+from eyechart.studies.battery import BatteryScore
 from eyechart.studies.battery.scoring import score_run
+from eyechart.studies.structured import StructuredScore
 
 FORMAT = "eyechart-bundle/1"
 INDEX = "bundle.json"
@@ -59,9 +66,9 @@ class Recipe:
     drawn_with: Mapping[str, str]
 
     @classmethod
-    def here(cls, name: str, *, resamples: int, independent: bool) -> "Recipe":
-        """Return the recipe of results that are made by this eyechart."""
-        return cls(name, resamples, independent, __version__, READER, drawn_with())
+    def here(cls, name: str, *, resamples: int, independent: bool, scene: bool = False) -> "Recipe":
+        """Return the recipe of results that are made by this eyechart, of decisions or of estimates of a ``scene``."""
+        return cls(name, resamples, independent, __version__, SCENE_READER if scene else READER, drawn_with())
 
     @classmethod
     def from_dict(cls, raw: Mapping[str, object]) -> "Recipe":
@@ -69,10 +76,12 @@ class Recipe:
         name, resamples, independent, drawn = (
             raw.get(key) for key in ("name", "resamples", "independent", "drawn_with")
         )
-        if raw.get("eyechart") != __version__ or raw.get("reader") != READER:
+        reader = raw.get("reader")
+        if raw.get("eyechart") != __version__ or reader not in {READER, SCENE_READER}:
             raise BundleError(
-                f"this bundle was made by eyechart {raw.get('eyechart')!r} with version {raw.get('reader')!r} of the "
-                f"reader of replies, and this is {__version__} with {READER}; validate it with the one that made it"
+                f"this bundle was made by eyechart {raw.get('eyechart')!r} with version {reader!r} of the reader of "
+                f"replies, and this is {__version__} with {READER}, of scenes {SCENE_READER}; validate it with the "
+                "one that made it"
             )
         if not isinstance(name, str) or not isinstance(independent, bool) or not isinstance(drawn, dict):
             raise BundleError(f"{INDEX} does not say how its results were made")
@@ -80,7 +89,7 @@ class Recipe:
             raise BundleError(
                 f"{INDEX}: resamples is {resamples!r}, not a number from {RESAMPLES[0]} to {RESAMPLES[1]}"
             )
-        return cls(name, resamples, independent, __version__, READER, {str(k): str(v) for k, v in drawn.items()})
+        return cls(name, resamples, independent, __version__, reader, {str(k): str(v) for k, v in drawn.items()})
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
@@ -99,9 +108,9 @@ def drawn_with() -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Derived:
-    """What follows from a run: its results as plain values, and every file that prints them."""
+    """What follows from a run: its score, its results as plain values, and every file that prints them."""
 
-    evidence: Evidence
+    score: BatteryScore | StructuredScore
     results: dict[str, object]
     files: dict[str, bytes]
 
@@ -112,17 +121,36 @@ def derive(
     """Compute results, report and tables from the ledger in a run's folder, its bank, and the bank with pictures."""
     ledger_path = run / LEDGER
     tell("scoring")
+    if manifest.study in structured.STUDIES:
+        told = structured.score_run(manifest, banks[0], ledger_path, resamples=recipe.resamples)
+        estimates = estimates_of(recipe.name, told, ledger_path, banks[1], SHOWN)
+        results = _results(told, ledger_path, {})
+        tables = estimates_files(estimators([estimates]))
+        return _derived(told, results, make_estimates_page([estimates], tell=tell), tables)
     scored = score_run(manifest, banks[0], ledger_path, resamples=recipe.resamples, independent=recipe.independent)
     evidence = evidence_of(recipe.name, scored, ledger_path, banks[1], SHOWN)
+    results = _results(scored, ledger_path, {spec: one.as_dict() for spec, one in evidence.verdicts.items()})
+    return _derived(scored, results, make_page([evidence], tell=tell), sheet_files(subjects([evidence])))
+
+
+def _derived(
+    score: BatteryScore | StructuredScore, results: dict[str, object], page: Page, tables: Mapping[str, bytes]
+) -> Derived:
+    sheets = {f"{TABLES}{name}": content for name, content in tables.items()}
+    return Derived(score, results, {RESULTS: as_json(results), REPORT: page.html, README: _HOW.encode(), **sheets})
+
+
+def _results(
+    score: BatteryScore | StructuredScore, ledger_path: Path, verdicts: Mapping[str, object]
+) -> dict[str, object]:
+    """Return a score as plain values, with a digest of all replies; what has no verdict says nothing of one."""
     results: dict[str, object] = {
-        "score": scored.as_dict(),
-        "verdicts": {spec: one.as_dict() for spec, one in evidence.verdicts.items()},
-        "replies_sha256": {spec: _digests(ledger_path, spec) for spec in scored.models},
+        "score": score.as_dict(),
+        **({"verdicts": dict(verdicts)} if verdicts else {}),
+        "replies_sha256": {spec: _digests(ledger_path, spec) for spec in score.models},
     }
-    results = json.loads(as_json(results))
-    page = make_page([evidence], tell=tell)
-    tables = {f"{TABLES}{name}": content for name, content in sheet_files(subjects([evidence])).items()}
-    return Derived(evidence, results, {RESULTS: as_json(results), REPORT: page.html, README: _HOW.encode(), **tables})
+    found: dict[str, object] = json.loads(as_json(results))
+    return found
 
 
 def _digests(ledger_path: Path, spec: str) -> dict[str, str]:

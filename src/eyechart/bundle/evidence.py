@@ -10,12 +10,15 @@ from eyechart.errors import EyechartError
 from eyechart.frames import FrameBank, read_bounded
 from eyechart.ledger import Ledger
 from eyechart.manifest import RunManifest
-from eyechart.perception.view import through
+from eyechart.perception.view import find_view, through
 from eyechart.run import Plan
 from eyechart.studies.battery.planning import plan_of
 
 MADE = ("blank", "noise", "mirrored")
-"""Conditions whose pictures are encoded when they are shown; another library may encode them to other bytes."""
+"""Conditions whose pictures are encoded when they are shown, which another library may do to other bytes.
+
+Through a view all are.
+"""
 
 
 def check_bank(manifest: RunManifest, bank: FrameBank) -> Iterator[Difference]:
@@ -69,7 +72,8 @@ def check_requests(
     Return the differences, how many requests were compared, and the conditions whose pictures this machine encodes
     to other bytes, of which none could be compared; with the ``same_encoder`` there are none of those.
     """
-    plan, requests = plan_of(manifest, bank), dict[tuple[str, str], str]()
+    plan, requests = plan_of(manifest, bank, view=find_view(manifest.view)), dict[tuple[str, str], str]()
+    made = MADE if plan.view is None else plan.conditions
     differs: dict[str, list[Difference]] = {}
     alike: dict[str, int] = {}
     for model in manifest.models:
@@ -83,7 +87,7 @@ def check_requests(
             else:
                 where = f"ledger, request of {model} about frame '{key.frame}' under {key.condition}"
                 differs.setdefault(key.condition, []).append(Difference(where, digest, requests[shown]))
-    unlike = [name for name in MADE if not same_encoder and name in differs and name not in alike]
+    unlike = [name for name in made if not same_encoder and name in differs and name not in alike]
     found = [one for name, many in differs.items() if name not in unlike for one in many]
     return found, sum(alike.values()) + len(found), unlike
 

@@ -16,6 +16,7 @@ from eyechart.frames import FrameBank, inside, open_bank, read_bounded
 from eyechart.ledger import Ledger
 from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, RunManifest, as_text, asked_of, read_run
 from eyechart.report.evidence import Tell, find_pictures, used_pictures
+from eyechart.studies import structured
 from eyechart.studies.battery.scoring import require_scorable
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)
@@ -40,12 +41,16 @@ def write_bundle(
     """
     require_free(out, "bundle")
     manifest, bank = read_run(run)
-    require_scorable(run, manifest, bank, independent=independent, reread=reread)
+    scene = manifest.study in structured.STUDIES
+    if scene:
+        structured.require_scorable(run, manifest, reread=reread)
+    else:
+        require_scorable(run, manifest, bank, independent=independent, reread=reread)
     tell("looking for the pictures")
     pictures, about = find_pictures(manifest, bank, run, banks)
     if pictures is None:
         raise BundleError(f"the pictures of {run} are not at hand: {about}; give the bank with --frames")
-    recipe = Recipe.here(run.resolve().name or "run", resamples=resamples, independent=independent)
+    recipe = Recipe.here(run.resolve().name or "run", resamples=resamples, independent=independent, scene=scene)
     with tempfile.TemporaryDirectory(prefix="eyechart-bundle-") as work:
         folder = Path(work) / "bundle"
         _snapshot(run, folder / RUN_FOLDER, manifest, pictures)

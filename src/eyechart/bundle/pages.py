@@ -223,6 +223,8 @@ def _same_attribute(
 
 def _compare_data(printed: str, recomputed: str, rounding: Rounding, how: Strictness) -> Iterator[Difference]:
     blocks = [_DATA.search(html) for html in (printed, recomputed)]
+    if blocks == [None, None]:  # a page of scene estimates, which has no browser of frames
+        return
     try:
         mine, theirs = (json.loads(block.group(2)) for block in blocks if block is not None)
     except (ValueError, RecursionError):

@@ -239,7 +239,7 @@ def _result_name(path: tuple[str | int, ...]) -> str:
 
 
 def _counted(manifest: RunManifest, bank: FrameBank, derived: Derived) -> dict[str, int]:
-    models = derived.evidence.score.models
+    models = derived.score.models
     return {
         "models": len(manifest.models),
         "statistics": sum(len(one.statistics) for one in models.values()),

@@ -20,7 +20,12 @@ app = typer.Typer(
     no_args_is_help=True,
 )
 
-_Votes = Annotated[Path, typer.Argument(help="Folder of a run of scene estimates, or a table.", metavar="VOTES")]
+_Votes = Annotated[
+    list[Path],
+    typer.Argument(
+        help="Folder of a run of scene estimates, or a table; of several on the same frames, more.", metavar="VOTES..."
+    ),
+]
 _Guardian = Annotated[Path, typer.Argument(help="File of a guardian, as 'fit' writes it.", metavar="GUARDIAN")]
 _Frames = Annotated[Path | None, typer.Option(help="The bank; truth and episodes are then its own.")]
 _Hazard = Annotated[str, typer.Option(help="The bank's column of hazards; without it, a gap below its threshold.")]
@@ -113,7 +118,7 @@ def score(
     table = _left(_read(votes, frames, hazard, about, columns), frozen, unseen=unseen)
     fresh = None
     if bound is not None:
-        fresh = _part(_read(bound, frames, hazard, about, columns), "bound")
+        fresh = _part(_read([bound], frames, hazard, about, columns), "bound")
     elif bound_episodes is not None:
         names = [name.strip() for name in bound_episodes.split(",") if name.strip()]
         fresh = table.of_episodes(names)
@@ -201,8 +206,10 @@ def modular(
     found = study.replay(frozen, table, study.reader_of(bank))
     if json:
         print_json(found.as_dict())
-    else:
-        _print(replay_lines(found))
+        return
+    _print(replay_lines(found))
+    for line in found.warnings:
+        say(f"warning: {line}")
 
 
 @app.command()
@@ -228,7 +235,17 @@ def export(
     say(f"wrote {out}; 'eyechart serve {out}' serves it")
 
 
-def _read(votes: Path, frames: Path | None, hazard: str, about: Path | None, columns: list[str] | None) -> "VoteTable":
+def _read(
+    votes: list[Path], frames: Path | None, hazard: str, about: Path | None, columns: list[str] | None
+) -> "VoteTable":
+    from eyechart.studies.guardian import join
+
+    return join([_read_one(one, frames, hazard, about, columns) for one in votes])
+
+
+def _read_one(
+    votes: Path, frames: Path | None, hazard: str, about: Path | None, columns: list[str] | None
+) -> "VoteTable":
     from eyechart.errors import VoteError
     from eyechart.frames import open_bank
     from eyechart.studies.guardian import read_votes, votes_of_run
@@ -270,7 +287,7 @@ def _write_page(found: "GuardianScore", frames: Path | None, out: Path) -> None:
 
 
 def _left(table: "VoteTable", frozen: "Frozen", *, unseen: bool) -> "VoteTable":
-    return table.without(frozen.selection.frames) if unseen and frozen.selection is not None else table
+    return frozen.unseen(table) if unseen else table
 
 
 def _part(table: "VoteTable", name: str) -> "VoteTable":

@@ -1,5 +1,6 @@
 """``eyechart report`` writes one page that shows a run's evidence; it makes no call and changes nothing."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,6 +10,9 @@ from eyechart.cli.auditing import Against
 from eyechart.cli.terminal import patience, say
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from eyechart.report.evidence import Tell
     from eyechart.report.page import Page
 
 
@@ -28,86 +32,111 @@ def report(
 ) -> None:
     """Write one self-contained HTML page with verdicts, figures, statistics and every reply.
 
-    Of a battery, of episodes, or of a whole study of the hierarchy. It needs no network and shows in any browser.
+    Of batteries, of episodes, of a whole study of the hierarchy, or of scene estimates: the clauses of admission and
+    the worst frames with what was told of them. It needs no network and shows in any browser.
     Example: eyechart report run --out report.html
     """
     from eyechart.destination import require_free
     from eyechart.errors import SpecError
-    from eyechart.report.evidence import read_evidence, subjects
     from eyechart.report.figures import write_figures
-    from eyechart.report.page import make_page, write_page
-    from eyechart.report.sheets import write_sheets
-    from eyechart.studies import closed_loop, hierarchy
+    from eyechart.report.page import write_page
 
     require_free(out, "report")
-    if any(studied := [hierarchy.is_hierarchy(run) for run in runs]):
-        if len(studied) > 1:
-            raise SpecError("a report is about one hierarchy: make one of each study")
-        _report_hierarchy(runs[0], out, figures, tables)
-        return
-    if any(drove := [closed_loop.is_episodes(run) for run in runs]):
-        if not all(drove):
-            raise SpecError("a report is about batteries or about episodes: make one of each kind of run")
-        _report_drives(runs, out, figures, tables, against)
-        return
-    if against is not None:
+    kind = _kind_of(runs)
+    if against is not None and kind != "drives":
         raise SpecError("--against names a policy of a run of drives, and these are none")
     with patience("report") as tell:
-        evidence = read_evidence(runs, frames or (), independent=independent, reread=reread, tell=tell)
-        page = make_page(evidence, tell=tell)
-        write_page(page, out)
+        if kind == "hierarchy":
+            made = _of_hierarchy(runs[0], tell)
+        elif kind == "drives":
+            made = _of_drives(runs, against, tell)
+        elif kind == "estimates":
+            made = _of_estimates(runs, frames or [], tell, reread=reread)
+        else:
+            made = _of_batteries(runs, frames or [], tell, independent=independent, reread=reread)
+        write_page(made.page, out)
         if figures is not None:
             tell("files of figures")
-            say(f"{len(write_figures(page.drawings, figures))} files of figures in {figures}")
-    for run in evidence:
-        if run.pictures is None:
-            say(f"{run.name}: without pictures, because {run.about_pictures}; give the bank with --frames")
+            say(f"{len(write_figures(made.page.drawings, figures))} files of figures in {figures}")
     if tables is not None:
-        say(f"{len(write_sheets(subjects(evidence), tables))} tables in {tables}")
-    say(f"wrote {out}, {len(page.html) / 1e6:.1f} MB")
+        say(f"{len(made.write_tables(tables))} tables in {tables}")
+    for line in made.lines:
+        say(line)
+    say(f"wrote {out}, {len(made.page.html) / 1e6:.1f} MB")
 
 
-def _report_drives(runs: list[Path], out: Path, figures: Path | None, tables: Path | None, against: str | None) -> None:
-    """Write the report of runs of episodes."""
+@dataclass(frozen=True)
+class _Made:
+    """A page, how its tables are written, and what is to be said of it."""
+
+    page: "Page"
+    write_tables: "Callable[[Path], Sequence[Path]]"
+    lines: "Sequence[str]"
+
+
+def _kind_of(runs: "Sequence[Path]") -> str:
+    """Return which kind of run these are; raises SpecError where they are of several."""
+    from eyechart.errors import SpecError
+    from eyechart.studies import closed_loop, hierarchy, structured
+
+    tests = {
+        "hierarchy": hierarchy.is_hierarchy,
+        "drives": closed_loop.is_episodes,
+        "estimates": structured.is_structured,
+    }
+    kinds = {run: next((kind for kind, test in tests.items() if test(run)), "batteries") for run in runs}
+    if len(set(kinds.values())) > 1:
+        told = ", ".join(f"{run} of {kind}" for run, kind in kinds.items())
+        raise SpecError(f"a report is about one kind of run ({told}): make one of each")
+    kind = kinds[runs[0]]
+    if kind == "hierarchy" and len(runs) > 1:
+        raise SpecError("a report is about one hierarchy: make one of each study")
+    return kind
+
+
+def _of_batteries(
+    runs: "Sequence[Path]", banks: "Sequence[Path]", tell: "Tell", *, independent: bool, reread: bool
+) -> _Made:
+    from eyechart.report.evidence import read_evidence, subjects
+    from eyechart.report.page import make_page
+    from eyechart.report.sheets import write_sheets
+
+    evidence = read_evidence(runs, banks, independent=independent, reread=reread, tell=tell)
+    lacking = [
+        f"{run.name}: without pictures, because {run.about_pictures}; give the bank with --frames"
+        for run in evidence
+        if run.pictures is None
+    ]
+    return _Made(make_page(evidence, tell=tell), lambda folder: write_sheets(subjects(evidence), folder), lacking)
+
+
+def _of_estimates(runs: "Sequence[Path]", banks: "Sequence[Path]", tell: "Tell", *, reread: bool) -> _Made:
+    from eyechart.report.estimates import estimators, read_estimates
+    from eyechart.report.estimates_page import make_estimates_page
+    from eyechart.report.estimates_sheets import write_estimates_sheets
+
+    evidence = read_estimates(runs, banks, reread=reread, tell=tell)
+    page = make_estimates_page(evidence, tell=tell)
+    return _Made(page, lambda folder: write_estimates_sheets(estimators(evidence), folder), page.notes)
+
+
+def _of_drives(runs: "Sequence[Path]", against: str | None, tell: "Tell") -> _Made:
     from eyechart.report.drives_page import make_drives_page
     from eyechart.report.drives_sheets import write_drives_sheets
-    from eyechart.report.figures import write_figures
-    from eyechart.report.page import write_page
     from eyechart.studies.closed_loop import score
 
-    with patience("report") as tell:
-        tell("scoring")
-        scored = score(runs, against_policy=against)
-        page = make_drives_page(runs, scored, tell=tell)
-        write_page(page, out)
-    if figures is not None:
-        say(f"{len(write_figures(page.drawings, figures))} files of figures in {figures}")
-    if tables is not None:
-        say(f"{len(write_drives_sheets(scored, tables))} tables in {tables}")
-    _told(page, out)
+    tell("scoring")
+    scored = score(runs, against_policy=against)
+    page = make_drives_page(runs, scored, tell=tell)
+    return _Made(page, lambda folder: write_drives_sheets(scored, folder), page.notes)
 
 
-def _report_hierarchy(study: Path, out: Path, figures: Path | None, tables: Path | None) -> None:
-    """Write the report of a study of the hierarchy."""
-    from eyechart.report.figures import write_figures
+def _of_hierarchy(study: Path, tell: "Tell") -> _Made:
     from eyechart.report.hierarchy_page import make_hierarchy_page
     from eyechart.report.hierarchy_sheets import write_hierarchy_sheets
-    from eyechart.report.page import write_page
     from eyechart.studies.hierarchy import score
 
-    with patience("report") as tell:
-        tell("scoring")
-        scored = score(study)
-        page = make_hierarchy_page(study, scored, tell=tell)
-        write_page(page, out)
-    if figures is not None:
-        say(f"{len(write_figures(page.drawings, figures))} files of figures in {figures}")
-    if tables is not None:
-        say(f"{len(write_hierarchy_sheets(scored, tables))} tables in {tables}")
-    _told(page, out)
-
-
-def _told(page: "Page", out: Path) -> None:
-    for note in page.notes:
-        say(note)
-    say(f"wrote {out}, {len(page.html) / 1e6:.1f} MB")
+    tell("scoring")
+    scored = score(study)
+    page = make_hierarchy_page(study, scored, tell=tell)
+    return _Made(page, lambda folder: write_hierarchy_sheets(scored, folder), page.notes)

@@ -221,7 +221,13 @@ def costs(
 
 def gate(
     run: _Run,
-    require: Annotated[str, typer.Option(help="depth, depth_lateral, swaps; several with commas.")] = "depth",
+    require: Annotated[
+        str | None,
+        typer.Option(
+            help="depth (default), depth_lateral, swaps; of scene estimates: admission (default) or its clauses. "
+            "Several with commas."
+        ),
+    ] = None,
     max_unparsed: Annotated[float | None, typer.Option(help="Highest rate of calls without a decision.")] = None,
     junit: Annotated[Path | None, typer.Option(help="Write the checks as JUnit XML.")] = None,
     json: Json = False,
@@ -230,16 +236,25 @@ def gate(
 ) -> None:
     """Hold a run to what is required. Exit 0: it holds; 1: it fails; 2: the run cannot say, or bad input.
 
-    An empty or unfinished run never passes. Example: eyechart gate run --require depth,swaps --junit gate.xml
+    An empty or unfinished run never passes. Of an admission or a structured run every clause of admission is a check.
+    Example: eyechart gate run --require depth,swaps --junit gate.xml
     """
     from eyechart.destination import require_free, whole
-    from eyechart.gate import hold, read_requirements
+    from eyechart.errors import SpecError
+    from eyechart.gate import ADMISSION, REQUIREMENTS, hold, hold_admission, read_requirements
     from eyechart.studies import battery as study
+    from eyechart.studies import structured
 
-    wanted = read_requirements(require)
+    if structured.online.is_online(run):
+        raise SpecError(f"{run} is an online run, which bounds no claim: hold an admission or structured run to one")
+    told = structured.is_structured(run)
+    wanted = read_requirements(require or ("admission" if told else "depth"), ADMISSION if told else REQUIREMENTS)
     if junit is not None:
         require_free(junit, "JUnit file")
-    held = hold(study.score(run, independent=independent, reread=reread), wanted, max_unparsed=max_unparsed)
+    if told:
+        held = hold_admission(structured.score(run, reread=reread), wanted, max_unparsed=max_unparsed)
+    else:
+        held = hold(study.score(run, independent=independent, reread=reread), wanted, max_unparsed=max_unparsed)
     if json:
         print_json(held.as_dict())
     else:

@@ -14,7 +14,7 @@ from eyechart.actions import Missing
 from eyechart.perception.scene import HIGHWAY, Distances, Scene, safe_action
 from eyechart.reader import READ_AT_MOST, refuses, without_thinking
 
-SCENE_READER = 1
+SCENE_READER = 2
 """The version of these rules. A run records it, so that scenes read by other rules are never taken for these."""
 
 MOST_GAP_M = 1000.0
@@ -44,6 +44,7 @@ Unscened = Literal[
     "missing_field",
     "wrong_type",  # a word or a number for true or false, a word for a number
     "out_of_range",  # a gap below 0 or above 1000 m, a confidence outside 0 to 1
+    "too_long",  # more words than are read, so that an estimate beyond them might say otherwise
 ]
 """Why a reply of words holds no estimate."""
 
@@ -133,12 +134,14 @@ def read_estimate(text: str, finish_reason: str | None, error: str | None) -> Sc
 
     In order: an error, a cut-off (``length``) or a filter's refusal is the reason there is none. What stands in
     ``<think>`` is no answer. Then the JSON object in what is left. Fields that the schema does not have are not read.
+    Nothing is read of an answer that is longer than `READ_AT_MOST`, for a part of it is not what the model said;
+    thinking may be longer.
     """
     if error is not None:
         return SceneReply(None, "error")
     if finish_reason in _ENDED:
         return SceneReply(None, _ENDED[finish_reason])
-    visible = without_thinking(text[-READ_AT_MOST:]).strip()
+    visible = without_thinking(text).strip()
     if not visible:
         return SceneReply(None, "empty")
     repairs: dict[Repair, None] = {}
@@ -153,6 +156,8 @@ def read_estimate(text: str, finish_reason: str | None, error: str | None) -> Sc
 
 def _only_one(text: str, repairs: dict[Repair, None]) -> dict[str, object]:
     """Return the one object of a text, noting what had to be set right; raises _Unreadable where there is not one."""
+    if len(text) > READ_AT_MOST:
+        raise _Unreadable("too_long")
     spans = list(_spans(text))
     if not spans:
         raise _Unreadable("malformed" if "{" in text else "no_object")

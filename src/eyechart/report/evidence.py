@@ -91,7 +91,7 @@ def read_evidence(
     Raises LedgerError or BankError where a folder is no run. Pictures that are missing or differ raise nothing.
     """
     found = []
-    for path, name in zip(runs, _names(runs), strict=True):
+    for path, name in zip(runs, names_of(runs), strict=True):
         tell(f"scoring {name}")
         scored = study.score(path, independent=independent, reread=reread)
         tell(f"checking the pictures of {name}")
@@ -128,7 +128,7 @@ def subjects(evidence: Sequence[Evidence]) -> list[Subject]:
     ]
 
 
-def _names(runs: Sequence[Path]) -> list[str]:
+def names_of(runs: Sequence[Path]) -> list[str]:
     """Return the runs' folder names, numbered where two are the same."""
     names = [path.resolve().name or "run" for path in runs]
     return [

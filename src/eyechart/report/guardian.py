@@ -83,7 +83,7 @@ def score_lines(found: GuardianScore, *, bounds: bool = True) -> Iterator[str]:
     detail = found.mcnemar.detail or {"b": 0, "c": 0}
     p = found.mcnemar.p
     exact = f" ({p:.3g})" if p is not None and p < 0.0001 else ""
-    yield "* the guardian's own operating point; intervals: " + found.rows["two_way"]["bal"].method
+    yield f"* the guardian's own operating point; intervals: {_method(found)}"
     yield (
         f"Two-way against the single model: {detail['b']} errors corrected, {detail['c']} made; exact McNemar p "
         f"{p_value(p)}{exact}"
@@ -96,6 +96,14 @@ def score_lines(found: GuardianScore, *, bounds: bool = True) -> Iterator[str]:
         yield f"{found.incomplete} frames lack votes; missing votes never count as clear"
     if bounds and found.bound is not None:
         yield from bound_lines(found.bound)
+
+
+def _method(found: GuardianScore) -> str:
+    """Return how the intervals of the table were made, or why there is none."""
+    rows = [row["bal"] for row in found.rows.values()]
+    made = [one.method for one in rows if one.ci is not None]
+    notes = [one.note for one in rows if one.note]
+    return made[0] if made else f"none, because {notes[0] if notes else 'no class was answered'}"
 
 
 def bound_lines(found: Bound) -> Iterator[str]:

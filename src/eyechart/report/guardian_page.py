@@ -13,7 +13,7 @@ from eyechart.errors import EyechartError
 from eyechart.frames import FrameBank, decode, encode
 from eyechart.guardian import interface_of
 from eyechart.report.assets import fill
-from eyechart.report.drawing import BLUE, INK, MUTED, VERMILLION, Drawing, canvas
+from eyechart.report.drawing import BLUE, INK, MUTED, VERMILLION, Drawing, canvas, style
 from eyechart.report.guardian import bound_lines, row_names, score_lines
 from eyechart.report.tables import number
 from eyechart.stats.statistic import Statistic
@@ -76,6 +76,11 @@ def write_guardian_page(found: GuardianScore, bank: FrameBank | None, out: Path)
 
 def curve(found: GuardianScore) -> Drawing:
     """Draw the share of wrong answers against the share of frames answered, with the operating points on it."""
+    with style():
+        return _curve(found)
+
+
+def _curve(found: GuardianScore) -> Drawing:
     figure, axes = canvas(6.4, 3.4, (0.7, 0.2, 0.55, 0.2))
     points = [(one.answered / one.frames, one.wrong / one.answered) for one in found.curve]
     axes.plot([x for x, _ in points], [y for _, y in points], color=BLUE, linewidth=1.6, marker="o", markersize=3)

@@ -33,7 +33,11 @@ class Moved:
 
 
 class Drive(Protocol):
-    """A world under way. Equal scenario, seed and actions give equal pictures, truths and moves."""
+    """A world under way. Equal scenario, seed and actions give equal pictures, truths and moves.
+
+    A drive whose camera does not show what stands beside it says so in a further method, ``unseen_sides() ->
+    frozenset[str]``: which of left and right is closed by nothing in the picture. Vetting does not judge those.
+    """
 
     def picture(self) -> RGB:
         """Return what the camera shows now, shape (h, w, 3), uint8; asking has no effect on the world."""

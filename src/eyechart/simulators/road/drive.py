@@ -6,7 +6,7 @@ from typing import Generic, TypeVar
 from eyechart.frames import RGB, Scalar
 from eyechart.simulators import Moved
 from eyechart.simulators.road.picture import draw
-from eyechart.simulators.road.truth import read_truth
+from eyechart.simulators.road.truth import read_truth, unseen_sides
 from eyechart.simulators.road.world import DECISION_S, AnyWorld
 
 CRASH_REWARD = -10.0
@@ -38,6 +38,10 @@ class RoadDrive(Generic[W]):
     def truth(self) -> Mapping[str, Scalar]:
         """Return the columns of the banks."""
         return read_truth(self._world)
+
+    def unseen_sides(self) -> frozenset[str]:
+        """Return the sides, left and right, that are closed by nothing that the picture shows."""
+        return unseen_sides(self._world)
 
     def step(self, action: str) -> Moved:
         """Drive on for a second; raises ValueError for an action that is none, and after the end."""

@@ -1,11 +1,17 @@
 """Ground truth is read from a world's geometry, never from its picture."""
 
+import math
 from collections.abc import Iterable
+
+import numpy as np
 
 from eyechart.frames import Scalar
 from eyechart.perception.scene import Scene, safe_action
 from eyechart.simulators.road.layout import TRACKS_M, Obstacle
 from eyechart.simulators.road.world import AnyWorld
+
+_ROUND = np.stack([fn(np.linspace(0, 2 * math.pi, 72, endpoint=False)) for fn in (np.cos, np.sin)])
+"""Points around a foot, as directions from its middle, shape (2, 72)."""
 
 
 def gap_to(world: AnyWorld, obstacle: Obstacle) -> float:
@@ -42,15 +48,50 @@ def read_scene(world: AnyWorld) -> Scene:
 
 def _is_clear(world: AnyWorld, track: int) -> bool:
     """Return whether a track exists and nothing blocks it from beside the vehicle to ``ahead_m`` before it."""
-    if not 0 <= track < len(TRACKS_M):
-        return False
+    return 0 <= track < len(TRACKS_M) and not _closing(world, track)
+
+
+def _closing(world: AnyWorld, track: int) -> list[Obstacle]:
+    """Return what blocks a track from beside the vehicle to ``ahead_m`` before it."""
     x, distances = world.state.x, world.view.distances
-    return not any(
-        blocks(world, one, track)
+    return [
+        one
+        for one in world.layout.obstacles
+        if blocks(world, one, track)
         and one.x + one.radius > x - distances.behind_m
         and one.x - one.radius <= x + distances.ahead_m
-        for one in world.layout.obstacles
+    ]
+
+
+def unseen_sides(world: AnyWorld) -> frozenset[str]:
+    """Return the sides, left and right, that are closed by nothing that the forward camera shows.
+
+    What stands beside the vehicle closes a side from ``behind_m`` behind it on, and a forward camera sees it only from
+    some way ahead.
+    """
+    sides = {"left": world.track + 1, "right": world.track - 1}
+    return frozenset(
+        side
+        for side, track in sides.items()
+        if 0 <= track < len(TRACKS_M)
+        and (closing := _closing(world, track))
+        and not any(_in_picture(world, one, track) for one in closing)
     )
+
+
+def _in_picture(world: AnyWorld, one: Obstacle, track: int) -> bool:
+    """Return whether the camera shows any of what an obstacle has standing in a track's corridor.
+
+    That is a point of its foot that faces the camera, lies in the corridor, and in the wedge of ground in the picture.
+    """
+    view, state = world.view, world.state
+    x, y = one.x + one.radius * _ROUND[0], one.y + one.radius * _ROUND[1]
+    ahead, aside = x - state.x, y - state.y
+    faces = ahead * _ROUND[0] + aside * _ROUND[1] < 0
+    depth = ahead * math.cos(state.yaw) + aside * math.sin(state.yaw)
+    across = aside * math.cos(state.yaw) - ahead * math.sin(state.yaw)
+    shown = (depth > view.depth[-1]) & (np.abs(across) < view.width / 2 / view.focal_px * depth)
+    return bool((faces & shown & (np.abs(y - TRACKS_M[track]) < view.beside_m)).any())
 
 
 def free_tracks(world: AnyWorld) -> tuple[float, ...]:

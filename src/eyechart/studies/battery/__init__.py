@@ -19,7 +19,7 @@ from eyechart.studies.battery.planning import (
     within,
 )
 from eyechart.studies.battery.replication import differences
-from eyechart.studies.battery.scoring import BatteryScore, ModelScore, Took, score, took
+from eyechart.studies.battery.scoring import BatteryScore, ModelScore, Took, score, took, took_run
 from eyechart.studies.battery.stopping import GUARANTEE, VALIDITY, Stopped
 
 __all__ = [
@@ -50,6 +50,7 @@ __all__ = [
     "score",
     "spent_on",
     "took",
+    "took_run",
     "with_earlier",
     "within",
 ]

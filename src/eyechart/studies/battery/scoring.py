@@ -170,9 +170,13 @@ def score_run(
 
 def took(path: Path, *, prices: Prices | None = None) -> Took:
     """Return what every model's calls took, and whether the guards hold, without the statistics."""
-    manifest, bank = read_run(path)
+    return took_run(*read_run(path), path / LEDGER, prices=prices)
+
+
+def took_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, prices: Prices | None = None) -> Took:
+    """Return what `took` does, by a run's manifest and its bank, whoever vouches for these."""
     plan = plan_of(manifest, bank)
-    with Ledger(path / LEDGER) as ledger:
+    with Ledger(ledger_path) as ledger:
         courses = EarlyStop(plan, ledger).courses if manifest.stop_early else {}
         return _took(ledger, manifest, plan, prices or read_prices(), courses)
 

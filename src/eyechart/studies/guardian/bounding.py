@@ -61,12 +61,15 @@ def bound(
     """Bound how often a guardian misses, from the episodes of a table.
 
     ``used`` are the episodes of the score; they and those that chose the guardian are refused with a GuardianError,
-    for a bound on them would not hold. ``risk`` is what conformal risk control is asked for.
+    for a bound on them would not hold, and so is a run that is not finished. ``risk`` is what conformal risk control
+    is asked for.
     """
     for name, value in (("confidence", confidence), ("risk", risk)):
         if not 0 < value < 1:
             raise GuardianError(f"the {name} must lie between 0 and 1, for example 0.95; got {value}")
     frozen.may_score(table)
+    if words := table.unfinished_words(frozen.committee):
+        raise GuardianError(f"{words[0]} and could not be missed hazards: finish it before a bound is taken from it")
     seen = set(frozen.selection.episodes) if frozen.selection else set()
     for what, names in (("chose this guardian", seen), ("is scored", set(used))):
         if shared := sorted(names & set(table.episodes)):

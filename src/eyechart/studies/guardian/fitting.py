@@ -49,6 +49,7 @@ def fit(
         selection=Selection(
             frames=table.frames,
             episodes=tuple(sorted(set(table.episodes))),
+            pictures=table.pictures or (),
             candidates=len(found.committees) * size * len(VIEWS) * points,
             worth=best.worth,
             single=alone,
@@ -59,11 +60,8 @@ def fit(
 
 def require_whole(table: VoteTable, models: Sequence[str]) -> None:
     """Raise GuardianError where the run of a table has still to ask for votes of these models."""
-    if left := table.left(models):
-        raise GuardianError(
-            f"{table.name} is a run that is not finished: {left} calls are left, whose votes would count as missing; "
-            "finish it, or name the models that are with --model"
-        )
+    if words := table.unfinished_words(models):
+        raise GuardianError(f"{words[0]}; finish it, or name the models that are with --model")
 
 
 def require_both(table: VoteTable) -> None:

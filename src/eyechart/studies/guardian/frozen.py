@@ -2,6 +2,8 @@
 
 import hashlib
 import json
+import re
+import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +27,7 @@ TIE_BREAKS = (
 )
 
 _MOST_BYTES = 64_000_000
+_ENDING = re.compile(r"\.(?:png|jpe?g|webp|bmp|gif|tiff?)$")
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +36,8 @@ class Selection:
 
     ``worth`` is the balanced accuracy on those frames, or with ``costs`` minus the expected cost; ``candidates``
     counts the committees with their thresholds and operating points. ``single`` is the best single model on the same
-    frames, by its vote on the original picture.
+    frames, by its vote on the original picture. ``pictures`` are the digests of the frames' pictures, where the bank
+    records them.
     """
 
     frames: tuple[str, ...]
@@ -42,6 +46,7 @@ class Selection:
     worth: float
     single: str
     costs: Costs | None = None
+    pictures: tuple[str, ...] = ()
 
     @property
     def rule(self) -> str:
@@ -89,7 +94,8 @@ class Frozen:
     def may_score(self, table: VoteTable) -> None:
         """Raise GuardianError, naming what it is, where a table must not be scored by this guardian.
 
-        That is a frame that it was chosen on; another bank, prompt or view; another version of one of its models.
+        That is a frame that it was chosen on, also one of another name with the same picture or the same name in
+        another spelling; another bank, prompt or view; another version of one of its models.
         """
         if self.selection is None:
             raise GuardianError(
@@ -103,6 +109,40 @@ class Frozen:
                 f"frame '{seen[0]}' is one of {len(seen)} in {table.name} that chose this guardian; a score on them "
                 "says nothing: leave them out with --unseen"
             )
+        self._require_other_pictures(table)
+
+    def unseen(self, table: VoteTable) -> VoteTable:
+        """Return a table without the frames that chose this guardian, known by name or by picture."""
+        if self.selection is None:
+            return table
+        known, shown = set(self.selection.frames), set(self.selection.pictures)
+        pictures = table.pictures or ("",) * len(table.frames)
+        spelt = {_spelling(frame) for frame in known}
+        return table.without(
+            [
+                frame
+                for frame, picture in zip(table.frames, pictures, strict=True)
+                if frame in known or picture in shown or _spelling(frame) in spelt
+            ]
+        )
+
+    def _require_other_pictures(self, table: VoteTable) -> None:
+        """Raise GuardianError for a frame that is one of the calibration's by another name."""
+        assert self.selection is not None
+        by_picture = dict(zip(self.selection.pictures, self.selection.frames, strict=False))
+        for frame, picture in zip(table.frames, table.pictures or (), strict=False):
+            if picture in by_picture:
+                raise GuardianError(
+                    f"frame '{frame}' in {table.name} shows the very picture of '{by_picture[picture]}', which chose "
+                    "this guardian; a score on it says nothing: leave it out with --unseen"
+                )
+        by_spelling = {_spelling(frame): frame for frame in self.selection.frames}
+        for frame in table.frames:
+            if (same := by_spelling.get(_spelling(frame))) is not None:
+                raise GuardianError(
+                    f"frame '{frame}' in {table.name} has the name of '{same}', which chose this guardian, but for its "
+                    "spelling or its ending: leave it out with --unseen, or give different frames different names"
+                )
 
     def may_show(self, bank: FrameBank) -> None:
         """Raise GuardianError where a bank's pictures are not those of the votes that chose this guardian."""
@@ -227,6 +267,7 @@ def _selection(chosen: Selection) -> dict[str, object]:
         "best_single_model": chosen.single,
         "frames": list(chosen.frames),
         "episodes": list(chosen.episodes),
+        "pictures": list(chosen.pictures),
     }
 
 
@@ -278,7 +319,14 @@ def _read_selection(raw: Mapping[str, object]) -> Selection:
         worth=float(cast("float", raw["worth"])),
         single=str(raw["best_single_model"]),
         costs=None if costs is None else Costs(**costs),
+        pictures=tuple(map(str, cast("list[str]", raw.get("pictures", [])))),
     )
+
+
+def _spelling(frame: str) -> str:
+    """Return a frame's name without what a file of the same picture may be written in otherwise: case, form, ending."""
+    text = unicodedata.normalize("NFKC", frame).casefold().replace("\\", "/").removeprefix("./")
+    return _ENDING.sub("", text)
 
 
 def _short(value: str | int | None) -> str:

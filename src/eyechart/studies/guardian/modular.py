@@ -6,10 +6,14 @@ Source: section Symmetry-consensus longitudinal guardian.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
+from eyechart.conditions import flip
 from eyechart.errors import GuardianError
-from eyechart.frames import FrameBank, decode
+from eyechart.frames import RGB, FrameBank, decode
+from eyechart.perception.forward import read_forward, view_of
 from eyechart.perception.renderer import read_picture
-from eyechart.perception.scene import STOP_GAP_M, Scene, safe_action
+from eyechart.perception.scene import Scene, safe_action
 from eyechart.stats.agreement import rate
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.guardian.frozen import Frozen
@@ -32,6 +36,7 @@ class Replay:
     ``equivariance`` the share of frames whose reflection gets the reflected action, without which it is no symmetric
     controller. ``directional`` counts the frames on which the renderer policy turns: with few of them nothing is said
     of lateral control. ``unread`` are the frames that the reader could not read, which count in neither share.
+    ``warnings`` say that votes are still to be asked for, which makes a guardian abstain and so agree.
     """
 
     agreement: Statistic
@@ -39,6 +44,7 @@ class Replay:
     directional: int
     actions: Mapping[str, str]
     unread: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, object]:
         """Return the replay as plain JSON values."""
@@ -48,16 +54,17 @@ class Replay:
             "directional_reference_actions": self.directional,
             "actions": dict(self.actions),
             "unread": list(self.unread),
+            "warnings": list(self.warnings),
         }
 
 
 def modular_action(answer: str, scene: Scene) -> str:
     """Return the action of a guardian's answer under deterministic collision and lateral authority.
 
-    STOP nearer than 12 m, whatever the guardian says; then STRAIGHT where it says clear; the one clear side or else
-    SLOW where it says hazard; and the fixed policy where it abstains.
+    STOP nearer than the world's own distance for it (12 m on a highway), whatever the guardian says; then STRAIGHT
+    where it says clear; the one clear side or else SLOW where it says hazard; and the fixed policy where it abstains.
     """
-    if scene.gap_m is not None and scene.gap_m < STOP_GAP_M:
+    if scene.gap_m is not None and scene.gap_m < scene.distances.stop_m:
         return "STOP"
     if answer == "abstain":
         return safe_action(scene)
@@ -92,23 +99,36 @@ def replay(frozen: Frozen, table: VoteTable, read: Read) -> Replay:
     if not actions:
         raise GuardianError(
             f"{table.name}: the deterministic reader reads none of its {len(unread)} pictures; modular replay is for "
-            "top-down highway banks"
+            "pictures of highway-env, of the rover and of the drone"
         )
-    return Replay(rate(agreed, len(actions)), rate(mirrored, len(actions)), directional, actions, tuple(unread))
+    return Replay(
+        agreement=rate(agreed, len(actions)),
+        equivariance=rate(mirrored, len(actions)),
+        directional=directional,
+        actions=actions,
+        unread=tuple(unread),
+        warnings=tuple(table.unfinished_words(frozen.committee)),
+    )
 
 
 def reader_of(bank: FrameBank) -> Read:
-    """Return the reader of a highway bank: the image-only positive control, on each picture and on its flip.
+    """Return the reader of a bank's pictures, of a highway's or of a forward camera's: the image-only positive control.
 
-    It raises BankError for a picture that is not the one that the bank's manifest recorded.
+    It reads each picture and its flip, and raises BankError for one that is not what the bank's manifest recorded.
     """
 
     def read(frame_id: str) -> Scenes | None:
         frame = bank.frame(frame_id)
-        if frame.mirror_axis != "vertical":
+        if frame.mirror_axis == "none":
             return None
         pixels = decode(bank.recorded(frame), frame.file)
-        here, there = read_picture(pixels), read_picture(pixels[::-1])
-        return None if here is None or there is None else (here.scene, there.scene)
+        here, there = _scene(pixels), _scene(np.ascontiguousarray(flip(pixels, frame.mirror_axis)))
+        return None if here is None or there is None else (here, there)
 
     return read
+
+
+def _scene(pixels: RGB) -> Scene | None:
+    view = view_of(pixels)
+    reading = read_picture(pixels) if view is None else read_forward(pixels, view)
+    return None if reading is None else reading.scene

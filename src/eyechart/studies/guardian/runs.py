@@ -11,7 +11,7 @@ from eyechart.manifest import LEDGER, read_run
 from eyechart.perception.estimate import SCENE_READER, read_estimate
 from eyechart.stats.committee import MISSING
 from eyechart.studies.battery import plan_of
-from eyechart.studies.guardian.truth import HAZARD_COLUMN, episode_of, hazards_of
+from eyechart.studies.guardian.truth import HAZARD_COLUMN, episode_of, hazards_of, pictures_of
 from eyechart.studies.guardian.votes import About, VoteTable
 
 CONDITIONS = ("real", "mirrored")
@@ -71,6 +71,7 @@ def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = Fals
         models=models,
         votes=votes,
         about=about,
+        pictures=pictures_of(bank, [frame.id for frame in frames]),
         unfinished={
             model: sum(key.condition in CONDITIONS and key not in finished for key in plan.keys_of(model))
             for model in models

@@ -130,9 +130,7 @@ def answer_of(frozen: Frozen, table: VoteTable) -> dict[str, Ints]:
 
 def _warnings(frozen: Frozen, table: VoteTable) -> tuple[str, ...]:
     assert frozen.selection is not None
-    found = []
-    if left := table.left(tuple({*frozen.committee, frozen.selection.single})):
-        found.append(f"{table.name} is a run that is not finished: {left} calls are left, whose votes count as missing")
+    found = table.unfinished_words(tuple({*frozen.committee, frozen.selection.single}))
     shared = sorted(set(frozen.selection.episodes) & set(table.episodes))
     if shared:
         found.append(

@@ -13,7 +13,7 @@ from eyechart.frames import FrameBank
 from eyechart.importing.tables import Row, open_table
 from eyechart.modes import RequestMode
 from eyechart.stats.committee import MISSING
-from eyechart.studies.guardian.truth import HAZARD_COLUMN, episode_of, flag, hazards_of
+from eyechart.studies.guardian.truth import HAZARD_COLUMN, episode_of, flag, hazards_of, pictures_of
 from eyechart.studies.guardian.votes import PARTS, VIEWS, About, VoteTable
 
 _MOST_FRAMES = 1_000_000
@@ -54,7 +54,9 @@ def read_votes(
     if "split" in places:
         split = tuple(_part(path, number, row, places["split"]) for number, row in enumerate(rows, 1))
     told = _about(about, models, bank)
-    return VoteTable(path.name, frames, known[0], np.array(known[1], dtype=np.bool_), models, votes, told, split)
+    pictures = None if bank is None else pictures_of(bank, frames)
+    truth = np.array(known[1], dtype=np.bool_)
+    return VoteTable(path.name, frames, known[0], truth, models, votes, told, split, pictures)
 
 
 def _models(path: Path, columns: Sequence[str]) -> tuple[str, ...]:

@@ -1,5 +1,7 @@
 """What was a hazard: a column of ground truth, or a gap below the bank's threshold."""
 
+from collections.abc import Sequence
+
 from eyechart.errors import VoteError
 from eyechart.frames import Frame, FrameBank
 
@@ -37,6 +39,13 @@ def _truth(frame: Frame, column: str) -> bool:
 def episode_of(frame: Frame) -> str:
     """Return the name of a frame's episode in a table: names of episodes may recur in another scenario."""
     return f"{frame.scenario}/{frame.episode}"
+
+
+def pictures_of(bank: FrameBank, frames: Sequence[str]) -> tuple[str, ...] | None:
+    """Return the digests of frames' pictures as a bank recorded them, None where it has not recorded all."""
+    digests = [bank.manifest.images.get(bank.frame(frame).file) for frame in frames]
+    found = tuple(digest for digest in digests if digest)
+    return found if len(found) == len(digests) else None
 
 
 def flag(cell: object) -> bool | None:

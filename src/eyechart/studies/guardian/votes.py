@@ -62,8 +62,10 @@ class VoteTable:
 
     ``models`` are in lexicographic order, which breaks ties. ``votes`` has shape (models, frames, 2), the picture and
     its reflection: 1 hazard, 0 clear, -1 missing. ``hazard`` (frames,) is the truth. ``split`` says what each frame
-    is for, where the table does. ``unfinished`` counts by model the votes that its run has still to ask for, which are
-    missing here. Raises VoteError for a frame that stands twice, and for shapes that do not fit.
+    is for, where the table does. ``pictures`` are the SHA-256 digests of the frames' pictures, where the table is of a
+    bank that records them: a frame is then known by its picture too. ``unfinished`` counts by model the votes that its
+    run has still to ask for, which are missing here. Raises VoteError for a frame that stands twice, and for shapes
+    that do not fit.
     """
 
     name: str
@@ -74,6 +76,7 @@ class VoteTable:
     votes: npt.NDArray[np.int8]
     about: About = field(default_factory=About)
     split: tuple[str, ...] | None = None
+    pictures: tuple[str, ...] | None = None
     unfinished: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -99,6 +102,12 @@ class VoteTable:
     def left(self, models: Sequence[str]) -> int:
         """Return how many votes of these models the run has still to ask for."""
         return sum(self.unfinished.get(model, 0) for model in models)
+
+    def unfinished_words(self, models: Sequence[str]) -> list[str]:
+        """Return in words that the run has still to ask for votes of these models; nothing where it has not."""
+        left = self.left(models)
+        words = f"{self.name} is a run that is not finished: {left} calls are left, whose votes count as missing"
+        return [words] if left else []
 
     def groups(self) -> tuple[tuple[str, ...], npt.NDArray[np.int64]]:
         """Return the episodes, sorted, and the number of each frame's among them."""
@@ -144,4 +153,5 @@ class VoteTable:
             hazard=self.hazard[mask],
             votes=self.votes[:, mask],
             split=None if self.split is None else chosen(self.split),
+            pictures=None if self.pictures is None else chosen(self.pictures),
         )

@@ -6,7 +6,14 @@ Source: paper, sections Constructive renderer-calibrated controller, Structured 
 from eyechart.studies.structured import online
 from eyechart.studies.structured.admission import CLAUSES, Clause
 from eyechart.studies.structured.planning import ADMISSION, STRUCTURED, STUDIES, plan
-from eyechart.studies.structured.scoring import EstimatorScore, StructuredScore, is_structured, score
+from eyechart.studies.structured.scoring import (
+    EstimatorScore,
+    StructuredScore,
+    is_structured,
+    require_scorable,
+    score,
+    score_run,
+)
 from eyechart.studies.structured.told import Told, read_told
 
 __all__ = [
@@ -22,5 +29,7 @@ __all__ = [
     "online",
     "plan",
     "read_told",
+    "require_scorable",
     "score",
+    "score_run",
 ]

@@ -15,7 +15,7 @@ from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, is_run, read_manifest, read_run
 from eyechart.perception.estimate import SCENE_READER
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.battery import plan_of, took
+from eyechart.studies.battery import plan_of, took_run
 from eyechart.studies.structured.admission import Held, hold
 from eyechart.studies.structured.figures import Figures, How
 from eyechart.studies.structured.planning import STUDIES
@@ -110,6 +110,12 @@ def score(path: Path, *, resamples: int = 5000, reread: bool = False) -> Structu
     Raises LedgerError or BankError where the folder is no such run, or needs ``reread``.
     """
     manifest, bank = read_run(path)
+    require_scorable(path, manifest, reread=reread)
+    return score_run(manifest, bank, path / LEDGER, resamples=resamples)
+
+
+def require_scorable(path: Path, manifest: RunManifest, *, reread: bool = False) -> None:
+    """Raise LedgerError where a run may not be scored as was asked, see ``score``."""
     if manifest.study not in STUDIES:
         raise LedgerError(f"{path} is a run of the study '{manifest.study}', not one of {', '.join(STUDIES)}")
     if manifest.reader != SCENE_READER and not reread:
@@ -117,10 +123,14 @@ def score(path: Path, *, resamples: int = 5000, reread: bool = False) -> Structu
             f"{path} was begun under version {manifest.reader} of the reader of scenes, and this is version "
             f"{SCENE_READER}: its estimates may differ from those seen before; read its replies anew with --reread"
         )
+
+
+def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, resamples: int = 5000) -> StructuredScore:
+    """Score the calls in a ledger by a run's manifest and its bank, whoever vouches for these."""
     plan = plan_of(manifest, bank)
-    with Ledger(path / LEDGER) as ledger:
+    with Ledger(ledger_path) as ledger:
         told = {spec: read_told(spec, ledger.replies(spec), bank, plan.frames) for spec in manifest.models}
-    accounting, guards = took(path)
+    accounting, guards = took_run(manifest, bank, ledger_path)
     silent = "episode" in bank.manifest.absent and not bank.manifest.independent
     episodes = None if silent else np.array([episode_of(frame) for frame in plan.frames])
     how = How(episodes, manifest.seed, resamples)

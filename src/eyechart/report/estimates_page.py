@@ -1,0 +1,182 @@
+"""The page of runs of scene estimates: who is admitted and by which clause, every figure, and the worst frames."""
+
+from collections.abc import Sequence
+
+from eyechart.costs import ALL
+from eyechart.report.assets import fill
+from eyechart.report.drawing import BLUE, INK, MUTED, VERMILLION, Drawing, canvas, style
+from eyechart.report.estimates import Estimates, Estimator, estimators
+from eyechart.report.estimates_frames import listed_frames, shown_frames
+from eyechart.report.evidence import Tell
+from eyechart.report.page import Page
+from eyechart.report.structured import PAPER, marks
+from eyechart.report.tables import number
+from eyechart.stats.statistic import Statistic
+from eyechart.studies.structured.admission import Held
+
+_OUTCOMES = {True: ("good", "✓ pass"), False: ("bad", "✗ fail"), None: ("", "? cannot say")}
+_CONTROLLER = ("parse", "balanced_accuracy", "gap_mae_m", "scene_equivariance", "action_equivariance")
+_DRAWN = 12
+"""Models that have a figure of their own in the page."""
+
+
+def make_estimates_page(evidence: Sequence[Estimates], *, tell: Tell = lambda _: None) -> Page:
+    """Return the report of admission and structured runs; the same runs give the same bytes."""
+    everyone = estimators(evidence)
+    tell("figures")
+    with style():
+        drawn = [drawing for place, who in enumerate(everyone[:_DRAWN], 1) for drawing in gaps(who, place)]
+    tell("pictures")
+    frames, notes = shown_frames(evidence)
+    listed, more = listed_frames(everyone)
+    if len(everyone) > _DRAWN:
+        more.append(f"Figures of one model each stand here for the first {_DRAWN} of {len(everyone)} models.")
+    notes += more
+    tell("the page")
+    html = fill(
+        "estimates.html",
+        styles=("estimates.css",),
+        title=", ".join(run.name for run in evidence),
+        studies=_studies(evidence),
+        runs=[_run(run) for run in evidence],
+        cards=[_card(who) for who in everyone],
+        paper=PAPER[1:7],
+        rows=[_row(who) for who in everyone],
+        figures=[(who.label, _figures(who), who.score.before is not None) for who in everyone],
+        drawings=drawn,
+        frames=frames,
+        listed=listed,
+        accounting=[_accounting(who) for who in everyone],
+        notes=notes,
+    )
+    return Page(html, {"gaps": drawn}, tuple(notes))
+
+
+def gaps(who: Estimator, place: int) -> list[Drawing]:
+    """Draw the gap that a model told against the true one, where a lead is in the picture; nothing where none was."""
+    told, one = who.score.told, who.score.statistics["gap_mae_m"]
+    pairs = [
+        (float(told.gap_m[number]), estimate.gap_m)
+        for number, estimate in enumerate(told.estimates("real"))
+        if estimate is not None and estimate.gap_m is not None and told.visible[number]
+    ]
+    if one.value is None:
+        return []
+    figure, axes = canvas(3.6, 3.1, (0.6, 0.15, 0.5, 0.15))
+    most = 1.06 * max(max(pair) for pair in pairs)
+    close = told.distances.close_m
+    axes.plot([0, most], [0, most], color=MUTED, linewidth=0.8)
+    for side in (axes.axvline, axes.axhline):
+        side(close, color=VERMILLION, linewidth=0.8, linestyle=(0, (4, 3)))
+    axes.plot([x for x, _ in pairs], [y for _, y in pairs], "o", color=BLUE, markersize=3, alpha=0.6)
+    axes.text(close, 0.99 * most, f" close below {close:g} m", color=INK, fontsize=8, va="top")
+    axes.set_xlim(0, most)
+    axes.set_ylim(0, most)
+    axes.set_xlabel("true gap, m")
+    axes.set_ylabel("told gap, m")
+    words = f"{one.n} frames with a lead in the picture; mean absolute error {one.value:.3f} m. A line marks equality."
+    return [Drawing(f"gap-told-{place}", f"Told and true gap: {who.label}", words, figure, of=who.label)]
+
+
+def _studies(evidence: Sequence[Estimates]) -> str:
+    return " and ".join(dict.fromkeys(run.score.manifest.study for run in evidence))
+
+
+def _run(run: Estimates) -> dict[str, object]:
+    manifest, bank = run.score.manifest, run.score.bank
+    guards = [(spec, guard) for spec, many in run.score.guards.items() for guard in many]
+    return {
+        "name": run.name,
+        "study": manifest.study,
+        "bank": bank.name,
+        "pairs": run.score.pairs,
+        "view": manifest.view,
+        "fingerprint": manifest.fingerprint,
+        "created": manifest.created,
+        "seed": manifest.seed,
+        "reader": manifest.reader,
+        "prompt": manifest.prompt,
+        "versions": manifest.versions,
+        "limit": manifest.limit,
+        "shard": manifest.shard,
+        "gap": bank.manifest.gap,
+        "has_pictures": run.pictures is not None,
+        "about_pictures": run.about_pictures,
+        "guards": guards,
+        "unfinished": [
+            f"{spec}: {one.answered} of {one.planned} calls are answered; the rest is missing from every figure"
+            for spec, one in run.score.models.items()
+            if one.answered < one.planned
+        ],
+    }
+
+
+def _card(who: Estimator) -> dict[str, object]:
+    score = who.score
+    state = "" if score.answered >= score.planned else f"unfinished: {score.answered} of {score.planned} calls"
+    fails = [one.name for one in score.clauses if one.passes is False]
+    unsaid = [one.name for one in score.clauses if one.passes is None]
+    words = "meets every clause" if score.admitted else f"fails {', '.join(fails)}" if fails else "fails no clause"
+    if unsaid:
+        words += f"; cannot say: {', '.join(unsaid)}"
+    told = score.told
+    return {
+        "model": who.label,
+        "version": score.version,
+        "admitted": score.admitted,
+        "state": state,
+        "words": words,
+        "marks": marks(who.run.score, who.spec),
+        "clauses": [_clause(one) for one in score.clauses],
+        "reasons": list(told.reasons.items()),
+        "repairs": list(told.repairs.items()),
+    }
+
+
+def _clause(one: Held) -> dict[str, object]:
+    digits = 0 if one.clause.least >= 1 else 2
+    kind, words = _OUTCOMES[one.passes]
+    return {
+        "name": one.name,
+        "least": f"{one.clause.least:.{digits}f}",
+        "value": number(one.statistic.value, 0 if digits == 0 else 3),
+        "interval": _interval(one.statistic),
+        "n": one.statistic.n,
+        "kind": kind,
+        "outcome": words,
+        "says": one.clause.says,
+        "note": one.statistic.note if one.statistic.value is None else "",
+    }
+
+
+def _row(who: Estimator) -> dict[str, object]:
+    found = who.score.statistics
+    swap = found["swap_rate"]
+    cells = [(number(found[name].value), _interval(found[name])) for name in _CONTROLLER]
+    cells.append((f"{number(swap.value)} ({swap.n})", _interval(swap)))
+    return {"model": who.label, "cells": cells, "admitted": who.score.admitted, "marked": bool(marks_of(who))}
+
+
+def marks_of(who: Estimator) -> list[str]:
+    """Return in words which guards a model's calls fail."""
+    return marks(who.run.score, who.spec)
+
+
+def _figures(who: Estimator) -> list[tuple[str, list[str], str]]:
+    before = who.score.before
+    rows = []
+    for name, one in who.score.statistics.items():
+        cells = [number(one.value), _interval(one), str(one.n)]
+        if before is not None:
+            cells += [number(before[name].value), _interval(before[name]), str(before[name].n)]
+        rows.append((name, cells, "; ".join(filter(None, (one.method, one.note)))))
+    return rows
+
+
+def _accounting(who: Estimator) -> dict[str, object]:
+    took = who.run.score.accounting[who.spec][ALL]
+    return {"model": who.label, "planned": who.score.planned, "answered": who.score.answered, "took": took}
+
+
+def _interval(one: Statistic) -> str:
+    return "" if one.ci is None else f"[{one.ci[0]:.3f}, {one.ci[1]:.3f}]"
