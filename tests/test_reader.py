@@ -83,6 +83,13 @@ def test_a_hostile_reply_is_read_in_bounded_time(what: str) -> None:
     assert decision.action == {"a megabyte that ends in an answer": "SLOW", "one action many times": "STOP"}.get(what)
 
 
+def test_what_stands_in_long_thinking_is_no_answer() -> None:
+    """However far back it was opened; and what follows it is read."""
+    thought = "<think>" + "the road is grey. " * 10_000 + "ACTION: LEFT"
+    assert read_decision(thought, "stop", None, DRIVING) == Decision(None, "empty")
+    assert read_decision(f"{thought}</think> ACTION: SLOW", "stop", None, DRIVING) == Decision("SLOW")
+
+
 @given(st.text(), st.sampled_from([None, "stop", "length", "content_filter"]))
 def test_any_text_gives_an_action_or_a_reason(text: str, finish_reason: str | None) -> None:
     """The reader is total, and says the same twice."""

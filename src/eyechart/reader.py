@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from eyechart.actions import ActionSpace, Decision, Unparsed
 
-READER = 2
+READER = 3
 """The version of these rules. A run records it, so that decisions read by other rules are never taken for these."""
 
 _REFUSAL = re.compile(
@@ -28,7 +28,7 @@ _THINK_TAG = re.compile(r"(</?think(?:ing)?>)", re.IGNORECASE)
 _JSON_KEYS = ("action", "decision", "answer")
 _MARKER = r"\b(?:action|answer|decision)\W{0,4}(?:[:=>→–—\n-]|\bis\b)\W{0,6}"
 READ_AT_MOST = 100_000
-"""Characters of a reply that are read for a decision; the ledger keeps all of it."""
+"""Characters outside thinking, the last ones, that are read for a decision; the ledger keeps all of a reply."""
 _BRACES_AT_MOST = 1000
 _SHORT = 80
 """Characters up to which an action in lower case is an answer; in longer prose "the road is straight" is none."""
@@ -50,7 +50,7 @@ def read_decision(text: str, finish_reason: str | None, error: str | None, space
         return Decision(None, "truncated")
     if finish_reason in {"content_filter", "refusal"}:
         return Decision(None, "refused")
-    visible = without_thinking(text[-READ_AT_MOST:]).replace("’", "'").strip()
+    visible = without_thinking(text)[-READ_AT_MOST:].replace("’", "'").strip()
     if not visible:
         return Decision(None, "empty")
     refused = refuses(visible)
