@@ -314,3 +314,14 @@ def test_a_committee_of_four_can_be_chosen_and_one_of_five_cannot(table: study.V
         study.fit(table.keep(table.frames[:5]))
     with pytest.raises(VoteError, match="no votes of 'nobody'"):
         study.fit(table.without(()), models=("nobody", GEMMA))
+
+
+def test_a_table_without_a_single_vote_chooses_nothing(table: study.VoteTable) -> None:
+    """Among committees that say nothing there is no best one; one vote of one model is enough to choose by."""
+    silent = replace(table, votes=np.full_like(table.votes, -1))
+    for choose in (study.fit, study.nested):
+        with pytest.raises(GuardianError, match=r"no vote by .* on any of \d+ frames"):
+            choose(silent)
+    spoken = silent.votes.copy()
+    spoken[0, 0, 0] = 1
+    assert study.fit(replace(silent, votes=spoken)).committee
