@@ -12,16 +12,6 @@ if TYPE_CHECKING:
     from eyechart.modes import RequestMode, Scalar
 
 Mode = Annotated[list[Path] | None, typer.Option(help="FILE.toml: a model's request mode; it names its model.")]
-BaseUrl = Annotated[str | None, typer.Option(help="Address of the server, as http://127.0.0.1:8000/v1.")]
-KeyEnv = Annotated[str | None, typer.Option(help="Environment variable that holds the key.")]
-TokenField = Annotated[str | None, typer.Option(help="max_tokens or max_completion_tokens: which the model takes.")]
-MaxTokens = Annotated[int | None, typer.Option(help="Token budget of a reply; default 1024.")]
-Temperature = Annotated[str | None, typer.Option(help="Default 0; 'default' leaves it to the endpoint.")]
-Timeout = Annotated[float | None, typer.Option(help="Seconds for a whole reply; default 120.")]
-JsonMode = Annotated[str | None, typer.Option(help="none, json_object or json_schema.")]
-Header = Annotated[list[str] | None, typer.Option(help="'NAME: VALUE'; a secret as 'NAME: $VARIABLE'.")]
-Body = Annotated[list[str] | None, typer.Option(help="KEY=JSON, merged into the request.")]
-Option = Annotated[list[str] | None, typer.Option(help="KEY=VALUE for the adapter, as device=cuda or think=false.")]
 NoProbe = Annotated[bool, typer.Option("--no-probe", help="Ask as the options say, without finding out first.")]
 
 
@@ -34,33 +24,55 @@ class Asked:
     given: Mapping[str, object]
 
 
-def given_fields(
-    *,
-    base_url: str | None = None,
-    key_env: str | None = None,
-    token_field: str | None = None,
-    max_tokens: int | None = None,
-    temperature: str | None = None,
-    timeout: float | None = None,
-    json_mode: str | None = None,
-    header: Sequence[str] | None = None,
-    body: Sequence[str] | None = None,
-    option: Sequence[str] | None = None,
-) -> dict[str, object]:
-    """Return the fields of a request mode that options set, and no other; raises SpecError for one that is no pair."""
-    given: dict[str, object] = {
-        "base_url": base_url,
-        "key_env": key_env,
-        "token_field": token_field,
-        "max_tokens": max_tokens,
-        "temperature": None if temperature is None else _number(temperature),
-        "timeout_s": timeout,
-        "structured": json_mode,
-        "headers": dict(_pair(one, ":", "--header 'NAME: VALUE'") for one in header) if header else None,
-        "body": {name: _json(value) for name, value in _pairs(body, "--body KEY=JSON")} if body else None,
-        "options": {name: _scalar(value) for name, value in _pairs(option, "--option KEY=VALUE")} if option else None,
-    }
-    return {name: value for name, value in given.items() if value is not None}
+@dataclass(frozen=True)
+class Addressing:
+    """How models without a mode file are reached and asked; studies that vary a reply's form take no more than this."""
+
+    base_url: Annotated[str | None, typer.Option(help="Address of the server, as http://127.0.0.1:8000/v1.")] = None
+    key_env: Annotated[str | None, typer.Option(help="Environment variable that holds the key.")] = None
+    token_field: Annotated[
+        str | None, typer.Option(help="max_tokens or max_completion_tokens: which the model takes.")
+    ] = None
+    temperature: Annotated[str | None, typer.Option(help="Default 0; 'default' leaves it to the endpoint.")] = None
+    timeout: Annotated[float | None, typer.Option(help="Seconds for a whole reply; default 120.")] = None
+    header: Annotated[list[str] | None, typer.Option(help="'NAME: VALUE'; a secret as 'NAME: $VARIABLE'.")] = None
+    body: Annotated[list[str] | None, typer.Option(help="KEY=JSON, merged into the request.")] = None
+    option: Annotated[
+        list[str] | None, typer.Option(help="KEY=VALUE for the adapter, as device=cuda or think=false.")
+    ] = None
+
+    def given(self) -> dict[str, object]:
+        """Return the fields of a request mode that options set; raises SpecError for one that is no pair."""
+        given: dict[str, object] = {
+            "base_url": self.base_url,
+            "key_env": self.key_env,
+            "token_field": self.token_field,
+            "temperature": None if self.temperature is None else _number(self.temperature),
+            "timeout_s": self.timeout,
+            "headers": dict(_pair(one, ":", "--header 'NAME: VALUE'") for one in self.header) if self.header else None,
+            "body": {name: _json(value) for name, value in _pairs(self.body, "--body KEY=JSON")} if self.body else None,
+            "options": {name: _scalar(value) for name, value in _pairs(self.option, "--option KEY=VALUE")}
+            if self.option
+            else None,
+        }
+        return {name: value for name, value in given.items() if value is not None}
+
+
+@dataclass(frozen=True)
+class Options(Addressing):
+    """How models without a mode file are asked."""
+
+    max_tokens: Annotated[int | None, typer.Option(help="Token budget of a reply; default 1024.")] = None
+    json_mode: Annotated[str | None, typer.Option(help="none, json_object or json_schema.")] = None
+
+    def given(self) -> dict[str, object]:
+        """Return the fields of a request mode that options set; raises SpecError for one that is no pair."""
+        more = {"max_tokens": self.max_tokens, "structured": self.json_mode}
+        return {**super().given(), **{name: value for name, value in more.items() if value is not None}}
+
+
+ADDRESSED = Addressing()
+AS_USUAL = Options()
 
 
 def read_modes(specs: Sequence[str] | None, files: Sequence[Path] | None, given: Mapping[str, object]) -> Asked:

@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from eyechart.cli.options import Json
 from eyechart.cli.terminal import patience, print_json, progress, resumable, say, table_console
 
 if TYPE_CHECKING:
     from eyechart.studies.closed_loop import ClosedLoopScore
 
-_Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 _Against = Annotated[
     str | None, typer.Option(help="The policy that the others are held against; default: the best constant.")
 ]
@@ -27,7 +27,7 @@ def ladder(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the run, and so of random's stream.")] = 0,
     processes: Annotated[int, typer.Option(min=1, help="Processes that hold the worlds.")] = 1,
     against: _Against = None,
-    json: _Json = False,
+    json: Json = False,
 ) -> None:
     """Drive the baselines and print Table t:baselines beside the paper's. Interrupt it at will: it resumes.
 
@@ -97,7 +97,7 @@ def print_twins(scored: "ClosedLoopScore") -> None:
 
 def audit(
     runs: Annotated[list[Path], typer.Argument(help="Folders of runs of episodes.", metavar="RUN...")],
-    json: _Json = False,
+    json: Json = False,
 ) -> None:
     """Tell deciding from varying: Table t:degeneracy, decision-level replay, and drives that are identical.
 

@@ -5,9 +5,8 @@ from typing import Annotated
 
 import typer
 
+from eyechart.cli.options import Json
 from eyechart.cli.terminal import print_json, progress
-
-_Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 def calibrate(
@@ -15,7 +14,7 @@ def calibrate(
     seed: Annotated[int, typer.Option(min=0, help="Seed of everything that is drawn.")] = 0,
     processes: Annotated[int, typer.Option(min=1, help="Processes; the result does not depend on it.")] = 2,
     setting: Annotated[list[str] | None, typer.Option(help="Only this setting; give it again for more.")] = None,
-    json: _Json = False,
+    json: Json = False,
 ) -> None:
     """Test the battery's tests and both sets of rules on simulated controllers whose answer is known.
 
@@ -38,7 +37,7 @@ def calibrate(
 def plan(
     bank: Annotated[Path, typer.Argument(help="Folder of the bank.")],
     model: Annotated[list[str] | None, typer.Option(help="A model's SPEC; give it again for more models.")] = None,
-    json: _Json = False,
+    json: Json = False,
 ) -> None:
     """Say what a bank can and cannot decide, and what asking costs, before a call is made.
 

@@ -5,9 +5,8 @@ from typing import Annotated
 
 import typer
 
+from eyechart.cli.options import Json
 from eyechart.cli.terminal import print_json, table_console
-
-_Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 def compare(
@@ -15,7 +14,7 @@ def compare(
     second: Annotated[Path, typer.Argument(help="Folder of its replication.")],
     every: Annotated[bool, typer.Option("--all", help="Print every statistic, not only the main ones.")] = False,
     resamples: Annotated[int, typer.Option(min=999, help="Exchanges of the runs, and resamples of episodes.")] = 2000,
-    json: _Json = False,
+    json: Json = False,
 ) -> None:
     """Compare two runs on one bank, per verdict and per statistic, with a test of difference.
 
@@ -50,7 +49,7 @@ def transfer(
     measure: Annotated[
         str, typer.Option(help="The statistic that stands for grounding, as 'eyechart score' names it.")
     ] = "mutual_information.decision",
-    json: _Json = False,
+    json: Json = False,
 ) -> None:
     """Correlate scores from elsewhere with grounding, over the models of the runs.
 

@@ -7,6 +7,7 @@ import typer
 
 from eyechart.cli import asking
 from eyechart.cli.before import say_uncounted
+from eyechart.cli.options import NO_LIMIT, Json, Spending, expanded
 from eyechart.cli.terminal import print_json, progress, resumable, say, table_console
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 _MOST_WORLDS = 100_000
 
 
+@expanded
 def closed_loop(
     out: Annotated[Path, typer.Option(help="Folder of the run; the same one resumes it.")],
     simulator: Annotated[str, typer.Option(help="See 'eyechart list simulators'; or gym:ENV_ID.")] = "highway",
@@ -44,23 +46,12 @@ def closed_loop(
     prompt: Annotated[str | None, typer.Option(help="A name of 'eyechart list prompts', or FILE.toml.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of stimuli, sampling and the order of episodes.")] = 0,
     concurrency: Annotated[int, typer.Option(min=1, help="Episodes of a model under way at once.")] = 8,
-    base_url: asking.BaseUrl = None,
-    key_env: asking.KeyEnv = None,
-    token_field: asking.TokenField = None,
-    max_tokens: asking.MaxTokens = None,
-    temperature: asking.Temperature = None,
-    timeout: asking.Timeout = None,
-    json_mode: asking.JsonMode = None,
-    header: asking.Header = None,
-    body: asking.Body = None,
-    option: asking.Option = None,
+    how: asking.Options = asking.AS_USUAL,
     max_steps: Annotated[int, typer.Option(min=1, help="An episode that goes on for longer is an error.")] = 1000,
-    max_calls: Annotated[int | None, typer.Option(min=1, help="Stop at so many requests of this run.")] = None,
-    max_cost: Annotated[float | None, typer.Option(min=0, help="Stop at so many US dollars of this run.")] = None,
-    prices: Annotated[Path | None, typer.Option(help="FILE.toml of prices; it comes before the table.")] = None,
+    spending: Spending = NO_LIMIT,
     again: Annotated[bool, typer.Option("--again", help="Drive anew what ended in an error.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the plan; drive nothing, ask nothing.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    json: Json = False,
 ) -> None:
     """Let policies and models drive: policies × scenarios × seeds × conditions. Interrupt it at will.
 
@@ -70,25 +61,13 @@ def closed_loop(
     --condition real --condition blank --out drives
     """
     from eyechart import episodes as study
-    from eyechart.models.prices import read_prices
     from eyechart.policies import is_policy
 
     asked = [spec for spec in policy or () if ":" in spec and not is_policy(spec)]
     modes = asking.read_modes(
         asked,
         mode,
-        asking.given_fields(
-            base_url=base_url,
-            key_env=key_env,
-            token_field=token_field,
-            max_tokens=max_tokens,
-            temperature=temperature,
-            timeout=timeout,
-            json_mode=json_mode,
-            header=header,
-            body=body,
-            option=option,
-        ),
+        how.given(),
     ).modes
     by_spec = {one.spec: one for one in modes}
     planned = study.plan(
@@ -104,7 +83,7 @@ def closed_loop(
         max_steps=max_steps,
         again=again,
     )
-    table = read_prices(prices)
+    table = spending.table()
     say(_planned(planned))
     for one in study.expected(planned, table, concurrency=concurrency):
         say(one.words)
@@ -113,7 +92,7 @@ def closed_loop(
     bounds = study.Bounds(
         processes=processes or _processors(),
         concurrency=concurrency,
-        limits=study.within(planned, table, calls=max_calls, cost_usd=max_cost),
+        limits=study.within(planned, table, calls=spending.max_calls, cost_usd=spending.max_cost),
     )
     with (
         resumable("finished episodes and calls are kept; the same command resumes"),

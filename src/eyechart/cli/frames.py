@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from eyechart.cli.options import Json
 from eyechart.cli.terminal import print_json, progress, say
 
 if TYPE_CHECKING:
@@ -91,7 +92,7 @@ def import_(
 @app.command(epilog="Example: eyechart frames check bank")
 def check(
     bank: Annotated[Path, typer.Argument(help="Folder of the bank.")],
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    json: Json = False,
 ) -> None:
     """Recompute fingerprint and picture hashes; name what differs. Exit 0: as recorded, 1: something differs."""
     from eyechart.frames import check as check_bank

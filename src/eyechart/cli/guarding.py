@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from eyechart.cli.options import Json
 from eyechart.cli.terminal import print_json, say, table_console
 
 if TYPE_CHECKING:
@@ -32,7 +33,6 @@ _Alarm = Annotated[float | None, typer.Option(help="Cost of a false alarm; with 
 _Abstain = Annotated[float | None, typer.Option(help="Cost of no answer: the operating point is then chosen too.")]
 _Rate = Annotated[float | None, typer.Option(help="How often frames are hazardous in use; default: as in VOTES.")]
 _Unseen = Annotated[bool, typer.Option("--unseen", help="Leave out the frames that chose the guardian.")]
-_Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 @app.command()
@@ -51,7 +51,7 @@ def fit(
     cost_false_alarm: _Alarm = None,
     cost_abstain: _Abstain = None,
     hazard_rate: _Rate = None,
-    json: _Json = False,
+    json: Json = False,
 ) -> None:
     """Choose committee and threshold on calibration frames alone, and freeze them.
 
@@ -94,7 +94,7 @@ def score(
     hazard: _Hazard = "hazard",
     about: _About = None,
     columns: _Map = None,
-    json: _Json = False,
+    json: Json = False,
 ) -> None:
     """Score a guardian on frames that it never saw, and bound how often it misses.
 
@@ -150,7 +150,7 @@ def nested(
     cost_false_alarm: _Alarm = None,
     cost_abstain: _Abstain = None,
     hazard_rate: _Rate = None,
-    json: _Json = False,
+    json: Json = False,
 ) -> None:
     """Judge every episode by a guardian that was chosen on all the others, selection inside every fold.
 
@@ -182,7 +182,7 @@ def modular(
     hazard: _Hazard = "hazard",
     about: _About = None,
     columns: _Map = None,
-    json: _Json = False,
+    json: Json = False,
 ) -> None:
     """Replay a guardian that brakes, while a deterministic reader of the picture keeps collision and sides.
 
@@ -209,7 +209,7 @@ def modular(
 def export(
     guardian: _Guardian,
     out: Annotated[Path, typer.Option(help="File to write.")],
-    json: _Json = False,
+    json: Json = False,
 ) -> None:
     """Write what a stack needs of a guardian, and nothing else: no frame that it saw, no score.
 

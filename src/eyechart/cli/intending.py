@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eyechart.cli import asking
+from eyechart.cli.options import NO_LIMIT, Json, Spending, expanded
 from eyechart.cli.terminal import print_json, progress, resumable, say, table_console
 
 if TYPE_CHECKING:
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from eyechart.studies.hierarchy import HierarchyScore
 
 
+@expanded
 def hierarchy(
     out: Annotated[Path, typer.Option(help="Folder of the study; the same one resumes it.")] = Path("hierarchy"),
     policy: Annotated[
@@ -26,22 +28,11 @@ def hierarchy(
     seed: Annotated[int, typer.Option(min=0, help="Seed of stimuli, sampling and the order of episodes.")] = 0,
     processes: Annotated[int, typer.Option(min=1, help="Processes that hold the worlds.")] = 2,
     concurrency: Annotated[int, typer.Option(min=1, help="Episodes of a model under way at once.")] = 8,
-    base_url: asking.BaseUrl = None,
-    key_env: asking.KeyEnv = None,
-    token_field: asking.TokenField = None,
-    max_tokens: asking.MaxTokens = None,
-    temperature: asking.Temperature = None,
-    timeout: asking.Timeout = None,
-    json_mode: asking.JsonMode = None,
-    header: asking.Header = None,
-    body: asking.Body = None,
-    option: asking.Option = None,
-    max_calls: Annotated[int | None, typer.Option(min=1, help="Stop each arm at so many requests.")] = None,
-    max_cost: Annotated[float | None, typer.Option(min=0, help="Stop each arm at so many US dollars.")] = None,
-    prices: Annotated[Path | None, typer.Option(help="FILE.toml of prices; it comes before the table.")] = None,
+    how: asking.Options = asking.AS_USUAL,
+    spending: Spending = NO_LIMIT,
     again: Annotated[bool, typer.Option("--again", help="Drive anew what ended in an error.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the plan; drive nothing, ask nothing.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    json: Json = False,
 ) -> None:
     """Let sources of intent plan for a rover under a model-predictive controller, beside the paper's tables.
 
@@ -50,33 +41,21 @@ def hierarchy(
     Example: eyechart run hierarchy --policy scripted:clear_side --out hierarchy
     """
     from eyechart import episodes as study
-    from eyechart.models.prices import read_prices
     from eyechart.studies.hierarchy import plan, score
 
     modes = asking.read_modes(
         policy or [],
         mode,
-        asking.given_fields(
-            base_url=base_url,
-            key_env=key_env,
-            token_field=token_field,
-            max_tokens=max_tokens,
-            temperature=temperature,
-            timeout=timeout,
-            json_mode=json_mode,
-            header=header,
-            body=body,
-            option=option,
-        ),
+        how.given(),
     ).modes
-    planned, table = plan(out, modes, seed=seed, prompt=prompt, again=again), read_prices(prices)
+    planned, table = plan(out, modes, seed=seed, prompt=prompt, again=again), spending.table()
     for name, part in planned.items():
         say(f"{name}: {len(part.keys)} episodes in {part.manifest.simulator}, {len(part.left())} to drive")
         for estimate in study.expected(part, table, concurrency=concurrency):
             say(f"  {estimate.words}")
     if dry_run:
         return
-    stopped = _drive(planned, table, study.Bounds(processes=processes, concurrency=concurrency), max_calls, max_cost)
+    stopped = _drive(planned, table, study.Bounds(processes=processes, concurrency=concurrency), spending)
     found = score(out)
     if json:
         print_json(found.as_dict())
@@ -91,9 +70,7 @@ def hierarchy(
         raise typer.Exit(1)
 
 
-def _drive(
-    planned: "Mapping[str, Episodes]", table: "Prices", bounds: "Bounds", calls: int | None, cost_usd: float | None
-) -> str | None:
+def _drive(planned: "Mapping[str, Episodes]", table: "Prices", bounds: "Bounds", spending: Spending) -> str | None:
     """Drive what is left of each part; return which limit stopped one of them, None where none did."""
     from dataclasses import replace
 
@@ -102,10 +79,10 @@ def _drive(
     stopped = None
     for name, part in planned.items():
         if part.left():
-            limited = replace(bounds, limits=study.within(part, table, calls=calls, cost_usd=cost_usd))
+            limits = study.within(part, table, calls=spending.max_calls, cost_usd=spending.max_cost)
             kept = "finished episodes and calls are kept; the same command resumes"
             with resumable(kept), progress(name, "episodes") as move:
-                outcome = study.run(part, bounds=limited, progress=move)
+                outcome = study.run(part, bounds=replace(bounds, limits=limits), progress=move)
             for spec, why in outcome.set_aside.items():
                 say(f"set aside: {spec}: {why}")
             stopped = stopped or outcome.stopped

@@ -1,13 +1,11 @@
 """``eyechart list``: what there is to choose from."""
 
-from typing import Annotated
-
 import typer
 
+from eyechart.cli.options import Json
 from eyechart.cli.terminal import print_json
 
 app = typer.Typer(help="List models, conditions, prompts and simulators.", no_args_is_help=True)
-_Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 def _show(rows: dict[str, str], *, json: bool) -> None:
@@ -20,7 +18,7 @@ def _show(rows: dict[str, str], *, json: bool) -> None:
 
 
 @app.command()
-def models(json: _Json = False) -> None:
+def models(json: Json = False) -> None:
     """List the models that there are, and how others are named; scripted ones and organisms are known answers."""
     from eyechart.models import known_models
 
@@ -28,7 +26,7 @@ def models(json: _Json = False) -> None:
 
 
 @app.command()
-def conditions(json: _Json = False) -> None:
+def conditions(json: Json = False) -> None:
     """List the input conditions and what each asks."""
     from eyechart.conditions import CONDITIONS
 
@@ -36,7 +34,7 @@ def conditions(json: _Json = False) -> None:
 
 
 @app.command()
-def prompts(json: _Json = False) -> None:
+def prompts(json: Json = False) -> None:
     """List the prompt formulations with their key and wording."""
     from eyechart.prompts import PROMPTS
 
@@ -45,7 +43,7 @@ def prompts(json: _Json = False) -> None:
 
 
 @app.command()
-def simulators(json: _Json = False) -> None:
+def simulators(json: Json = False) -> None:
     """List the simulators, the presets of their banks and the scenarios of their drives."""
     from eyechart.simulators import KINDS, SIMULATORS, open_simulator
 

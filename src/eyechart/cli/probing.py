@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eyechart.cli import asking
+from eyechart.cli.options import Json, PriceFile, expanded
 from eyechart.cli.terminal import print_json, progress, resumable, say, table_console
 
 if TYPE_CHECKING:
@@ -17,29 +18,19 @@ if TYPE_CHECKING:
 _Spec = Annotated[str, typer.Argument(help="A model's SPEC, or FILE.toml of its request mode.")]
 _Seed = Annotated[int | None, typer.Option(min=0, help="Seed of the pictures; default: drawn anew, and printed.")]
 _MaxCost = Annotated[float | None, typer.Option(min=0, help="Stop at so many US dollars.")]
-_Prices = Annotated[Path | None, typer.Option(help="FILE.toml of prices; it comes before the table.")]
-_Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 _ASSUMED_IN, _ASSUMED_OUT = 1000, 100
 """Tokens of a call that an estimate assumes of a model that nobody has measured."""
 
 
+@expanded
 def doctor(
     spec: _Spec,
     seed: _Seed = None,
-    base_url: asking.BaseUrl = None,
-    key_env: asking.KeyEnv = None,
-    token_field: asking.TokenField = None,
-    max_tokens: asking.MaxTokens = None,
-    temperature: asking.Temperature = None,
-    timeout: asking.Timeout = None,
-    json_mode: asking.JsonMode = None,
-    header: asking.Header = None,
-    body: asking.Body = None,
-    option: asking.Option = None,
+    how: asking.Options = asking.AS_USUAL,
     max_cost: _MaxCost = None,
-    prices: _Prices = None,
-    json: _Json = False,
+    prices: PriceFile = None,
+    json: Json = False,
 ) -> None:
     """Find out in at most 20 calls, without a bank, whether a model sees pictures at all, and if not, why.
 
@@ -52,18 +43,7 @@ def doctor(
     from eyechart.probe.doctor import MOST_CALLS
     from eyechart.report.diagnosis import doctor_table, headline
 
-    given = asking.given_fields(
-        base_url=base_url,
-        key_env=key_env,
-        token_field=token_field,
-        max_tokens=max_tokens,
-        temperature=temperature,
-        timeout=timeout,
-        json_mode=json_mode,
-        header=header,
-        body=body,
-        option=option,
-    )
+    given = how.given()
     mode, table = _mode(spec, given), read_prices(prices)
     _say_estimate(mode, MOST_CALLS, table)
     with resumable("nothing is kept"), progress("doctor", "calls") as move:
@@ -84,6 +64,7 @@ def doctor(
     raise typer.Exit(found.exit_code)
 
 
+@expanded
 def probe(
     spec: _Spec,
     out: Annotated[Path, typer.Option(help="FILE.toml to write the request mode to.")],
@@ -92,19 +73,10 @@ def probe(
     ] = None,
     prompt: Annotated[str, typer.Option(help="A prompt's name or FILE.toml, without --frames too.")] = "baseline",
     seed: _Seed = None,
-    base_url: asking.BaseUrl = None,
-    key_env: asking.KeyEnv = None,
-    token_field: asking.TokenField = None,
-    max_tokens: asking.MaxTokens = None,
-    temperature: asking.Temperature = None,
-    timeout: asking.Timeout = None,
-    json_mode: asking.JsonMode = None,
-    header: asking.Header = None,
-    body: asking.Body = None,
-    option: asking.Option = None,
+    how: asking.Options = asking.AS_USUAL,
     max_cost: _MaxCost = None,
-    prices: _Prices = None,
-    json: _Json = False,
+    prices: PriceFile = None,
+    json: Json = False,
 ) -> None:
     """Find how a model is best asked, in at most 60 calls, and write it as a request mode for --mode.
 
@@ -120,18 +92,7 @@ def probe(
     from eyechart.probe.pinning import MOST_CALLS
     from eyechart.report.diagnosis import probe_table
 
-    given = asking.given_fields(
-        base_url=base_url,
-        key_env=key_env,
-        token_field=token_field,
-        max_tokens=max_tokens,
-        temperature=temperature,
-        timeout=timeout,
-        json_mode=json_mode,
-        header=header,
-        body=body,
-        option=option,
-    )
+    given = how.given()
     require_free(out, "request mode")
     mode, table = _mode(spec, given), read_prices(prices)
     sample = _sample(frames, prompt, mode)

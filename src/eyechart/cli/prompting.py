@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eyechart.cli import asking, before
+from eyechart.cli.options import NO_LIMIT, Spending, expanded
 from eyechart.cli.terminal import progress, resumable, say
 
 if TYPE_CHECKING:
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from eyechart.studies.prompts import PromptStudy
 
 
+@expanded
 def prompts(
     frames: Annotated[Path, typer.Option(help="Folder of the frame bank.")],
     out: Annotated[Path, typer.Option(help="Folder of the study, one run a cell; the same one resumes it.")],
@@ -32,17 +34,8 @@ def prompts(
     limit: Annotated[int, typer.Option(min=1, help="Frames a cell, the same in each.")] = 100,
     seed: Annotated[int, typer.Option(min=0, help="Seed of stimuli, sampling and the order of calls.")] = 0,
     concurrency: Annotated[int, typer.Option(min=1, help="Calls under way at once, a model.")] = 8,
-    base_url: asking.BaseUrl = None,
-    key_env: asking.KeyEnv = None,
-    token_field: asking.TokenField = None,
-    temperature: asking.Temperature = None,
-    timeout: asking.Timeout = None,
-    header: asking.Header = None,
-    body: asking.Body = None,
-    option: asking.Option = None,
-    max_calls: Annotated[int | None, typer.Option(min=1, help="Stop at so many requests of this study.")] = None,
-    max_cost: Annotated[float | None, typer.Option(min=0, help="Stop at so many US dollars of this study.")] = None,
-    prices: Annotated[Path | None, typer.Option(help="FILE.toml of prices; it comes before the table.")] = None,
+    how: asking.Addressing = asking.ADDRESSED,
+    spending: Spending = NO_LIMIT,
     no_probe: asking.NoProbe = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the plan and make no call.")] = False,
 ) -> None:
@@ -55,7 +48,6 @@ def prompts(
     from itertools import product
 
     from eyechart.errors import SpecError
-    from eyechart.models.prices import read_prices
     from eyechart.modes import STRUCTURED
     from eyechart.prompts import PROMPTS
     from eyechart.studies import prompts as study
@@ -64,17 +56,8 @@ def prompts(
     for one in json_mode or ():
         if one not in STRUCTURED:
             raise SpecError(f"--json-mode '{one}' is none of {', '.join(STRUCTURED)}")
-    given = asking.given_fields(
-        base_url=base_url,
-        key_env=key_env,
-        token_field=token_field,
-        temperature=temperature,
-        timeout=timeout,
-        header=header,
-        body=body,
-        option=option,
-    )
-    asked, table = asking.read_modes(model, mode, given), read_prices(prices)
+    given = how.given()
+    asked, table = asking.read_modes(model, mode, given), spending.table()
 
     def planned_for(modes: "Sequence[RequestMode]", probes: "Mapping[str, Spent]") -> "PromptStudy":
         return study.plan(
@@ -97,7 +80,7 @@ def prompts(
             lambda one: sample_of(one.cells.values()),
             lambda known: study.spent_on(out, known),
         ),
-        before.Allowed(no_probe, dry_run, max_calls, max_cost),
+        before.Allowed(no_probe, dry_run, spending.max_calls, spending.max_cost),
         table,
         {"structured": "none"},  # the form of an answer is a factor of this study
     )
@@ -112,7 +95,12 @@ def prompts(
         return
     with resumable(), progress("calls", "calls") as move:
         outcome = study.run(
-            planned, concurrency=concurrency, calls=max_calls, cost_usd=max_cost, prices=table, progress=move
+            planned,
+            concurrency=concurrency,
+            calls=spending.max_calls,
+            cost_usd=spending.max_cost,
+            prices=table,
+            progress=move,
         )
     for spec, why in {**failed, **outcome.set_aside}.items():
         say(f"set aside: {spec}: {why}")

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eyechart.cli.auditing import print_drives
+from eyechart.cli.options import Json, PriceFile
 from eyechart.cli.terminal import print_json, table_console
 
 if TYPE_CHECKING:
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from eyechart.verdicts import Verdict
 
 _Run = Annotated[Path, typer.Argument(help="Folder of the run.")]
-_Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 _Independent = Annotated[
     bool, typer.Option("--independent", help="Declare that frames outside episodes are independent draws.")
 ]
@@ -27,7 +27,7 @@ _Reread = Annotated[
 ]
 
 
-def score(run: _Run, json: _Json = False, independent: _Independent = False, reread: _Reread = False) -> None:
+def score(run: _Run, json: Json = False, independent: _Independent = False, reread: _Reread = False) -> None:
     """Print every statistic of a run with its interval, n and p. Example: eyechart score run --json."""
     from eyechart.report.costs import costs_table
     from eyechart.report.tables import frontier_table, statistics_table
@@ -111,7 +111,7 @@ def print_online(scored: "OnlineScore", *, json: bool) -> None:
             console.print(f"refused: {one.scenario}/{one.seed}: {one.why}", markup=False)
 
 
-def verdict(run: _Run, json: _Json = False, independent: _Independent = False, reread: _Reread = False) -> None:
+def verdict(run: _Run, json: Json = False, independent: _Independent = False, reread: _Reread = False) -> None:
     """Print the verdict on every model of a run, and what decided it. Example: eyechart verdict run."""
     from eyechart.studies import battery as study
     from eyechart.verdicts import judge, words_of
@@ -168,9 +168,9 @@ def print_each_mark(name: str, marks: "Sequence[str]") -> None:
 
 def costs(
     run: _Run,
-    prices: Annotated[Path | None, typer.Option(help="FILE.toml of prices; it comes before the table.")] = None,
+    prices: PriceFile = None,
     every: Annotated[bool, typer.Option("--all", help="A line for every condition too.")] = False,
-    json: _Json = False,
+    json: Json = False,
 ) -> None:
     """Print what a run's calls took, by model: attempts and their outcomes, tokens, dollars, seconds, joules.
 
@@ -211,7 +211,7 @@ def gate(
     require: Annotated[str, typer.Option(help="depth, depth_lateral, swaps; several with commas.")] = "depth",
     max_unparsed: Annotated[float | None, typer.Option(help="Highest rate of calls without a decision.")] = None,
     junit: Annotated[Path | None, typer.Option(help="Write the checks as JUnit XML.")] = None,
-    json: _Json = False,
+    json: Json = False,
     independent: _Independent = False,
     reread: _Reread = False,
 ) -> None:

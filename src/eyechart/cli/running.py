@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eyechart.cli import asking, before
+from eyechart.cli.options import NO_LIMIT, Spending, expanded
 from eyechart.cli.terminal import progress, resumable, say
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ app = typer.Typer(help="Run a study: make its calls and append them to a ledger.
     "depth by intervention, presence_only, refusal_effect and image_invariant; that the whole run would have been "
     "not_scorable, .02); success at following the gap by observation never stops a run. Try it with --dry-run first."
 )
+@expanded
 def battery(
     frames: Annotated[Path, typer.Option(help="Folder of the frame bank.")],
     out: Annotated[Path, typer.Option(help="Folder of the run; the same one resumes it.")],
@@ -39,19 +41,8 @@ def battery(
     limit: Annotated[int | None, typer.Option(help="So many frames, from every episode in turn.")] = None,
     shard: Annotated[str | None, typer.Option(help="i/n: make only these calls; join with 'merge'.")] = None,
     concurrency: Annotated[int, typer.Option(min=1, help="Calls under way at once, a model.")] = 8,
-    base_url: asking.BaseUrl = None,
-    key_env: asking.KeyEnv = None,
-    token_field: asking.TokenField = None,
-    max_tokens: asking.MaxTokens = None,
-    temperature: asking.Temperature = None,
-    timeout: asking.Timeout = None,
-    json_mode: asking.JsonMode = None,
-    header: asking.Header = None,
-    body: asking.Body = None,
-    option: asking.Option = None,
-    max_calls: Annotated[int | None, typer.Option(min=1, help="Stop at so many requests of this run.")] = None,
-    max_cost: Annotated[float | None, typer.Option(min=0, help="Stop at so many US dollars of this run.")] = None,
-    prices: Annotated[Path | None, typer.Option(help="FILE.toml of prices; it comes before the table.")] = None,
+    how: asking.Options = asking.AS_USUAL,
+    spending: Spending = NO_LIMIT,
     stop_early: Annotated[
         bool, typer.Option("--stop-early", help="Ask a model no more once its verdict is settled; see below.")
     ] = False,
@@ -64,24 +55,12 @@ def battery(
     elsewhere is probed first (as 'eyechart probe' does), and what is found is kept in the run. Exit 1: calls are
     unfinished; 3: stopped at --max-calls or --max-cost.
     """
-    from eyechart.models.prices import read_prices
     from eyechart.run import read_shard
     from eyechart.studies import battery as study
 
-    given = asking.given_fields(
-        base_url=base_url,
-        key_env=key_env,
-        token_field=token_field,
-        max_tokens=max_tokens,
-        temperature=temperature,
-        timeout=timeout,
-        json_mode=json_mode,
-        header=header,
-        body=body,
-        option=option,
-    )
+    given = how.given()
     asked = asking.read_modes(model, mode, given)
-    table = read_prices(prices)
+    table = spending.table()
 
     def planned_for(modes: "Sequence[RequestMode]", probes: "Mapping[str, Spent]") -> "Battery":
         return study.plan(
@@ -105,7 +84,7 @@ def battery(
             lambda one: study.sample_of([one]),
             lambda known: study.spent_on(out, known),
         ),
-        before.Allowed(no_probe, dry_run, max_calls, max_cost, shard),
+        before.Allowed(no_probe, dry_run, spending.max_calls, spending.max_cost, shard),
         table,
     )
     for line in (*sizes(planned), *(one.words for one in study.expected(planned, table, concurrency=concurrency))):
@@ -114,7 +93,7 @@ def battery(
         say(line)
     if dry_run:
         return
-    limits = study.within(planned, table, calls=max_calls, cost_usd=max_cost)
+    limits = study.within(planned, table, calls=spending.max_calls, cost_usd=spending.max_cost)
     with resumable(), progress("calls", "calls") as move:
         outcome = study.run(planned, concurrency=concurrency, limits=limits, progress=move)
     for line in _after(planned) if stop_early else ():

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eyechart.cli import asking
+from eyechart.cli.options import NO_LIMIT, Spending, expanded
 from eyechart.cli.running import sizes, tell
 from eyechart.cli.terminal import progress, resumable, say
 
@@ -21,12 +22,10 @@ View = Annotated[
     str | None, typer.Option(help="calibrated or none; default: calibrated where the pictures have such a view.")
 ]
 Concurrency = Annotated[int, typer.Option(min=1, help="Calls under way at once, a model.")]
-MaxCalls = Annotated[int | None, typer.Option(min=1, help="Stop at so many requests of this run.")]
-MaxCost = Annotated[float | None, typer.Option(min=0, help="Stop at so many US dollars of this run.")]
-PriceFile = Annotated[Path | None, typer.Option(help="FILE.toml of prices; it comes before the table.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Print the plan and make no call.")]
 
 
+@expanded
 def admission(
     frames: Frames,
     out: Out,
@@ -35,19 +34,8 @@ def admission(
     view: View = None,
     seed: Annotated[int, typer.Option(min=0, help="Chooses the pairs, and the order of calls.")] = 0,
     concurrency: Concurrency = 8,
-    base_url: asking.BaseUrl = None,
-    key_env: asking.KeyEnv = None,
-    token_field: asking.TokenField = None,
-    max_tokens: asking.MaxTokens = None,
-    temperature: asking.Temperature = None,
-    timeout: asking.Timeout = None,
-    json_mode: asking.JsonMode = None,
-    header: asking.Header = None,
-    body: asking.Body = None,
-    option: asking.Option = None,
-    max_calls: MaxCalls = None,
-    max_cost: MaxCost = None,
-    prices: PriceFile = None,
+    how: asking.Options = asking.AS_USUAL,
+    spending: Spending = NO_LIMIT,
     dry_run: DryRun = False,
 ) -> None:
     """Ask for scene estimates of 16 balanced frame/mirror pairs, and hold them against the clauses of admission.
@@ -58,25 +46,15 @@ def admission(
     modes = asking.read_modes(
         model,
         mode,
-        asking.given_fields(
-            base_url=base_url,
-            key_env=key_env,
-            token_field=token_field,
-            max_tokens=max_tokens,
-            temperature=temperature,
-            timeout=timeout,
-            json_mode=json_mode,
-            header=header,
-            body=body,
-            option=option,
-        ),
+        how.given(),
     ).modes
     from eyechart.studies import structured as study
 
     planned = study.plan(study.ADMISSION, frames, modes, out, view=view, seed=seed)
-    _run(planned, modes, prices, concurrency=concurrency, calls=max_calls, cost_usd=max_cost, dry_run=dry_run)
+    _run(planned, modes, spending, concurrency=concurrency, dry_run=dry_run)
 
 
+@expanded
 def structured(
     frames: Frames,
     out: Out,
@@ -86,19 +64,8 @@ def structured(
     seed: Annotated[int, typer.Option(min=0, help="Of the order of calls and of sampling.")] = 0,
     limit: Annotated[int | None, typer.Option(help="So many frames, from every episode in turn.")] = None,
     concurrency: Concurrency = 8,
-    base_url: asking.BaseUrl = None,
-    key_env: asking.KeyEnv = None,
-    token_field: asking.TokenField = None,
-    max_tokens: asking.MaxTokens = None,
-    temperature: asking.Temperature = None,
-    timeout: asking.Timeout = None,
-    json_mode: asking.JsonMode = None,
-    header: asking.Header = None,
-    body: asking.Body = None,
-    option: asking.Option = None,
-    max_calls: MaxCalls = None,
-    max_cost: MaxCost = None,
-    prices: PriceFile = None,
+    how: asking.Options = asking.AS_USUAL,
+    spending: Spending = NO_LIMIT,
     dry_run: DryRun = False,
 ) -> None:
     """Ask for scene estimates of every frame of a bank and of its reflection (Table t:controller-local).
@@ -109,25 +76,15 @@ def structured(
     modes = asking.read_modes(
         model,
         mode,
-        asking.given_fields(
-            base_url=base_url,
-            key_env=key_env,
-            token_field=token_field,
-            max_tokens=max_tokens,
-            temperature=temperature,
-            timeout=timeout,
-            json_mode=json_mode,
-            header=header,
-            body=body,
-            option=option,
-        ),
+        how.given(),
     ).modes
     from eyechart.studies import structured as study
 
     planned = study.plan(study.STRUCTURED, frames, modes, out, view=view, seed=seed, limit=limit)
-    _run(planned, modes, prices, concurrency=concurrency, calls=max_calls, cost_usd=max_cost, dry_run=dry_run)
+    _run(planned, modes, spending, concurrency=concurrency, dry_run=dry_run)
 
 
+@expanded
 def online(
     out: Out,
     simulator: Annotated[str, typer.Option(help="See 'eyechart list simulators'.")] = "highway",
@@ -137,19 +94,8 @@ def online(
     episodes: Annotated[int, typer.Option(min=1, help="So many worlds, from every scenario in turn.")] = 12,
     seed: Annotated[int, typer.Option(min=0, help="Of the order of episodes and of sampling.")] = 0,
     concurrency: Annotated[int, typer.Option(min=1, help="Episodes of a model under way at once.")] = 8,
-    base_url: asking.BaseUrl = None,
-    key_env: asking.KeyEnv = None,
-    token_field: asking.TokenField = None,
-    max_tokens: asking.MaxTokens = None,
-    temperature: asking.Temperature = None,
-    timeout: asking.Timeout = None,
-    json_mode: asking.JsonMode = None,
-    header: asking.Header = None,
-    body: asking.Body = None,
-    option: asking.Option = None,
-    max_calls: MaxCalls = None,
-    max_cost: MaxCost = None,
-    prices: PriceFile = None,
+    how: asking.Options = asking.AS_USUAL,
+    spending: Spending = NO_LIMIT,
     dry_run: DryRun = False,
 ) -> None:
     """Let scene estimates drive through the safety policy, in worlds that the positive control has driven first.
@@ -159,26 +105,14 @@ def online(
     --max-calls or --max-cost. Example: eyechart run online --model scripted:scene_side_blind --out online
     """
     from eyechart import episodes as closed_loop
-    from eyechart.models.prices import read_prices
     from eyechart.studies.structured import online as study
 
     modes = asking.read_modes(
         model,
         mode,
-        asking.given_fields(
-            base_url=base_url,
-            key_env=key_env,
-            token_field=token_field,
-            max_tokens=max_tokens,
-            temperature=temperature,
-            timeout=timeout,
-            json_mode=json_mode,
-            header=header,
-            body=body,
-            option=option,
-        ),
+        how.given(),
     ).modes
-    table = read_prices(prices)
+    table = spending.table()
     with resumable("nothing was asked yet; the same command begins anew"), progress("vetting", "worlds") as move:
         planned = study.plan(simulator, modes, out, view=view, episodes=episodes, seed=seed, progress=move)
     for one in planned.vetted:
@@ -191,7 +125,7 @@ def online(
         say(line)
     if dry_run:
         return
-    limits = closed_loop.within(drives, table, calls=max_calls, cost_usd=max_cost)
+    limits = closed_loop.within(drives, table, calls=spending.max_calls, cost_usd=spending.max_cost)
     with (
         resumable("finished episodes and calls are kept; the same command resumes"),
         progress("episodes", "episodes") as move,
@@ -207,24 +141,21 @@ def online(
 def _run(
     planned: "Battery",
     modes: "Sequence[RequestMode]",
-    prices: Path | None,
+    spending: Spending,
     *,
     concurrency: int,
-    calls: int | None,
-    cost_usd: float | None,
     dry_run: bool,
 ) -> None:
     """Say what is planned and make the calls."""
-    from eyechart.models.prices import read_prices
     from eyechart.studies import battery
 
-    table = read_prices(prices)
+    table = spending.table()
     estimates = (one.words for one in battery.expected(planned, table, concurrency=concurrency))
     for line in (f"view: {planned.manifest.view}", *sizes(planned), *_bound(modes), *estimates):
         say(line)
     if dry_run:
         return
-    limits = battery.within(planned, table, calls=calls, cost_usd=cost_usd)
+    limits = battery.within(planned, table, calls=spending.max_calls, cost_usd=spending.max_cost)
     with resumable(), progress("calls", "calls") as move:
         outcome = battery.run(planned, concurrency=concurrency, limits=limits, progress=move)
     tell(outcome, planned.left())
