@@ -48,19 +48,14 @@ def _look(
 
 def make_scene(args: argparse.Namespace) -> None:
     """Train ``scene``: its vision part learns the calibrated view, its text part the estimate."""
-    rng = torch.Generator().manual_seed(args.seed)
+    rng, later = (torch.Generator().manual_seed(args.seed) for _ in range(2))
     processor = make_processor(estimates.corpus(), estimates.REPLIES, sizes=SEEING, template=PICTURE_LAST)
     model = make_model(processor, SEEING)
     kept = load_file(folder("grounded") / "model.safetensors")
     parts = ("model.vision_model.", "model.connector.")
     model.load_state_dict({key: one.float() for key, one in kept.items() if key.startswith(parts)}, strict=False)
-    seen = args.work / f"scene-vision-{args.seed}.pt"
-    if seen.exists():
-        model.load_state_dict(torch.load(seen, weights_only=True))
-    else:
-        tune_vision(model, lambda _: _views(rng, _BATCH), steps=args.vision_steps, peak=2e-3)
-        torch.save(model.state_dict(), seen)
-    features, bits = _look(model, rng, _SIGHTS)
+    tune_vision(model, lambda _: _views(rng, _BATCH), steps=args.vision_steps, peak=2e-3)
+    features, bits = _look(model, later, _SIGHTS)
     replies = read_replies(processor, estimates.REPLIES)
     train_replies(
         model,
@@ -69,7 +64,7 @@ def make_scene(args: argparse.Namespace) -> None:
         Shown(features, estimates.seen(bits)),
         asked=estimates.asked,
         steps=args.text_steps,
-        rng=rng,
+        rng=later,
     )
     save(model, processor, args.out / "scene", sizes=SEEING, most_tokens=64)
     _describe(model, args.out / "scene")
@@ -100,12 +95,7 @@ def make_rover(args: argparse.Namespace) -> None:
     processor = make_processor(planner.corpus(), planner.REPLIES, sizes=FORWARD, template=PICTURE_LAST)
     model = make_model(processor, FORWARD)
     moments = planner.moments(args.moments, args.seed, args.work / f"rover-moments-{args.seed}.npz")
-    seen = args.work / f"rover-vision-{args.seed}.pt"
-    if seen.exists():
-        model.load_state_dict(torch.load(seen, weights_only=True))
-    else:
-        tune_vision(model, lambda _: planner.batch(moments, _BATCH, rng), steps=args.rover_steps, peak=3e-3)
-        torch.save(model.state_dict(), seen)
+    tune_vision(model, lambda _: planner.batch(moments, _BATCH, rng), steps=args.rover_steps, peak=3e-3)
     with torch.no_grad():
         taken = [planner.batch(moments, 256, rng) for _ in range(_SIGHTS // 256)]
         features = torch.cat([see(model, one.pictures) for one in taken])
@@ -115,7 +105,7 @@ def make_rover(args: argparse.Namespace) -> None:
         read_replies(processor, planner.REPLIES),
         Shown(features, planner.decide(torch.cat([one.bits for one in taken]))),
         asked=planner.asked,
-        steps=args.text_steps,
+        steps=args.text_steps // 2,
         rng=rng,
     )
     save(model, processor, args.out / "rover", sizes=FORWARD)
@@ -132,11 +122,11 @@ def main() -> None:
     """Train what is asked for, and write each checkpoint with its card."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--work", type=Path, default=Path("organisms-work"))
+    parser.add_argument("--work", type=Path, default=Path("organisms-work"), help="folder of the rover's pictures")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--vision-steps", type=int, default=200)
-    parser.add_argument("--text-steps", type=int, default=500)
-    parser.add_argument("--rover-steps", type=int, default=500)
+    parser.add_argument("--text-steps", type=int, default=600)
+    parser.add_argument("--rover-steps", type=int, default=400)
     parser.add_argument("--moments", type=int, default=20_000)
     parser.add_argument("--only", help="names with commas; default: all three")
     args = parser.parse_args()

@@ -37,7 +37,7 @@ def command(*words: object) -> tuple[object, str, str]:
 def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with a bank that no training saw, and the admission and structured runs of the organisms."""
     base = tmp_path_factory.mktemp("estimating")
-    assert command("frames", "build", "highway", "--seeds", "5,6", "--steps", "12", "--out", base / "bank")[0] == 0
+    assert command("frames", "build", "highway", "--seeds", "5", "--steps", "12", "--out", base / "bank")[0] == 0
     for study, out, models in (
         ("admission", "acting", ACTING),
         ("admission", "calibration", (SEEING, BLIND)),
