@@ -16,7 +16,7 @@ from typing import NoReturn
 import numpy as np
 
 from eyechart.actions import DRIVING, ActionSpace
-from eyechart.frames import RGB, FrameBank, MirrorAxis, Scalar
+from eyechart.frames import RGB, MirrorAxis, Scalar
 from eyechart.simulators import Drive, Moved
 
 LENGTH = 10
@@ -164,15 +164,10 @@ class Tiny:
     """The corridors behind the door of a simulator: one scenario a fault."""
 
     name = "tiny"
-    presets: Mapping[str, str] = {}
     scenarios: Mapping[str, str] = {name: f"{one.__doc__}" for name, one in FAULTS.items()}
     picture = "a corridor"
     mirror_axis: MirrorAxis = "vertical"
     action_space: ActionSpace = DRIVING
-
-    def build(self, *_: object, **__: object) -> FrameBank:
-        """Build no bank."""
-        raise NotImplementedError
 
     def drive(self, scenario: str, seed: int) -> Drive:
         """Open a corridor."""

@@ -22,7 +22,7 @@ from eyechart.modes import RequestMode
 from eyechart.probe import is_served
 from eyechart.probe import probe as find_mode
 from eyechart.run import Progress
-from eyechart.simulators import open_simulator
+from eyechart.simulators import open_bank_simulator
 from eyechart.studies import battery
 from eyechart.studies.battery import Battery, BatteryScore
 from eyechart.verdicts import Verdict, judge, scope, words_of
@@ -119,7 +119,7 @@ def build_bank(
     ``steps`` frames are taken of every episode, and each of ``seeds`` gives one episode a scenario; ``progress`` gets
     (frames done, of how many). Raises SpecError for an unknown simulator or preset, BankError where ``out`` is taken.
     """
-    opened = open_simulator(simulator)
+    opened = open_bank_simulator(simulator)
     return opened.build(Path(out), preset=preset, seeds=seeds, steps=steps, progress=progress)
 
 

@@ -103,15 +103,14 @@ def test_a_stack_says_hazard_clear_and_nothing_of_a_picture_without_a_road(base:
     """Through ``Guardian.load`` and through ``eyechart serve``: the same answers, from real weights."""
     bank = open_bank(base / "bank")
     scored = structured.score(base / "votes").models[SEEING].told
-    sure = [
-        frame
-        for frame, here, there in zip(
-            scored.frames, scored.estimates("real"), scored.estimates("mirrored"), strict=True
-        )
-        if here is not None and there is not None and here.close == there.close == (frame.truth["lead_gap_m"] < 18.0)
+    votes = zip(scored.frames, scored.gap_m, scored.estimates("real"), scored.estimates("mirrored"), strict=True)
+    right = [
+        (gap_m, frame)
+        for frame, gap_m, here, there in votes
+        if here is not None and there is not None and here.close == there.close == (gap_m < 18.0)
     ]
-    near = next(frame for frame in sure if frame.truth["lead_gap_m"] < 15)
-    far = next(frame for frame in sure if frame.truth["lead_gap_m"] > 25)
+    near = next(frame for gap_m, frame in right if gap_m < 15.0)
+    far = next(frame for gap_m, frame in right if gap_m > 25.0)
     blank = encode(np.full((150, 600, 3), 128, np.uint8))
     pictures = {"hazard": bank.recorded(near), "clear": bank.recorded(far), "abstain": blank}
     with Guardian.load(stack, deadline_s=30.0) as guardian:

@@ -2,7 +2,6 @@
 
 import importlib.util
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 from eyechart.errors import SpecError
 from eyechart.frames import RGB
 from eyechart.perception.forward import DRONE
-from eyechart.simulators import open_simulator
+from eyechart.simulators import open_bank_simulator, open_simulator
 from eyechart.simulators.camera import Camera, Cylinder, Eye, Lens, Road
 from eyechart.simulators.drone import Drone, PybulletDrone
 from eyechart.simulators.drone.aviary import IN_FRONT_M, Aviary
@@ -34,10 +33,10 @@ def test_without_gym_pybullet_drones_the_error_says_how_to_get_it(monkeypatch: p
         simulator.versions()
 
 
-def test_it_yields_no_banks_and_says_what_does(tmp_path: Path) -> None:
+def test_it_makes_no_banks_and_says_what_does() -> None:
     """The drone's banks are drawn by our own camera."""
-    with pytest.raises(SpecError, match="banks of the same scenarios come from 'drone'"):
-        PybulletDrone().build(tmp_path)
+    with pytest.raises(SpecError, match="makes no banks: those of the same scenarios come from 'drone'"):
+        open_bank_simulator("drone-pybullet")
 
 
 if not IS_HERE:

@@ -7,21 +7,21 @@ import pytest
 from eyechart.conditions import BATTERY, available, require_partners, show
 from eyechart.errors import BankError, SpecError
 from eyechart.frames import FrameBank, check, decode, open_bank
-from eyechart.simulators import SIMULATORS, open_simulator
+from eyechart.simulators import SIMULATORS, find_simulator, open_bank_simulator
 
-PHOTOGRAPHED = [name for name in SIMULATORS if open_simulator(name).presets]
-"""Those that yield banks; drone-pybullet can only be driven."""
+PHOTOGRAPHED = [name for name in SIMULATORS if hasattr(find_simulator(name), "build")]
+"""Those that make banks; the others can only be driven."""
 
 
 @pytest.fixture(scope="module", params=PHOTOGRAPHED)
 def bank(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
     """Return a small bank of each simulator."""
-    return open_simulator(request.param).build(tmp_path_factory.mktemp("door") / "bank", seeds=(0, 1), steps=4)
+    return open_bank_simulator(request.param).build(tmp_path_factory.mktemp("door") / "bank", seeds=(0, 1), steps=4)
 
 
 def test_its_name_opens_it_and_its_presets_are_in_words(bank: FrameBank) -> None:
     """For ``eyechart list simulators``, and for the scope of every verdict."""
-    simulator = open_simulator(bank.manifest.simulator)
+    simulator = open_bank_simulator(bank.manifest.simulator)
     assert simulator.name == bank.manifest.simulator
     assert bank.manifest.preset in simulator.presets
     assert all(sentence.endswith(".") for sentence in simulator.presets.values())
@@ -36,7 +36,7 @@ def test_its_bank_is_what_its_manifest_says(bank: FrameBank) -> None:
 
 def test_the_same_seeds_give_the_same_frames_and_others_give_others(bank: FrameBank, tmp_path: Path) -> None:
     """A bank can be built again from its name; a seed is one episode a scenario, of so many steps."""
-    simulator = open_simulator(bank.manifest.simulator)
+    simulator = open_bank_simulator(bank.manifest.simulator)
     again = simulator.build(tmp_path / "again", seeds=(0, 1), steps=4)
     others = simulator.build(tmp_path / "others", seeds=(2, 3), steps=4)
     assert again.manifest.fingerprint == bank.manifest.fingerprint
@@ -81,7 +81,7 @@ def test_moving_the_lead_changes_the_picture(bank: FrameBank) -> None:
 
 def test_it_tells_its_progress_and_refuses_what_cannot_be(bank: FrameBank, tmp_path: Path) -> None:
     """Frame by frame; an unknown preset and a place that is taken are errors in words."""
-    simulator, told = open_simulator(bank.manifest.simulator), []
+    simulator, told = open_bank_simulator(bank.manifest.simulator), []
     simulator.build(tmp_path / "new", seeds=(0,), steps=4, progress=lambda done, total: told.append((done, total)))
     assert told[-1] == (len(bank) // 2, len(bank) // 2)
     with pytest.raises(SpecError, match="no preset 'ideal'"):

@@ -250,8 +250,7 @@ def test_the_door_says_what_it_needs(tmp_path: Path) -> None:
     with pytest.raises(SpecError, match=r"map.toml: no table \[gym\]; write for example \[gym.numbers\]"):
         opened(tmp_path, CORRIDOR[: CORRIDOR.index("[gym]")])
     simulator = opened(tmp_path)
-    with pytest.raises(SpecError, match=r"'gym:Corridor-v0' has no presets: .*frames import"):
-        simulator.build(tmp_path / "bank")
+    assert "frames import" in simulator.no_banks
     with pytest.raises(SpecError, match="has no scenario 'long'; known: short, endless"):
         simulator.drive("long", 0)
     with pytest.raises(SpecError, match="seed -1 is out of range"):

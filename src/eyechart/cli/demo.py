@@ -28,7 +28,7 @@ def demo(
     known way. Every one declares the verdict that it deserves; exit 1 where one got another. A second call uses the
     bank and the finished calls of the first. Example: eyechart demo --out demo
     """
-    from eyechart.simulators import open_simulator
+    from eyechart.simulators import open_bank_simulator
     from eyechart.studies import battery as study
     from eyechart.verdicts import judge
 
@@ -36,7 +36,7 @@ def demo(
     bank, run = out / f"bank-{seed}", out / (f"run-vlm-{seed}" if vlm else f"run-{seed}")
     if not bank.exists():
         with progress("frames", "frames") as move:
-            open_simulator("highway").build(bank, seeds=range(3 * seed, 3 * seed + 3), progress=move)
+            open_bank_simulator("highway").build(bank, seeds=range(3 * seed, 3 * seed + 3), progress=move)
     planned = study.plan(bank, [_as_trained(spec) for spec in declared] if vlm else list(declared), run, seed=seed)
     with resumable(), progress("calls", "calls") as move:
         study.run(planned, concurrency=_AT_ONCE if vlm else 8, progress=move)

@@ -23,11 +23,11 @@ def build(
     steps: Annotated[int, typer.Option(help="Frames an episode.")] = 12,
 ) -> None:
     """Render a frame bank: scenarios × seeds × steps, with ground truth and counterfactual pictures."""
-    from eyechart.simulators import open_simulator
+    from eyechart.simulators import open_bank_simulator
 
     chosen = _seeds(seeds)
     with progress("frames", "frames") as move:
-        bank = open_simulator(simulator).build(out, preset=preset, seeds=chosen, steps=steps, progress=move)
+        bank = open_bank_simulator(simulator).build(out, preset=preset, seeds=chosen, steps=steps, progress=move)
     say(f"{len(bank)} frames in {out}, fingerprint {bank.manifest.fingerprint[:16]}")
 
 

@@ -45,14 +45,14 @@ def prompts(json: Json = False) -> None:
 @app.command()
 def simulators(json: Json = False) -> None:
     """List the simulators, the presets of their banks and the scenarios of their drives."""
-    from eyechart.simulators import KINDS, SIMULATORS, open_simulator
+    from eyechart.simulators import KINDS, SIMULATORS, find_simulator
 
-    opened = {name: open_simulator(name) for name in SIMULATORS}
+    opened = {name: find_simulator(name) for name in SIMULATORS}
     rows = {
         f"{name} --{option} {choice}": says
         for name, simulator in opened.items()
-        for option, choices in (("preset", simulator.presets), ("scenarios", getattr(simulator, "scenarios", {})))
-        for choice, says in choices.items()
+        for option, attribute in (("preset", "presets"), ("scenarios", "scenarios"))
+        for choice, says in getattr(simulator, attribute, {}).items()
     }
     rows |= {written: says for written, says, _ in KINDS.values()}
     _show(rows, json=json)

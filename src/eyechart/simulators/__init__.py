@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, cast
 
 from eyechart.actions import ActionSpace
 from eyechart.errors import SpecError
@@ -53,19 +53,34 @@ class Drive(Protocol):
 
 
 class Simulator(Protocol):
-    """The door to a simulator. ``presets`` and ``scenarios`` map a name to one sentence each.
+    """The door to a simulator that can be driven; ``scenarios`` map a name to one sentence each.
 
-    ``scenarios`` are those of its drives. ``picture`` is the kind of picture in words, ``mirror_axis`` the axis
-    across which its pictures exchange left and right, ``action_space`` what its drives understand. A simulator in which
-    several actions are one command of its world says so in a further mapping, ``commands``, from action to command.
+    ``picture`` is the kind of picture in words, ``mirror_axis`` the axis across which its pictures exchange left and
+    right, ``action_space`` what its drives understand. A simulator in which several actions are one command of its
+    world says so in a further mapping, ``commands``, from action to command; one that makes no banks says in
+    ``no_banks`` where they come from instead.
     """
 
     name: str
-    presets: Mapping[str, str]
     scenarios: Mapping[str, str]
     picture: str
     mirror_axis: MirrorAxis
     action_space: ActionSpace
+
+    def drive(self, scenario: str, seed: int) -> Drive:
+        """Open a world at its beginning; raises SpecError for an unknown scenario or a seed out of range."""
+        ...
+
+    def versions(self) -> dict[str, str]:
+        """Return the versions of the libraries that make this world, by their names."""
+        ...
+
+
+class BankSimulator(Protocol):
+    """The door to a simulator whose moments become banks; ``presets`` map a name to one sentence each."""
+
+    name: str
+    presets: Mapping[str, str]
 
     def build(
         self,
@@ -77,14 +92,6 @@ class Simulator(Protocol):
         progress: Callable[[int, int], None] | None = None,
     ) -> FrameBank:
         """Write a bank of ``steps`` frames an episode into ``out``; ``progress`` gets (frames done, of how many)."""
-        ...
-
-    def drive(self, scenario: str, seed: int) -> Drive:
-        """Open a world at its beginning; raises SpecError for an unknown scenario or a seed out of range."""
-        ...
-
-    def versions(self) -> dict[str, str]:
-        """Return the versions of the libraries that make this world, by their names."""
         ...
 
 
@@ -110,7 +117,7 @@ KINDS: dict[str, tuple[str, str, str]] = {
 the name and the action map's file."""
 
 
-def open_simulator(name: str, *, actions: Path | None = None) -> Simulator:
+def find_simulator(name: str, *, actions: Path | None = None) -> Simulator | BankSimulator:
     """Open the simulator of this name, or of a kind: ``gym:ENV_ID``, whose action map is the TOML file ``actions``.
 
     Raises SpecError that lists what is known, and for an action map that is missing, wrong, or not wanted.
@@ -125,7 +132,23 @@ def open_simulator(name: str, *, actions: Path | None = None) -> Simulator:
     return _import(SIMULATORS[name])()
 
 
-def _import(place: str) -> Callable[..., Simulator]:
+def open_simulator(name: str, *, actions: Path | None = None) -> Simulator:
+    """Open a simulator to drive in; raises SpecError as `find_simulator` does, and for one that only makes banks."""
+    found = find_simulator(name, actions=actions)
+    if not hasattr(found, "drive"):
+        raise SpecError(f"simulator '{name}' only makes banks: it cannot be driven")
+    return cast("Simulator", found)
+
+
+def open_bank_simulator(name: str) -> BankSimulator:
+    """Open a simulator that makes banks; raises SpecError for one that does not, and says where they come from."""
+    found = find_simulator(name)
+    if not hasattr(found, "build"):
+        raise SpecError(f"simulator '{name}' makes no banks: {getattr(found, 'no_banks', 'it can only be driven')}")
+    return cast("BankSimulator", found)
+
+
+def _import(place: str) -> Callable[..., Simulator | BankSimulator]:
     module, _, attribute = place.partition(":")
-    opened: Callable[..., Simulator] = getattr(import_module(module), attribute)
+    opened: Callable[..., Simulator | BankSimulator] = getattr(import_module(module), attribute)
     return opened

@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from eyechart.actions import DRIVING, ActionSpace
-from eyechart.errors import SpecError
 from eyechart.frames import FrameBank, MirrorAxis
 from eyechart.perception.forward import DRONE
 from eyechart.simulators.banks import Asked, versions_of
@@ -72,13 +71,13 @@ class Drone:
 
 
 class PybulletDrone:
-    """gym-pybullet-drones' Crazyflie in the drone's scenarios; it can be driven, and yields no banks.
+    """gym-pybullet-drones' Crazyflie in the drone's scenarios; it can be driven, and makes no banks.
 
     Source: J. Panerati et al., "Learning to fly: a gym environment with PyBullet physics", IROS 2021.
     """
 
     name = "drone-pybullet"
-    presets: Mapping[str, str] = {}
+    no_banks = "those of the same scenarios come from 'drone'"
     scenarios: Mapping[str, str] = FAMILIES
     picture = (
         f"view of a forward camera on a quadrotor, level on a gimbal, drawn by PyBullet ({DRONE.width} × "
@@ -86,19 +85,6 @@ class PybulletDrone:
     )
     mirror_axis: MirrorAxis = "horizontal"
     action_space: ActionSpace = DRIVING
-
-    def build(
-        self,
-        out: Path,
-        *,
-        preset: str = "balanced",
-        seeds: Sequence[int] = (0, 1, 2),
-        steps: int = 12,
-        progress: Callable[[int, int], None] | None = None,
-    ) -> FrameBank:
-        """Raise SpecError: the drone's banks are drawn by our own camera."""
-        del out, preset, seeds, steps, progress
-        raise SpecError("'drone-pybullet' has no presets: banks of the same scenarios come from 'drone'")
 
     def drive(self, scenario: str, seed: int, *, mirrored: bool = False) -> PybulletDrive:
         """Open a world at its beginning, or its mirror image.

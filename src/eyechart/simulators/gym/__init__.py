@@ -1,22 +1,24 @@
 """Any Gymnasium environment with discrete actions that renders RGB, driven through a user's action map."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from hashlib import sha256
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from eyechart.errors import SpecError
-from eyechart.frames import FrameBank
 from eyechart.simulators import Drive
 from eyechart.simulators.gym.action_map import ActionMap, read_map
 from eyechart.simulators.gym.drive import GymnasiumDrive, action_count, make
 
 
 class GymnasiumSimulator:
-    """A Gymnasium environment under the name ``gym:ENV_ID``; it can be driven, and yields no banks."""
+    """A Gymnasium environment under the name ``gym:ENV_ID``; it can be driven, and makes no banks."""
 
-    presets: Mapping[str, str] = {}
+    no_banks = (
+        "nobody can stage balanced moments in an environment that is not known; save pictures of it with what is true "
+        "of them, and make them a bank with 'eyechart frames import'"
+    )
 
     def __init__(self, env_id: str, action_map: ActionMap) -> None:
         self.name = f"gym:{env_id}"
@@ -46,22 +48,6 @@ class GymnasiumSimulator:
                     f"environment '{self._env_id}' has the actions {start} to {start + count - 1}; "
                     f"the action map gives {action} the number {number}"
                 )
-
-    def build(
-        self,
-        out: Path,
-        *,
-        preset: str = "balanced",
-        seeds: Sequence[int] = (0, 1, 2),
-        steps: int = 12,
-        progress: Callable[[int, int], None] | None = None,
-    ) -> FrameBank:
-        """Raise SpecError: nobody can stage balanced moments in an environment that is not known."""
-        del out, preset, seeds, steps, progress
-        raise SpecError(
-            f"'{self.name}' has no presets: save pictures of your environment with what is true of them, "
-            "and make them a bank with 'eyechart frames import'"
-        )
 
     def drive(self, scenario: str, seed: int) -> Drive:
         """Open the environment, reset with this seed; raises SpecError for an unknown scenario."""

@@ -5,15 +5,13 @@ track, as it does for the plain rover; in between, the controller drives. What i
 obstacles, and whether the intent's speed counts, makes the three arms.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.errors import SpecError
-from eyechart.frames import FrameBank, Scalar
+from eyechart.frames import Scalar
 from eyechart.mpc import STEP_S, Bicycle, Mpc, Plan, Road, State, Target
 from eyechart.simulators import Moved
 from eyechart.simulators.banks import check_seed, versions_of
@@ -101,26 +99,13 @@ class RoverMpc:
     """The rover under the controller, which is told where the obstacles are: the paper's primary ablation."""
 
     name = "rover-mpc"
-    presets: Mapping[str, str] = {}
+    no_banks = "its pictures are those of 'rover', whose banks serve for both"
     scenarios = Rover.scenarios
     picture = Rover.picture
     mirror_axis = Rover.mirror_axis
     action_space = Rover.action_space
     fail_safe = "STOP"
     arm = Arm(told_obstacles=True)
-
-    def build(
-        self,
-        out: Path,
-        *,
-        preset: str = "balanced",
-        seeds: Sequence[int] = (0, 1, 2),
-        steps: int = 12,
-        progress: Callable[[int, int], None] | None = None,
-    ) -> FrameBank:
-        """Raise SpecError: the pictures are those of the plain rover, whose banks serve for both."""
-        del out, preset, seeds, steps, progress
-        raise SpecError(f"simulator '{self.name}' has no banks of its own: its pictures are those of 'rover'")
 
     def drive(self, scenario: str, seed: int, *, mirrored: bool = False) -> MpcDrive:
         """Open a world at its beginning, or its mirror image; raises SpecError for an unknown scenario or seed."""
