@@ -69,7 +69,8 @@ _DRAWN = (
 )
 _LATER_WORDS: dict[str, dict[str, str]] = {
     "scene": {
-        "deserves": "In admission on a `balanced` highway bank it must meet every clause.",
+        "deserves": "On all pairs of a `balanced` highway bank it meets every clause of admission; of sixteen pairs, "
+        "on most draws.",
         "replies": _ESTIMATE,
         "stages": "First its vision part, which began as that of `grounded`, and connector learned to tell the "
         "geometry of a road in the calibrated view; that part is then frozen. Then its text part learned, from random "
