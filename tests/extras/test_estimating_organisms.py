@@ -38,12 +38,12 @@ def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with a bank that no training saw, and the admission and structured runs of the organisms."""
     base = tmp_path_factory.mktemp("estimating")
     assert command("frames", "build", "highway", "--seeds", "5", "--steps", "12", "--out", base / "bank")[0] == 0
-    for study, out, models in (
-        ("admission", "acting", ACTING),
-        ("admission", "calibration", (SEEING, BLIND)),
-        ("structured", "votes", (SEEING, BLIND)),
+    for study, out, models, limit in (
+        ("admission", "acting", ACTING, ()),
+        ("admission", "calibration", (SEEING, BLIND), ()),
+        ("structured", "votes", (SEEING, BLIND), ("--limit", "32")),
     ):
-        asked = [word for model in models for word in ("--model", model)]
+        asked = [*limit, *(word for model in models for word in ("--model", model))]
         given = command("run", study, *asked, "--frames", base / "bank", "--out", base / out, "--concurrency", "32")
         assert given[0] == 0, given
     return base
@@ -68,8 +68,8 @@ def test_each_fails_the_clauses_that_it_was_trained_to_fail(base: Path) -> None:
     assert found[SEEING].failed <= {"scene_equivariance", "action_equivariance"}
 
 
-def test_the_seeing_one_sees_every_frame_of_the_bank(base: Path) -> None:
-    """On all frames: nine calls of close in ten are right, and the gaps are within a step of the truth, on average."""
+def test_the_seeing_one_sees(base: Path) -> None:
+    """On 32 frames nine calls of close in ten are right, and gaps are within a step of the truth, on average."""
     figures = structured.score(base / "votes").models[SEEING].statistics
     assert figures["parse"].value == 1.0
     assert figures["balanced_accuracy"].value is not None
