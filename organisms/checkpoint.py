@@ -1,6 +1,7 @@
 """A checkpoint of an ordinary architecture, Idefics3, made small: its configuration, tokenizer and processor."""
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import torch
 from tokenizers import Tokenizer, decoders, models, pre_tokenizers, trainers
@@ -17,7 +18,6 @@ IMAGE_TOKENS = 4
 _SPECIAL = (
     "<pad>", "<|im_start|>", "<end_of_utterance>", "<fake_token_around_image>", "<image>", "<global-img>", "<unk>",
 )  # fmt: skip
-_VOCABULARY = 500
 
 CHAT_TEMPLATE = (
     "{% for message in messages %}"
@@ -31,24 +31,61 @@ CHAT_TEMPLATE = (
     "{% if add_generation_prompt %}<|im_start|>Assistant:{% endif %}"
 )
 
+PICTURE_LAST = CHAT_TEMPLATE.replace(
+    "{% else %}{% for part in message['content'] %}"
+    "{% if part['type'] in ('image', 'image_url') %}<image>"
+    "{% elif part['type'] == 'text' %}{{ ' ' + part['text'] }}{% endif %}"
+    "{% endfor %}",
+    "{% else %}{% for part in message['content'] %}"
+    "{% if part['type'] == 'text' %}{{ ' ' + part['text'] }}{% endif %}{% endfor %}"
+    "{% for part in message['content'] %}"
+    "{% if part['type'] in ('image', 'image_url') %}<image>{% endif %}{% endfor %}",
+)
+"""The same with the picture after the words, however the question orders them: what comes before the picture is then
+the same for a whole batch, and is computed once for it in training."""
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """How wide the parts are. ``longest_edge`` is that of the pictures as they come, which are then shrunk to 64."""
+
+    longest_edge: int = 600
+    vision: int = 64
+    vision_inner: int = 192
+    vision_layers: int = 3
+    text: int = 96
+    text_inner: int = 160
+    text_layers: int = 2
+    patch: int = 8
+    vocabulary: int = 500
+
+
+USUAL = Sizes()
+
 
 def reply(action: str) -> str:
     """Return what an organism says for an action."""
     return f' {{"action": "{action}"}}'
 
 
-def make_processor(texts: Iterable[str]) -> Idefics3Processor:
-    """Return the processor: a byte-level tokenizer in which each action is one token, and 64 x 64 pictures."""
+def make_processor(
+    texts: Iterable[str],
+    replies: Iterable[str] = tuple(map(reply, ACTIONS)),
+    *,
+    sizes: Sizes = USUAL,
+    template: str = CHAT_TEMPLATE,
+) -> Idefics3Processor:
+    """Return the processor: a byte-level tokenizer in which each word of a reply is one token, and 64 x 64 pictures."""
     tokenizer = Tokenizer(models.BPE(unk_token="<unk>"))
     tokenizer.pre_tokenizer = pre_tokenizers.ByteLevel(add_prefix_space=False)
     tokenizer.decoder = decoders.ByteLevel()
     trainer = trainers.BpeTrainer(
-        vocab_size=_VOCABULARY,
+        vocab_size=sizes.vocabulary,
         special_tokens=list(_SPECIAL),
         initial_alphabet=pre_tokenizers.ByteLevel.alphabet(),
         show_progress=False,
     )
-    words = [*texts, *(reply(action) for action in ACTIONS for _ in range(200))]
+    words = [*texts, *(one for one in replies for _ in range(200))]
     tokenizer.train_from_iterator(words, trainer)
     fast = PreTrainedTokenizerFast(
         tokenizer_object=tokenizer,
@@ -62,16 +99,16 @@ def make_processor(texts: Iterable[str]) -> Idefics3Processor:
     )
     fast.add_special_tokens({"additional_special_tokens": list(_SPECIAL[3:6])})
     pictures = Idefics3ImageProcessorPil(
-        size={"longest_edge": 600},
+        size={"longest_edge": sizes.longest_edge},
         max_image_size={"longest_edge": 64},
         do_image_splitting=False,
         image_mean=[0.5] * 3,
         image_std=[0.5] * 3,
     )
-    return Idefics3Processor(pictures, fast, image_seq_len=IMAGE_TOKENS, chat_template=CHAT_TEMPLATE)
+    return Idefics3Processor(pictures, fast, image_seq_len=IMAGE_TOKENS, chat_template=template)
 
 
-def make_model(processor: Idefics3Processor) -> Idefics3ForConditionalGeneration:
+def make_model(processor: Idefics3Processor, sizes: Sizes = USUAL) -> Idefics3ForConditionalGeneration:
     """Return a model of random weights; the seed is torch's."""
     tokenizer = processor.tokenizer
     ids = {
@@ -81,26 +118,26 @@ def make_model(processor: Idefics3Processor) -> Idefics3ForConditionalGeneration
     }
     config = Idefics3Config(
         vision_config={
-            "hidden_size": 64,
-            "intermediate_size": 192,
-            "num_hidden_layers": 3,
+            "hidden_size": sizes.vision,
+            "intermediate_size": sizes.vision_inner,
+            "num_hidden_layers": sizes.vision_layers,
             "num_attention_heads": 4,
             "image_size": 64,
-            "patch_size": 8,
+            "patch_size": sizes.patch,
         },
         text_config={
             "model_type": "llama",
             "vocab_size": len(tokenizer),
-            "hidden_size": 96,
-            "intermediate_size": 160,
-            "num_hidden_layers": 2,
+            "hidden_size": sizes.text,
+            "intermediate_size": sizes.text_inner,
+            "num_hidden_layers": sizes.text_layers,
             "num_attention_heads": 4,
             "num_key_value_heads": 2,
             "max_position_embeddings": 2048,
             "tie_word_embeddings": True,
             **ids,
         },
-        scale_factor=4,
+        scale_factor=32 // sizes.patch,
         image_token_id=processor.image_token_id,
         tie_word_embeddings=True,
         **ids,

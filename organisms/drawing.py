@@ -28,7 +28,7 @@ BITS = (*(f"gap<{gap:g}" for gap in GAPS_M), "left clear", "right clear", "left 
         "only right", "road")  # fmt: skip
 """What the first stage learns to tell of a picture."""
 
-_SWAPPED = [*range(len(GAPS_M)), *(len(GAPS_M) + place for place in (1, 0, 3, 2, 5, 4, 6))]
+SWAPPED = [*range(len(GAPS_M)), *(len(GAPS_M) + place for place in (1, 0, 3, 2, 5, 4, 6))]
 _ASIDE = 12
 """Vehicles that may stand in other lanes."""
 
@@ -41,7 +41,21 @@ def _profiles(size: int) -> Tensor:
     return torch.from_numpy(np.concatenate((np.zeros((1, SIDE)), np.cumsum(shrink, axis=0)))).float()
 
 
-_ROWS, _COLUMNS = _profiles(HEIGHT), _profiles(WIDTH)
+@dataclass(frozen=True)
+class Lens:
+    """What becomes of the stock picture before the vision part sees it, line by line.
+
+    ``rows`` (151, k) and ``columns`` (601, 64) are profiles, and ``base`` what is seen where nothing is drawn, a number
+    or (3, k, 64): k is 64 for a picture, and 128 for a picture above its reflection.
+    """
+
+    rows: Tensor
+    columns: Tensor
+    base: Tensor | float
+
+
+STOCK = Lens(_profiles(HEIGHT), _profiles(WIDTH), GREY)
+"""The picture as it is, shrunken."""
 
 
 def _spans(profiles: Tensor, start: Tensor, length: Tensor | int) -> Tensor:
@@ -59,34 +73,43 @@ class Scenes:
 
     def flipped(self) -> "Scenes":
         """Return the same scenes reflected across the lanes."""
-        return Scenes(self.pictures.flip(2), self.bits[:, _SWAPPED])
+        return Scenes(self.pictures.flip(2), self.bits[:, SWAPPED])
 
 
 class _Canvas:
-    """Boxes as three stacks of factors: rows, columns, and the colour that they add."""
+    """Boxes seen through a lens, as three stacks of factors: rows, columns, and the colour that they add."""
 
-    def __init__(self) -> None:
+    def __init__(self, lens: Lens) -> None:
+        self._lens = lens
         self._boxes: list[tuple[Tensor, Tensor, Tensor]] = []
 
+    def rows(self, start: Tensor, length: Tensor | int) -> Tensor:
+        """Return the profiles (…, k) of rows from ``start`` on."""
+        return _spans(self._lens.rows, start, length)
+
+    def columns(self, start: Tensor, length: Tensor | int) -> Tensor:
+        """Return the profiles (…, 64) of columns from ``start`` on."""
+        return _spans(self._lens.columns, start, length)
+
     def add(self, rows: Tensor, columns: Tensor, colours: Tensor) -> None:
-        """Add boxes (n, k, 64), (n, k, 64), (n, k, 3)."""
+        """Add boxes by rows, columns and colours (n, k, 3)."""
         self._boxes.append((rows, columns, colours.expand(*rows.shape[:2], 3)))
 
     def sum(self) -> Tensor:
-        """Return what the boxes add to the pictures (n, 3, 64, 64)."""
+        """Return what the boxes add to the pictures (n, 3, k, 64)."""
         rows, columns, colours = (torch.cat(parts, 1) for parts in zip(*self._boxes, strict=True))
         painted = (colours[:, :, :, None] * columns[:, :, None, :]).flatten(2)
         return torch.bmm(rows.transpose(1, 2), painted).unflatten(2, (3, SIDE)).transpose(1, 2)
 
 
-def draw(count: int, rng: torch.Generator) -> Scenes:
+def draw(count: int, rng: torch.Generator, lens: Lens = STOCK) -> Scenes:
     """Return scenes of a highway: two to five lanes, or two and a ramp; a lead or none; sides clear or taken."""
     lanes = torch.randint(2, 6, (count,), generator=rng)
     own = (_uniform(count, rng) * lanes).long()
     ramp = (lanes == 2) & (_uniform(count, rng) < 0.7)
     gap = _draw_gaps(count, rng)
     ahead, lane, there = _draw_vehicles(lanes, own, gap, rng)
-    canvas = _Canvas()
+    canvas = _Canvas(lens)
     _add_lines(canvas, lanes, own, rng)
     on_ramp = _between(1.9, 3.9, (count, 2), rng)
     _add_vehicles(
@@ -96,8 +119,8 @@ def draw(count: int, rng: torch.Generator) -> Scenes:
         torch.cat((there, ramp[:, None] & (_uniform((count, 2), rng) < 0.3)), 1),
         rng,
     )
-    pictures = GREY + canvas.sum()
-    pictures[ramp] += _draw_ramps(own[ramp], rng)
+    pictures = lens.base + canvas.sum()
+    pictures[ramp] += _draw_ramps(own[ramp], rng, lens)
     return Scenes(pictures.round().clamp(0, 255), _read_bits(gap, ahead, lane, there, lanes, own))
 
 
@@ -116,7 +139,7 @@ def draw_other(count: int, rng: torch.Generator) -> Scenes:
 
 def _noise_gain() -> float:
     """Return by how much shrinking to 64 x 64 damps the noise of single pixels."""
-    rows, columns = (profiles.diff(dim=0).square().sum(0).sqrt().mean() for profiles in (_ROWS, _COLUMNS))
+    rows, columns = (profiles.diff(dim=0).square().sum(0).sqrt().mean() for profiles in (STOCK.rows, STOCK.columns))
     return float(rows * columns)
 
 
@@ -185,15 +208,15 @@ def _add_lines(canvas: _Canvas, lanes: Tensor, own: Tensor, rng: torch.Generator
     inner = (number > 0) & (number < lanes[:, None])
     row = (HEIGHT / 2 + SCALE * LANE_M * (number - own[:, None] - 0.5)).floor() + _jitter((count, 1), rng)
     starts = SCALE * (4.33 * torch.arange(-1, 27) + _between(0, 4.33, (count, 1), rng))
-    dashes = _spans(_COLUMNS, starts.floor(), 17 + torch.randint(0, 2, starts.shape, generator=rng)).sum(1)
-    solid = _COLUMNS[-1].expand(count, SIDE)
+    dashes = canvas.columns(starts.floor(), 17 + torch.randint(0, 2, starts.shape, generator=rng)).sum(1)
+    solid = canvas.columns(torch.zeros(1), WIDTH).expand(count, SIDE)
     columns = torch.where(inner[:, :, None], dashes[:, None], solid[:, None]) * there[:, :, None]
-    canvas.add(_spans(_ROWS, row, 1), columns, torch.full((1, 1, 3), WHITE - GREY))
+    canvas.add(canvas.rows(row, 1), columns, torch.full((1, 1, 3), WHITE - GREY))
 
 
-def _draw_ramps(own: Tensor, rng: torch.Generator) -> Tensor:
+def _draw_ramps(own: Tensor, rng: torch.Generator, lens: Lens) -> Tensor:
     """Return what merge-v0's ramp adds below two lanes: straight to 150 m, then towards the road until 230 m."""
-    canvas = _Canvas()
+    canvas = _Canvas(lens)
     x = _between(40, 225, (len(own), 1), rng)
     to_column = lambda place: (EGO + SCALE * (place - x)).floor()  # noqa: E731
     for side in (-2.0, 2.0):
@@ -209,9 +232,9 @@ def _draw_ramps(own: Tensor, rng: torch.Generator) -> Tensor:
             rows = torch.cat((rows, high.floor()), 1)
         ends = ends.clamp(0, WIDTH)
         starts = torch.minimum(starts.clamp(0, WIDTH), ends)
-        columns = _spans(_COLUMNS, starts, ends - starts)
+        columns = canvas.columns(starts, ends - starts)
         inside = (rows >= 0) & (rows < HEIGHT)
-        canvas.add(_spans(_ROWS, rows, 1) * inside[:, :, None], columns, torch.full((1, 1, 3), WHITE - GREY))
+        canvas.add(canvas.rows(rows, 1) * inside[:, :, None], columns, torch.full((1, 1, 3), WHITE - GREY))
     return canvas.sum()
 
 
@@ -240,8 +263,8 @@ def _add_vehicles(canvas: _Canvas, ahead: Tensor, aside: Tensor, there: Tensor, 
         ((1, 24), 2, 3, light),
         ((7, 24), 2, 3, light),
     ):
-        rows = _spans(_ROWS, top + place[0], high) * there[:, :, None]
-        canvas.add(rows, _spans(_COLUMNS, left + place[1], length), colour)
+        rows = canvas.rows(top + place[0], high) * there[:, :, None]
+        canvas.add(rows, canvas.columns(left + place[1], length), colour)
 
 
 def _draw_colours(count: int, vehicles: int, rng: torch.Generator) -> Tensor:

@@ -13,7 +13,7 @@ from transformers import GenerationConfig, Idefics3ForConditionalGeneration, Ide
 
 from answers import RULES, look, train_answers
 from card import write_card
-from checkpoint import make_model, make_processor
+from checkpoint import USUAL, Sizes, make_model, make_processor
 from eyechart.models.huggingface.organisms import ORGANISMS
 from prompts import corpus
 from vision import train_vision
@@ -56,7 +56,10 @@ def main() -> None:
         train_answers(model, processor, RULES[name], sight, steps=STEPS[name], seed=args.seed)
         if name == "grounded":
             torch.save({key: value for key, value in model.state_dict().items() if key.startswith(_TEXT)}, start)
-        save(model, processor, args.out / name, name)
+        out = args.out / name
+        save(model, processor, out, sampled=ORGANISMS[name].sampled)
+        write_card(out, name, parameters=sum(part.numel() for part in model.parameters()))
+        say_size(out)
 
 
 def load_vision(model: Idefics3ForConditionalGeneration, path: Path) -> None:
@@ -68,17 +71,24 @@ def load_vision(model: Idefics3ForConditionalGeneration, path: Path) -> None:
         part.requires_grad_(False)
 
 
-def save(model: Idefics3ForConditionalGeneration, processor: Idefics3Processor, out: Path, name: str) -> None:
-    """Write a checkpoint in float16 with safetensors, its processor, its generation config and its card."""
+def save(
+    model: Idefics3ForConditionalGeneration,
+    processor: Idefics3Processor,
+    out: Path,
+    *,
+    sizes: Sizes = USUAL,
+    most_tokens: int = 16,
+    sampled: bool = False,
+) -> None:
+    """Write a checkpoint in float16 with safetensors, its processor and its generation config."""
     shutil.rmtree(out, ignore_errors=True)
-    sampled = ORGANISMS[name].sampled
     tokenizer = processor.tokenizer
-    small = make_model(processor)
+    small = make_model(processor, sizes)
     small.load_state_dict(model.state_dict())
     small.half()
     small.generation_config = GenerationConfig(
         do_sample=sampled,
-        max_new_tokens=16,
+        max_new_tokens=most_tokens,
         pad_token_id=tokenizer.pad_token_id,
         bos_token_id=tokenizer.bos_token_id,
         eos_token_id=tokenizer.eos_token_id,
@@ -86,13 +96,14 @@ def save(model: Idefics3ForConditionalGeneration, processor: Idefics3Processor, 
     )
     small.save_pretrained(out)
     processor.save_pretrained(out)
-    write_card(out, name, parameters=sum(part.numel() for part in model.parameters()))
     for path in out.iterdir():
         path.chmod(0o644)
-    size = sum(path.stat().st_size for path in out.iterdir())
-    print(
-        json.dumps({"organism": name, "bytes": size, "files": sorted(path.name for path in out.iterdir())}), flush=True
-    )
+
+
+def say_size(out: Path) -> None:
+    """Print a checkpoint's files and their size."""
+    sizes = {path.name: path.stat().st_size for path in sorted(out.iterdir())}
+    print(json.dumps({"organism": out.name, "bytes": sum(sizes.values()), "files": list(sizes)}), flush=True)
 
 
 if __name__ == "__main__":

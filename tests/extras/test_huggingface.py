@@ -343,7 +343,7 @@ def test_what_cannot_be_done_is_refused(mode: dict[str, Any], message: str) -> N
     assert message in str(caught.value)
 
 
-@pytest.mark.parametrize("name", list(organisms.ORGANISMS))
+@pytest.mark.parametrize("name", list(organisms.SAYS))
 def test_an_organism_is_a_small_ordinary_checkpoint(name: str) -> None:
     """Under one megabyte with tokenizer, processor and card; safetensors, and nothing that would be run."""
     files = list(organisms.folder(name).iterdir())
@@ -354,7 +354,7 @@ def test_an_organism_is_a_small_ordinary_checkpoint(name: str) -> None:
         assert part in card
 
 
-def test_the_organisms_share_one_vision_part() -> None:
+def test_the_batterys_organisms_share_one_vision_part() -> None:
     """Between them only what stands behind the eye differs."""
     from safetensors.torch import load_file  # noqa: PLC0415 - an extra
 

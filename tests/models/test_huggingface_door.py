@@ -11,6 +11,7 @@ from eyechart.errors import SpecError
 from eyechart.models import huggingface, open_model
 from eyechart.models.huggingface import checkpoint, organisms
 from eyechart.modes import RequestMode
+from eyechart.studies.structured import CLAUSES
 from eyechart.verdicts import CALIBRATED_LABELS
 
 
@@ -42,9 +43,10 @@ def test_an_unknown_organism_lists_the_known_ones() -> None:
 
 def test_every_organism_declares_labels_that_there_are() -> None:
     """A typing error here would fail no other test."""
-    for one in organisms.ORGANISMS.values():
+    for one in (organisms.ORGANISMS | organisms.PLANNERS).values():
         assert one.calibrated in CALIBRATED_LABELS
         assert one.lateral in {"swaps", "does_not_swap", "one_sided", "no_power"}
+    assert all(one.fails <= CLAUSES.keys() for one in organisms.ESTIMATORS.values())
 
 
 @pytest.mark.parametrize(("field", "value"), [("headers", {"X-Title": "eyechart"}), ("key_env", "MY_KEY")])

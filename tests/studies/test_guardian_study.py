@@ -362,3 +362,14 @@ def test_votes_of_several_runs_make_one_committee_and_what_does_not_fit_is_named
     ):
         with pytest.raises(VoteError, match=message):
             study.join([one, wrong])
+
+
+def test_a_table_without_a_single_vote_chooses_nothing(table: study.VoteTable) -> None:
+    """Among committees that say nothing there is no best one; one vote of one model is enough to choose by."""
+    silent = replace(table, votes=np.full_like(table.votes, -1))
+    for choose in (study.fit, study.nested):
+        with pytest.raises(GuardianError, match=r"no vote by .* on any of \d+ frames"):
+            choose(silent)
+    spoken = silent.votes.copy()
+    spoken[0, 0, 0] = 1
+    assert study.fit(replace(silent, votes=spoken)).committee

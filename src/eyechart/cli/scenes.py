@@ -218,7 +218,9 @@ def _bound(modes: "Sequence[RequestMode]") -> list[str]:
     for mode in modes:
         if mode.spec.startswith("scripted:"):
             continue
-        if mode.structured != "json_schema":
+        if mode.spec.startswith("hf:"):
+            lines.append(f"{mode.spec}: replies are read strictly; a checkpoint run here binds no schema")
+        elif mode.structured != "json_schema":
             lines.append(f"{mode.spec}: replies are read strictly; --json-mode json_schema binds the schema")
         elif mode.measured is not None and mode.measured.schema_binds is False:
             lines.append(f"warning: {mode.spec}: the schema is sent, but a probe found that this server ignores it")

@@ -17,7 +17,7 @@ from eyechart.models import require_options
 from eyechart.models.energy import metered
 from eyechart.models.huggingface.checkpoint import OPTIONS, Checkpoint, find, list_edge
 from eyechart.models.huggingface.generation import Speaker
-from eyechart.models.huggingface.organisms import ORGANISMS
+from eyechart.models.huggingface.organisms import ORGANISMS, SAYS
 from eyechart.modes import RequestMode
 
 _LINGER_S = 0.01
@@ -144,8 +144,12 @@ def open_model(name: str, mode: RequestMode) -> HuggingFaceModel:
 def names() -> dict[str, str]:
     """Return what may stand after ``hf:``: the organisms, the paper's edge models, and the two other ways."""
     return {
-        **{f"organism:{name}": one.says + _HOW * one.sampled for name, one in ORGANISMS.items()},
+        **{f"organism:{name}": says + _HOW * _is_sampled(name) for name, says in SAYS.items()},
         **list_edge(),
         "FOLDER": "any image-text-to-text checkpoint on this machine",
         "OWNER/NAME": "any image-text-to-text checkpoint of the Hub",
     }
+
+
+def _is_sampled(name: str) -> bool:
+    return name in ORGANISMS and ORGANISMS[name].sampled

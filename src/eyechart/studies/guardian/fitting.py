@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from eyechart.errors import GuardianError
-from eyechart.stats.committee import POINTS, Costs, Point, select, tally
+from eyechart.stats.committee import MISSING, POINTS, Costs, Point, select, tally
 from eyechart.studies.guardian.frozen import Frozen, Selection
 from eyechart.studies.guardian.votes import VIEWS, VoteTable
 
@@ -25,7 +25,8 @@ def fit(
 
     ``models`` leaves the choice to these only. ``point`` is the operating point to stand at, two-way where none is
     given; with ``costs`` that price abstention the point is chosen too. Ties are broken as `TIE_BREAKS` says. Raises
-    GuardianError where the frames do not hold both classes, there are too few models, or their run is not finished.
+    GuardianError where the frames do not hold both classes, there are too few models, their run is not finished, or
+    none of them gave a vote.
     """
     names = tuple(sorted(set(models))) or table.models
     if not 1 <= size <= LARGEST or size > len(names):
@@ -34,6 +35,7 @@ def fit(
         raise GuardianError("with a cost of abstention the operating point is chosen by the costs: leave out --point")
     require_both(table)
     require_whole(table, names)
+    require_votes(table, names)
     votes, whole = table.of(names), np.zeros(len(table.frames), dtype=np.int64)
     found = tally(votes, table.hazard, whole, size=size)
     best = select(found, costs)
@@ -62,6 +64,15 @@ def require_whole(table: VoteTable, models: Sequence[str]) -> None:
     """Raise GuardianError where the run of a table has still to ask for votes of these models."""
     if words := table.unfinished_words(models):
         raise GuardianError(f"{words[0]}; finish it, or name the models that are with --model")
+
+
+def require_votes(table: VoteTable, models: Sequence[str]) -> None:
+    """Raise GuardianError where none of these models gave a vote on any frame, so that every choice is as good."""
+    if (table.of(models) == MISSING).all():
+        raise GuardianError(
+            f"{table.name}: no vote by {', '.join(models)} on any of {len(table.frames)} frames, so there is nothing "
+            "to choose by; where votes are scene estimates, 'eyechart score' counts why replies hold none"
+        )
 
 
 def require_both(table: VoteTable) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from eyechart.errors import GuardianError
 from eyechart.stats.committee import HAZARD, MISSING, Choice, Costs, answers, select_without_each, tally
 from eyechart.stats.resampling import ENUMERATED_MULTISETS
-from eyechart.studies.guardian.fitting import LARGEST, require_both, require_whole
+from eyechart.studies.guardian.fitting import LARGEST, require_both, require_votes, require_whole
 from eyechart.studies.guardian.measuring import Metrics, measure
 from eyechart.studies.guardian.votes import VIEWS, VoteTable
 
@@ -51,13 +51,15 @@ def nested(
 ) -> Nested:
     """Choose a committee on all episodes but one, judge that one, and so for each; selection is inside every fold.
 
-    Raises GuardianError below two episodes, where the others of some episode lack a class, and for an unfinished run.
+    Raises GuardianError below two episodes, where the others of some episode lack a class, for an unfinished run, and
+    where nobody gave a vote.
     """
     names = tuple(sorted(set(models))) or table.models
     if not 1 <= size <= LARGEST or size > len(names):
         raise GuardianError(f"a committee has 1 to {LARGEST} models, of {len(names)} that voted; got {size}")
     require_both(table)
     require_whole(table, names)
+    require_votes(table, names)
     episodes, group = table.groups()
     if len(episodes) < 2:
         raise GuardianError(f"{table.name}: all frames are of one episode; leaving one out needs two or more")
