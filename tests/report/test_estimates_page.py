@@ -98,7 +98,7 @@ def test_replies_and_names_are_text_whatever_they_hold(tmp_path: Path, monkeypat
     assert "<script" not in html
     assert "&lt;script&gt;window.pwned = 1&lt;/script&gt;" in html
     assert "no estimate: unparsed (no_object)" in html
-    assert "default-src 'none'" in html
+    assert "default-src &#39;none&#39;" in html
     assert re.findall(r'(?:src|href)="(?!data:|#)([^"]*)"', html) == []
 
 

@@ -234,6 +234,10 @@ def test_a_replay_is_equivariant_and_the_reader_keeps_collision_and_sides(
             assert action == "SLOW"
     agreed = sum(action == safe_action(seen[frame][0]) for frame, action in found.actions.items())
     assert found.agreement.value == agreed / 272
+    spoken = sum(answer != "abstain" for answer in scored.answers.values())
+    assert found.answered.value == spoken / 272
+    silent = study.replay(frozen, replace(held_out, votes=np.full_like(held_out.votes, -1)), seen.get)
+    assert (silent.agreement.value, silent.answered.value) == (1.0, 0.0)
     lopsided = {frame: (pair[0], pair[0]) for frame, pair in seen.items()}
     assert (study.replay(frozen, held_out, lopsided.get).equivariance.value or 0) < 1
     with pytest.raises(GuardianError, match="reads none of its 272 pictures"):

@@ -142,6 +142,10 @@ def nested_lines(found: Nested) -> Iterator[str]:
 def replay_lines(found: Replay) -> Iterator[str]:
     """Yield in words how a modular replay compares."""
     yield f"Agreement with the renderer policy: {number(found.agreement.value)} (n {found.agreement.n})"
+    yield (
+        f"The guardian answered on {number(found.answered.value)} of them (n {found.answered.n}); where it abstains "
+        "the renderer policy acts, and so agrees with itself"
+    )
     yield f"Equivariant under reflection: {number(found.equivariance.value)} (n {found.equivariance.n})"
     yield f"The renderer policy turns on {found.directional} of these frames; nothing more is said of lateral control"
     if found.unread:

@@ -32,14 +32,16 @@ MIRROR = {"LEFT": "RIGHT", "RIGHT": "LEFT"}
 class Replay:
     """What a modular controller would have done on each frame, and how that compares.
 
-    ``agreement`` is with the renderer policy, the fixed policy on what the deterministic reader sees;
-    ``equivariance`` the share of frames whose reflection gets the reflected action, without which it is no symmetric
-    controller. ``directional`` counts the frames on which the renderer policy turns: with few of them nothing is said
-    of lateral control. ``unread`` are the frames that the reader could not read, which count in neither share.
-    ``warnings`` say that votes are still to be asked for, which makes a guardian abstain and so agree.
+    ``agreement`` is with the renderer policy, the fixed policy on what the deterministic reader sees; ``answered`` is
+    the share of frames on which the guardian said anything, for where it abstains the renderer policy acts and agrees
+    with itself. ``equivariance`` is the share of frames whose reflection gets the reflected action, without which it is
+    no symmetric controller. ``directional`` counts the frames on which the renderer policy turns: with few of them
+    nothing is said of lateral control. ``unread`` are the frames that the reader could not read, which count in none of
+    these shares. ``warnings`` say that votes are still to be asked for, which makes a guardian abstain and so agree.
     """
 
     agreement: Statistic
+    answered: Statistic
     equivariance: Statistic
     directional: int
     actions: Mapping[str, str]
@@ -50,6 +52,7 @@ class Replay:
         """Return the replay as plain JSON values."""
         return {
             "agreement_with_renderer_policy": self.agreement.as_dict(),
+            "answered": self.answered.as_dict(),
             "equivariance": self.equivariance.as_dict(),
             "directional_reference_actions": self.directional,
             "actions": dict(self.actions),
@@ -84,7 +87,7 @@ def replay(frozen: Frozen, table: VoteTable, read: Read) -> Replay:
     frozen.may_score(table)
     said = [WORDS[int(one)] for one in answer_of(frozen, table)[frozen.point]]
     actions, unread = {}, []
-    agreed = mirrored = directional = 0
+    agreed = mirrored = directional = answered = 0
     for frame, answer in zip(table.frames, said, strict=True):
         scenes = read(frame)
         if scenes is None:
@@ -93,6 +96,7 @@ def replay(frozen: Frozen, table: VoteTable, read: Read) -> Replay:
         action, reflected = (modular_action(answer, scene) for scene in scenes)
         reference = safe_action(scenes[0])
         actions[frame] = action
+        answered += answer != "abstain"
         agreed += action == reference
         mirrored += reflected == MIRROR.get(action, action)
         directional += reference in MIRROR
@@ -103,6 +107,7 @@ def replay(frozen: Frozen, table: VoteTable, read: Read) -> Replay:
         )
     return Replay(
         agreement=rate(agreed, len(actions)),
+        answered=rate(answered, len(actions)),
         equivariance=rate(mirrored, len(actions)),
         directional=directional,
         actions=actions,
