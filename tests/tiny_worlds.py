@@ -4,6 +4,7 @@
 vehicle is, and one pixel in it where the way is blocked.
 """
 
+import hashlib
 import os
 import random
 import signal
@@ -206,9 +207,19 @@ _ONE_AT_A_TIME = threading.Lock()
 
 @cache
 def _dealt(image: bytes) -> str:
-    """Draw an action, the same for every picture that was seen before: a cache by content."""
-    del image
-    return random.SystemRandom().choice(DRIVING.actions)
+    """Draw a thought, and pass on either side; the same for every picture that was seen before: a cache by content."""
+    side = ("LEFT", "RIGHT")[hashlib.sha256(image).digest()[0] % 2]
+    return f"My thought number {random.SystemRandom().randrange(10**9)} leads to {side}"
+
+
+def brief(prompt: str, image: bytes | None) -> str:
+    """Answer with the action alone that the cache deals."""
+    return dealt(prompt, image).rpartition(" ")[2]
+
+
+def brief_too(prompt: str, image: bytes | None) -> str:
+    """Answer the same, as another model."""
+    return brief(prompt, image)
 
 
 def dealt(prompt: str, image: bytes | None) -> str:

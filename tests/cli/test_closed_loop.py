@@ -150,6 +150,22 @@ def test_drives_that_converge_and_a_planted_cache_are_told_apart(
     assert "suspect caching: python:tiny_worlds:dealt, python:tiny_worlds:dealt_too: identical in 4 of 4" in told
 
 
+def test_one_word_of_two_models_that_decide_alike_is_no_suspicion(
+    drive: Drive, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The word follows from the decision, so exit 0; nor is a cache suspected once the ledger is gone."""
+    both = ("--policy", "python:tiny_worlds:brief", "--policy", "python:tiny_worlds:brief_too")
+    assert drive(*both, "--scenarios", "whole", "--seeds", 4).code == 0
+    code, told, _ = audit(tmp_path, capsys, monkeypatch)
+    assert code == 0
+    assert "decide alike throughout: python:tiny_worlds:brief, python:tiny_worlds:brief_too: identical in 4" in told
+    assert "replies are word for word the same, but nearly each follows from its decision" in told
+    (tmp_path / "run" / "ledger.sqlite").unlink()
+    code, told, _ = audit(tmp_path, capsys, monkeypatch)
+    assert code == 0
+    assert "no reply of both is at hand to be compared" in told
+
+
 def audit(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Said:
     """Audit the run."""
     monkeypatch.setattr(sys, "argv", ["eyechart", "audit", str(tmp_path / "run")])

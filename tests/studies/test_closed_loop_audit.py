@@ -115,6 +115,21 @@ def test_two_constants_converge(tmp_path: Path) -> None:
     assert "all of them take STRAIGHT and nothing else" in found.words
 
 
+def test_the_fail_safe_is_credited_to_no_model(tmp_path: Path) -> None:
+    """Who answers nothing drives as the constant SLOW does, and takes no action; nearly always is not nothing else."""
+    episodes = [*drive("mute", always(None)), *drive("constant:SLOW", always("SLOW"))]
+    (found,) = score(make_run(tmp_path / "a", episodes, models=["mute"])).twins
+    assert found.kind == "no decision: the fail-safe drove"
+    assert "there is no decision of mute at 100% of the steps" in found.words
+
+    def nearly(_truth: Mapping[str, Scalar], step: int, seed: int) -> str | None:
+        return "LEFT" if (step, seed) == (0, 0) else None if step == 1 else "SLOW"
+
+    (twins,) = score(make_run(tmp_path / "b", [*drive("m", nearly), *drive("n", nearly)], models=["m", "n"])).twins
+    assert "all of them take SLOW at 98% of the steps at least" in twins.words
+    assert "At 5% of them m decides nothing, and SLOW is the fail-safe's" in twins.words
+
+
 def test_other_words_for_one_command_are_aliases(tmp_path: Path) -> None:
     """STOP and SLOW are one command in the highway, which the simulator itself declares."""
     episodes = [*drive("one", always("STOP")), *drive("other", always("SLOW"))]
@@ -244,6 +259,31 @@ def test_what_needs_no_cache_is_not_suspected(tmp_path: Path) -> None:
     assert [one.kind for one in found.twins] == ["repeats itself"]
     assert [one.driver.label for one in found.ladder] == ["first · model", "second · model"]
     assert not found.suspect
+
+
+@pytest.mark.parametrize(("seconds", "kind"), [(0.09, "repeats itself"), (1.0, "suspect caching")])
+def test_a_quick_model_that_repeats_itself_at_another_pace_is_no_cache(
+    tmp_path: Path, seconds: float, kind: str
+) -> None:
+    """Below a tenth of a second its times tell nothing; above, the words are of one model and not of two."""
+    runs = []
+    for name, took in (("whole", seconds), ("cut", seconds / 20)):
+        episodes = drive("model", by_depth)
+        runs.append(make_run(tmp_path / name, episodes, models=["model"]))
+        reply = Reply("x", "stop", seconds=took)
+        add_replies(runs[-1], episodes, lambda _step, _n, reply=reply: reply, lambda step: step.frame)  # type: ignore[misc]
+    (found,) = score(runs).twins
+    assert found.kind == kind
+    assert "Two models" not in found.words
+
+
+def test_numbers_of_several_simulators_are_printed_whole(tmp_path: Path) -> None:
+    """A long name is folded before a number beside it is cut."""
+    name = "python:some_package.with_a_long_name:and_a_function_that_is_long_as_well_and_goes_on"
+    runs = [make_run(tmp_path / at, drive(name, by_depth, simulator=at), simulator=at) for at in ("highway", "rover")]
+    printed = CliRunner().invoke(app, ["audit", *map(str, runs)]).stdout
+    assert "…" not in printed
+    assert "follows the scene" in printed
 
 
 def test_replay_tells_agreement_from_the_marginal(tmp_path: Path) -> None:

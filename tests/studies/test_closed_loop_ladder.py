@@ -1,6 +1,7 @@
 """The ladder and the blind baseline on synthetic drives whose answer is known."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from drives import always, by_depth, drive, make_run, tossing
 from eyechart.actions import Decision
 from eyechart.episodes import Episode, EpisodeKey, write_episodes
 from eyechart.errors import LedgerError, SpecError
+from eyechart.frames import Scalar
 from eyechart.stats.paired import clopper_pearson, mcnemar_exact
 from eyechart.studies.closed_loop import score
 from eyechart.studies.closed_loop.published import PUBLISHED, beside_paper, leads, unlike
@@ -140,7 +142,49 @@ def test_few_worlds_cannot_say(tmp_path: Path) -> None:
     episodes = [*drive("sees", by_depth, seeds=[0]), *drive("sees", always("LEFT"), condition="blank", seeds=[0])]
     (found,) = score(make_run(tmp_path, episodes)).blind
     assert found.finding == "cannot_say"
-    assert "with 4 worlds no exact test can reach .05" in found.sentence
+    assert "with 4 worlds no exact test can reach .05 after Holm over 5 tests" in found.sentence
+
+
+@pytest.mark.parametrize(("worlds", "finding"), [(7, "cannot_say"), (8, "differs")])
+def test_the_worlds_that_are_needed_count_the_tests_of_the_family(tmp_path: Path, worlds: int, finding: str) -> None:
+    """Seven worlds that all differ have p 1/64, five times over .05; eight are the fewest, and the sentence says so."""
+    episodes = [*crashing("m", "SLOW", of=0), *crashing("m", "LEFT", of=32, condition="blank")]
+    kept = [one for one in episodes if one.key.scenario == "light" and one.key.seed < worlds]
+    (found,) = score(make_run(tmp_path / "run", kept, models=["m"])).blind
+    assert (found.finding, found.paired.worlds) == (finding, worlds)
+    assert ("8 worlds at least" in found.sentence) == (finding == "cannot_say")
+
+
+@pytest.mark.parametrize(("mute", "finding"), [(1, "cannot_say"), (2, "cannot_say"), (3, "identical")])
+def test_like_drives_by_the_fail_safe_are_no_evidence_of_blindness(tmp_path: Path, mute: int, finding: str) -> None:
+    """Who decides nothing at half of the steps or more under both conditions is not told that no picture matters."""
+
+    def seldom(_truth: Mapping[str, Scalar], step: int, _seed: int) -> str | None:
+        return None if step % mute == 0 else "SLOW"
+
+    episodes = [*drive("m", seldom), *drive("m", seldom, condition="blank")]
+    (found,) = score(make_run(tmp_path / "run", episodes, models=["m"])).blind
+    assert found.finding == finding
+    assert ("no say in how it drives" in found.sentence) == (finding == "identical")
+
+
+def test_who_never_decides_without_pictures_is_not_compared_with_the_fail_safe(tmp_path: Path) -> None:
+    """However much the drives differ: nothing of them is a decision."""
+    episodes = [*drive("m", always("LEFT")), *drive("m", always(None), condition="blank")]
+    (found,) = score(make_run(tmp_path / "run", episodes, models=["m"])).blind
+    assert found.finding == "cannot_say"
+    assert "with blank pictures it decides nothing at all" in found.sentence
+
+
+@pytest.mark.parametrize(("condition", "needless"), [("blank", True), ("noise", True), ("mirrored", False)])
+def test_completing_with_wrong_pictures_does_not_say_that_none_is_needed(
+    tmp_path: Path, condition: str, *, needless: bool
+) -> None:
+    """Only pictures that show nothing of any world tell that."""
+    episodes = [*drive("m", always("SLOW")), *drive("m", always("LEFT"), condition=condition)]
+    (found,) = score(make_run(tmp_path / "run", episodes, models=["m"])).blind
+    assert ("completing these worlds needs no picture" in found.sentence) == needless
+    assert ("completion does not show that it reads what the camera shows rightly" in found.sentence) != needless
 
 
 def test_a_time_out_is_a_success_only_where_there_is_no_goal(tmp_path: Path) -> None:

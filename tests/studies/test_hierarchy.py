@@ -224,6 +224,22 @@ def test_solver_failures_are_counted_and_shown(studied: HierarchyScore) -> None:
     assert cells(intent_table([row], primary=True))[row.name]["solver failed"] == "6"
 
 
+def test_what_every_episode_shares_has_no_interval(studied: HierarchyScore) -> None:
+    """One of no width would claim certainty: a constant's share of STOP, and the metres of one that drives alike."""
+    drives = next(one for one in studied.drives["lateral-models"] if one.driver.condition == "real")
+    row = HierarchyScore({"lateral-models": (replace(drives, episodes=drives.episodes[:1] * 4),)}).sources[0]
+    assert row.distance_m.value == drives.episodes[0].distance_m
+    assert (row.distance_m.ci, row.stop_share.ci) == (None, None)
+
+
+def test_nothing_is_concluded_of_a_model_that_did_not_drive_with_real_pictures(studied: HierarchyScore) -> None:
+    """With blank ones alone there is a row of goals, and no sentence on what completion shows."""
+    blank = tuple(one for one in studied.drives["primary-models"] if one.driver.condition == "blank")
+    found = HierarchyScore({"primary-models": blank})
+    assert found.sources
+    assert (found.completions, found.words) == ((), ())
+
+
 def test_the_tables_hold_every_source_once(studied: HierarchyScore) -> None:
     """Beside the paper's where it prints one; the controller alone is what the others are held against."""
     first, second = (cells(source_table(studied.sources, primary=primary)) for primary in (True, False))

@@ -29,7 +29,7 @@ INK, PAPER, MUTED, RED = "#e9e7e2", "#14171b", "#a7aeba", "#f28d4f"
 TONES = {"brake": "#f28d4f", "proceed": "#6cbcf0", "": "#a7aeba"}
 LONGEST_REPLY = 4000
 MOST_BYTES = 40_000_000
-"""Of so many bytes the pictures of an HTML film may be; a longer drive is drawn smaller."""
+"""Of so many bytes the pictures of an HTML film may be; a longer drive is refused, with the word to write an .mp4."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def lines(drives: Drives, episode: Episode) -> list[Line]:
 
 def _state(gap: object, speed_mps: float | None, *, tells: bool, crashed: bool) -> str:
     """Return a moment's words; ``tells`` is whether the simulator tells a gap at all."""
-    said = f"gap {gap:.1f} m" if isinstance(gap, int | float) else "no vehicle ahead" if tells else "gap —"
+    said = f"gap {gap:.1f} m" if isinstance(gap, int | float) else "nothing ahead" if tells else "gap —"
     parts = [said, f"then {'—' if speed_mps is None else f'{speed_mps:.1f}'} m/s", "CRASH" if crashed else ""]
     return " · ".join(part for part in parts if part)
 

@@ -22,6 +22,9 @@ NAMES = {
 }
 """What the columns of the ladder are called."""
 
+NARROWEST = 16
+"""A driver's name is folded to as few characters before a number beside it is cut."""
+
 
 def shown(one: Statistic, name: str, *, signed: bool = False) -> str:
     """Return a number of the ladder with its interval; a rate in percent."""
@@ -41,7 +44,7 @@ def ladder_table(rungs: Sequence[Rung], references: Mapping[str, Driver]) -> Tab
         "[ ] 95 % interval: episodes resampled, of a rate exact (Clopper-Pearson). * what the others are held against"
     )
     table = Table(box=SIMPLE_HEAD, pad_edge=False, caption=caption, caption_justify="left")
-    table.add_column("policy", no_wrap=True)
+    table.add_column("policy", overflow="fold", min_width=NARROWEST)
     for name in ("n", *NAMES.values()):
         table.add_column(name, justify="right", no_wrap=True)
     several = len({one.driver.simulator for one in rungs}) > 1
@@ -58,7 +61,7 @@ def paper_table(rows: Sequence[Beside]) -> Table:
     """Return Table t:baselines: ours, the paper's and the difference, in percent or for crashes in points."""
     title = "Table t:baselines: ours | the paper's (difference in %, of crashes in points)"
     table = Table(box=SIMPLE_HEAD, pad_edge=False, title=title, title_justify="left")
-    table.add_column("policy", no_wrap=True)
+    table.add_column("policy", overflow="fold", min_width=NARROWEST)
     columns = ("distance_m", "reward", "speed_mps", "crash_rate")
     for name in columns:
         table.add_column(NAMES[name], justify="right", no_wrap=True)
@@ -104,7 +107,7 @@ def paired_table(found: Sequence[Paired], title: str, caveat: str = "") -> Table
     caption = Text(caveat) if caveat else None
     table = Table(box=SIMPLE_HEAD, pad_edge=False, title=Text(title), title_justify="left", caption=caption)
     table.caption_justify = "left"
-    table.add_column("policy", no_wrap=True)
+    table.add_column("policy", overflow="fold", min_width=NARROWEST)
     table.add_column("worlds", justify="right")
     for name in NAMES.values():
         table.add_column(name, justify="right", no_wrap=True)
@@ -116,7 +119,8 @@ def paired_table(found: Sequence[Paired], title: str, caveat: str = "") -> Table
 def blind_table(found: Sequence[Blind]) -> Table:
     """Return one row a policy and condition: real less the condition, with the p that Holm leaves."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, title="Real pictures less others, same worlds", title_justify="left")
-    for name in ("policy", "less", "finding"):
+    table.add_column("policy", overflow="fold", min_width=NARROWEST)
+    for name in ("less", "finding"):
         table.add_column(name, no_wrap=True)
     for name in ("worlds", *NAMES.values()):
         table.add_column(name, justify="right", no_wrap=True)
@@ -137,7 +141,7 @@ def degeneracy_table(rows: Sequence[Degeneracy]) -> Table:
     """Return Table t:degeneracy, with the episode-safe p beside the paper's and the parse failures."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, title="Degeneracy audit (Table t:degeneracy)", title_justify="left")
     several = len({row.driver.simulator for row in rows}) > 1
-    table.add_column("model", no_wrap=True)
+    table.add_column("model", overflow="fold", min_width=NARROWEST)
     for name in ("n", "modal", "actions", "H (b)", "MI (b)", "MI/H", "p (paper)", "p (episodes)", "no decision"):
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("reads as", no_wrap=True)
@@ -183,7 +187,7 @@ def degeneracy_words(rows: Sequence[Degeneracy]) -> list[str]:
 def replay_table(found: Sequence[Replay]) -> Table:
     """Return one row a driver and scripted controller: agreement, the best constant's, and that in shuffled order."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, title="Decision-level replay", title_justify="left")
-    table.add_column("model", no_wrap=True)
+    table.add_column("model", overflow="fold", min_width=NARROWEST)
     table.add_column("controller", no_wrap=True)
     for name in ("n", "agrees", "best constant", "shuffled order", "p"):
         table.add_column(name, justify="right", no_wrap=True)

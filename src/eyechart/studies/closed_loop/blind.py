@@ -4,13 +4,14 @@ Source: paper, sections The Input-Ablation Battery (non-visual baselines) and Di
 show that the camera was used.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.closed_loop.identical import same_drive
 from eyechart.studies.closed_loop.ladder import LEVEL, Outcomes, Paired, corrected, paired
-from eyechart.studies.closed_loop.reading import Driver, Drives
+from eyechart.studies.closed_loop.reading import Driver, Drives, undecided_share
 
 DIFFERS, NO_DIFFERENCE, SAME, CANNOT_SAY = "differs", "no_difference_found", "identical", "cannot_say"
 
@@ -26,7 +27,13 @@ OUTCOMES = ("success_rate", "crash_rate", "distance_m", "reward", "speed_mps")
 """What the sentence reads, in its order."""
 
 SILENT = 0.05
-"""From this share of steps without a decision on the sentence says how often the fail-safe drove."""
+"""Above this share of steps without a decision the sentence says how often the fail-safe drove."""
+
+UNDECIDED = 0.5
+"""From this share of steps without a decision on, drives that are alike are more the fail-safe's than the policy's."""
+
+UNSEEN = ("blank", "noise")
+"""Conditions that show nothing of any world: who completes with these needs no picture. Others show a wrong one."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +70,8 @@ def blind_baselines(drives: Sequence[Drives], outcomes: Outcomes, *, resamples: 
         if real.driver.condition == "real":
             others = [one for one in drives if _same_policy(real.driver, one.driver) and one is not real]
             family = corrected([paired(real, one, outcomes, resamples=resamples) for one in others])
-            found += [_said(real, one, each, outcomes) for one, each in zip(others, family, strict=True)]
+            tests = sum(p is not None for each in family for p in each.holm.values())
+            found += [_said(real, one, each, outcomes, tests) for one, each in zip(others, family, strict=True)]
     return found
 
 
@@ -71,34 +79,36 @@ def _same_policy(one: Driver, other: Driver) -> bool:
     return (one.simulator, one.policy, one.run) == (other.simulator, other.policy, other.run)
 
 
-def _said(real: Drives, other: Drives, found: Paired, outcomes: Outcomes) -> Blind:
+def _said(real: Drives, other: Drives, found: Paired, outcomes: Outcomes, tests: int) -> Blind:
     condition = other.driver.condition
     worlds = sorted(real.by_world.keys() & other.by_world.keys())
     same = sum(same_drive(real.by_world[name], other.by_world[name]) for name in worlds)
     failed = _failed(real, other)
-    finding = CANNOT_SAY if failed else _finding(found, same)
-    what = failed or {
-        DIFFERS: _differs,
-        NO_DIFFERENCE: _no_difference,
-        SAME: _identical,
-        CANNOT_SAY: _cannot_say,
-    }[finding](found, condition)
+    finding = CANNOT_SAY if failed else _finding(found, same, tests)
+    what = failed or (
+        _cannot_say(found, condition, tests)
+        if finding == CANNOT_SAY
+        else {DIFFERS: _differs, NO_DIFFERENCE: _no_difference, SAME: _identical}[finding](found, condition)
+    )
     ends = _completion(real, other, worlds, outcomes)
     sentence = " ".join(filter(None, [f"{found.first.policy}, {condition}: {what}", _silence(real, other), ends]))
     return Blind(real.driver, condition, found, finding, sentence)
 
 
-def _finding(found: Paired, same: int) -> str:
+def _finding(found: Paired, same: int, tests: int) -> str:
     if found.worlds and same == found.worlds:
         return SAME
     if any(name in OUTCOMES for name in found.changed):
         return DIFFERS
-    return CANNOT_SAY if _too_few(found) else NO_DIFFERENCE
+    return CANNOT_SAY if found.worlds < _needed(tests) else NO_DIFFERENCE
 
 
-def _too_few(found: Paired) -> bool:
-    """Return whether not even worlds that all differ alike could reach the level by the test of signs."""
-    return found.worlds == 0 or 2.0 ** (1 - found.worlds) > LEVEL
+def _needed(tests: int) -> int:
+    """Return how many worlds that all differ alike reach the level, by the test of signs, in a family of ``tests``.
+
+    Of n worlds the smallest p is 2^(1 - n), which Holm multiplies by the number of tests.
+    """
+    return math.ceil(1 + math.log2(max(1, tests) / LEVEL))
 
 
 def _differs(found: Paired, condition: str) -> str:
@@ -125,10 +135,10 @@ def _identical(found: Paired, condition: str) -> str:
     )
 
 
-def _cannot_say(found: Paired, condition: str) -> str:
+def _cannot_say(found: Paired, condition: str, tests: int) -> str:
     return (
         f"cannot say whether {condition} pictures change how it drives: with {found.worlds} worlds no exact test can "
-        "reach .05. Drive more seeds or scenarios."
+        f"reach .05 after Holm over {tests} tests. Drive more seeds or scenarios, {_needed(tests)} worlds at least."
     )
 
 
@@ -137,14 +147,24 @@ def _failed(real: Drives, other: Drives) -> str:
     shares = {one.driver.condition: _share(one, "error") for one in (real, other)}
     if said := [f"{share:.0%} of them with {name} pictures" for name, share in shares.items() if share > SILENT]:
         return f"cannot say whether the picture matters: calls failed, {' and '.join(said)}, and the fail-safe drove."
-    decided = [(one.actions == "").tolist() for one in (real, other)]
-    alike = real.by_world.keys() == other.by_world.keys() and all(
-        same_drive(real.by_world[name], other.by_world[name]) for name in real.by_world
-    )
+    worlds = sorted(real.by_world.keys() & other.by_world.keys())
+    steps = [[step for name in worlds for step in one.by_world[name].steps] for one in (real, other)]
+    decided = [[step.decision.action is not None for step in mine] for mine in steps]
+    alike = bool(worlds) and all(same_drive(real.by_world[name], other.by_world[name]) for name in worlds)
     if alike and decided[0] != decided[1]:
         return (
             "cannot say whether the picture matters: the drives are the same, but not the decisions. At some steps it "
             "decides nothing under one condition alone, and the fail-safe does there what it does under the other."
+        )
+    if alike and undecided_share(steps[0]) >= UNDECIDED:
+        return (
+            "cannot say whether the picture matters: the drives are the same, but at half of the steps or more it "
+            "decides nothing, so that they are the fail-safe's more than its own."
+        )
+    if never := [one.driver.condition for one in (real, other) if undecided_share(one.steps) == 1]:
+        return (
+            f"cannot say whether the picture matters to its decisions: with {' and '.join(never)} pictures it decides "
+            "nothing at all, and the fail-safe drove."
         )
     return ""
 
@@ -156,19 +176,25 @@ def _share(drives: Drives, missing: str) -> float:
 
 def _silence(real: Drives, other: Drives) -> str:
     """Return how often the fail-safe drove in the place of the policy, where it did so often."""
-    shares = {one.driver.condition: float((one.actions == "").mean()) for one in (real, other) if len(one.actions)}
+    shares = {one.driver.condition: undecided_share(one.steps) for one in (real, other)}
     said = [f"{share:.0%} of the steps with {name} pictures" for name, share in shares.items() if share > SILENT]
     return f"It decides nothing at {' and '.join(said)}: the fail-safe drives there." if said else ""
 
 
 def _completion(real: Drives, other: Drives, worlds: Sequence[str], outcomes: Outcomes) -> str:
-    """Return what completing shows and what it does not, with the counts."""
+    """Return what completing shows and what it does not, with the counts.
+
+    Who completes with pictures that show nothing needs none; who does so with wrong ones may still have used them.
+    """
     if not worlds:
         return ""
     with_real = sum(outcomes.success(real.by_world[name]) for name in worlds)
     without = sum(outcomes.success(other.by_world[name]) for name in worlds)
     n, condition = len(worlds), other.driver.condition
     counts = f"It completes {with_real} of {n} with real pictures and {without} of {n} with {condition} ones"
+    if without and condition not in UNSEEN:
+        what = "completion" if without >= with_real else "what it completes either way"
+        return f"{counts}: {what} does not show that it reads what the camera shows rightly."
     if without and without >= with_real:
         return f"{counts}: completing these worlds needs no picture, so that completion says nothing of the camera."
     if without:

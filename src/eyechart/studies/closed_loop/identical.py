@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 from eyechart.episodes import Episode
 from eyechart.errors import EyechartError
-from eyechart.studies.closed_loop.reading import MODAL_CONSTANT, Driver, Drives
-from eyechart.studies.closed_loop.repeated import IMPLAUSIBLE, seconds
+from eyechart.studies.closed_loop.reading import MODAL_CONSTANT, Driver, Drives, undecided_share
+from eyechart.studies.closed_loop.wording import wording
 
 CONVERGED = "constant policies converge"
 ALIASED = "aliased commands"
@@ -19,14 +19,16 @@ NO_EFFECT = "other actions, same drive"
 REPEATS = "repeats itself"
 SCRIPTED = "decides as a scripted policy"
 SUSPECT = "suspect caching"
+NO_DECISION = "no decision: the fail-safe drove"
+ALIKE = "decide alike throughout"
 COINCIDE = "decide alike here and there"
-KINDS = (SUSPECT, ALIASED, CONVERGED, NO_EFFECT, REPEATS, SCRIPTED, COINCIDE)
+KINDS = (SUSPECT, ALIKE, ALIASED, CONVERGED, NO_DECISION, NO_EFFECT, REPEATS, SCRIPTED, COINCIDE)
+
+UNDECIDED = 0.5
+"""From this share of steps without a decision on, a drive is more the fail-safe's than the policy's."""
 
 MOSTLY = 0.5
 """From this share of the common worlds on identical varying decisions of two models are more than coincidence."""
-
-VERBATIM = 0.9
-"""A cache gives the text back; where fewer replies are word for word the same, two models found their own words."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ def twins(drives: Sequence[Drives]) -> list[Twins]:
     found = []
     for kind, by_worlds in pairs.items():
         for same, many in by_worlds.items():
-            groups = [list(pair) for pair in many] if kind in {SUSPECT, COINCIDE} else _joined(many)
+            groups = [list(pair) for pair in many] if kind in {SUSPECT, ALIKE, COINCIDE} else _joined(many)
             found += [_twins(kind, group, same) for group in groups]
     return found
 
@@ -95,6 +97,8 @@ def _same_worlds(one: Drives, other: Drives) -> list[str]:
 
 def _kind(one: Drives, other: Drives, worlds: Sequence[str]) -> str:
     mine, theirs = (_executed(each, worlds) for each in (one, other))
+    if max(_undecided(each, worlds) for each in (one, other)) >= UNDECIDED:
+        return NO_DECISION
     constant = all(_modal(each)[1] >= MODAL_CONSTANT for each in (mine, theirs))
     if mine != theirs:
         declared = commands_of(one)
@@ -104,30 +108,28 @@ def _kind(one: Drives, other: Drives, worlds: Sequence[str]) -> str:
         return CONVERGED
     if not (one.asked and other.asked):
         return SCRIPTED if one.driver.policy != other.driver.policy else REPEATS
-    if one.driver.policy == other.driver.policy and not _faster(one, other):
+    return _kind_of_models(one, other, worlds)
+
+
+def _kind_of_models(one: Drives, other: Drives, worlds: Sequence[str]) -> str:
+    """Return the kind of two drives by models whose decisions vary and are the same in some worlds."""
+    mostly = len(worlds) >= MOSTLY * len(one.by_world.keys() & other.by_world.keys())
+    told = wording(one, other, worlds)
+    if one.driver.policy == other.driver.policy:
+        if mostly and told.verbatim and told.faster:
+            return SUSPECT
         return REPEATS if one.driver.condition == other.driver.condition else COINCIDE
-    common = len(one.by_world.keys() & other.by_world.keys())
-    return SUSPECT if len(worlds) >= MOSTLY * common and _verbatim(one, other, worlds) else COINCIDE
-
-
-def _verbatim(one: Drives, other: Drives, worlds: Sequence[str]) -> bool:
-    """Return whether the replies about these worlds are the same to the word, as far as the ledgers know them."""
-    mine, theirs = (_texts(each, set(worlds)) for each in (one, other))
-    both = mine.keys() & theirs.keys()
-    return sum(mine[frame] == theirs[frame] for frame in both) >= VERBATIM * len(both)
-
-
-def _texts(drives: Drives, worlds: set[str]) -> dict[str, str]:
-    """Return the text of each reply about some worlds, by its frame."""
-    return {
-        sent.key.frame: sent.reply.text
-        for sent in drives.replies
-        if sent.reply is not None and sent.key.frame.rpartition("/")[0] in worlds
-    }
+    if mostly and told.verbatim and (told.beyond_decisions or told.faster):
+        return SUSPECT
+    return ALIKE if mostly and (told.verbatim or not told.compared) else COINCIDE
 
 
 def _executed(drives: Drives, worlds: Sequence[str]) -> list[str]:
     return [action for world in worlds for action in drives.by_world[world].actions()]
+
+
+def _undecided(drives: Drives, worlds: Sequence[str]) -> float:
+    return undecided_share([step for world in worlds for step in drives.by_world[world].steps])
 
 
 def _modal(actions: Sequence[str]) -> tuple[str, float]:
@@ -135,12 +137,6 @@ def _modal(actions: Sequence[str]) -> tuple[str, float]:
         return "", 1.0
     name, count = Counter(actions).most_common(1)[0]
     return name, count / len(actions)
-
-
-def _faster(one: Drives, other: Drives) -> bool:
-    """Return whether the one run's calls took implausibly less time than the other's."""
-    first, second = (seconds(list(each.replies)) for each in (one, other))
-    return bool(first and second) and min(first, second) < IMPLAUSIBLE * max(first, second)
 
 
 def _joined(pairs: Sequence[tuple[Drives, Drives]]) -> list[list[Drives]]:
@@ -162,18 +158,32 @@ def _twins(kind: str, group: Sequence[Drives], same: Sequence[str]) -> Twins:
         NO_EFFECT: _no_effect,
         REPEATS: _repeats,
         SCRIPTED: _scripted,
+        NO_DECISION: _no_decision,
         SUSPECT: _suspect,
+        ALIKE: _alike,
         COINCIDE: _coincide,
     }[kind](group, same)
     return Twins(tuple(one.driver for one in group), len(common), len(same), kind, words)
 
 
 def _converged(group: Sequence[Drives], same: Sequence[str]) -> str:
-    action, _ = _modal(_executed(group[0], same))
+    action, share = _modal(_executed(group[0], same))
+    often = "and nothing else" if share == 1 else f"at {MODAL_CONSTANT:.0%} of the steps at least"
+    own = [
+        f" At {part:.0%} of them {one.driver.label} decides nothing, and {action} is the fail-safe's."
+        for one in group
+        if (part := _undecided(one, same))
+    ]
     return (
-        f"all of them take {action} and nothing else, which in a deterministic simulator gives one drive. That is a "
-        "genuine convergence and no sign of a cache; nor could these drives show one."
+        f"all of them take {action} {often}, which in a deterministic simulator gives one drive. That is a "
+        f"genuine convergence and no sign of a cache; nor could these drives show one.{''.join(own)}"
     )
+
+
+def _no_decision(group: Sequence[Drives], same: Sequence[str]) -> str:
+    shares = {one.driver.label: _undecided(one, same) for one in group}
+    said = ", ".join(f"{name} at {share:.0%} of the steps" for name, share in shares.items() if share >= UNDECIDED)
+    return f"there is no decision of {said}: the fail-safe drove there, and what it does is not the policy's."
 
 
 def _aliased(group: Sequence[Drives], same: Sequence[str]) -> str:
@@ -222,34 +232,30 @@ def _coincide(group: Sequence[Drives], same: Sequence[str]) -> str:
     return f"they decide alike in {len(same)} worlds, too few or in too different words for a cache."
 
 
+def _alike(group: Sequence[Drives], same: Sequence[str]) -> str:
+    told = wording(group[0], group[1], same)
+    why = "no reply of both is at hand to be compared"
+    if told.compared:
+        why = f"{told.words}, but nearly each follows from its decision and tells no more"
+    return (
+        f"their decisions vary and are the same at every step; {why}. Two like rules, one model behind two names and a "
+        "cache all look so. Ask for reasons in the reply to tell them apart."
+    )
+
+
 def _suspect(group: Sequence[Drives], same: Sequence[str]) -> str:
     one, other = group
     reasons = ["their decisions vary and yet are the same at every step"]
     if one.driver.condition != other.driver.condition:
         reasons.append(f"although the pictures differ ({one.driver.condition} and {other.driver.condition})")
-    reasons += _told_by_replies(one, other, set(same))
+    reasons.append(wording(one, other, same).words)
+    said = ", ".join(reasons)
+    if one.driver.policy == other.driver.policy:
+        return (
+            f"{said}. One model that is asked anew hardly answers so much faster; look for a cache, or for another "
+            "machine behind the same name, and drive again."
+        )
     return (
-        f"{', '.join(reasons)}. Two models that look for themselves hardly agree so; look for a cache that answers for "
-        "both, or for one model behind two names, and drive again."
+        f"{said}. Two models that look for themselves hardly agree so; look for a cache that answers for both, or for "
+        "one model behind two names, and drive again."
     )
-
-
-def _told_by_replies(one: Drives, other: Drives, worlds: set[str]) -> list[str]:
-    """Return what the ledgers add: how many replies are word for word the same, and what they took."""
-    mine, theirs = (
-        {sent.key.frame: sent for sent in each.replies if sent.key.frame.rpartition("/")[0] in worlds}
-        for each in (one, other)
-    )
-    both = sorted(mine.keys() & theirs.keys())
-    if not both:
-        return []
-    pairs = [(mine[frame].reply, theirs[frame].reply) for frame in both]
-    verbatim = sum(a is not None and b is not None and a.text == b.text for a, b in pairs)
-    other_picture = sum(mine[frame].request_sha256 != theirs[frame].request_sha256 for frame in both)
-    said = [f"{verbatim} of {len(both)} replies are word for word the same"]
-    if other_picture:
-        said.append(f"{other_picture} of them to other requests")
-    first, second = seconds(list(mine.values())), seconds(list(theirs.values()))
-    if first and second and min(first, second) < IMPLAUSIBLE * max(first, second):
-        said.append(f"and the median reply took {min(first, second):.3g} s against {max(first, second):.3g} s")
-    return said

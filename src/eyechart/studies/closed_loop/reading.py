@@ -115,6 +115,11 @@ class Drives:
             )
 
 
+def undecided_share(steps: Sequence[Step]) -> float:
+    """Return at what share of some steps there is no decision, so that the fail-safe drove; 0 of no steps."""
+    return sum(step.decision.action is None for step in steps) / len(steps) if steps else 0.0
+
+
 def is_episodes(path: Path) -> bool:
     """Return whether a folder is a run of episodes, by the format of its ``run.json``."""
     try:

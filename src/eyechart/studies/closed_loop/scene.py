@@ -24,7 +24,6 @@ class Scene:
 
     codes: NDArray[np.int64]
     geometry: str
-    edges_m: tuple[float, ...] = ()
 
 
 def scene_of(drives: Drives) -> Scene:
@@ -39,11 +38,11 @@ def scene_of(drives: Drives) -> Scene:
         return Scene(np.zeros(len(steps), dtype=np.int64), "")
     bins = quantile_bins(told, BINS)
     if not all(SIDE in step.truth for step in steps):
-        return Scene(bins.codes, GAP_ALONE, bins.edges)
+        return Scene(bins.codes, GAP_ALONE)
     sides = np.array([str(step.truth[SIDE]) for step in steps], dtype=np.str_)
     _, side = np.unique(sides, return_inverse=True)
     _, codes = np.unique(bins.codes * (int(side.max()) + 1) + side, return_inverse=True)
-    return Scene(codes.astype(np.int64), GAP_AND_SIDE, bins.edges)
+    return Scene(codes.astype(np.int64), GAP_AND_SIDE)
 
 
 def _metres(value: object) -> float | None:

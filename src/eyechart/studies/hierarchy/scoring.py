@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -58,7 +58,7 @@ class Source:
     ``intents`` counts the intents that were emitted, and ``stop_share`` is of them: a STOP that the fail-safe executed
     is in neither. ``no_decision`` counts the steps at which it did, by the reason: the kind of failure of the call, or
     why its reply holds no decision. ``solver_failures`` are plans that braked instead. The intervals of
-    ``distance_m`` and ``stop_share`` resample episodes.
+    ``distance_m`` and ``stop_share`` resample episodes, and are None where all have the same.
     """
 
     part: str
@@ -189,7 +189,11 @@ class HierarchyScore:
             for one in self.drives[part]:
                 reached = exact_rate(sum(map(self.outcomes.success, one.episodes)), len(one.episodes))
                 goals.setdefault(one.driver.policy, {})[one.driver.condition] = reached
-            found += [Completion(part, policy, rates, self._shown(part, policy)) for policy, rates in goals.items()]
+            found += [
+                Completion(part, policy, rates, self._shown(part, policy))
+                for policy, rates in goals.items()
+                if "real" in rates  # nothing is concluded of a model before it drove with real pictures
+            ]
         return tuple(found)
 
     def _shown(self, part: str, policy: str) -> bool:
@@ -243,7 +247,8 @@ def score(out: Path, *, resamples: int = 5000) -> HierarchyScore:
 def shows(one: Blind) -> bool:
     """Return whether more worlds are completed with real pictures, significantly so after Holm.
 
-    Never where calls failed so often that the fail-safe, and not the picture, may have made the difference.
+    Never where calls failed so often, or the model decided so seldom, that the fail-safe, and not the picture, may have
+    made the difference.
     """
     goals, p = one.paired.differences["success_rate"].value, one.paired.holm.get("success_rate")
     return one.finding == DIFFERS and goals is not None and goals > 0 and p is not None and p < LEVEL
@@ -261,7 +266,10 @@ def _source(part: str, name: str, drives: Drives, outcomes: Outcomes, *, resampl
 
     def mean(what: str, sums: Sequence[tuple[float, float]]) -> Statistic:
         seed = key_seed("hierarchy", drives.driver.simulator, what)  # one for all: equal drives get equal rows
-        return cluster_bootstrap(np.array(sums).reshape(-1, 2), seed=seed, resamples=resamples)
+        found = cluster_bootstrap(np.array(sums).reshape(-1, 2), seed=seed, resamples=resamples)
+        if found.ci is not None and found.ci[0] == found.ci[1]:  # no width would claim certainty
+            return replace(found, ci=None, note="every episode has the same: resampling them gives no interval")
+        return found
 
     return Source(
         part=part,
