@@ -247,8 +247,8 @@ def score(out: Path, *, resamples: int = 5000) -> HierarchyScore:
 def shows(one: Blind) -> bool:
     """Return whether more worlds are completed with real pictures, significantly so after Holm.
 
-    Never where calls failed so often, or the model decided so seldom, that the fail-safe, and not the picture, may have
-    made the difference.
+    Never where calls failed so often that the fail-safe, and not the picture, may have made the difference, nor where
+    the model never decided under one of the conditions.
     """
     goals, p = one.paired.differences["success_rate"].value, one.paired.holm.get("success_rate")
     return one.finding == DIFFERS and goals is not None and goals > 0 and p is not None and p < LEVEL
