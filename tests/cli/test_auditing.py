@@ -94,7 +94,9 @@ def test_the_audit_prints_the_papers_table_and_names_a_cache(constants: Path, tm
         assert words in told.stdout
     episodes = [*drive("a", tossing("x")), *drive("b", tossing("x"))]
     run = make_run(tmp_path / "cached", episodes, models=["a", "b"])
-    add_replies(run, episodes, lambda _step, _n: Reply("x", "stop", seconds=1.0), lambda step: step.frame)
+    add_replies(
+        run, episodes, lambda _step, n: Reply(f"thought {n % 640}", "stop", seconds=1.0), lambda step: step.frame
+    )
     assert say("audit", run).exit_code == 1
     found = json.loads(say("audit", run, "--json").stdout)
     assert [one["kind"] for one in found["identical"]] == ["suspect caching"]

@@ -189,14 +189,18 @@ def replay_table(found: Sequence[Replay]) -> Table:
     table = Table(box=SIMPLE_HEAD, pad_edge=False, title="Decision-level replay", title_justify="left")
     table.add_column("model", overflow="fold", min_width=NARROWEST)
     table.add_column("controller", no_wrap=True)
+    several = len({one.driver.simulator for one in found}) > 1
     for name in ("n", "agrees", "best constant", "shuffled order", "p"):
         table.add_column(name, justify="right", no_wrap=True)
     for one in found:
+        where = f"{one.driver.simulator} · " if several else ""
         best = one.best_constant
         constant = "—" if best is None else f"{best[0]} {best[1]:.3f}"
         agrees, shuffled = (share(each) for each in (one.agreement, one.shuffled))
         p = p_value(one.shuffled.p)
-        table.add_row(Text(one.driver.label), one.controller, str(one.agreement.n), agrees, constant, shuffled, p)
+        table.add_row(
+            Text(f"{where}{one.driver.label}"), one.controller, str(one.agreement.n), agrees, constant, shuffled, p
+        )
     return table
 
 

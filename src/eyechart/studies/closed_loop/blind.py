@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.closed_loop.identical import same_drive
 from eyechart.studies.closed_loop.ladder import LEVEL, Outcomes, Paired, corrected, paired
-from eyechart.studies.closed_loop.reading import Driver, Drives, undecided_share
+from eyechart.studies.closed_loop.reading import UNDECIDED, Driver, Drives, undecided_share
 
 DIFFERS, NO_DIFFERENCE, SAME, CANNOT_SAY = "differs", "no_difference_found", "identical", "cannot_say"
 
@@ -28,9 +28,6 @@ OUTCOMES = ("success_rate", "crash_rate", "distance_m", "reward", "speed_mps")
 
 SILENT = 0.05
 """Above this share of steps without a decision the sentence says how often the fail-safe drove."""
-
-UNDECIDED = 0.5
-"""From this share of steps without a decision on, drives that are alike are more the fail-safe's than the policy's."""
 
 UNSEEN = ("blank", "noise")
 """Conditions that show nothing of any world: who completes with these needs no picture. Others show a wrong one."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from eyechart.episodes import Episode
 from eyechart.errors import EyechartError
-from eyechart.studies.closed_loop.reading import MODAL_CONSTANT, Driver, Drives, undecided_share
+from eyechart.studies.closed_loop.reading import MODAL_CONSTANT, UNDECIDED, Driver, Drives, undecided_share
 from eyechart.studies.closed_loop.wording import wording
 
 CONVERGED = "constant policies converge"
@@ -23,9 +23,6 @@ NO_DECISION = "no decision: the fail-safe drove"
 ALIKE = "decide alike throughout"
 COINCIDE = "decide alike here and there"
 KINDS = (SUSPECT, ALIKE, ALIASED, CONVERGED, NO_DECISION, NO_EFFECT, REPEATS, SCRIPTED, COINCIDE)
-
-UNDECIDED = 0.5
-"""From this share of steps without a decision on, a drive is more the fail-safe's than the policy's."""
 
 MOSTLY = 0.5
 """From this share of the common worlds on identical varying decisions of two models are more than coincidence."""

@@ -30,6 +30,9 @@ ERROR = "error"
 MODAL_CONSTANT = 0.98
 """From this modal share on a policy is called constant (paper, section Edge models are image-invariant)."""
 
+UNDECIDED = 0.5
+"""From this share of steps without a decision on, a drive is more the fail-safe's than the policy's."""
+
 
 @dataclass(frozen=True, slots=True, order=True)
 class Driver:
