@@ -89,9 +89,9 @@ def score_lines(found: GuardianScore, *, bounds: bool = True) -> Iterator[str]:
     yield f"* the guardian's own operating point; intervals: {_method(found)}"
     yield (
         f"Two-way against the single model: {detail['b']} errors corrected, {detail['c']} made; exact McNemar p "
-        f"{p_value(p)}{exact}, frames taken as independent; p {p_value(whole.p)} by flipping the signs of "
-        f"{whole.n} whole episodes"
+        f"{p_value(p)}{exact}, frames taken as independent"
     )
+    yield f"The same by flipping the signs of whole episodes' differences: p {p_value(whole.p)} (n {whole.n})"
     curve = ", ".join(f"{one.answered / one.frames:.3f}: {one.wrong / one.answered:.3f}" for one in found.curve)
     yield f"Risk by coverage, from the surest frames: {curve}"
     shown = ", ".join(found.missed[:_SHOWN]) + (", …" if len(found.missed) > _SHOWN else "")
