@@ -61,6 +61,9 @@ class Voter:
         if self.name == "misfit":
             return Reply(text=None)  # type: ignore[arg-type]
         fixed = {"always": 5.0, "never": None, "replaced": None}
+        if self.name == "torn":
+            torn = Estimate.of(Scene(5.0, left_clear=True, right_clear=False))
+            return Reply(replace(torn, close=False).text(), "stop")
         said = says(fixed[self.name] if self.name in fixed else gap_of(query.image))
         return replace(said, served="another" if self.name == "replaced" else "itself")
 

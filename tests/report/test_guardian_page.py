@@ -10,7 +10,7 @@ import voters
 from banks import build_bank
 from eyechart.frames import FrameBank
 from eyechart.models import ADAPTERS
-from eyechart.report.guardian import choice_lines, score_lines
+from eyechart.report.guardian import choice_lines, row_names, score_lines
 from eyechart.report.guardian_page import curve, guardian_page
 from eyechart.studies import guardian as study
 
@@ -61,6 +61,15 @@ def test_a_committee_that_is_no_better_than_chance_is_said_to_be_none(bank: Fram
     blind, seeing = (study.fit(table, size=1, models=(f"voter:{name}",)) for name in ("never", "sees"))
     words = "no better than chance"
     assert (words in " ".join(choice_lines(blind)), words in " ".join(choice_lines(seeing))) == (True, False)
+
+
+@pytest.mark.parametrize(("threshold", "ties"), [(1, "1–3 to 2–2"), (2, "2–2"), (3, "2–2"), (4, "2–2 to 3–1")])
+def test_the_abstaining_row_says_which_votes_it_hands_on(
+    bank: FrameBank, tmp_path: Path, threshold: int, ties: str
+) -> None:
+    """At the paper's thresholds the ties, and at 1 and 4 what threshold and majority say differently too."""
+    frozen = study.fit(voters.ask_all(bank.root, ("never", "sees"), tmp_path / "run"))
+    assert row_names(replace(frozen, threshold=threshold))["abstain"] == f"guardian, abstain on {ties}"
 
 
 def test_nothing_on_it_is_fetched_or_runs(bank: FrameBank, tmp_path: Path) -> None:

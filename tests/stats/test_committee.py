@@ -48,12 +48,26 @@ def test_a_missing_vote_never_counts_as_clear_nor_makes_a_hazard_of_what_could_b
             assert one(0, voters, voters, threshold, point) == ABSTAIN
 
 
+@pytest.mark.parametrize("voters", range(1, 9))
+def test_one_more_hazard_vote_never_speaks_for_clear(voters: int) -> None:
+    """Every threshold, point and number of missing votes: from clear over nothing to hazard, and never back."""
+    order = {CLEAR: 0, ABSTAIN: 1, HAZARD: 2}
+    for threshold, point, m in product(range(1, voters + 1), POINTS, range(voters + 1)):
+        said = [order[one(h, m, voters, threshold, point)] for h in range(voters - m + 1)]
+        assert said == sorted(said), (threshold, point, m)
+        assert not m or order[CLEAR] not in said
+
+
 def test_the_operating_points_of_four_votes() -> None:
     """Hazard from two votes on; nothing on two against two; only four or none alike."""
     at = {point: [one(h, 0, 4, 2, point) for h in range(5)] for point in POINTS}
     assert at["two_way"] == [CLEAR, CLEAR, HAZARD, HAZARD, HAZARD]
     assert at["abstain"] == [CLEAR, CLEAR, ABSTAIN, HAZARD, HAZARD]
     assert at["unanimous"] == [CLEAR, ABSTAIN, ABSTAIN, ABSTAIN, HAZARD]
+    without = {threshold: [one(h, 0, 4, threshold, "abstain") for h in range(5)] for threshold in (1, 3, 4)}
+    assert without[1] == [CLEAR, ABSTAIN, ABSTAIN, HAZARD, HAZARD]
+    assert without[3] == at["abstain"]
+    assert without[4] == [CLEAR, CLEAR, ABSTAIN, ABSTAIN, HAZARD]
 
 
 @pytest.mark.parametrize(("h", "m", "threshold"), [(3, 2, 2), (-1, 0, 2), (0, 0, 0), (0, 0, 5)])

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -49,6 +50,12 @@ def test_the_papers_table_to_its_digits(table: study.VoteTable, frozen: study.Fr
     }
     assert scored.mcnemar.p == pytest.approx(3.35e-7, abs=5e-10)
     assert scored.mcnemar.detail == {"b": 35, "c": 4}
+    votes, held_out = table.part("score").of(frozen.committee), table.part("score")
+    two_way = ((votes == 1).sum(axis=(0, 2)) >= 2) == held_out.hazard
+    single = (held_out.of([GEMMA])[0, :, 0] == 1) == held_out.hazard
+    gains = [sum((two_way * 1 - single * 1)[np.array(held_out.episodes) == one]) for one in set(held_out.episodes)]
+    flipped = [abs(np.dot(signs, gains)) >= abs(sum(gains)) for signs in product((-1, 1), repeat=12)]
+    assert scored.over_episodes.p == pytest.approx(np.mean(flipped))
     assert [(one.answered, one.wrong) for one in scored.curve] == [(176, 1), (224, 9), (272, 12)]
     assert len(scored.missed) == 9
     balanced = scored.rows["two_way"]["bal"]
@@ -236,6 +243,16 @@ def test_a_replay_is_equivariant_and_the_reader_keeps_collision_and_sides(
     assert found.agreement.value == agreed / 272
     spoken = sum(answer != "abstain" for answer in scored.answers.values())
     assert found.answered.value == spoken / 272
+    assert found.warnings == ()
+    some = held_out.votes.copy()
+    some[held_out.models.index(GEMMA), -100:] = -1
+    partly = study.replay(frozen, replace(held_out, votes=some), seen.get)
+    said = study.score(frozen, replace(held_out, votes=some), enumerate_up_to=QUICK, resamples=10).answers
+    told = [frame for frame, answer in said.items() if answer != "abstain"]
+    right = sum(partly.actions[frame] == safe_action(seen[frame][0]) for frame in told)
+    assert (partly.agreement_answered.n, partly.agreement_answered.value) == (len(told), right / len(told))
+    assert (partly.agreement_answered.value or 1) < (partly.agreement.value or 0)
+    assert partly.warnings[0].startswith(f"{GEMMA}: 200 of 544 votes are missing")
     silent = study.replay(frozen, replace(held_out, votes=np.full_like(held_out.votes, -1)), seen.get)
     assert (silent.agreement.value, silent.answered.value) == (1.0, 0.0)
     lopsided = {frame: (pair[0], pair[0]) for frame, pair in seen.items()}

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from eyechart.cli import voting
 from eyechart.cli.options import Json
 from eyechart.cli.terminal import print_json, say, table_console
 
@@ -12,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from eyechart.stats.committee import Costs, Point
-    from eyechart.studies.guardian import Frozen, GuardianScore, VoteTable
+    from eyechart.studies.guardian import GuardianScore
 
 app = typer.Typer(
     name="guardian",
@@ -31,6 +32,9 @@ _Frames = Annotated[Path | None, typer.Option(help="The bank; truth and episodes
 _Hazard = Annotated[str, typer.Option(help="The bank's column of hazards; without it, a gap below its threshold.")]
 _About = Annotated[Path | None, typer.Option(help="FILE.toml: bank, prompt, view and the models' versions.")]
 _Map = Annotated[list[str] | None, typer.Option("--map", help="ROLE=COLUMN for frame, episode, hazard, split.")]
+_Reread = Annotated[
+    bool, typer.Option("--reread", help="Read the replies of a run anew that another version of the reader read.")
+]
 _Size = Annotated[int, typer.Option(help="Models of the committee, 1 to 4.")]
 _Models = Annotated[list[str] | None, typer.Option("--model", help="Choose among these only; repeat it.")]
 _Miss = Annotated[float | None, typer.Option(help="Cost of a missed hazard; with --cost-false-alarm.")]
@@ -49,6 +53,7 @@ def fit(
     hazard: _Hazard = "hazard",
     about: _About = None,
     columns: _Map = None,
+    reread: _Reread = False,
     size: _Size = 2,
     models: _Models = None,
     point: Annotated[str | None, typer.Option(help="two_way (default), abstain or unanimous.")] = None,
@@ -66,20 +71,26 @@ def fit(
     """
     from eyechart.destination import require_free, whole
     from eyechart.report.guardian import choice_lines
+    from eyechart.report.members import members_of
     from eyechart.studies import guardian as study
 
     require_free(out, "guardian")
-    table = _read(votes, frames, hazard, about, columns)
-    table = table.keep(_ids(calibration)) if calibration is not None else _part(table, "calibration")
+    table = voting.read(votes, frames, hazard, about, columns, reread=reread)
+    table = table.keep(voting.ids_of(calibration)) if calibration is not None else voting.part(table, "calibration")
     costs = _costs(cost_miss, cost_false_alarm, cost_abstain, hazard_rate)
     frozen = study.fit(table, size=size, models=tuple(models or ()), point=_point(point), costs=costs)
     study.require_own(out, frozen)
     with whole(out, "guardian") as partial:
         study.write_frozen(partial, frozen)
+    members = members_of(frozen.committee, table, votes, reread=reread)
     if json:
-        print_json(frozen.as_dict())
+        print_json({**frozen.as_dict(), "members": [one.as_dict() for one in members]})
     else:
         _print(choice_lines(frozen))
+        _print(one.words for one in members if not one.doubtful)
+    for one in members:
+        if one.doubtful:
+            say(f"warning: {one.words}")
     say(f"wrote {out}; it refuses to score the {len(table.frames)} frames that chose it")
 
 
@@ -99,6 +110,7 @@ def score(
     hazard: _Hazard = "hazard",
     about: _About = None,
     columns: _Map = None,
+    reread: _Reread = False,
     json: Json = False,
 ) -> None:
     """Score a guardian on frames that it never saw, and bound how often it misses.
@@ -110,34 +122,38 @@ def score(
 
     from eyechart.destination import require_free
     from eyechart.report.guardian import guardian_table, score_lines
+    from eyechart.report.members import members_of
     from eyechart.studies import guardian as study
 
     if html is not None:
         require_free(html, "report")
     frozen = study.read_frozen(guardian)
-    table = _left(_read(votes, frames, hazard, about, columns), frozen, unseen=unseen)
+    table = voting.left(voting.read(votes, frames, hazard, about, columns, reread=reread), frozen, unseen=unseen)
     fresh = None
     if bound is not None:
-        fresh = _part(_read([bound], frames, hazard, about, columns), "bound")
+        fresh = voting.part(voting.read([bound], frames, hazard, about, columns, reread=reread), "bound")
     elif bound_episodes is not None:
         names = [name.strip() for name in bound_episodes.split(",") if name.strip()]
         fresh = table.of_episodes(names)
         table = table.without(fresh.frames)
     elif table.split is not None and "bound" in table.split:
         fresh = table.part("bound")
-    table = _part(table, "score")
+    table = voting.part(table, "score")
     bounded = None
     if fresh is not None:
-        bounded = study.bound(frozen, fresh, used=table.episodes, confidence=confidence, risk=risk)
+        bounded = study.bound(frozen, fresh, scored=table, confidence=confidence, risk=risk)
     found = replace(study.score(frozen, table), bound=bounded)
+    members = members_of(frozen.committee, table, votes, reread=reread)
+    found = replace(found, warnings=(*found.warnings, *(one.words for one in members if one.doubtful)))
     if html is not None:
         _write_page(found, frames, html)
     if json:
-        print_json(found.as_dict())
+        print_json({**found.as_dict(), "members": [one.as_dict() for one in members]})
         return
     _print([f"{len(table.frames)} frames of {len(set(table.episodes))} episodes, bank {frozen.about.bank_name or '—'}"])
     table_console().print(guardian_table(found))
     _print(score_lines(found))
+    _print(one.words for one in members if not one.doubtful)
     for line in found.warnings:
         say(f"warning: {line}")
 
@@ -149,6 +165,7 @@ def nested(
     hazard: _Hazard = "hazard",
     about: _About = None,
     columns: _Map = None,
+    reread: _Reread = False,
     size: _Size = 2,
     models: _Models = None,
     cost_miss: _Miss = None,
@@ -165,7 +182,7 @@ def nested(
     from eyechart.studies import guardian as study
 
     costs = _costs(cost_miss, cost_false_alarm, cost_abstain, hazard_rate)
-    table = _read(votes, frames, hazard, about, columns)
+    table = voting.read(votes, frames, hazard, about, columns, reread=reread)
     if table.split is not None and "bound" in table.split:
         left_out = len(table.part("bound").frames)
         table = table.part("calibration", "score")
@@ -187,6 +204,7 @@ def modular(
     hazard: _Hazard = "hazard",
     about: _About = None,
     columns: _Map = None,
+    reread: _Reread = False,
     json: Json = False,
 ) -> None:
     """Replay a guardian that brakes, while a deterministic reader of the picture keeps collision and sides.
@@ -199,8 +217,8 @@ def modular(
     from eyechart.studies import guardian as study
 
     frozen = study.read_frozen(guardian)
-    table = _left(_read(votes, frames, hazard, about, columns), frozen, unseen=unseen)
-    table = _part(table, "score")
+    table = voting.left(voting.read(votes, frames, hazard, about, columns, reread=reread), frozen, unseen=unseen)
+    table = voting.part(table, "score")
     bank = open_bank(frames)
     frozen.may_show(bank)
     found = study.replay(frozen, table, study.reader_of(bank))
@@ -235,46 +253,6 @@ def export(
     say(f"wrote {out}; 'eyechart serve {out}' serves it")
 
 
-def _read(
-    votes: list[Path], frames: Path | None, hazard: str, about: Path | None, columns: list[str] | None
-) -> "VoteTable":
-    from eyechart.studies.guardian import join
-
-    return join([_read_one(one, frames, hazard, about, columns) for one in votes])
-
-
-def _read_one(
-    votes: Path, frames: Path | None, hazard: str, about: Path | None, columns: list[str] | None
-) -> "VoteTable":
-    from eyechart.errors import VoteError
-    from eyechart.frames import open_bank
-    from eyechart.studies.guardian import read_votes, votes_of_run
-
-    if votes.is_dir():
-        if about is not None or columns:
-            raise VoteError(
-                f"{votes} is a run, which says itself how its votes came about: leave out --about and --map"
-            )
-        return votes_of_run(votes, hazard=hazard)
-    named = {}
-    for one in columns or ():
-        role, sign, column = one.partition("=")
-        if not sign or not column:
-            raise VoteError(f"--map is given as ROLE=COLUMN; got '{one[:40]}'")
-        named[role] = column
-    bank = None if frames is None else open_bank(frames)
-    return read_votes(votes, bank=bank, about=about, columns=named, hazard=hazard)
-
-
-def _ids(path: Path) -> list[str]:
-    from eyechart.errors import VoteError
-
-    try:
-        return [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
-    except (OSError, ValueError) as error:
-        raise VoteError(f"{path} is no list of frame ids, one a line: {error}") from error
-
-
 def _write_page(found: "GuardianScore", frames: Path | None, out: Path) -> None:
     from eyechart.frames import open_bank
     from eyechart.report.guardian_page import write_guardian_page
@@ -284,14 +262,6 @@ def _write_page(found: "GuardianScore", frames: Path | None, out: Path) -> None:
         found.frozen.may_show(bank)
     write_guardian_page(found, bank, out)
     say(f"wrote {out}, {out.stat().st_size / 1e6:.1f} MB")
-
-
-def _left(table: "VoteTable", frozen: "Frozen", *, unseen: bool) -> "VoteTable":
-    return frozen.unseen(table) if unseen else table
-
-
-def _part(table: "VoteTable", name: str) -> "VoteTable":
-    return table if table.split is None else table.part(name)
 
 
 def _costs(miss: float | None, alarm: float | None, abstain: float | None, rate: float | None) -> "Costs | None":

@@ -7,6 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from eyechart.report.tables import number, p_value
+from eyechart.stats.committee import ABSTAIN, answers
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.guardian import Bound, Frozen, GuardianScore, Nested, Replay
 
@@ -15,7 +16,9 @@ _SHOWN = 10
 
 def row_names(frozen: Frozen) -> dict[str, str]:
     """Return the rows of a score in the paper's order, each with its name in words."""
-    tie = f"{frozen.voters // 2}–{frozen.voters // 2}"
+    at = {"voters": frozen.voters, "threshold": frozen.threshold}
+    ties = [h for h in range(frozen.voters + 1) if answers(h, 0, point="abstain", **at) == ABSTAIN]
+    tie = " to ".join(f"{h}–{frozen.voters - h}" for h in dict.fromkeys((ties[0], ties[-1])))
     single = "the best single model" if frozen.selection is None else frozen.selection.single
     return {
         "single": f"{single}, original",
@@ -81,13 +84,14 @@ def choice_lines(frozen: Frozen) -> Iterator[str]:
 def score_lines(found: GuardianScore, *, bounds: bool = True) -> Iterator[str]:
     """Yield in words what stands beside the table: intervals, test, curve, misses, and the ``bounds``."""
     detail = found.mcnemar.detail or {"b": 0, "c": 0}
-    p = found.mcnemar.p
+    p, whole = found.mcnemar.p, found.over_episodes
     exact = f" ({p:.3g})" if p is not None and p < 0.0001 else ""
     yield f"* the guardian's own operating point; intervals: {_method(found)}"
     yield (
         f"Two-way against the single model: {detail['b']} errors corrected, {detail['c']} made; exact McNemar p "
-        f"{p_value(p)}{exact}"
+        f"{p_value(p)}{exact}, frames taken as independent"
     )
+    yield f"The same by flipping the signs of whole episodes' differences: p {p_value(whole.p)} (n {whole.n})"
     curve = ", ".join(f"{one.answered / one.frames:.3f}: {one.wrong / one.answered:.3f}" for one in found.curve)
     yield f"Risk by coverage, from the surest frames: {curve}"
     shown = ", ".join(found.missed[:_SHOWN]) + (", …" if len(found.missed) > _SHOWN else "")
@@ -141,12 +145,18 @@ def nested_lines(found: Nested) -> Iterator[str]:
 
 def replay_lines(found: Replay) -> Iterator[str]:
     """Yield in words how a modular replay compares."""
-    yield f"Agreement with the renderer policy: {number(found.agreement.value)} (n {found.agreement.n})"
+    yield (
+        f"Agreement with the renderer policy: {number(found.agreement.value)} (n {found.agreement.n}); where the "
+        f"guardian answered {number(found.agreement_answered.value)} (n {found.agreement_answered.n})"
+    )
     yield (
         f"The guardian answered on {number(found.answered.value)} of them (n {found.answered.n}); where it abstains "
         "the renderer policy acts, and so agrees with itself"
     )
-    yield f"Equivariant under reflection: {number(found.equivariance.value)} (n {found.equivariance.n})"
+    yield (
+        f"Equivariant under reflection: {number(found.equivariance.value)} (n {found.equivariance.n}), which is of the "
+        "deterministic reader and the policy: the votes on a frame and its reflection are exchanged"
+    )
     yield f"The renderer policy turns on {found.directional} of these frames; nothing more is said of lateral control"
     if found.unread:
         yield f"{len(found.unread)} pictures could not be read and count in neither share"

@@ -83,7 +83,8 @@ def answers(hazard: npt.ArrayLike, missing: npt.ArrayLike, *, voters: int, thres
     """Return what a committee answers to so many hazard votes and missing votes: HAZARD, CLEAR or ABSTAIN.
 
     With every vote there: ``two_way`` says hazard from ``threshold`` votes on and else clear; ``abstain`` says so too,
-    but nothing where as many votes say hazard as clear; ``unanimous`` speaks only where all votes are alike. With votes
+    but only where most votes say the same; ``unanimous`` speaks only where all votes are alike. No answer falls, from
+    hazard over nothing to clear, as hazard votes grow. With votes
     missing: hazard where it would be said whatever they had been, and else nothing; clear is said by a full committee
     only. ValueError for an impossible count or threshold.
     """
@@ -105,7 +106,11 @@ def _full(h: Ints, voters: int, threshold: int, point: Point) -> Ints:
     if point == "unanimous":
         return np.where(h == voters, HAZARD, np.where(h == 0, CLEAR, ABSTAIN)).astype(np.int64)
     two_way = np.where(h >= threshold, HAZARD, CLEAR)
-    return np.where(2 * h == voters, ABSTAIN, two_way).astype(np.int64) if point == "abstain" else two_way
+    if point == "two_way":
+        return two_way
+    most = np.sign(2 * h - voters)
+    agreed = ((two_way == HAZARD) & (most > 0)) | ((two_way == CLEAR) & (most < 0))
+    return np.where(agreed, two_way, ABSTAIN).astype(np.int64)
 
 
 def tally(votes: npt.NDArray[np.int8], hazard: Bools, group: Ints, *, size: int) -> Tally:

@@ -10,7 +10,7 @@ from eyechart.errors import GuardianError
 from eyechart.stats.committee import CLEAR, MISSING, answers
 from eyechart.stats.guarantees import conformal_threshold, episodes_needed, mean_bound, share_bound
 from eyechart.stats.statistic import Statistic, cannot_say
-from eyechart.studies.guardian.frozen import Frozen
+from eyechart.studies.guardian.frozen import Frozen, shared_frames
 from eyechart.studies.guardian.votes import VoteTable
 
 TARGET = 0.01
@@ -56,12 +56,19 @@ class Bound:
 
 
 def bound(
-    frozen: Frozen, table: VoteTable, *, used: Collection[str] = (), confidence: float = 0.95, risk: float = 0.05
+    frozen: Frozen,
+    table: VoteTable,
+    *,
+    used: Collection[str] = (),
+    scored: VoteTable | None = None,
+    confidence: float = 0.95,
+    risk: float = 0.05,
 ) -> Bound:
     """Bound how often a guardian misses, from the episodes of a table.
 
-    ``used`` are the episodes of the score; they and those that chose the guardian are refused with a GuardianError,
-    for a bound on them would not hold, and so is a run that is not finished. ``risk`` is what conformal risk control
+    ``scored`` is the table of the score and ``used`` names its episodes where there is none; its frames and episodes
+    and those that chose the guardian are refused with a GuardianError, for a bound on them would not hold, also where
+    episodes or frames were renamed. So is a run that is not finished. ``risk`` is what conformal risk control
     is asked for.
     """
     for name, value in (("confidence", confidence), ("risk", risk)):
@@ -71,10 +78,17 @@ def bound(
     if words := table.unfinished_words(frozen.committee):
         raise GuardianError(f"{words[0]} and could not be missed hazards: finish it before a bound is taken from it")
     seen = set(frozen.selection.episodes) if frozen.selection else set()
-    for what, names in (("chose this guardian", seen), ("is scored", set(used))):
+    spent = {*used, *(scored.episodes if scored is not None else ())}
+    for what, names in (("chose this guardian", seen), ("is scored", spent)):
         if shared := sorted(names & set(table.episodes)):
             raise GuardianError(
                 f"episode '{shared[0]}' {what}, so no bound can come from it: give episodes of their own"
+            )
+    if scored is not None:
+        for frame, known, how in shared_frames(table, scored.frames, scored.pictures or ()):
+            raise GuardianError(
+                f"frame '{frame}' in {table.name} {how} '{known}', which is scored, so no bound can come from it: give "
+                "frames of their own"
             )
     shares = np.stack([_shares(frozen, table, threshold) for threshold in range(1, frozen.voters + 1)])
     own = _shares(frozen, table, None)

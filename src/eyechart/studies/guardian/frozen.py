@@ -4,7 +4,7 @@ import hashlib
 import json
 import re
 import unicodedata
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import cast, get_args
@@ -27,6 +27,10 @@ TIE_BREAKS = (
 )
 
 _MOST_BYTES = 64_000_000
+NAME, PICTURE, SPELLING = "is", "shows the very picture of", "has the name of"
+"""By what a frame is known as another one, in words."""
+_MORE = {PICTURE: "", SPELLING: ", but for its spelling or its ending"}
+
 _ENDING = re.compile(r"\.(?:png|jpe?g|webp|bmp|gif|tiff?)$")
 
 
@@ -103,46 +107,24 @@ class Frozen:
                 "guardian.json that it was made of"
             )
         self._require_same(table)
-        known = set(self.selection.frames)
-        if seen := [frame for frame in table.frames if frame in known]:
+        shared = list(shared_frames(table, self.selection.frames, self.selection.pictures))
+        if seen := [frame for frame, _, how in shared if how == NAME]:
             raise GuardianError(
                 f"frame '{seen[0]}' is one of {len(seen)} in {table.name} that chose this guardian; a score on them "
                 "says nothing: leave them out with --unseen"
             )
-        self._require_other_pictures(table)
+        for frame, known, how in shared:
+            raise GuardianError(
+                f"frame '{frame}' in {table.name} {how} '{known}', which chose this guardian{_MORE[how]}; a score on "
+                "it says nothing: leave it out with --unseen"
+            )
 
     def unseen(self, table: VoteTable) -> VoteTable:
         """Return a table without the frames that chose this guardian, known by name or by picture."""
         if self.selection is None:
             return table
-        known, shown = set(self.selection.frames), set(self.selection.pictures)
-        pictures = table.pictures or ("",) * len(table.frames)
-        spelt = {_spelling(frame) for frame in known}
-        return table.without(
-            [
-                frame
-                for frame, picture in zip(table.frames, pictures, strict=True)
-                if frame in known or picture in shown or _spelling(frame) in spelt
-            ]
-        )
-
-    def _require_other_pictures(self, table: VoteTable) -> None:
-        """Raise GuardianError for a frame that is one of the calibration's by another name."""
-        assert self.selection is not None
-        by_picture = dict(zip(self.selection.pictures, self.selection.frames, strict=False))
-        for frame, picture in zip(table.frames, table.pictures or (), strict=False):
-            if picture in by_picture:
-                raise GuardianError(
-                    f"frame '{frame}' in {table.name} shows the very picture of '{by_picture[picture]}', which chose "
-                    "this guardian; a score on it says nothing: leave it out with --unseen"
-                )
-        by_spelling = {_spelling(frame): frame for frame in self.selection.frames}
-        for frame in table.frames:
-            if (same := by_spelling.get(_spelling(frame))) is not None:
-                raise GuardianError(
-                    f"frame '{frame}' in {table.name} has the name of '{same}', which chose this guardian, but for its "
-                    "spelling or its ending: leave it out with --unseen, or give different frames different names"
-                )
+        shared = shared_frames(table, self.selection.frames, self.selection.pictures)
+        return table.without([frame for frame, _, _ in shared])
 
     def may_show(self, bank: FrameBank) -> None:
         """Raise GuardianError where a bank's pictures are not those of the votes that chose this guardian."""
@@ -321,6 +303,23 @@ def _read_selection(raw: Mapping[str, object]) -> Selection:
         costs=None if costs is None else Costs(**costs),
         pictures=tuple(map(str, cast("list[str]", raw.get("pictures", [])))),
     )
+
+
+def shared_frames(table: VoteTable, frames: Sequence[str], pictures: Sequence[str]) -> Iterator[tuple[str, str, str]]:
+    """Yield each frame of a table that is one of these, which one that is, and in words by what it is known.
+
+    It is known by its name, by the digest of its picture where ``pictures`` has those of ``frames``, or by the same
+    name in another spelling.
+    """
+    names, by_picture = set(frames), dict(zip(pictures, frames, strict=False))
+    by_spelling = {_spelling(frame): frame for frame in frames}
+    for frame, picture in zip(table.frames, table.pictures or (None,) * len(table.frames), strict=True):
+        if frame in names:
+            yield frame, frame, NAME
+        elif picture is not None and picture in by_picture:
+            yield frame, by_picture[picture], PICTURE
+        elif (same := by_spelling.get(_spelling(frame))) is not None:
+            yield frame, same, SPELLING
 
 
 def _spelling(frame: str) -> str:

@@ -5,6 +5,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+import numpy.typing as npt
 
 from eyechart.errors import VoteError
 from eyechart.studies.guardian.votes import VoteTable
@@ -43,8 +44,17 @@ def join(tables: Sequence[VoteTable]) -> VoteTable:
         models=tuple(model for model, _ in models),
         votes=np.concatenate([aligned[table].of([model]) for model, table in models]),
         about=about,
+        contradicting=_contradicting(aligned, models),
         unfinished={model: left for one in aligned for model, left in one.unfinished.items()},
     )
+
+
+def _contradicting(tables: Sequence[VoteTable], models: Sequence[tuple[str, int]]) -> npt.NDArray[np.bool_] | None:
+    """Return which votes contradict themselves, of these models by the numbers of their tables; None of no run."""
+    if all(one.contradicting is None for one in tables):
+        return None
+    known = [np.zeros(one.votes.shape, np.bool_) if one.contradicting is None else one.contradicting for one in tables]
+    return np.stack([known[table][tables[table].models.index(model)] for model, table in models])
 
 
 def _require_alike(first: VoteTable, other: VoteTable) -> None:
@@ -70,6 +80,7 @@ def _in_order(table: VoteTable, frames: Sequence[str]) -> VoteTable:
         episodes=sorted_as(table.episodes),
         hazard=table.hazard[order],
         votes=table.votes[:, order],
+        contradicting=None if table.contradicting is None else table.contradicting[:, order],
         split=None if table.split is None else sorted_as(table.split),
         pictures=None if table.pictures is None else sorted_as(table.pictures),
     )

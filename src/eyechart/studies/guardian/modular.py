@@ -34,13 +34,16 @@ class Replay:
 
     ``agreement`` is with the renderer policy, the fixed policy on what the deterministic reader sees; ``answered`` is
     the share of frames on which the guardian said anything, for where it abstains the renderer policy acts and agrees
-    with itself. ``equivariance`` is the share of frames whose reflection gets the reflected action, without which it is
-    no symmetric controller. ``directional`` counts the frames on which the renderer policy turns: with few of them
-    nothing is said of lateral control. ``unread`` are the frames that the reader could not read, which count in none of
-    these shares. ``warnings`` say that votes are still to be asked for, which makes a guardian abstain and so agree.
+    with itself; ``agreement_answered`` is over these frames. ``equivariance`` is the share of frames whose reflection
+    gets the reflected action, without which it is no symmetric controller; it is of the deterministic reader and the
+    policy alone, since the votes on a frame and its reflection are exchanged. ``directional`` counts the frames on
+    which the renderer policy turns: with few of them nothing is said of lateral control. ``unread`` are the frames that
+    the reader could not read, which count in none of these shares. ``warnings`` say that votes are missing, or still to
+    be asked for, which makes a guardian abstain and so agree.
     """
 
     agreement: Statistic
+    agreement_answered: Statistic
     answered: Statistic
     equivariance: Statistic
     directional: int
@@ -52,6 +55,7 @@ class Replay:
         """Return the replay as plain JSON values."""
         return {
             "agreement_with_renderer_policy": self.agreement.as_dict(),
+            "agreement_where_answered": self.agreement_answered.as_dict(),
             "answered": self.answered.as_dict(),
             "equivariance": self.equivariance.as_dict(),
             "directional_reference_actions": self.directional,
@@ -87,7 +91,7 @@ def replay(frozen: Frozen, table: VoteTable, read: Read) -> Replay:
     frozen.may_score(table)
     said = [WORDS[int(one)] for one in answer_of(frozen, table)[frozen.point]]
     actions, unread = {}, []
-    agreed = mirrored = directional = answered = 0
+    agreed = both = mirrored = directional = answered = 0
     for frame, answer in zip(table.frames, said, strict=True):
         scenes = read(frame)
         if scenes is None:
@@ -98,6 +102,7 @@ def replay(frozen: Frozen, table: VoteTable, read: Read) -> Replay:
         actions[frame] = action
         answered += answer != "abstain"
         agreed += action == reference
+        both += answer != "abstain" and action == reference
         mirrored += reflected == MIRROR.get(action, action)
         directional += reference in MIRROR
     if not actions:
@@ -107,13 +112,24 @@ def replay(frozen: Frozen, table: VoteTable, read: Read) -> Replay:
         )
     return Replay(
         agreement=rate(agreed, len(actions)),
+        agreement_answered=rate(both, answered),
         answered=rate(answered, len(actions)),
         equivariance=rate(mirrored, len(actions)),
         directional=directional,
         actions=actions,
         unread=tuple(unread),
-        warnings=tuple(table.unfinished_words(frozen.committee)),
+        warnings=(*table.unfinished_words(frozen.committee), *_missing_words(frozen, table)),
     )
+
+
+def _missing_words(frozen: Frozen, table: VoteTable) -> list[str]:
+    """Return in words which models of the committee gave too few votes."""
+    return [
+        f"{model}: {missing} of {2 * len(table.frames)} votes are missing; where the guardian abstains for want of "
+        "them, the renderer policy agrees with itself"
+        for model in frozen.committee
+        if (missing := table.missing(model))
+    ]
 
 
 def reader_of(bank: FrameBank) -> Read:

@@ -6,9 +6,11 @@ from pathlib import Path
 import numpy as np
 
 from eyechart.errors import VoteError
+from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, read_run
 from eyechart.perception.estimate import SCENE_READER, read_estimate
+from eyechart.perception.forward import distances_of
 from eyechart.stats.committee import MISSING
 from eyechart.studies.battery import plan_of
 from eyechart.studies.guardian.truth import HAZARD_COLUMN, episode_of, hazards_of, pictures_of
@@ -29,7 +31,8 @@ def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = Fals
         raise VoteError(f"{path} is a run of the study '{manifest.study}', whose replies are no scene estimates")
     if manifest.reader != SCENE_READER and not reread:
         raise VoteError(
-            f"{path} was begun under version {manifest.reader} of the reader of scenes; this is version {SCENE_READER}"
+            f"{path} was begun under version {manifest.reader} of the reader of scenes; this is version "
+            f"{SCENE_READER}: its votes may differ from those seen before; read its replies anew with --reread"
         )
     plan = plan_of(manifest, bank)
     frames = plan.frames
@@ -37,6 +40,7 @@ def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = Fals
     models = tuple(sorted(manifest.models))
     served: dict[str, set[str | None]] = {model: set() for model in models}
     votes = np.full((len(models), len(frames), 2), MISSING, dtype=np.int8)
+    contradicting, nearest = np.zeros(votes.shape, dtype=np.bool_), _close_m(bank)
     plan = replace(plan, shard=None)  # a shard lacks the votes of the others
     with Ledger(path / LEDGER) as ledger:
         finished = ledger.finished()
@@ -47,7 +51,10 @@ def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = Fals
                         served[model].add(reply.served)
                     found = read_estimate(reply.text, reply.finish_reason, reply.error).estimate
                     vote = MISSING if found is None else int(found.close)
-                    votes[number, place[key.frame], CONDITIONS.index(key.condition)] = vote
+                    at = number, place[key.frame], CONDITIONS.index(key.condition)
+                    votes[at] = vote
+                    near = found is not None and found.gap_m is not None and found.gap_m < nearest
+                    contradicting[at] = near and not vote
     truth, axes = hazards_of(bank, hazard), {frame.mirror_axis for frame in frames}
     about = About(
         bank=bank.manifest.fingerprint,
@@ -76,4 +83,11 @@ def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = Fals
             model: sum(key.condition in CONDITIONS and key not in finished for key in plan.keys_of(model))
             for model in models
         },
+        contradicting=contradicting,
     )
+
+
+def _close_m(bank: FrameBank) -> float:
+    """Return the gap in metres below which the prompt of a bank calls a lead close."""
+    gap = bank.manifest.gap
+    return distances_of(bank.manifest.simulator).close_m if gap is None or gap.unit != "m" else gap.threshold

@@ -16,6 +16,7 @@ from eyechart.stats.committee import (
     answers,
     risk_coverage,
 )
+from eyechart.stats.flips import sign_flip_test
 from eyechart.stats.paired import mcnemar_exact
 from eyechart.stats.resampling import ENUMERATED_MULTISETS
 from eyechart.stats.statistic import Statistic
@@ -34,14 +35,17 @@ class GuardianScore:
 
     ``rows`` maps each operating point, and ``single`` for the best single model of the calibration, to its coverage,
     accuracy, balanced accuracy, sensitivity and specificity over the frames that were answered, each with an interval
-    over episodes. ``mcnemar`` compares the two-way point with the single model; ``curve`` is the risk–coverage curve.
-    ``answers`` holds the guardian's own answer to each frame, ``missed`` the hazardous frames that it called clear.
+    over episodes. ``mcnemar`` compares the two-way point with the single model, frames taken as independent, and
+    ``over_episodes`` does so by flipping the signs of whole episodes' differences in right answers; ``curve`` is the
+    risk–coverage curve. ``answers`` holds the guardian's own answer to each frame, ``missed`` the hazardous frames that
+    it called clear.
     """
 
     frozen: Frozen
     table: VoteTable
     rows: Mapping[str, Metrics]
     mcnemar: Statistic
+    over_episodes: Statistic
     curve: tuple[CoveragePoint, ...]
     answers: Mapping[str, str]
     missed: tuple[str, ...]
@@ -63,6 +67,7 @@ class GuardianScore:
             "episodes": len(set(self.table.episodes)),
             "rows": {name: {key: one.as_dict() for key, one in row.items()} for name, row in self.rows.items()},
             "mcnemar": self.mcnemar.as_dict(),
+            "sign_flips_over_episodes": self.over_episodes.as_dict(),
             "risk_coverage": [
                 {"margin": one.margin, "coverage": one.answered / one.frames, "risk": one.wrong / one.answered}
                 for one in self.curve
@@ -99,6 +104,8 @@ def score(
     alone = table.of([frozen.selection.single])[0, :, 0]
     said[SINGLE] = np.where(alone == MISSING, ABSTAIN, alone.astype(np.int64))
     two_way, single = ((said[name] == table.hazard) for name in ("two_way", SINGLE))
+    names, group = table.groups()
+    right = [np.bincount(group, weights=one, minlength=len(names)) for one in (two_way, single)]
     votes = table.of(frozen.committee)
     hazard_votes = (votes == HAZARD).sum(axis=(0, 2))
     own = said[frozen.point]
@@ -107,6 +114,7 @@ def score(
         table=table,
         rows=measure(table, said, seed=seed, resamples=resamples, enumerate_up_to=enumerate_up_to),
         mcnemar=mcnemar_exact(int((two_way & ~single).sum()), int((single & ~two_way).sum())),
+        over_episodes=sign_flip_test(*right, seed=seed, resamples=resamples),
         curve=tuple(risk_coverage(hazard_votes, said["two_way"], table.hazard, voters=frozen.voters)),
         answers={frame: WORDS[int(one)] for frame, one in zip(table.frames, own, strict=True)},
         missed=tuple(

@@ -61,11 +61,12 @@ class VoteTable:
     """Votes of several models on the frames of one bank.
 
     ``models`` are in lexicographic order, which breaks ties. ``votes`` has shape (models, frames, 2), the picture and
-    its reflection: 1 hazard, 0 clear, -1 missing. ``hazard`` (frames,) is the truth. ``split`` says what each frame
-    is for, where the table does. ``pictures`` are the SHA-256 digests of the frames' pictures, where the table is of a
+    its reflection: 1 hazard, 0 clear, -1 missing. ``hazard`` (frames,) is the truth. ``split`` says what each frame is
+    for, where the table does. ``pictures`` are the SHA-256 digests of the frames' pictures, where the table is of a
     bank that records them: a frame is then known by its picture too. ``unfinished`` counts by model the votes that its
-    run has still to ask for, which are missing here. Raises VoteError for a frame that stands twice, and for shapes
-    that do not fit.
+    run has still to ask for, which are missing here. ``contradicting``, in the shape of the votes and of runs only,
+    says which clear votes tell a gap below the threshold, and so contradict themselves. Raises VoteError for a frame
+    that stands twice, and for shapes that do not fit.
     """
 
     name: str
@@ -78,6 +79,7 @@ class VoteTable:
     split: tuple[str, ...] | None = None
     pictures: tuple[str, ...] | None = None
     unfinished: Mapping[str, int] = field(default_factory=dict)
+    contradicting: npt.NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         if len(set(self.frames)) != len(self.frames):
@@ -98,6 +100,10 @@ class VoteTable:
             if model not in self.models:
                 raise VoteError(f"{self.name} has no votes of '{model}'; it has {', '.join(self.models)}")
         return self.votes[[self.models.index(model) for model in models]]
+
+    def missing(self, model: str) -> int:
+        """Return how many of a model's votes are missing."""
+        return int((self.of([model]) == -1).sum())
 
     def left(self, models: Sequence[str]) -> int:
         """Return how many votes of these models the run has still to ask for."""
@@ -154,4 +160,5 @@ class VoteTable:
             votes=self.votes[:, mask],
             split=None if self.split is None else chosen(self.split),
             pictures=None if self.pictures is None else chosen(self.pictures),
+            contradicting=None if self.contradicting is None else self.contradicting[:, mask],
         )

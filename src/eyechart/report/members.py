@@ -1,0 +1,72 @@
+"""What is known against the members of a guardian: votes that are missing, clauses and guards that their run failed."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from eyechart.studies import structured
+from eyechart.studies.guardian import VIEWS, VoteTable
+
+_FEW = 10
+"""Resamples of a score of which no interval is read."""
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """How a member of a committee did in its run.
+
+    ``missing`` of its ``votes`` on the frames in question are missing, and ``contradicting`` say clear and tell a gap
+    below the threshold. ``clauses`` of admission are not met and ``guards`` failed, over all frames of its run.
+    """
+
+    model: str
+    votes: int
+    missing: int
+    contradicting: int
+    clauses: tuple[str, ...]
+    guards: tuple[str, ...]
+
+    @property
+    def doubtful(self) -> bool:
+        """Return whether anything speaks against it."""
+        return bool(self.missing or self.contradicting or self.clauses or self.guards)
+
+    @property
+    def words(self) -> str:
+        """Return on one line what is known of it."""
+        said = [f"{self.model}: {self.missing} of {self.votes} votes are missing"]
+        if self.contradicting:
+            said.append(f"{self.contradicting} votes say clear and tell a gap below the threshold")
+        if self.clauses:
+            said.append(f"clauses of admission not met: {', '.join(self.clauses)}")
+        if self.guards:
+            said.append(f"guards failed: {', '.join(self.guards)}")
+        return "; ".join(said)
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return asdict(self)
+
+
+def members_of(
+    committee: Sequence[str], table: VoteTable, runs: Sequence[Path], *, reread: bool = False
+) -> tuple[Member, ...]:
+    """Return what is known of those models of a committee whose votes are of these runs, on the frames of a table."""
+    scores: dict[str, structured.StructuredScore] = {}
+    for run in runs:
+        if structured.is_structured(run):
+            found = structured.score(run, resamples=_FEW, reread=reread)
+            scores.update(dict.fromkeys(found.models, found))
+    return tuple(_member(model, table, scores) for model in committee if model in scores)
+
+
+def _member(model: str, table: VoteTable, scores: Mapping[str, structured.StructuredScore]) -> Member:
+    score, place = scores[model], table.models.index(model)
+    return Member(
+        model=model,
+        votes=len(VIEWS) * len(table.frames),
+        missing=table.missing(model),
+        contradicting=0 if table.contradicting is None else int(table.contradicting[place].sum()),
+        clauses=tuple(one.name for one in score.models[model].clauses if not one.passes),
+        guards=tuple(one.name for one in score.guards[model] if one.holds is False),
+    )
