@@ -38,6 +38,8 @@ def test_an_honest_bundle_of_estimates_holds(packed: Path) -> None:
     assert (said(found), found.holds, found.notes) == ("", True, ())
     assert (found.compared["requests"], found.compared["calls"], found.compared["tables"]) == (8, 8, 9)
     with zipfile.ZipFile(packed) as file:
+        pictures = [name for name in file.namelist() if name.endswith(".png")]
+        assert (found.compared["frames"], found.compared["pictures"]) == (4, len(pictures))
         assert {"report.html", "results.json", "tables/clauses.csv", "run/ledger.sqlite"} <= set(file.namelist())
 
 

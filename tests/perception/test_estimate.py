@@ -213,7 +213,7 @@ def with_note(depth: int) -> str:
 
 
 def test_what_is_read_depends_on_no_nesting_and_no_caller() -> None:
-    """Up to 100 levels a field of no meaning is not looked into; beyond, the reply is malformed, wherever it is read."""
+    """Up to 100 levels a field of no meaning is not looked into; beyond, the reply is malformed."""
     for frames in (0, 300, 600):
         assert at_depth(frames, with_note(99) + with_note(98)).estimate == SCENE
         for text in (with_note(100), with_note(600), with_note(600) * 2, with_note(900).replace('{"a": ', '[{"a": ')):
