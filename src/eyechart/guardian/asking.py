@@ -99,7 +99,8 @@ class Guardian:
     def assess(self, image: bytes, *, deadline_s: float | None = None) -> Assessment:
         """Return what the committee says of an encoded picture, by the deadline.
 
-        What is no picture is abstained from. Raises GuardianError after `close`, and never for what a model does.
+        What is no picture, or one of more than 25 megapixels as in a bank, is abstained from; at most four are decoded
+        at once. Raises GuardianError after `close`, and never for what a model does.
         """
         start, limit = time.perf_counter(), self._limit(deadline_s)
         future = self._submit(self._assess(image, start, limit))

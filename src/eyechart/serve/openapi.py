@@ -58,7 +58,10 @@ def openapi(limits: Limits, deadline_s: float) -> dict[str, object]:
         "info": {"title": "eyechart guardian", "version": __version__},
         "paths": {
             "/assess": {"post": post},
-            "/health": get("that the server is there, and with which guardian", "application/json"),
+            "/health": get(
+                "that the server is there, with which guardian, and the seconds since each model voted",
+                "application/json",
+            ),
             "/metrics": get("metrics as Prometheus reads them", "text/plain"),
             "/openapi.json": get("this document", "application/json"),
         },
