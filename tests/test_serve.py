@@ -306,7 +306,7 @@ def test_words_that_cannot_be_encoded_are_written_out_and_an_answer_is_counted_o
 
 
 def test_a_picture_of_too_many_pixels_is_refused_before_it_is_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
-    """25 million pixels in 73 kB: 422 with the numbers; and no more are decoded at once than there are turns."""
+    """25 million pixels in 3 kB: 422 with the numbers; and no more are decoded at once than there are turns."""
     bomb, guardian = BENCH.bomb(), guardian_of(deadline_s=0.5)
     shown: list[int] = []
     most, go_on = [0], threading.Event()
