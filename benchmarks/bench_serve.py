@@ -39,7 +39,7 @@ DEADLINE_S = 2.0
 GRACE_S = 0.5
 """What the machine may add to the deadline between a client and a server that share two cores."""
 MOST_BYTES = 400_000
-KINDS = {"good": 0.6, "malformed": 0.2, "oversized": 0.1, "slow": 0.1}
+KINDS = {"good": 0.6, "malformed": 0.15, "oversized": 0.1, "many pixels": 0.05, "slow": 0.1}
 CLEAR = '{"lead_gap_m": null, "close": false, "left_clear": true, "right_clear": true, "confidence": 0.9}'
 MODELS = ("openai:first", "openai:second")
 
@@ -62,6 +62,13 @@ def picture(seed: int = 0) -> bytes:
     pixels[60:90, ::7] = dice.integers(0, 255, 3)
     out = io.BytesIO()
     Image.fromarray(pixels).save(out, "PNG")
+    return out.getvalue()
+
+
+def bomb() -> bytes:
+    """Return a picture of 25 million pixels, 75 MB as RGB, in 3 kB."""
+    out = io.BytesIO()
+    Image.new("1", (5000, 4990)).save(out, "PNG")
     return out.getvalue()
 
 
@@ -106,10 +113,11 @@ async def offer(
     url: str, *, seconds: float, rate: float, seed: int = 1, deadline_s: float = DEADLINE_S
 ) -> list[Outcome]:
     """Offer requests of every kind at a fixed rate, and return what became of each."""
-    dice, began = random.Random(seed), time.perf_counter()  # noqa: S311 - no secret
+    dice = random.Random(seed)  # noqa: S311 - no secret
     bodies = {"good": [picture(n) for n in range(8)], "oversized": [b"\x89PNG" + bytes(2 * MOST_BYTES)]}
+    bodies["many pixels"] = [bomb()]
     bodies["malformed"] = [b"", b"no picture", bodies["good"][0][:90], bytes(range(256)) * 40, b"{}"]
-    tasks = []
+    tasks, began = [], time.perf_counter()
     limit = aiohttp.ClientTimeout(total=deadline_s + 10)
     async with aiohttp.ClientSession(connector=aiohttp.TCPConnector(limit=0), timeout=limit) as session:
         for number in range(round(seconds * rate)):
@@ -177,6 +185,7 @@ def judged(
         "good": {200, 503},
         "malformed": {400, 422, 503},
         "oversized": {0, 413},
+        "many pixels": {422, 503},
         "slow": {408, 503},
         "headless": {0},
     }
@@ -216,7 +225,9 @@ async def started(*words: str) -> tuple[asyncio.subprocess.Process, str]:
     """Start a process that prints an address, and return both."""
     process = await asyncio.create_subprocess_exec(sys.executable, *words, stderr=asyncio.subprocess.PIPE)
     assert process.stderr is not None
-    line = (await process.stderr.readline()).decode()
+    while "http://" not in (line := (await process.stderr.readline()).decode()):
+        if not line:
+            raise RuntimeError(f"{' '.join(words)} ended without an address")
     return process, line.strip().rpartition(" ")[2]
 
 

@@ -140,3 +140,15 @@ def test_names_with_signs_and_words_are_read_as_wholes() -> None:
     assert read_decision("I choose no-op.", "stop", None, space).action == "NO-OP"
     assert read_decision("so TURN", "stop", None, space).action == "TURN"
     assert read_decision("ACTION: \u212a2", "stop", None, space).missing == "unparsed"
+
+
+def at_depth(frames: int, text: str) -> Decision:
+    """Read a decision from so many calls further down."""
+    return at_depth(frames - 1, text) if frames else read_decision(text, "stop", None, DRIVING)
+
+
+def test_what_is_read_of_an_object_depends_on_no_caller() -> None:
+    """Nor on what the parser bears: an object nested in more than 100 levels is text, wherever it is read."""
+    for levels, action in ((99, None), (100, "LEFT"), (400, "LEFT")):
+        stated = '{"action": "none", "note": ' + "[" * levels + "]" * levels + "} LEFT"
+        assert {at_depth(frames, stated).action for frames in (0, 300, 600)} == {action}

@@ -211,10 +211,12 @@ def test_an_address_that_is_taken_is_said_and_limits_must_be_limits() -> None:
         del session
         with pytest.raises(GuardianError, match="give another --port"):
             await serve(guardian, port=int(url.rpartition(":")[2]))
+        with pytest.raises(GuardianError, match=r"256\.1\.1\.1:0 cannot be listened on: .*; give another --host"):
+            await serve(guardian, host="256.1.1.1", port=0)
 
     guardian = guardian_of()
     served(ask, guardian)
-    with pytest.raises(GuardianError, match="limits must be positive"):
+    with pytest.raises(GuardianError, match=r"^concurrency must be at least 1, got 0$"):
         Limits(concurrency=0)
     with pytest.raises(GuardianError, match="at most 64 pictures at a time, got concurrency=65"):
         Limits(concurrency=65)
@@ -276,3 +278,95 @@ def test_a_body_that_is_not_encoded_as_it_says_is_refused_and_leaves_no_tracebac
 def test_latency_is_described_as_it_is_measured() -> None:
     """From when the guardian was asked, views included."""
     assert "from when the guardian was asked" in json.dumps(openapi(Limits(), 1.0))
+
+
+class Broken(Held):
+    """A model that fails in words that UTF-8 cannot encode."""
+
+    async def answer(self, query: Query) -> Reply:
+        """Fail."""
+        del query
+        return Reply(error="exception", error_detail="half a pair: \ud83d")
+
+
+def test_words_that_cannot_be_encoded_are_written_out_and_an_answer_is_counted_once_it_is_one() -> None:
+    """A model's error with a lone surrogate is a missing vote with its reason, and so is a header an answer."""
+    guardian = guardian_of(Broken())  # type: ignore[arg-type]
+
+    async def ask(session: aiohttp.ClientSession, url: str) -> None:
+        status, said = await post(session, url, NEAR)
+        assert (status, said["answer"]) == (200, "abstain")
+        assert "half a pair: \\ud83d" in str(said["why"])
+        reader, writer = await asyncio.open_connection("127.0.0.1", int(url.rpartition(":")[2]))
+        writer.write(b"POST /assess HTTP/1.1\r\nHost: x\r\nContent-Type: \xff/png\r\nContent-Length: 1\r\n\r\nx")
+        assert b" 415 " in await reader.readline()
+        writer.close()
+
+    served(ask, guardian)
+
+
+def test_a_picture_of_too_many_pixels_is_refused_before_it_is_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """25 million pixels in 3 kB: 422 with the numbers; and no more are decoded at once than there are turns."""
+    bomb, guardian = BENCH.bomb(), guardian_of(deadline_s=0.5)
+    shown: list[int] = []
+    most, go_on = [0], threading.Event()
+
+    def show(picture: bytes) -> object:
+        shown.append(len(picture))
+        most[0] = max(most[0], len(shown))
+        go_on.wait(20)
+        shown.pop()
+        return interface_of(guardian.frozen).views(picture)
+
+    async def ask(session: aiohttp.ClientSession, url: str) -> None:
+        status, said = await post(session, url, bomb)
+        assert (status, said["error"]) == (
+            422,
+            "the picture has 5000 × 4990 pixels, 24950000; the limit is 2100000",
+        )
+        assert shown == []
+        for _ in range(3):  # each ends at its deadline, and its decoding does not
+            came = await asyncio.gather(*(post(session, url, NEAR) for _ in range(2)))
+            assert {status for status, _ in came} == {503}
+        assert most == [2]
+        go_on.set()
+
+    monkeypatch.setattr(guardian, "show", show)
+    served(ask, guardian, Limits(concurrency=2))
+
+
+def test_each_model_is_asked_once_before_the_server_says_that_it_is_started() -> None:
+    """One that fails or is late is a warning; health tells since when each has not voted."""
+    seer, told = Seer(held=False), list[str]()
+    frozen: Frozen = BENCH.frozen(("http://127.0.0.1:1/v1",) * 2)
+    models = {"openai:first": seer, "openai:second": Seer(held=True)}
+    guardian = Guardian(frozen, models, interface_of(frozen), deadline_s=1.0)
+    before: list[bool] = []
+
+    async def run() -> None:
+        address: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+
+        def started(url: str) -> None:
+            before.append(seer.asked.is_set())
+            address.set_result(url)
+
+        async def until() -> None:
+            async with aiohttp.ClientSession() as session:
+                url = await address
+                for votes in (False, True):
+                    async with session.get(f"{url}/health") as came:
+                        since = (await came.json())["last_vote_s"]
+                        assert came.status == 200
+                    assert (since["openai:first"] is not None, since["openai:second"]) == (votes, None)
+                    await post(session, url, NEAR)
+
+        await serve(guardian, port=0, warm_up_s=0.5, tell=told.append, started=started, until=until)
+
+    with guardian:
+        asyncio.run(run())
+    models["openai:second"].go_on.set()
+    assert before == [True]
+    assert told[0] == "asking each of 2 models once, for at most 0.5 s"
+    assert told[1:] == [
+        "warning: 'openai:second' does not answer: no reply within 0.5 s; without its votes nothing is called clear"
+    ]

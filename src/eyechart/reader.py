@@ -30,6 +30,8 @@ _MARKER = r"\b(?:action|answer|decision)\W{0,4}(?:[:=>→–—\n-]|\bis\b)\W{0,
 READ_AT_MOST = 100_000
 """Characters outside thinking, the last ones, that are read for a decision; the ledger keeps all of a reply."""
 _BRACES_AT_MOST = 1000
+_LEVELS_AT_MOST = 100
+_STRUCTURE = re.compile(r'"(?:[^"\\]|\\.)*+"?|[{}\[\]]', re.DOTALL)
 _SHORT = 80
 """Characters up to which an action in lower case is an answer; in longer prose "the road is straight" is none."""
 
@@ -76,6 +78,22 @@ def without_thinking(text: str) -> str:
         else:
             thinking = True
     return " ".join(visible)
+
+
+def too_deep(text: str, start: int = 0) -> bool:
+    """Return whether the JSON value that begins at ``start`` is nested in more than 100 levels, so that it is not read.
+
+    A parser gives up at a depth that depends on its caller's; this bound does not.
+    """
+    depth = 0
+    for match in _STRUCTURE.finditer(text, start):
+        if match.group() in {"{", "["}:
+            depth += 1
+        elif match.group() in {"}", "]"}:
+            depth -= 1
+        if not 0 < depth <= _LEVELS_AT_MOST:
+            return depth > 0
+    return False
 
 
 def _find(text: str, space: ActionSpace, *, any_case: bool) -> Decision:
@@ -137,15 +155,23 @@ def _json_actions(text: str) -> Iterator[str]:
 
 
 def _json_objects(text: str) -> Iterator[dict[str, object]]:
-    """Yield the outermost JSON objects in a text, wherever they stand; none where it has too many braces to try."""
+    """Yield the outermost JSON objects in a text, wherever they stand; none where it has too many braces to try.
+
+    One that is nested too deeply is taken as text.
+    """
     decoder, start = json.JSONDecoder(), text.find("{")
     if text.count("{") > _BRACES_AT_MOST:
         return
     while start >= 0:
         end = start + 1
         try:
-            value, end = decoder.raw_decode(text, start)
-            yield value
-        except (ValueError, RecursionError):
+            value, ended = decoder.raw_decode(text, start)
+            if not too_deep(text, start):
+                end = ended
+                yield value
+        except ValueError:
             pass
+        except RecursionError:
+            if not too_deep(text, start):
+                raise
         start = text.find("{", end)

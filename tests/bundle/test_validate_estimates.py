@@ -41,6 +41,17 @@ def test_an_honest_bundle_of_estimates_holds(packed: Path) -> None:
         assert {"report.html", "results.json", "tables/clauses.csv", "run/ledger.sqlite"} <= set(file.namelist())
 
 
+def test_only_what_was_compared_is_counted(tmp_path: Path) -> None:
+    """Of a run of two of a bank's frames, two frames and the two pictures that the bundle holds."""
+    bank = roads.build_bank(tmp_path / "bank", roads.GAPS_M[2:6])
+    battery.run(structured.plan("structured", bank.root, [CONTROL], tmp_path / "run", limit=2))
+    write_bundle(tmp_path / "run", tmp_path / "run.zip", resamples=200)
+    compared = validate(tmp_path / "run.zip").compared
+    with zipfile.ZipFile(tmp_path / "run.zip") as file:
+        pictures = [name for name in file.namelist() if name.endswith(".png")]
+    assert (compared["frames"], compared["pictures"], len(pictures)) == (2, 2, 2)
+
+
 def test_a_changed_estimate_changes_what_rests_on_it(packed: Path, tmp_path: Path) -> None:
     """The figure, its row in the tables and on the page, and the digest of the replies."""
 

@@ -1,4 +1,5 @@
 import asyncio
+import threading
 import time
 from pathlib import Path
 
@@ -46,6 +47,10 @@ def meets(prompt, image, all_eight=threading.Barrier(8)):
 
 def hangs(prompt, image):
     time.sleep(60)
+
+def waits(prompt, image, go_on=threading.Event()):
+    go_on.wait(30)
+    return "GO"
 
 def narrow(prompt):
     return "GO"
@@ -122,6 +127,26 @@ def test_a_callable_that_hangs_times_out_and_does_not_hold_up_the_end(module: st
     reply = ask(opened(module, "hangs", timeout_s=0.2))
     assert (reply.error, reply.error_detail) == ("timeout", "no answer within 0.2 s")
     assert time.monotonic() - began < 30
+
+
+def test_calls_that_never_return_are_bounded(module: str) -> None:
+    """While 16 that were given up still run, a further one is an error at once; once they are back it is asked."""
+    model = opened(module, "waits", timeout_s=0.2)
+
+    async def given_up(count: int) -> list[str]:
+        return [reply.error_detail for reply in await asyncio.gather(*(model.answer(QUERY) for _ in range(count)))]
+
+    before = threading.active_count()
+    assert set(asyncio.run(given_up(16))) == {"no answer within 0.2 s"}
+    for _ in range(3):
+        said = "RuntimeError: not called: 16 earlier calls have not returned"
+        assert ask(model) == Reply(error="exception", error_detail=said)
+    assert threading.active_count() == before + 16
+    waits = model.ask  # type: ignore[attr-defined]
+    waits.__defaults__[0].set()
+    for thread in tuple(model.left):  # type: ignore[attr-defined]
+        thread.join(10)
+    assert ask(model).text == "GO"
 
 
 def test_the_version_is_that_of_the_file(module: str, tmp_path: Path) -> None:

@@ -200,3 +200,29 @@ def test_true_and_one_are_two_estimates() -> None:
     """Also where both are whole objects."""
     one = '{"lead_gap_m": 50, "close": false, "left_clear": true, "right_clear": true, "confidence": 0.9}'
     assert read_estimate(one + one.replace("false", "0"), "stop", None).why == "several_objects"
+
+
+def at_depth(frames: int, text: str) -> SceneReply:
+    """Read a reply from so many calls further down."""
+    return at_depth(frames - 1, text) if frames else read(text)
+
+
+def with_note(depth: int) -> str:
+    """Return the good reply with a field of no meaning that is nested so deep."""
+    return GOOD.replace("}", ', "note": ' + '{"a": ' * depth + "1" + "}" * depth + "}")
+
+
+def test_what_is_read_depends_on_no_nesting_and_no_caller() -> None:
+    """Up to 100 levels a field of no meaning is not looked into; beyond, the reply is malformed."""
+    for frames in (0, 300, 600):
+        assert at_depth(frames, with_note(99) + with_note(98)).estimate == SCENE
+        for text in (with_note(100), with_note(600), with_note(600) * 2, with_note(900).replace('{"a": ', '[{"a": ')):
+            assert at_depth(frames, text) == SceneReply(None, "unparsed", "malformed")
+
+
+def test_fields_of_no_meaning_may_differ_and_a_field_that_is_no_scalar_has_the_wrong_type() -> None:
+    """Only the five fields are compared."""
+    assert read(changed(note=1, other=[2]) + changed(note={"a": 3})).estimate == SCENE
+    assert read(GOOD.replace("}", ', "note": {"close": true, "close": false}}')).estimate == SCENE
+    assert read(changed(close={"a": 1}) + changed(close=[2])).why == "wrong_type"
+    assert read(GOOD + changed(close=[2])).why == "several_objects"

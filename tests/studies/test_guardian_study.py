@@ -1,7 +1,8 @@
 """The guardian: chosen, frozen, scored on what it never saw; and the paper's table to its printed digits."""
 
+import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 import published_votes
 import roads
 from banks import build_bank
+from eyechart import __version__
 from eyechart.errors import GuardianError, VoteError
 from eyechart.frames import open_bank
 from eyechart.perception.scene import Scene, safe_action
@@ -140,6 +142,32 @@ def test_an_edited_guardian_is_refused(frozen: study.Frozen, tmp_path: Path, old
     path.write_text(text.replace(old, new, 1), encoding="utf-8")
     with pytest.raises(GuardianError, match="was edited after it was frozen"):
         study.read_frozen(path)
+
+
+REDIGESTED: Mapping[str, tuple[dict[str, object], str]] = {
+    "threshold": ({"threshold": 99}, "its threshold is 99, and no whole number from 1 to its 4 votes"),
+    "no number": ({"threshold": 2.0}, "its threshold is 2.0, and no whole number"),
+    "views": ({"views": ["original"]}, "its views are not original and reflected"),
+    "kind": ({"models": 7}, "a value in it is of another kind than a guardian's"),
+    "more": ({"note": 1}, f"not as eyechart {__version__} writes a guardian, though its digest is its own: note"),
+    "older": ({"note": 1, "eyechart": "0.0.9"}, f"written by eyechart 0.0.9, .* this one, {__version__}, cannot read"),
+}
+
+
+@pytest.mark.parametrize("what", REDIGESTED)
+def test_a_guardian_that_was_edited_with_its_digest_is_refused_in_words(
+    frozen: study.Frozen, tmp_path: Path, what: str
+) -> None:
+    """What is wrong, and not how Python would write it; another version is blamed only where it is another."""
+    change, words = REDIGESTED[what]
+    raw = {**frozen.as_dict(), **change}
+    del raw["digest"]
+    raw["digest"] = hashlib.sha256(json.dumps(raw, sort_keys=True).encode()).hexdigest()
+    path = tmp_path / "guardian.json"
+    path.write_text(json.dumps(raw), encoding="utf-8")
+    with pytest.raises(GuardianError, match=words) as refused:
+        study.read_frozen(path)
+    assert "Error(" not in str(refused.value)
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"format": "eyechart-guardian/9"}', "{" * 10_000])

@@ -30,6 +30,7 @@ from eyechart.frames import FrameBank, open_unchecked
 from eyechart.ledger import Ledger
 from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, RunManifest, as_text, asked_of, read_manifest
 from eyechart.report.evidence import Tell, used_pictures
+from eyechart.studies.battery.planning import plan_of
 
 _LONGER = 4
 """A file that is so many times as long as it should be is not looked into."""
@@ -152,7 +153,8 @@ def _recompute(folder: Path, names: list[str], recipe: Recipe, found: _Found, te
         tell("checking the requests")
         requests, count, unlike = check_requests(ledger, manifest, asked, same_encoder=_same(recipe, "pillow", "zlib"))
     differences += requests
-    compared |= {"frames": len(bank), "requests": count}
+    frames = {key.frame for key in plan_of(manifest, asked).keys()}  # noqa: SIM118 - a plan is no mapping
+    compared |= {"frames": len(frames), "requests": count}
     if unlike:
         notes.append(f"this machine encodes the pictures of {', '.join(unlike)} to other bytes: no request compared")
         found.uncompared.append(f"requests of {', '.join(unlike)}")
@@ -160,7 +162,7 @@ def _recompute(folder: Path, names: list[str], recipe: Recipe, found: _Found, te
     tell("comparing")
     differences += _compare(folder, recipe, derived)
     differences += _check_foreign(names, manifest, asked, derived)
-    compared |= _counted(manifest, bank, derived)
+    compared |= _counted(manifest, asked, derived)
     strict = _strictness(recipe)
     if not strict.drawings:
         notes.append("of the drawings only the words were compared")
@@ -238,12 +240,12 @@ def _result_name(path: tuple[str | int, ...]) -> str:
     return f"{RESULTS}, {', '.join(words)}"
 
 
-def _counted(manifest: RunManifest, bank: FrameBank, derived: Derived) -> dict[str, int]:
+def _counted(manifest: RunManifest, asked: FrameBank, derived: Derived) -> dict[str, int]:
     models = derived.score.models
     return {
         "models": len(manifest.models),
         "statistics": sum(len(one.statistics) for one in models.values()),
         "calls": sum(one.answered for one in models.values()),
-        "pictures": len(bank.manifest.images),
+        "pictures": len(used_pictures(manifest, asked)),
         "tables": sum(name.startswith(TABLES) for name in derived.files),
     }

@@ -12,7 +12,7 @@ from eyechart.frames.nouns import (
     is_reserved,
     rounded_truth,
 )
-from eyechart.frames.pictures import MAX_IMAGE_BYTES, MAX_PIXELS, RGB, decode, encode, inside, read_bounded
+from eyechart.frames.pictures import MAX_IMAGE_BYTES, MAX_PIXELS, RGB, decode, encode, inside, read_bounded, size_of
 from eyechart.frames.reading import check, open_bank, open_unchecked, read_axis, read_metadata
 from eyechart.frames.writing import BankWriter
 
@@ -40,4 +40,5 @@ __all__ = [
     "read_bounded",
     "read_metadata",
     "rounded_truth",
+    "size_of",
 ]

@@ -2,6 +2,8 @@
 
 import io
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
 
@@ -50,22 +52,35 @@ def read_bounded(root: Path, file: str) -> bytes:
         raise BankError(f"'{file}' of the bank {root} cannot be read: {error.strerror}") from error
 
 
+def size_of(picture: bytes, name: str) -> tuple[int, int]:
+    """Return an encoded picture's width and height as its header says; no pixel is decoded.
+
+    Raises BankError, naming the picture, if it is no picture.
+    """
+    with _opened(picture, name) as opened:
+        return opened.size
+
+
 def decode(picture: bytes, name: str) -> RGB:
     """Decode a picture to RGB, shape (h, w, 3), uint8; its size is checked before a pixel is decoded.
 
     Raises BankError, naming the picture, if it is no picture, is truncated, or has more than 25 megapixels.
     """
+    with _opened(picture, name) as opened:
+        width, height = opened.size
+        if width * height > MAX_PIXELS:
+            raise BankError(f"'{name}' has {width}×{height} pixels; the limit is {MAX_PIXELS // 1_000_000} megapixels")
+        return np.asarray(opened.convert("RGB"), dtype=np.uint8)
+
+
+@contextmanager
+def _opened(picture: bytes, name: str) -> Iterator[Image.Image]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
             opened = Image.open(io.BytesIO(picture), formats=("PNG", "JPEG", "WEBP", "BMP"))
         with opened:
-            width, height = opened.size
-            if width * height > MAX_PIXELS:
-                raise BankError(
-                    f"'{name}' has {width}×{height} pixels; the limit is {MAX_PIXELS // 1_000_000} megapixels"
-                )
-            return np.asarray(opened.convert("RGB"), dtype=np.uint8)
+            yield opened
     except Image.DecompressionBombError as error:
         raise BankError(f"'{name}' has more than {MAX_PIXELS // 1_000_000} megapixels") from error
     except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as error:

@@ -7,22 +7,27 @@ live in one event loop in a thread of its own, so that an answer comes by the de
 import asyncio
 import threading
 import time
-from collections.abc import Coroutine, Mapping
+from collections.abc import Callable, Coroutine, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
-from eyechart.calls import misfit
+import numpy as np
+
+from eyechart.calls import Reply, misfit
 from eyechart.errors import BankError, GuardianError
-from eyechart.guardian.interface import Answer, Assessment, Interface, Pictures, Vote, interface_of
+from eyechart.frames import encode
+from eyechart.guardian.interface import Answer, Assessment, Interface, Pictures, Vote, encodable, interface_of
 from eyechart.models import Model, open_model
 from eyechart.modes import RequestMode, without_secrets
 from eyechart.seeds import key_seed
 from eyechart.stats.committee import CLEAR, HAZARD, answers
 from eyechart.studies.guardian import VIEWS, Frozen, read_frozen
+
+T = TypeVar("T")
 
 DEADLINE_S = 2.0
 _MARGIN_S = 0.02
@@ -31,6 +36,7 @@ _CLOSING_S = 5.0
 MOST_AT_ONCE = 64
 """Pictures that may be under way; one more is abstained from at once, so that a loop that is held holds no memory."""
 _WORDS = 200
+_BLANK_PX = 64
 _FULL = f"{MOST_AT_ONCE} pictures are under way already: something holds the models' event loop"
 
 
@@ -52,6 +58,7 @@ class Guardian:
         self._thread: threading.Thread | None = None
         self._lock, self._closed, self._under_way = threading.Lock(), False, 0
         self._tasks: set[asyncio.Task[tuple[Vote, str]]] = set()
+        self._voted: dict[str, float] = {}
 
     @classmethod
     def load(
@@ -92,7 +99,8 @@ class Guardian:
     def assess(self, image: bytes, *, deadline_s: float | None = None) -> Assessment:
         """Return what the committee says of an encoded picture, by the deadline.
 
-        What is no picture is abstained from. Raises GuardianError after `close`, and never for what a model does.
+        What is no picture, or one of more than 25 megapixels as in a bank, is abstained from; at most four are decoded
+        at once. Raises GuardianError after `close`, and never for what a model does.
         """
         start, limit = time.perf_counter(), self._limit(deadline_s)
         future = self._submit(self._assess(image, start, limit))
@@ -118,6 +126,23 @@ class Guardian:
         start, limit = time.perf_counter(), self._limit(deadline_s)
         return await self._awaited(self._ask(pictures, start, limit), start, limit)
 
+    async def warm_up(self, limit_s: float) -> dict[str, str]:
+        """Ask each model once about a blank picture, and return why those that did not reply in time did not.
+
+        A first answer may take much longer than a deadline allows, where a model is yet to be loaded.
+        """
+        try:
+            async with asyncio.timeout(limit_s + 1):
+                future = self._submit(self._warm(limit_s))
+                return dict.fromkeys(self.models, _FULL) if future is None else await asyncio.wrap_future(future)
+        except TimeoutError:
+            return dict.fromkeys(self.models, "something holds the models' event loop")
+
+    def since_votes(self) -> dict[str, float | None]:
+        """Return for each model the seconds since its last vote; None for one that has not voted."""
+        now = time.monotonic()
+        return {spec: now - self._voted[spec] if spec in self._voted else None for spec in self.models}
+
     def close(self) -> None:
         """Let the models go, within a few seconds at most. Closing twice is no error."""
         with self._lock:
@@ -141,7 +166,7 @@ class Guardian:
             raise GuardianError(f"deadline_s={limit} must be a number of seconds above 0 and below 3600")
         return limit
 
-    def _submit(self, work: Coroutine[Any, Any, Assessment]) -> Future[Assessment] | None:
+    def _submit(self, work: Coroutine[Any, Any, T]) -> Future[T] | None:
         """Let the models' loop do some work; None where it has too much to do already."""
         with self._lock:
             if self._closed:
@@ -155,11 +180,11 @@ class Guardian:
                 self._thread = threading.Thread(target=_turn, args=(self._loop,), name="eyechart-guardian", daemon=True)
                 self._thread.start()
             self._under_way += 1
-            future: Future[Assessment] = Future()
+            future: Future[T] = Future()
             self._loop.call_soon_threadsafe(self._begin, work, future)
             return future
 
-    def _begin(self, work: Coroutine[Any, Any, Assessment], future: Future[Assessment]) -> None:
+    def _begin(self, work: Coroutine[Any, Any, T], future: Future[T]) -> None:
         """Begin some work in the models' loop; unlike asyncio's own way in, it is known when its picture is let go."""
         loop = asyncio.get_running_loop()
         if future.cancelled():
@@ -168,7 +193,7 @@ class Guardian:
             return
         task = loop.create_task(work)
 
-        def over(done: asyncio.Task[Assessment]) -> None:
+        def over(done: asyncio.Task[T]) -> None:
             self._let_one()
             if done.cancelled():
                 future.cancel()
@@ -178,7 +203,7 @@ class Guardian:
                 else:
                     future.set_result(done.result())
 
-        def given_up(asked: Future[Assessment]) -> None:
+        def given_up(asked: Future[T]) -> None:
             if asked.cancelled():
                 with suppress(RuntimeError):  # the loop was closed meanwhile
                     loop.call_soon_threadsafe(task.cancel)
@@ -214,7 +239,7 @@ class Guardian:
 
     async def _ask(self, pictures: Pictures, start: float, limit: float) -> Assessment:
         tasks = {
-            (spec, view): asyncio.create_task(self._vote(spec, model, picture, view))
+            (spec, view): asyncio.create_task(self._vote(spec, model, picture, view, self._interface.read))
             for spec, model in self.models.items()
             for view, picture in zip(VIEWS, pictures, strict=True)
         }
@@ -232,7 +257,26 @@ class Guardian:
             votes[key] = task.result() if done else (None, f"late: no reply within {limit:g} s")
         return self._answer(votes, start)
 
-    async def _vote(self, spec: str, model: Model, picture: bytes, view: str) -> tuple[Vote, str]:
+    async def _warm(self, limit_s: float) -> dict[str, str]:
+        blank = encode(np.full((_BLANK_PX, _BLANK_PX, 3), 128, dtype=np.uint8))
+        asked = {
+            spec: asyncio.create_task(self._vote(spec, model, blank, VIEWS[0], lambda _: (None, "")))
+            for spec, model in self.models.items()
+        }
+        self._tasks.update(asked.values())
+        try:
+            await asyncio.wait(asked.values(), timeout=limit_s)
+        finally:
+            for task in asked.values():
+                task.add_done_callback(self._tasks.discard)
+                task.cancel()
+        late = None, f"no reply within {limit_s:g} s"
+        found = {spec: task.result() if task.done() else late for spec, task in asked.items()}
+        return {spec: encodable(why) for spec, (_, why) in found.items() if why}
+
+    async def _vote(
+        self, spec: str, model: Model, picture: bytes, view: str, read: Callable[[Reply], tuple[Vote, str]]
+    ) -> tuple[Vote, str]:
         """Ask for one vote; whatever goes wrong is a missing vote with its reason."""
         try:
             seed = key_seed("guardian", self.frozen.digest, spec, view)
@@ -244,15 +288,18 @@ class Guardian:
             served = self.frozen.about.served.get(spec)
             if served is not None and reply.served not in {None, served}:
                 return None, f"another model answered: {reply.served}, not {served}"
-            return self._interface.read(reply)
+            vote, why = read(reply)
+            if vote is not None:
+                self._voted[spec] = time.monotonic()
         except asyncio.CancelledError:
             raise
         except BaseException as error:  # noqa: BLE001 - a stack must not fall over what a model does, not even SystemExit
             return None, without_secrets(f"{type(error).__name__}: {error}")[:_WORDS]
+        return vote, why
 
     def _answer(self, votes: Mapping[tuple[str, str], tuple[Vote, str]], start: float) -> Assessment:
         hazard = sum(vote is True for vote, _ in votes.values())
-        missing = {f"{spec}/{view}": why for (spec, view), (vote, why) in votes.items() if vote is None}
+        missing = {f"{spec}/{view}": encodable(why) for (spec, view), (vote, why) in votes.items() if vote is None}
         frozen = self.frozen
         code = int(answers(hazard, len(missing), voters=frozen.voters, threshold=frozen.threshold, point=frozen.point))
         answer: Answer = "hazard" if code == HAZARD else "clear" if code == CLEAR else "abstain"
@@ -268,7 +315,7 @@ class Guardian:
         votes: dict[tuple[str, str], tuple[Vote, str]] = {
             (spec, view): (None, why) for spec in self.models for view in VIEWS
         }
-        return replace(self._answer(votes, start), answer="abstain", why=why)
+        return replace(self._answer(votes, start), answer="abstain", why=encodable(why))
 
     async def _let_go(self) -> None:
         loop = asyncio.get_running_loop()

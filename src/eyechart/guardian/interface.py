@@ -97,6 +97,11 @@ def interface_of(frozen: Frozen) -> Interface:
     return Interface(about.view, prompt.key, SCENE_READER, views, query, read_vote)
 
 
+def encodable(words: str) -> str:
+    """Return words that UTF-8 can encode: a model's error may hold half a surrogate pair, which is written out."""
+    return words.encode("utf-8", "backslashreplace").decode()
+
+
 def read_vote(reply: Reply) -> tuple[Vote, str]:
     """Return the vote of a reply: whether its scene is close; None with the reason where it holds no scene."""
     found = read_estimate(reply.text, reply.finish_reason, reply.error)

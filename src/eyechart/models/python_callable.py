@@ -2,7 +2,8 @@
 
 The callable takes ``(prompt: str, image: bytes | None)``, the picture as encoded PNG or JPEG bytes or None, and returns
 the answer as text, or a Reply where it knows more (tokens, finish reason). It may be asynchronous; a synchronous one
-runs in a thread, several at once up to the run's concurrency.
+runs in a thread, several at once up to the run's concurrency; while 16 of those that were given up have not returned,
+no further call is begun.
 """
 
 import asyncio
@@ -11,7 +12,7 @@ import inspect
 import sys
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 
@@ -25,6 +26,9 @@ OPTIONS = {"energy": "true measures this machine's energy during a call, for a m
 
 Ask = Callable[[str, bytes | None], object]
 
+LEFT_AT_MOST = 16
+"""Calls that were given up and have not returned; while there are so many no further one is begun."""
+
 
 @dataclass(slots=True)
 class PythonCallable:
@@ -34,6 +38,7 @@ class PythonCallable:
     mode: RequestMode
     version: str
     facts: Mapping[str, str]
+    left: set[threading.Thread] = field(default_factory=set)
 
     async def answer(self, query: Query) -> Reply:
         """Call once. What it raises, and what takes longer than the mode's time, is a Reply with its kind."""
@@ -60,14 +65,20 @@ class PythonCallable:
     async def _ask(self, prompt: str, image: bytes | None) -> object:
         if inspect.iscoroutinefunction(self.ask) or inspect.iscoroutinefunction(type(self.ask).__call__):
             return await self.ask(prompt, image)  # type: ignore[misc]
-        return await _in_thread(self.ask, prompt, image)
+        self.left -= {thread for thread in self.left if not thread.is_alive()}
+        if len(self.left) >= LEFT_AT_MOST:
+            raise RuntimeError(f"not called: {len(self.left)} earlier calls have not returned")
+        return await _in_thread(self.ask, prompt, image, self.left.add)
 
     async def close(self) -> None:
         """Hold nothing, so let go of nothing."""
 
 
-async def _in_thread(ask: Ask, prompt: str, image: bytes | None) -> object:
-    """Call in a thread that nobody waits for at the end of the program, should it never return."""
+async def _in_thread(ask: Ask, prompt: str, image: bytes | None, leave: Callable[[threading.Thread], None]) -> object:
+    """Call in a thread that nobody waits for at the end of the program, should it never return.
+
+    ``leave`` is told the thread where the call is given up.
+    """
     loop = asyncio.get_running_loop()
     done: asyncio.Future[object] = loop.create_future()
 
@@ -87,8 +98,13 @@ async def _in_thread(ask: Ask, prompt: str, image: bytes | None) -> object:
         if not loop.is_closed():
             loop.call_soon_threadsafe(settle, value, error)
 
-    threading.Thread(target=work, daemon=True).start()
-    return await done
+    thread = threading.Thread(target=work, daemon=True)
+    thread.start()
+    try:
+        return await done
+    except asyncio.CancelledError:
+        leave(thread)
+        raise
 
 
 def open_model(name: str, mode: RequestMode) -> PythonCallable:

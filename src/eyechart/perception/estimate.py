@@ -12,9 +12,9 @@ from typing import Literal
 
 from eyechart.actions import Missing
 from eyechart.perception.scene import HIGHWAY, Distances, Scene, safe_action
-from eyechart.reader import READ_AT_MOST, refuses, without_thinking
+from eyechart.reader import READ_AT_MOST, refuses, too_deep, without_thinking
 
-SCENE_READER = 2
+SCENE_READER = 3
 """The version of these rules. A run records it, so that scenes read by other rules are never taken for these."""
 
 MOST_GAP_M = 1000.0
@@ -38,7 +38,7 @@ SCHEMA: Mapping[str, object] = {
 
 Unscened = Literal[
     "no_object",  # the text holds no braces
-    "malformed",  # what stands in braces is no JSON, also after the repairs
+    "malformed",  # what stands in braces is no JSON, also after the repairs, or is nested in more than 100 levels
     "several_objects",  # two estimates that differ
     "contradictory",  # a field is given twice with different values
     "missing_field",
@@ -177,7 +177,7 @@ def _only_one(text: str, repairs: dict[Repair, None]) -> dict[str, object]:
     if not objects or any(name in part for part in broken for name in FIELDS):
         raise _Unreadable("malformed")  # beside a broken estimate a whole one may be the one that was taken back
     answers = [one for one in objects if any(name in one for name in FIELDS)] or objects[:1]
-    if any(_differ(answers[0], one) for one in answers[1:]):
+    if any(_differ(answers[0].get(name), one.get(name)) for one in answers[1:] for name in FIELDS):
         raise _Unreadable("several_objects")
     return answers[0]
 
@@ -205,41 +205,40 @@ def _loaded(text: str, repairs: dict[Repair, None]) -> dict[str, object] | None:
     """Return the JSON object that a text is, with its commas mended where it needs that, or None."""
     try:
         return _json(text)
-    except (ValueError, RecursionError):
+    except ValueError:
         mended = _STRING_OR_COMMA.sub(lambda match: match.group(1) or "", text)
     try:
         found = _json(mended)
-    except (ValueError, RecursionError):
+    except ValueError:
         return None
     repairs["trailing_comma"] = None
     return found
 
 
 def _json(text: str) -> dict[str, object]:
-    """Return a JSON object; raises ValueError for what is none, _Unreadable for a field that contradicts itself."""
+    """Return a JSON object; raises ValueError for what is none, _Unreadable for a field that contradicts itself.
 
-    def only_once(pairs: list[tuple[str, object]]) -> dict[str, object]:
-        found: dict[str, object] = {}
-        for name, value in pairs:
-            if name in found and _differ(found[name], value):
-                raise _Unreadable("contradictory")
-            found[name] = value
-        return found
+    Objects within it become lists, which no field may be.
+    """
 
     def no_number(word: str) -> object:
         raise ValueError(f"{word} is no JSON")
 
-    found = json.loads(text, object_pairs_hook=only_once, parse_constant=no_number)
-    assert isinstance(found, dict)
+    if too_deep(text):
+        raise ValueError("it is nested too deeply")
+    pairs: list[tuple[str, object]] = json.loads(text, object_pairs_hook=list, parse_constant=no_number)
+    found: dict[str, object] = {}
+    for name, value in pairs:
+        if name in FIELDS and name in found and _differ(found[name], value):
+            raise _Unreadable("contradictory")
+        found[name] = value
     return found
 
 
 def _differ(one: object, other: object) -> bool:
-    """Return whether two JSON values differ; true is not 1, at any depth."""
-    if isinstance(one, dict) and isinstance(other, dict):
-        return one.keys() != other.keys() or any(_differ(one[name], other[name]) for name in one)
-    if isinstance(one, list) and isinstance(other, list):
-        return len(one) != len(other) or any(map(_differ, one, other))
+    """Return whether two values of a field differ; true is not 1, and what is no field's value is not looked into."""
+    if isinstance(one, list) or isinstance(other, list):
+        return not (isinstance(one, list) and isinstance(other, list))
     return one != other or isinstance(one, bool) != isinstance(other, bool)
 
 

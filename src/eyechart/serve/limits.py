@@ -11,10 +11,11 @@ TYPES = ("image/png", "image/jpeg", "image/webp", "image/bmp", "application/octe
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What bounds the server.
+    """What bounds the server; raises GuardianError, in the words of the command, for what is no limit.
 
     ``concurrency`` pictures are asked about at a time, ``queue`` more may wait, and ``uploads`` be read; what comes
-    then is refused with 503. A picture has at most ``most_bytes``. A connection without a request is closed after
+    then is refused with 503. A picture has at most ``most_bytes``, and ``most_pixels`` by its header, before
+    one is decoded. A connection without a request is closed after
     ``idle_s``. The deadline, from a request's head to its answer, is the guardian's.
     """
 
@@ -22,11 +23,17 @@ class Limits:
     queue: int = 32
     uploads: int = 64
     most_bytes: int = 4_000_000
+    most_pixels: int = 2_100_000
     idle_s: float = 10.0
 
     def __post_init__(self) -> None:
-        if min(self.concurrency, self.uploads, self.most_bytes) < 1 or self.queue < 0 or not self.idle_s > 0:
-            raise GuardianError(f"limits must be positive numbers, the queue 0 or more; got {self}")
+        for name in ("concurrency", "uploads", "most_bytes", "most_pixels"):
+            if getattr(self, name) < 1:
+                raise GuardianError(f"{name} must be at least 1, got {getattr(self, name)}")
+        if self.queue < 0:
+            raise GuardianError(f"the queue must have 0 places or more, got {self.queue}")
+        if not self.idle_s > 0:
+            raise GuardianError(f"idle_s must be a number of seconds above 0, got {self.idle_s:g}")
         if self.concurrency > MOST_AT_ONCE:
             raise GuardianError(
                 f"a guardian takes at most {MOST_AT_ONCE} pictures at a time, got concurrency={self.concurrency}"

@@ -32,7 +32,7 @@ def openapi(limits: Limits, deadline_s: float) -> dict[str, object]:
         "408": f"the picture was not here within {deadline_s:g} s",
         "413": f"the picture has more than {limits.most_bytes} bytes",
         "415": "the body is sent as no picture",
-        "422": "the body is no picture that can be shown",
+        "422": f"the body is no picture that can be shown, or one of more than {limits.most_pixels} pixels",
         "500": "an error inside the server",
     }
     full = said("too much to do; ask again after Retry-After seconds", error)
@@ -58,7 +58,10 @@ def openapi(limits: Limits, deadline_s: float) -> dict[str, object]:
         "info": {"title": "eyechart guardian", "version": __version__},
         "paths": {
             "/assess": {"post": post},
-            "/health": get("that the server is there, and with which guardian", "application/json"),
+            "/health": get(
+                "that the server is there, with which guardian, and the seconds since each model voted",
+                "application/json",
+            ),
             "/metrics": get("metrics as Prometheus reads them", "text/plain"),
             "/openapi.json": get("this document", "application/json"),
         },

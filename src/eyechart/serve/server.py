@@ -4,12 +4,14 @@ It listens on this machine only unless told otherwise, has no password, and keep
 """
 
 import asyncio
+import errno
 import logging
 import math
 import signal
 import time
 from collections import Counter as Counts
 from collections.abc import Awaitable, Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
 
@@ -21,7 +23,8 @@ from prometheus_client.exposition import CONTENT_TYPE_LATEST
 
 from eyechart import __version__
 from eyechart.errors import BankError, GuardianError
-from eyechart.guardian import Assessment, Guardian
+from eyechart.frames import size_of
+from eyechart.guardian import Assessment, Guardian, Pictures, encodable
 from eyechart.serve.limits import TYPES, Limits
 from eyechart.serve.metrics import Metrics
 from eyechart.serve.openapi import openapi
@@ -35,6 +38,7 @@ _REAP_S = 1.0
 _TICK_S = 0.1
 _FADING = 0.95
 """A lag is remembered for about a second."""
+_TELLING_S = 5.0
 _LINGERING_S = 1.0
 """So long what is left of a refused body is read, for its sender to see the refusal."""
 
@@ -47,6 +51,7 @@ class Server:
     limits: Limits
     metrics: Metrics = field(default_factory=Metrics)
     turns: asyncio.Semaphore = field(init=False)
+    decoding: ThreadPoolExecutor = field(init=False)
     held: int = 0
     reading: int = 0
     usual_s: float = 0.1
@@ -56,6 +61,8 @@ class Server:
 
     def __post_init__(self) -> None:
         self.turns = asyncio.Semaphore(self.limits.concurrency)
+        # A turn ends at its deadline, its decoding when it is done: the threads bound what is decoded at once.
+        self.decoding = ThreadPoolExecutor(self.limits.concurrency, "eyechart-decoding")
 
     async def assess(self, request: web.Request) -> web.Response:
         """Answer a picture, or say in one line why not."""
@@ -65,12 +72,13 @@ class Server:
             assessment = await self._asked(picture, start)
         except _Refused as refused:
             return self._refuse(refused)
+        response = _json(assessment.as_dict())
         self.metrics.seconds.observe(time.perf_counter() - start)
         self.metrics.note(assessment)
-        return _json(assessment.as_dict())
+        return response
 
     async def health(self, request: web.Request) -> web.Response:
-        """Say that the server is there, and with which guardian."""
+        """Say that the server is there, with which guardian, and how long ago each of its models last voted."""
         del request
         frozen = self.guardian.frozen
         return _json(
@@ -81,6 +89,7 @@ class Server:
                 "threshold": frozen.threshold,
                 "operating_point": frozen.point,
                 "deadline_s": self.guardian.deadline_s,
+                "last_vote_s": {spec: _rounded(age) for spec, age in self.guardian.since_votes().items()},
                 "waiting": self.held,
                 "eyechart": __version__,
             }
@@ -158,7 +167,7 @@ class Server:
             async with asyncio.timeout(self._left(start)):
                 await self.turns.acquire()
                 turn, began = True, time.perf_counter()
-                pictures = await asyncio.to_thread(self.guardian.show, picture)
+                pictures = await asyncio.get_running_loop().run_in_executor(self.decoding, self._shown, picture)
             left = self._left(start)
             if left < _LEAST_S:
                 raise _Refused(503, "no time is left to ask about the picture")
@@ -175,6 +184,18 @@ class Server:
             if turn:
                 self.turns.release()
 
+    def _shown(self, picture: bytes) -> Pictures:
+        """Return what the models are shown of a picture, which is not decoded where it has too many pixels."""
+        width, height = size_of(picture, "the picture")
+        if width * height > (most := self.limits.most_pixels):
+            raise _Refused(422, f"the picture has {width} × {height} pixels, {width * height}; the limit is {most}")
+        return self.guardian.show(picture)
+
+    async def close(self, app: web.Application) -> None:
+        """Decode no more."""
+        del app
+        self.decoding.shutdown(wait=False, cancel_futures=True)
+
     def _require_room(self, left_s: float) -> None:
         """Refuse a picture that finds no place, or whose turn would come too late to be answered."""
         waiting = self.held - self.limits.concurrency
@@ -190,7 +211,7 @@ class Server:
         return max(0.0, limit - min(2 * self.lag_s, limit / 2) - (time.perf_counter() - start))
 
     def _refuse(self, refused: "_Refused") -> web.Response:
-        response = _json({"error": refused.why}, refused.status)
+        response = _json({"error": encodable(refused.why)}, refused.status)
         if refused.status == 503:
             wait = math.ceil(self.usual_s * self.held / self.limits.concurrency)
             response.headers["Retry-After"] = str(min(max(1, wait), 60))
@@ -229,6 +250,7 @@ def application(guardian: Guardian, limits: Limits | None = None) -> tuple[web.A
     """Return the application that serves a guardian, and its state; it is to be made in the loop that runs it."""
     server = Server(guardian, limits or Limits())
     app = web.Application(middlewares=[server.watch], client_max_size=server.limits.most_bytes)
+    app.on_cleanup.append(server.close)
     app.router.add_post("/assess", server.assess)
     app.router.add_get("/health", server.health)
     app.router.add_get("/metrics", server.measured)
@@ -242,12 +264,16 @@ async def serve(
     host: str = "127.0.0.1",
     port: int = 8600,
     limits: Limits | None = None,
+    warm_up_s: float = 0.0,
+    tell: Callable[[str], None] = lambda _: None,
     started: Callable[[str], None] = lambda _: None,
     until: Callable[[], Awaitable[object]] | None = None,
 ) -> None:
     """Serve a guardian until SIGINT or SIGTERM, or ``until`` returns; requests under way are answered first.
 
-    ``started`` is told the address; port 0 takes a free one. Raises GuardianError where the address is taken.
+    For at most ``warm_up_s`` each model is first asked about a blank picture, since a first answer may take long;
+    ``tell`` is told how that goes, and what a model lacks ends nothing. ``started`` is then told the address; port 0
+    takes a free one. Raises GuardianError where the address is taken or is none.
     """
     app, server = application(guardian, limits)
     runner = web.AppRunner(
@@ -259,9 +285,11 @@ async def serve(
         try:
             await web.TCPSite(runner, host, port).start()
         except OSError as error:
-            raise GuardianError(
-                f"{host}:{port} cannot be listened on: {error.strerror}; give another --port"
-            ) from error
+            other = "--port" if error.errno in {errno.EADDRINUSE, errno.EACCES} else "--host"
+            words = f"{host}:{port} cannot be listened on: {error.strerror}; give another {other}"
+            raise GuardianError(words) from error
+        if warm_up_s > 0:
+            await _warm_up(guardian, warm_up_s, tell)
         bound = runner.addresses[0]
         started(f"http://{f'[{bound[0]}]' if ':' in bound[0] else bound[0]}:{bound[1]}")
         await (until() if until else _ended())
@@ -272,11 +300,28 @@ async def serve(
         await runner.cleanup()
 
 
+async def _warm_up(guardian: Guardian, limit_s: float, tell: Callable[[str], None]) -> None:
+    """Ask each model once, and tell every few seconds that it still takes."""
+    tell(f"asking each of {len(guardian.models)} models once, for at most {limit_s:g} s")
+    asked, start = asyncio.create_task(guardian.warm_up(limit_s)), time.perf_counter()
+    try:
+        while not (await asyncio.wait([asked], timeout=_TELLING_S))[0]:
+            tell(f"still waiting for a first reply after {time.perf_counter() - start:.0f} s")
+        for spec, why in (await asked).items():
+            tell(f"warning: '{spec}' does not answer: {why}; without its votes nothing is called clear")
+    finally:
+        asked.cancel()
+
+
 async def _ended() -> None:
     over, loop = asyncio.Event(), asyncio.get_running_loop()
     for one in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(one, over.set)
     await over.wait()
+
+
+def _rounded(seconds: float | None) -> float | None:
+    return None if seconds is None else round(seconds, 1)
 
 
 def _json(values: object, status: int = 200) -> web.Response:

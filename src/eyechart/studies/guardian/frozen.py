@@ -213,10 +213,27 @@ def read_frozen(path: Path) -> Frozen:
     try:
         frozen = _frozen(raw)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, EyechartError) as error:
-        raise GuardianError(f"{path} is no guardian that this eyechart can read: {error!r}") from error
+        raise GuardianError(f"{path} is no guardian that this eyechart can read: {_in_words(error)}") from error
     if frozen.digest != said:
-        raise GuardianError(f"{path} was written by eyechart {frozen.made_by}, whose guardians this one cannot read")
+        raise GuardianError(f"{path}: {_unlike(frozen, raw)}; choose a guardian anew with 'eyechart guardian fit'")
     return frozen
+
+
+def _in_words(error: Exception) -> str:
+    if isinstance(error, KeyError):
+        return f"it has no '{error.args[0]}'"
+    if isinstance(error, TypeError | AttributeError | RecursionError):
+        return f"a value in it is of another kind than a guardian's ({error})"
+    return str(error)
+
+
+def _unlike(frozen: Frozen, raw: Mapping[str, object]) -> str:
+    """Return what a file has that is not written as this version would, though its digest is its own."""
+    if frozen.made_by != __version__:
+        return f"it was written by eyechart {frozen.made_by}, whose guardians this one, {__version__}, cannot read"
+    mine = json.loads(json.dumps(frozen.as_dict()))
+    names = [name for name in sorted({*mine, *raw} - {"digest"}) if mine.get(name) != raw.get(name)]
+    return f"it is not as eyechart {__version__} writes a guardian, though its digest is its own: {', '.join(names)}"
 
 
 def _read(path: Path) -> dict[str, object]:
@@ -258,7 +275,7 @@ def _frozen(raw: Mapping[str, object]) -> Frozen:
     prompt, bank = cast("dict[str, object]", raw["prompt"]), cast("dict[str, str]", raw["bank"])
     wording, point = prompt["wording"], raw["operating_point"]
     if point not in get_args(Point):
-        raise ValueError(f"no operating point {point!r}")
+        raise ValueError(f"its operating point is none of {', '.join(get_args(Point))}")
     about = About(
         bank=bank["fingerprint"],
         bank_name=bank["name"],
@@ -279,8 +296,12 @@ def _frozen(raw: Mapping[str, object]) -> Frozen:
     committee, threshold = tuple(map(str, cast("list[str]", raw["committee"]))), int(cast("int", raw["threshold"]))
     if len(set(committee)) != len(committee) or not set(committee) <= set(models):
         raise ValueError(f"its committee is no list of different models: {', '.join(committee)[:200]}")
-    if not 1 <= threshold <= len(committee) * len(VIEWS):
-        raise ValueError(f"threshold {threshold} of {len(committee) * len(VIEWS)} votes")
+    if raw["views"] != list(VIEWS):
+        raise ValueError(f"its views are not {' and '.join(VIEWS)}")
+    voters = len(committee) * len(VIEWS)
+    if type(raw["threshold"]) is not int or not 1 <= threshold <= voters:
+        given = str(raw["threshold"])[:40]
+        raise ValueError(f"its threshold is {given}, and no whole number from 1 to its {voters} votes")
     return Frozen(
         committee=committee,
         threshold=threshold,
