@@ -187,17 +187,21 @@ def costs(
 ) -> None:
     """Print what a run's calls took, by model: attempts and their outcomes, tokens, dollars, seconds, joules.
 
-    Of a prompt study, by cell. Example: eyechart costs run --all --json
+    Of a prompt study, by cell; of the hierarchy, by its runs. Example: eyechart costs run --all --json
     """
     from eyechart.manifest import read_manifest
     from eyechart.models.prices import read_prices
     from eyechart.report.costs import costs_table
     from eyechart.studies import battery as study
-    from eyechart.studies import prompts
+    from eyechart.studies import closed_loop, hierarchy, prompts
 
     table, study_of_prompts = read_prices(prices), prompts.is_study(run)
-    took, kept = (prompts.took if study_of_prompts else study.took)(run, prices=table)
-    probes = {} if study_of_prompts else read_manifest(run).probes
+    if closed_loop.is_episodes(run) or hierarchy.is_hierarchy(run):
+        took, probes = closed_loop.took(hierarchy.runs_of(run) or {"": run}, prices=table)
+        kept = dict[str, tuple[Guard, ...]]()
+    else:
+        took, kept = (prompts.took if study_of_prompts else study.took)(run, prices=table)
+        probes = {} if study_of_prompts else dict(read_manifest(run).probes)
     if json:
         print_json(
             {
