@@ -86,6 +86,12 @@ def test_a_model_on_the_ladder_is_estimated_and_bounded_as_in_a_run(
     assert "so that the differences lean to its side and the p are not exact" in chosen
 
 
+def test_a_ladder_of_more_worlds_than_a_machine_holds_is_refused() -> None:
+    """In words, before anything is planned."""
+    told = say("ladder", "--simulator", "tiny", "--seeds", 200_000_000, "--dry-run")
+    assert (told.exit_code, "200000000 is not in the range 1<=x<=100000" in told.stderr) == (2, True)
+
+
 def test_the_audit_prints_the_papers_table_and_names_a_cache(constants: Path, tmp_path: Path) -> None:
     """Exit 1 where one is suspected, 0 where drives converge or alias for good reason."""
     told = say("audit", constants)
@@ -112,7 +118,7 @@ def test_score_reads_a_run_of_episodes(constants: Path) -> None:
     assert (named["references"], named["references_chosen_on_these_data"]) == ({"highway": "random"}, False)
 
 
-@pytest.mark.parametrize("command", ["verdict", "gate", "costs"])
+@pytest.mark.parametrize("command", ["verdict", "gate"])
 def test_what_is_for_batteries_names_what_is_for_episodes(constants: Path, command: str) -> None:
     """No traceback, and no verdict on what was not asked."""
     told = say(command, constants)

@@ -12,7 +12,7 @@ import banks
 import short_worlds
 import tiny_worlds
 from eyechart.cli.app import app
-from eyechart.episodes import read_episodes
+from eyechart.episodes import Episode, EpisodeKey, read_episodes, write_episodes
 from eyechart.episodes import read_manifest as read_drives
 from eyechart.errors import EyechartError, SpecError
 from eyechart.frames import FrameBank
@@ -137,12 +137,15 @@ def test_a_hierarchy_with_episodes_in_error_says_so_and_names_its_runs(
     """Exit 1 with the first of them, or 3 where a limit stopped what is driven anew; other commands name its runs."""
     small = {
         "primary": Part("tiny", ("oracle",), ("whole", "black"), 1),
-        "primary-models": Part("tiny", (), ("raising",), 1, models=True),
+        "primary-models": Part("tiny", (), ("whole",), 1, models=True),
     }
     for room in (hierarchy, hierarchy.planning, hierarchy.scoring, hierarchy_tables):
         monkeypatch.setattr(room, "PARTS", small)
     words = ("run", "hierarchy", "--policy", "python:tiny_worlds:onward", "--out", tmp_path, "--processes", 1)
-    told = call(*words)
+    assert call(*words, "--max-calls", 1).exit_code == 3
+    key = EpisodeKey("python:tiny_worlds:onward", "tiny", "whole", 0)
+    write_episodes(tmp_path / "primary-models", [Episode(key, (), "error", "", "it broke")])
+    told = call(*words, "--max-calls", 1)
     assert told.exit_code == 1
     assert "+ 1 in error" in told.stdout
     assert "2 episodes ended in an error, first primary: oracle in tiny/black/0: SpecError: the camera" in told.stderr
@@ -154,7 +157,7 @@ def test_a_hierarchy_with_episodes_in_error_says_so_and_names_its_runs(
         call("bundle", tmp_path, "--out", tmp_path / "a.zip")
     took = json.loads(call("costs", tmp_path, "--json").stdout)["accounting"]
     assert {name: one["all"]["attempts"] for name, one in took.items()} == {
-        "python:tiny_worlds:onward in primary-models": 3
+        "python:tiny_worlds:onward in primary-models": 1
     }
 
 

@@ -13,6 +13,7 @@ from eyechart.cli.terminal import print_json, table_console
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from eyechart.integrity import Guard
     from eyechart.studies.battery import BatteryScore
     from eyechart.studies.prompts import CellScore
     from eyechart.studies.structured import StructuredScore
@@ -198,7 +199,7 @@ def costs(
     table, study_of_prompts = read_prices(prices), prompts.is_study(run)
     if closed_loop.is_episodes(run) or hierarchy.is_hierarchy(run):
         took, probes = closed_loop.took(hierarchy.runs_of(run) or {"": run}, prices=table)
-        kept = dict[str, tuple[Guard, ...]]()
+        kept = dict[str, "tuple[Guard, ...]"]()
     else:
         took, kept = (prompts.took if study_of_prompts else study.took)(run, prices=table)
         probes = {} if study_of_prompts else dict(read_manifest(run).probes)
@@ -215,6 +216,8 @@ def costs(
         return
     table_console(160).print(costs_table(took, every=every))
     console = table_console()
+    if not took:
+        console.print("no model was asked: its policies and worlds take no calls")
     for spec, one in probes.items():
         console.print(f"the probe of {spec} before the run took besides: {one.words}", markup=False)
     for spec, found in kept.items():

@@ -32,21 +32,24 @@ _LONGEST_SAMPLE = 200
 def expected(planned: Episodes, prices: Prices, *, concurrency: int) -> tuple[Estimate, ...]:
     """Return what the calls that are still to be made are expected to take, by model.
 
-    An episode counts as long as one that brakes all the way, in the first of the seeds; that drive is made here, in a
-    process of its own. Of an episode that was cut the calls that are finished are not made again. Raises DriveError
-    where that drive fails or takes too long: then nothing can be said.
+    An episode counts as long as one that brakes all the way, in the first of the seeds, and where that crashes as the
+    longest of one action; these drives are made here, in a process of their own. Of an episode that was cut the calls
+    that are finished are not made again. Raises DriveError where a drive fails or they take too long: then nothing can
+    be said.
     """
     left = [key for key in planned.left() if key.policy in planned.drivers.models]
     if not left:
         return ()
     setup = replace(planned.setup, max_steps=min(planned.setup.max_steps, _LONGEST_SAMPLE))
     simulator = open_simulator(planned.setup.simulator, actions=planned.setup.actions)
-    brake = open_policy(f"constant:{fail_safe(simulator)}", planned.drivers.space, recorded)
+    space = planned.drivers.space
+    actions = dict.fromkeys((fail_safe(simulator), *space.actions))
+    constants = [open_policy(f"constant:{action}", space, recorded) for action in actions]
     first = [
         replace(key, policy="constant", seed=planned.manifest.seeds[0])
         for key in {key.scenario: key for key in left}.values()
     ]
-    length = asyncio.run(_lengths(setup, first, brake))
+    length = asyncio.run(_lengths(setup, first, constants))
     made = _finished(planned, left)
     return tuple(
         estimate(
@@ -60,16 +63,22 @@ def expected(planned: Episodes, prices: Prices, *, concurrency: int) -> tuple[Es
     )
 
 
-async def _lengths(setup: Setup, keys: Sequence[EpisodeKey], brake: Policy) -> dict[str, int]:
-    """Return, by scenario, how many steps a policy drives; raises DriveError that names the world that fails."""
+async def _lengths(setup: Setup, keys: Sequence[EpisodeKey], policies: Sequence[Policy]) -> dict[str, int]:
+    """Return, by scenario, how many steps the first policy drives, or where it crashes the most that any does.
+
+    Raises DriveError that names the world that fails.
+    """
     host, found, world = LocalHost(setup, patience_s=PATIENCE_S), list[Episode](), ""
     try:
         async with asyncio.timeout(ALTOGETHER_S):
             for key in keys:
                 world = key.world
-                over = await host.ask("drive", key, brake)
-                assert isinstance(over, Episode)
-                found.append(over)
+                for policy in policies:
+                    over = await host.ask("drive", key, policy)
+                    assert isinstance(over, Episode)
+                    found.append(over)
+                    if not over.crashed and policy is policies[0]:
+                        break
     except TimeoutError:
         raise DriveError(f"{world}: the sample's drives took longer than {ALTOGETHER_S:g} s") from None
     except EyechartError as error:
@@ -79,7 +88,7 @@ async def _lengths(setup: Setup, keys: Sequence[EpisodeKey], brake: Policy) -> d
     for one in found:
         if one.ended == "error" and len(one.steps) < setup.max_steps:
             raise DriveError(f"{one.key.world}: {printable(one.detail)}")
-    return {one.key.scenario: len(one.steps) for one in found}
+    return {key.scenario: max(len(one.steps) for one in found if one.key == key) for key in keys}
 
 
 def _finished(planned: Episodes, left: Sequence[EpisodeKey]) -> dict[EpisodeKey, int]:
