@@ -89,7 +89,7 @@ def test_a_model_on_the_ladder_is_estimated_and_bounded_as_in_a_run(
 def test_a_ladder_of_more_worlds_than_a_machine_holds_is_refused() -> None:
     """In words, before anything is planned."""
     told = say("ladder", "--simulator", "tiny", "--seeds", 200_000_000, "--dry-run")
-    assert (told.exit_code, "200000000 is not in the range 1<=x<=100000" in told.stderr) == (2, True)
+    assert (told.exit_code, "100000" in told.stderr) == (2, True)
 
 
 def test_the_audit_prints_the_papers_table_and_names_a_cache(constants: Path, tmp_path: Path) -> None:
@@ -123,7 +123,9 @@ def test_what_is_for_batteries_names_what_is_for_episodes(constants: Path, comma
     """No traceback, and no verdict on what was not asked."""
     told = say(command, constants)
     assert isinstance(told.exception, LedgerError)
-    assert "is a run of episodes, for 'eyechart score', 'report', 'audit' and 'film' to read" in str(told.exception)
+    assert "is a run of episodes, for 'eyechart score', 'report', 'audit', 'film' and 'costs' to read" in str(
+        told.exception
+    )
 
 
 def test_a_battery_is_no_run_of_episodes(tmp_path: Path, constants: Path) -> None:

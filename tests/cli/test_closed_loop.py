@@ -4,6 +4,7 @@ import html
 import json
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,6 +15,7 @@ import tiny_worlds
 from eyechart import attempts, cli, episodes
 from eyechart.cli.drives import tell_errors
 from eyechart.episodes import Episode, expecting, read_episodes, write_episodes
+from eyechart.errors import SpecError
 from eyechart.report.drives_page import make_drives_page
 from eyechart.simulators import SIMULATORS
 from eyechart.studies.closed_loop import score
@@ -97,6 +99,17 @@ def test_a_world_that_kills_or_hangs_its_sample_costs_the_estimate_alone(
     assert (hung.code, "tiny/hanging/0: it did not answer for 1 s" in hung.err) == (0, True)
     raised = drive("--policy", "python:tiny_worlds:onward", "--scenarios", "raising", "--seeds", 1, "--dry-run")
     assert (raised.code, "tiny/raising/0: RuntimeError: the physics" in raised.err) == (0, True)
+
+
+def test_a_world_that_cannot_be_opened_is_passed_over_by_a_probe(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Even one that takes its process down; the others show their pictures, and where none does that is said."""
+    monkeypatch.setitem(SIMULATORS, "unopened", "tiny_worlds:Unopened")
+    plan = partial(episodes.plan, "unopened", [LOOK], tmp_path, scenarios=["whole"])
+    assert len(episodes.first_pictures(plan(seeds=[0, 1]), 3)) == 1
+    with pytest.raises(SpecError, match="to probe a model with: its process ended with exit code -9"):
+        episodes.first_pictures(plan(seeds=[0]), 3)
 
 
 def test_what_a_world_raised_reaches_the_terminal_as_plain_text(
