@@ -158,3 +158,34 @@ def test_a_film_of_a_drive_that_does_not_repeat_is_refused(constants: Path, tmp_
     told = say("film", constants, "--episode", "random highway/light/0 real", "--out", tmp_path / "film.gif")
     assert isinstance(told.exception, LedgerError)
     assert "does not drive again here" in str(told.exception)
+
+
+@pytest.mark.parametrize(
+    ("was", "now", "told"),
+    [
+        ('"executed_action":"SLOW"', '"executed_action":"FLY"', "the action 'FLY' at step 0"),
+        ('"condition":"real"', '"condition":"party"', "the condition 'party'"),
+        ('"policy":"random"', '"policy":"nobody"', "the policy 'nobody'"),
+    ],
+)
+def test_a_record_of_what_the_run_does_not_have_is_named(constants: Path, was: str, now: str, told: str) -> None:
+    """However well it is formed: another action, condition or policy than the run's."""
+    file = constants / "episodes.jsonl"
+    assert was in file.read_text(encoding="utf-8")
+    file.write_text(file.read_text(encoding="utf-8").replace(was, now), encoding="utf-8")
+    found = say("score", constants)
+    assert isinstance(found.exception, LedgerError)
+    assert told in str(found.exception)
+
+
+def test_a_film_of_an_episode_that_ended_inside_a_step_says_so(constants: Path, tmp_path: Path) -> None:
+    """Its last state is of no recorded step."""
+    file = constants / "episodes.jsonl"
+    kept = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
+    for one in kept:
+        one.update(ended="error", detail="RuntimeError: the wheel came off", steps=one["steps"][:2])
+    file.write_text("".join(json.dumps(one) + "\n" for one in kept), encoding="utf-8")
+    told = say("film", constants, "--episode", "random highway/light/0 real", "--out", tmp_path / "film.gif")
+    assert isinstance(told.exception, LedgerError)
+    assert "ended in an error inside step 2" in str(told.exception)
+    assert "the wheel came off" in str(told.exception)

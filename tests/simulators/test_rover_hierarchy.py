@@ -7,7 +7,7 @@ import pytest
 
 from eyechart.errors import SpecError
 from eyechart.mpc import Plan
-from eyechart.simulators import Moved, open_bank_simulator
+from eyechart.simulators import Moved, execute, open_bank_simulator
 from eyechart.simulators.rover.hierarchy import MpcDrive, RoverMpc, RoverMpcLateral, RoverMpcUnaware
 
 ACTIONS = RoverMpc.action_space.actions
@@ -53,6 +53,19 @@ def test_what_the_controller_is_told_makes_the_arms() -> None:
     slow = driven(lateral, ["SLOW"] * 4)[-1][0]
     assert slow.speed_mps > 4.0
     assert driven(RoverMpcUnaware().drive("offset", 0), ["SLOW"] * 4)[-1][0].speed_mps == pytest.approx(2.5, abs=0.05)
+
+
+@pytest.mark.parametrize("arm", [RoverMpc, RoverMpcUnaware, RoverMpcLateral])
+def test_where_nothing_is_decided_the_rover_stops_in_every_arm(arm: type[RoverMpc]) -> None:
+    """Also where a STOP that was decided leaves the speed to the cruise; afterwards it drives on."""
+    drive = arm().drive("single", 0)
+    moves = [execute(drive, "STOP", decided=False) for _ in range(4)]
+    assert moves[-1].speed_mps == pytest.approx(0.0, abs=0.01)
+    assert "0 m/s" in drive.sketch().words
+    again = [execute(drive, "STRAIGHT", decided=True) for _ in range(4)]
+    assert again[-1].speed_mps > 4.0
+    decided = arm().drive("single", 0)
+    assert (execute(decided, "STOP", decided=True).speed_mps > 1.0) == (arm is RoverMpcLateral)
 
 
 def test_a_stop_stands_still_and_lasts_until_the_time_is_up() -> None:

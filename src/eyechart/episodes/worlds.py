@@ -18,7 +18,7 @@ from eyechart.frames import RGB, Scalar, decode, encode, rounded_truth
 from eyechart.modes import without_secrets
 from eyechart.policies import Observation, Policy, open_policy
 from eyechart.seeds import key_seed
-from eyechart.simulators import SIMULATORS, Drive, Moved, Simulator, open_simulator
+from eyechart.simulators import SIMULATORS, Drive, Moved, Simulator, execute, open_simulator
 
 MAX_STEPS = 1000
 POOL_SEEDS = (1000, 1001, 1002)
@@ -171,7 +171,7 @@ class _Ride:
     def _execute(self, decision: Decision, error: str) -> None:
         assert self._drive is not None
         executed = decision.action if decision.action is not None else fail_safe(self._simulator)
-        moved = self._drive.step(executed)
+        moved = execute(self._drive, executed, decided=decision.action is not None)
         _require_finite(moved)
         number = len(self._steps)
         self._steps.append(

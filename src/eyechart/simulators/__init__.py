@@ -84,6 +84,20 @@ class Planning(Protocol):
         ...
 
 
+@runtime_checkable
+class Halting(Protocol):
+    """A drive that knows how to stop, where the fail-safe action alone might mean less than that."""
+
+    def halt(self) -> Moved:
+        """Drive on for one decision's time, and stop; raises ValueError after the end."""
+        ...
+
+
+def execute(drive: Drive, action: str, *, decided: bool) -> Moved:
+    """Drive on with an action that was decided, or with the fail-safe where nothing was."""
+    return drive.halt() if isinstance(drive, Halting) and not decided else drive.step(action)
+
+
 class Simulator(Protocol):
     """The door to a simulator that can be driven; ``scenarios`` map a name to one sentence each.
 

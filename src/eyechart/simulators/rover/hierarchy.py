@@ -61,8 +61,9 @@ class Law:
     ``plans`` are what it planned, ``places`` where it was asked for a command, x and y.
     """
 
-    def __init__(self, arm: Arm, layout: Layout) -> None:
-        self._arm, self._mpc = arm, Mpc(CAR, ROAD)
+    def __init__(self, arm: Arm, layout: Layout, *, halts: bool) -> None:
+        self._arm, self._halts = arm, halts
+        self._mpc = Mpc(CAR, ROAD)
         self._discs = _discs(layout) if arm.told_obstacles else np.empty((0, 3))
         self._calls = 0
         self.plans: list[Plan] = []
@@ -72,7 +73,7 @@ class Law:
         """Return acceleration (m/s²) and steering angle (rad)."""
         if self._calls % round(STEP_S / INNER_S) == 0:
             now = State(state.x, state.y, state.yaw, state.speed)
-            self.plans.append(self._mpc.plan(now, _target(self._arm, intent, track), self._discs))
+            self.plans.append(self._mpc.plan(now, _target(self._arm, intent, track, halts=self._halts), self._discs))
         self._calls += 1
         self.places.append((state.x, state.y))
         return self.plans[-1].accel_mps2, self.plans[-1].steer_rad
@@ -90,7 +91,7 @@ class MpcDrive(RoadDrive[World]):
         world = start(layout.mirrored() if mirrored else layout)
         super().__init__(world, self._plan, actions=INTENTS, top_mps=CRUISE_MPS)
         self._arm = arm
-        self._before, self._last = world, ""
+        self._before, self._last, self._halts = world, "", False
         self.driven: tuple[tuple[float, float], ...] = ()
         self.plans: tuple[Plan, ...] = ()
 
@@ -105,8 +106,15 @@ class MpcDrive(RoadDrive[World]):
         ``facts`` of the move say how many plans the solver failed at, its last code, and where across the road the
         move ended, in m and rad.
         """
-        self._before, self._last = self.world, action
-        moved = super().step(action)
+        self._before, self._last, self._halts = self.world, action, False
+        return self._told(super().step(action))
+
+    def halt(self) -> Moved:
+        """Drive on for a second, and stop, in every arm; a STOP that was decided leaves the lateral arm its cruise."""
+        self._before, self._last, self._halts = self.world, "STOP", True
+        return self._told(super().step("STOP"))
+
+    def _told(self, moved: Moved) -> Moved:
         failed = sum(not plan.solved for plan in self.plans)
         told = {"plans": len(self.plans), "solver_failures": failed, "solver_flag": self.plans[-1].flag}
         return replace(moved, facts={**told, "y_m": self.world.state.y, "yaw": self.world.state.yaw})
@@ -119,7 +127,7 @@ class MpcDrive(RoadDrive[World]):
         if not self.plans:
             raise ValueError("nothing was planned yet: the drive has not taken a step")
         view, eye, track = self._before.view, eye_of(self._before), self.world.track
-        target = _target(self._arm, INTENTS[self._last], track)
+        target = _target(self._arm, INTENTS[self._last], track, halts=self._halts)
         along = eye.x + np.arange(0.0, view.view_ahead_m + 0.5, 0.5)
         lines = (self.plans[0].path, np.column_stack([along, np.full_like(along, target.offset_m)]), self.driven)
         plan, aim, driven = (lens_of(view).project(eye, line) for line in lines)
@@ -127,7 +135,7 @@ class MpcDrive(RoadDrive[World]):
         return Sketch(plan, aim, driven, f"{target.speed_mps:g} m/s on the {name} track")
 
     def _plan(self, world: World, action: str) -> World:
-        law = Law(self._arm, world.layout)
+        law = Law(self._arm, world.layout, halts=self._halts)
         after = decide(world, action, law)
         self.plans = tuple(law.plans)
         self.driven = (*law.places, (after.state.x, after.state.y))
@@ -169,9 +177,9 @@ class RoverMpcLateral(RoverMpc):
     arm = Arm(told_obstacles=False, lateral_only=True)
 
 
-def _target(arm: Arm, intent: Intent, track: int) -> Target:
-    """Return what an intent asks of the controller, as far as it counts in an arm."""
-    return Target(CRUISE_MPS if arm.lateral_only else intent.speed, TRACKS_M[track])
+def _target(arm: Arm, intent: Intent, track: int, *, halts: bool) -> Target:
+    """Return what an intent asks of the controller, as far as it counts in an arm; who halts counts in every arm."""
+    return Target(CRUISE_MPS if arm.lateral_only and not halts else intent.speed, TRACKS_M[track])
 
 
 def _discs(layout: Layout) -> npt.NDArray[np.float64]:

@@ -127,13 +127,16 @@ def is_episodes(path: Path) -> bool:
 def read_drives(runs: Sequence[Path]) -> tuple[Drives, ...]:
     """Read every driver of some runs, in the order of the runs and of what was asked.
 
-    Raises LedgerError where a folder is no run of episodes, holds none, or holds two different episodes of one key.
+    Raises LedgerError where a folder is no run of episodes, holds none, holds two different episodes of one key, or one
+    that the run's manifest knows nothing of.
     """
     found: list[Drives] = []
     for path, name in zip(runs, names_of(runs), strict=True):
         manifest, episodes = read_manifest(path), _once(read_episodes(path), path)
         if not episodes:
             raise LedgerError(f"{path / EPISODES} holds no finished episode; the command that began the run goes on")
+        for episode in episodes:
+            _hold(episode, manifest, path)
         found += _drivers(path, name, episodes, manifest)
     return tuple(found)
 
@@ -157,6 +160,27 @@ def _once(episodes: Iterable[Episode], path: Path) -> list[Episode]:
                 raise LedgerError(f"{path / EPISODES} holds two different episodes of {episode.key}; which one counts?")
             found[episode.key] = episode
     return list(found.values())
+
+
+def _hold(episode: Episode, manifest: EpisodesManifest, path: Path) -> None:
+    """Raise LedgerError for an episode with a name that the run does not have."""
+    key, actions = episode.key, {None, *manifest.action_space.actions}
+    asked = {
+        "simulator": (key.simulator, {manifest.simulator}),
+        "policy": (key.policy, set(manifest.policies)),
+        "condition": (key.condition, set(manifest.conditions)),
+        "scenario": (key.scenario, set(manifest.scenarios)),
+    }
+    wrong = next((f"the {what} '{name}'" for what, (name, known) in asked.items() if name not in known), None)
+    for step in () if wrong else episode.steps:
+        if odd := [one for one in (step.decision.action, step.executed_action) if one not in actions]:
+            wrong = f"the action '{odd[0]}' at step {step.step}"
+            break
+    if wrong is not None:
+        raise LedgerError(
+            f"{path / EPISODES}: an episode of {key.policy} in {key.world} has {wrong}, and the run has none of that "
+            "name; restore the file from a copy, or delete its line"
+        )
 
 
 def _drivers(path: Path, name: str, episodes: Sequence[Episode], manifest: EpisodesManifest) -> list[Drives]:

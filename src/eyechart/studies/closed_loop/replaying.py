@@ -8,8 +8,8 @@ from eyechart.actions import UNPARSED
 from eyechart.episodes import Episode, Step, read_manifest
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import RGB, Scalar
-from eyechart.simulators import Planning, Simulator, Sketch
-from eyechart.studies.closed_loop.reading import Drives
+from eyechart.simulators import Planning, Simulator, Sketch, execute
+from eyechart.studies.closed_loop.reading import ERROR, Drives
 
 SHOWN_MOST = 6
 
@@ -66,7 +66,7 @@ def replay(drives: Drives, episode: Episode, simulator: Simulator | None = None)
     try:
         for step in episode.steps:
             picture = drive.picture()
-            drive.step(step.executed_action)
+            execute(drive, step.executed_action, decided=step.decision.action is not None)
             yield Shot(picture, step, drive.sketch() if isinstance(drive, Planning) else None)
         yield Shot(drive.picture(), None)
     finally:
@@ -86,7 +86,7 @@ def verify(drives: Drives, episode: Episode, simulator: Simulator) -> Mapping[st
     drive = simulator.drive(episode.key.scenario, episode.key.seed)
     try:
         for step in episode.steps:
-            moved = drive.step(step.executed_action)
+            moved = execute(drive, step.executed_action, decided=step.decision.action is not None)
         state = hashlib.sha256(drive.state()).hexdigest()
     except ValueError as error:
         raise LedgerError(
@@ -94,6 +94,11 @@ def verify(drives: Drives, episode: Episode, simulator: Simulator) -> Mapping[st
         ) from error
     finally:
         drive.close()
+    if state != episode.state_sha256 and episode.ended == ERROR:
+        raise LedgerError(
+            f"episode '{name}' ended in an error inside step {len(episode.steps)} and not after one, so that it cannot "
+            f"be checked: {episode.detail}"
+        )
     if state != episode.state_sha256:
         raise LedgerError(
             f"episode '{name}' does not drive again here: its actions lead to another state than the recorded "
