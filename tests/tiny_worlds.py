@@ -182,6 +182,18 @@ class Tiny:
         return {"tiny": os.environ.get("TINY_VERSION", "1")}
 
 
+class Unopened(Tiny):
+    """Corridors of which the first takes its process down when it is opened."""
+
+    name = "unopened"
+
+    def drive(self, scenario: str, seed: int) -> Drive:
+        """Open a corridor, or end the process."""
+        if seed == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().drive(scenario, seed)
+
+
 SIMULATORS = {"tiny": "tiny_worlds:Tiny"}
 
 

@@ -201,7 +201,7 @@ def _percentile(values: "array[float]", percent: float) -> float | None:
 class Estimate:
     """What calls that are still to be made are expected to take; None is "cannot say", because nothing was measured.
 
-    Failures and retries come on top.
+    Failures and retries come on top. ``sampled`` says that the number of calls is itself known from a sample only.
     """
 
     model: str
@@ -211,6 +211,7 @@ class Estimate:
     cost_usd: float | None
     cost_from: str
     seconds: float | None
+    sampled: bool = False
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
@@ -224,11 +225,15 @@ class Estimate:
             tokens = f"{self.prompt_tokens:,} tokens in, {self.completion_tokens:,} out"
         cost = "cost unknown" if self.cost_usd is None else f"${self.cost_usd:.2f}"
         time = "time unknown" if self.seconds is None else f"about {_duration(self.seconds)}"
-        return f"{self.model}: {self.calls} calls, {tokens}, {cost} ({self.cost_from}), {time}"
+        about = "about " if self.sampled else ""
+        return f"{self.model}: {about}{self.calls} calls, {tokens}, {cost} ({self.cost_from}), {time}"
 
 
-def estimate(mode: RequestMode, calls: int, prices: Prices, *, concurrency: int) -> Estimate:
-    """Estimate what so many calls of a model take, from what a probe measured of it and the table of prices."""
+def estimate(mode: RequestMode, calls: int, prices: Prices, *, concurrency: int, sampled: bool = False) -> Estimate:
+    """Estimate what so many calls of a model take, from what a probe measured of it and the table of prices.
+
+    ``sampled`` says that there may be more calls, or fewer.
+    """
     found, price = mode.measured, prices.of(mode)
     each_in = None if found is None else found.prompt_tokens
     each_out = None if found is None else found.completion_tokens
@@ -248,6 +253,7 @@ def estimate(mode: RequestMode, calls: int, prices: Prices, *, concurrency: int)
         cost_usd=cost,
         cost_from=source,
         seconds=seconds,
+        sampled=sampled,
     )
 
 

@@ -1,5 +1,14 @@
 """The errors that a user can cause, and so can mend: one line that says what, which and what to do."""
 
+_LONGEST = 500
+
+
+def printable(text: str) -> str:
+    """Return what somebody else's program said as one line of bounded length, without control characters."""
+    line = " ".join(text[: 4 * _LONGEST].split())
+    line = "".join(character if character.isprintable() else "�" for character in line)
+    return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 1]}…"
+
 
 class EyechartError(Exception):
     """A fault in the input, not in the program; the command line prints it on one line and exits 2."""

@@ -210,7 +210,7 @@ def read_manifest(path: Path) -> RunManifest:
         found = raw.pop("format")
         if str(found).startswith("eyechart-episodes/"):
             raise LedgerError(
-                f"{path} is a run of episodes, for 'eyechart score', 'report', 'audit' and 'film' to read"
+                f"{path} is a run of episodes, for 'eyechart score', 'report', 'audit', 'film' and 'costs' to read"
             )
         if found != FORMAT:
             raise LedgerError(

@@ -4,13 +4,18 @@ import html
 import json
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+import typer
 
 import tiny_worlds
-from eyechart import attempts, cli
+from eyechart import attempts, cli, episodes
+from eyechart.cli.drives import tell_errors
+from eyechart.episodes import Episode, expecting, read_episodes, write_episodes
+from eyechart.errors import SpecError
 from eyechart.report.drives_page import make_drives_page
 from eyechart.simulators import SIMULATORS
 from eyechart.studies.closed_loop import score
@@ -54,7 +59,7 @@ def test_a_plan_is_printed_and_driven_and_driven_no_more(drive: Drive, tmp_path:
     planned = drive(*words, "--dry-run")
     assert (planned.code, planned.out) == (0, "")
     assert "2 policies × 1 scenario × 2 seeds × 2 conditions: 8 episodes, 0 finished, 8 to drive" in planned.err
-    assert f"{LOOK}: 48 calls, tokens unknown" in planned.err
+    assert f"{LOOK}: about 48 calls, tokens unknown" in planned.err
     assert not (tmp_path / "run").exists()
     driven = drive(*words)
     assert driven.code == 0
@@ -78,6 +83,60 @@ def test_an_episode_in_error_and_a_limit_have_exit_codes_of_their_own(drive: Dri
     assert cut.code == 3
     assert "4 calls were sent, and --max-calls is 4" in cut.err
     assert "a higher limit resumes" in cut.err
+
+
+def test_a_world_that_kills_or_hangs_its_sample_costs_the_estimate_alone(
+    drive: Drive, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """The command says what it cannot estimate, records the world's error, and drives the others."""
+    told = drive("--policy", LOOK, "--scenarios", "fatal,whole", "--seeds", 1)
+    assert "cannot estimate what the models' calls take: tiny/fatal/0: its process ended with exit code -9" in told.err
+    assert told.code == 1
+    ended = {one.key.scenario: one.ended for one in read_episodes(tmp_path / "run")}
+    assert ended == {"fatal": "error", "whole": "goal"}
+    monkeypatch.setattr(expecting, "PATIENCE_S", 1.0)
+    hung = drive("--policy", "python:tiny_worlds:onward", "--scenarios", "hanging", "--seeds", 1, "--dry-run")
+    assert (hung.code, "tiny/hanging/0: it did not answer for 1 s" in hung.err) == (0, True)
+    raised = drive("--policy", "python:tiny_worlds:onward", "--scenarios", "raising", "--seeds", 1, "--dry-run")
+    assert (raised.code, "tiny/raising/0: RuntimeError: the physics" in raised.err) == (0, True)
+
+
+def test_a_world_that_cannot_be_opened_is_passed_over_by_a_probe(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Even one that takes its process down; the others show their pictures, and where none does that is said."""
+    monkeypatch.setitem(SIMULATORS, "unopened", "tiny_worlds:Unopened")
+    plan = partial(episodes.plan, "unopened", [LOOK], tmp_path, scenarios=["whole"])
+    assert len(episodes.first_pictures(plan(seeds=[0, 1]), 3)) == 1
+    with pytest.raises(SpecError, match="to probe a model with: its process ended with exit code -9"):
+        episodes.first_pictures(plan(seeds=[0]), 3)
+
+
+def test_what_a_world_raised_reaches_the_terminal_as_plain_text(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """No control character of an exception's does."""
+    planned = episodes.plan("highway", ["oracle"], tmp_path, scenarios=["light"], seeds=[0])
+    (key,) = planned.keys
+    write_episodes(tmp_path, [Episode(key, (), "error", "", "RuntimeError: \x1b[31mred")])
+    with pytest.raises(typer.Exit):
+        tell_errors({"": planned})
+    assert "first oracle in highway/light/0: RuntimeError: �[31mred" in capsys.readouterr().err
+
+
+def test_episodes_that_cannot_be_written_end_the_run_with_the_place_and_a_way_on(
+    drive: Drive, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """As an error of the ledger's does."""
+
+    def full(*_: object) -> None:
+        raise OSError(27, "File too large")
+
+    monkeypatch.setattr(episodes.planning, "write_episodes", full)
+    told = drive("--policy", "oracle", "--scenarios", "whole", "--seeds", 1)
+    assert told.code == 2
+    assert f"{tmp_path / 'run' / 'episodes.jsonl'} cannot be written: [Errno 27] File too large" in told.err
+    assert "the same command resumes" in told.err
 
 
 def test_a_run_that_ends_unfinished_says_why_by_policy(drive: Drive) -> None:

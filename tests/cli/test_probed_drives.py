@@ -1,5 +1,6 @@
 """The probe before drives and scenes: once, with the run's own pictures, counted, kept, and not made again."""
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -11,11 +12,12 @@ import banks
 import short_worlds
 import tiny_worlds
 from eyechart.cli.app import app
-from eyechart.episodes import read_episodes
+from eyechart.episodes import Episode, EpisodeKey, read_episodes, write_episodes
 from eyechart.episodes import read_manifest as read_drives
-from eyechart.errors import SpecError
+from eyechart.errors import EyechartError, SpecError
 from eyechart.frames import FrameBank
 from eyechart.manifest import read_manifest
+from eyechart.report import hierarchy as hierarchy_tables
 from eyechart.simulators import SIMULATORS
 from eyechart.studies import hierarchy
 from eyechart.studies.hierarchy import Part
@@ -129,6 +131,36 @@ def test_the_hierarchy_is_probed_once_for_all_of_its_runs(tmp_path: Path, monkey
         assert server.requests == runs["primary-models"].probes[MODEL].calls + asked
 
 
+def test_a_hierarchy_with_episodes_in_error_says_so_and_names_its_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Exit 1 with the first of them, or 3 where a limit stopped what is driven anew; other commands name its runs."""
+    small = {
+        "primary": Part("tiny", ("oracle",), ("whole", "black"), 1),
+        "primary-models": Part("tiny", (), ("whole",), 1, models=True),
+    }
+    for room in (hierarchy, hierarchy.planning, hierarchy.scoring, hierarchy_tables):
+        monkeypatch.setattr(room, "PARTS", small)
+    words = ("run", "hierarchy", "--policy", "python:tiny_worlds:onward", "--out", tmp_path, "--processes", 1)
+    assert call(*words, "--max-calls", 1).exit_code == 3
+    key = EpisodeKey("python:tiny_worlds:onward", "tiny", "whole", 0)
+    write_episodes(tmp_path / "primary-models", [Episode(key, (), "error", "", "it broke")])
+    told = call(*words, "--max-calls", 1)
+    assert told.exit_code == 1
+    assert "+ 1 in error" in told.stdout
+    assert "2 episodes ended in an error, first primary: oracle in tiny/black/0: SpecError: the camera" in told.stderr
+    assert call(*words, "--again", "--max-calls", 1).exit_code == 3
+    for other in (("audit",), ("film", "--episode", "oracle", "--out", tmp_path / "a.gif")):
+        with pytest.raises(SpecError, match=f"name one of its runs: {tmp_path / 'primary'}, "):
+            call(*other, tmp_path)
+    with pytest.raises(EyechartError, match="no bundle holds runs of episodes"):
+        call("bundle", tmp_path, "--out", tmp_path / "a.zip")
+    took = json.loads(call("costs", tmp_path, "--json").stdout)["accounting"]
+    assert {name: one["all"]["attempts"] for name, one in took.items()} == {
+        "python:tiny_worlds:onward in primary-models": 1
+    }
+
+
 class Locked(Endpoint):
     """An endpoint that knows no key."""
 
@@ -136,6 +168,28 @@ class Locked(Endpoint):
         """Refuse."""
         del request, asked, attempt
         return refuse(401, "no such key")
+
+
+@pytest.mark.parametrize("name", ["closed-loop", "structured", "online", "hierarchy"])
+def test_what_a_probe_took_that_failed_counts_towards_the_limit_of_every_repeat(
+    name: str, bank: FrameBank, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So that the same command over and over asks no more than it may; and the model is probed anew each time."""
+    small = {"primary": Part("tiny", ("oracle",), ("whole",), 1), "more": Part("tiny", (), ("whole",), 1, models=True)}
+    for room in (hierarchy, hierarchy.planning, hierarchy.scoring):
+        monkeypatch.setattr(room, "PARTS", small)
+    words = ("run", "hierarchy", "--policy") if name == "hierarchy" else words_of(name, bank)
+    with FaultServer([Locked()]) as server:
+        words = (*words, MODEL, "--base-url", server.base_url, "--out", tmp_path / "run")
+        assert call(*words, "--max-calls", 60).exit_code == 1
+        made = server.requests
+        assert made > 0
+        with pytest.raises(SpecError, match="--max-calls 60 leaves no room to probe openai:m"):
+            call(*words, "--max-calls", 60)
+        assert server.requests == made
+        if name in {"closed-loop", "structured"}:
+            assert call(*words, "--max-calls", 60 + made).exit_code == 1
+            assert server.requests == 2 * made
 
 
 def test_policies_drive_on_where_a_model_beside_them_cannot_be_probed(tmp_path: Path) -> None:

@@ -10,11 +10,13 @@ from rich.table import Table
 
 import planners
 from eyechart.calls import Reply
-from eyechart.episodes import Bounds, read_episodes
+from eyechart.episodes import Bounds, expected, read_episodes
+from eyechart.episodes import plan as plan_episodes
+from eyechart.episodes import run as run_episodes
 from eyechart.errors import LedgerError
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER
-from eyechart.models.prices import Prices
+from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import RequestMode
 from eyechart.report.hierarchy import against_table, completion_table, intent_table, source_table
 from eyechart.studies import hierarchy
@@ -167,6 +169,16 @@ def test_only_more_goals_with_real_pictures_show_perception(
         holm={"success_rate": p, "distance_m": 0.001},
     )
     assert bool(scoring.unless_shown(replace(blind, paired=paired, finding=finding))) == said
+
+
+def test_an_estimate_does_not_count_a_drive_as_short_as_its_crash(tmp_path: Path) -> None:
+    """Where STOP brakes nothing, as in the lateral arm, a drive is expected to last as long as one that steers."""
+    drives = plan_episodes("rover-mpc-lateral", [SEEING], tmp_path, scenarios=["offset"], seeds=[0])
+    (told,) = expected(drives, read_prices(), concurrency=1)
+    run_episodes(drives)
+    (driven,) = read_episodes(tmp_path)
+    assert abs(told.calls - len(driven.steps)) <= 5
+    assert "about" in told.words
 
 
 def test_a_planner_behind_an_endpoint_drives_as_it_does_in_this_process(studied: HierarchyScore) -> None:

@@ -6,7 +6,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eyechart.cli import asking
-from eyechart.cli.drives import Wanted, drive, plan_drives, say_expected, tell_errors, tell_left
+from eyechart.cli.drives import (
+    MOST_SEEDS,
+    Wanted,
+    drive,
+    plan_drives,
+    require_drives,
+    say_expected,
+    tell_errors,
+    tell_left,
+)
 from eyechart.cli.options import NO_LIMIT, Json, Spending, expanded
 from eyechart.cli.terminal import patience, print_json, say, table_console
 
@@ -32,7 +41,7 @@ def ladder(
     simulator: Annotated[str, typer.Option(help="See 'eyechart list simulators'; or gym:ENV_ID.")] = "highway",
     policy: Annotated[list[str] | None, typer.Option(help="A further policy or model; again for more.")] = None,
     mode: asking.Mode = None,
-    seeds: Annotated[int, typer.Option(min=1, help="So many seeds a scenario, from 0 on.")] = 8,
+    seeds: Annotated[int, typer.Option(min=1, max=MOST_SEEDS, help="So many seeds a scenario, from 0 on.")] = 8,
     actions: Annotated[Path | None, typer.Option(help="FILE.toml: the action map of gym:ENV_ID.")] = None,
     prompt: Annotated[str | None, typer.Option(help="A name of 'eyechart list prompts', or FILE.toml.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the run, and so of random's stream.")] = 0,
@@ -77,18 +86,18 @@ def ladder(
     wanted = Wanted(policy or (), mode, how, spending, no_probe, dry_run, alone=False)
     planned, failed = plan_drives(wanted, out, planned_for)
     say(f"{len(planned.keys)} episodes, {len(planned.keys) - len(planned.left())} driven already")
-    say_expected(planned, spending, concurrency)
+    say_expected(planned, spending.table(), concurrency)
     if dry_run:
         return
     outcome = Outcome({})
     if planned.left():
         outcome = drive(planned, Bounds(processes=processes, concurrency=concurrency), spending)
     if planned.unfinished():
-        tell_left(planned, outcome, failed)
+        tell_left({"": planned}, outcome, failed)
     scored = score(out, against_policy=against)
     print_json(ladder_dict(scored)) if json else print_ladder(scored)
-    tell_left(planned, outcome, failed)
-    tell_errors(planned)
+    tell_left({"": planned}, outcome, failed)
+    tell_errors({"": planned})
 
 
 def ladder_dict(scored: "ClosedLoopScore") -> dict[str, object]:
@@ -143,6 +152,7 @@ def audit(
     from eyechart.report.rungs import degeneracy_table, degeneracy_words, replay_table
     from eyechart.studies.closed_loop import score
 
+    require_drives(runs)
     scored = score(runs)
     if json:
         print_json({"study": "closed_loop", **scored.audit_dict()})
@@ -176,6 +186,7 @@ def film(
     from eyechart.studies.closed_loop.replaying import episode_id, find_episode
 
     require_free(out, "film")
+    require_drives([run])
     drives, found = find_episode(read_drives([run]), episode)
     with patience("film") as tell:
         tell(f"driving '{episode_id(found)}' again")

@@ -118,6 +118,7 @@ class Allowed:
 class Study(Generic[P]):
     """A study as a probe before its run needs it: how it is planned, asked already, sampled, and paid for so far.
 
+    ``keep`` writes into its folder what probes took whose models are left out, so that a limit holds over repeats.
     ``others`` says that something is run beside the models, which goes on where none of these can be probed.
     """
 
@@ -125,6 +126,7 @@ class Study(Generic[P]):
     recorded: "Callable[[RequestMode], RequestMode | None]"
     sample: "Callable[[P], Sample]"
     spent: "Callable[[Prices], Spent]"
+    keep: "Callable[[P, Mapping[str, Spent]], None]"
     others: bool = False
 
 
@@ -147,9 +149,12 @@ def plan_probed(
     left = None if allowed.max_cost is None else max(0.0, allowed.max_cost - made.cost_usd)
     given = {**asked.given, **(fixed or {})}
     probed = probe_each(modes, unprobed, study.sample(planned), given, prices, left=left)
+    if probed.failed:
+        study.keep(planned, {spec: probed.spent[spec] for spec in probed.failed})
     if not probed.modes and not study.others:
         tell_none(probed.failed)
-    return study.plan(probed.modes, probed.spent), probed.failed
+    found = {spec: one for spec, one in probed.spent.items() if spec not in probed.failed}
+    return study.plan(probed.modes, found), probed.failed
 
 
 def tell_none(failed: "Mapping[str, str]") -> NoReturn:

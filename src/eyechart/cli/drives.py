@@ -14,7 +14,11 @@ from eyechart.cli.terminal import progress, resumable, say
 if TYPE_CHECKING:
     from eyechart.episodes import Bounds, Episodes
     from eyechart.limits import Outcome, Spent
+    from eyechart.models.prices import Prices
     from eyechart.modes import RequestMode
+
+MOST_SEEDS = 100_000
+"""So many worlds of a scenario may be asked for."""
 
 KEPT = "finished episodes and calls are kept; the same command resumes"
 
@@ -42,6 +46,7 @@ def plan_drives(
 
     Returns the plan, and why models were left out of it.
     """
+    from eyechart.episodes import keep_probes
     from eyechart.policies import is_policy
     from eyechart.studies import closed_loop
 
@@ -63,6 +68,7 @@ def plan_drives(
             lambda one: closed_loop.as_recorded([out], one, given),
             closed_loop.sample_of,
             lambda known: closed_loop.spent_on([out], known),
+            keep_probes,
             others=not wanted.alone or len(models) < len(names),
         ),
         before.Allowed(wanted.no_probe, wanted.dry_run, wanted.spending.max_calls, wanted.spending.max_cost),
@@ -81,53 +87,89 @@ def drive(planned: "Episodes", bounds: "Bounds", spending: Spending, *, engine: 
         return study.run(planned, engine=engine, bounds=replace(bounds, limits=limits), progress=move)
 
 
-def say_expected(planned: "Episodes", spending: Spending, concurrency: int) -> None:
-    """Say what the models' calls that are still to be made are expected to take."""
+def say_expected(planned: "Episodes", prices: "Prices", concurrency: int, margin: str = "") -> None:
+    """Say what the models' calls that are still to be made are expected to take, or why nobody can say."""
     from eyechart import episodes as study
+    from eyechart.errors import DriveError
 
-    for one in study.expected(planned, spending.table(), concurrency=concurrency):
-        say(one.words)
+    try:
+        estimates = study.expected(planned, prices, concurrency=concurrency)
+    except DriveError as error:
+        say(f"{margin}cannot estimate what the models' calls take: {error}")
+        return
+    for one in estimates:
+        say(f"{margin}{one.words}")
 
 
-def tell_left(planned: "Episodes", outcome: "Outcome", failed: Mapping[str, str]) -> None:
+def tell_left(parts: "Mapping[str, Episodes]", outcome: "Outcome", failed: Mapping[str, str]) -> None:
     """Say what is left of drives and why; raise Exit 3 where a limit stopped them, 1 where anything else did.
 
-    ``failed`` says why models were left out of the plan.
+    ``parts`` are the runs of a study by name, one alone has none: ``""``. ``failed`` says why models were left out of
+    the plan.
     """
     from eyechart.episodes import unfinished
 
     for spec, why in {**failed, **outcome.set_aside}.items():
         say(f"set aside: {spec}: {why}")
     before.say_uncounted(outcome)
-    left = planned.unfinished()
-    for one in unfinished(planned.out, left, planned.drivers.models):
-        say(f"{one.policy}: {one.words}")
-    if outcome.stopped is not None and (waiting := planned.left()):  # also what was to be driven anew
-        say(f"stopped: {outcome.stopped}; {count(len(waiting))} left; a higher limit resumes")
+    left = 0
+    for name, planned in parts.items():
+        mine = planned.unfinished()
+        left += len(mine)
+        for one in unfinished(planned.out, mine, planned.drivers.models):
+            say(f"{_named(name)}{one.policy}: {one.words}")
+    waiting = sum(len(planned.left()) for planned in parts.values())  # also what was to be driven anew
+    if outcome.stopped is not None and waiting:
+        say(f"stopped: {outcome.stopped}; {count(waiting)} left; a higher limit resumes")
         raise typer.Exit(3)
     if left:
-        say(f"{count(len(left))} unfinished; the same command goes on where they were cut")
+        say(f"{count(left)} unfinished; the same command goes on where they were cut")
         raise typer.Exit(1)
     if failed:
         before.tell_none({})
 
 
-def tell_errors(planned: "Episodes") -> None:
-    """Say which episodes ended in an error, by what; raise Exit 1 where any did."""
+def tell_errors(parts: "Mapping[str, Episodes]", bound: str = "--max-steps") -> None:
+    """Say which episodes ended in an error, by what; raise Exit 1 where any did.
+
+    ``bound`` is the option that lets an episode go on for longer, or nothing where there is none.
+    """
     from eyechart.episodes import read_episodes
 
-    keys = set(planned.keys)
-    over = {one.key: one for one in read_episodes(planned.out) if one.key in keys}
-    failed = [over[key] for key in planned.keys if key in over and over[key].ended == "error"]
-    if not failed:
+    found = []
+    for name, planned in parts.items():
+        keys = set(planned.keys)
+        over = {one.key: one for one in read_episodes(planned.out) if one.key in keys}
+        found += [(name, over[key]) for key in planned.keys if key in over and over[key].ended == "error"]
+    if not found:
         return
+    from eyechart.errors import printable
+
+    failed = [one for _, one in found]
     bounded = [one for one in failed if one.max_steps is not None and len(one.steps) >= one.max_steps]
     say(
-        f"{len(failed)} episode{'' if len(failed) == 1 else 's'} ended in an error, first {failed[0].key.policy} in "
-        f"{failed[0].key.world}: {failed[0].detail}; --again drives {'it' if len(failed) == 1 else 'them'} anew"
-        + (", and with a larger --max-steps those that the bound ended go on" if bounded else "")
+        f"{len(failed)} episode{'' if len(failed) == 1 else 's'} ended in an error, first {_named(found[0][0])}"
+        f"{failed[0].key.policy} in {failed[0].key.world}: {printable(failed[0].detail)}; "
+        f"--again drives {'it' if len(failed) == 1 else 'them'} anew"
+        + (f", and with a larger {bound} those that the bound ended go on" if bounded and bound else "")
     )
     raise typer.Exit(1)
+
+
+def require_drives(runs: Sequence[Path]) -> None:
+    """Raise SpecError that names the runs of a study where one of these folders holds several."""
+    from eyechart.errors import SpecError
+    from eyechart.studies import hierarchy
+
+    for run in runs:
+        if parts := hierarchy.runs_of(run):
+            named = ", ".join(map(str, parts.values()))
+            raise SpecError(f"{run} is a study of the hierarchy, not one run: name one of its runs: {named}")
+
+
+def _named(part: str) -> str:
+    """Return the name of a run of a study before what is said of it."""
+    return f"{part}: " if part else ""
 
 
 def count(episodes: int) -> str:

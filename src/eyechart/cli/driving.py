@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eyechart.cli import asking
-from eyechart.cli.drives import Wanted, drive, plan_drives, say_expected, tell_errors, tell_left
+from eyechart.cli.drives import MOST_SEEDS, Wanted, drive, plan_drives, say_expected, tell_errors, tell_left
 from eyechart.cli.options import NO_LIMIT, Json, Spending, expanded
 from eyechart.cli.terminal import print_json, say, table_console
 
@@ -16,9 +16,6 @@ if TYPE_CHECKING:
     from eyechart.episodes import Episodes, Row
     from eyechart.limits import Spent
     from eyechart.modes import RequestMode
-
-
-_MOST_WORLDS = 100_000
 
 
 @expanded
@@ -90,7 +87,7 @@ def closed_loop(
 
     planned, failed = plan_drives(Wanted(policy or (), mode, how, spending, no_probe, dry_run), out, planned_for)
     say(_planned(planned))
-    say_expected(planned, spending, concurrency)
+    say_expected(planned, spending.table(), concurrency)
     if dry_run:
         return
     bounds = study.Bounds(processes=processes or _processors(), concurrency=concurrency)
@@ -98,8 +95,8 @@ def closed_loop(
     keys = set(planned.keys)
     driven = {one.key: one for one in study.read_episodes(out) if one.key in keys}
     _show(study.summarise(driven[key] for key in planned.keys if key in driven), planned, json=json)
-    tell_left(planned, outcome, failed)
-    tell_errors(planned)
+    tell_left({"": planned}, outcome, failed)
+    tell_errors({"": planned})
     say(f"done: 'eyechart score {out}' compares who drove, 'eyechart report {out} --out page.html' shows every drive")
 
 
@@ -127,8 +124,8 @@ def _seeds(given: str) -> list[int]:
         ) from error
     if "," in given:
         return numbers
-    if len(numbers) != 1 or not 1 <= numbers[0] <= _MOST_WORLDS:
-        raise SpecError(f"--seeds takes a number from 1 to {_MOST_WORLDS}, or seeds with commas; got '{given}'")
+    if len(numbers) != 1 or not 1 <= numbers[0] <= MOST_SEEDS:
+        raise SpecError(f"--seeds takes a number from 1 to {MOST_SEEDS}, or seeds with commas; got '{given}'")
     return list(range(numbers[0]))
 
 

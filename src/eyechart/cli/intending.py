@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eyechart.cli import asking, before
+from eyechart.cli.drives import say_expected, tell_errors, tell_left
 from eyechart.cli.options import NO_LIMIT, Json, Spending, expanded
 from eyechart.cli.terminal import print_json, progress, resumable, say, table_console
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator
 
-    from eyechart.episodes import Episodes
-    from eyechart.limits import Outcome
     from eyechart.studies.hierarchy import HierarchyScore
 
 
@@ -43,7 +42,8 @@ def hierarchy(
 
     Scripted sources always, a model where one is given: with real, mirrored and blank pictures and with those of other
     worlds; one that is served elsewhere is probed first. A planner that says nothing within --timeout stops the rover.
-    Interrupt it at will: it resumes. Exit 1: episodes are unfinished; 3: stopped at --max-calls or --max-cost.
+    Interrupt it at will: it resumes. Exit 1: episodes are unfinished, or ended in an error; 3: stopped at --max-calls
+    or --max-cost.
     Example: eyechart run hierarchy --policy scripted:clear_side --out hierarchy
     """
     from eyechart import episodes as study
@@ -61,6 +61,7 @@ def hierarchy(
             lambda one: closed_loop.as_recorded(runs, one, given),
             lambda parts: closed_loop.sample_of(next(parts[name] for name in parts if PARTS[name].models)),
             lambda known: closed_loop.spent_on(runs, known),
+            lambda parts, probes: study.keep_probes(next(iter(parts.values())), probes),
             others=True,
         ),
         before.Allowed(no_probe, dry_run, spending.max_calls, spending.max_cost),
@@ -68,8 +69,7 @@ def hierarchy(
     )
     for name, part in planned.items():
         say(f"{name}: {len(part.keys)} episodes in {part.manifest.simulator}, {len(part.left())} to drive")
-        for estimate in study.expected(part, table, concurrency=concurrency):
-            say(f"  {estimate.words}")
+        say_expected(part, table, concurrency, "  ")
     if dry_run:
         return
     outcome = run(
@@ -85,29 +85,8 @@ def hierarchy(
         print_json(found.as_dict())
     else:
         print_hierarchy(found)
-    _tell(planned, outcome, failed)
-
-
-def _tell(planned: "Mapping[str, Episodes]", outcome: "Outcome", failed: "Mapping[str, str]") -> None:
-    """Print how the study ended, what is left and why; raise Exit 3 where a limit stopped it, else 1."""
-    from eyechart.episodes import unfinished
-
-    for spec, why in failed.items():
-        say(f"set aside: {spec}: {why}")
-    for spec, why in outcome.set_aside.items():
-        say(f"set aside: {spec}: {why}; its other episodes are unfinished")
-    before.say_uncounted(outcome)
-    for name, part in planned.items():
-        for one in unfinished(part.out, part.unfinished(), part.drivers.models):
-            say(f"{name}: {one.policy}: {one.words}")
-    left = sum(len(part.unfinished()) for part in planned.values())
-    if left and outcome.stopped is not None:
-        say(f"stopped: {outcome.stopped}; {left} episodes are left; a higher limit resumes")
-        raise typer.Exit(3)
-    if left:
-        say(f"{left} episodes are unfinished; the same command goes on where they were cut")
-    if left or failed:
-        raise typer.Exit(1)
+    tell_left(planned, outcome, failed)
+    tell_errors(planned, bound="")
 
 
 @contextmanager

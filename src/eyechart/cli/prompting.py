@@ -51,7 +51,7 @@ def prompts(
     from eyechart.modes import STRUCTURED
     from eyechart.prompts import PROMPTS
     from eyechart.studies import prompts as study
-    from eyechart.studies.battery import sample_of
+    from eyechart.studies.battery import keep_probes, sample_of
 
     for one in json_mode or ():
         if one not in STRUCTURED:
@@ -79,6 +79,7 @@ def prompts(
             lambda one: study.as_recorded(out, one, given, budget=bool(budget)),
             lambda one: sample_of(one.cells.values()),
             lambda known: study.spent_on(out, known),
+            lambda one, probes: keep_probes(next(iter(one.cells.values())), probes),
         ),
         before.Allowed(no_probe, dry_run, spending.max_calls, spending.max_cost),
         table,

@@ -13,6 +13,7 @@ from eyechart.cli.terminal import print_json, table_console
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from eyechart.integrity import Guard
     from eyechart.studies.battery import BatteryScore
     from eyechart.studies.prompts import CellScore
     from eyechart.studies.structured import StructuredScore
@@ -187,17 +188,21 @@ def costs(
 ) -> None:
     """Print what a run's calls took, by model: attempts and their outcomes, tokens, dollars, seconds, joules.
 
-    Of a prompt study, by cell. Example: eyechart costs run --all --json
+    Of a prompt study, by cell; of the hierarchy, by its runs. Example: eyechart costs run --all --json
     """
     from eyechart.manifest import read_manifest
     from eyechart.models.prices import read_prices
     from eyechart.report.costs import costs_table
     from eyechart.studies import battery as study
-    from eyechart.studies import prompts
+    from eyechart.studies import closed_loop, hierarchy, prompts
 
     table, study_of_prompts = read_prices(prices), prompts.is_study(run)
-    took, kept = (prompts.took if study_of_prompts else study.took)(run, prices=table)
-    probes = {} if study_of_prompts else read_manifest(run).probes
+    if closed_loop.is_episodes(run) or hierarchy.is_hierarchy(run):
+        took, probes = closed_loop.took(hierarchy.runs_of(run) or {"": run}, prices=table)
+        kept = dict[str, "tuple[Guard, ...]"]()
+    else:
+        took, kept = (prompts.took if study_of_prompts else study.took)(run, prices=table)
+        probes = {} if study_of_prompts else dict(read_manifest(run).probes)
     if json:
         print_json(
             {
@@ -211,6 +216,8 @@ def costs(
         return
     table_console(160).print(costs_table(took, every=every))
     console = table_console()
+    if not took:
+        console.print("no model was asked: its policies and worlds take no calls")
     for spec, one in probes.items():
         console.print(f"the probe of {spec} before the run took besides: {one.words}", markup=False)
     for spec, found in kept.items():

@@ -83,6 +83,7 @@ def battery(
             lambda one: study.as_recorded(out, one, given),
             lambda one: study.sample_of([one]),
             lambda known: study.spent_on(out, known),
+            study.keep_probes,
         ),
         before.Allowed(no_probe, dry_run, spending.max_calls, spending.max_cost, shard),
         table,

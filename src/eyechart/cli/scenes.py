@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eyechart.cli import asking, before
-from eyechart.cli.drives import KEPT, tell_left
+from eyechart.cli.drives import KEPT, say_expected, tell_left
 from eyechart.cli.options import NO_LIMIT, Spending, expanded
 from eyechart.cli.running import sizes, tell
 from eyechart.cli.terminal import progress, resumable, say
@@ -143,6 +143,7 @@ def online(
             lambda one: drives_study.as_recorded([out], one, given),
             lambda one: drives_study.sample_of(one.episodes),
             lambda known: drives_study.spent_on([out], known),
+            study.keep_probes,
         ),
         before.Allowed(no_probe, dry_run, spending.max_calls, spending.max_cost),
         table,
@@ -154,14 +155,15 @@ def online(
     say(f"view: {drives.manifest.view}")
     say(f"{len(drives.keys)} episodes in worlds that pass the checks, {left} to drive")
     modes = list(drives.manifest.modes.values())
-    for line in (*_bound(modes), *(one.words for one in closed_loop.expected(drives, table, concurrency=concurrency))):
+    for line in _bound(modes):
         say(line)
+    say_expected(drives, table, concurrency)
     if dry_run:
         return
     limits = closed_loop.within(drives, table, calls=spending.max_calls, cost_usd=spending.max_cost)
     with resumable(KEPT), progress("episodes", "episodes") as move:
         outcome = study.run(planned, bounds=closed_loop.Bounds(concurrency=concurrency, limits=limits), progress=move)
-    tell_left(drives, outcome, unprobed)
+    tell_left({"": drives}, outcome, unprobed)
     if failed := sum(one.errors for one in study.score(out).driven.values()):
         say(f"{failed} episodes ended in an error; they count in nothing")
         raise typer.Exit(1)
@@ -195,6 +197,7 @@ def _run(
             lambda one: battery.as_recorded(out, one, asked.given),
             lambda one: battery.sample_of([one]),
             lambda known: battery.spent_on(out, known),
+            battery.keep_probes,
         ),
         before.Allowed(how.no_probe, how.dry_run, spending.max_calls, spending.max_cost),
         table,

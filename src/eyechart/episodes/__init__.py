@@ -3,7 +3,7 @@
 from eyechart.episodes.expecting import expected, first_pictures, within
 from eyechart.episodes.manifest import FORMAT, EpisodesManifest, read_manifest
 from eyechart.episodes.nouns import SILENCES, STUDY, Episode, EpisodeKey, Step, fail_safe
-from eyechart.episodes.planning import ACTION_MAP, ENGINES, Episodes, plan, require_engine, run
+from eyechart.episodes.planning import ACTION_MAP, ENGINES, Episodes, keep_probes, plan, require_engine, run
 from eyechart.episodes.records import EPISODES, read_episodes, write_episodes
 from eyechart.episodes.running import Bounds
 from eyechart.episodes.showing import SHOWN
@@ -30,6 +30,7 @@ __all__ = [
     "expected",
     "fail_safe",
     "first_pictures",
+    "keep_probes",
     "plan",
     "read_episodes",
     "read_manifest",

@@ -1,22 +1,30 @@
 """What planned episodes are expected to take, what they may take, and what their worlds show first."""
 
+import asyncio
 from collections.abc import Sequence
 from dataclasses import replace
 
 from eyechart.costs import Estimate, estimate
+from eyechart.episodes.hosts import HostDiedError, LocalHost
 from eyechart.episodes.nouns import Episode, EpisodeKey, fail_safe
 from eyechart.episodes.planning import Episodes
 from eyechart.episodes.recorded import recorded
 from eyechart.episodes.running import calls_of
-from eyechart.episodes.worlds import Worlds
-from eyechart.errors import SpecError
+from eyechart.episodes.worlds import Setup, Shown
+from eyechart.errors import DriveError, EyechartError, SpecError, printable
 from eyechart.ledger import Ledger
 from eyechart.limits import NOTHING, Limits, Spent
 from eyechart.manifest import LEDGER
 from eyechart.models.prices import Prices
 from eyechart.perception.view import through
-from eyechart.policies import open_policy
+from eyechart.policies import Policy, open_policy
 from eyechart.simulators import open_simulator
+
+PATIENCE_S = 30.0
+"""A sample whose world takes longer for one answer is given up."""
+
+ALTOGETHER_S = 120.0
+"""A sample that takes longer is given up."""
 
 _LONGEST_SAMPLE = 200
 
@@ -24,19 +32,24 @@ _LONGEST_SAMPLE = 200
 def expected(planned: Episodes, prices: Prices, *, concurrency: int) -> tuple[Estimate, ...]:
     """Return what the calls that are still to be made are expected to take, by model.
 
-    An episode counts as long as one that brakes all the way, in the first of the seeds; that drive is made here. Of an
-    episode that was cut the calls that are finished are not made again.
+    An episode counts as long as one that brakes all the way, in the first of the seeds, and where that crashes as the
+    longest of one action; these drives are made here, in a process of their own. Of an episode that was cut the calls
+    that are finished are not made again. Raises DriveError where a drive fails or they take too long: then nothing can
+    be said.
     """
     left = [key for key in planned.left() if key.policy in planned.drivers.models]
     if not left:
         return ()
-    worlds = Worlds(replace(planned.setup, max_steps=min(planned.setup.max_steps, _LONGEST_SAMPLE)))
+    setup = replace(planned.setup, max_steps=min(planned.setup.max_steps, _LONGEST_SAMPLE))
     simulator = open_simulator(planned.setup.simulator, actions=planned.setup.actions)
-    brake = open_policy(f"constant:{fail_safe(simulator)}", planned.drivers.space, recorded)
-    length = {
-        scenario: len(worlds.drive(replace(key, policy="constant", seed=planned.manifest.seeds[0]), brake).steps)
-        for scenario, key in {key.scenario: key for key in left}.items()
-    }
+    space = planned.drivers.space
+    actions = dict.fromkeys((fail_safe(simulator), *space.actions))
+    constants = [open_policy(f"constant:{action}", space, recorded) for action in actions]
+    first = [
+        replace(key, policy="constant", seed=planned.manifest.seeds[0])
+        for key in {key.scenario: key for key in left}.values()
+    ]
+    length = asyncio.run(_lengths(setup, first, constants))
     made = _finished(planned, left)
     return tuple(
         estimate(
@@ -44,9 +57,38 @@ def expected(planned: Episodes, prices: Prices, *, concurrency: int) -> tuple[Es
             sum(max(0, length[key.scenario] - made.get(key, 0)) for key in left if key.policy == spec),
             prices,
             concurrency=concurrency,
+            sampled=True,
         )
         for spec in planned.drivers.models
     )
+
+
+async def _lengths(setup: Setup, keys: Sequence[EpisodeKey], policies: Sequence[Policy]) -> dict[str, int]:
+    """Return, by scenario, how many steps the first policy drives, or where it crashes the most that any does.
+
+    Raises DriveError that names the world that fails.
+    """
+    host, found, world = LocalHost(setup, patience_s=PATIENCE_S), list[Episode](), ""
+    try:
+        async with asyncio.timeout(ALTOGETHER_S):
+            for key in keys:
+                world = key.world
+                for policy in policies:
+                    over = await host.ask("drive", key, policy)
+                    assert isinstance(over, Episode)
+                    found.append(over)
+                    if not over.crashed and policy is policies[0]:
+                        break
+    except TimeoutError:
+        raise DriveError(f"{world}: the sample's drives took longer than {ALTOGETHER_S:g} s") from None
+    except EyechartError as error:
+        raise DriveError(f"{world}: {printable(str(error))}") from error
+    finally:
+        host.close()
+    for one in found:
+        if one.ended == "error" and len(one.steps) < setup.max_steps:
+            raise DriveError(f"{one.key.world}: {printable(one.detail)}")
+    return {key.scenario: max(len(one.steps) for one in found if one.key == key) for key in keys}
 
 
 def _finished(planned: Episodes, left: Sequence[EpisodeKey]) -> dict[EpisodeKey, int]:
@@ -60,21 +102,42 @@ def _finished(planned: Episodes, left: Sequence[EpisodeKey]) -> dict[EpisodeKey,
 def first_pictures(planned: Episodes, most: int) -> tuple[bytes, ...]:
     """Return the first picture of each of the first worlds of a plan, as a model is shown it with real pictures.
 
-    A world that shows none is passed over; raises SpecError where none of ``most`` shows any.
+    Worlds are opened in a process of their own. One that shows none is passed over; raises SpecError where none of
+    ``most`` shows any.
     """
-    worlds, pictures, why = Worlds(planned.setup), list[bytes](), ""
-    for key in list({key.world: replace(key, condition="real") for key in planned.keys}.values())[:most]:
-        shown = worlds.open(key)
-        if isinstance(shown, Episode):
-            why = shown.detail
+    keys = list({key.world: replace(key, condition="real") for key in planned.keys}.values())[:most]
+    pictures, why = list[bytes](), ""
+    for shown in asyncio.run(_shown(planned.setup, keys)):
+        if isinstance(shown, str):
+            why = shown
             continue
         picture = through(planned.drivers.view, shown.picture, shown.frame)
         assert picture is not None
         pictures.append(picture)
-        worlds.close(key)
     if not pictures:
         raise SpecError(f"no world of {planned.manifest.simulator} shows a picture to probe a model with: {why}")
     return tuple(pictures)
+
+
+async def _shown(setup: Setup, keys: Sequence[EpisodeKey]) -> list[Shown | str]:
+    """Return what each world shows first, or in words why it shows nothing."""
+    found: list[Shown | str] = []
+    host = LocalHost(setup, patience_s=PATIENCE_S)
+    try:
+        for key in keys:
+            if host.dead:
+                host.close()
+                host = LocalHost(setup, patience_s=PATIENCE_S)
+            try:
+                shown = await host.ask("open", key)
+                await host.ask("close", key)
+            except HostDiedError as error:
+                shown = Episode(key, (), "error", "", str(error))
+            assert isinstance(shown, Shown | Episode)
+            found.append(shown if isinstance(shown, Shown) else printable(shown.detail))
+    finally:
+        host.close()
+    return found
 
 
 def within(

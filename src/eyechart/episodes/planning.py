@@ -1,8 +1,8 @@
 """Planning and running episodes: who drives, in which worlds, under which conditions, and nothing driven twice."""
 
 import sqlite3
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from json import dumps
@@ -15,7 +15,7 @@ from eyechart.episodes.hosts import Host, LocalHost
 from eyechart.episodes.manifest import EpisodesManifest, is_episodes_run, read_manifest, write_manifest
 from eyechart.episodes.nouns import SILENCES, Episode, EpisodeKey
 from eyechart.episodes.recorded import recorded
-from eyechart.episodes.records import mend_episodes, read_episodes, write_episodes
+from eyechart.episodes.records import EPISODES, mend_episodes, read_episodes, write_episodes
 from eyechart.episodes.running import USUAL, Bounds, Drivers, Progress, drive
 from eyechart.episodes.showing import require_shown
 from eyechart.episodes.worlds import MAX_STEPS, Setup
@@ -195,7 +195,7 @@ def run(
     open_host = _engine(engine, planned.setup)
     planned.out.mkdir(parents=True, exist_ok=True)
     try:
-        with FileLock(planned.out / ".lock", timeout=0), ExitStack() as opened:
+        with _alone(planned.out), ExitStack() as opened:
             _begin(planned)
             left = planned.left()
             keep, ledger = _keeper(planned, len(left), progress), None
@@ -204,10 +204,32 @@ def run(
             return drive(left, planned.drivers, open_host, keep, ledger=ledger, bounds=bounds)
     except sqlite3.Error as error:
         raise LedgerError(f"{planned.out / LEDGER} cannot be written: {error}; the same command resumes") from error
+
+
+def keep_probes(planned: Episodes, probes: Mapping[str, Spent]) -> None:
+    """Write into the run's manifest what was spent on probing models that do not drive; the run's limits count it.
+
+    A run that is not begun yet begins with nobody in it, so that the models are probed anew.
+    """
+    planned.out.mkdir(parents=True, exist_ok=True)
+    with _alone(planned.out):
+        if is_episodes_run(planned.out):
+            manifest = read_manifest(planned.out)
+        else:
+            nobody = replace(planned.manifest, policies={}, modes={}, facts={})
+            manifest = replace(nobody, scenarios=(), seeds=(), conditions=())
+        known = {**manifest.probes, **added(manifest.probes, probes)}
+        write_manifest(planned.out, replace(manifest, probes=known))
+
+
+@contextmanager
+def _alone(out: Path) -> Iterator[None]:
+    """Hold a run's folder; raises LedgerError where another process does."""
+    try:
+        with FileLock(out / ".lock", timeout=0):
+            yield
     except Timeout as error:
-        raise LedgerError(
-            f"another process is writing to {planned.out}; wait for it, or choose another --out"
-        ) from error
+        raise LedgerError(f"another process is writing to {out}; wait for it, or choose another --out") from error
 
 
 def require_engine(engine: str) -> None:
@@ -245,7 +267,12 @@ def _keeper(planned: Episodes, left: int, progress: Progress | None) -> Callable
 
     def keep(episode: Episode) -> None:
         nonlocal done
-        write_episodes(planned.out, [replace(episode, max_steps=planned.setup.max_steps)])
+        try:
+            write_episodes(planned.out, [replace(episode, max_steps=planned.setup.max_steps)])
+        except OSError as error:
+            raise LedgerError(
+                f"{planned.out / EPISODES} cannot be written: {error}; the same command resumes"
+            ) from error
         done += 1
         if progress is not None:
             progress(done, len(planned.keys))

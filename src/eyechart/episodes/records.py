@@ -40,7 +40,7 @@ def read_episodes(path: Path) -> Iterator[Episode]:
 
 
 def write_episodes(path: Path, episodes: Iterable[Episode]) -> None:
-    """Append finished episodes to a run folder's file; each is on disk when this returns."""
+    """Append finished episodes to a run folder's file; each is with the operating system when this returns, so that a kill loses none."""
     with (path / EPISODES).open("a", encoding="utf-8", errors="backslashreplace") as file:
         for episode in episodes:
             file.write(episode.as_line() + "\n")

@@ -24,11 +24,11 @@ import orjson
 
 from eyechart import __version__
 from eyechart.calls import ErrorKind, Reply
+from eyechart.errors import printable
 
 MOST_BYTES = 8_000_000
 """A longer body is no reply to "choose an action"; what comes after these bytes is not read."""
 
-_DETAIL = 500
 _SECRET_CHARACTERS = 8
 """A shorter key is none ("EMPTY", "x"), and removing it would change answers."""
 _CONNECT_S = 30.0
@@ -277,13 +277,6 @@ def words_of(found: object, depth: int = 0) -> str:
         return orjson.dumps(found).decode()
     except TypeError:
         return f"a {type(found).__name__} that is nested too deeply to be shown"
-
-
-def printable(text: str) -> str:
-    """Return a text as one line of bounded length, without control characters."""
-    line = " ".join(text[: 4 * _DETAIL].split())
-    line = "".join(character if character.isprintable() else "�" for character in line)
-    return line if len(line) <= _DETAIL else f"{line[: _DETAIL - 1]}…"
 
 
 def count_of(value: object) -> int | None:

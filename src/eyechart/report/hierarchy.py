@@ -21,14 +21,18 @@ EMITTED = ("intent source", "intents", "STOP", "paper", "fail-safe", "solver fai
 
 
 def source_table(sources: Sequence[Source], *, primary: bool) -> Table:
-    """Return the rows of one ablation: goals and crashes with exact 95 % intervals, the paper's beside them."""
+    """Return the rows of one ablation: goals and crashes with exact 95 % intervals, the paper's beside them.
+
+    Episodes that ended in an error stand beside the name, and count in no rate.
+    """
     table = Table(title=TITLES["primary" if primary else "second"])
     table.add_column(COLUMNS[0], no_wrap=True)
     for name in COLUMNS[1:]:
         table.add_column(name, justify="right", no_wrap=True)
     for one in sources:
         if one.part.startswith("primary") == primary:
-            table.add_row(*source_cells(one))
+            name, *cells = source_cells(one)
+            table.add_row(f"{name} + {one.errors} in error" if one.errors else name, *cells)
     return table
 
 

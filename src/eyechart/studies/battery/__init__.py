@@ -3,7 +3,7 @@
 Source: paper, section The Input-Ablation Battery.
 """
 
-from eyechart.studies.battery.asked import PROBED, as_probed, as_recorded, sample_of, spent_on
+from eyechart.studies.battery.asked import PROBED, as_probed, as_recorded, keep_probes, sample_of, spent_on
 from eyechart.studies.battery.calibrated import ALPHA, FLOOR, MARGIN, UNPARSED_CUT
 from eyechart.studies.battery.merging import merge
 from eyechart.studies.battery.planning import (
@@ -39,6 +39,7 @@ __all__ = [
     "as_recorded",
     "differences",
     "expected",
+    "keep_probes",
     "merge",
     "open_models",
     "open_whole",

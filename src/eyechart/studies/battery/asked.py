@@ -1,13 +1,16 @@
 """How a run asks a model already, so that its rest is asked alike, and what a probe before a run should ask."""
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from filelock import FileLock, Timeout
+
 from eyechart.calls import CallKey, Reply
+from eyechart.errors import LedgerError
 from eyechart.ledger import Ledger
-from eyechart.limits import Spent
-from eyechart.manifest import LEDGER, is_run, read_manifest
+from eyechart.limits import Spent, added
+from eyechart.manifest import LEDGER, is_run, read_manifest, write_run
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
 from eyechart.perception.view import through
@@ -70,3 +73,22 @@ def spent_on(out: Path, prices: Prices) -> Spent:
                     reply = one.reply or Reply()
                     made = made.plus(reply, None if one.reply is None else prices.cost(manifest.mode(spec), reply)[0])
     return made
+
+
+def keep_probes(battery: Battery, probes: Mapping[str, Spent]) -> None:
+    """Write into the run's manifest what was spent on probing models that are not asked; the run's limits count it.
+
+    A run that is not begun yet begins without a model, so that they are probed anew.
+    """
+    battery.out.mkdir(parents=True, exist_ok=True)
+    try:
+        with FileLock(battery.out / ".lock", timeout=0):
+            manifest = replace(battery.manifest, models={}, modes={}, facts={})
+            if is_run(battery.out):
+                manifest = read_manifest(battery.out)
+            known = {**manifest.probes, **added(manifest.probes, probes)}
+            write_run(battery.out, replace(manifest, probes=known), battery.plan.bank)
+    except Timeout as error:
+        raise LedgerError(
+            f"another process is writing to {battery.out}; wait for it, or choose another --out"
+        ) from error

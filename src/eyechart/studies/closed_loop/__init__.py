@@ -4,7 +4,7 @@ Source: paper, Tables t:baselines and t:degeneracy.
 """
 
 from eyechart.studies.closed_loop.agreement import Replay
-from eyechart.studies.closed_loop.asked import as_recorded, sample_of, spent_on
+from eyechart.studies.closed_loop.asked import as_recorded, sample_of, spent_on, took
 from eyechart.studies.closed_loop.blind import DIFFERS, OUTCOMES, Blind, blind_baselines
 from eyechart.studies.closed_loop.degeneracy import Degeneracy
 from eyechart.studies.closed_loop.identical import Twins, same_drive
@@ -50,6 +50,7 @@ __all__ = [
     "sample_of",
     "score",
     "spent_on",
+    "took",
     "unfinished_of",
     "verify",
 ]

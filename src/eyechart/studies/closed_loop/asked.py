@@ -1,12 +1,13 @@
 """How runs of episodes ask a model already, so that their rest is asked alike, and what a probe before them asks."""
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 
 from eyechart.calls import Reply
+from eyechart.costs import Account, Book
 from eyechart.episodes import Episodes, first_pictures, read_manifest
 from eyechart.ledger import Ledger
-from eyechart.limits import Spent
+from eyechart.limits import Spent, added
 from eyechart.manifest import LEDGER, is_run
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
@@ -51,3 +52,24 @@ def spent_on(runs: Iterable[Path], prices: Prices) -> Spent:
                             cost = None if one.reply is None else prices.cost(manifest.mode(spec), one.reply)[0]
                             made = made.plus(one.reply or Reply(), cost)
     return made
+
+
+def took(runs: Mapping[str, Path], *, prices: Prices) -> tuple[dict[str, dict[str, Account]], dict[str, Spent]]:
+    """Return what the calls of these runs took by model and condition, and what probing each model took.
+
+    ``runs`` are the folders by name; one that stands alone has none: ``""``.
+    """
+    found: dict[str, dict[str, Account]] = {}
+    probes: dict[str, Spent] = {}
+    for name, out in runs.items():
+        manifest = read_manifest(out)
+        probes |= added(probes, manifest.probes)
+        if not (out / LEDGER).is_file():
+            continue
+        with Ledger(out / LEDGER) as ledger:
+            for spec in manifest.models:
+                book = Book(manifest.mode(spec), manifest.action_space, prices, scene=manifest.prompt.scene)
+                for one in ledger.attempts(spec):
+                    book.add(one)
+                found[f"{spec} in {name}" if name else spec] = book.accounts()
+    return found, probes

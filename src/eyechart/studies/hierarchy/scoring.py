@@ -231,7 +231,12 @@ class HierarchyScore:
 
 def is_hierarchy(path: Path) -> bool:
     """Return whether a folder holds runs of the study."""
-    return any(is_episodes(path / name) for name in PARTS)
+    return bool(runs_of(path))
+
+
+def runs_of(path: Path) -> dict[str, Path]:
+    """Return the runs of the study that a folder holds, by the names of their parts."""
+    return {name: path / name for name in PARTS if is_episodes(path / name)}
 
 
 def score(out: Path, *, resamples: int = 5000) -> HierarchyScore:

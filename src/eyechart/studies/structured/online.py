@@ -78,6 +78,12 @@ def plan(  # noqa: PLR0913 - what an online run can be asked for
     return Online(replace(whole, keys=keys), vetted)
 
 
+def keep_probes(planned: Online, probes: Mapping[str, Spent]) -> None:
+    """Write into the run what was spent on probing models, before anything is driven; see `episodes.keep_probes`."""
+    closed_loop.keep_probes(planned.episodes, probes)
+    write_vetting(planned.episodes.out, planned.vetted)
+
+
 def run(planned: Online, *, bounds: Bounds = USUAL, progress: Progress | None = None) -> Outcome:
     """Drive the planned episodes that the folder does not hold yet, and return how that ended; see `episodes.run`."""
     write_vetting(planned.episodes.out, planned.vetted)
