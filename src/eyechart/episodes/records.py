@@ -40,7 +40,10 @@ def read_episodes(path: Path) -> Iterator[Episode]:
 
 
 def write_episodes(path: Path, episodes: Iterable[Episode]) -> None:
-    """Append finished episodes to a run folder's file; each is with the operating system when this returns, so that a kill loses none."""
+    """Append finished episodes to a run folder's file.
+
+    Each is with the operating system when this returns, so that the kill of a process loses none.
+    """
     with (path / EPISODES).open("a", encoding="utf-8", errors="backslashreplace") as file:
         for episode in episodes:
             file.write(episode.as_line() + "\n")
