@@ -123,7 +123,7 @@ def test_a_stack_says_hazard_clear_and_nothing_of_a_picture_without_a_road(base:
     with subprocess.Popen(served, stderr=subprocess.PIPE, text=True) as process:
         try:
             assert process.stderr is not None
-            url = process.stderr.readline().split(" at ")[1].strip()
+            url = next(line for line in process.stderr if " at http://" in line).split(" at ")[1].strip()
             for word, picture in pictures.items():
                 asked = urllib.request.Request(f"{url}/assess", picture, {"Content-Type": "image/png"})  # noqa: S310
                 with urllib.request.urlopen(asked, timeout=40) as answer:  # noqa: S310 - loopback
