@@ -1,18 +1,15 @@
 """The frames of the page of scene estimates: what was told of each beside the truth, the worst with their views."""
 
-import base64
-import io
 from collections.abc import Sequence
-
-from PIL import Image
 
 from eyechart.calls import Reply
 from eyechart.conditions import show
 from eyechart.errors import EyechartError
-from eyechart.frames import Frame, Scalar, decode
+from eyechart.frames import Frame, Scalar
 from eyechart.perception.estimate import SceneReply
 from eyechart.perception.view import find_view, through
 from eyechart.report.estimates import Estimates, Estimator, action_of, faults, gap_error_m, weight
+from eyechart.report.pictures import view_uri
 from eyechart.studies.structured import Told
 from eyechart.studies.structured.planning import CONDITIONS
 
@@ -22,7 +19,6 @@ MOST_ROWS = 2400
 """Rows of the tables of all frames, over all models."""
 _POINTED_OUT = 0.1
 """A model's estimate stands beside the truth from this fault on: a tenth of what is close, where only the gap errs."""
-_WIDEST = 640
 _LONGEST = 600
 _VIEWS = {"real": "the picture", "mirrored": "its reflection"}
 _OF = {"real": "picture", "mirrored": "reflection"}
@@ -188,15 +184,5 @@ def _views(run: Estimates, frame: Frame) -> list[tuple[str, str]]:
     for condition, words in _VIEWS.items():
         picture = through(view, show(condition, run.pictures.frame(frame.id), run.pictures, manifest.seed), frame.id)
         if picture is not None:
-            found.append((words, _uri(picture)))
+            found.append((words, view_uri(picture)))
     return found
-
-
-def _uri(picture: bytes) -> str:
-    """Return a picture as a data URI, small enough for a page."""
-    image = Image.fromarray(decode(picture, "a view"))
-    if image.width > _WIDEST:
-        image = image.resize((_WIDEST, round(image.height * _WIDEST / image.width)))
-    out = io.BytesIO()
-    image.save(out, "WEBP", quality=80, method=4)
-    return f"data:image/webp;base64,{base64.b64encode(out.getvalue()).decode()}"

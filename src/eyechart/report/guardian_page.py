@@ -1,11 +1,7 @@
 """The guardian's page: operating points on the risk–coverage curve, every vote, and what was missed with its views."""
 
-import base64
-import io
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-
-from PIL import Image
 
 from eyechart.conditions import flip
 from eyechart.destination import whole
@@ -15,13 +11,13 @@ from eyechart.guardian import interface_of
 from eyechart.report.assets import fill
 from eyechart.report.drawing import BLUE, INK, MUTED, VERMILLION, Drawing, canvas, style
 from eyechart.report.guardian import bound_lines, row_names, score_lines
+from eyechart.report.pictures import view_uri
 from eyechart.report.tables import number
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.guardian import VIEWS, GuardianScore
 
 MOST_PICTURES = 24
 MOST_ROWS = 3000
-_WIDEST = 640
 _SIGNS = {1: "●", 0: "○", -1: "×"}
 _METRICS = {
     "coverage": "coverage",
@@ -145,7 +141,7 @@ def _pictures(found: GuardianScore, bank: FrameBank | None) -> tuple[list[dict[s
         place = table.frames.index(frame)
         said = table.of(found.frozen.committee)[:, place]
         views = [
-            (view, _uri(picture), _said(found.frozen.committee, said[:, number_of].tolist()))
+            (view, view_uri(picture), _said(found.frozen.committee, said[:, number_of].tolist()))
             for number_of, (view, picture) in enumerate(zip(VIEWS, _views(found, bank, frame), strict=False))
         ]
         shown.append({"frame": frame, "episode": table.episodes[place], "views": views})
@@ -168,13 +164,3 @@ def _views(found: GuardianScore, bank: FrameBank, frame_id: str) -> Sequence[byt
 def _said(committee: Sequence[str], votes: Iterable[int]) -> str:
     words = {1: "hazard", 0: "clear", -1: "missing"}
     return ", ".join(f"{model} {words[int(vote)]}" for model, vote in zip(committee, votes, strict=True))
-
-
-def _uri(picture: bytes) -> str:
-    """Return a picture as a data URI, small enough for a page."""
-    image = Image.fromarray(decode(picture, "a view"))
-    if image.width > _WIDEST:
-        image = image.resize((_WIDEST, round(image.height * _WIDEST / image.width)))
-    out = io.BytesIO()
-    image.save(out, "WEBP", quality=80, method=4)
-    return f"data:image/webp;base64,{base64.b64encode(out.getvalue()).decode()}"

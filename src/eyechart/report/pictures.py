@@ -27,6 +27,8 @@ RUNGS: tuple[tuple[int, int], ...] = ((600, 82), (480, 75), (360, 65), (240, 55)
 _PLAIN = 1 / 16
 """Bits a pixel: what is coded exactly in fewer is kept so, without a try whether a lossy code is smaller."""
 
+_WIDEST_VIEW = 640
+
 _NOISE = (240, 5)
 _SAMPLE = 12
 _FILL = 0.92
@@ -187,3 +189,13 @@ def _webp(image: Image.Image, **how: int) -> bytes:
     buffer = io.BytesIO()
     image.save(buffer, "WEBP", **how)
     return buffer.getvalue()
+
+
+def view_uri(picture: bytes) -> str:
+    """Return an encoded picture as a data URI, at most 640 pixels wide; raises BankError for what is no picture."""
+    image = Image.fromarray(decode(picture, "a view"))
+    if image.width > _WIDEST_VIEW:
+        image = image.resize((_WIDEST_VIEW, round(image.height * _WIDEST_VIEW / image.width)))
+    out = io.BytesIO()
+    image.save(out, "WEBP", quality=80, method=4)
+    return f"data:image/webp;base64,{base64.b64encode(out.getvalue()).decode()}"
