@@ -17,11 +17,11 @@ from eyechart.frames import open_bank
 from eyechart.importing import Choices, import_table
 from eyechart.integrity import Guard
 from eyechart.models import ADAPTERS
+from eyechart.report.battery_page import make_page
 from eyechart.report.browser import frames_shown
 from eyechart.report.evidence import read_evidence, subjects
 from eyechart.report.integrity import counts, not_covered, summed
-from eyechart.report.page import make_page
-from eyechart.report.sheets import verdict_sheet
+from eyechart.report.tables import judged_of, verdict_table
 from eyechart.studies import battery as study
 from report_runs import data_of, make_run, report
 
@@ -202,4 +202,4 @@ def test_a_failed_guard_marks_the_verdict_wherever_it_stands(bank: Path, tmp_pat
     assert "all 5 models" not in html
     healthy = replace(run, score=replace(score, guards=dict.fromkeys(guards, (right,))))
     assert "all 5 models" in make_page([healthy]).html.decode()
-    assert [row[-1] for row in verdict_sheet(subjects([marked])).rows] == ["", "pictures_arrive", "", "", ""]
+    assert [row[-1] for row in verdict_table(judged_of(subjects([marked]))).rows] == ["", "pictures_arrive", "", "", ""]

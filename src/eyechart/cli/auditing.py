@@ -114,7 +114,7 @@ def ladder_dict(scored: "ClosedLoopScore") -> dict[str, object]:
 
 def print_ladder(scored: "ClosedLoopScore") -> None:
     """Print the ladder, the paper's beside it, what differs, the paired differences and the identical rows."""
-    from eyechart.report.rungs import ladder_table, paired_table, paper_table, paper_words
+    from eyechart.report.rungs import ladder_table, paper_table, paper_words, reference_tables
     from eyechart.studies.closed_loop.published import beside_paper
 
     console = table_console(160)
@@ -124,10 +124,8 @@ def print_ladder(scored: "ClosedLoopScore") -> None:
         for line in paper_words(beside, scored.ladder):
             console.print(line, markup=False)
         console.print(f"Why, row by row: {DOCS}.", markup=False)
-    for name, reference in scored.references.items():
-        mine = [one for one in scored.paired if one.first.simulator == name]
-        title = f"{name}: policy less {reference.label}, same worlds; p after Holm"
-        console.print(paired_table(mine, title, scored.caveat))
+    for table in reference_tables(scored):
+        console.print(table)
     print_twins(scored)
 
 
@@ -196,7 +194,14 @@ def film(
 
 def print_drives(scored: "ClosedLoopScore") -> None:
     """Print all that ``eyechart score`` prints of a run of episodes."""
-    from eyechart.report.rungs import blind_table, degeneracy_table, degeneracy_words, replay_table, unfinished_words
+    from eyechart.report.rungs import (
+        blind_table,
+        degeneracy_table,
+        degeneracy_words,
+        long_tables,
+        replay_table,
+        unfinished_words,
+    )
 
     print_ladder(scored)
     console = table_console(160)
@@ -211,3 +216,5 @@ def print_drives(scored: "ClosedLoopScore") -> None:
         console.print(line, markup=False)
     if scored.replays:
         console.print(replay_table(scored.replays))
+    for table in long_tables(scored):
+        console.print(table)

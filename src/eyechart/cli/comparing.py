@@ -33,7 +33,7 @@ def compare(
         for line in found.apart:
             console.print(f"not the same: {line}", markup=False)
         for line in found.marks:
-            console.print(f"{MARK.strip()} {line}", markup=False)
+            console.print(f"{MARK} {line}", markup=False)
         for one in found.models.values():
             console.print(replication_table(one, every=every))
             changed = f"differs in {', '.join(one.changed)}" if one.changed else "no statistic differs (Holm)"
@@ -55,7 +55,7 @@ def transfer(
 
     Example: eyechart transfer run-highway run-rover --scores perception.csv
     """
-    from eyechart.report.tables import number, p_value
+    from eyechart.report.table import number, p_value
     from eyechart.studies import battery
     from eyechart.transfer import read_scores
     from eyechart.transfer import transfer as correlated

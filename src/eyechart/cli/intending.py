@@ -100,17 +100,12 @@ def _watched(part: str) -> "Iterator[Callable[[int, int], None]]":
 
 def print_hierarchy(found: "HierarchyScore") -> None:
     """Print both ablations, the tests against the controller alone, the positive control, and the words."""
-    from eyechart.report.hierarchy import against_table, completion_table, intent_table, source_table
+    from eyechart.report.hierarchy import tables_of
     from eyechart.report.rungs import unfinished_words
 
     console = table_console(160)
-    console.print(source_table(found.sources, primary=True))
-    console.print(intent_table(found.sources, primary=True))
-    console.print(against_table(found.against_mpc_only))
-    console.print(source_table(found.sources, primary=False))
-    console.print(intent_table(found.sources, primary=False))
-    if found.completions:
-        console.print(completion_table(found.completions))
+    for table in tables_of(found):
+        console.print(table)
     if found.oracle_mirrored is not None:
         goals = found.oracle_mirrored.differences["success_rate"]
         shown = "—" if goals.value is None else f"{100 * goals.value:+.0f} points"
