@@ -3,18 +3,19 @@
 Source: paper, section The Input-Ablation Battery.
 """
 
-from eyechart.studies.battery.asked import PROBED, as_probed, as_recorded, keep_probes, sample_of, spent_on
 from eyechart.studies.battery.calibrated import ALPHA, FLOOR, MARGIN, UNPARSED_CUT
 from eyechart.studies.battery.merging import merge
 from eyechart.studies.battery.planning import (
     Battery,
     expected,
+    keep_probes,
     open_models,
     open_whole,
     plan,
     plan_of,
     resumed,
     run,
+    sample_of,
     with_earlier,
     within,
 )
@@ -27,7 +28,6 @@ __all__ = [
     "FLOOR",
     "GUARANTEE",
     "MARGIN",
-    "PROBED",
     "UNPARSED_CUT",
     "VALIDITY",
     "Battery",
@@ -35,8 +35,6 @@ __all__ = [
     "ModelScore",
     "Stopped",
     "Took",
-    "as_probed",
-    "as_recorded",
     "differences",
     "expected",
     "keep_probes",
@@ -49,7 +47,6 @@ __all__ = [
     "run",
     "sample_of",
     "score",
-    "spent_on",
     "took",
     "took_run",
     "with_earlier",
