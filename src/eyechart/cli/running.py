@@ -133,7 +133,7 @@ def tell(outcome: "Outcome", left: int, what: str = "calls") -> None:
 
 def _before(planned: "Battery") -> list[str]:
     """Say what stopping early guarantees, and the most and the typical number of calls."""
-    from eyechart.studies.battery import GUARANTEE, VALIDITY
+    from eyechart.verdicts import GUARANTEE, VALIDITY
 
     most = max(sum(1 for _ in planned.plan.keys_of(model)) for model in planned.plan.models)
     counts = sorted(planned.typical().items(), key=lambda one: one[1])

@@ -4,7 +4,6 @@ Source: paper, section The Input-Ablation Battery.
 """
 
 from eyechart.studies.battery.asked import PROBED, as_probed, as_recorded, keep_probes, sample_of, spent_on
-from eyechart.studies.battery.calibrated import ALPHA, FLOOR, MARGIN, UNPARSED_CUT
 from eyechart.studies.battery.merging import merge
 from eyechart.studies.battery.planning import (
     Battery,
@@ -20,20 +19,12 @@ from eyechart.studies.battery.planning import (
 )
 from eyechart.studies.battery.replication import differences
 from eyechart.studies.battery.scoring import BatteryScore, ModelScore, Took, score, took, took_run
-from eyechart.studies.battery.stopping import GUARANTEE, VALIDITY, Stopped
 
 __all__ = [
-    "ALPHA",
-    "FLOOR",
-    "GUARANTEE",
-    "MARGIN",
     "PROBED",
-    "UNPARSED_CUT",
-    "VALIDITY",
     "Battery",
     "BatteryScore",
     "ModelScore",
-    "Stopped",
     "Took",
     "as_probed",
     "as_recorded",
