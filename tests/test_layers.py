@@ -25,7 +25,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("calls", "conditions", "modes"),
     ("frames", "reader"),
     ("actions",),
-    ("stats",),
+    ("stats", "cameras"),
     ("errors", "seeds"),
 )
 """Top to bottom. A name is a module or a package of ``eyechart``.
@@ -39,7 +39,6 @@ FLOORS = {
     "perception": (
         "eyechart.perception.scene",
         "eyechart.perception.estimate",
-        "eyechart.perception.forward.view",
     ),
     "models": ("eyechart.models.http", "eyechart.models.energy"),
     "simulators": (
@@ -50,8 +49,8 @@ FLOORS = {
     ),
     "studies": ("eyechart.studies.battery", "eyechart.studies.closed_loop"),
 }
-"""Inside a package whose modules are peers, only its floor is shared: for perception, the nouns of a scene, of what a
-model says of one, and of a forward camera; for models, a request and its energy; for simulators, the forward camera,
+"""Inside a package whose modules are peers, only its floor is shared: for perception, the nouns of a scene and of what
+a model says of one; for models, a request and its energy; for simulators, the forward camera,
 how a balanced bank is planned and written, and the road of rover and drone; for studies, the battery, and the drives
 that others are scored with."""
 
@@ -65,7 +64,6 @@ ASSEMBLED = {
     "importing",
     "models.huggingface",
     "mpc",
-    "perception.forward",
     "perception.view",
     "probe",
     "report",
