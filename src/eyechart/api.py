@@ -27,7 +27,7 @@ from eyechart.simulators import open_bank_simulator
 from eyechart.studies import battery
 from eyechart.studies.battery import Battery, BatteryScore
 from eyechart.studies.probed import Allowed, Asked, Probing, plan_probed
-from eyechart.verdicts import Verdict, judge, scope, words_of
+from eyechart.verdicts import Verdict, judge, words_of
 
 
 @dataclass(frozen=True, repr=False)
@@ -104,7 +104,7 @@ class Report:
         return f"<div><p><strong>{escape(str(self.path))}</strong>. {escape(self._scope())}</p>{cards}</div>"
 
     def _scope(self) -> str:
-        return scope(self.score) if self.verdicts else "the run holds no model"
+        return self.score.scope() if self.verdicts else "the run holds no model"
 
 
 def build_bank(

@@ -343,7 +343,7 @@ def _tell(outcome: "Outcome", failed: Mapping[str, str], left: int) -> None:
 
 def _before(planned: "Battery") -> list[str]:
     """Say what stopping early guarantees, and the most and the typical number of calls."""
-    from eyechart.studies.battery import GUARANTEE, VALIDITY
+    from eyechart.verdicts import GUARANTEE, VALIDITY
 
     most = max(sum(1 for _ in planned.plan.keys_of(model)) for model in planned.plan.models)
     counts = sorted(planned.typical().items(), key=lambda one: one[1])

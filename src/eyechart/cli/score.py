@@ -141,7 +141,7 @@ def verdict(run: _Run, json: Json = False, independent: Independent = False, rer
 def print_table(scored: "BatteryScore", verdicts: "Mapping[str, Verdict]") -> None:
     """Print the table of verdicts, what each verdict in it means, and the scope of all of them."""
     from eyechart.report.tables import MARK, verdict_table
-    from eyechart.verdicts import TRUST, scope
+    from eyechart.verdicts import LABELS
 
     console = table_console()
     table = verdict_table(scored, verdicts)
@@ -153,10 +153,10 @@ def print_table(scored: "BatteryScore", verdicts: "Mapping[str, Verdict]") -> No
             console.print(f"{spec}: {labels}{MARK if one.failed else ''}", markup=False)
     print_marks(verdicts)
     for label in dict.fromkeys(one.calibrated.label for one in verdicts.values()):
-        console.print(f"{label}: {TRUST[label]}", markup=False)
+        console.print(f"{label}: {LABELS[label].says}", markup=False)
     if any(one.stopped for one in verdicts.values()):
         console.print("e (n/N): stopped early after n of N calls, by evidence that may be looked at after every call.")
-    console.print(f"Scope: {scope(scored)}", markup=False)
+    console.print(f"Scope: {scored.scope()}", markup=False)
 
 
 def print_marks(verdicts: "Mapping[str, Verdict]") -> None:

@@ -3,7 +3,6 @@
 Source: paper, section The Input-Ablation Battery.
 """
 
-from eyechart.studies.battery.calibrated import ALPHA, FLOOR, MARGIN, UNPARSED_CUT
 from eyechart.studies.battery.merging import merge
 from eyechart.studies.battery.planning import (
     Battery,
@@ -21,19 +20,11 @@ from eyechart.studies.battery.planning import (
 )
 from eyechart.studies.battery.replication import differences
 from eyechart.studies.battery.scoring import BatteryScore, ModelScore, Took, score, took, took_run
-from eyechart.studies.battery.stopping import GUARANTEE, VALIDITY, Stopped
 
 __all__ = [
-    "ALPHA",
-    "FLOOR",
-    "GUARANTEE",
-    "MARGIN",
-    "UNPARSED_CUT",
-    "VALIDITY",
     "Battery",
     "BatteryScore",
     "ModelScore",
-    "Stopped",
     "Took",
     "differences",
     "expected",
