@@ -162,7 +162,7 @@ def test_a_page_lists_no_more_frames_than_it_can_hold(bank: Path, tmp_path: Path
     (few,) = frames_shown(evidence, calls=60)
     assert len(few) == 60 // 11
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("eyechart.report.page.frames_shown", lambda _: (some,))
+        patch.setattr("eyechart.report.battery_page.frames_shown", lambda _: (some,))
         page = make_page(evidence)
     assert "The browser lists 7 of 18 frames, evenly from every episode" in page.html.decode()
     held = data_of(page.html.decode())["runs"][0]

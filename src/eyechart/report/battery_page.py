@@ -13,10 +13,9 @@ from eyechart.report.page import Page, fill
 from eyechart.report.pictures import Album, make_album
 from eyechart.report.sections import guards, pairs, silent
 from eyechart.report.table import Column, level, number, p_value
-from eyechart.report.tables import FAMILIES, frontier_table, judged_of, statistics_table, verdict_table
+from eyechart.report.tables import frontier_table, judged_of, statistics_table, verdict_table
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.battery import Stopped
-from eyechart.verdicts import shared_notes
+from eyechart.verdicts import LABELS, Stopped, shared_notes
 
 MODELS_DRAWN = 24
 """Models that have figures of their own in the page."""
@@ -78,13 +77,13 @@ def _notes(
 
 def _card(who: Subject, shared: Mapping[str, str]) -> dict[str, object]:
     verdict = who.verdict
-    family, glyph = FAMILIES.get(verdict.calibrated.label, ("open", "?"))
+    label = LABELS[verdict.calibrated.label]
     deciding = who.model.statistics[verdict.calibrated.decided_by]
     return {
         "model": who.label,
         "version": who.model.version,
-        "family": family,
-        "glyph": glyph,
+        "family": label.family,
+        "glyph": label.glyph,
         "verdict": verdict,
         "notes": [note for note in verdict.notes if note not in shared],
         "numbers": _numbers(deciding, verdict.stopped),

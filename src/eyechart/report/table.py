@@ -23,7 +23,7 @@ Kind = Literal["text", "word", "count", "number", "interval", "p", "estimate"]
 _NARROWEST = 16
 """Text is folded to as few characters before a table is printed row by row instead."""
 _WORDS = {"text", "word"}
-_TONES = {"good": "green", "sees": "green", "partly": "yellow", "open": "yellow", "bad": "red", "blind": "red"}
+_TONES = {"good": "green", "sees": "green", "partly": "yellow", "open": "dim", "bad": "red", "blind": "red"}
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,24 +17,12 @@ from eyechart.report.table import (
     statistic_cells,
 )
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.battery import BatteryScore, ModelScore, Stopped
+from eyechart.studies.battery import BatteryScore, ModelScore
 from eyechart.studies.prompts import CellScore
-from eyechart.verdicts import Verdict
+from eyechart.verdicts import LABELS, Stopped, Verdict
 
 MARK = "!"
 """Stands behind a verdict of a run that failed a guard; the guard is printed in words below."""
-FAMILIES = {
-    "depth_lateral": ("sees", "●"),
-    "depth": ("sees", "●"),
-    "content": ("partly", "◐"),
-    "scene_cue": ("partly", "◐"),
-    "presence_only": ("partly", "◔"),
-    "refusal_effect": ("partly", "○"),
-    "image_invariant": ("blind", "○"),
-    "self_inconsistent": ("blind", "○"),
-    "not_scorable": ("blind", "–"),
-    "undecided": ("", "?"),
-}
 
 Judged = tuple[str, ModelScore, Verdict]
 """A model's label, its score and its verdict."""
@@ -72,7 +60,7 @@ def glance_table(everyone: Sequence[Judged]) -> Table:
 
 def _label(verdict: Verdict) -> Mark:
     label = verdict.calibrated.label
-    return Mark(label, FAMILIES.get(label, ("open", ""))[0], MARK if verdict.failed else "")
+    return Mark(label, LABELS[label].family, MARK if verdict.failed else "")
 
 
 def _short(one: Statistic) -> str:
