@@ -58,7 +58,7 @@ def controller_table(everyone: Sequence[Scored]) -> Table:
     named = (Column("estimator"), *columns("estimate", *_ROW), Column("turns", "count"), Column("admitted", "word"))
     caption = "Estimators side by side (Table t:controller-local); turns are the swap rate's denominator"
     paper = ", ".join(f"{name} {value:.3f}" for name, value in zip(_ROW, PAPER, strict=False))
-    note = f"The paper's positive control, on its own pairs: {paper} of {PAPER[-1]} turns. — cannot say"
+    note = f"renderer positive (paper), on its own pairs: {paper} of {PAPER[-1]} turns. — cannot say"
     return Table("controllers", caption, (*named, Column("unfinished")), tuple(rows), note)
 
 
@@ -117,8 +117,9 @@ def online_table(score: OnlineScore) -> Table:
 
 
 def reading_words(score: EstimatorScore) -> list[str]:
-    """Return in words how many replies held no estimate and why, and what was repaired in others."""
-    lines = []
+    """Return in words whether a model is admitted, how many replies held no estimate and why, and what was repaired."""
+    partial = "" if score.answered >= score.planned else f"; {score.answered} of {score.planned} calls are answered"
+    lines = [f"{score.model}: {'admitted' if score.admitted else 'not admitted'}{partial}"]
     for what, counts in (("no estimate", score.told.reasons), ("repaired", score.told.repairs)):
         if counts:
             lines.append(f"{what}: " + ", ".join(f"{name} {count}" for name, count in counts.items()))

@@ -176,7 +176,7 @@ class Table:
         yield Text(self.note)
 
     def rich(self, *, stacked: bool = False) -> RichTable:
-        """Return the table for a terminal; ``stacked`` prints intervals below their values, and heads word by word."""
+        """Return the table for a terminal; ``stacked`` prints numbers above what belongs to them, and heads word by word."""
         made = RichTable(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0) if stacked else (0, 1))
         made.title, made.title_justify = (Text(self.caption) if self.caption else None), "left"
         made.caption, made.caption_justify = (Text(self.note) if self.note else None), "left"
@@ -186,14 +186,19 @@ class Table:
             made.add_column(head, justify=side, overflow="fold", no_wrap=not text)
         for row, texts in zip(self.rows, self.texts(), strict=True):
             tones = [_TONES.get(cell.tone, "") if isinstance(cell, Mark) else "" for cell in row]
-            made.add_row(*(Text(_stack(text, stacked=stacked), tone) for text, tone in zip(texts, tones, strict=True)))
+            stacks = [stacked and column.kind not in _WORDS for column in self.columns]
+            cells = [_stack(text, stacked=one) for text, one in zip(texts, stacks, strict=True)]
+            made.add_row(*map(Text, cells, tones))
         return made
 
     def width(self, *, stacked: bool) -> int:
         """Return the columns of a terminal that the table needs at least."""
         width = 2
         for column, cells in zip(self.columns, zip(*self.texts(), strict=True) if self.rows else (), strict=False):
-            texts = [column.head(stacked=stacked), *(_stack(text, stacked=stacked) for text in cells)]
+            texts = [
+                column.head(stacked=stacked),
+                *(_stack(text, stacked=stacked and column.kind not in _WORDS) for text in cells),
+            ]
             widest = max(len(line) for text in texts for line in text.split("\n"))
             width += (2 if stacked else 3) + (min(_NARROWEST, widest) if column.kind == "text" else widest)
         return width
@@ -283,7 +288,8 @@ def estimate(one: Statistic, digits: int = 3) -> str:
 
 
 def _stack(text: str, *, stacked: bool) -> str:
-    return text.replace(" [", "\n[") if stacked else text
+    """Return an estimate with its interval below it, and a list with an item a line."""
+    return re.sub(r" (?=[\[(])|(?<=,) ", "\n", text) if stacked else text
 
 
 def _raw(cell: Cell) -> str:
