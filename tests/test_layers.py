@@ -35,7 +35,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
 """
 
 FLOORS = {
-    "stats": ("eyechart.stats.statistic",),
+    "stats": ("eyechart.stats.statistic", "eyechart.stats.association"),
     "perception": (
         "eyechart.perception.scene",
         "eyechart.perception.estimate",
