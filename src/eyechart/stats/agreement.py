@@ -42,8 +42,8 @@ def cohens_kappa(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 
 
     ``first`` and ``second`` are one-dimensional arrays of strings or integers, of one length, position by position
     about the same frame. A missing answer must come as a label of its own (the paper keeps UNPARSED in agreement);
-    None and NaN are refused with a ValueError. The standard error is that of Fleiss, Cohen and Everitt (1969, eq. 13); where
-    it is 0 (kappa of 1, a constant rater) the Wilson interval of the raw agreement is mapped through the
+    None and NaN are refused with a ValueError. The standard error is that of Fleiss, Cohen and Everitt (1969, eq. 13);
+    where it is 0 (kappa of 1, a constant rater) the Wilson interval of the raw agreement is mapped through the
     marginals instead, because an interval of no width would claim certainty. The value is None when both
     sequences are one and the same constant: chance agreement is then 1 and kappa is 0/0.
     """

@@ -201,7 +201,7 @@ def _require_image_slot(processor: Processor, spec: str) -> str:
             processor.apply_chat_template(
                 conversation("", "?", picture=picture), add_generation_prompt=True, tokenize=False
             )
-            for picture in (1, 0)
+            for picture in (True, False)
         )
     except Exception as error:
         raise SpecError(f"the chat template of '{spec}' takes no picture: {first_line(error)}") from error
