@@ -47,12 +47,12 @@ FLOORS = {
         "eyechart.simulators.plan",
         "eyechart.simulators.road",
     ),
-    "studies": ("eyechart.studies.battery", "eyechart.studies.closed_loop"),
+    "studies": ("eyechart.studies.battery", "eyechart.studies.closed_loop", "eyechart.studies.probed"),
 }
 """Inside a package whose modules are peers, only its floor is shared: for perception, the nouns of a scene and of what
 a model says of one; for models, a request and its energy; for simulators, the forward camera,
-how a balanced bank is planned and written, and the road of rover and drone; for studies, the battery, and the drives
-that others are scored with."""
+how a balanced bank is planned and written, and the road of rover and drone; for studies, the battery, the drives
+that others are scored with, and what a probe before a run needs of each."""
 
 ASSEMBLED = {
     "bundle",

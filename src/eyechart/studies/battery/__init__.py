@@ -3,17 +3,18 @@
 Source: paper, section The Input-Ablation Battery.
 """
 
-from eyechart.studies.battery.asked import PROBED, as_probed, as_recorded, keep_probes, sample_of, spent_on
 from eyechart.studies.battery.merging import merge
 from eyechart.studies.battery.planning import (
     Battery,
     expected,
+    keep_probes,
     open_models,
     open_whole,
     plan,
     plan_of,
     resumed,
     run,
+    sample_of,
     with_earlier,
     within,
 )
@@ -21,13 +22,10 @@ from eyechart.studies.battery.replication import differences
 from eyechart.studies.battery.scoring import BatteryScore, ModelScore, Took, score, took, took_run
 
 __all__ = [
-    "PROBED",
     "Battery",
     "BatteryScore",
     "ModelScore",
     "Took",
-    "as_probed",
-    "as_recorded",
     "differences",
     "expected",
     "keep_probes",
@@ -40,7 +38,6 @@ __all__ = [
     "run",
     "sample_of",
     "score",
-    "spent_on",
     "took",
     "took_run",
     "with_earlier",
