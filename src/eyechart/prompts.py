@@ -13,10 +13,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from eyechart.actions import DRIVING, ActionSpace, read_toml, space_from
+from eyechart.cameras import Distances
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank, MirrorAxis
 from eyechart.perception.estimate import SCHEMA
-from eyechart.perception.scene import HIGHWAY, Distances
+from eyechart.perception.scene import HIGHWAY
 from eyechart.perception.view import View
 
 _ONE_WORD = "Answer with one word: STOP, SLOW, STRAIGHT, LEFT or RIGHT."

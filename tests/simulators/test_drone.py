@@ -9,10 +9,11 @@ import pytest
 
 from eyechart.actions import DRIVING
 from eyechart.api import run_battery
+from eyechart.cameras import DRONE
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank, decode
 from eyechart.models.scripted import CONTROLLERS
-from eyechart.perception.forward import DRONE, read_forward, view_of
+from eyechart.perception.forward import read_forward, view_of
 from eyechart.perception.scene import safe_action
 from eyechart.simulators import Drive, Moved
 from eyechart.simulators.drone import Drone

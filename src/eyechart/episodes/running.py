@@ -12,6 +12,7 @@ from functools import partial
 from eyechart.actions import ActionSpace, Decision
 from eyechart.attempts import Caller, budget_of, close, first_error
 from eyechart.calls import CallKey, Query, Reply
+from eyechart.cameras import Distances
 from eyechart.episodes.hosts import Host, HostDiedError
 from eyechart.episodes.nouns import Episode, EpisodeKey
 from eyechart.episodes.worlds import Shown
@@ -20,7 +21,7 @@ from eyechart.ledger import Ledger
 from eyechart.limits import Limits, Outcome, Pace
 from eyechart.models import Model
 from eyechart.perception.estimate import read_estimate
-from eyechart.perception.scene import HIGHWAY, Distances
+from eyechart.perception.scene import HIGHWAY
 from eyechart.perception.view import View, through
 from eyechart.policies import Policy
 from eyechart.prompts import Prompt

@@ -11,7 +11,8 @@ from dataclasses import asdict, dataclass, replace
 from typing import Literal
 
 from eyechart.actions import Missing
-from eyechart.perception.scene import HIGHWAY, Distances, Scene, safe_action
+from eyechart.cameras import Distances
+from eyechart.perception.scene import HIGHWAY, Scene, safe_action
 from eyechart.reader import READ_AT_MOST, refuses, too_deep, without_thinking
 
 SCENE_READER = 3

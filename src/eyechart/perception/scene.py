@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, replace
 
+from eyechart.cameras import Distances
+
 CLOSE_GAP_M = 18.0
 """A lead nearer than this, centre to centre, is close (paper, section The Input-Ablation Battery)."""
 
@@ -14,17 +16,6 @@ FREE_GAP_M = 40.0
 CLEAR_BEHIND_M = 12.0
 CLEAR_AHEAD_M = 40.0
 """A side is clear when its lane exists and holds no vehicle centre from 12 m behind to 40 m ahead."""
-
-
-@dataclass(frozen=True, slots=True)
-class Distances:
-    """What counts as near and as free in a world, in metres ahead of the vehicle, and where a side must be empty."""
-
-    stop_m: float
-    close_m: float
-    free_m: float
-    behind_m: float
-    ahead_m: float
 
 
 HIGHWAY = Distances(STOP_GAP_M, CLOSE_GAP_M, FREE_GAP_M, CLEAR_BEHIND_M, CLEAR_AHEAD_M)

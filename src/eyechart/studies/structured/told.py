@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
+from eyechart.cameras import Distances
 from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank
 from eyechart.perception.estimate import Estimate, SceneReply, read_estimate
 from eyechart.perception.forward import distances_of
-from eyechart.perception.scene import HIGHWAY, Distances
+from eyechart.perception.scene import HIGHWAY
 
 Mask = NDArray[np.bool_]
 Floats = NDArray[np.float64]
