@@ -18,8 +18,8 @@ from eyechart.limits import Limits, Outcome
 from eyechart.models import open_model
 from eyechart.modes import RequestMode
 from eyechart.prompts import PROMPTS
-from eyechart.reader import read_decision
 from eyechart.run import Plan, execute
+from eyechart.spaces.discrete import read_decision
 from faults import FAULTS, HANGS_S, FaultServer, answer, refuse
 
 SPEC = "openai:m"

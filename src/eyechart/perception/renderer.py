@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.perception.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, Scene
+from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, Scene
 
 _Bools = npt.NDArray[np.bool_]
 _Ints = npt.NDArray[np.int64]

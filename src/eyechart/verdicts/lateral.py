@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from eyechart.actions import ActionSpace
+from eyechart.spaces.discrete import Discrete
 from eyechart.stats.agreement import trials_needed
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import ALPHA, ModelScore
@@ -11,7 +11,7 @@ from eyechart.verdicts.ruling import SWAP_RATE, Ruling, decided
 LATERAL_LABELS = ("swaps", "does_not_swap", "one_sided", "no_power", "not_tested")
 
 
-def lateral_rules(found: Mapping[str, Statistic], model: ModelScore, space: ActionSpace) -> Ruling:
+def lateral_rules(found: Mapping[str, Statistic], model: ModelScore, space: Discrete) -> Ruling:
     """Return the lateral label: whether LEFT and RIGHT are exchanged under reflection, if that can be told."""
     swap, name = found["mirror_swap_rate"], "mirror_swap_rate"
     if swap.detail is None:
@@ -33,6 +33,6 @@ def lateral_rules(found: Mapping[str, Statistic], model: ModelScore, space: Acti
     return decided("no_power", name, swap, f"{need} directional decisions would tell a rate of .65 from chance")
 
 
-def _directions(model: ModelScore, space: ActionSpace) -> dict[str, int]:
+def _directions(model: ModelScore, space: Discrete) -> dict[str, int]:
     given = [*model.answers.actions("real"), *model.answers.actions("mirrored")]
     return {direction: sum(one == direction for one in given) for direction in space.directional}

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.perception.forward.view import HAZE, View, haze_share
-from eyechart.perception.scene import Scene
+from eyechart.spaces.scene import Scene
 
 _Pixels = npt.NDArray[np.uint8]
 _Floats = npt.NDArray[np.float64]

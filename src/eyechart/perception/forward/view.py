@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.perception.scene import HIGHWAY, Distances
+from eyechart.spaces.scene import HIGHWAY, Distances
 
 Colour = tuple[int, int, int]
 _Floats = npt.NDArray[np.float64]

@@ -35,7 +35,7 @@ def sample_of(planned: Episodes) -> Sample:
     """
     drivers = planned.drivers
     words = drivers.prompt.render({}, drivers.space)
-    return Sample((words,), first_pictures(planned, _PICTURES), drivers.space, drivers.prompt.form)
+    return Sample((words,), first_pictures(planned, _PICTURES), drivers.answers)
 
 
 def spent_on(runs: Iterable[Path], prices: Prices) -> Spent:
@@ -68,7 +68,7 @@ def took(runs: Mapping[str, Path], *, prices: Prices) -> tuple[dict[str, dict[st
             continue
         with Ledger(out / LEDGER) as ledger:
             for spec in manifest.models:
-                book = Book(manifest.mode(spec), manifest.action_space, prices, scene=manifest.prompt.scene)
+                book = Book(manifest.mode(spec), manifest.prompt.asks(manifest.action_space), prices)
                 for one in ledger.attempts(spec):
                     book.add(one)
                 found[f"{spec} in {name}" if name else spec] = book.accounts()

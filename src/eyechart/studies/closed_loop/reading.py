@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from eyechart.actions import ActionSpace
 from eyechart.episodes import (
     ACTION_MAP,
     EPISODES,
@@ -25,6 +24,7 @@ from eyechart.errors import LedgerError
 from eyechart.ledger import Ledger, Sent
 from eyechart.manifest import LEDGER, RUN
 from eyechart.simulators import Simulator, open_simulator
+from eyechart.spaces.discrete import Discrete
 
 ERROR = "error"
 MODAL_CONSTANT = 0.98
@@ -61,7 +61,7 @@ class Drives:
     path: Path
     episodes: tuple[Episode, ...]
     errors: tuple[Episode, ...]
-    space: ActionSpace
+    space: Discrete
     asked: bool
 
     @cached_property
