@@ -5,8 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import banks
+from eyechart.cameras import ROVER
 from eyechart.frames import BankWriter, Frame, FrameBank, Gap, encode, open_bank
-from eyechart.perception.forward import ROVER
 from eyechart.simulators.road.layout import Layout, Obstacle
 from eyechart.simulators.road.picture import draw
 from eyechart.simulators.road.truth import read_truth

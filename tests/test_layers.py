@@ -24,7 +24,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("calls", "conditions", "modes"),
     ("frames",),
     ("spaces",),
-    ("stats",),
+    ("stats", "cameras"),
     ("errors", "seeds"),
 )
 """Top to bottom. A name is a module or a package of ``eyechart``.
@@ -35,7 +35,6 @@ LAYERS: tuple[tuple[str, ...], ...] = (
 
 FLOORS = {
     "stats": ("eyechart.stats.statistic",),
-    "perception": ("eyechart.perception.forward.view",),
     "models": ("eyechart.models.http", "eyechart.models.energy"),
     "simulators": (
         "eyechart.simulators.camera",
@@ -45,9 +44,9 @@ FLOORS = {
     ),
     "studies": ("eyechart.studies.battery", "eyechart.studies.closed_loop"),
 }
-"""Inside a package whose modules are peers, only its floor is shared: for perception, the forward camera; for models, a
-request and its energy; for simulators, the forward camera, how a balanced bank is planned and written, and the road of
-rover and drone; for studies, the battery, and the drives that others are scored with."""
+"""Inside a package whose modules are peers, only its floor is shared: for models, a request and its energy; for
+simulators, the forward camera, how a balanced bank is planned and written, and the road of rover and drone; for
+studies, the battery, and the drives that others are scored with."""
 
 ASSEMBLED = {
     "bundle",
@@ -59,7 +58,6 @@ ASSEMBLED = {
     "importing",
     "models.huggingface",
     "mpc",
-    "perception.forward",
     "perception.view",
     "probe",
     "report",

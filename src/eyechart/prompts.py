@@ -12,11 +12,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from eyechart.cameras import Distances
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank, MirrorAxis
 from eyechart.perception.view import View
 from eyechart.spaces.discrete import DRIVING, Discrete, read_toml, space_from
-from eyechart.spaces.scene import HIGHWAY, SCENES, Distances, SceneSpace
+from eyechart.spaces.scene import HIGHWAY, SCENES, SceneSpace
 from eyechart.spaces.space import AnySpace
 
 _ONE_WORD = "Answer with one word: STOP, SLOW, STRAIGHT, LEFT or RIGHT."

@@ -3,9 +3,10 @@ import math
 import numpy as np
 import pytest
 
+from eyechart.cameras import ROVER, Eye
 from eyechart.frames import RGB
-from eyechart.perception.forward import ROVER, ForwardReading, read_forward, view_of
-from eyechart.simulators.camera import Camera, Cylinder, Eye, Lens, Road
+from eyechart.perception.forward import ForwardReading, read_forward, view_of
+from eyechart.simulators.camera import Camera, Cylinder
 from eyechart.spaces.scene import safe_action
 
 MIRROR = {"LEFT": "RIGHT", "RIGHT": "LEFT", "STRAIGHT": "STRAIGHT", "SLOW": "SLOW", "STOP": "STOP"}
@@ -15,9 +16,7 @@ GREEN, RED = ROVER.bodies["green"], ROVER.bodies["red"]
 
 def draw(eye: Eye, *bodies: Cylinder, scenery: str = "meadow", hood: tuple[int, int, int] = GREEN) -> RGB:
     """Return a rover's picture."""
-    lens = Lens(ROVER.width, ROVER.height, ROVER.focal_px, ROVER.horizon)
-    marks = {"dashed": ROVER.dashed_m, "dash": ROVER.dash_m, "period": ROVER.period_m}
-    return Camera(lens, Road(verge=ROVER.verges[scenery], **marks)).draw(eye, bodies, hood=hood)
+    return Camera(verge=ROVER.verges[scenery]).draw(eye, bodies, hood=hood)
 
 
 def read(picture: RGB) -> ForwardReading:

@@ -12,7 +12,8 @@ from highway_env.vehicle.kinematics import Vehicle
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eyechart.perception.renderer import PALETTE, Reading, read_picture
+from eyechart.cameras import PALETTE
+from eyechart.perception.renderer import Reading, read_picture
 from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, safe_action
 
 RED = PALETTE["red"][0]

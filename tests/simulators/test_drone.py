@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from eyechart.api import run_battery
+from eyechart.cameras import DRONE
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank, decode
 from eyechart.models.scripted import CONTROLLERS
-from eyechart.perception.forward import DRONE, read_forward, view_of
+from eyechart.perception.forward import read_forward, view_of
 from eyechart.simulators import Drive, Moved
 from eyechart.simulators.drone import Drone
 from eyechart.simulators.drone.flight import (

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from eyechart.cameras import DRONE, Eye
 from eyechart.errors import SpecError
 from eyechart.frames import RGB
-from eyechart.perception.forward import DRONE
 from eyechart.simulators import open_bank_simulator, open_simulator
-from eyechart.simulators.camera import Camera, Cylinder, Eye, Lens, Road
+from eyechart.simulators.camera import Camera, Cylinder
 from eyechart.simulators.drone import Drone, PybulletDrone
 from eyechart.simulators.drone.aviary import IN_FRONT_M, Aviary
 from eyechart.simulators.drone.flight import BODY_RADIUS_M
@@ -106,11 +106,10 @@ else:
 def red_pillars() -> tuple[RGB, RGB]:
     """Return a picture of two pillars left and right of the road's middle by PyBullet, and by our own camera."""
     pillars = [Cylinder(8.0, y, 0.5, 3.0, (200, 60, 60)) for y in (-2.0, 2.0)]
-    lens = Lens(DRONE.width, DRONE.height, DRONE.focal_px, DRONE.horizon)
-    aviary = Aviary(pillars, Road(), y=0.0, height=DRONE.eye_m)
-    picture = aviary.draw(lens)
+    aviary = Aviary(pillars, DRONE, DRONE.verges["meadow"], y=0.0)
+    picture = aviary.draw()
     aviary.close()
-    return picture, Camera(lens, Road()).draw(Eye(IN_FRONT_M, 0.0, DRONE.eye_m), pillars)
+    return picture, Camera(DRONE).draw(Eye(IN_FRONT_M, 0.0, DRONE.eye_m), pillars)
 
 
 def reddish(picture: RGB) -> NDArray[np.bool_]:

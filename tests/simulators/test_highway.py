@@ -13,9 +13,10 @@ import pytest
 from highway_env.vehicle.behavior import IDMVehicle
 from scipy.stats import spearmanr
 
+from eyechart.cameras import EGO_COLUMN, HEIGHT_PX, PX_PER_M
 from eyechart.errors import BankError, SpecError
 from eyechart.frames import Frame, FrameBank, check, decode, open_bank
-from eyechart.perception.renderer import EGO_COLUMN, HEIGHT_PX, PX_PER_M, Reading, read_picture
+from eyechart.perception.renderer import Reading, read_picture
 from eyechart.simulators import SIMULATORS, open_bank_simulator, open_simulator
 from eyechart.simulators.highway import Highway
 from eyechart.simulators.highway.driving import DRIVES, open_drive

@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
+from eyechart.cameras import ROVER
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank, check, decode
 from eyechart.models.scripted import CONTROLLERS, PLANNERS, Controller
-from eyechart.perception.forward import ROVER, ForwardReading, read_forward
+from eyechart.perception.forward import ForwardReading, read_forward
 from eyechart.prompts import FORWARD_PROMPTS
 from eyechart.simulators.road.layout import FAMILIES, GOAL_M, TRACKS_M, Layout, Obstacle, make_layout
 from eyechart.simulators.road.picture import camera_of, draw

@@ -13,25 +13,12 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from eyechart.cameras import EGO_COLUMN, HEIGHT_PX, PALETTE, PX_PER_M, WIDTH_PX
 from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, Scene
 
 _Bools = npt.NDArray[np.bool_]
 _Ints = npt.NDArray[np.int64]
 _Codes = npt.NDArray[np.uint32]
-
-WIDTH_PX, HEIGHT_PX = 600, 150
-PX_PER_M = 5.5
-EGO_COLUMN = 180
-"""0.3 of the picture's width (highway-env's ``centering_position``)."""
-
-PALETTE = {
-    "green": ((50, 200, 0), (73, 255, 0)),
-    "red": ((255, 100, 100), (255, 147, 147)),
-    "blue": ((100, 200, 255), (147, 255, 255)),
-    "yellow": ((200, 200, 0), (255, 255, 0)),
-    "purple": ((200, 0, 150), (255, 0, 220)),
-}
-"""Body and headlight colour of each vehicle colour in highway-env's ``VehicleGraphics``."""
 
 _NAMES = tuple(PALETTE)
 _GREY, _WHITE = 0x646464, 0xFFFFFF

@@ -8,9 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.patches import PathPatch, Rectangle
 from matplotlib.path import Path as Way
 
+from eyechart.cameras import ROVER
 from eyechart.report.drawing import INK, LINE, MUTED, PAPER, SOFT, WAYS, Drawing, canvas, plain, style
 from eyechart.simulators.road import GOAL_M, ROAD_HALF_M
-from eyechart.simulators.rover.bicycle import RADIUS_M
 from eyechart.studies.closed_loop import Drives
 from eyechart.studies.hierarchy import HierarchyScore
 from eyechart.studies.hierarchy.planning import MPC_ONLY, ORACLE, ORACLE_MIRRORED
@@ -188,7 +188,7 @@ def _road(axes: Axes, world: PairedWorld) -> None:
     axes.hlines((-ROAD_HALF_M, ROAD_HALF_M), -2, GOAL_M + 3, colors=MUTED, linewidth=0.7)
     axes.hlines((-1.0, 1.0), -2, GOAL_M, colors=LINE, linewidth=0.8, linestyles=(0, (5, 4)))
     axes.vlines(GOAL_M, -ROAD_HALF_M, ROAD_HALF_M, colors=INK, linewidth=1.0)
-    for wider, alpha in ((RADIUS_M, 0.3), (0.0, None)):
+    for wider, alpha in ((ROVER.radius_m, 0.3), (0.0, None)):
         discs = [_disc(one.x, one.y, one.radius + wider) for one in world.layout.obstacles]
         if discs:
             axes.add_patch(PathPatch(Way.make_compound_path(*discs), facecolor=MUTED, edgecolor="none", alpha=alpha))

@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from typing import ClassVar, Literal
 
+from eyechart.cameras import Distances
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import READ_AT_MOST, Answer, Decision, refuses, too_deep, unanswered, without_thinking
 
@@ -73,17 +74,6 @@ REPAIRS: tuple[Repair, ...] = ("code_fence", "text_around", "trailing_comma")
 _FENCE = re.compile(r"```[\w-]*")
 _STRING_OR_COMMA = re.compile(r'("(?:[^"\\]|\\.)*")|,(?=\s*[}\]])', re.DOTALL)
 _OBJECTS_AT_MOST = 100
-
-
-@dataclass(frozen=True, slots=True)
-class Distances:
-    """What counts as near and as free in a world, in metres ahead of the vehicle, and where a side must be empty."""
-
-    stop_m: float
-    close_m: float
-    free_m: float
-    behind_m: float
-    ahead_m: float
 
 
 HIGHWAY = Distances(STOP_GAP_M, CLOSE_GAP_M, FREE_GAP_M, CLEAR_BEHIND_M, CLEAR_AHEAD_M)

@@ -1,13 +1,13 @@
 """The calibrated view of a forward camera over a flat road: rulers at both sides say how far away the ground is."""
 
-from eyechart.perception.forward.view import View as Camera
+from eyechart.cameras import ForwardView
 from eyechart.perception.view.drawing import BLACK, BLUE, GREY, RED, Mark, View, arrow, text
 
 _FACTOR, _ABOVE, _BELOW, _BESIDE = 2, 74, 86, 96
 _TICKS_M = (2, 3, 4, 5, 8, 15)
 
 
-def forward(name: str, camera: Camera) -> View:
+def forward(name: str, camera: ForwardView) -> View:
     """Return the view of a forward camera's pictures: all of the picture, its own ground's distances beside it."""
     width, floor = camera.width * _FACTOR + 2 * _BESIDE, _ABOVE + camera.height * _FACTOR
     near = camera.distances

@@ -1,8 +1,8 @@
 """The views that there are, by simulator, and how a run finds its own again."""
 
+from eyechart.cameras import FORWARD
 from eyechart.errors import SpecError
 from eyechart.frames import RGB, decode, encode
-from eyechart.perception.forward.view import VIEWS as CAMERAS
 from eyechart.perception.view.drawing import NONE, View
 from eyechart.perception.view.forward import forward
 from eyechart.perception.view.highway import highway
@@ -10,7 +10,7 @@ from eyechart.perception.view.highway import highway
 CALIBRATED = "calibrated"
 """What ``--view`` takes besides ``none``: the view of the bank's simulator."""
 
-VIEWS: dict[str, View] = {"highway": highway(), **{name: forward(name, one) for name, one in CAMERAS.items()}}
+VIEWS: dict[str, View] = {"highway": highway(), **{name: forward(name, one) for name, one in FORWARD.items()}}
 """The calibrated view of each simulator's pictures."""
 
 

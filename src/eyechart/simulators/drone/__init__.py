@@ -3,8 +3,8 @@
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from eyechart.cameras import DRONE
 from eyechart.frames import FrameBank, MirrorAxis
-from eyechart.perception.forward import DRONE
 from eyechart.simulators.banks import Asked, versions_of
 from eyechart.simulators.drone.aviary import require
 from eyechart.simulators.drone.drive import DroneDrive, PybulletDrive

@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
+from eyechart.cameras import Colour, ForwardView
 from eyechart.errors import SpecError
 from eyechart.frames import RGB
-from eyechart.perception.forward import Colour
-from eyechart.simulators.camera import Cylinder, Lens, Road
+from eyechart.simulators.camera import Cylinder
 from eyechart.simulators.drone.flight import MOST_SPEED_MPS, Velocity
 
 HZ = 240
@@ -36,23 +36,23 @@ _NEAR_M, _FAR_M = 0.05, 300.0
 
 
 class Aviary:
-    """A drone at a height in metres, flown by velocity commands; ``touched`` says whether it ever touched anything."""
+    """A drone at its eye's height, flown by velocity commands; ``touched`` says whether it ever touched anything."""
 
-    def __init__(self, cylinders: Iterable[Cylinder], road: Road, *, y: float, height: float) -> None:
+    def __init__(self, cylinders: Iterable[Cylinder], view: ForwardView, verge: Colour, *, y: float) -> None:
         self._bullet, environment = _import()
-        self._height = height
+        self._view, self._height = view, view.eye_m
         with (
             contextlib.redirect_stdout(io.StringIO()),
             warnings.catch_warnings(),
         ):  # it prints what it read of the drone
             warnings.simplefilter("ignore")  # and says that its spaces are of single precision
             self._env = environment(
-                initial_xyzs=np.array([[0.0, y, height]]), pyb_freq=HZ, ctrl_freq=HZ, user_debug_gui=False
+                initial_xyzs=np.array([[0.0, y, view.eye_m]]), pyb_freq=HZ, ctrl_freq=HZ, user_debug_gui=False
             )
         self._env.SPEED_LIMIT = MOST_SPEED_MPS
         self._client: int = self._env.CLIENT
         self._bullet.removeBody(self._env.PLANE_ID, physicsClientId=self._client)
-        self._lay_floor(road)
+        self._lay_floor(verge)
         for cylinder in cylinders:
             self._stand(cylinder)
         self.touched = False
@@ -77,16 +77,16 @@ class Aviary:
         contacts = self._bullet.getContactPoints(bodyA=int(self._env.DRONE_IDS[0]), physicsClientId=self._client)
         self.touched = self.touched or bool(contacts)
 
-    def draw(self, lens: Lens) -> RGB:
+    def draw(self) -> RGB:
         """Return what a level camera at the drone's nose sees, shape (height, width, 3), uint8."""
-        bullet = self._bullet
+        bullet, view = self._bullet, self._view
         x, y, z = map(float, self._env.pos[0])
-        aside, up = lens.width / 2 / lens.focal_px * _NEAR_M, lens.horizon / lens.focal_px * _NEAR_M
-        down = (lens.height - lens.horizon) / lens.focal_px * _NEAR_M
+        aside, up = view.width / 2 / view.focal_px * _NEAR_M, view.horizon / view.focal_px * _NEAR_M
+        down = (view.height - view.horizon) / view.focal_px * _NEAR_M
         nose = x + IN_FRONT_M
         _, _, pixels, _, _ = bullet.getCameraImage(
-            lens.width,
-            lens.height,
+            view.width,
+            view.height,
             bullet.computeViewMatrix([nose, y, z], [nose + 1.0, y, z], [0.0, 0.0, 1.0]),
             bullet.computeProjectionMatrix(-aside, aside, -down, up, _NEAR_M, _FAR_M),
             lightAmbientCoeff=1.0,
@@ -97,7 +97,7 @@ class Aviary:
             flags=bullet.ER_NO_SEGMENTATION_MASK,
             physicsClientId=self._client,
         )
-        return np.ascontiguousarray(np.reshape(pixels, (lens.height, lens.width, 4))[:, :, :3], dtype=np.uint8)
+        return np.ascontiguousarray(np.reshape(pixels, (view.height, view.width, 4))[:, :, :3], dtype=np.uint8)
 
     def state(self) -> bytes:
         """Return position, attitude and both velocities as raw 64-bit floats."""
@@ -109,11 +109,12 @@ class Aviary:
         with contextlib.suppress(self._bullet.error):
             self._env.close()
 
-    def _lay_floor(self, road: Road) -> None:
+    def _lay_floor(self, verge: Colour) -> None:
         """Lay a plain floor, its upper side at zero, and a road upon it that is seen and not felt."""
         length, width, thick = _FLOOR_M
+        grey = (self._view.surface,) * 3
         middle = _FLOOR_BEGINS_M + length / 2
-        for half_width, rises, colour in ((width / 2, 0.0, road.verge), (road.half_width, _ROAD_RISES_M, _grey(road))):
+        for half_width, rises, colour in ((width / 2, 0.0, verge), (self._view.half_width_m, _ROAD_RISES_M, grey)):
             half = [length / 2, half_width, thick / 2]
             self._place(
                 self._bullet.GEOM_BOX, {"halfExtents": half}, colour, (middle, 0.0, rises - thick / 2), felt=not rises
@@ -173,7 +174,3 @@ def _muted() -> Iterator[None]:
         os.dup2(kept, 2)
         os.close(kept)
         os.close(nowhere)
-
-
-def _grey(road: Road) -> Colour:
-    return road.surface, road.surface, road.surface

@@ -13,9 +13,8 @@ from eyechart.simulators.road import (
     TRACKS_M,
     RoadDrive,
     cylinders,
-    lens_of,
     make_layout,
-    road_of,
+    verge_of,
 )
 
 _TOP_MPS = INTENTS["STRAIGHT"].speed
@@ -42,13 +41,13 @@ class PybulletDrive(RoadDrive[World]):
     def __init__(self, scenario: str, seed: int, *, mirrored: bool = False) -> None:
         world = _begin("drone-pybullet", scenario, seed, mirrored=mirrored)
         super().__init__(world, self._fly, actions=INTENTS, top_mps=_TOP_MPS)
-        road = road_of(scenario, world.view)
-        self._aviary = Aviary(cylinders(world.layout), road, y=world.state.y, height=world.view.eye_m)
+        verge = verge_of(scenario, world.view)
+        self._aviary = Aviary(cylinders(world.layout), world.view, verge, y=world.state.y)
         self._command = Velocity()
 
     def picture(self) -> RGB:
         """Return what PyBullet's camera shows, shape (180, 320, 3), uint8."""
-        return self._aviary.draw(lens_of(self.world.view))
+        return self._aviary.draw()
 
     def state(self) -> bytes:
         """Return the drone's state and the obstacles as raw 64-bit floats."""

@@ -15,8 +15,8 @@ from highway_env.envs.highway_env import HighwayEnv
 from highway_env.envs.merge_env import MergeEnv
 from highway_env.road.graphics import RoadGraphics, WorldSurface
 
+from eyechart.cameras import EGO_COLUMN, HEIGHT_PX, PALETTE, PX_PER_M, WIDTH_PX
 from eyechart.frames import RGB
-from eyechart.perception.renderer import EGO_COLUMN, HEIGHT_PX, PALETTE, PX_PER_M, WIDTH_PX
 
 LANE_M = 4.0
 VIEW_AHEAD_M = (WIDTH_PX - EGO_COLUMN) / PX_PER_M

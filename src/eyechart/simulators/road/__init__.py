@@ -3,7 +3,7 @@
 from eyechart.simulators.road.bank import build_bank
 from eyechart.simulators.road.drive import RoadDrive
 from eyechart.simulators.road.layout import FAMILIES, GOAL_M, ROAD_HALF_M, TRACKS_M, Layout, Obstacle, make_layout
-from eyechart.simulators.road.picture import SCENERY, cylinders, draw, eye_of, lens_of, road_of
+from eyechart.simulators.road.picture import SCENERY, cylinders, draw, eye_of, verge_of
 from eyechart.simulators.road.staging import Vehicle, stage
 from eyechart.simulators.road.truth import find_lead, free_tracks, gap_to, read_scene, read_truth
 from eyechart.simulators.road.world import DECISION_S, MIDDLE, TIME_S, AnyWorld, World
@@ -30,10 +30,9 @@ __all__ = [
     "find_lead",
     "free_tracks",
     "gap_to",
-    "lens_of",
     "make_layout",
     "read_scene",
     "read_truth",
-    "road_of",
     "stage",
+    "verge_of",
 ]

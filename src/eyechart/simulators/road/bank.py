@@ -4,8 +4,8 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+from eyechart.cameras import FORWARD
 from eyechart.frames import BankManifest, FrameBank, Gap
-from eyechart.perception.forward import VIEWS
 from eyechart.simulators.banks import Asked, versions_of, write_bank
 from eyechart.simulators.road.layout import FAMILIES
 from eyechart.simulators.road.picture import SCENERY
@@ -26,7 +26,7 @@ def build_bank(
     Near is below the view's ``close_m``, from the vehicle's middle to the obstacle's near side: the highway's 18 m are
     four seconds and more for a slow vehicle.
     """
-    distances = VIEWS[vehicle.view].distances
+    distances = FORWARD[vehicle.view].distances
     manifest = BankManifest(
         simulator=asked.simulator,
         preset=asked.preset,

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from eyechart.cameras import ROVER
 from eyechart.errors import SpecError
-from eyechart.perception.forward import ROVER
 from eyechart.seeds import key_seed
 
 TRACKS_M = ROVER.tracks_m

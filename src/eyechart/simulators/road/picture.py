@@ -2,9 +2,9 @@
 
 from functools import cache
 
+from eyechart.cameras import FORWARD, ROVER, Colour, Eye, ForwardView
 from eyechart.frames import RGB
-from eyechart.perception.forward import ROVER, VIEWS, Colour, View
-from eyechart.simulators.camera import Camera, Cylinder, Eye, Lens, Road
+from eyechart.simulators.camera import Camera, Cylinder
 from eyechart.simulators.road.layout import FAMILIES, Layout
 from eyechart.simulators.road.world import AnyWorld
 
@@ -31,27 +31,12 @@ def cylinders(layout: Layout) -> list[Cylinder]:
     return [Cylinder(one.x, one.y, one.radius, one.height, PAINTS[one.paint]) for one in layout.obstacles]
 
 
-def lens_of(view: View) -> Lens:
-    """Return the lens of a view."""
-    return Lens(view.width, view.height, view.focal_px, view.horizon)
-
-
-def road_of(family: str, view: View) -> Road:
-    """Return the road of a family as a view has it."""
-    return Road(
-        half_width=view.half_width_m,
-        dashed=view.dashed_m,
-        mark=view.mark_m,
-        dash=view.dash_m,
-        period=view.period_m,
-        surface=view.surface,
-        verge=view.verges[SCENERY[family]],
-        zenith=view.zenith,
-    )
+def verge_of(family: str, view: ForwardView) -> Colour:
+    """Return what lies beside the road of a family as a view has it."""
+    return view.verges[SCENERY[family]]
 
 
 @cache
 def camera_of(family: str, vehicle: str) -> Camera:
     """Return the camera of a vehicle on the road of a family."""
-    view = VIEWS[vehicle]
-    return Camera(lens_of(view), road_of(family, view))
+    return Camera(FORWARD[vehicle], verge_of(family, FORWARD[vehicle]))

@@ -4,7 +4,7 @@ import struct
 from dataclasses import dataclass, replace
 from typing import ClassVar, Generic, Protocol, Self, TypeVar
 
-from eyechart.perception.forward import VIEWS, View
+from eyechart.cameras import FORWARD, ForwardView
 from eyechart.simulators.road.layout import GOAL_M, TRACKS_M, Layout
 
 DECISION_S = 1.0
@@ -63,9 +63,9 @@ class World(Generic[S_co]):
     crashed: bool = False
 
     @property
-    def view(self) -> View:
+    def view(self) -> ForwardView:
         """Return what is known of the vehicle's camera, and with it of the vehicle."""
-        return VIEWS[self.vehicle]
+        return FORWARD[self.vehicle]
 
     @property
     def ended(self) -> str | None:

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from eyechart.cameras import ROVER
 from eyechart.frames import FrameBank, MirrorAxis
-from eyechart.perception.forward import ROVER
 from eyechart.simulators.banks import Asked, versions_of
 from eyechart.simulators.road import FAMILIES, Layout, Vehicle, build_bank
 from eyechart.simulators.rover.bicycle import State

@@ -8,8 +8,10 @@ the reference point at the rear axle. A mirrored state with the mirrored steerin
 import math
 from dataclasses import dataclass, replace
 
+from eyechart.cameras import ROVER
+
 WHEELBASE_M = 0.6
-RADIUS_M = 0.5
+RADIUS_M = ROVER.radius_m
 """The disc around the reference point in which the rover lies."""
 
 MOST_STEERING = 0.5

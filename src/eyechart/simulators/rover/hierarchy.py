@@ -22,7 +22,6 @@ from eyechart.simulators.road import (
     RoadDrive,
     eye_of,
     free_tracks,
-    lens_of,
     make_layout,
 )
 from eyechart.simulators.rover import Rover, bicycle
@@ -130,7 +129,7 @@ class MpcDrive(RoadDrive[World]):
         target = _target(self._arm, INTENTS[self._last], track, halts=self._halts)
         along = eye.x + np.arange(0.0, view.view_ahead_m + 0.5, 0.5)
         lines = (self.plans[0].path, np.column_stack([along, np.full_like(along, target.offset_m)]), self.driven)
-        plan, aim, driven = (lens_of(view).project(eye, line) for line in lines)
+        plan, aim, driven = (view.project(eye, line) for line in lines)
         name = ("right", "middle", "left")[track]
         return Sketch(plan, aim, driven, f"{target.speed_mps:g} m/s on the {name} track")
 

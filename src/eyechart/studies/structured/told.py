@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
+from eyechart.cameras import Distances
 from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank
 from eyechart.perception.forward import distances_of
-from eyechart.spaces.scene import HIGHWAY, SCENES, Distances, Estimate, SceneDecision
+from eyechart.spaces.scene import HIGHWAY, SCENES, Estimate, SceneDecision
 
 Mask = NDArray[np.bool_]
 Floats = NDArray[np.float64]

@@ -1,8 +1,6 @@
-"""What a reader has to know of forward pictures: their pinhole, their road, their colours, and what counts as near.
+"""The geometry of pictures, of forward cameras and from above: what worlds draw by and readers measure by."""
 
-The worlds that draw such pictures take these numbers from here, so that pictures and readings cannot part.
-"""
-
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -10,10 +8,26 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.spaces.scene import HIGHWAY, Distances
-
 Colour = tuple[int, int, int]
 _Floats = npt.NDArray[np.float64]
+
+WIDTH_PX, HEIGHT_PX = 600, 150
+"""The size of highway-env's picture, a road seen from above."""
+
+PX_PER_M = 5.5
+EGO_COLUMN = 180
+"""0.3 of the picture's width (highway-env's ``centering_position``)."""
+
+PALETTE = {
+    "green": ((50, 200, 0), (73, 255, 0)),
+    "red": ((255, 100, 100), (255, 147, 147)),
+    "blue": ((100, 200, 255), (147, 255, 255)),
+    "yellow": ((200, 200, 0), (255, 255, 0)),
+    "purple": ((200, 0, 150), (255, 0, 220)),
+}
+"""Body and headlight colour of each vehicle colour in highway-env's ``VehicleGraphics``."""
+
+LEAST_DEPTH_M = 0.05
 
 HAZE: Colour = (206, 206, 206)
 """Everything fades into it with distance. It is grey, as road and marks are: what has a colour is no road."""
@@ -28,10 +42,36 @@ def haze_share(depth_m: _Floats) -> _Floats:
     return square / (square + HAZE_HALF_M * HAZE_HALF_M)
 
 
-@dataclass(frozen=True)
-class View:
-    """What a reader has to know of a world's forward pictures; metres, pixels and radians.
+@dataclass(frozen=True, slots=True)
+class Distances:
+    """What counts as near and as free in a world, in metres ahead of the vehicle, and where a side must be empty."""
 
+    stop_m: float
+    close_m: float
+    free_m: float
+    behind_m: float
+    ahead_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Eye:
+    """Where a camera is, and where along the ground it looks; it is level, as on a gimbal."""
+
+    x: float
+    y: float
+    height: float = 1.2
+    yaw: float = 0.0
+
+    def mirrored(self) -> "Eye":
+        """Return the eye in the mirrored world."""
+        return replace(self, y=-self.y, yaw=-self.yaw)
+
+
+@dataclass(frozen=True)
+class ForwardView:
+    """What is known of a world's forward pictures; metres, pixels and radians.
+
+    A pinhole of ``focal_px`` looks along ``horizon``, the row above which is sky, over a straight flat road.
     ``tracks_m`` are the places across the road, from the right to the left, that a vehicle of ``radius_m`` with
     ``margin_m`` of room may follow. ``preview_m`` ahead is where a vehicle under way to a track is looked for.
     ``verges`` maps a scenery to the colour beside the road, ``bodies`` a name to the own vehicle's colour; ``zenith``
@@ -71,13 +111,27 @@ class View:
 
     @cached_property
     def aside(self) -> _Floats:
-        """Return each column's tangent to the left, shape (width,), exactly antisymmetric."""
+        """Return each column's tangent to the left, shape (width,): exactly antisymmetric."""
         return np.asarray((self.width / 2 - (np.arange(self.width) + 0.5)) / self.focal_px, np.float64)
 
     @cached_property
     def below(self) -> _Floats:
-        """Return how far each ground row's middle lies below the horizon, in pixels, shape (rows,)."""
+        """Return how many pixels the middle of each ground row lies below the horizon, shape (height - horizon,)."""
         return np.arange(self.height - self.horizon, dtype=np.float64) + 0.5
+
+    def project(self, eye: Eye, places: npt.ArrayLike) -> _Floats:
+        """Return where places on the ground lie in the picture, shape (n, 2); ``places`` are x and y in metres.
+
+        Column and row in pixels from the upper left corner, so that the first pixel's middle is (0.5, 0.5); beyond the
+        picture's edges too. NaN for a place that is not before the eye.
+        """
+        away = np.asarray(places, np.float64).reshape(-1, 2) - (eye.x, eye.y)
+        cos, sin = math.cos(eye.yaw), math.sin(eye.yaw)
+        depth = away[:, 0] * cos + away[:, 1] * sin
+        depth = np.where(depth > LEAST_DEPTH_M, depth, np.nan)
+        to_left = away[:, 1] * cos - away[:, 0] * sin
+        scale = self.focal_px / depth
+        return np.column_stack([self.width / 2 - scale * to_left, self.horizon + scale * eye.height])
 
     @cached_property
     def depth(self) -> _Floats:
@@ -97,7 +151,7 @@ class View:
         return np.asarray(np.floor(plain + share * (np.array(HAZE) - plain) + 0.5), np.int16)
 
 
-ROVER = View(
+ROVER = ForwardView(
     width=320,
     height=240,
     focal_px=160.0,
@@ -148,20 +202,5 @@ At 4 m/s it stops within 3.2 m, and keeps the rover's distances and corridors; i
 """
 
 
-VIEWS: dict[str, View] = {"rover": ROVER, "drone": DRONE}
+FORWARD: dict[str, ForwardView] = {"rover": ROVER, "drone": DRONE}
 """The forward pictures that can be read, by their simulator."""
-
-
-def distances_of(simulator: str) -> Distances:
-    """Return what counts as near in a simulator's worlds; highway's distances where it has no forward pictures."""
-    return VIEWS[simulator].distances if simulator in VIEWS else HIGHWAY
-
-
-def view_of(rgb: npt.NDArray[np.uint8]) -> View | None:
-    """Return the view that took a picture, by its size and its sky; None for any other."""
-    if rgb.dtype != np.uint8 or rgb.ndim != 3:
-        return None
-    for view in VIEWS.values():
-        if rgb.shape == (view.height, view.width, 3) and (rgb[0] == view.zenith).all(axis=1).any():
-            return view
-    return None

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.perception.forward.view import HAZE, View, haze_share
-from eyechart.spaces.scene import Scene
+from eyechart.cameras import FORWARD, HAZE, Distances, ForwardView, haze_share
+from eyechart.spaces.scene import HIGHWAY, Scene
 
 _Pixels = npt.NDArray[np.uint8]
 _Floats = npt.NDArray[np.float64]
@@ -32,6 +32,21 @@ _SAME_BODY_M = 0.3
 _SAME_BODY_SHARE = 0.03
 _PHASE_REACH_M = (2.2, 12.0)
 _LEAST_MARK_PX = 12
+
+
+def distances_of(simulator: str) -> Distances:
+    """Return what counts as near in a simulator's worlds; highway's distances where it has no forward pictures."""
+    return FORWARD[simulator].distances if simulator in FORWARD else HIGHWAY
+
+
+def view_of(rgb: _Pixels) -> ForwardView | None:
+    """Return the view that took a picture, by its size and its sky; None for any other."""
+    if rgb.dtype != np.uint8 or rgb.ndim != 3:
+        return None
+    for view in FORWARD.values():
+        if rgb.shape == (view.height, view.width, 3) and (rgb[0] == view.zenith).all(axis=1).any():
+            return view
+    return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +82,7 @@ class ForwardReading:
         )
 
 
-def read_forward(rgb: _Pixels, view: View) -> ForwardReading | None:
+def read_forward(rgb: _Pixels, view: ForwardView) -> ForwardReading | None:
     """Return what a picture (h, w, 3) of this view shows, or None where it shows no road with a vehicle on it."""
     ground = np.ascontiguousarray(rgb[view.horizon :].transpose(2, 0, 1)).astype(np.int16)
     body = _find_body(rgb, view)
@@ -127,13 +142,13 @@ class _Contacts:
     row: npt.NDArray[np.intp]
 
 
-def _find_body(rgb: _Pixels, view: View) -> str | None:
+def _find_body(rgb: _Pixels, view: ForwardView) -> str | None:
     """Return the colour of the own vehicle, at the middle of the lowest row."""
     middle = rgb[-1, view.width // 2 - 1 : view.width // 2 + 1]
     return next((name for name, colour in view.bodies.items() if (middle == colour).all()), None)
 
 
-def _find_verge(ground: npt.NDArray[np.int16], view: View) -> int:
+def _find_verge(ground: npt.NDArray[np.int16], view: ForwardView) -> int:
     """Return the number of the verge whose colour, faded with distance, most pixels have."""
     rows = slice(view.sought, view.sought + view.width // 6, 2)
     counts = [np.count_nonzero(_is_like(ground[:, rows], colours[rows])) for colours in view.verge_rows]
@@ -179,7 +194,7 @@ class _Edge:
         return _Edge(self.u[keep], self.q[keep])
 
 
-def _find_pose(chroma: npt.NDArray[np.int16], verge: _Bools, view: View) -> _Pose | None:
+def _find_pose(chroma: npt.NDArray[np.int16], verge: _Bools, view: ForwardView) -> _Pose | None:
     """Return where the eye is and looks, by the edges of the road that are in sight; None without any."""
     right = _find_edge(chroma, verge, view)
     left = _find_edge(chroma[:, ::-1], verge[:, ::-1], view)
@@ -202,7 +217,7 @@ def _find_pose(chroma: npt.NDArray[np.int16], verge: _Bools, view: View) -> _Pos
     return _Pose(y=y, sin=tangent * cos, cos=cos)
 
 
-def _find_edge(chroma: npt.NDArray[np.int16], verge: _Bools, view: View) -> _Edge:
+def _find_edge(chroma: npt.NDArray[np.int16], verge: _Bools, view: ForwardView) -> _Edge:
     """Return the road's edge on the side of the last columns: where grey ends and the verge begins, row by row.
 
     What stands before an edge hides it: a row counts only where verge follows grey within a few pixels, and the pixels
@@ -230,7 +245,7 @@ def _find_edge(chroma: npt.NDArray[np.int16], verge: _Bools, view: View) -> _Edg
 # ---- what stands on the road
 
 
-def _find_contacts(chroma: npt.NDArray[np.int16], own: _Bools, pose: _Pose, view: View) -> _Contacts:
+def _find_contacts(chroma: npt.NDArray[np.int16], own: _Bools, pose: _Pose, view: ForwardView) -> _Contacts:
     """Return where each column's nearest obstacle meets the ground."""
     ahead, aside = pose.cos - view.aside * pose.sin, pose.sin + view.aside * pose.cos
     to_left = view.depth[:, None] * aside
@@ -263,7 +278,7 @@ def _fronts(x: _Floats, depth: _Floats) -> _Floats:
     return np.where(np.isnan(x), np.nan, np.repeat(fronts, sizes))
 
 
-def _nearest_in(points: _Contacts, track: int, view: View) -> float | None:
+def _nearest_in(points: _Contacts, track: int, view: ForwardView) -> float | None:
     """Return how far ahead the nearest body in a track's corridor stands, in metres; None where none is seen."""
     if not 0 <= track < len(view.tracks_m):
         return None
@@ -271,7 +286,7 @@ def _nearest_in(points: _Contacts, track: int, view: View) -> float | None:
     return float(fronts.min()) if fronts.size else None
 
 
-def _side_of_nearest(points: _Contacts, track: int, view: View) -> str | None:
+def _side_of_nearest(points: _Contacts, track: int, view: ForwardView) -> str | None:
     """Return on which side of the own corridor the nearest body stands."""
     if np.isnan(points.front).all():
         return None
@@ -286,7 +301,7 @@ def _side_of_nearest(points: _Contacts, track: int, view: View) -> str | None:
 
 
 def _read_phase(
-    ground: npt.NDArray[np.int16], chroma: npt.NDArray[np.int16], points: _Contacts, pose: _Pose, view: View
+    ground: npt.NDArray[np.int16], chroma: npt.NDArray[np.int16], points: _Contacts, pose: _Pose, view: ForwardView
 ) -> float | None:
     """Return the phase of the dashes, the circular mean of where the white on their lines lies along the road."""
     rows = np.flatnonzero((view.depth > _PHASE_REACH_M[0]) & (view.depth < _PHASE_REACH_M[1]))
