@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from eyechart.frames import Frame
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import Decision
-from eyechart.studies.battery.calibrated import FLOOR, MARGIN, UNPARSED_CUT
 from eyechart.studies.battery.evidence import Row, claims
+from eyechart.verdicts import FLOOR, MARGIN, UNPARSED_CUT
 
 DRAWS = 10
 """Draws of each null in one replication of the setting ``default``."""

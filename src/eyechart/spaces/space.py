@@ -39,6 +39,11 @@ class Decision(Generic[A]):
         """Return the response-level symbol: the action in words, or ``UNPARSED`` whatever the reason."""
         return UNPARSED if self.action is None else str(self.action)
 
+    @property
+    def reason(self) -> str | None:
+        """Return why there is no decision, with what is wrong with an ``unparsed`` reply; None where there is one."""
+        return self.missing if self.why is None else f"{self.missing}: {self.why}"
+
 
 class Answer(Protocol):
     """What came back of a call, as far as it is read: the text, why it ended, and what failed."""

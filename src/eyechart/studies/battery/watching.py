@@ -7,7 +7,8 @@ from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.ledger import Ledger
 from eyechart.run import Plan
 from eyechart.spaces.space import Decision
-from eyechart.studies.battery.stopping import RULES, Course, Layout, Stopped, layout_of
+from eyechart.studies.battery.stopping import RULES, Course, Layout, layout_of
+from eyechart.verdicts import Stopped
 
 Given = dict[tuple[str, str], Decision[str]]
 """Decisions of finished calls, by (frame, condition)."""
