@@ -35,7 +35,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
 """
 
 FLOORS = {
-    "stats": ("eyechart.stats.statistic",),
+    "stats": ("eyechart.stats.statistic", "eyechart.stats.association"),
     "models": ("eyechart.models.http", "eyechart.models.energy"),
     "simulators": (
         "eyechart.simulators.camera",
