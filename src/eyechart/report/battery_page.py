@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 
-from eyechart.actions import MISSING
 from eyechart.conditions import CONDITIONS
 from eyechart.costs import ALL
 from eyechart.report.browser import Texts, browser_data, collect_texts, frames_shown
@@ -14,6 +13,7 @@ from eyechart.report.pictures import Album, make_album
 from eyechart.report.sections import guards, pairs, silent
 from eyechart.report.table import Column, level, number, p_value
 from eyechart.report.tables import frontier_table, judged_of, statistics_table, verdict_table
+from eyechart.spaces.space import MISSING
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts import LABELS, Stopped, shared_notes
 

@@ -15,7 +15,7 @@ from rich.console import Console, ConsoleOptions, RenderResult
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from eyechart.stats.statistic import Statistic
+from eyechart.stats.statistic import Statistic, percent
 
 Kind = Literal["text", "word", "count", "number", "interval", "p", "estimate"]
 """What a column holds: text that may be folded, a word that may not, numbers; an estimate is a value with interval."""
@@ -115,11 +115,8 @@ def statistic_cells(one: Statistic) -> tuple[Cell, ...]:
 
 
 def level(one: Statistic) -> str:
-    """Return the level of a statistic's interval: 95 % unless its method says otherwise; empty where there is none."""
-    if one.ci is None:
-        return ""
-    said = re.search(r"(\d+(?:\.\d+)?)%", one.method)
-    return f"{said.group(1) if said else 95} %"
+    """Return the level of a statistic's interval; empty where there is none."""
+    return "" if one.ci is None else percent(one.level)
 
 
 @dataclass(frozen=True)
@@ -176,7 +173,7 @@ class Table:
         yield Text(self.note)
 
     def rich(self, *, stacked: bool = False) -> RichTable:
-        """Return the table for a terminal; ``stacked`` prints numbers above what belongs to them, and heads word by word."""
+        """Return the table for a terminal; ``stacked`` prints what belongs to a number below it, heads word by word."""
         made = RichTable(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0) if stacked else (0, 1))
         made.title, made.title_justify = (Text(self.caption) if self.caption else None), "left"
         made.caption, made.caption_justify = (Text(self.note) if self.note else None), "left"

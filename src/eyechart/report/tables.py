@@ -130,13 +130,13 @@ def frontier_table(everyone: Sequence[Judged]) -> Table:
 def statistics_table(everyone: Sequence[Judged]) -> Table:
     """Return every statistic of every model; Holm p is corrected over the models of a run."""
     rows = tuple(
-        (label, name, *statistic_cells(one), model.holm.get(name), one.method, one.note)
+        (label, name, *statistic_cells(one), model.holm.get(name), one.method, one.note, one.unit)
         for label, model, _ in everyone
         for name, one in model.statistics.items()
     )
     named = (Column("model"), Column("statistic", "word"), *STATISTIC, Column("Holm p", "p"))
     caption = "Every statistic with its interval, n and p"
-    return Table("statistics", caption, (*named, *columns("text", "method", "note")), rows)
+    return Table("statistics", caption, (*named, *columns("text", "method", "note", "unit")), rows)
 
 
 MAIN = (
