@@ -13,9 +13,10 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("cli",),
     ("testing", "api", "bundle"),
     ("report", "serve"),
-    ("gate", "calibrate", "compare", "transfer", "destination", "guardian"),
-    ("verdicts",),
+    ("calibrate", "compare", "transfer", "destination", "guardian"),
     ("studies",),
+    ("gate",),
+    ("verdicts",),
     ("episodes",),
     ("run", "manifest", "costs", "integrity", "probe"),
     ("attempts",),
@@ -34,7 +35,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
 """
 
 FLOORS = {
-    "stats": ("eyechart.stats.statistic",),
+    "stats": ("eyechart.stats.statistic", "eyechart.stats.association"),
     "perception": (
         "eyechart.perception.scene",
         "eyechart.perception.estimate",
@@ -46,12 +47,12 @@ FLOORS = {
         "eyechart.simulators.plan",
         "eyechart.simulators.road",
     ),
-    "studies": ("eyechart.studies.battery", "eyechart.studies.closed_loop"),
+    "studies": ("eyechart.studies.battery", "eyechart.studies.closed_loop", "eyechart.studies.probed"),
 }
 """Inside a package whose modules are peers, only its floor is shared: for perception, the nouns of a scene and of what
 a model says of one; for models, a request and its energy; for simulators, the forward camera,
-how a balanced bank is planned and written, and the road of rover and drone; for studies, the battery, and the drives
-that others are scored with."""
+how a balanced bank is planned and written, and the road of rover and drone; for studies, the battery, the drives
+that others are scored with, and what a probe before a run needs of each."""
 
 ASSEMBLED = {
     "bundle",
@@ -234,7 +235,7 @@ def test_no_module_imports_itself_through_others() -> None:
         ("models/scripted.py", "from eyechart.models.openai_compatible import names", "openai_compatible, its peer"),
         ("models/scripted.py", "from eyechart.simulators import open_simulator", "eyechart.simulators, its peer"),
         ("simulators/highway/world.py", "from eyechart.models import open_model", "eyechart.models, its peer"),
-        ("studies/battery/answers.py", "from eyechart.verdicts import judge", "which stands above it"),
+        ("verdicts/verdict.py", "from eyechart.studies import battery", "which stands above it"),
         ("report/tables.py", "from eyechart.cli.app import app", "which stands above it"),
         (
             "verdicts/paper.py",

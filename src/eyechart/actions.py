@@ -48,6 +48,11 @@ class Decision:
         """Return the response-level symbol: the action, or ``UNPARSED`` whatever the reason."""
         return self.action if self.action is not None else UNPARSED
 
+    @property
+    def reason(self) -> str | None:
+        """Return why there is no decision, with what is wrong with an ``unparsed`` reply; None where there is one."""
+        return self.missing if self.why is None else f"{self.missing}: {self.why}"
+
 
 @dataclass(frozen=True, slots=True)
 class ActionSpace:

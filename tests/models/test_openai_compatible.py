@@ -338,7 +338,7 @@ def test_no_field_that_a_server_fills_brings_a_key_back(monkeypatch: pytest.Monk
     with says(lambda: web.json_response(body)) as server:
         reply = ask(server, key_env="MY_KEY")
     assert reply.finish_reason == "b [key removed]"
-    assert repr(reply).count("[key removed]") == 6
+    assert repr(reply).count("[key removed]") == 7
     assert KEY not in repr(reply)
 
 

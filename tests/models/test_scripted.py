@@ -13,7 +13,7 @@ from eyechart.models import open_model
 from eyechart.models.scripted import CONTROLLERS, PLANNERS, names, see
 from eyechart.perception.estimators import ESTIMATORS
 from eyechart.reader import read_decision
-from eyechart.verdicts import CALIBRATED_LABELS, PAPER_LABELS
+from eyechart.verdicts import LABELS, PAPER_LABELS
 
 GREY = encode(np.full((150, 600, 3), 128, dtype=np.uint8))
 NOISE = encode(np.random.default_rng(0).integers(0, 256, (150, 600, 3), dtype=np.uint8))
@@ -56,7 +56,7 @@ def test_declared_labels_are_labels(name: str) -> None:
     """Declarations use the words of the two sets of rules."""
     declared = CONTROLLERS[name].declared
     assert declared.paper in PAPER_LABELS
-    assert declared.calibrated in CALIBRATED_LABELS
+    assert declared.calibrated in LABELS
 
 
 def test_an_unknown_controller_lists_the_known() -> None:

@@ -11,8 +11,9 @@ from eyechart.actions import DRIVING, ActionSpace, Decision
 from eyechart.frames import Frame
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.evidence import Row, claims, fewest_turns
-from eyechart.studies.battery.stopping import LATERAL, RULES, Course, Layout, Stopped, layout_of
+from eyechart.studies.battery.stopping import LATERAL_RULES, RULES, Course, Layout, layout_of
 from eyechart.studies.battery.watching import typical
+from eyechart.verdicts import Stopped
 
 Given = dict[tuple[str, str], Decision]
 FRAMES = simulated.frames()
@@ -238,7 +239,7 @@ def test_no_direction_or_no_mirror_leaves_only_the_label_to_settle() -> None:
     stopped = course.stopped(len(course.counted))
     assert stopped is not None
     assert (stopped.label, stopped.lateral) == ("depth", None)
-    assert set(LATERAL["swaps"]) & set(course.claims) == set()
+    assert set(LATERAL_RULES["swaps"]) & set(course.claims) == set()
 
 
 def test_a_bank_too_small_to_settle_anything_is_asked_to_its_end() -> None:
@@ -344,5 +345,5 @@ def test_an_e_value_is_a_statistic_that_says_what_it_tested() -> None:
 def test_every_claim_that_a_rule_names_can_be_made() -> None:
     """No rule waits for a claim that nobody tests."""
     made = set(claims(144, DRIVING, ALL, mirrored=True))
-    named = set(itertools.chain(*RULES.values(), *LATERAL.values())) | {"scorable"}
+    named = set(itertools.chain(*RULES.values(), *LATERAL_RULES.values())) | {"scorable"}
     assert named == made

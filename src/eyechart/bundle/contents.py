@@ -13,7 +13,7 @@ from PIL import features
 from eyechart import __version__
 from eyechart.errors import BundleError
 from eyechart.frames import FrameBank
-from eyechart.ledger import Ledger
+from eyechart.ledger import SINCE_FORMAT_3, Ledger
 from eyechart.manifest import LEDGER, RunManifest
 from eyechart.perception.estimate import SCENE_READER
 from eyechart.reader import READER
@@ -158,9 +158,14 @@ def _digests(ledger_path: Path, spec: str) -> dict[str, str]:
     digests: dict[str, hashlib._Hash] = {}
     with Ledger(ledger_path) as ledger:
         for sent in ledger.attempts(spec):
-            line = json.dumps(asdict(sent), ensure_ascii=True).encode() + b"\n"
+            line = json.dumps(asdict(sent, dict_factory=_as_of_old), ensure_ascii=True).encode() + b"\n"
             digests.setdefault(sent.key.condition, hashlib.sha256()).update(line)
     return {condition: digest.hexdigest() for condition, digest in sorted(digests.items())}
+
+
+def _as_of_old(fields: list[tuple[str, object]]) -> dict[str, object]:
+    """Leave out what 0.1.0 did not record where it is unknown, so that an older run has the digest that it had."""
+    return {name: value for name, value in fields if value is not None or name not in SINCE_FORMAT_3}
 
 
 def as_json(values: object) -> bytes:

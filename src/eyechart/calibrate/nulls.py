@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from eyechart.actions import DRIVING, Decision
 from eyechart.frames import Frame
-from eyechart.studies.battery.calibrated import FLOOR, MARGIN, UNPARSED_CUT
 from eyechart.studies.battery.evidence import Row, claims
+from eyechart.verdicts import FLOOR, MARGIN, UNPARSED_CUT
 
 DRAWS = 10
 """Draws of each null in one replication of the setting ``default``."""

@@ -29,7 +29,7 @@ from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.answers import ABSENT, Answers
 from eyechart.studies.battery.calibrated import COUNTERFACTUAL_TESTS, Calibrated
 from eyechart.studies.battery.published import Resampling
-from eyechart.studies.battery.scoring import ModelScore, statistics_of
+from eyechart.studies.battery.scoring import statistics_of
 
 RESAMPLES = 999
 """Resamples of each permutation test; the level of such a test does not depend on their number."""
@@ -157,8 +157,7 @@ def _outcome(
     corrected: float | None,
     order: int,
 ) -> Outcome:
-    model = ModelScore(known.name, "simulated", 0, 0, answers, found, {"cramers_v": corrected})
-    lateral = verdicts.lateral_rules(found, model, answers.space).label
+    lateral = verdicts.lateral_rules(found, answers.directions()).label
     rulings, early = [], []
     for counterfactuals in (True, False):
         shows = Shows(
@@ -175,7 +174,7 @@ def _outcome(
             early.append(stop_early(answers, label, lateral, seed=order, **how))
     return Outcome(
         controller=known.name,
-        paper=verdicts.paper_rules(found, model.holm).label,
+        paper=verdicts.paper_rules(found, {"cramers_v": corrected}).label,
         rulings=(rulings[0], rulings[1]),
         lateral=lateral,
         p_values={test: found[test].p for test in NULLS},

@@ -1,6 +1,6 @@
 """Closed-loop episodes: a policy or a model drives a simulator, decision by decision."""
 
-from eyechart.episodes.expecting import expected, first_pictures, within
+from eyechart.episodes.expecting import expected, sample_of, within
 from eyechart.episodes.manifest import FORMAT, EpisodesManifest, read_manifest
 from eyechart.episodes.nouns import SILENCES, STUDY, Episode, EpisodeKey, Step
 from eyechart.episodes.planning import ACTION_MAP, ENGINES, Episodes, keep_probes, plan, require_engine, run
@@ -28,13 +28,13 @@ __all__ = [
     "Unfinished",
     "every_episode",
     "expected",
-    "first_pictures",
     "keep_probes",
     "plan",
     "read_episodes",
     "read_manifest",
     "require_engine",
     "run",
+    "sample_of",
     "summarise",
     "unfinished",
     "within",

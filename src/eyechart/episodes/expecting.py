@@ -18,6 +18,7 @@ from eyechart.manifest import LEDGER
 from eyechart.models.prices import Prices
 from eyechart.perception.view import through
 from eyechart.policies import Policy, open_policy
+from eyechart.probe import Sample
 from eyechart.simulators import open_simulator
 
 PATIENCE_S = 30.0
@@ -27,6 +28,7 @@ ALTOGETHER_S = 120.0
 """A sample that takes longer is given up."""
 
 _LONGEST_SAMPLE = 200
+_PICTURES = 3
 
 
 def expected(planned: Episodes, prices: Prices, *, concurrency: int) -> tuple[Estimate, ...]:
@@ -99,8 +101,8 @@ def _finished(planned: Episodes, left: Sequence[EpisodeKey]) -> dict[EpisodeKey,
         return {key: len(calls) for key, calls in calls_of(left, planned.drivers, ledger).items()}
 
 
-def first_pictures(planned: Episodes, most: int) -> tuple[bytes, ...]:
-    """Return the first picture of each of the first worlds of a plan, as a model is shown it with real pictures.
+def sample_of(planned: Episodes, most: int = _PICTURES) -> Sample:
+    """Return what a probe asks before drives: their words, with the first real picture of each of their first worlds.
 
     Worlds are opened in a process of their own. One that shows none is passed over; raises SpecError where none of
     ``most`` shows any.
@@ -116,7 +118,9 @@ def first_pictures(planned: Episodes, most: int) -> tuple[bytes, ...]:
         pictures.append(picture)
     if not pictures:
         raise SpecError(f"no world of {planned.manifest.simulator} shows a picture to probe a model with: {why}")
-    return tuple(pictures)
+    drivers = planned.drivers
+    words = drivers.prompt.render({}, drivers.space)
+    return Sample((words,), tuple(pictures), drivers.space, drivers.prompt.form)
 
 
 async def _shown(setup: Setup, keys: Sequence[EpisodeKey]) -> list[Shown | str]:

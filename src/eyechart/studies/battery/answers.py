@@ -1,6 +1,7 @@
 """What one model answered: its decisions, frame by frame and condition by condition, beside the ground truth."""
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -13,6 +14,7 @@ from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank, Gap
 from eyechart.reader import read_decision
+from eyechart.verdicts import DECIDED
 
 Symbols = NDArray[np.str_]
 Mask = NDArray[np.bool_]
@@ -78,6 +80,18 @@ class Answers:
         for action in self.space.actions:
             levels[actions == action] = self.space.braking_level(action)
         return levels
+
+    def directions(self) -> dict[str, int]:
+        """Return how often each direction was given to real pictures and to their reflections."""
+        given = [*self.actions("real"), *self.actions("mirrored")]
+        return {direction: sum(one == direction for one in given) for direction in self.space.directional}
+
+    def counts(self) -> dict[str, Counter[str]]:
+        """Return, by condition, how many replies hold a decision, and how many none, by the reason."""
+        return {
+            name: Counter(one.reason or DECIDED for one in column if one is not None)
+            for name, column in self.decisions.items()
+        }
 
     @cached_property
     def episodes(self) -> Symbols:

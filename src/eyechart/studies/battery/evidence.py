@@ -12,10 +12,7 @@ from functools import cached_property
 from eyechart.actions import ActionSpace, Decision
 from eyechart.stats.evalues import EProcess, MeanProcess, PairingProcess, SymmetryProcess
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.battery.calibrated import ALPHA, FLOOR, MARGIN, UNPARSED_CUT
-
-FORECAST_ALPHA = 0.02
-"""Chance that what the rest of the run would have shown is forecast wrongly."""
+from eyechart.verdicts import ALPHA, FLOOR, FORECAST_ALPHA, MARGIN, UNPARSED_CUT
 
 E_MOST = 1e9
 """No larger e-value is reported; it stands for certainty too."""

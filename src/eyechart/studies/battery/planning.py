@@ -1,8 +1,8 @@
 """Planning and running a battery: every frame under every condition, and nothing asked twice."""
 
 import sqlite3
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from filelock import FileLock, Timeout
@@ -29,7 +29,8 @@ from eyechart.manifest import (
 from eyechart.models import Model, open_model
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
-from eyechart.perception.view import View
+from eyechart.perception.view import View, through
+from eyechart.probe import Sample
 from eyechart.prompts import Prompt, find_prompt, neutral, require_sayable
 from eyechart.run import Plan, Progress, execute, spread
 from eyechart.studies.battery.stopping import NEEDED
@@ -37,6 +38,9 @@ from eyechart.studies.battery.watching import EarlyStop, layout_for, typical
 from eyechart.studies.battery.watching import Progress as HowFar
 
 STUDY = "battery"
+
+_PICTURES = 5
+"""So many pictures a probe before a run is given."""
 
 
 @dataclass(frozen=True)
@@ -274,6 +278,21 @@ def plan_of(
     )
 
 
+def sample_of(planned: Iterable[Battery]) -> Sample:
+    """Return what batteries of one bank will ask: a few of their pictures, with the words of each battery in turn.
+
+    Pictures are shown through the view of the first, and an answer has its form.
+    """
+    held = list(planned)
+    plan = held[0].plan
+    words, pictures = [], []
+    for number, frame in enumerate(spread(plan.frames, max(_PICTURES, len(held)))):
+        mine = held[number % len(held)].plan
+        words.append(mine.words(CallKey(mine.study, "", mine.prompt.key, frame.id, "real")))
+        pictures.append(through(plan.view, plan.bank.image(frame), frame.id) or b"")
+    return Sample(tuple(words), tuple(pictures), plan.bank.manifest.action_space, plan.prompt.form)
+
+
 def expected(battery: Battery, prices: Prices, *, concurrency: int) -> tuple[Estimate, ...]:
     """Return what the calls that are still to be made are expected to take, by model."""
     return tuple(
@@ -293,6 +312,25 @@ def within(battery: Battery, prices: Prices, *, calls: int | None = None, cost_u
         before=battery.manifest.spent_before(),
         cost=lambda spec, reply: prices.cost(battery.manifest.mode(spec), reply)[0],
     )
+
+
+def keep_probes(battery: Battery, probes: Mapping[str, Spent]) -> None:
+    """Write into the run's manifest what was spent on probing models that are not asked; the run's limits count it.
+
+    A run that is not begun yet begins without a model, so that they are probed anew.
+    """
+    battery.out.mkdir(parents=True, exist_ok=True)
+    try:
+        with FileLock(battery.out / ".lock", timeout=0):
+            manifest = replace(battery.manifest, models={}, modes={}, facts={})
+            if is_run(battery.out):
+                manifest = read_manifest(battery.out)
+            known = {**manifest.probes, **added(manifest.probes, probes)}
+            write_run(battery.out, replace(manifest, probes=known), battery.plan.bank)
+    except Timeout as error:
+        raise LedgerError(
+            f"another process is writing to {battery.out}; wait for it, or choose another --out"
+        ) from error
 
 
 def run(

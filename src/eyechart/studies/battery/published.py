@@ -5,6 +5,7 @@ docs/decisions/0006-two-sets-of-rules.md.
 """
 
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -37,6 +38,7 @@ from eyechart.stats.resampling import (
 )
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.answers import ABSENT, Answers, Mask, Symbols
+from eyechart.verdicts import DECIDED
 
 Statistics = dict[str, Statistic]
 Floats = NDArray[np.float64]
@@ -92,13 +94,10 @@ class Published:
         return found | self._diversity()
 
     def _unparsed(self) -> Statistic:
-        given = [one for name in BATTERY for one in self.answers.decisions.get(name, ()) if one is not None]
-        reasons: dict[str, int] = {}
-        for one in given:
-            if one.missing is not None:
-                reason = one.missing if one.why is None else f"{one.missing}: {one.why}"
-                reasons[reason] = reasons.get(reason, 0) + 1
-        return replace(rate(sum(reasons.values()), len(given)), detail={"reasons": dict(sorted(reasons.items()))})
+        counts = self.answers.counts()
+        every = sum((counts[name] for name in BATTERY if name in counts), Counter[str]())
+        reasons = {reason: count for reason, count in sorted(every.items()) if reason != DECIDED}
+        return replace(rate(sum(reasons.values()), every.total()), detail={"reasons": reasons})
 
     def _agreements(self, level: str) -> Statistics:
         differ: dict[str, tuple[Floats, Mask]] = {}

@@ -8,7 +8,8 @@ from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.ledger import Ledger
 from eyechart.reader import read_decision
 from eyechart.run import Plan
-from eyechart.studies.battery.stopping import RULES, Course, Layout, Stopped, layout_of
+from eyechart.studies.battery.stopping import RULES, Course, Layout, layout_of
+from eyechart.verdicts import Stopped
 
 Given = dict[tuple[str, str], Decision]
 """Decisions of finished calls, by (frame, condition)."""
