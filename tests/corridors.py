@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from drives import add_replies, always, drive, make_run
-from eyechart.actions import DRIVING
 from eyechart.calls import Reply
 from eyechart.episodes import Episode, EpisodeKey, Step
 from eyechart.frames import RGB, Scalar
 from eyechart.simulators import Declaration, Moved
+from eyechart.spaces.discrete import DRIVING
 from report_runs import HOSTILE
 
 HOSTILE_NAME = "<img src=x onerror=alert(1)>"

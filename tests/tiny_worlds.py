@@ -19,9 +19,9 @@ from typing import NoReturn
 
 import numpy as np
 
-from eyechart.actions import DRIVING
 from eyechart.frames import RGB, Scalar
 from eyechart.simulators import Declaration, Drive, Moved
+from eyechart.spaces.discrete import DRIVING
 
 LENGTH = 10
 STEPS = 12

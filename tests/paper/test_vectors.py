@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from eyechart.actions import DRIVING, Decision
 from eyechart.frames import Frame
+from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.space import Decision
 from eyechart.stats import agreement, association, correlation, paired, resampling
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers

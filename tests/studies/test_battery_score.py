@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import simulated
-from eyechart.actions import Decision
 from eyechart.errors import BankError
 from eyechart.frames import Frame
+from eyechart.spaces.space import Decision
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.published import Resampling
@@ -178,7 +178,7 @@ def test_a_time_follower_with_holes_keeps_its_error_rate() -> None:
 def test_a_missing_reply_is_absent_and_not_unparsed() -> None:
     """A call without a reply leaves its frame out; it is no answer of the model."""
     whole = simulated.answers(by_gap, WORLD)
-    holes: tuple[Decision | None, ...] = (None, *whole.decisions["blank"][1:])
+    holes: tuple[Decision[str] | None, ...] = (None, *whole.decisions["blank"][1:])
     part: Answers = replace(whole, decisions={**whole.decisions, "blank": holes})
     assert statistics_of(part, HOW)["agree.blank"].n == len(WORLD) - 1
 

@@ -9,9 +9,9 @@ from typing import Protocol, cast, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.actions import ActionSpace
 from eyechart.errors import SpecError
 from eyechart.frames import RGB, FrameBank, MirrorAxis, Scalar
+from eyechart.spaces.discrete import Discrete
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +118,7 @@ class Declaration:
     name: str
     picture: str
     mirror_axis: MirrorAxis
-    action_space: ActionSpace
+    action_space: Discrete
     camera: str = ""
     scenarios: Mapping[str, str] = field(default_factory=dict)
     presets: Mapping[str, str] = field(default_factory=dict)

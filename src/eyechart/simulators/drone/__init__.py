@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-from eyechart.actions import DRIVING
 from eyechart.cameras import DRONE
 from eyechart.simulators import Declaration
 from eyechart.simulators.banks import versions_of
@@ -11,6 +10,7 @@ from eyechart.simulators.drone.drive import DroneDrive, PybulletDrive
 from eyechart.simulators.drone.flight import INTENTS, Velocity
 from eyechart.simulators.drone.world import RAISED, Flight, World
 from eyechart.simulators.road import FAMILIES, Layout, RoadBanks, Vehicle
+from eyechart.spaces.discrete import DRIVING
 
 
 def _place(layout: Layout, pose: tuple[float, float, float], speed: float, track: int) -> World:

@@ -1,8 +1,8 @@
 """highway-env seen from above: four traffic scenarios as frame banks with ground truth, and as drives."""
 
-from eyechart.actions import DRIVING
 from eyechart.simulators import Declaration, Drive
 from eyechart.simulators.banks import BankMaker, Preset, versions_of
+from eyechart.spaces.discrete import DRIVING
 
 
 class Highway(BankMaker):

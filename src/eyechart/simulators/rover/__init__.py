@@ -1,6 +1,5 @@
 """A rover with a forward camera on a road with obstacles: frame banks with ground truth, and drives."""
 
-from eyechart.actions import DRIVING
 from eyechart.cameras import ROVER
 from eyechart.simulators import Declaration
 from eyechart.simulators.road import FAMILIES, Layout, RoadBanks, Vehicle
@@ -8,6 +7,7 @@ from eyechart.simulators.rover.bicycle import State
 from eyechart.simulators.rover.drive import RoverDrive
 from eyechart.simulators.rover.tracking import INTENTS
 from eyechart.simulators.rover.world import World
+from eyechart.spaces.discrete import DRIVING
 
 
 def _place(layout: Layout, pose: tuple[float, float, float], speed: float, track: int) -> World:

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eyechart.actions import Decision
 from eyechart.conditions import BATTERY, CONDITIONS
 from eyechart.seeds import key_seed
+from eyechart.spaces.space import UNPARSED
 from eyechart.stats.agreement import clears_floor, rate, swap_test
 from eyechart.stats.association import (
     contingency,
@@ -47,7 +47,6 @@ Codes = NDArray[np.int64]
 ALPHA = 0.05
 """The paper's level of significance."""
 
-UNPARSED = Decision(None, "unparsed").symbol
 """The response-level symbol of a reply without a decision."""
 
 ENUMERATE = 30_000
@@ -200,7 +199,7 @@ class Published:
         have = (real != ABSENT) & (mirrored != ABSENT)
         if not have.any():
             return cannot_say("no frame has an answer both to its real and to its mirrored picture")
-        partner = {action: space.mirror(action) for action in space.directional}
+        partner = {action: space.reflect(action) for action in space.directional}
         seed = self.how.seed_of("mirror_swap_rate")
         return swap_test(real[have], mirrored[have], partner, seed=seed, resamples=self.how.resamples)
 

@@ -171,7 +171,7 @@ def took(runs: Mapping[str, Path], *, prices: Prices) -> tuple[dict[str, dict[st
             continue
         with Ledger(out / LEDGER) as ledger:
             for spec in manifest.models:
-                book = Book(manifest.mode(spec), manifest.action_space, prices, scene=manifest.prompt.scene)
+                book = Book(manifest.mode(spec), manifest.prompt.asks(manifest.action_space), prices)
                 for one in ledger.attempts(spec):
                     book.add(one)
                 found[f"{spec} in {name}" if name else spec] = book.accounts()
