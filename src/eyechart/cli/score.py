@@ -31,9 +31,10 @@ def score(
 ) -> None:
     """Print every statistic of a run with its interval, n and p. Example: eyechart score run --json."""
     from eyechart.errors import SpecError
-    from eyechart.report.tables import costs_table, frontier_table, judged, statistics_table, verdict_table
+    from eyechart.report.accounts import costs_table
     from eyechart.studies import battery as study
     from eyechart.studies import closed_loop, hierarchy, prompts, structured
+    from eyechart.studies.battery.tables import frontier_table, judged, statistics_table, verdict_table
     from eyechart.studies.probed import is_episodes
     from eyechart.verdicts import judge
 
@@ -68,7 +69,8 @@ def score(
 def print_cells(cells: "Sequence[CellScore]", *, json: bool) -> None:
     """Print the score of a prompt study: a table a model, the marks of its cells, and what each took."""
     from eyechart.costs import ALL
-    from eyechart.report.tables import costs_table, prompts_table
+    from eyechart.report.accounts import costs_table
+    from eyechart.studies.prompts import prompts_table
 
     if json:
         print_json({"study": "prompts", "cells": [cell.as_dict() for cell in cells]})
@@ -84,7 +86,8 @@ def print_cells(cells: "Sequence[CellScore]", *, json: bool) -> None:
 
 def print_estimators(scored: "StructuredScore", *, json: bool) -> None:
     """Print the score of an admission or a structured run: Table t:controller-local, the clauses, and every figure."""
-    from eyechart.report.structured import (
+    from eyechart.report.table import MARK
+    from eyechart.studies.structured.tables import (
         clauses_table,
         controller_table,
         figures_table,
@@ -92,7 +95,6 @@ def print_estimators(scored: "StructuredScore", *, json: bool) -> None:
         models_in,
         reading_words,
     )
-    from eyechart.report.tables import MARK
 
     if json:
         print_json(scored.as_dict())
@@ -113,7 +115,7 @@ def print_estimators(scored: "StructuredScore", *, json: bool) -> None:
 
 def print_online(scored: "OnlineScore", *, json: bool) -> None:
     """Print the score of an online run: crash rates, decisions and fail-safes."""
-    from eyechart.report.structured import online_table
+    from eyechart.studies.structured.tables import online_table
 
     if json:
         print_json(scored.as_dict())
@@ -146,7 +148,7 @@ def verdict(run: _Run, json: Json = False, independent: Independent = False, rer
 
 def print_table(scored: "BatteryScore", verdicts: "Mapping[str, Verdict]") -> None:
     """Print the table of verdicts, what each verdict in it means, and the scope of all of them."""
-    from eyechart.report.tables import glance_table, judged
+    from eyechart.studies.battery.tables import glance_table, judged
     from eyechart.verdicts import LABELS
 
     console = table_console()
@@ -167,7 +169,7 @@ def print_marks(verdicts: "Mapping[str, Verdict]") -> None:
 
 def print_each_mark(name: str, marks: "Sequence[str]") -> None:
     """Print what the mark behind a name stands for, a line a guard."""
-    from eyechart.report.tables import MARK
+    from eyechart.report.table import MARK
 
     console = table_console()
     for words in marks:
@@ -186,7 +188,7 @@ def costs(
     """
     from eyechart.manifest import read_manifest
     from eyechart.models.prices import read_prices
-    from eyechart.report.tables import costs_table
+    from eyechart.report.accounts import costs_table
     from eyechart.studies import battery as study
     from eyechart.studies import closed_loop, hierarchy, prompts
     from eyechart.studies.probed import is_episodes
@@ -285,7 +287,8 @@ def compare(
     Example: eyechart compare monday tuesday
     """
     from eyechart.compare import compare as compared
-    from eyechart.report.tables import MARK, replication_table
+    from eyechart.compare import replication_table
+    from eyechart.report.table import MARK
     from eyechart.studies import battery
 
     found = compared(battery.score(first), battery.score(second), resamples=resamples)
