@@ -6,6 +6,7 @@ from rich.text import Text
 
 from eyechart.probe import Diagnosis, Found
 from eyechart.report.tables import number, p_value
+from eyechart.stats.guessing import Answered
 
 WORDS = {"sees": "it sees", "blind": "it is blind", "cannot_say": "cannot say"}
 _COLOUR = {"sees": "bold green", "blind": "bold red", "cannot_say": "bold yellow"}
@@ -18,11 +19,10 @@ def doctor_table(found: Diagnosis) -> Table:
     for name in ("check", "result", "n", "by guessing", "p"):
         table.add_column(name, justify="left" if name in {"check", "result"} else "right")
     for name, score in found.scores().items():
-        detail = score.detail or {}
-        guess = detail.get("expected")
         indent = "" if name == "all questions" else "  "
-        counted = f"{detail.get('right', 0)} right" if score.n else "—"
-        expected = number(guess, 1) if isinstance(guess, float) else "—"
+        counted, expected = "—", "—"
+        if isinstance(score, Answered):
+            counted, expected = f"{score.right} right", number(score.expected, 1)
         table.add_row(f"{indent}{name}", counted, str(score.n), expected, p_value(score.p))
     (same, of), adds = found.sight.same, found.sight.image_tokens
     bare = ", ".join(repr(reply.text.strip()[:20]) for _, reply in found.sight.bare if reply.error is None)

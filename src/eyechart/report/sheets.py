@@ -106,7 +106,7 @@ def frontier_sheet(everyone: Sequence[Subject]) -> Sheet:
     made = [frontier_rows(who.model) for who in everyone]
     rows: list[tuple[Cell, ...]] = [(name, *(one[name] for one in made)) for name in (made[0] if made else ())]
     if any(who.verdict.state for who in everyone):
-        rows.append(("unfinished", *(who.verdict.state.removeprefix("unfinished: ") or None for who in everyone)))
+        rows.append(("unfinished", *(who.verdict.progress or None for who in everyone)))
     rows.append(("verdict (paper)", *(who.verdict.paper.label for who in everyone)))
     rows.append(("verdict (calibrated)", *(who.verdict.calibrated.label for who in everyone)))
     columns = (("metric", "text"), *((who.label, "text") for who in everyone))

@@ -9,6 +9,7 @@ from rich.text import Text
 from eyechart.compare import Replication
 from eyechart.stats.statistic import Statistic, percent
 from eyechart.studies.battery import BatteryScore, ModelScore
+from eyechart.studies.battery.replication import Difference
 from eyechart.studies.prompts import CellScore
 from eyechart.verdicts import LABELS, Stopped, Verdict
 
@@ -99,7 +100,7 @@ def frontier_table(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> Tabl
             "stopped early", *("—" if one is None else f"{one.calls} of {one.planned} calls" for one in ended)
         )
     if any(verdicts[spec].state for spec in columns):
-        table.add_row("unfinished", *(verdicts[spec].state.removeprefix("unfinished: ") or "—" for spec in columns))
+        table.add_row("unfinished", *(verdicts[spec].progress or "—" for spec in columns))
     table.add_row("verdict (paper)", *(verdicts[spec].paper.label + marks[spec] for spec in columns))
     table.add_row("verdict (calibrated)", *(verdicts[spec].calibrated.label + marks[spec] for spec in columns))
     return table
@@ -144,12 +145,12 @@ def replication_table(one: Replication, *, every: bool = False) -> Table:
     table.add_column("note", overflow="fold")
     for name, found in one.differences.items():
         if every or name in MAIN or name in one.changed:
-            sides = [number(_side(found, side)) for side in ("first", "second")]
+            both = (found.first, found.second) if isinstance(found, Difference) else (None, None)
             signed = found.value is not None and name not in {"across_runs", "answer_shift"}
             value = f"{found.value:+.3f}" if signed else number(found.value)
             p = p_value(found.p), p_value(one.holm[name])
             note = {"across_runs": "share answered alike", "answer_shift": "distance"}.get(name, found.note)
-            table.add_row(name, *sides, value, _interval(found), str(found.n), *p, Text(note))
+            table.add_row(name, *map(number, both), value, _interval(found), str(found.n), *p, Text(note))
     return table
 
 
@@ -178,11 +179,6 @@ def prompts_table(model: str, cells: Sequence[CellScore]) -> Table:
             f"{cell.answered}/{cell.planned}",
         )
     return table
-
-
-def _side(found: Statistic, side: str) -> float | None:
-    value = (found.detail or {}).get(side)
-    return value if isinstance(value, float) else None
 
 
 def _interval(one: Statistic, digits: int = 3) -> str:
