@@ -59,7 +59,7 @@ def plan(  # noqa: PLR0913 - what an online run can be asked for
     world = open_simulator(simulator)
     choice = view or (CALIBRATED if simulator in VIEWS else NONE)
     shown = view_for(choice, simulator)
-    prompt = scene_prompt(world.picture, distances_of(world.name), shown)
+    prompt = scene_prompt(world.declared.picture, distances_of(world.declared.name), shown)
 
     def planned(seeds: Sequence[int]) -> Episodes:
         return closed_loop.plan(simulator, specs, out, seeds=seeds, prompt=prompt, view=shown, seed=seed, probes=probes)
