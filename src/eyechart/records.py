@@ -59,7 +59,8 @@ def _sentence(said: str, raw: object, where: str) -> str:
         if found["other"].startswith("Invalid enum value"):
             return f"{place} is {shown(value)}, which is none of its values"
         return f"{place} has no {lacking[1]}" if lacking else f"{place}: {found['other']}"
-    wanted = " or ".join(_KINDS.get(one, one) for one in found["kind"].split(" | "))
+    kinds = set(found["kind"].split(" | ")) - ({"int"} if "float" in found["kind"] else set())
+    wanted = " or ".join(words for kind, words in _KINDS.items() if kind in kinds) or found["kind"]
     return f"{place} is {shown(value)}, not {wanted}{found['bound']}"
 
 

@@ -143,7 +143,7 @@ def test_a_step_says_the_rounded_state_that_its_action_led_to(name: str, scenari
     """Equal in a second drive, another after every step, and blind to what rounding hides; the exact one is not."""
     setup = Setup(name, seed=0, max_steps=3)
     key = EpisodeKey("random", name, scenario, 1)
-    space = open_simulator(name).action_space
+    space = open_simulator(name).declared.action_space
     one, other = (Worlds(setup).drive(key, open_policy("random", space, lambda _: {})) for _ in range(2))
     digests = [step.rounded_state_sha256 for step in one.steps]
     assert None not in digests
