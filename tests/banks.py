@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from eyechart.actions import DRIVING
 from eyechart.conditions import COUNTERFACTUALS
 from eyechart.frames import (
     LEAD_GAP,
@@ -18,6 +17,7 @@ from eyechart.frames import (
     encode,
     open_bank,
 )
+from eyechart.spaces.discrete import DRIVING
 
 SCENARIOS = ("light", "dense", "merge")
 _GAPS_M = (6.0, 14.0, 25.0, 38.0, None)

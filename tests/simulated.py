@@ -4,8 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from eyechart.actions import DRIVING, Decision
 from eyechart.frames import LEAD_GAP, Frame
+from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.space import Decision
 from eyechart.studies.battery.answers import Answers
 
 Rule = Callable[[str, Frame, np.random.Generator], str | None]

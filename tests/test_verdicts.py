@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import simulated
-from eyechart.actions import DRIVING
 from eyechart.frames import Frame
+from eyechart.spaces.discrete import DRIVING
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.published import Resampling

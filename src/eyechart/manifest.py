@@ -18,7 +18,7 @@ from eyechart.limits import Spent
 from eyechart.modes import RequestMode
 from eyechart.perception.view import NONE
 from eyechart.prompts import Prompt
-from eyechart.reader import READER
+from eyechart.spaces.discrete import READER, Discrete
 
 FORMAT = "eyechart-run/2"
 LEDGER = "ledger.sqlite"
@@ -179,7 +179,7 @@ def is_free(path: Path) -> bool:
 
 def asked_of(bank: FrameBank, prompt: Prompt) -> FrameBank:
     """Return a bank with the action space that a prompt asks for, where it asks for one of its own."""
-    if prompt.space is None:
+    if not isinstance(prompt.space, Discrete):
         return bank
     return replace(bank, manifest=replace(bank.manifest, action_space=prompt.space))
 

@@ -17,6 +17,7 @@ from eyechart.models import Model
 from eyechart.perception.view import View
 from eyechart.prompts import Prompt
 from eyechart.seeds import key_seed
+from eyechart.spaces.space import AnySpace
 from eyechart.stimuli import Stimuli
 
 Progress = Callable[[int, int], None]
@@ -49,6 +50,11 @@ class Plan:
     shard: tuple[int, int] | None = None
     view: View | None = None
 
+    @property
+    def space(self) -> AnySpace:
+        """Return what the answers are: actions of the bank, or what the prompt asks for instead."""
+        return self.prompt.asks(self.bank.manifest.action_space)
+
     def keys(self) -> list[CallKey]:
         """Return the planned calls, in the bank's order."""
         return [key for model in self.models for key in self.keys_of(model)]
@@ -61,9 +67,8 @@ class Plan:
 
     def query(self, key: CallKey, picture: bytes | None) -> Query:
         """Return what a model is asked in a call, of this picture."""
-        seed, form = key.seed(self.seed), self.prompt.form
-        actions = self.bank.manifest.action_space.actions if form is None else ()
-        return Query(*self.words(key), picture, seed, actions, form)
+        form = None if self.space.actions else self.space.schema()
+        return Query(*self.words(key), picture, key.seed(self.seed), self.space.actions, form)
 
     def keys_of(self, model: str) -> Iterator[CallKey]:
         """Yield the planned calls of one model, in the bank's order."""

@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 
 import banks
-from eyechart.actions import DRIVING, Decision
 from eyechart.conditions import CONDITIONS
 from eyechart.frames import LEAD_GAP
+from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.space import Decision
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.published import Resampling
 from eyechart.studies.battery.scoring import statistics_of

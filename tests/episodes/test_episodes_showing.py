@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import tiny_worlds
-from eyechart.actions import Decision
 from eyechart.episodes import SHOWN, EpisodeKey
 from eyechart.episodes.showing import require_shown
 from eyechart.episodes.worlds import POOL_SEEDS, Setup, Shown, Worlds
 from eyechart.errors import SpecError
 from eyechart.frames import RGB, decode
+from eyechart.spaces.space import Decision
 
 GO = Decision("LEFT")
 
@@ -61,7 +61,7 @@ def test_policies_are_shown_the_condition_too(monkeypatch: pytest.MonkeyPatch) -
     seen: list[RGB] = []
 
     class Looking:
-        def decide(self, observation: object) -> Decision:
+        def decide(self, observation: object) -> Decision[str]:
             seen.append(observation.picture())  # type: ignore[attr-defined]
             return GO
 

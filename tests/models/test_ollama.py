@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from aiohttp import web
 
-from eyechart.actions import DRIVING
 from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
 from eyechart.frames import encode
 from eyechart.models import Model, ollama, open_model
 from eyechart.modes import RequestMode
-from eyechart.perception.estimate import SCHEMA
+from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.scene import SCHEMA
 from faults import Loopback
 from ollama_stand_in import COUNTS, DIGEST, TEMPLATE, StandIn
 

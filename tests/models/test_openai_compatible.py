@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from aiohttp import web
 
-from eyechart.actions import DRIVING
 from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
 from eyechart.frames import encode
 from eyechart.models import Model, open_model
 from eyechart.models.http import proxy_for
 from eyechart.modes import RequestMode
-from eyechart.perception.estimate import SCHEMA
+from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.scene import SCHEMA
 from faults import FaultServer, answer, completion, refuse
 
 PICTURE = encode(np.full((8, 8, 3), 128, dtype=np.uint8))

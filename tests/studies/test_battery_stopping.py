@@ -7,15 +7,16 @@ from collections.abc import Mapping
 import pytest
 
 import simulated
-from eyechart.actions import DRIVING, ActionSpace, Decision
 from eyechart.frames import Frame
+from eyechart.spaces.discrete import DRIVING, Discrete
+from eyechart.spaces.space import Decision
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.evidence import Row, claims, fewest_turns
 from eyechart.studies.battery.stopping import LATERAL_RULES, RULES, Course, Layout, layout_of
 from eyechart.studies.battery.watching import typical
 from eyechart.verdicts import Stopped
 
-Given = dict[tuple[str, str], Decision]
+Given = dict[tuple[str, str], Decision[str]]
 FRAMES = simulated.frames()
 ALL = (*simulated.CONDITIONS, *simulated.COUNTERFACTUALS)
 
@@ -107,7 +108,7 @@ def test_turns_are_settled_too() -> None:
         if seen == "STOP":
             return seen
         side = "LEFT" if float(str(frame.truth["phase"])) < 0.5 else "RIGHT"
-        return DRIVING.mirror(side) if condition == "mirrored" else side
+        return DRIVING.reflect(side) if condition == "mirrored" else side
 
     def left(condition: str, frame: Frame, rng: object) -> str:
         seen = depth(condition, frame, rng)
@@ -115,7 +116,7 @@ def test_turns_are_settled_too() -> None:
 
     def staying(condition: str, frame: Frame, rng: object) -> str:
         return (
-            DRIVING.mirror(turning(condition, frame, rng))
+            DRIVING.reflect(turning(condition, frame, rng))
             if condition == "mirrored"
             else turning(condition, frame, rng)
         )
@@ -231,7 +232,7 @@ def test_where_turns_stay_open_all_frames_are_asked_for_them() -> None:
 
 def test_no_direction_or_no_mirror_leaves_only_the_label_to_settle() -> None:
     """Then the lateral axis is not tested, as without stopping, and costs no call."""
-    space = ActionSpace("go", ("GO", "HALT"), (), ("HALT",), ("GO",))
+    space = Discrete("go", ("GO", "HALT"), (), ("HALT",), ("GO",))
     asked = Layout(layout().order, layout().asked, space)
     calls = {(frame, name): Decision("HALT" if name == "lead_near" else "GO") for frame in asked.order for name in ALL}
     course = Course(asked)
@@ -284,7 +285,7 @@ def test_fewest_turns_are_those_that_a_permutation_can_tell() -> None:
     assert [fewest_turns(labels) for labels in (2, 4)] == [9, 6]
 
 
-def row(space: ActionSpace = DRIVING, **answers: str) -> Row:
+def row(space: Discrete = DRIVING, **answers: str) -> Row:
     """Return a frame's answers; an empty one holds no decision."""
     return Row({name: Decision(one) if one else Decision(None, "refused") for name, one in answers.items()}, space)
 

@@ -15,14 +15,14 @@ from eyechart.errors import BundleError
 from eyechart.frames import FrameBank
 from eyechart.ledger import SINCE_FORMAT_3, Ledger
 from eyechart.manifest import LEDGER, RunManifest
-from eyechart.perception.estimate import SCENE_READER
-from eyechart.reader import READER
 from eyechart.report.estimates import estimates_of, estimators
 from eyechart.report.estimates_page import make_estimates_page
 from eyechart.report.estimates_sheets import estimates_files
 from eyechart.report.evidence import SHOWN, Tell, evidence_of, subjects
 from eyechart.report.page import Page, make_page
 from eyechart.report.sheets import sheet_files
+from eyechart.spaces.discrete import READER
+from eyechart.spaces.scene import SCENE_READER
 from eyechart.studies import structured
 from eyechart.studies.battery import BatteryScore
 from eyechart.studies.battery.scoring import score_run
@@ -66,9 +66,9 @@ class Recipe:
     drawn_with: Mapping[str, str]
 
     @classmethod
-    def here(cls, name: str, *, resamples: int, independent: bool, scene: bool = False) -> "Recipe":
-        """Return the recipe of results that are made by this eyechart, of decisions or of estimates of a ``scene``."""
-        return cls(name, resamples, independent, __version__, SCENE_READER if scene else READER, drawn_with())
+    def here(cls, name: str, *, resamples: int, independent: bool, reader: int = READER) -> "Recipe":
+        """Return the recipe of results that are made by this eyechart, with this version of the reader of replies."""
+        return cls(name, resamples, independent, __version__, reader, drawn_with())
 
     @classmethod
     def from_dict(cls, raw: Mapping[str, object]) -> "Recipe":

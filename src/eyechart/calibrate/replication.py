@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
 from eyechart import verdicts
-from eyechart.actions import DRIVING, Decision
 from eyechart.calibrate.early import MEASURED, stop_early
 from eyechart.calibrate.known import KNOWN, NULLS, Known, Shows, answer_all, deserved, is_false
 from eyechart.calibrate.nulls import count_rejections
@@ -22,8 +22,9 @@ from eyechart.conditions import COUNTERFACTUALS
 from eyechart.errors import SpecError
 from eyechart.frames import LEAD_GAP
 from eyechart.models.scripted import Answer
-from eyechart.reader import read_decision
 from eyechart.seeds import key_seed
+from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.space import Decision
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.answers import ABSENT, Answers
@@ -126,15 +127,12 @@ def replicate(task: Task) -> list[Outcome]:
 
 def answers_of(known: Known, setting: Setting, world: World, rng: random.Random) -> Answers:
     """Return a controller's answers to a world, read from its replies as those of a run are."""
-    read: dict[Answer, Decision] = {}
 
-    def decision(answer: Answer | None) -> Decision | None:
+    @cache
+    def decision(answer: Answer | None) -> Decision[str] | None:
         if answer is None:
             return None
-        if answer not in read:
-            reply = answer if isinstance(answer, Reply) else Reply(text=answer, finish_reason="stop")
-            read[answer] = read_decision(reply.text, reply.finish_reason, reply.error, DRIVING)
-        return read[answer]
+        return DRIVING.read(answer if isinstance(answer, Reply) else Reply(text=answer, finish_reason="stop"))
 
     decisions = {condition: tuple(map(decision, column)) for condition, column in answer_all(known, world, rng).items()}
     gap = LEAD_GAP if setting.gaps else None

@@ -60,9 +60,9 @@ def import_(
     every: Annotated[int, typer.Option(min=1, help="Take every Nth frame of an episode.")] = 1,
 ) -> None:
     """Make a bank of pictures of your own; says what the columns that are missing cost."""
-    from eyechart.actions import DRIVING, read_space
     from eyechart.errors import SpecError
     from eyechart.importing import Choices, costs, import_lerobot, import_table
+    from eyechart.spaces.discrete import DRIVING, read_space
 
     choices = Choices(
         columns=_places(map_ or []),

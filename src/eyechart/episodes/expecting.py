@@ -120,7 +120,7 @@ def sample_of(planned: Episodes, most: int = _PICTURES) -> Sample:
         raise SpecError(f"no world of {planned.manifest.simulator} shows a picture to probe a model with: {why}")
     drivers = planned.drivers
     words = drivers.prompt.render({}, drivers.space)
-    return Sample((words,), tuple(pictures), drivers.space, drivers.prompt.form)
+    return Sample((words,), tuple(pictures), drivers.answers)
 
 
 async def _shown(setup: Setup, keys: Sequence[EpisodeKey]) -> list[Shown | str]:

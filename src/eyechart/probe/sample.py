@@ -2,17 +2,17 @@
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from eyechart.actions import DRIVING, ActionSpace
 from eyechart.calls import Query, Reply
 from eyechart.modes import RequestMode
 from eyechart.probe.asking import Asker
 from eyechart.probe.pictures import road
 from eyechart.prompts import find_prompt
-from eyechart.reader import read_decision
 from eyechart.seeds import key_seed
+from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.space import AnySpace
 
 SERVED = ("openai", "ollama")
 """Adapters whose requests have a format, fields and a seed of their own: what they take is to be found out."""
@@ -23,22 +23,18 @@ _PLAIN = "Reply with the word YES and nothing else: one plain word, no JSON, no 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """What a run will ask: a few pairs of words (system, user) and picture (PNG or JPEG bytes), and its actions.
-
-    ``form`` is the JSON schema of an answer that is no action.
-    """
+    """What a run will ask: a few pairs of words (system, user) and picture (PNG or JPEG bytes), and its space."""
 
     words: Sequence[tuple[str, str]]
     pictures: Sequence[bytes]
-    space: ActionSpace = DRIVING
-    form: Mapping[str, object] | None = None
+    space: AnySpace = DRIVING
 
     def query(self, number: int, *, picture: bool = True) -> Query:
         """Return one query of it, with or without its picture."""
         image = self.pictures[number % len(self.pictures)] if picture else None
         system, user = self.words[number % len(self.words)]
-        actions = self.space.actions if self.form is None else ()
-        return Query(system, user, image, key_seed("sample", number), actions, self.form)
+        form = None if self.space.actions else self.space.schema()
+        return Query(system, user, image, key_seed("sample", number), self.space.actions, form)
 
     @property
     def wants_json(self) -> bool:
@@ -47,13 +43,13 @@ class Sample:
 
     def decided(self, reply: Reply) -> bool:
         """Return whether a reply holds a decision."""
-        return read_decision(reply.text, reply.finish_reason, reply.error, self.space).action is not None
+        return self.space.read(reply).action is not None
 
 
 def default_sample(prompt: str = "baseline") -> Sample:
     """Return a built-in prompt, or one from a file, with sketches of a road; raises SpecError for an unknown one."""
     found = find_prompt(prompt)
-    space = found.space or DRIVING
+    space = found.asks(DRIVING)
     said = dict.fromkeys(found.fields, "unknown")
     return Sample([found.render(said, space)], [road(number) for number in range(3)], space)
 

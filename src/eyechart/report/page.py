@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from eyechart.actions import MISSING
 from eyechart.conditions import CONDITIONS
 from eyechart.costs import ALL
 from eyechart.destination import whole
@@ -17,6 +16,7 @@ from eyechart.report.integrity import counts, not_covered, summed
 from eyechart.report.pictures import Album, make_album
 from eyechart.report.sections import guards, pairs, silent
 from eyechart.report.sheets import STATISTIC_COLUMNS, level, shown, statistic_rows
+from eyechart.spaces.space import MISSING
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts import LABELS, Stopped, shared_notes
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from eyechart.report.evidence import Subject
 from eyechart.report.tables import frontier_rows, number, p_value
-from eyechart.stats.statistic import Statistic
+from eyechart.stats.statistic import Statistic, percent
 
 Cell = str | int | float | tuple[float, float] | None
 """A word, a count, a number, an interval, or "cannot say"."""
@@ -136,11 +136,8 @@ def statistic_rows(who: Subject) -> list[tuple[Cell, ...]]:
 
 
 def level(one: Statistic) -> str:
-    """Return the level of a statistic's interval: 95 % unless its method says otherwise; empty where there is none."""
-    if one.ci is None:
-        return ""
-    said = re.search(r"(\d+(?:\.\d+)?)%", one.method)
-    return f"{said.group(1) if said else 95} %"
+    """Return the level of a statistic's interval; empty where there is none."""
+    return "" if one.ci is None else percent(one.level)
 
 
 def statistics_sheet(everyone: Sequence[Subject]) -> Sheet:

@@ -7,7 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from eyechart.compare import Replication
-from eyechart.stats.statistic import Statistic
+from eyechart.stats.statistic import Statistic, percent
 from eyechart.studies.battery import BatteryScore, ModelScore
 from eyechart.studies.prompts import CellScore
 from eyechart.verdicts import LABELS, Stopped, Verdict
@@ -108,15 +108,14 @@ def frontier_table(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> Tabl
 def statistics_table(score: ModelScore) -> Table:
     """Return every statistic of one model with its interval, n and p."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, title=Text(score.model), title_justify="left")
-    for name, justify in (("statistic", "left"), ("value", "right"), ("95 % interval", "right"), ("n", "right")):
-        table.add_column(name, justify="left" if justify == "left" else "right")
-    table.add_column("p", justify="right")
-    table.add_column("p (Holm)", justify="right")
+    table.add_column("statistic")
+    for name in ("value", "interval", "level", "n", "p", "p (Holm)"):
+        table.add_column(name, justify="right")
     table.add_column("note", overflow="fold")
     for name, one in score.statistics.items():
-        table.add_row(
-            name, number(one.value), _interval(one), str(one.n), p_value(one.p), _holm(score, name), Text(one.note)
-        )
+        value, level = " ".join(filter(None, (number(one.value), one.unit))), percent(one.level) if one.ci else ""
+        cells = (value, _interval(one), level, str(one.n), p_value(one.p), _holm(score, name))
+        table.add_row(name, *cells, Text(one.note))
     return table
 
 

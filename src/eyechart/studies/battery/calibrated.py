@@ -88,7 +88,7 @@ class Calibrated:
         for place, name in enumerate(SAME):
             given = self.answers.actions(name)
             for code, action in enumerate(space.actions):
-                codes[given == (space.mirror(action) if name == "mirrored" else action), place] = code
+                codes[given == (space.reflect(action) if name == "mirrored" else action), place] = code
         found = pooled_kappa(codes, margin=MARGIN, alpha=ALPHA)
         return replace(found, method=f"{', '.join(SAME)}: {found.method}")
 

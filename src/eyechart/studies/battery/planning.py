@@ -290,7 +290,7 @@ def sample_of(planned: Iterable[Battery]) -> Sample:
         mine = held[number % len(held)].plan
         words.append(mine.words(CallKey(mine.study, "", mine.prompt.key, frame.id, "real")))
         pictures.append(through(plan.view, plan.bank.image(frame), frame.id) or b"")
-    return Sample(tuple(words), tuple(pictures), plan.bank.manifest.action_space, plan.prompt.form)
+    return Sample(tuple(words), tuple(pictures), plan.space)
 
 
 def expected(battery: Battery, prices: Prices, *, concurrency: int) -> tuple[Estimate, ...]:

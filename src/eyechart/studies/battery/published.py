@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eyechart.actions import Decision
 from eyechart.conditions import BATTERY, CONDITIONS
 from eyechart.seeds import key_seed
+from eyechart.spaces.space import UNPARSED
 from eyechart.stats.agreement import clears_floor, rate, swap_test
 from eyechart.stats.association import (
     contingency,
@@ -47,7 +47,6 @@ Codes = NDArray[np.int64]
 ALPHA = 0.05
 """The paper's level of significance."""
 
-UNPARSED = Decision(None, "unparsed").symbol
 """The response-level symbol of a reply without a decision."""
 
 ENUMERATE = 30_000
@@ -200,13 +199,13 @@ class Published:
         have = (real != ABSENT) & (mirrored != ABSENT)
         if not have.any():
             return cannot_say("no frame has an answer both to its real and to its mirrored picture")
-        partner = {action: space.mirror(action) for action in space.directional}
+        partner = {action: space.reflect(action) for action in space.directional}
         seed = self.how.seed_of("mirror_swap_rate")
         return swap_test(real[have], mirrored[have], partner, seed=seed, resamples=self.how.resamples)
 
     def _gap_order(self) -> Statistic:
-        gaps, space = self.answers.gaps, self.answers.space
-        if gaps is None:
+        gaps, gap, space = self.answers.gaps, self.answers.gap, self.answers.space
+        if gaps is None or gap is None:
             return cannot_say(self.answers.no_gap)
         real = self.answers.actions("real")
         finite = gaps[np.isfinite(gaps)]
@@ -219,7 +218,8 @@ class Published:
             why = "the model never brakes or never proceeds"
             return replace(cannot_say(why, n, "median gap, proceed minus brake"), detail=detail)
         found = self._bootstrap_medians(capped, role == "proceed", role == "brake")
-        return replace(found, n=n, method=f"median gap, proceed minus brake; {found.method}", detail=detail)
+        method = f"median gap, proceed minus brake; {found.method}"
+        return replace(found, n=n, method=method, detail=detail, unit=gap.unit)
 
     def _diversity(self) -> Statistics:
         real = self.answers.actions("real")

@@ -12,8 +12,8 @@ from eyechart.integrity import Guard, Watch
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
 from eyechart.models.prices import Prices, read_prices
-from eyechart.reader import READER
 from eyechart.run import Plan
+from eyechart.spaces.discrete import READER
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers, read_answers
@@ -223,10 +223,8 @@ def _took(ledger: Ledger, manifest: RunManifest, plan: Plan, prices: Prices, cou
     spent: dict[str, dict[str, Account]] = {}
     kept: dict[str, tuple[Guard, ...]] = {}
     for spec in manifest.models:
-        mode = manifest.mode(spec)
-        space = plan.bank.manifest.action_space
-        scene = manifest.prompt.scene
-        book, watch = Book(mode, space, prices, scene=scene), Watch(mode, space, scene=scene)
+        mode, space = manifest.mode(spec), plan.space
+        book, watch = Book(mode, space, prices), Watch(mode, space)
         for one in ledger.attempts(spec):
             book.add(one)
             watch.add(one)

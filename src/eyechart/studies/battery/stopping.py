@@ -7,9 +7,10 @@ about it that were wanted have finished. So the stop can be computed again from 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from eyechart.actions import ActionSpace, Decision
 from eyechart.frames import Frame
 from eyechart.seeds import key_seed
+from eyechart.spaces.discrete import Discrete
+from eyechart.spaces.space import Decision
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.evidence import Claim, Row, claims
 from eyechart.verdicts import LABELS, LATERAL, PREFIX, Stopped
@@ -40,7 +41,7 @@ class Layout:
 
     order: tuple[str, ...]
     asked: Mapping[str, tuple[str, ...]]
-    space: ActionSpace
+    space: Discrete
 
     @property
     def planned(self) -> int:
@@ -48,7 +49,7 @@ class Layout:
         return sum(map(len, self.asked.values()))
 
 
-def layout_of(frames: Sequence[Frame], asked: Mapping[str, tuple[str, ...]], space: ActionSpace, seed: int) -> Layout:
+def layout_of(frames: Sequence[Frame], asked: Mapping[str, tuple[str, ...]], space: Discrete, seed: int) -> Layout:
     """Return the layout of a run; each frame's place in the order comes from the seed and its own id."""
     order = sorted((frame.id for frame in frames), key=lambda one: (key_seed("stop early", seed, one), one))
     return Layout(tuple(order), asked, space)
@@ -102,7 +103,7 @@ class Course:
             still |= {"real", "mirrored"}
         return tuple(name for name in asked if name in still)
 
-    def advance(self, given: Mapping[tuple[str, str], Decision]) -> None:
+    def advance(self, given: Mapping[tuple[str, str], Decision[str]]) -> None:
         """Count every next frame whose wanted calls are all ``given``, by (frame, condition), until it settles."""
         order = self.layout.order
         while self.frames < len(order) and not self.settled:

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from eyechart.actions import ActionSpace
 from eyechart.episodes import (
     ACTION_MAP,
     EPISODES,
@@ -23,6 +22,7 @@ from eyechart.errors import LedgerError
 from eyechart.ledger import Ledger, Sent
 from eyechart.manifest import LEDGER
 from eyechart.simulators import Simulator, open_simulator
+from eyechart.spaces.discrete import Discrete
 
 ERROR = "error"
 MODAL_CONSTANT = 0.98
@@ -59,7 +59,7 @@ class Drives:
     path: Path
     episodes: tuple[Episode, ...]
     errors: tuple[Episode, ...]
-    space: ActionSpace
+    space: Discrete
     asked: bool
 
     @cached_property

@@ -30,7 +30,7 @@ class OfEpisodes(Study[S]):
         if (run / LEDGER).is_file():
             with Ledger(run / LEDGER) as ledger:
                 for spec in manifest.models:
-                    book = Book(manifest.mode(spec), manifest.action_space, prices, scene=manifest.prompt.scene)
+                    book = Book(manifest.mode(spec), manifest.prompt.asks(manifest.action_space), prices)
                     for one in ledger.attempts(spec):
                         book.add(one)
                     found.accounts[spec] = book.accounts()

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from eyechart.actions import DRIVING
 from eyechart.costs import Account
 from eyechart.errors import LedgerError
 from eyechart.frames import FrameBank
 from eyechart.integrity import Guard
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
-from eyechart.perception.estimate import SCENE_READER
+from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.scene import SCENE_READER
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import plan_of, took_run
 from eyechart.studies.structured.figures import Figures, How
