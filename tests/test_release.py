@@ -37,3 +37,22 @@ def test_a_citation_names_the_last_release() -> None:
     cited = re.search(r"^version: (\S+)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.MULTILINE)
     assert cited
     assert cited[1] == (HEADS[1][0] if ".dev" in VERSION else VERSION)
+
+
+def test_the_workflows_only_call_make() -> None:
+    """Each step is one target of the Makefile, so that what fails there can be run here."""
+    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    flows = [path.read_text(encoding="utf-8") for path in (ROOT / ".github" / "workflows").glob("*.yml")]
+    steps = [step for text in flows for step in re.findall(r"^ *(?:- )?run: *(.*)$", text, re.MULTILINE)]
+    assert steps
+    assert set(steps) <= {f"make {target}" for target in targets}
+
+
+def test_the_classifiers_name_the_versions_that_are_tested() -> None:
+    """No more and no fewer."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    said = [one.rpartition(" ")[2] for one in project["classifiers"] if re.search(r":: 3\.\d+$", one)]
+    flow = (ROOT / ".github" / "workflows" / "checks.yml").read_text(encoding="utf-8")
+    listed = re.search(r"python: \[(.*)\]", flow)
+    assert listed
+    assert said == re.findall(r"3\.\d+", listed[1])

@@ -44,9 +44,7 @@ def test_each_run_has_the_value_that_its_score_has() -> None:
                 compared += 1
     assert compared > 50
     assert all(
-        one.value == pytest.approx(one.second - one.first)
-        for name, one in found.items()
-        if isinstance(one, Difference)
+        one.value == pytest.approx(one.second - one.first) for name, one in found.items() if isinstance(one, Difference)
     )
 
 

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 
 from eyechart.calls import SILENT, CallKey
 from eyechart.frames import Scalar
-from eyechart.simulators import Simulator
+from eyechart.records import Count, Name
 from eyechart.spaces.space import Decision
 
 STUDY = "closed_loop"
@@ -20,11 +20,11 @@ the episode is left for a resumed run, or the fail-safe is executed (docs/decisi
 class EpisodeKey:
     """The identity of an episode: who drives, in which world, and what the camera's picture is replaced by."""
 
-    policy: str
-    simulator: str
-    scenario: str
-    seed: int
-    condition: str = "real"
+    policy: Name
+    simulator: Name
+    scenario: Name
+    seed: Count
+    condition: Name = "real"
 
     @property
     def world(self) -> str:
@@ -47,14 +47,15 @@ class Step:
     ``truth`` is of the moment before the decision, ``reward``, ``speed_mps``, ``distance_m`` and ``crashed`` of the one
     after it. ``executed_action`` is the decision's or, where there is none, the fail-safe, which is never credited
     to the policy. ``error`` is the kind of failure where the model's call failed. A speed or a distance that the
-    simulator does not tell is None. ``facts`` is what else the simulator
-    says of the move. A model's Reply stands in the ledger under ``EpisodeKey.call``.
+    simulator does not tell is None. ``facts`` is what else the simulator says of the move. ``rounded_state_sha256`` is
+    the digest of the world's state after it, its numbers rounded to 3 decimals; None where a record is older than that
+    field, or the world told no state. A model's Reply stands in the ledger under ``EpisodeKey.call``.
     """
 
-    step: int
-    frame: str
-    decision: Decision[str]
-    executed_action: str
+    step: Count
+    frame: Name
+    decision: Decision[Name]
+    executed_action: Name
     truth: Mapping[str, Scalar]
     reward: float
     speed_mps: float | None
@@ -62,6 +63,7 @@ class Step:
     crashed: bool
     facts: Mapping[str, Scalar] = field(default_factory=dict)
     error: str = ""
+    rounded_state_sha256: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,10 +77,10 @@ class Episode:
 
     key: EpisodeKey
     steps: tuple[Step, ...]
-    ended: str
+    ended: Name
     state_sha256: str
     detail: str = ""
-    max_steps: int | None = None
+    max_steps: Count | None = None
 
     @property
     def distance_m(self) -> float | None:
@@ -108,12 +110,3 @@ class Episode:
     def as_line(self) -> str:
         """Return the episode as one line of JSON."""
         return json.dumps(asdict(self), ensure_ascii=False, separators=(",", ":"), allow_nan=False)
-
-
-def fail_safe(simulator: Simulator) -> str:
-    """Return what is executed where there is no decision: what the simulator declares, else its mildest brake.
-
-    Source: paper, section Corpus and parsing: SLOW; under the model-predictive controller it is STOP.
-    """
-    space = simulator.action_space
-    return getattr(simulator, "fail_safe", None) or (space.brake[-1] if space.brake else space.actions[0])

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eyechart.episodes.nouns import Episode, EpisodeKey, Step, fail_safe
+from eyechart.episodes.nouns import Episode, EpisodeKey, Step
 from eyechart.episodes.showing import SHOWN, View
 from eyechart.errors import SpecError
 from eyechart.frames import RGB, Scalar, decode, encode, rounded_truth
@@ -133,7 +133,7 @@ class _Ride:
             step=len(self._steps),
             picture=self._picture,
             truth=self._truth,
-            action_space=self._simulator.action_space,
+            action_space=self._simulator.declared.action_space,
             seed=key_seed("policy", self._setup.seed, self._key.policy, frame),
         )
 
@@ -161,8 +161,7 @@ class _Ride:
         """Close the world and make the record."""
         digest = ""
         if self._drive is not None:
-            with suppress(Exception):
-                digest = hashlib.sha256(self._drive.state()).hexdigest()
+            digest = _digest(self._drive) or ""
             with suppress(Exception):
                 self._drive.close()
         self._drive = None
@@ -170,7 +169,7 @@ class _Ride:
 
     def _execute(self, decision: Decision[str], error: str) -> None:
         assert self._drive is not None
-        executed = decision.action if decision.action is not None else fail_safe(self._simulator)
+        executed = decision.action if decision.action is not None else self._simulator.declared.fail_safe
         moved = execute(self._drive, executed, decided=decision.action is not None)
         _require_finite(moved)
         number = len(self._steps)
@@ -187,6 +186,7 @@ class _Ride:
                 crashed=moved.crashed,
                 facts=rounded_truth(moved.facts, self._key.frame(number)),
                 error=error,
+                rounded_state_sha256=_digest(self._drive, 3),
             )
         )
         if moved.ended is not None:
@@ -207,7 +207,7 @@ class _Ride:
             real=lambda: _checked(drive.picture()) if self._steps else self._first,
             first=self._first,
             pool=lambda: self._pool.pictures(self._key.scenario, self._key.seed),
-            mirror_axis=self._simulator.mirror_axis,
+            mirror_axis=self._simulator.declared.mirror_axis,
             seed=key_seed("stimulus", self._setup.seed, self._key.condition, frame),
         )
         return SHOWN[self._key.condition](view)
@@ -227,7 +227,7 @@ class _Pool:
 
     def _drive(self, scenario: str, seed: int) -> tuple[bytes, ...]:
         drive = self._simulator.drive(scenario, seed)
-        key = EpisodeKey("pool", self._simulator.name, scenario, seed)
+        key = EpisodeKey("pool", self._simulator.declared.name, scenario, seed)
         pictures: list[bytes] = []
         try:
             while len(pictures) < _POOL_STEPS:
@@ -239,7 +239,7 @@ class _Pool:
         return tuple(pictures)
 
     def _choose(self, drive: Drive, frame: str) -> str:
-        space = self._simulator.action_space
+        space = self._simulator.declared.action_space
         moment = Observation(frame, 0, drive.picture, drive.truth(), space, key_seed("pool", self._seed, frame))
         for spec in ("oracle", "random"):
             with suppress(SpecError):
@@ -259,6 +259,12 @@ def _checked(picture: object, *, first: bool = False) -> RGB:
     if first and (picture == picture[0, 0]).all():
         raise SpecError(f"the camera shows one colour only, {picture[0, 0].tolist()}: its renderer draws nothing")
     return picture
+
+
+def _digest(drive: Drive, decimals: int | None = None) -> str | None:
+    with suppress(Exception):
+        return hashlib.sha256(drive.state(decimals)).hexdigest()
+    return None
 
 
 def _require_finite(moved: Moved) -> None:
