@@ -31,8 +31,7 @@ def score(
 ) -> None:
     """Print every statistic of a run with its interval, n and p. Example: eyechart score run --json."""
     from eyechart.errors import SpecError
-    from eyechart.report.costs import costs_table
-    from eyechart.report.tables import frontier_table, statistics_table
+    from eyechart.report.tables import costs_table, frontier_table, judged, statistics_table, verdict_table
     from eyechart.studies import battery as study
     from eyechart.studies import closed_loop, hierarchy, prompts, structured
     from eyechart.studies.probed import is_episodes
@@ -58,10 +57,10 @@ def score(
             print_json(scored.as_dict())
             return
         console = table_console(160)
-        for one in scored.models.values():
-            console.print(statistics_table(one))
         verdicts = judge(scored)
-        console.print(frontier_table(scored, verdicts))
+        everyone = judged(scored, verdicts)
+        for table in (*statistics_table(everyone).split(), frontier_table(everyone), verdict_table(everyone)):
+            console.print(table)
         print_marks(verdicts)
         console.print(costs_table(scored.accounting, every=False))
 
@@ -69,15 +68,14 @@ def score(
 def print_cells(cells: "Sequence[CellScore]", *, json: bool) -> None:
     """Print the score of a prompt study: a table a model, the marks of its cells, and what each took."""
     from eyechart.costs import ALL
-    from eyechart.report.costs import costs_table
-    from eyechart.report.tables import prompts_table
+    from eyechart.report.tables import costs_table, prompts_table
 
     if json:
         print_json({"study": "prompts", "cells": [cell.as_dict() for cell in cells]})
         return
     console = table_console()
-    for spec in dict.fromkeys(cell.model for cell in cells):
-        console.print(prompts_table(spec, [cell for cell in cells if cell.model == spec]))
+    for table in prompts_table(cells).split():
+        console.print(table)
     for cell in cells:
         print_each_mark(f"{cell.model} in {cell.name}", (*filter(None, [cell.state]), *cell.marks))
     took = {f"{cell.model} in {cell.name}": {ALL: cell.took} for cell in cells}
@@ -86,23 +84,31 @@ def print_cells(cells: "Sequence[CellScore]", *, json: bool) -> None:
 
 def print_estimators(scored: "StructuredScore", *, json: bool) -> None:
     """Print the score of an admission or a structured run: Table t:controller-local, the clauses, and every figure."""
-    from eyechart.report.structured import clauses_table, controller_table, figures_table, marks, reading_words
+    from eyechart.report.structured import (
+        clauses_table,
+        controller_table,
+        figures_table,
+        marks,
+        models_in,
+        reading_words,
+    )
     from eyechart.report.tables import MARK
 
     if json:
         print_json(scored.as_dict())
         return
     console = table_console(140)
-    console.print(controller_table(scored))
+    everyone = models_in(scored)
+    console.print(controller_table(everyone))
     for spec in scored.models:
         for words in marks(scored, spec):
-            console.print(f"{MARK.strip()} {spec}: {words}", markup=False)
-    for one in scored.models.values():
-        console.print(clauses_table(one))
-        for line in reading_words(one):
+            console.print(f"{MARK} {spec}: {words}", markup=False)
+    for table in clauses_table(everyone).split():
+        console.print(table)
+        for line in reading_words(scored.models[table.caption]):
             console.print(line, markup=False)
-    for one in scored.models.values():
-        console.print(figures_table(one))
+    for table in figures_table(everyone).split():
+        console.print(table)
 
 
 def print_online(scored: "OnlineScore", *, json: bool) -> None:
@@ -140,17 +146,11 @@ def verdict(run: _Run, json: Json = False, independent: Independent = False, rer
 
 def print_table(scored: "BatteryScore", verdicts: "Mapping[str, Verdict]") -> None:
     """Print the table of verdicts, what each verdict in it means, and the scope of all of them."""
-    from eyechart.report.tables import MARK, verdict_table
+    from eyechart.report.tables import glance_table, judged
     from eyechart.verdicts import LABELS
 
     console = table_console()
-    table = verdict_table(scored, verdicts)
-    if console.measure(table).minimum <= console.width:
-        console.print(table)
-    else:  # a narrow terminal: a line for each label instead of columns that are cut
-        for spec, one in verdicts.items():
-            labels = f"{one.headline}; lateral {one.lateral.label}; paper's rules {one.paper.label}"
-            console.print(f"{spec}: {labels}{MARK if one.failed else ''}", markup=False)
+    console.print(glance_table(judged(scored, verdicts)))
     print_marks(verdicts)
     for label in dict.fromkeys(one.calibrated.label for one in verdicts.values()):
         console.print(f"{label}: {LABELS[label].says}", markup=False)
@@ -171,7 +171,7 @@ def print_each_mark(name: str, marks: "Sequence[str]") -> None:
 
     console = table_console()
     for words in marks:
-        console.print(f"{MARK.strip()} {name}: {words}", markup=False)
+        console.print(f"{MARK} {name}: {words}", markup=False)
 
 
 def costs(
@@ -186,7 +186,7 @@ def costs(
     """
     from eyechart.manifest import read_manifest
     from eyechart.models.prices import read_prices
-    from eyechart.report.costs import costs_table
+    from eyechart.report.tables import costs_table
     from eyechart.studies import battery as study
     from eyechart.studies import closed_loop, hierarchy, prompts
     from eyechart.studies.probed import is_episodes
@@ -296,7 +296,7 @@ def compare(
         for line in found.apart:
             console.print(f"not the same: {line}", markup=False)
         for line in found.marks:
-            console.print(f"{MARK.strip()} {line}", markup=False)
+            console.print(f"{MARK} {line}", markup=False)
         for one in found.models.values():
             console.print(replication_table(one, every=every))
             changed = f"differs in {', '.join(one.changed)}" if one.changed else "no statistic differs (Holm)"
@@ -318,7 +318,7 @@ def transfer(
 
     Example: eyechart transfer run-highway run-rover --scores perception.csv
     """
-    from eyechart.report.tables import number, p_value
+    from eyechart.report.table import number, p_value
     from eyechart.studies import battery
     from eyechart.transfer import read_scores
     from eyechart.transfer import transfer as correlated

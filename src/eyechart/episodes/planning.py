@@ -104,7 +104,7 @@ def plan(  # noqa: PLR0913 - what can be asked for
     formulation = prompt if isinstance(prompt, Prompt) else _prompt_for(world, prompt)
     answers = formulation.asks(space)
     if isinstance(answers, SceneSpace):
-        answers = SceneSpace(distances_of(world.name))
+        answers = SceneSpace(distances_of(world.camera))
     manifest = EpisodesManifest(
         created=today(),
         simulator=world.name,

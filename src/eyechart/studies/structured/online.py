@@ -56,10 +56,10 @@ def plan(  # noqa: PLR0913 - what an online run can be asked for
     """
     if episodes < 1:
         raise SpecError(f"an online run needs at least 1 episode, got {episodes}")
-    world = open_simulator(simulator)
-    choice = view or (CALIBRATED if simulator in VIEWS else NONE)
-    shown = view_for(choice, simulator)
-    prompt = scene_prompt(world.declared.picture, distances_of(world.declared.name), shown)
+    world = open_simulator(simulator).declared
+    choice = view or (CALIBRATED if world.camera in VIEWS else NONE)
+    shown = view_for(choice, world.camera or world.name)
+    prompt = scene_prompt(world.picture, distances_of(world.camera), shown)
 
     def planned(seeds: Sequence[int]) -> Episodes:
         return closed_loop.plan(simulator, specs, out, seeds=seeds, prompt=prompt, view=shown, seed=seed, probes=probes)
