@@ -74,15 +74,22 @@ class _Made:
 def _kind_of(runs: "Sequence[Path]") -> str:
     """Return which kind of run these are; raises SpecError where they are of several."""
     from eyechart.errors import SpecError
-    from eyechart.studies import hierarchy, structured
-    from eyechart.studies.probed import is_episodes
+    from eyechart.studies import study_of
+    from eyechart.studies.closed_loop import study as drives
+    from eyechart.studies.hierarchy.study import Hierarchy
+    from eyechart.studies.structured.study import Structured
 
-    tests = {
-        "hierarchy": hierarchy.is_hierarchy,
-        "drives": is_episodes,
-        "estimates": structured.is_structured,
-    }
-    kinds = {run: next((kind for kind, test in tests.items() if test(run)), "batteries") for run in runs}
+    def kind_of(run: Path) -> str:
+        match study_of(run, "report"):
+            case Hierarchy():
+                return "hierarchy"
+            case drives.OfEpisodes():
+                return "drives"
+            case Structured():
+                return "estimates"
+        return "batteries"
+
+    kinds = {run: kind_of(run) for run in runs}
     if len(set(kinds.values())) > 1:
         told = ", ".join(f"{run} of {kind}" for run, kind in kinds.items())
         raise SpecError(f"a report is about one kind of run ({told}): make one of each")

@@ -9,7 +9,6 @@ from eyechart.report.charts import Drawing
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.space import MISSING
 from eyechart.studies.battery.album import NO_PICTURE, Album
-from eyechart.studies.battery.figures import role
 from eyechart.studies.battery.planning import conditions_of, plan_of
 from eyechart.studies.battery.subjects import Evidence, Subject, subjects
 
@@ -89,7 +88,7 @@ def _word(who: Subject, condition: str, place: int, space: Discrete) -> tuple[st
         return "", "—"
     if decision.action is None:
         return "none", f"({decision.missing})"
-    return role(space, decision.action), decision.action
+    return space.role(decision.action), decision.action
 
 
 @dataclass(frozen=True, slots=True)
