@@ -17,6 +17,7 @@ from transformers import AutoModelForImageTextToText, AutoProcessor
 
 from eyechart.actions import DRIVING
 from eyechart.calls import Query
+from eyechart.frames import Stimulus
 from eyechart.models import open_model
 from eyechart.models.huggingface import organisms
 from eyechart.modes import RequestMode
@@ -119,7 +120,7 @@ class Batched:
 
         async def one(picture: bytes) -> str:
             async with gate:
-                return (await self._model.answer(Query(PROMPT.system, PROMPT.user, picture, 0))).text
+                return (await self._model.answer(Query(PROMPT.system, PROMPT.user, Stimulus.of(picture), 0))).text
 
         return await asyncio.gather(*map(one, pictures))
 

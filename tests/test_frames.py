@@ -23,6 +23,7 @@ import banks
 from eyechart import cli
 from eyechart.errors import BankError
 from eyechart.frames import (
+    MAIN,
     BankWriter,
     Frame,
     FrameBank,
@@ -384,7 +385,7 @@ def test_a_damaged_picture_is_decoded_or_refused_by_name(noise: bytes, at: int, 
 
 def plain_frame(**truth: object) -> Frame:
     """Return a frame with this ground truth."""
-    return Frame("f", "s", "e", 0, "vertical", "f.png", truth)  # type: ignore[arg-type]
+    return banks.one("f", ("s", "e", 0), "vertical", "f.png", truth=truth)
 
 
 def test_minus_zero_is_zero() -> None:
@@ -448,7 +449,7 @@ def write(out: Path, *frames: Frame, then: Callable[[], None] = lambda: None) ->
     """Write a bank of these frames, without counterfactuals, and call ``then`` before it is finished."""
     with BankWriter(out, banks.manifest()) as writer:
         for frame in frames:
-            writer.add(frame, encode(banks.draw(5.0, 0)), {})
+            writer.add(frame, {MAIN: encode(banks.draw(5.0, 0))}, {})
         then()
 
 
@@ -564,7 +565,7 @@ def test_metadata_written_on_windows_are_read(bank: FrameBank) -> None:
     """Line ends do not matter."""
     text = (bank.root / "metadata.jsonl").read_bytes()
     (bank.root / "metadata.jsonl").write_bytes(text.replace(b"\n", b"\r\n"))
-    assert read_metadata(bank.root / "metadata.jsonl") == bank.frames
+    assert read_metadata(bank.root / "metadata.jsonl", bank.manifest) == bank.frames
 
 
 @pytest.mark.parametrize(

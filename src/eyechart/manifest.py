@@ -178,10 +178,9 @@ def is_free(path: Path) -> bool:
 
 
 def asked_of(bank: FrameBank, prompt: Prompt) -> FrameBank:
-    """Return a bank with the action space that a prompt asks for, where it asks for one of its own."""
-    if prompt.space is None:
-        return bank
-    return replace(bank, manifest=replace(bank.manifest, action_space=prompt.space))
+    """Return a bank as a prompt asks of it: with what that says of a frame, and the actions it has of its own."""
+    space = prompt.space or bank.manifest.action_space
+    return replace(bank, manifest=replace(bank.manifest, action_space=space), said=prompt.fields)
 
 
 def _shard(value: Sequence[object]) -> tuple[int, int]:

@@ -5,8 +5,9 @@ import itertools
 import numpy as np
 import pytest
 
+import banks
 from eyechart.actions import DRIVING, Decision
-from eyechart.frames import LEAD_GAP, Frame
+from eyechart.frames import LEAD_GAP
 from eyechart.studies.battery import published
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.published import Published, Resampling
@@ -18,7 +19,7 @@ REAL = ("STOP", "LEFT", "SLOW", "STRAIGHT", None, "STRAIGHT", "SLOW", "RIGHT", "
 def answers() -> Answers:
     """Return ten answers over three episodes of unequal length, one of them unparsed and one frame without a lead."""
     frames = tuple(
-        Frame(f"f{place}", "merge", f"e{place % 4 % 3}", place, "vertical", f"{place}.png", {"lead_gap_m": gap})
+        banks.one(f"f{place}", ("merge", f"e{place % 4 % 3}", place), "vertical", "-", truth={"lead_gap_m": gap})
         for place, gap in enumerate(GAPS_M)
     )
     decisions = tuple(Decision(action, None if action else "unparsed") for action in REAL)

@@ -1,12 +1,11 @@
 """Closed-loop episodes: a policy or a model drives a simulator, decision by decision."""
 
-from eyechart.episodes.expecting import expected, first_pictures, within
+from eyechart.episodes.expecting import expected, first_shown, within
 from eyechart.episodes.manifest import FORMAT, EpisodesManifest, read_manifest
 from eyechart.episodes.nouns import SILENCES, STUDY, Episode, EpisodeKey, Step, fail_safe
 from eyechart.episodes.planning import ACTION_MAP, ENGINES, Episodes, keep_probes, plan, require_engine, run
 from eyechart.episodes.records import EPISODES, read_episodes, write_episodes
 from eyechart.episodes.running import Bounds
-from eyechart.episodes.showing import SHOWN
 from eyechart.episodes.summary import Row, summarise
 from eyechart.episodes.unfinished import Unfinished, every_episode, unfinished
 
@@ -15,7 +14,6 @@ __all__ = [
     "ENGINES",
     "EPISODES",
     "FORMAT",
-    "SHOWN",
     "SILENCES",
     "STUDY",
     "Bounds",
@@ -29,7 +27,7 @@ __all__ = [
     "every_episode",
     "expected",
     "fail_safe",
-    "first_pictures",
+    "first_shown",
     "keep_probes",
     "plan",
     "read_episodes",

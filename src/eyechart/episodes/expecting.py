@@ -12,6 +12,7 @@ from eyechart.episodes.recorded import recorded
 from eyechart.episodes.running import calls_of
 from eyechart.episodes.worlds import Setup, Shown
 from eyechart.errors import DriveError, EyechartError, SpecError, printable
+from eyechart.frames import Stimulus
 from eyechart.ledger import Ledger
 from eyechart.limits import NOTHING, Limits, Spent
 from eyechart.manifest import LEDGER
@@ -99,24 +100,22 @@ def _finished(planned: Episodes, left: Sequence[EpisodeKey]) -> dict[EpisodeKey,
         return {key: len(calls) for key, calls in calls_of(left, planned.drivers, ledger).items()}
 
 
-def first_pictures(planned: Episodes, most: int) -> tuple[bytes, ...]:
-    """Return the first picture of each of the first worlds of a plan, as a model is shown it with real pictures.
+def first_shown(planned: Episodes, most: int) -> tuple[Stimulus, ...]:
+    """Return what each of the first worlds of a plan shows a model first, with real pictures.
 
     Worlds are opened in a process of their own. One that shows none is passed over; raises SpecError where none of
     ``most`` shows any.
     """
     keys = list({key.world: replace(key, condition="real") for key in planned.keys}.values())[:most]
-    pictures, why = list[bytes](), ""
+    found, why = list[Stimulus](), ""
     for shown in asyncio.run(_shown(planned.setup, keys)):
         if isinstance(shown, str):
             why = shown
             continue
-        picture = through(planned.drivers.view, shown.picture, shown.frame)
-        assert picture is not None
-        pictures.append(picture)
-    if not pictures:
+        found.append(through(planned.drivers.view, shown.stimulus, shown.frame))
+    if not found:
         raise SpecError(f"no world of {planned.manifest.simulator} shows a picture to probe a model with: {why}")
-    return tuple(pictures)
+    return tuple(found)
 
 
 async def _shown(setup: Setup, keys: Sequence[EpisodeKey]) -> list[Shown | str]:

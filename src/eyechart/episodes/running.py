@@ -11,7 +11,7 @@ from functools import partial
 
 from eyechart.actions import ActionSpace, Decision
 from eyechart.attempts import Caller, budget_of, close, first_error
-from eyechart.calls import CallKey, Query, Reply
+from eyechart.calls import CallKey, Reply
 from eyechart.cameras import Distances
 from eyechart.episodes.hosts import Host, HostDiedError
 from eyechart.episodes.nouns import Episode, EpisodeKey
@@ -238,9 +238,8 @@ class _Coordinator:
     async def _reply(self, key: EpisodeKey, shown: Shown) -> Reply:
         """Return the reply of a finished call, or make the call."""
         drivers, call = self._drivers, key.call(self._drivers.prompt.key, shown.step)
-        words, form = drivers.prompt.render({}, drivers.space), drivers.prompt.form
-        picture = through(drivers.view, shown.picture, shown.frame)
-        query = Query(*words, picture, call.seed(drivers.seed), drivers.space.actions if form is None else (), form)
+        seen = through(drivers.view, shown.stimulus, shown.frame)
+        query = drivers.prompt.query(seen, call.seed(drivers.seed), drivers.space.actions)
         known = self._finished.setdefault(key, {})
         if call in known:
             reply, digest = known[call]

@@ -4,11 +4,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from eyechart.actions import DRIVING
 from eyechart.calls import Query, Reply
 from eyechart.conditions import flip
 from eyechart.errors import GuardianError
-from eyechart.frames import decode, encode
+from eyechart.frames import Stimulus, decode, encode
 from eyechart.perception.estimate import SCENE_READER, read_estimate
 from eyechart.perception.view import find_view
 from eyechart.studies.guardian import VIEWS, Frozen
@@ -82,7 +81,6 @@ def interface_of(frozen: Frozen) -> Interface:
     axis = view.axis if view is not None else axis
     if axis not in {"vertical", "horizontal"}:
         raise GuardianError(f"this guardian's pictures have the mirror axis {axis!r}, so they cannot be reflected")
-    words = prompt.render({}, DRIVING)
 
     def views(picture: bytes) -> Pictures:
         pixels = decode(picture, _PICTURE)
@@ -92,7 +90,7 @@ def interface_of(frozen: Frozen) -> Interface:
         return encode(view.show(pixels, _PICTURE)), encode(view.show(reflected, _PICTURE))
 
     def query(picture: bytes, seed: int) -> Query:
-        return Query(*words, picture, seed, (), prompt.form)
+        return prompt.query(Stimulus.of(picture), seed)
 
     return Interface(about.view, prompt.key, SCENE_READER, views, query, read_vote)
 

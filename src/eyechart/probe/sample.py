@@ -2,15 +2,16 @@
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from eyechart.actions import DRIVING, ActionSpace
 from eyechart.calls import Query, Reply
+from eyechart.frames import Stimulus
 from eyechart.modes import RequestMode
 from eyechart.probe.asking import Asker
 from eyechart.probe.pictures import road
-from eyechart.prompts import find_prompt
+from eyechart.prompts import Prompt, find_prompt
 from eyechart.reader import read_decision
 from eyechart.seeds import key_seed
 
@@ -23,27 +24,22 @@ _PLAIN = "Reply with the word YES and nothing else: one plain word, no JSON, no 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """What a run will ask: a few pairs of words (system, user) and picture (PNG or JPEG bytes), and its actions.
+    """What a run will ask: a few pairs of a prompt and what it is asked of, and its actions."""
 
-    ``form`` is the JSON schema of an answer that is no action.
-    """
-
-    words: Sequence[tuple[str, str]]
-    pictures: Sequence[bytes]
+    asked: Sequence[tuple[Prompt, Stimulus]]
     space: ActionSpace = DRIVING
-    form: Mapping[str, object] | None = None
 
     def query(self, number: int, *, picture: bool = True) -> Query:
         """Return one query of it, with or without its picture."""
-        image = self.pictures[number % len(self.pictures)] if picture else None
-        system, user = self.words[number % len(self.words)]
-        actions = self.space.actions if self.form is None else ()
-        return Query(system, user, image, key_seed("sample", number), actions, self.form)
+        prompt, seen = self.asked[number % len(self.asked)]
+        seed = key_seed("sample", number)
+        return prompt.query(seen if picture else replace(seen, images={}), seed, self.space.actions)
 
     @property
     def wants_json(self) -> bool:
         """Return whether all of its words ask for JSON."""
-        return all(re.search(r"\bjson\b", " ".join(words), re.IGNORECASE) for words in self.words)
+        asked = (self.query(number) for number in range(len(self.asked)))
+        return all(re.search(r"\bjson\b", f"{one.system} {one.user}", re.IGNORECASE) for one in asked)
 
     def decided(self, reply: Reply) -> bool:
         """Return whether a reply holds a decision."""
@@ -55,7 +51,12 @@ def default_sample(prompt: str = "baseline") -> Sample:
     found = find_prompt(prompt)
     space = found.space or DRIVING
     said = dict.fromkeys(found.fields, "unknown")
-    return Sample([found.render(said, space)], [road(number) for number in range(3)], space)
+    return Sample([(found, replace(Stimulus.of(road(number)), fields=said)) for number in range(3)], space)
+
+
+def plain(words: str, seed: int, actions: tuple[str, ...] = (), picture: bytes | None = None) -> Query:
+    """Return a probe's own question: these words, and a picture if there is one."""
+    return Prompt("probe", "", words).query(Stimulus.of(picture), seed, actions)
 
 
 def is_served(mode: RequestMode) -> bool:
@@ -65,7 +66,7 @@ def is_served(mode: RequestMode) -> bool:
 
 async def schema_binds(asker: Asker, mode: RequestMode) -> tuple[bool | None, str]:
     """Ask for one plain word under a schema that allows two others: whether one of those comes, and what came."""
-    query = Query("", _PLAIN, None, key_seed("schema"), _ACTIONS)
+    query = plain(_PLAIN, key_seed("schema"), _ACTIONS)
     reply = await asker.ask(query, replace(mode, structured="json_schema"))
     if reply.error is not None:
         refused = False if reply.error == "bad_request" else None
@@ -79,7 +80,7 @@ async def schema_binds(asker: Asker, mode: RequestMode) -> tuple[bool | None, st
 
 async def json_binds(asker: Asker, mode: RequestMode) -> tuple[bool | None, str]:
     """Ask for one plain word in JSON mode: whether an object comes, and what came."""
-    query = Query("", _PLAIN, None, key_seed("json"))
+    query = plain(_PLAIN, key_seed("json"))
     reply = await asker.ask(query, replace(mode, structured="json_object"))
     if reply.error is not None or reply.finish_reason == "length":
         return (False if reply.error == "bad_request" else None), reply.error_detail[:120] or "cut off"

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from eyechart.actions import MISSING
-from eyechart.conditions import CONDITIONS
+from eyechart.conditions import CONDITIONS, OF_BANKS
 from eyechart.costs import ALL
 from eyechart.destination import whole
 from eyechart.report.assets import fill
@@ -73,7 +73,7 @@ def make_page(evidence: Sequence[Evidence], *, tell: Tell = lambda _: None) -> P
         ],
         statistics=[(who.label, _statistics(who)) for who in everyone],
         statistic_columns=STATISTIC_COLUMNS,
-        conditions=list(CONDITIONS.values()),
+        conditions=[CONDITIONS[name] for name in OF_BANKS],
         stopped=any(who.model.stopped for who in everyone),
         accounting=[_accounting(who) for who in everyone],
         reasons=MISSING,

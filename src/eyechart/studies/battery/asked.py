@@ -6,7 +6,8 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from eyechart.calls import CallKey, Reply
+from eyechart.calls import Reply
+from eyechart.conditions import show
 from eyechart.errors import LedgerError
 from eyechart.ledger import Ledger
 from eyechart.limits import Spent, added
@@ -48,16 +49,15 @@ def as_probed(before: RequestMode, mode: RequestMode, given: Collection[str]) ->
 def sample_of(planned: Iterable[Battery]) -> Sample:
     """Return what batteries of one bank will ask: a few of their pictures, with the words of each battery in turn.
 
-    Pictures are shown through the view of the first, and an answer has its form.
+    Pictures are shown through the view of the first.
     """
     held = list(planned)
     plan = held[0].plan
-    words, pictures = [], []
+    asked = []
     for number, frame in enumerate(spread(plan.frames, max(_PICTURES, len(held)))):
-        mine = held[number % len(held)].plan
-        words.append(mine.words(CallKey(mine.study, "", mine.prompt.key, frame.id, "real")))
-        pictures.append(through(plan.view, plan.bank.image(frame), frame.id) or b"")
-    return Sample(tuple(words), tuple(pictures), plan.bank.manifest.action_space, plan.prompt.form)
+        seen = through(plan.view, show("real", frame, plan.bank, plan.seed), frame.id)
+        asked.append((held[number % len(held)].plan.prompt, seen))
+    return Sample(asked, plan.bank.manifest.action_space)
 
 
 def spent_on(out: Path, prices: Prices) -> Spent:

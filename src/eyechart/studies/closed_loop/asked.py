@@ -5,7 +5,7 @@ from pathlib import Path
 
 from eyechart.calls import Reply
 from eyechart.costs import Account, Book
-from eyechart.episodes import Episodes, first_pictures, read_manifest
+from eyechart.episodes import Episodes, first_shown, read_manifest
 from eyechart.ledger import Ledger
 from eyechart.limits import Spent, added
 from eyechart.manifest import LEDGER, is_run
@@ -34,8 +34,7 @@ def sample_of(planned: Episodes) -> Sample:
     Raises SpecError where no world shows a picture.
     """
     drivers = planned.drivers
-    words = drivers.prompt.render({}, drivers.space)
-    return Sample((words,), first_pictures(planned, _PICTURES), drivers.space, drivers.prompt.form)
+    return Sample([(drivers.prompt, seen) for seen in first_shown(planned, _PICTURES)], drivers.space)
 
 
 def spent_on(runs: Iterable[Path], prices: Prices) -> Spent:
