@@ -218,9 +218,9 @@ def memory(calls: int) -> dict[str, list[float]]:
     Returns, by how many calls had ended (a tenth, three tenths, all), the memory in MB, the most so far, and CPU
     milliseconds a call.
     """
-    from eyechart.actions import DRIVING  # noqa: PLC0415
     from eyechart.frames import MAIN, BankManifest, BankWriter, Frame, alone  # noqa: PLC0415
     from eyechart.modes import RequestMode  # noqa: PLC0415
+    from eyechart.spaces.discrete import DRIVING  # noqa: PLC0415
     from eyechart.studies import battery as study  # noqa: PLC0415
 
     with tempfile.TemporaryDirectory() as folder, server(0.0) as base_url:

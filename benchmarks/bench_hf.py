@@ -15,15 +15,14 @@ import torch
 from PIL import Image
 from transformers import AutoModelForImageTextToText, AutoProcessor
 
-from eyechart.actions import DRIVING
-from eyechart.calls import Query
+from eyechart.calls import Query, Reply
 from eyechart.frames import Stimulus
 from eyechart.models import open_model
 from eyechart.models.huggingface import organisms
 from eyechart.modes import RequestMode
 from eyechart.prompts import PROMPTS
-from eyechart.reader import read_decision
 from eyechart.simulators import open_simulator
+from eyechart.spaces.discrete import DRIVING
 
 TARGET = 4.0
 ROUNDS = 3
@@ -56,7 +55,7 @@ def measure(name: str, device: str, batch: int, pictures: list[bytes]) -> float:
     for _ in range(ROUNDS):
         for way, taken in times.items():
             began = time.perf_counter()
-            answers[way] = [read_decision(text, "stop", None, DRIVING).symbol for text in way.answer(pictures)]
+            answers[way] = [DRIVING.read(Reply(text, "stop", None)).symbol for text in way.answer(pictures)]
             taken.append((time.perf_counter() - began) / len(pictures))
     batched.close()
     equal = sum(one == other for one, other in zip(answers[single], answers[batched], strict=True))

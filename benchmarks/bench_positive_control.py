@@ -14,7 +14,7 @@ import numpy as np
 from highway_env.vehicle.kinematics import Vehicle
 
 from eyechart.perception.renderer import PX_PER_M, WIDTH_PX, Reading, read_picture
-from eyechart.perception.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M
+from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M
 
 SCENARIOS: dict[str, tuple[str, dict[str, Any]]] = {
     "light": ("highway-v0", {"lanes_count": 3, "vehicles_count": 15}),

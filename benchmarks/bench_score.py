@@ -12,12 +12,12 @@ import tempfile
 import time
 from pathlib import Path
 
-from eyechart.actions import DRIVING
 from eyechart.conditions import BATTERY
 from eyechart.frames import LEAD_GAP, MAIN, BankManifest, BankWriter, Frame, alone, encode, open_bank
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, today, versions, write_run
 from eyechart.prompts import find_prompt
+from eyechart.spaces.discrete import DRIVING
 from eyechart.studies.battery import score
 from eyechart.verdicts import judge
 

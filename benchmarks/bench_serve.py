@@ -31,8 +31,8 @@ from aiohttp import web
 from PIL import Image
 
 from eyechart.modes import RequestMode
-from eyechart.perception.estimate import SCENE_READER
 from eyechart.prompts import SCENE
+from eyechart.spaces.scene import SCENE_READER
 from eyechart.studies import guardian as study
 
 DEADLINE_S = 2.0

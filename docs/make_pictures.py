@@ -9,12 +9,11 @@ from pathlib import Path
 
 from PIL import Image, ImageDraw, ImageFont
 
-from eyechart.actions import DRIVING
 from eyechart.calls import Query
 from eyechart.conditions import CONDITIONS, OF_BANKS, show
 from eyechart.frames import MAIN, Frame, FrameBank, Stimulus, decode, open_bank
 from eyechart.models import open_model
-from eyechart.reader import read_decision
+from eyechart.spaces.discrete import DRIVING, read_decision
 
 CONTROLLERS = ("constant", "presence", "scene_only", "crash_colour", "depth", "depth_lateral")
 CELL, PICTURE_W, PICTURE_H, LABEL_W, ROW, TOP = 104, 400, 100, 132, 112, 40

@@ -37,7 +37,7 @@ class Sight:
 
 
 def grounded(bits: Tensor, rng: torch.Generator) -> Tensor:
-    """Brake by distance, and turn to the one clear side: the fixed safety policy of ``perception.scene``."""
+    """Brake by distance, and turn to the one clear side: the fixed safety policy of ``spaces.scene``."""
     del rng
     action = torch.where(bits[:, _SIDES] > 0, LEFT, torch.where(bits[:, _SIDES + 1] > 0, RIGHT, SLOW))
     return _braking(bits, action)

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from eyechart.actions import DRIVING
 from eyechart.conditions import COUNTERFACTUALS
 from eyechart.frames import (
     LEAD_GAP,
@@ -21,6 +20,7 @@ from eyechart.frames import (
     encode,
     open_bank,
 )
+from eyechart.spaces.discrete import DRIVING
 
 SCENARIOS = ("light", "dense", "merge")
 _GAPS_M = (6.0, 14.0, 25.0, 38.0, None)

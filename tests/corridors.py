@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from drives import add_replies, always, drive, make_run
-from eyechart.actions import DRIVING, ActionSpace
 from eyechart.calls import Reply
 from eyechart.episodes import Episode, EpisodeKey, Step
 from eyechart.frames import RGB, Scalar
 from eyechart.simulators import Moved
+from eyechart.spaces.discrete import DRIVING, Discrete
 from report_runs import HOSTILE
 
 HOSTILE_NAME = "<img src=x onerror=alert(1)>"
@@ -50,7 +50,7 @@ class Corridors:
     """The simulator of such worlds."""
 
     name = "corridor"
-    action_space: ActionSpace = DRIVING
+    action_space: Discrete = DRIVING
 
     def drive(self, scenario: str, seed: int) -> Corridor:
         """Open one."""

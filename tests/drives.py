@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from eyechart.actions import DRIVING, Decision
 from eyechart.calls import Reply
 from eyechart.episodes import STUDY, Episode, EpisodeKey, EpisodesManifest, Step, fail_safe, write_episodes
 from eyechart.episodes.manifest import write_manifest
@@ -17,6 +16,8 @@ from eyechart.modes import RequestMode
 from eyechart.prompts import PROMPTS
 from eyechart.seeds import key_seed
 from eyechart.simulators import open_simulator
+from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.space import Decision
 
 SCENARIOS = ("light", "dense", "merge", "blocked")
 SPEEDS = {"STOP": 20.0, "SLOW": 20.0, "STRAIGHT": 30.0, "LEFT": 25.0, "RIGHT": 25.0}

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import stand_ins
-from eyechart.actions import DRIVING
 from eyechart.calls import Query, Reply
 from eyechart.models import ADAPTERS
 from eyechart.report.evidence import read_evidence
 from eyechart.report.page import Page, make_page, write_page
+from eyechart.spaces.discrete import DRIVING
 from eyechart.studies import battery as study
 
 HOSTILE = (

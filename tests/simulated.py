@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 import banks
-from eyechart.actions import DRIVING, Decision
 from eyechart.frames import LEAD_GAP, Frame
+from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.space import Decision
 from eyechart.studies.battery.answers import Answers
 
 Rule = Callable[[str, Frame, np.random.Generator], str | None]

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from eyechart import models
-from eyechart.actions import DRIVING
 from eyechart.calls import CallKey, Query, Reply
 from eyechart.modes import RequestMode
 from eyechart.run import Plan
+from eyechart.spaces.discrete import DRIVING
 from eyechart.studies import battery as study
 
 SPECS = ("standin:noisy", "standin:steady")

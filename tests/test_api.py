@@ -21,9 +21,9 @@ from eyechart.calls import Query, Reply
 from eyechart.errors import LedgerError, SpecError
 from eyechart.manifest import LEDGER
 from eyechart.modes import RequestMode
-from eyechart.reader import READER
 from eyechart.report.evidence import evidence_of, find_pictures
 from eyechart.report.page import make_page
+from eyechart.spaces.discrete import READER
 from eyechart.stats.statistic import Statistic
 from eyechart.studies import battery
 from eyechart.testing import assert_grounded

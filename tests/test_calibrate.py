@@ -20,7 +20,7 @@ from eyechart.calibrate.tally import CLAIMS, VARIANTS, WANTED, FalseClaims, Outc
 from eyechart.calibrate.world import FARTHEST_M, GAP_AR, GAP_LOG_SD, NEAREST_M, make_world
 from eyechart.errors import SpecError
 from eyechart.models.scripted import CONTROLLERS
-from eyechart.perception.scene import FREE_GAP_M, STOP_GAP_M
+from eyechart.spaces.scene import FREE_GAP_M, STOP_GAP_M
 from eyechart.stats.agreement import rate
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.calibrated import COUNTERFACTUAL_TESTS

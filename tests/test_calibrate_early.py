@@ -6,7 +6,6 @@ import random
 import numpy as np
 import pytest
 
-from eyechart.actions import DRIVING
 from eyechart.calibrate import SETTINGS, Calibration, calibrate
 from eyechart.calibrate import early as stopping
 from eyechart.calibrate.early import EMPTY, SAVERS, Early, add, mean_saved, misses
@@ -16,6 +15,7 @@ from eyechart.calibrate.table import tables
 from eyechart.calibrate.tally import VARIANTS, read_calibration
 from eyechart.calibrate.world import World, make_world
 from eyechart.conditions import CONDITIONS
+from eyechart.spaces.discrete import DRIVING
 from eyechart.stats import evalues
 from eyechart.studies.battery.evidence import claims
 from eyechart.studies.battery.stopping import Course

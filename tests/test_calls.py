@@ -8,10 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eyechart.calls import TRANSIENT, CallKey, Query, Reply, naming
+from eyechart.calls import ANY_ACTION, TRANSIENT, CallKey, Query, Reply
 from eyechart.frames import Stimulus
+from eyechart.spaces.discrete import Discrete
 
 KEY = CallKey("battery", "scripted:depth", "baseline@0", "f1", "real")
+TWO = Discrete("two", ("GO", "STOP"), (), (), ())
 WORDS = st.text(st.characters(exclude_categories=["C"]))
 
 
@@ -50,7 +52,7 @@ def test_a_keys_seed_is_equal_in_every_process(hash_seed: str) -> None:
 def test_the_digest_of_a_query_tells_no_picture_from_an_empty_one() -> None:
     """And words from picture, and where one ends and the next begins; the seed has no part in it."""
     queries = [
-        Query("a", "b", Stimulus(), 0, naming(("GO", "STOP"))),
+        Query("a", "b", Stimulus(), 0, TWO.schema()),
         Query("a", "b", Stimulus(), 0),
         Query("a", "b", Stimulus.of(b""), 0),
         Query("a", "b", Stimulus.of(b"-"), 0),
@@ -68,7 +70,7 @@ def test_the_digest_of_a_query_tells_no_picture_from_an_empty_one() -> None:
 def test_a_query_binds_the_form_of_its_answer_where_it_asks_for_no_action() -> None:
     """The schema is of any form; without one it is that of an action."""
     assert Query("", "", Stimulus(), 0, schema={"type": "array"}).schema == {"type": "array"}
-    assert Query("", "", Stimulus(), 0).schema == naming(())
+    assert Query("", "", Stimulus(), 0).schema == ANY_ACTION
 
 
 def test_no_reply_is_an_error_of_its_own_accord() -> None:

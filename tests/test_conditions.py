@@ -45,6 +45,9 @@ def test_every_condition_keeps_its_contract(name: str, bank: FrameBank) -> None:
     assert CONDITIONS[name].asks
     assert ("counterfactual" in CONDITIONS[name].needs) == (name in COUNTERFACTUALS)
     assert not (name in BATTERY and CONDITIONS[name].needs & {"counterfactual", "text", "drive"})
+    if "text" in CONDITIONS[name].needs:
+        told = tuple(replace(frame, fields={"speed": place}) for place, frame in enumerate(bank))
+        bank = replace(bank, frames=told, said=("speed",))
     able = [frame for frame in bank if available(name, frame)]
     forward = {frame.id: show(name, frame, bank, 3) for frame in able}
     for frame in reversed(able):

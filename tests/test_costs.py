@@ -2,12 +2,12 @@ from dataclasses import replace
 
 import pytest
 
-from eyechart.actions import DRIVING
 from eyechart.calls import CallKey, Reply
 from eyechart.costs import ALL, accounts, estimate
 from eyechart.ledger import UNKNOWN, Sent
 from eyechart.models.prices import Price, Prices, read_prices
 from eyechart.modes import Measured, RequestMode
+from eyechart.spaces.discrete import DRIVING
 
 SPEC = "openai:m"
 KEY = CallKey("battery", SPEC, "p", "f1", "real")

@@ -18,7 +18,6 @@ from eyechart.limits import Limits, Outcome
 from eyechart.models import open_model
 from eyechart.modes import RequestMode
 from eyechart.prompts import PROMPTS
-from eyechart.reader import read_decision
 from eyechart.run import Plan, execute
 from faults import FAULTS, HANGS_S, FaultServer, answer, refuse
 
@@ -116,7 +115,7 @@ def test_every_fault_becomes_its_own_kind_and_every_call_one_outcome(bank: Frame
                 assert kinds == [FINAL[fault]]
             else:
                 assert kinds == [None]
-                decision = read_decision(last.text, last.finish_reason, None, bank.manifest.action_space)
+                decision = bank.manifest.action_space.read(last)
                 assert decision.missing == READ[fault]
             assert last.error is None or (last.text == "" and last.error_detail)
     unfinished = {call[0].key for fault in LASTING for call in by_fault[fault]}

@@ -25,6 +25,7 @@ from eyechart.errors import BankError
 from eyechart.frames import (
     MAIN,
     BankWriter,
+    Camera,
     Frame,
     FrameBank,
     check,
@@ -300,8 +301,8 @@ def test_a_written_bank_reads_back_as_it_was_given(bank: FrameBank) -> None:
     assert check(bank.root) == []
     for code, frame in enumerate(given):
         picture, drawn = banks.pictures_of(frame, code)
-        assert bank.image(frame) == picture
-        assert {name: bank.image(frame, name) for name in frame.counterfactuals} == drawn
+        assert bank.images(frame) == picture
+        assert {name: bank.images(frame, name) for name in frame.counterfactuals} == drawn
     assert open_bank(bank.root).manifest == bank.manifest
     assert list(bank.manifest.geometry) == [frame.id for frame in given]
 
@@ -470,10 +471,12 @@ REFUSED_BY_THE_WRITER: dict[str, tuple[dict[str, object], str]] = {
     "an array": ({"truth": {"gap": np.zeros(2)}}, "truth 'gap' is a ndarray"),
     "a reserved name": ({"truth": {"episode": 1}}, "reserved names"),
     "the name of a picture": ({"truth": {"lead_file_name": "x"}}, "reserved names"),
-    "a file outside": ({"file": "../f.png"}, "'../f.png' leads outside"),
-    "an axis that cannot be read": ({"mirror_axis": "diagonal"}, "diagonal"),
+    "a file outside": ({"pictures": {MAIN: "../f.png"}}, "'../f.png' leads outside"),
+    "an axis that cannot be read": ({"cameras": (Camera(MAIN, "diagonal"),)}, "diagonal"),  # type: ignore[arg-type]
+    "a camera that the manifest lacks": ({"cameras": (Camera("wrist"),)}, "the manifest declares"),
+    "a state that the manifest lacks": ({"state": {"joints": (1.0,)}}, "the manifest declares"),
     "a surrogate": ({"scenario": "\udc80"}, "surrogate"),
-    "a picture that was not given": ({"counterfactuals": {"lead_near": "n.png"}}, "counterfactuals"),
+    "a picture that was not given": ({"counterfactuals": {"lead_near": {MAIN: "n.png"}}}, "counterfactuals"),
 }
 
 

@@ -24,9 +24,9 @@ from eyechart.guardian import asking as asking_module
 from eyechart.limits import Limits
 from eyechart.models import ADAPTERS, Model
 from eyechart.modes import RequestMode
-from eyechart.perception.scene import Scene
 from eyechart.prompts import SCENE
 from eyechart.report.guardian_page import guardian_page
+from eyechart.spaces.scene import Scene
 from eyechart.studies import battery, structured
 from eyechart.studies import guardian as study
 from published_votes import GEMMA, QWEN, published

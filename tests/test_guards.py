@@ -3,11 +3,11 @@ from dataclasses import replace
 
 import pytest
 
-from eyechart.actions import DRIVING
 from eyechart.calls import CallKey, Reply
 from eyechart.integrity import Guard, guards
 from eyechart.ledger import Sent
 from eyechart.modes import Measured, RequestMode
+from eyechart.spaces.discrete import DRIVING
 
 KEY = CallKey("battery", "openai:m", "p", "f", "real")
 MODE = RequestMode("openai:m")

@@ -13,13 +13,13 @@ from PIL import Image
 
 import photographs
 from eyechart import cli
-from eyechart.actions import DRIVING, read_space
 from eyechart.errors import EyechartError, SourceError, SpecError
 from eyechart.frames import FrameBank, check, open_bank
 from eyechart.importing import Choices, costs, import_lerobot, import_table, parquet, tables
 from eyechart.importing import bank as making
 from eyechart.models import ADAPTERS
 from eyechart.run import Plan
+from eyechart.spaces.discrete import DRIVING, read_space
 from eyechart.studies import battery
 from eyechart.verdicts import Verdict, judge
 
@@ -314,7 +314,7 @@ def test_a_missing_column_costs_its_own_tests_by_name_and_the_battery_still_runs
 
 def space() -> object:
     """Return the rover's action space."""
-    return making.ActionSpace(
+    return making.Discrete(
         "rover", ("HALT", "CRAWL", "GO", "PORT", "STARBOARD"), (("PORT", "STARBOARD"),), ("HALT", "CRAWL"), ("GO",)
     )
 

@@ -13,17 +13,18 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("cli",),
     ("testing", "api", "bundle"),
     ("report", "serve"),
-    ("gate", "calibrate", "compare", "transfer", "destination", "guardian"),
-    ("verdicts",),
+    ("calibrate", "compare", "transfer", "destination", "guardian"),
     ("studies",),
+    ("gate",),
+    ("verdicts",),
     ("episodes",),
     ("run", "manifest", "costs", "integrity", "probe"),
     ("attempts",),
     ("models", "simulators", "policies", "ledger", "prompts", "importing", "limits", "stimuli"),
     ("perception", "mpc"),
     ("calls", "conditions", "modes"),
-    ("frames", "reader"),
-    ("actions",),
+    ("frames",),
+    ("spaces",),
     ("stats", "cameras"),
     ("errors", "seeds"),
 )
@@ -34,11 +35,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
 """
 
 FLOORS = {
-    "stats": ("eyechart.stats.statistic",),
-    "perception": (
-        "eyechart.perception.scene",
-        "eyechart.perception.estimate",
-    ),
+    "stats": ("eyechart.stats.statistic", "eyechart.stats.association"),
     "models": ("eyechart.models.http", "eyechart.models.energy"),
     "simulators": (
         "eyechart.simulators.camera",
@@ -46,12 +43,11 @@ FLOORS = {
         "eyechart.simulators.plan",
         "eyechart.simulators.road",
     ),
-    "studies": ("eyechart.studies.battery", "eyechart.studies.closed_loop"),
+    "studies": ("eyechart.studies.battery", "eyechart.studies.closed_loop", "eyechart.studies.probed"),
 }
-"""Inside a package whose modules are peers, only its floor is shared: for perception, the nouns of a scene and of what
-a model says of one; for models, a request and its energy; for simulators, the forward camera,
-how a balanced bank is planned and written, and the road of rover and drone; for studies, the battery, and the drives
-that others are scored with."""
+"""Inside a package whose modules are peers, only its floor is shared: for models, a request and its energy; for
+simulators, the forward camera, how a balanced bank is planned and written, and the road of rover and drone; for
+studies, the battery, the drives that others are scored with, and what a probe before a run needs of each."""
 
 ASSEMBLED = {
     "bundle",
@@ -72,6 +68,7 @@ ASSEMBLED = {
     "simulators.highway",
     "simulators.road",
     "simulators.rover",
+    "spaces",
     "studies.battery",
     "studies.hierarchy",
     "studies.closed_loop",
@@ -223,18 +220,22 @@ def test_no_module_imports_itself_through_others() -> None:
             "from eyechart.ledger import Ledger",
             "eyechart.frames.nouns imports eyechart.ledger, which stands above it",
         ),
-        ("actions.py", "import eyechart.frames", "eyechart.actions imports eyechart.frames, which stands above it"),
+        (
+            "spaces/space.py",
+            "import eyechart.frames",
+            "eyechart.spaces.space imports eyechart.frames, which stands above it",
+        ),
         ("ledger.py", "from eyechart import prompts", "eyechart.ledger imports eyechart.prompts, its peer"),
         ("stats/paired.py", "from eyechart.stats.agreement import rate", "imports eyechart.stats.agreement, its peer"),
         ("stats/paired.py", "    from eyechart import cli", "eyechart.stats.paired imports eyechart.cli"),
         ("run.py", "from . import frames", "eyechart.run has a relative import"),
-        ("perception/scene.py", "from eyechart.models.scripted import see", "which stands above it"),
+        ("perception/estimators.py", "from eyechart.models.scripted import see", "which stands above it"),
         ("perception/renderer.py", "from eyechart.simulators import SIMULATORS", "which stands above it"),
         ("calls.py", "from eyechart.conditions import show", "eyechart.calls imports eyechart.conditions, its peer"),
         ("models/scripted.py", "from eyechart.models.openai_compatible import names", "openai_compatible, its peer"),
         ("models/scripted.py", "from eyechart.simulators import open_simulator", "eyechart.simulators, its peer"),
         ("simulators/highway/world.py", "from eyechart.models import open_model", "eyechart.models, its peer"),
-        ("studies/battery/answers.py", "from eyechart.verdicts import judge", "which stands above it"),
+        ("verdicts/verdict.py", "from eyechart.studies import battery", "which stands above it"),
         ("report/tables.py", "from eyechart.cli.app import app", "which stands above it"),
         (
             "verdicts/paper.py",

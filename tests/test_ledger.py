@@ -1,6 +1,13 @@
+import os
+import shutil
+import signal
 import sqlite3
-from contextlib import closing
-from dataclasses import replace
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import astuple, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -11,14 +18,28 @@ from hypothesis import strategies as st
 from eyechart.attempts import budget_of
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.errors import LedgerError
-from eyechart.ledger import UNKNOWN, Ledger
+from eyechart.ledger import _APPEND_ONLY, _SCHEMA, UNKNOWN, Ledger
 from eyechart.limits import Limits
 
 MODEL = "standin:steady"
 KEY = CallKey("battery", MODEL, "baseline@0", "f1", "real")
 OTHER = replace(KEY, frame="f2")
 FULL = Reply("STOP", "stop", None, "", 10, 1, 0.5)
-EVERY = Reply("GO", "stop", None, "", 10, 9, 0.5, "so so", 8, 0.25, 200, 1.5, "m-2026", "upstream", 0.001, 2.5)
+EVERY = Reply(
+    "GO", "stop", None, "", 10, 9, 0.5, "so so", 8, 0.25, 200, 1.5, "m-2026", "upstream", 0.001, 2.5, "fp", 7, "ab"
+)
+FORMAT_1 = """
+CREATE TABLE calls (id INTEGER PRIMARY KEY, study TEXT NOT NULL, model TEXT NOT NULL, prompt TEXT NOT NULL,
+    frame TEXT NOT NULL, condition TEXT NOT NULL, repeat INTEGER NOT NULL,
+    UNIQUE (study, model, prompt, frame, condition, repeat)) STRICT;
+CREATE TABLE attempts (id INTEGER PRIMARY KEY, call INTEGER NOT NULL REFERENCES calls (id), number INTEGER NOT NULL,
+    request_sha256 TEXT NOT NULL, sent_at TEXT NOT NULL, UNIQUE (call, number)) STRICT;
+CREATE TABLE replies (attempt INTEGER PRIMARY KEY REFERENCES attempts (id), call INTEGER NOT NULL REFERENCES calls (id),
+    final INTEGER NOT NULL, closed_at TEXT NOT NULL, text TEXT NOT NULL, finish_reason TEXT, error TEXT,
+    error_detail TEXT NOT NULL, prompt_tokens INTEGER, completion_tokens INTEGER, seconds REAL) STRICT;
+"""
+COLUMNS = {1: 7, 2: 16}
+"""How many fields of a Reply an older ledger holds."""
 
 
 @pytest.fixture
@@ -40,6 +61,48 @@ def fill(path: Path, *entries: tuple[CallKey, Reply | None]) -> None:
             attempt = ledger.begin(key, "digest")
             if reply is not None:
                 ledger.close(attempt, reply)
+
+
+def older(path: Path, version: int, *replies: Reply) -> None:
+    """Write a ledger of an older format, with one finished call a reply, as it was closed by its writer."""
+
+    def add(table: str, *values: object) -> None:
+        sql.execute(f"INSERT INTO {table} VALUES ({', '.join('?' * len(values))})", values)  # noqa: S608 - our own
+
+    with closing(sqlite3.connect(path)) as sql:
+        sql.executescript("PRAGMA journal_mode = WAL;" + (FORMAT_1 if version == 1 else _SCHEMA + _APPEND_ONLY))
+        sql.execute(f"PRAGMA user_version = {version}")
+        for number, reply in enumerate(replies, 1):
+            add("calls", number, *astuple(replace(KEY, frame=f"f{number}")))
+            add("attempts", number, number, 1, *(() if version == 1 else (None,)), "digest", "then")
+            add("replies", number, number, 1, "now", *astuple(reply)[: COLUMNS[version]])
+        sql.commit()
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    """Return what lies in a folder."""
+    return {item.name: item.read_bytes() for item in folder.iterdir()}
+
+
+@contextmanager
+def writer(path: Path) -> Iterator[subprocess.Popen[str]]:
+    """Hold a process that has written one reply into a ledger, and has it open."""
+    says = f"""
+import sys
+from pathlib import Path
+from eyechart.calls import CallKey, Reply
+from eyechart.ledger import Ledger
+with Ledger(Path({str(path)!r}), create=True) as ledger:
+    ledger.close(ledger.begin({KEY!r}, "digest"), Reply("STOP"))
+    print("written", flush=True)
+    sys.stdin.read()
+"""
+    pipe = subprocess.PIPE
+    with subprocess.Popen([sys.executable, "-c", says], stdin=pipe, stdout=pipe, text=True) as one:
+        assert one.stdout is not None
+        assert one.stdout.readline() == "written\n"
+        yield one
+        one.kill()
 
 
 def test_a_reply_comes_back_verbatim(path: Path) -> None:
@@ -135,13 +198,156 @@ def test_unknown_outcomes_are_those_of_unfinished_calls(path: Path) -> None:
 
 
 def test_a_reply_ends_an_attempt_once(path: Path) -> None:
-    """Neither the same attempt nor the same call gets a second final reply."""
+    """The same attempt gets no second reply."""
     with Ledger(path, create=True) as ledger:
-        one, two = ledger.begin(KEY, "digest"), ledger.begin(KEY, "digest")
-        ledger.close(one, FULL)
-        for attempt in (one, two):
-            with pytest.raises(sqlite3.IntegrityError):
-                ledger.close(attempt, FULL)
+        attempt = ledger.begin(KEY, "digest")
+        ledger.close(attempt, FULL)
+        with pytest.raises(sqlite3.IntegrityError):
+            ledger.close(attempt, FULL)
+
+
+def test_of_several_final_replies_of_a_call_the_last_one_counts(path: Path) -> None:
+    """In the order of sending; a failure that came after them takes nothing back, and every reply stays."""
+    with Ledger(path, create=True) as ledger:
+        attempts = [ledger.begin(KEY, "digest") for _ in range(3)]
+        for attempt, reply in zip(attempts, (FULL, EVERY, Reply(error="timeout")), strict=True):
+            ledger.close(attempt, reply)
+        assert list(ledger.replies(MODEL)) == [(KEY, EVERY)]
+        assert [one.reply for one in ledger.attempts(MODEL)] == [FULL, EVERY, Reply(error="timeout")]
+        assert ledger.finished() == {KEY}
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_an_older_ledger_is_read_and_not_written(tmp_path: Path, version: int) -> None:
+    """Every row comes back; what its format does not hold is unknown; the file and its folder stay as they are."""
+    path = tmp_path / "ledger.sqlite"
+    older(path, version, EVERY, Reply("GO"))
+    before = files(tmp_path)
+    known = Reply(*astuple(EVERY)[: COLUMNS[version]])
+    with Ledger(path) as ledger:
+        assert [reply for _, reply in ledger.replies(MODEL)] == [known, Reply("GO")]
+        assert [(one.reason, one.reply) for one in ledger.attempts(MODEL)] == [(None, known), (None, Reply("GO"))]
+        assert len(ledger.finished()) == 2
+        assert ledger.damaged() == []
+    assert files(tmp_path) == before
+    with Ledger(tmp_path / "merged", create=True) as merged, Ledger(path) as ledger:
+        assert merged.absorb(ledger) == 2
+        assert [reply for _, reply in merged.replies(MODEL)] == [known, Reply("GO")]
+    assert {name: text for name, text in files(tmp_path).items() if name != "merged"} == before
+
+
+def test_a_ledger_of_format_2_grows_in_a_run_with_a_copy_of_the_old_one_beside_it(tmp_path: Path) -> None:
+    """The copy reads as before; the ledger has today's schema, all of its rows, and a checksum on what is new."""
+    path = tmp_path / "ledger.sqlite"
+    older(path, 2, EVERY)
+    with Ledger(path, create=True) as ledger:
+        ledger.close(ledger.begin(replace(KEY, frame="f9"), "digest"), FULL)
+    assert sorted(files(tmp_path)) == ["ledger.sqlite", "ledger.sqlite.format2.bak"]
+    with Ledger(path) as ledger:
+        ledger.require_plain()
+        assert [reply.text for _, reply in ledger.replies(MODEL)] == ["GO", "STOP"]
+    assert [row[-1] is None for row in rows(path, "replies")] == [True, False]
+    with closing(sqlite3.connect(tmp_path / "ledger.sqlite.format2.bak")) as sql:
+        assert sql.execute("PRAGMA user_version").fetchone() == (2,)
+        assert sql.execute("SELECT text FROM replies").fetchall() == [("GO",)]
+
+
+def test_a_migration_that_was_cut_begins_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """After the copy, in it, or within the change: the ledger is of format 2 until it is one of format 3."""
+    path = tmp_path / "ledger.sqlite"
+    older(path, 2, EVERY)
+    (tmp_path / ".ledger.sqlite.format2.bak").write_text("half a copy", encoding="utf-8")
+    with monkeypatch.context() as broken:
+        broken.setattr("eyechart.ledger._MIGRATION", "ALTER TABLE replies ADD COLUMN row_sha256 TEXT; SELECT absent;")
+        with pytest.raises(LedgerError, match="no such column: absent"):
+            Ledger(path, create=True)
+    with Ledger(path) as ledger:
+        ledger.require_plain()
+    with Ledger(path, create=True) as ledger:
+        assert [reply.text for _, reply in ledger.replies(MODEL)] == ["GO"]
+    assert sorted(files(tmp_path)) == ["ledger.sqlite", "ledger.sqlite.format2.bak"]
+
+
+def test_only_a_plain_ledger_is_migrated(tmp_path: Path) -> None:
+    """One of format 1, and a database that only says that it is one, are left as they are."""
+    for version, words in ((1, "format 1, which is read and not appended to"), (2, "no plain ledger: attempts")):
+        path = tmp_path / f"of{version}"
+        older(path, 1)
+        with closing(sqlite3.connect(path)) as sql:
+            sql.execute(f"PRAGMA user_version = {version}")
+        with pytest.raises(LedgerError, match=words):
+            Ledger(path, create=True)
+    assert sorted(files(tmp_path)) == ["of1", "of2"]
+
+
+def test_a_row_that_is_not_what_its_checksum_says_is_named(path: Path) -> None:
+    """Whatever the values were given as: whole numbers as seconds, a negative zero, what is no number."""
+    odd = Reply("a\0b\ud800ü", seconds=-0.0, first_byte_s=2, energy_j=float("nan"), prompt_tokens=True)
+    fill(path, (KEY, odd), (OTHER, EVERY), (replace(KEY, frame="f3"), Reply(error="timeout")))
+    with Ledger(path) as ledger:
+        assert ledger.damaged() == []
+    with closing(sqlite3.connect(path)) as sql:
+        sql.executescript("DROP TRIGGER replies_UPDATE; UPDATE replies SET text = 'STOP' WHERE attempt = 2;")
+    with Ledger(path) as ledger:
+        assert ledger.damaged() == [OTHER]
+
+
+def test_a_merged_ledger_keeps_its_checksums(path: Path, tmp_path: Path) -> None:
+    """They are over what was asked and came, not over the places of rows."""
+    fill(path, (KEY, FULL))
+    fill(tmp_path / "more", (OTHER, None), (OTHER, EVERY))
+    with Ledger(path, create=True) as ledger, Ledger(tmp_path / "more") as more:
+        ledger.absorb(more)
+        assert ledger.damaged() == []
+    assert None not in {row[-1] for row in rows(path, "replies")}
+
+
+def test_a_ledger_is_read_beside_its_writer_and_nothing_is_left(tmp_path: Path) -> None:
+    """Its rows are seen at once, also from the log of a writer that was killed; a read leaves no file of its own."""
+    path = tmp_path / "ledger.sqlite"
+    with writer(path) as live:
+        assert (tmp_path / "ledger.sqlite-wal").stat().st_size > 0
+        with Ledger(path) as ledger:
+            assert ledger.finished() == {KEY}
+        live.send_signal(signal.SIGKILL)
+        live.wait()
+    for name in ("ledger.sqlite-shm", "nothing"):
+        (tmp_path / name).unlink(missing_ok=True)  # a copy of a run may lack it
+        before = files(tmp_path)
+        with Ledger(path) as ledger:
+            assert ledger.finished() == {KEY}
+        assert files(tmp_path) == before
+    fill(path, (OTHER, FULL))
+    assert sorted(files(tmp_path)) == ["ledger.sqlite"]
+    with Ledger(path) as ledger:
+        assert ledger.finished() == {KEY, OTHER}
+    assert sorted(files(tmp_path)) == ["ledger.sqlite"]
+
+
+def test_a_ledger_whose_log_is_begun_anew_at_every_copy_is_read_where_it_is(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A copy may then be torn: its file from before, its log from after."""
+    with Ledger(path, create=True) as live:
+        copy = shutil.copyfile
+
+        def late(source: Path, target: Path) -> None:
+            if source == path:
+                live.close(live.begin(replace(KEY, frame=str(time.monotonic_ns())), "digest"), FULL)
+                live._sql.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+            copy(source, target)
+
+        monkeypatch.setattr(shutil, "copyfile", late)
+        with Ledger(path) as ledger:
+            assert len(ledger.finished()) == 20
+
+
+def test_a_file_that_cannot_be_read_is_named(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing stays open or beside it."""
+    fill(path, (KEY, FULL))
+    monkeypatch.setattr(shutil, "copyfile", lambda *_: os.stat(path.parent / "none"))  # noqa: PTH116 - raises
+    with pytest.raises(LedgerError, match=r"ledger\.sqlite cannot be read: No such file"):
+        Ledger(path)
 
 
 def test_absorbing_keeps_every_attempt_and_reply(path: Path, tmp_path: Path) -> None:
@@ -236,7 +442,9 @@ def test_a_ledger_of_a_later_format_is_refused(path: Path) -> None:
     fill(path, (KEY, FULL))
     with closing(sqlite3.connect(path)) as sql:
         sql.execute("PRAGMA user_version = 9")
-    with pytest.raises(LedgerError, match=r"format 9; this eyechart reads format 2: use the eyechart that wrote it"):
+    with pytest.raises(
+        LedgerError, match=r"format 9; this eyechart reads formats 1 to 3: use the eyechart that wrote it"
+    ):
         Ledger(path)
 
 

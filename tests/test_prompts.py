@@ -2,9 +2,9 @@ from dataclasses import replace
 
 import pytest
 
-from eyechart.actions import DRIVING
 from eyechart.errors import SpecError
 from eyechart.prompts import FORWARD_PROMPTS, PROMPTS, Prompt, find_prompt
+from eyechart.spaces.discrete import DRIVING
 
 PAPER = {"baseline", "minimal", "chain_of_thought", "few_shot", "anti_degeneracy"}
 

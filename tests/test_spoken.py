@@ -10,7 +10,6 @@ import pytest
 import banks
 import photographs
 import stand_ins
-from eyechart.actions import DRIVING, ActionSpace
 from eyechart.conditions import BATTERY, CONDITIONS, seed_of, show, speaker
 from eyechart.errors import BankError, EyechartError, LedgerError, SpecError
 from eyechart.frames import MAIN, BankWriter, Frame, FrameBank, Stimulus, check, encode, open_bank
@@ -18,6 +17,7 @@ from eyechart.importing import Choices, import_table
 from eyechart.manifest import read_run
 from eyechart.models import ADAPTERS
 from eyechart.prompts import PROMPTS, Prompt, find_prompt, neutral, read_prompt
+from eyechart.spaces.discrete import DRIVING, Discrete
 from eyechart.studies import battery
 from eyechart.verdicts import judge
 
@@ -27,7 +27,7 @@ system = "You drive. Actions: {actions}."
 user = """You go at speed {speed} {{sic}}. Reply as {"action": "HALT"}."""
 '''
 PLACES = {"file": "photo", "episode": "drive", "step": "tick", "scenario": "place", "gap": "lidar_m"}
-TWO = ActionSpace("two", ("HALT", "GO"), (), ("HALT",), ("GO",))
+TWO = Discrete("two", ("HALT", "GO"), (), ("HALT",), ("GO",))
 
 UNDRAWN = tuple(name for name, one in CONDITIONS.items() if not one.needs & {"counterfactual", "text", "drive"})
 """What a bank without counterfactuals can show where a prompt says nothing of a frame."""

@@ -6,21 +6,23 @@ import numpy as np
 import pytest
 
 import simulated
-from eyechart.actions import DRIVING
 from eyechart.frames import Frame
+from eyechart.spaces.discrete import DRIVING
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.battery import ALPHA, MARGIN
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.published import Resampling
-from eyechart.studies.battery.scoring import ModelScore, statistics_of
+from eyechart.studies.battery.scoring import statistics_of
 from eyechart.verdicts import (
-    CALIBRATED_LABELS,
+    ALPHA,
+    LABELS,
+    LATERAL,
+    MARGIN,
     PAPER_LABELS,
-    TRUST,
+    Evidence,
     Ruling,
     calibrated_rules,
-    judging,
     lateral_rules,
+    notes,
     paper_rules,
 )
 
@@ -31,8 +33,7 @@ WORLD = simulated.frames()
 def rule_on(answered: Answers) -> tuple[Ruling, str, Ruling, Ruling]:
     """Return calibrated ruling, evidence, lateral ruling and the paper's ruling on simulated answers."""
     found = statistics_of(answered, HOW)
-    model = ModelScore("simulated", "0", 0, 0, answered, found, {})
-    lateral = lateral_rules(found, model, DRIVING)
+    lateral = lateral_rules(found, answered.directions())
     calibrated, evidence = calibrated_rules(found, swaps=lateral.label == "swaps")
     holm = {name: found[name].p for name in ("cramers_v", "cramers_v.decision")}
     return calibrated, evidence, lateral, paper_rules(found, holm)
@@ -207,12 +208,12 @@ def test_one_scenario_leaves_another_untested_and_says_so() -> None:
     """A verdict on a single scenario notes that no picture of another one was shown."""
     whole = simulated.answers(depth, WORLD)
     part = replace(whole, decisions={name: one for name, one in whole.decisions.items() if name != "cross_scenario"})
-    notes = []
+    said = []
     for answered in (whole, part):
         found = statistics_of(answered, Resampling(resamples=99, intervals=False))
-        notes.append(judging._notes(found, ModelScore("simulated", "0", 0, 0, answered, found, {}), max_tokens=9))
+        said.append(notes(Evidence("simulated", found, 0, 0, answered.counts())))
     note = "whether a picture of another scenario changes its answer was not tested"
-    assert [note in one for one in notes] == [False, True]
+    assert [note in one for one in said] == [False, True]
 
 
 def test_paint_that_changes_the_answer_is_content() -> None:
@@ -307,7 +308,7 @@ def test_a_missing_condition_never_breaks_the_rules(missing: str) -> None:
     whole = simulated.answers(depth, WORLD)
     part = replace(whole, decisions={name: given for name, given in whole.decisions.items() if name != missing})
     calibrated, _, _, paper = rule_on(part)
-    assert calibrated.label in CALIBRATED_LABELS
+    assert calibrated.label in LABELS
     assert paper.label in PAPER_LABELS
 
 
@@ -318,9 +319,10 @@ def test_a_bank_without_gaps_says_that_the_gap_was_not_tested() -> None:
     assert (calibrated.label, evidence) == ("content", "none")
 
 
-def test_every_label_has_a_sentence_of_trust() -> None:
-    """No calibrated label is without its sentence, and no sentence without its label."""
-    assert set(TRUST) == set(CALIBRATED_LABELS)
+def test_every_label_has_a_sentence_and_the_paper_gives_no_other() -> None:
+    """No label is without its sentence, and every label of the paper's rules is one of the calibrated ones."""
+    assert all(label.says.endswith(".") for label in (*LABELS.values(), *LATERAL.values()))
+    assert set(PAPER_LABELS) <= set(LABELS)
 
 
 def test_a_model_that_never_refuses_has_no_refusal_effect() -> None:

@@ -19,9 +19,9 @@ from typing import NoReturn
 
 import numpy as np
 
-from eyechart.actions import DRIVING, ActionSpace
 from eyechart.frames import RGB, MirrorAxis, Scalar
 from eyechart.simulators import Drive, Moved
+from eyechart.spaces.discrete import DRIVING, Discrete
 
 LENGTH = 10
 STEPS = 12
@@ -171,7 +171,7 @@ class Tiny:
     scenarios: Mapping[str, str] = {name: f"{one.__doc__}" for name, one in FAULTS.items()}
     picture = "a corridor"
     mirror_axis: MirrorAxis = "vertical"
-    action_space: ActionSpace = DRIVING
+    action_space: Discrete = DRIVING
 
     def drive(self, scenario: str, seed: int) -> Drive:
         """Open a corridor."""

@@ -11,8 +11,7 @@ import numpy as np
 from eyechart.calls import Query, Reply
 from eyechart.frames import decode
 from eyechart.modes import RequestMode
-from eyechart.perception.estimate import Estimate
-from eyechart.perception.scene import CLOSE_GAP_M, Scene
+from eyechart.spaces.scene import CLOSE_GAP_M, Estimate, Scene
 from eyechart.studies import battery, guardian, structured
 
 VERSION = {"all": "1"}
@@ -30,7 +29,7 @@ def gap_of(picture: bytes) -> float | None:
 
 def says(gap_m: float | None) -> Reply:
     """Return the reply of a model that sees this gap."""
-    return Reply(Estimate.of(Scene(gap_m, left_clear=True, right_clear=False)).text(), "stop")
+    return Reply(str(Estimate.of(Scene(gap_m, left_clear=True, right_clear=False))), "stop")
 
 
 @dataclass
@@ -63,7 +62,7 @@ class Voter:
         fixed = {"always": 5.0, "never": None, "replaced": None}
         if self.name == "torn":
             torn = Estimate.of(Scene(5.0, left_clear=True, right_clear=False))
-            return Reply(replace(torn, close=False).text(), "stop")
+            return Reply(str(replace(torn, close=False)), "stop")
         said = says(fixed[self.name] if self.name in fixed else gap_of(query.image))
         return replace(said, served="another" if self.name == "replaced" else "itself")
 

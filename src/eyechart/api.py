@@ -7,7 +7,7 @@ What the command line does step by step is done here in one call each; the steps
 import asyncio
 import secrets
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
@@ -18,14 +18,16 @@ from eyechart.errors import SpecError
 from eyechart.frames import FrameBank
 from eyechart.limits import Spent
 from eyechart.manifest import LEDGER
+from eyechart.models.prices import read_prices
 from eyechart.modes import RequestMode
-from eyechart.probe import is_served
+from eyechart.probe import Found, Sample
 from eyechart.probe import probe as find_mode
 from eyechart.run import Progress
 from eyechart.simulators import open_bank_simulator
 from eyechart.studies import battery
 from eyechart.studies.battery import Battery, BatteryScore
-from eyechart.verdicts import Verdict, judge, scope, words_of
+from eyechart.studies.probed import Allowed, Asked, Probing, plan_probed
+from eyechart.verdicts import Verdict, judge, words_of
 
 
 @dataclass(frozen=True, repr=False)
@@ -102,7 +104,7 @@ class Report:
         return f"<div><p><strong>{escape(str(self.path))}</strong>. {escape(self._scope())}</p>{cards}</div>"
 
     def _scope(self) -> str:
-        return scope(self.score) if self.verdicts else "the run holds no model"
+        return self.score.scope() if self.verdicts else "the run holds no model"
 
 
 def build_bank(
@@ -150,7 +152,12 @@ def run_battery(  # noqa: PLR0913 - what a battery is mostly asked for
         root = bank.root if isinstance(bank, FrameBank) else Path(bank)
         return battery.plan(root, modes, Path(out), prompt=prompt, seed=seed, limit=limit, probes=probes)
 
-    _make_calls(_plan_probed(given, Path(out), plan, wanted=probe), concurrency, progress)
+    modes = [one if isinstance(one, RequestMode) else RequestMode(one) for one in given]
+    asked = Asked(modes, frozenset(one for one in given if isinstance(one, str)), {})
+    probing = Probing(plan, lambda one: battery.sample_of([one]), battery.keep_probes, [Path(out)])
+    planned = plan_probed(probing, asked, Allowed(read_prices(), no_probe=not probe), _ask)[0]
+    assert planned is not None  # a model that cannot be probed has raised
+    _make_calls(planned, concurrency, progress)
     return read_report(out)
 
 
@@ -166,29 +173,10 @@ def read_report(run: Path | str, *, resamples: int = 5000, independent: bool = F
     return Report(Path(run), scored, judge(scored))
 
 
-def _plan_probed(
-    given: Sequence[str | RequestMode],
-    out: Path,
-    plan: Callable[[Sequence[RequestMode], Mapping[str, Spent]], Battery],
-    *,
-    wanted: bool,
-) -> Battery:
-    """Plan a battery; where it has served models that neither a mode nor the run's manifest describes, probe them."""
-    modes, unprobed = [], []
-    for one in given:
-        mode = one if isinstance(one, RequestMode) else RequestMode(one)
-        before = None if isinstance(one, RequestMode) else battery.as_recorded(out, mode, ())
-        modes.append(before or mode)
-        if wanted and isinstance(one, str) and before is None and is_served(mode):
-            unprobed.append(mode)
-    planned = plan(modes, {})
-    if not unprobed:
-        return planned
-    sample, seed = battery.sample_of([planned]), secrets.randbelow(10**6)
-    with ThreadPoolExecutor(1) as thread:  # a notebook has an event loop of its own
-        found = {mode.spec: thread.submit(find_mode, mode, sample=sample, seed=seed).result() for mode in unprobed}
-    pinned = [found[mode.spec].mode if mode.spec in found else mode for mode in modes]
-    return plan(pinned, {spec: one.spent for spec, one in found.items()})
+def _ask(mode: RequestMode, sample: Sample, most: float | None) -> Found:
+    """Probe a model in a thread, because a notebook has an event loop of its own."""
+    with ThreadPoolExecutor(1) as thread:
+        return thread.submit(find_mode, mode, sample=sample, seed=secrets.randbelow(10**6), max_cost=most).result()
 
 
 def _make_calls(planned: Battery, concurrency: int, progress: Progress | None) -> None:

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from types import UnionType
 from typing import Literal, get_args
@@ -40,11 +40,13 @@ SILENT: frozenset[str] = frozenset({"timeout", "server_error", "connection", "cu
 that the run asks too fast."""
 
 
-def naming(actions: Sequence[str]) -> dict[str, object]:
-    """Return the JSON schema of an answer that names an action: one of these, or any text where there are none."""
-    action = {"type": "string", **({"enum": list(actions)} if actions else {})}
-    only = {"required": ["action"], "additionalProperties": False}
-    return {"type": "object", "properties": {"action": action}, **only}
+ANY_ACTION: Mapping[str, object] = {
+    "type": "object",
+    "properties": {"action": {"type": "string"}},
+    "required": ["action"],
+    "additionalProperties": False,
+}
+"""The JSON schema of an answer that names an action, whichever."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +61,7 @@ class Query:
     user: str
     stimulus: Stimulus
     seed: int
-    schema: Mapping[str, object] = field(default_factory=lambda: naming(()), hash=False)
+    schema: Mapping[str, object] = field(default_factory=lambda: ANY_ACTION, hash=False)
 
     @property
     def images(self) -> tuple[bytes, ...]:
@@ -108,8 +110,10 @@ class Reply:
     ``length``, ``content_filter``). ``reasoning`` is what the model thought, where it comes apart from the answer;
     ``completion_tokens`` include ``reasoning_tokens``. ``seconds`` and ``first_byte_s`` are wall time from sending to
     the last and the first byte. ``status`` is HTTP's; ``retry_after_s`` what the server asked for. ``served`` names
-    the model as the reply does, ``provider`` the upstream that a router chose. ``cost_usd`` is what the endpoint
-    itself reports, ``energy_j`` what was measured here. None is "not reported" or "not measured", never 0.
+    the model as the reply does, ``provider`` the upstream that a router chose, ``system_fingerprint`` the server's own
+    name of its configuration. ``cost_usd`` is what the endpoint itself reports, ``energy_j`` what was measured here.
+    ``payload_bytes`` and ``payload_sha256`` are of the request's body as it went out. None is "not reported" or "not
+    measured", never 0.
     """
 
     text: str = ""
@@ -128,11 +132,14 @@ class Reply:
     provider: str | None = None
     cost_usd: float | None = None
     energy_j: float | None = None
+    system_fingerprint: str | None = None
+    payload_bytes: int | None = None
+    payload_sha256: str | None = None
 
 
 _TEXTS = ("text", "error_detail", "reasoning")
-_NAMES = ("finish_reason", "served", "provider")
-_COUNTS = ("prompt_tokens", "completion_tokens", "reasoning_tokens", "status")
+_NAMES = ("finish_reason", "served", "provider", "system_fingerprint", "payload_sha256")
+_COUNTS = ("prompt_tokens", "completion_tokens", "reasoning_tokens", "status", "payload_bytes")
 _NUMBERS = ("seconds", "first_byte_s", "retry_after_s", "cost_usd", "energy_j")
 
 

@@ -4,22 +4,17 @@ from array import array
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
-from functools import lru_cache
 
 import numpy as np
 
-from eyechart.actions import MISSING, ActionSpace
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.ledger import UNKNOWN, Sent
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
-from eyechart.perception.estimate import read_estimate
-from eyechart.reader import read_decision
+from eyechart.spaces.space import MISSING, AnySpace
 
 ALL = "all"
 """The name of the account that holds every condition."""
-
-_READINGS_KEPT = 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +57,7 @@ class Account:
         return asdict(self)
 
 
-def accounts(sent: Iterable[Sent], mode: RequestMode, space: ActionSpace, prices: Prices) -> dict[str, Account]:
+def accounts(sent: Iterable[Sent], mode: RequestMode, space: AnySpace, prices: Prices) -> dict[str, Account]:
     """Return the account of a model's attempts, all of them first, and then by condition."""
     book = Book(mode, space, prices)
     for one in sent:
@@ -71,23 +66,11 @@ def accounts(sent: Iterable[Sent], mode: RequestMode, space: ActionSpace, prices
 
 
 class Book:
-    """Adds up attempts one by one, in the order of sending, without keeping them.
+    """Adds up attempts one by one, in the order of sending, without keeping them; the ``space`` reads replies."""
 
-    ``scene`` says that replies are read as scene estimates, not as actions of the ``space``.
-    """
-
-    def __init__(self, mode: RequestMode, space: ActionSpace, prices: Prices, *, scene: bool = False) -> None:
-        self._mode = mode
-        self._prices = prices
+    def __init__(self, mode: RequestMode, space: AnySpace, prices: Prices) -> None:
+        self._mode, self._space, self._prices = mode, space, prices
         self._pages: dict[str, _Page] = {}
-
-        @lru_cache(maxsize=_READINGS_KEPT)
-        def read(text: str, finish_reason: str | None, error: str | None) -> str | None:
-            if scene:
-                return read_estimate(text, finish_reason, error).missing
-            return read_decision(text, finish_reason, error, space).missing
-
-        self._read = read
 
     def add(self, one: Sent) -> None:
         """Add an attempt."""
@@ -101,13 +84,12 @@ class Book:
             page.counts["unknown"] += 1
             page.cost_from[UNKNOWN] += 1
             return
-        missing = self._read(reply.text, reply.finish_reason, reply.error)
         if reply.error in UNFINISHED and not one.final:
             page.pending.add(one.key)
         else:
             page.pending.discard(one.key)
             page.counts["finished"] += 1
-            page.missing[missing or ""] += 1
+            page.missing[self._space.read(reply).missing or ""] += 1
         cost, how = self._prices.cost(self._mode, reply)
         page.cost_from[how] += 1
         page.take(reply, cost)

@@ -7,16 +7,20 @@ from dataclasses import dataclass, replace
 from eyechart.errors import SpecError
 from eyechart.stats.paired import clopper_pearson
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.battery import ALPHA, MARGIN, BatteryScore, ModelScore
-from eyechart.studies.structured import CLAUSES, EstimatorScore, StructuredScore
-from eyechart.studies.structured.admission import Held
-from eyechart.verdicts import Verdict, judge
+from eyechart.verdicts import ALPHA, LABELS, LATERAL, MARGIN, Evidence, Label, Scored, Verdict, judge
+from eyechart.verdicts.admission import CLAUSES, Held
+from eyechart.verdicts.admission import hold as hold_clauses
 
-REQUIREMENTS: dict[str, str] = {
-    "depth": "the calibrated verdict is depth or depth_lateral",
-    "depth_lateral": "the calibrated verdict is depth_lateral",
-    "swaps": "the lateral label is swaps",
-}
+
+def _meeting(labels: Mapping[str, Label], which: str) -> dict[str, str]:
+    names = dict.fromkeys(name for label in labels.values() for name in label.meets)
+    meeting = {name: sorted(one for one, label in labels.items() if name in label.meets) for name in names}
+    return {name: f"the {which} is {' or '.join(found)}" for name, found in meeting.items()}
+
+
+REQUIREMENTS = _meeting(LABELS, "calibrated verdict") | _meeting(LATERAL, "lateral label")
+"""What may be required of a battery, with what it means."""
+
 UNPARSED = "max_unparsed"
 ADMISSION: dict[str, str] = {
     "admission": "every clause of admission",
@@ -98,7 +102,7 @@ def read_requirements(text: str, known: Collection[str] = tuple(REQUIREMENTS)) -
 
 
 def hold_admission(
-    score: StructuredScore, require: Sequence[str] = ("admission",), *, max_unparsed: float | None = None
+    score: Scored, require: Sequence[str] = ("admission",), *, max_unparsed: float | None = None
 ) -> Gate:
     """Hold every model of a run of scene estimates to clauses of admission, a check a clause.
 
@@ -107,24 +111,21 @@ def hold_admission(
     """
     wanted = read_requirements(",".join(require), tuple(ADMISSION))
     _require_rate(max_unparsed)
-    names = tuple(name for name in CLAUSES if name in wanted or "admission" in wanted)
     checks: list[Check] = []
-    for spec, one in score.models.items():
-        reason, held = _no_estimates(one), {clause.name: clause for clause in one.clauses}
-        mine = []
-        for name in names:
-            passes = None if reason else held[name].passes
-            mine.append(Check(spec, name, passes, reason or _held_words(held[name])))
+    for spec, one in score.evidence().items():
+        reason, mine = _no_evidence(one), []
+        for clause in hold_clauses(one.statistics):
+            if clause.name in wanted or "admission" in wanted:
+                passes = None if reason else clause.passes
+                mine.append(Check(spec, clause.name, passes, reason or _held_words(clause)))
         if max_unparsed is not None:
             parse = one.statistics["parse"]
             without = None if parse.value is None else 1 - parse.value
             words = parse.note if without is None else f"without an estimate {without:.3f}, at most {max_unparsed}"
             holds = None if reason or without is None else without <= max_unparsed
             mine.append(Check(spec, UNPARSED, holds, reason or words))
-        failed = [guard for guard in score.guards[spec] if guard.holds is False]
-        checks += [
-            _marked(check, [f"guard '{guard.name}' fails: {guard.because}" for guard in failed]) for check in mine
-        ]
+        marks = [f"guard '{guard.name}' fails: {guard.because}" for guard in one.failed]
+        checks += [_marked(check, marks) for check in mine]
     return Gate(tuple(checks))
 
 
@@ -135,24 +136,12 @@ def _held_words(found: Held) -> str:
     return f"{one.value:.{3 if least < 1 else 0}f}, at least {least:g} (n = {one.n})"
 
 
-def _no_estimates(one: EstimatorScore) -> str:
-    """Return why a model's calls are no evidence of what it estimates, or nothing."""
-    if one.planned == 0 or one.answered == 0:
-        return "the run holds no finished call of this model"
-    if one.answered < one.planned:
-        return f"the run is unfinished: {one.answered} of {one.planned} calls"
-    errors = one.told.reasons.get("error", 0)
-    if errors:
-        return f"{errors} of {one.answered} calls ended in an error (see the ledger), so they say nothing of the model"
-    return ""
-
-
 def _require_rate(max_unparsed: float | None) -> None:
     if max_unparsed is not None and not 0 <= max_unparsed <= 1:
         raise SpecError(f"--max-unparsed takes a rate between 0 and 1, got {max_unparsed}")
 
 
-def hold(score: BatteryScore, require: Sequence[str], *, max_unparsed: float | None = None) -> Gate:
+def hold(score: Scored, require: Sequence[str], *, max_unparsed: float | None = None) -> Gate:
     """Hold every model of a scored battery to the requirements, and to an unparsed rate over all calls.
 
     A run without calls, one with calls still to make, and a model whose calls failed cannot say; nor does what would
@@ -163,17 +152,14 @@ def hold(score: BatteryScore, require: Sequence[str], *, max_unparsed: float | N
     _require_rate(max_unparsed)
     verdicts = judge(score)
     checks: list[Check] = []
-    for spec, model in score.models.items():
-        reason, mine = _no_evidence(model), []
+    for spec, one in score.evidence().items():
+        reason, mine = _no_evidence(one), []
         for requirement in wanted:
-            holds, because = (
-                (None, reason)
-                if reason
-                else _claim(requirement, verdicts[spec], model.statistics["depth_interventional"])
-            )
+            distance = one.statistics["depth_interventional"]
+            holds, because = (None, reason) if reason else _claim(requirement, verdicts[spec], distance)
             mine.append(Check(spec, requirement, holds, because))
         if max_unparsed is not None:
-            mine.append(_unparsed(spec, model, max_unparsed, reason))
+            mine.append(_unparsed(one, max_unparsed, reason))
         checks += [_marked(check, verdicts[spec].marks) for check in mine]
     return Gate(tuple(checks))
 
@@ -185,46 +171,34 @@ def _marked(check: Check, marks: Sequence[str]) -> Check:
     return replace(check, holds=None if check.holds else check.holds, because="; ".join((check.because, *marks)))
 
 
-def _no_evidence(model: ModelScore) -> str:
+def _no_evidence(one: Evidence) -> str:
     """Return why a model's calls are no evidence at all, or nothing."""
-    if model.planned == 0 or model.answered == 0:
+    if one.planned == 0 or one.answered == 0:
         return "the run holds no finished call of this model"
-    if model.answered < model.planned and model.stopped is None:
-        return f"the run is unfinished: {model.answered} of {model.planned} calls"
-    errors = _reasons(model).get("error", 0)
-    if errors:
-        return (
-            f"{errors} of {model.answered} calls ended in an error (see the ledger), so they say nothing of the model"
-        )
+    if one.unfinished:
+        return f"the run is unfinished: {one.answered} of {one.planned} calls"
+    if errors := one.reasons().get("error"):
+        return f"{errors} of {one.answered} calls ended in an error (see the ledger), so they say nothing of the model"
     return ""
 
 
-def _reasons(model: ModelScore) -> Mapping[str, int]:
-    found: dict[str, int] = {}
-    for column in model.answers.decisions.values():
-        for one in column:
-            if one is not None and one.missing is not None:
-                found[one.missing] = found.get(one.missing, 0) + 1
-    return found
-
-
 def _claim(requirement: str, verdict: Verdict, interventional: Statistic) -> tuple[bool | None, str]:
-    if requirement == "swaps":
-        lateral = verdict.lateral
-        holds = None if lateral.label in {"no_power", "not_tested"} else lateral.label == "swaps"
-        return holds, f"{lateral.label}: {lateral.because}"
-    label, because = verdict.calibrated.label, f"{verdict.calibrated.label}: {verdict.calibrated.because}"
-    if label in ({"depth", "depth_lateral"} if requirement == "depth" else {"depth_lateral"}):
+    """Return whether a verdict meets a requirement, by what its labels mean to a gate, and why."""
+    lateral, label = LATERAL[verdict.lateral.label], LABELS[verdict.calibrated.label]
+    sideways = f"{verdict.lateral.label}: {verdict.lateral.because}"
+    because = f"{verdict.calibrated.label}: {verdict.calibrated.because}"
+    unknown = lateral.otherwise == "cannot say"
+    if any(requirement in one.meets for one in LATERAL.values()):
+        return None if unknown else requirement in lateral.meets, sideways
+    if requirement in label.meets:
         return True, because
-    if label == "undecided" or verdict.evidence == "none":
+    if label.otherwise == "cannot say" or verdict.evidence == "none":
         return None, f"{because} (evidence on distance: {verdict.evidence})"
-    if label == "depth" and verdict.lateral.label in {"no_power", "not_tested"}:
-        return None, f"{verdict.lateral.label}: {verdict.lateral.because}"
-    if label in {"content", "scene_cue"} and not _bounded(interventional):
-        return (
-            None,
-            f"{because}; that its braking does not follow distance is not shown either (no bound below {MARGIN})",
-        )
+    if "depth" in label.meets and unknown:
+        return None, sideways
+    if label.otherwise == "fails if bounded" and not _bounded(interventional):
+        shown = f"that its braking does not follow distance is not shown either (no bound below {MARGIN})"
+        return None, f"{because}; {shown}"
     return False, because
 
 
@@ -236,11 +210,11 @@ def _bounded(interventional: Statistic) -> bool:
     return pairs > 0 and clopper_pearson(wins, pairs, 1 - 2 * ALPHA)[1] < MARGIN
 
 
-def _unparsed(spec: str, model: ModelScore, most: float, reason: str) -> Check:
-    rate = model.statistics["unparsed_rate"]
-    if model.stopped is not None:
-        words = f"{model.stopped.words()}, and the rate is over the calls of a whole run"
-        return Check(spec, UNPARSED, None, reason or words)
+def _unparsed(one: Evidence, most: float, reason: str) -> Check:
+    rate = one.statistics["unparsed_rate"]
+    if one.stopped is not None:
+        reason = f"{one.stopped.words()}, and the rate is over the calls of a whole run"
     if reason or rate.value is None:
-        return Check(spec, UNPARSED, None, reason or rate.note)
-    return Check(spec, UNPARSED, rate.value <= most, f"unparsed rate {rate.value:.3f}, at most {most} (n = {rate.n})")
+        return Check(one.model, UNPARSED, None, reason or rate.note)
+    because = f"unparsed rate {rate.value:.3f}, at most {most} (n = {rate.n})"
+    return Check(one.model, UNPARSED, rate.value <= most, because)

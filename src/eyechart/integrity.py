@@ -10,12 +10,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import asdict, dataclass, field
 
-from eyechart.actions import ActionSpace
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.ledger import Sent
 from eyechart.modes import FEWEST_TOKENS, RequestMode
-from eyechart.perception.estimate import read_estimate
-from eyechart.reader import read_decision
+from eyechart.spaces.space import AnySpace
 
 FEWEST = 8
 """Fewer pairs than this are no ground for a suspicion."""
@@ -47,11 +45,11 @@ def guards(
     mode: RequestMode,
     fingerprint: str,
     *,
-    space: ActionSpace | None = None,
+    space: AnySpace | None = None,
 ) -> tuple[Guard, ...]:
     """Return every guard of one model's calls; ``fingerprint`` is that of the bank's geometry, which was checked.
 
-    With an action ``space``, decisions that never differ are found too, whatever words are around them.
+    With a ``space``, decisions that never differ are found too, whatever words are around them.
     """
     watch = Watch(mode, space)
     for one in sent:
@@ -60,15 +58,11 @@ def guards(
 
 
 class Watch:
-    """Looks at attempts one by one, in the order of sending, without keeping them.
+    """Looks at attempts one by one, in the order of sending, without keeping them; the ``space`` reads replies."""
 
-    ``scene`` says that replies are read as scene estimates, not as actions of the ``space``.
-    """
-
-    def __init__(self, mode: RequestMode, space: ActionSpace | None = None, *, scene: bool = False) -> None:
+    def __init__(self, mode: RequestMode, space: AnySpace | None = None) -> None:
         self._mode = mode
         self._space = space
-        self._scene = scene
         self._decided: Counter[str] = Counter()
         self._outcomes = _Outcomes()
         self._repeats = _Repeats()
@@ -86,21 +80,12 @@ class Watch:
         if len(self._texts) < _TEXTS_KEPT:
             self._texts.add(reply.text.strip())
         if len(self._decided) < 2:  # two that differ are enough to know
-            self._decided.update(self._said(reply))
+            found = None if self._space is None else self._space.read(reply).action
+            self._decided.update([] if found is None else [str(found)])
         if one.key.condition in self._tokens and reply.prompt_tokens:
             self._tokens[one.key.condition].append(reply.prompt_tokens)
         if one.key.condition in {"real", "real_repeat"}:
             self._repeats.add(one.key.frame, reply)
-
-    def _said(self, reply: Reply) -> list[str]:
-        """Return the decision of a reply, or its estimate, as a list of one; empty where there is none."""
-        if self._scene:
-            found = read_estimate(reply.text, reply.finish_reason, None).estimate
-            return [] if found is None else [found.text()]
-        if self._space is None:
-            return []
-        action = read_decision(reply.text, reply.finish_reason, None, self._space).action
-        return [] if action is None else [action]
 
     def guards(self, planned: Iterable[CallKey], fingerprint: str) -> tuple[Guard, ...]:
         """Return every guard, now that all attempts were looked at."""

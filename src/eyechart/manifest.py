@@ -18,7 +18,7 @@ from eyechart.limits import Spent
 from eyechart.modes import RequestMode
 from eyechart.perception.view import NONE
 from eyechart.prompts import Prompt
-from eyechart.reader import READER
+from eyechart.spaces.discrete import READER, Discrete
 
 FORMAT = "eyechart-run/2"
 LEDGER = "ledger.sqlite"
@@ -179,8 +179,10 @@ def is_free(path: Path) -> bool:
 
 def asked_of(bank: FrameBank, prompt: Prompt) -> FrameBank:
     """Return a bank as a prompt asks of it: with what that says of a frame, and the actions it has of its own."""
-    space = prompt.space or bank.manifest.action_space
-    return replace(bank, manifest=replace(bank.manifest, action_space=space), said=prompt.fields)
+    asked = replace(bank, said=prompt.fields)
+    if not isinstance(prompt.space, Discrete):
+        return asked
+    return replace(asked, manifest=replace(bank.manifest, action_space=prompt.space))
 
 
 def _shard(value: Sequence[object]) -> tuple[int, int]:

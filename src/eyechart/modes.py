@@ -14,8 +14,8 @@ from urllib.parse import urlsplit
 
 import tomli_w
 
-from eyechart.actions import read_toml
 from eyechart.errors import SpecError
+from eyechart.spaces.discrete import read_toml
 
 Scalar = str | int | float | bool
 TokenField = Literal["max_tokens", "max_completion_tokens"]

@@ -12,14 +12,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from eyechart.actions import DRIVING, ActionSpace, read_toml, space_from
-from eyechart.calls import Query, naming
+from eyechart.calls import ANY_ACTION, Query
 from eyechart.cameras import Distances
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank, MirrorAxis, Stimulus
-from eyechart.perception.estimate import SCHEMA
-from eyechart.perception.scene import HIGHWAY
 from eyechart.perception.view import View
+from eyechart.spaces.discrete import DRIVING, Discrete, read_toml, space_from
+from eyechart.spaces.scene import HIGHWAY, SCENES, SceneSpace
+from eyechart.spaces.space import AnySpace
 
 _ONE_WORD = "Answer with one word: STOP, SLOW, STRAIGHT, LEFT or RIGHT."
 
@@ -35,30 +35,28 @@ class Prompt:
     """A formulation: a system message and a user message, sent with the picture of the condition.
 
     In a ``template`` ``{column}`` stands for what a frame has in that prompt column, ``{actions}`` for the names of
-    the actions, and ``{{word}}`` for ``{word}``; other braces are themselves. ``space`` is the action space that the
-    prompt asks for, None for that of the bank. ``scene`` says that it asks for a scene estimate and for no action.
+    the actions, and ``{{word}}`` for ``{word}``; other braces are themselves. ``space`` is what the prompt asks
+    for: actions of its own, or a scene estimate; None for the actions of the bank.
     """
 
     name: str
     system: str
     user: str
     template: bool = False
-    space: ActionSpace | None = None
-    scene: bool = False
+    space: AnySpace | None = None
 
-    @property
-    def form(self) -> Mapping[str, object] | None:
-        """Return the JSON schema of an answer that is no action, None where an action is asked for."""
-        return SCHEMA if self.scene else None
+    def asks(self, space: Discrete) -> AnySpace:
+        """Return the space of its answers, where the bank or the world has the actions of ``space``."""
+        return space if self.space is None else self.space
 
     @property
     def key(self) -> str:
         """Return ``name@hash``, which changes with any change of the wording or of what it asks for."""
         wording = f"{self.system}\x1f{self.user}"
-        if self.space is not None:
+        if isinstance(self.space, Discrete):
             wording += f"\x1f{json.dumps(self.space.as_dict())}"
-        if self.form is not None:
-            wording += f"\x1f{json.dumps(self.form, sort_keys=True)}"
+        elif self.space is not None:
+            wording += f"\x1f{json.dumps(self.space.schema(), sort_keys=True)}"
         return f"{self.name}@{hashlib.sha256(wording.encode()).hexdigest()[:8]}"
 
     @property
@@ -80,11 +78,11 @@ class Prompt:
 
         return _FIELD.sub(fill, self.system), _FIELD.sub(fill, self.user)
 
-    def query(self, seen: Stimulus, seed: int, actions: Sequence[str] = ()) -> Query:
-        """Return what a model is asked of a stimulus, about these actions; every Query is built here."""
+    def query(self, seen: Stimulus, seed: int, space: AnySpace | None = None) -> Query:
+        """Return what a model is asked of a stimulus, for an answer of ``space``; every Query is built here."""
         state = {name: ", ".join(f"{one:g}" for one in numbers) for name, numbers in seen.state.items()}
-        schema = naming(actions) if self.form is None else self.form
-        return Query(*self.render({**seen.fields, **state}, actions), seen, seed, schema)
+        words = self.render({**seen.fields, **state}, () if space is None else space.actions)
+        return Query(*words, seen, seed, ANY_ACTION if space is None else space.schema())
 
     def as_dict(self) -> dict[str, object]:
         """Return the wording and its key as plain JSON values."""
@@ -93,22 +91,22 @@ class Prompt:
             "system": self.system,
             "user": self.user,
             **({"template": True} if self.template else {}),
-            **({} if self.space is None else {"action_space": self.space.as_dict()}),
-            **({"scene": True} if self.scene else {}),
+            **({"action_space": self.space.as_dict()} if isinstance(self.space, Discrete) else {}),
+            **({"scene": True} if isinstance(self.space, SceneSpace) else {}),
             "key": self.key,
         }
 
     @classmethod
     def from_dict(cls, values: Mapping[str, object]) -> "Prompt":
         """Build a prompt from plain values; raises SpecError where its key is not that of its wording."""
-        space = values.get("action_space")
+        own = values.get("action_space")
+        space = Discrete.from_dict(own) if isinstance(own, dict) else SCENES if values.get("scene") is True else None
         prompt = cls(
             name=str(values["name"]),
             system=str(values["system"]),
             user=str(values["user"]),
             template=values.get("template") is True,
-            space=ActionSpace.from_dict(space) if isinstance(space, dict) else None,
-            scene=values.get("scene") is True,
+            space=space,
         )
         if values.get("key", prompt.key) != prompt.key:
             raise SpecError(f"the wording of prompt '{prompt.name}' has key {prompt.key}, not {values['key']}")
@@ -223,7 +221,7 @@ def read_prompt(path: Path) -> Prompt:
     return Prompt(name, str(words["system"]), user, template=True, space=asked)
 
 
-def neutral(picture: str, space: ActionSpace) -> Prompt:
+def neutral(picture: str, space: Discrete) -> Prompt:
     """Return the plainest prompt for pictures of one's own: what they are, and which actions there are."""
     names = f"{', '.join(space.actions[:-1])} or {space.actions[-1]}"
     return Prompt(
@@ -254,7 +252,7 @@ def _scene(name: str, opening: str, gap: str, distances: Distances) -> Prompt:
         "confidence: how sure you are, from 0 to 1.",
         f'Reply as {{"lead_gap_m": <number or null>, "close": <true or false>, {reply}}}.',
     )
-    return Prompt(name, _SCENE_SYSTEM, "\n".join(lines), scene=True)
+    return Prompt(name, _SCENE_SYSTEM, "\n".join(lines), space=SCENES)
 
 
 SCENE = _scene(

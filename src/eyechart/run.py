@@ -17,6 +17,7 @@ from eyechart.models import Model
 from eyechart.perception.view import View
 from eyechart.prompts import Prompt
 from eyechart.seeds import key_seed
+from eyechart.spaces.space import AnySpace
 from eyechart.stimuli import Stimuli
 
 Progress = Callable[[int, int], None]
@@ -49,13 +50,18 @@ class Plan:
     shard: tuple[int, int] | None = None
     view: View | None = None
 
+    @property
+    def space(self) -> AnySpace:
+        """Return what the answers are: actions of the bank, or what the prompt asks for instead."""
+        return self.prompt.asks(self.bank.manifest.action_space)
+
     def keys(self) -> list[CallKey]:
         """Return the planned calls, in the bank's order."""
         return [key for model in self.models for key in self.keys_of(model)]
 
     def query(self, key: CallKey, seen: Stimulus) -> Query:
         """Return what a model is asked in a call, of this stimulus."""
-        return self.prompt.query(seen, key.seed(self.seed), self.bank.manifest.action_space.actions)
+        return self.prompt.query(seen, key.seed(self.seed), self.space)
 
     def keys_of(self, model: str) -> Iterator[CallKey]:
         """Yield the planned calls of one model, in the bank's order."""

@@ -15,7 +15,7 @@ from eyechart import cli
 from eyechart.errors import GuardianError
 from eyechart.frames import open_bank
 from eyechart.models import ADAPTERS
-from eyechart.perception.scene import Scene
+from eyechart.spaces.scene import Scene
 from eyechart.studies import guardian as study
 
 Say = Callable[..., tuple[object, str, str]]

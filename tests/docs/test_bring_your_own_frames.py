@@ -7,11 +7,11 @@ import pytest
 from typer.main import get_command
 
 import photographs
-from eyechart.actions import read_space
 from eyechart.cli.app import app
 from eyechart.frames import open_bank
 from eyechart.importing.columns import ROLES
 from eyechart.prompts import read_prompt
+from eyechart.spaces.discrete import read_space
 
 PAGE = (Path(__file__).parents[2] / "docs/bring-your-own-frames.md").read_text(encoding="utf-8")
 

@@ -7,13 +7,14 @@ from pathlib import Path
 import pytest
 
 import banks
-from eyechart.actions import DRIVING, Decision
 from eyechart.conditions import CONDITIONS
 from eyechart.frames import LEAD_GAP
+from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.space import Decision
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.published import Resampling
 from eyechart.studies.battery.scoring import statistics_of
-from eyechart.verdicts import CALIBRATED_LABELS, LATERAL_LABELS, PAPER_LABELS, TRUST
+from eyechart.verdicts import LABELS, LATERAL, PAPER_LABELS
 
 ROOT = Path(__file__).parents[2]
 STATISTICS = (ROOT / "docs" / "statistics.md").read_text(encoding="utf-8")
@@ -57,7 +58,7 @@ def test_every_paragraph_says_what_its_statistic_does_not_show() -> None:
 
 def test_the_page_names_only_statistics_and_conditions_that_there_are(printed: set[str]) -> None:
     """A name in running text is a statistic, a condition, a label or an option."""
-    known = printed | set(CONDITIONS) | set(CALIBRATED_LABELS) | {"mirrored"}
+    known = printed | set(CONDITIONS) | set(LABELS) | {"mirrored"}
     words = set(re.findall(r"`([a-z]\w*(?:\.\w+)?)`", STATISTICS))
     assert sorted(words - known) == []
 
@@ -65,13 +66,13 @@ def test_the_page_names_only_statistics_and_conditions_that_there_are(printed: s
 def test_every_verdict_has_its_paragraph() -> None:
     """A heading a label, calibrated and lateral, in the order in which they are tried; a row a label of the paper."""
     assert tuple(headings(part(VERDICTS, "The calibrated rules"))) == in_the_order_tried()
-    assert set(headings(part(VERDICTS, "Lateral"))) == set(LATERAL_LABELS)
+    assert set(headings(part(VERDICTS, "Lateral"))) == set(LATERAL)
     assert set(re.findall(r"^\| `(\w+)` \|", part(VERDICTS, "The paper's rules"), re.MULTILINE)) == set(PAPER_LABELS)
 
 
 def in_the_order_tried() -> tuple[str, ...]:
     """Return the calibrated labels with depth before depth_lateral, which is depth and more."""
-    labels = [label for label in CALIBRATED_LABELS if label != "depth_lateral"]
+    labels = [label for label in LABELS if label != "depth_lateral"]
     labels.insert(labels.index("depth") + 1, "depth_lateral")
     return tuple(labels)
 
@@ -83,7 +84,6 @@ def test_the_lists_of_labels_hold_every_label_that_a_rule_can_give() -> None:
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in {"Ruling", "decided"}:
                 given |= {label.value for label in ast.walk(node.args[0]) if isinstance(label, ast.Constant)}
-    listed = {*CALIBRATED_LABELS, *PAPER_LABELS, *LATERAL_LABELS}
+    listed = {*LABELS, *PAPER_LABELS, *LATERAL}
     assert given <= listed
     assert listed - given <= {"depth", "depth_lateral"}  # chosen by an expression of their own
-    assert set(TRUST) == set(CALIBRATED_LABELS)

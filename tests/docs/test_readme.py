@@ -8,7 +8,7 @@ from typer.main import get_command
 
 from eyechart.cli.app import app
 from eyechart.conditions import CONDITIONS
-from eyechart.verdicts import CALIBRATED_LABELS
+from eyechart.verdicts import LABELS
 from known import Demo
 
 ROOT = Path(__file__).parents[2]
@@ -41,7 +41,7 @@ def test_every_command_of_the_readme_exists() -> None:
 
 def test_the_readme_explains_every_verdict() -> None:
     """The table of verdicts has a row for each calibrated label."""
-    assert [label for label in CALIBRATED_LABELS if f"| `{label}` |" not in README] == []
+    assert [label for label in LABELS if f"| `{label}` |" not in README] == []
 
 
 def test_every_condition_is_in_the_paper_table_or_a_counterfactual() -> None:

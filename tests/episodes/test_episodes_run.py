@@ -17,7 +17,6 @@ from eyechart.limits import Limits
 from eyechart.manifest import LEDGER, RUN
 from eyechart.models.prices import read_prices
 from eyechart.modes import RequestMode
-from eyechart.reader import read_decision
 from eyechart.studies import battery
 
 LOOK = "python:tiny_worlds:look"
@@ -80,11 +79,7 @@ def test_every_step_of_a_model_is_one_call_of_the_ledger_and_its_reply_is_the_de
         for step in one.steps
     }
     with Ledger(driven / LEDGER) as ledger:
-        found = {
-            key: read_decision(reply.text, reply.finish_reason, reply.error, space)
-            for spec in (LOOK, SILENT, "oracle")
-            for key, reply in ledger.replies(spec)
-        }
+        found = {key: space.read(reply) for spec in (LOOK, SILENT, "oracle") for key, reply in ledger.replies(spec)}
         numbers = {sent.number for spec in (LOOK, SILENT) for sent in ledger.attempts(spec)}
     assert found == expected
     assert numbers == {1}

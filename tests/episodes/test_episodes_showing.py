@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import tiny_worlds
-from eyechart.actions import Decision
 from eyechart.conditions import OF_WORLDS, require_shown
 from eyechart.episodes import EpisodeKey
 from eyechart.episodes.worlds import POOL_SEEDS, Setup, Shown, Worlds
 from eyechart.errors import SpecError
 from eyechart.frames import MAIN, RGB, alone, decode
+from eyechart.spaces.space import Decision
 
 GO = Decision("LEFT")
 
@@ -61,7 +61,7 @@ def test_policies_are_shown_the_condition_too(monkeypatch: pytest.MonkeyPatch) -
     seen: list[RGB] = []
 
     class Looking:
-        def decide(self, observation: object) -> Decision:
+        def decide(self, observation: object) -> Decision[str]:
             seen.append(observation.picture())  # type: ignore[attr-defined]
             return GO
 
@@ -91,4 +91,6 @@ def test_a_moment_shows_the_highway_of_the_banks(tmp_path: Path) -> None:
     worlds, key = Worlds(Setup("highway", 0)), EpisodeKey("m", "highway", "merge", 2)
     shown = worlds.open(key)
     assert isinstance(shown, Shown)
-    assert np.array_equal(decode(shown.picture, "x"), open_simulator("highway").drive("merge", 2).picture())
+    assert np.array_equal(
+        decode(shown.stimulus.images[MAIN], "x"), open_simulator("highway").drive("merge", 2).picture()
+    )

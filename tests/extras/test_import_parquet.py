@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import photographs
-from eyechart.actions import read_space
 from eyechart.errors import SourceError
 from eyechart.frames import check, decode
 from eyechart.importing import Choices, costs, import_lerobot, import_table
 from eyechart.models import ADAPTERS
+from eyechart.spaces.discrete import read_space
 from eyechart.studies import battery
 from eyechart.verdicts import judge
 

@@ -11,8 +11,8 @@ from eyechart.errors import SpecError
 from eyechart.models import huggingface, open_model
 from eyechart.models.huggingface import checkpoint, organisms
 from eyechart.modes import RequestMode
-from eyechart.studies.structured import CLAUSES
-from eyechart.verdicts import CALIBRATED_LABELS
+from eyechart.verdicts import LABELS
+from eyechart.verdicts.admission import CLAUSES
 
 
 def test_a_missing_library_is_one_line_that_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -44,7 +44,7 @@ def test_an_unknown_organism_lists_the_known_ones() -> None:
 def test_every_organism_declares_labels_that_there_are() -> None:
     """A typing error here would fail no other test."""
     for one in (organisms.ORGANISMS | organisms.PLANNERS).values():
-        assert one.calibrated in CALIBRATED_LABELS
+        assert one.calibrated in LABELS
         assert one.lateral in {"swaps", "does_not_swap", "one_sided", "no_power"}
     assert all(one.fails <= CLAUSES.keys() for one in organisms.ESTIMATORS.values())
 

@@ -12,18 +12,18 @@ import numpy as np
 import pytest
 from aiohttp import web
 
-from eyechart.actions import DRIVING
-from eyechart.calls import Query, Reply, naming
+from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
 from eyechart.frames import Stimulus, encode
 from eyechart.models import Model, ollama, open_model
 from eyechart.modes import RequestMode
-from eyechart.perception.estimate import SCHEMA
+from eyechart.spaces.discrete import DRIVING, Discrete
+from eyechart.spaces.scene import SCHEMA
 from faults import Loopback
 from ollama_stand_in import COUNTS, DIGEST, TEMPLATE, StandIn
 
 PICTURE = encode(np.full((8, 8, 3), 128, dtype=np.uint8))
-QUERY = Query("Drive.", "Which action?", Stimulus.of(PICTURE), 2**62 + 5, naming(DRIVING.actions))
+QUERY = Query("Drive.", "Which action?", Stimulus.of(PICTURE), 2**62 + 5, DRIVING.schema())
 
 
 @pytest.fixture
@@ -78,7 +78,7 @@ def test_options_and_formats_go_where_the_api_wants_them(server: StandIn) -> Non
     """A schema binds the action to the query's actions, or the scene; without a picture there is no list of them."""
     ask(
         server,
-        query=Query("", "Which?", Stimulus(), 1, naming(("GO", "STOP"))),
+        query=Query("", "Which?", Stimulus(), 1, Discrete("two", ("GO", "STOP"), (), (), ()).schema()),
         structured="json_schema",
         temperature=None,
         options={"think": False, "keep_alive": "10m", "num_ctx": 2048},

@@ -12,18 +12,18 @@ import numpy as np
 import pytest
 from aiohttp import web
 
-from eyechart.actions import DRIVING
-from eyechart.calls import Query, Reply, naming
+from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
 from eyechart.frames import Stimulus, encode
 from eyechart.models import Model, open_model
 from eyechart.models.http import proxy_for
 from eyechart.modes import RequestMode
-from eyechart.perception.estimate import SCHEMA
+from eyechart.spaces.discrete import DRIVING, Discrete
+from eyechart.spaces.scene import SCHEMA
 from faults import FaultServer, answer, completion, refuse
 
 PICTURE = encode(np.full((8, 8, 3), 128, dtype=np.uint8))
-QUERY = Query("Drive.", "Which action?", Stimulus.of(PICTURE), 2**62 + 5, naming(DRIVING.actions))
+QUERY = Query("Drive.", "Which action?", Stimulus.of(PICTURE), 2**62 + 5, DRIVING.schema())
 KEY = "sk-test-0123456789abcdef"
 
 
@@ -93,7 +93,7 @@ def test_a_mode_changes_the_request(monkeypatch: pytest.MonkeyPatch) -> None:
     with FaultServer() as server:
         ask(
             server,
-            query=Query("", "Which?", Stimulus(), 2**40 + 9, naming(("GO", "STOP"))),
+            query=Query("", "Which?", Stimulus(), 2**40 + 9, Discrete("two", ("GO", "STOP"), (), (), ()).schema()),
             token_field="max_completion_tokens",  # noqa: S106 - the name of a field
             temperature=None,
             seed=True,
@@ -338,7 +338,7 @@ def test_no_field_that_a_server_fills_brings_a_key_back(monkeypatch: pytest.Monk
     with says(lambda: web.json_response(body)) as server:
         reply = ask(server, key_env="MY_KEY")
     assert reply.finish_reason == "b [key removed]"
-    assert repr(reply).count("[key removed]") == 6
+    assert repr(reply).count("[key removed]") == 7
     assert KEY not in repr(reply)
 
 

@@ -5,15 +5,14 @@ import asyncio
 import numpy as np
 import pytest
 
-from eyechart.actions import DRIVING
 from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
 from eyechart.frames import Stimulus, decode, encode, open_bank
 from eyechart.models import open_model
 from eyechart.models.scripted import CONTROLLERS, PLANNERS, names, see
 from eyechart.perception.estimators import ESTIMATORS
-from eyechart.reader import read_decision
-from eyechart.verdicts import CALIBRATED_LABELS, PAPER_LABELS
+from eyechart.spaces.discrete import DRIVING
+from eyechart.verdicts import LABELS, PAPER_LABELS
 
 GREY = encode(np.full((150, 600, 3), 128, dtype=np.uint8))
 NOISE = encode(np.random.default_rng(0).integers(0, 256, (150, 600, 3), dtype=np.uint8))
@@ -29,7 +28,7 @@ def ask(name: str, image: bytes | None, seed: int = 0) -> Reply:
 def test_every_controller_answers_every_non_picture(name: str, image: bytes | None) -> None:
     """A reply to a non-picture is an action, a refusal or a cut-off, never an exception."""
     reply = ask(name, image)
-    decision = read_decision(reply.text, reply.finish_reason, reply.error, DRIVING)
+    decision = DRIVING.read(reply)
     assert decision.action in DRIVING.actions or decision.missing in {"refused", "truncated"}
 
 
@@ -47,7 +46,7 @@ def test_another_seed_may_get_another_reply(name: str) -> None:
 
 def test_refuse_blank_refuses_only_the_uniform_picture() -> None:
     """Noise and no picture are answered, mid-grey is refused."""
-    read = [read_decision(ask("refuse_blank", image).text, "stop", None, DRIVING) for image in (GREY, NOISE, None)]
+    read = [DRIVING.read(Reply(ask("refuse_blank", image).text, "stop", None)) for image in (GREY, NOISE, None)]
     assert [one.missing for one in read] == ["refused", None, None]
 
 
@@ -56,7 +55,7 @@ def test_declared_labels_are_labels(name: str) -> None:
     """Declarations use the words of the two sets of rules."""
     declared = CONTROLLERS[name].declared
     assert declared.paper in PAPER_LABELS
-    assert declared.calibrated in CALIBRATED_LABELS
+    assert declared.calibrated in LABELS
 
 
 def test_an_unknown_controller_lists_the_known() -> None:
@@ -84,7 +83,7 @@ def test_depth_lateral_exchanges_its_turns_under_the_flip(demo) -> None:  # noqa
     for frame in bank:
         pixels = decode(bank.image(frame), frame.file)
         action = ask("depth_lateral", encode(pixels)).text
-        assert ask("depth_lateral", encode(np.ascontiguousarray(pixels[::-1]))).text == DRIVING.mirror(action)
+        assert ask("depth_lateral", encode(np.ascontiguousarray(pixels[::-1]))).text == DRIVING.reflect(action)
         turns += action in DRIVING.directional
     assert turns >= 48
 

@@ -20,7 +20,6 @@ from scipy.optimize import linear_sum_assignment
 
 import banks
 import stand_ins
-from eyechart.actions import DRIVING
 from eyechart.calls import CallKey, Query, Reply
 from eyechart.conditions import BATTERY
 from eyechart.frames import LEAD_GAP, MAIN, RGB, BankManifest, BankWriter, FrameBank, decode, encode, open_bank
@@ -28,6 +27,7 @@ from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, versions, write_run
 from eyechart.modes import RequestMode
 from eyechart.prompts import find_prompt
+from eyechart.spaces.discrete import DRIVING
 
 SCENARIOS = ("light", "dense", "merge", "blocked")
 EPISODES, STEPS = 3, 12
@@ -268,7 +268,7 @@ def answers_of(model: Hosted, bank: FrameBank) -> dict[str, list[str]]:
     real = [waiting[frame.truth["lead_gap_m"]].pop(0) for frame in bank]
     found = {"real": real} | {name: deal(real, column.counts, column.agree) for name, column in model.columns.items()}
     has_direction = [name in DRIVING.directional for name in real]
-    wanted = [DRIVING.mirror(name) for name, turned in zip(real, has_direction, strict=True) if turned]
+    wanted = [DRIVING.reflect(name) for name, turned in zip(real, has_direction, strict=True) if turned]
     others = [name for name, turned in zip(real, has_direction, strict=True) if not turned]
     shared = sum(min(others.count(name), n) for name, n in zip(ANSWERS, model.unturned, strict=True))
     turned, unturned = iter(deal(wanted, model.turned, model.swaps)), iter(deal(others, model.unturned, shared))

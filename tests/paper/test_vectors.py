@@ -6,7 +6,13 @@ from pathlib import Path
 
 import pytest
 
+from eyechart.frames import Frame
+from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.space import Decision
 from eyechart.stats import agreement, association, correlation, paired, resampling
+from eyechart.stats.statistic import Statistic
+from eyechart.studies.battery.answers import Answers
+from eyechart.studies.battery.published import Published, Resampling
 
 HERE = Path(__file__).parent
 COPY = HERE / "paper_vectors.json"
@@ -17,17 +23,52 @@ def in_order(names: str, metrics: dict) -> list[float]:
     return [metrics[name].value for name in names.split()]
 
 
+def scored(**columns: list[str]) -> dict[str, Statistic]:
+    """Return the paper's statistics of a battery with these decisions, a list a condition, a decision a frame."""
+    frames = tuple(Frame(f"f{i}", "s", f"e{i}", 0, "vertical", "-", {}) for i in range(len(columns["real"])))
+    given = {name: tuple(map(Decision, column)) for name, column in columns.items()}
+    return Published(Answers("m", frames, DRIVING, None, given), Resampling(intervals=False)).statistics()
+
+
+def idi_adj(agree_blank: int, disagree_repeat: int, n: int) -> float | None:
+    """Return IDI_adj of answers that agree with the real ones on so many blanks, and on all but so many repeats."""
+    blank = ["SLOW"] * agree_blank + ["STOP"] * (n - agree_blank)
+    repeat = ["STOP"] * disagree_repeat + ["SLOW"] * (n - disagree_repeat)
+    return scored(real=["SLOW"] * n, blank=blank, real_repeat=repeat)["idi_adj"].value
+
+
+def spelled(counts: dict[str, int]) -> list[str]:
+    """Return every action as often as it is counted."""
+    return [action for action, count in counts.items() for _ in range(count)]
+
+
+def kappa(agree: float, marginal: list[int]) -> float | None:
+    """Return kappa of two raters with one marginal of three labels, who disagree in equal numbers in a ring."""
+    n, size = sum(marginal), len(marginal)
+    apart = round((1 - agree) * n / size)
+    first = [label for label, count in enumerate(marginal) for _ in range(count)]
+    starts = [sum(marginal[:label]) for label in range(size)]
+    second = list(first)
+    for label, start in enumerate(starts):
+        second[start : start + apart] = [(label + 1) % size] * apart
+    return agreement.cohens_kappa(first, second).value
+
+
 FUNCTIONS: dict[str, Callable[[dict], object]] = {
     "rate": lambda i: agreement.rate(i["k"], i["n"]).value,
     "cramers_v": lambda i: association.cramers_v(i["table"], correction=i["correction"]).value,
     "chi2_p": lambda i: association.chi2_test(i["table"], correction=i["correction"]).p,
     "chi2_p_below_1e-4": lambda i: association.chi2_test(i["table"], correction=i["correction"]).p < 1e-4,
-    "idi_adj": lambda i: agreement.idi_adj_from_counts(i["agree_blank"], i["disagree_repeat"], i["n"]).value,
+    "idi_adj": lambda i: idi_adj(i["agree_blank"], i["disagree_repeat"], i["n"]),
     "clears_floor": lambda i: agreement.clears_floor(i["IDI"], i["s"]),
-    "agreement_with_constant": lambda i: agreement.agreement_with_constant(i["real_counts"], i["constant"]).value,
+    "agreement_with_constant": lambda i: (
+        scored(real=spelled(i["real_counts"]), blank=[i["constant"]] * sum(i["real_counts"].values()))[
+            "agree.blank"
+        ].value
+    ),
     "permutation_p": lambda i: resampling.permutation_p(i["exceedances"], i["resamples"]),
-    "mutual_information_bits": lambda i: association.mutual_information_bits(i["table"]).value,
-    "holm_smallest": lambda i: resampling.holm_smallest(i["p"]),
+    "mutual_information_bits": lambda i: resampling.permute_mutual_information(i["table"], seed=0, resamples=1).value,
+    "holm_smallest": lambda i: min(p for p in resampling.holm(i["p"]) if p is not None),
     "mcnemar_exact": lambda i: paired.mcnemar_exact(i["b"], i["c"]).p,
     "pearson_p": lambda i: correlation.pearson_p(i["r"], i["n"]).p,
     "binary_metrics": lambda i: in_order(
@@ -38,7 +79,7 @@ FUNCTIONS: dict[str, Callable[[dict], object]] = {
         "coverage acc bal sens spec",
         agreement.selective_metrics(tp=i["TP"], fn=i["FN"], tn=i["TN"], fp=i["FP"], n=i["n"]),
     ),
-    "kappa_from_marginal": lambda i: agreement.kappa_from_marginal(i["agree_repeat"], i["marginal"]).value,
+    "kappa_from_marginal": lambda i: kappa(i["agree_repeat"], i["marginal"]),
 }
 
 

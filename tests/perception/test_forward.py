@@ -6,8 +6,8 @@ import pytest
 from eyechart.cameras import ROVER, Eye
 from eyechart.frames import RGB
 from eyechart.perception.forward import ForwardReading, read_forward, view_of
-from eyechart.perception.scene import safe_action
 from eyechart.simulators.camera import Camera, Cylinder
+from eyechart.spaces.scene import safe_action
 
 MIRROR = {"LEFT": "RIGHT", "RIGHT": "LEFT", "STRAIGHT": "STRAIGHT", "SLOW": "SLOW", "STOP": "STOP"}
 PAINTS = ((216, 84, 24), (190, 40, 130), (40, 70, 200))

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from eyechart.cameras import PALETTE
 from eyechart.perception.renderer import Reading, read_picture
-from eyechart.perception.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, safe_action
+from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, safe_action
 
 RED = PALETTE["red"][0]
 MIRROR = {"LEFT": "RIGHT", "RIGHT": "LEFT", "STRAIGHT": "STRAIGHT", "SLOW": "SLOW", "STOP": "STOP"}

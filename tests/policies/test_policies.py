@@ -8,13 +8,13 @@ from typing import NoReturn
 
 import pytest
 
-from eyechart.actions import DRIVING, ActionSpace
 from eyechart.errors import SpecError
 from eyechart.frames import RGB, Scalar
 from eyechart.policies import POLICIES, Observation, is_policy, open_policy
 from eyechart.simulators import open_simulator
+from eyechart.spaces.discrete import DRIVING, Discrete
 
-GO = ActionSpace("go", ("STOP", "GO"), (), ("STOP",), ("GO",))
+GO = Discrete("go", ("STOP", "GO"), (), ("STOP",), ("GO",))
 SEEN: Mapping[str, Scalar] = {"demand": "STRAIGHT", "left_clear": True, "right_clear": True}
 
 
@@ -90,7 +90,7 @@ def test_the_positive_control_does_by_its_eyes_what_the_truth_demands() -> None:
         ("oracle", GO, "drives with SLOW, STRAIGHT, LEFT, RIGHT"),
     ],
 )
-def test_a_spec_that_cannot_be_is_refused_in_words(spec: str, space: ActionSpace, words: str) -> None:
+def test_a_spec_that_cannot_be_is_refused_in_words(spec: str, space: Discrete, words: str) -> None:
     """Before anything drives."""
     with pytest.raises(SpecError, match=words):
         open_policy(spec, space, recorded)

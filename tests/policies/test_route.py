@@ -2,10 +2,11 @@
 
 import pytest
 
-from eyechart.actions import DRIVING, Decision
 from eyechart.errors import SpecError
 from eyechart.frames import Scalar
 from eyechart.policies import Observation, open_policy
+from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.space import Decision
 
 
 def observed(truth: dict[str, Scalar]) -> Observation:
@@ -13,7 +14,7 @@ def observed(truth: dict[str, Scalar]) -> Observation:
     return Observation("rover-mpc/single/0/000", 0, lambda: None, truth, DRIVING, 0)
 
 
-def decided(spec: str, left: float, middle: float, right: float, *, track: int = 1) -> Decision:
+def decided(spec: str, left: float, middle: float, right: float, *, track: int = 1) -> Decision[str]:
     """Return what a policy decides on the middle track, or another."""
     truth: dict[str, Scalar] = {"free_left_m": left, "free_middle_m": middle, "free_right_m": right, "track": track}
     return open_policy(spec, DRIVING, lambda _: {}).decide(observed(truth))

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from eyechart.actions import DRIVING
 from eyechart.models.prices import Price, Prices
 from eyechart.modes import RequestMode, read_mode, write_mode
 from eyechart.probe import Found, ProbeError, default_sample, doctor, probe
 from eyechart.probe.pinning import MOST_CALLS, MOST_TOKENS
+from eyechart.spaces.discrete import DRIVING
 from faults import FaultServer, Loopback
 from seeing import Endpoint, OllamaEndpoint, served
 

@@ -10,7 +10,6 @@ import pytest
 import banks
 import photographs
 import stand_ins
-from eyechart.actions import ActionSpace
 from eyechart.calls import Query, Reply
 from eyechart.conditions import seed_of, speaker
 from eyechart.frames import open_bank
@@ -22,10 +21,11 @@ from eyechart.report.evidence import read_evidence, subjects
 from eyechart.report.integrity import counts, not_covered, summed
 from eyechart.report.page import make_page
 from eyechart.report.sheets import verdict_sheet
+from eyechart.spaces.discrete import Discrete
 from eyechart.studies import battery as study
 from report_runs import data_of, make_run, report
 
-TWO = ActionSpace("two", ("HALT", "GO"), (), ("HALT",), ("GO",))
+TWO = Discrete("two", ("HALT", "GO"), (), ("HALT",), ("GO",))
 SAID = 'system = "You drive."\nuser = "You go at speed {speed}. Answer {actions}."\n'
 
 

@@ -7,14 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eyechart.actions import DRIVING
 from eyechart.api import run_battery
 from eyechart.cameras import DRONE
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank, decode
 from eyechart.models.scripted import CONTROLLERS
 from eyechart.perception.forward import read_forward, view_of
-from eyechart.perception.scene import safe_action
 from eyechart.simulators import Drive, Moved
 from eyechart.simulators.drone import Drone
 from eyechart.simulators.drone.flight import (
@@ -27,6 +25,8 @@ from eyechart.simulators.drone.flight import (
 )
 from eyechart.simulators.drone.world import HZ, World, decide, start
 from eyechart.simulators.road import FAMILIES, TRACKS_M, Layout, make_layout
+from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.scene import safe_action
 
 IN_SIGHT_M = (2.6, 29.0)
 """Nearer pillars stand below the picture's edge, and the view ends at 30 m."""
@@ -150,14 +150,14 @@ def test_the_mirrored_drive_is_the_drive_in_a_mirror_to_the_bit() -> None:
         drive, mirrored = Drone().drive(family, seed), Drone().drive(family, seed, mirrored=True)
         for action in rng.choice(DRIVING.actions, int(rng.integers(8))).tolist():
             if drive.step(action).ended is not None:
-                mirrored.step(DRIVING.mirror(action))
+                mirrored.step(DRIVING.reflect(action))
                 break
-            mirrored.step(DRIVING.mirror(action))
+            mirrored.step(DRIVING.reflect(action))
         assert np.array_equal(drive.picture()[:, ::-1], mirrored.picture())
         one, other = drive.truth(), mirrored.truth()
         assert (one["left_clear"], one["right_clear"]) == (other["right_clear"], other["left_clear"])
         assert one["lead_gap_m"] == other["lead_gap_m"]
-        assert DRIVING.mirror(str(one["demand"])) == other["demand"]
+        assert DRIVING.reflect(str(one["demand"])) == other["demand"]
         assert one["y_m"] == -float(str(other["y_m"]))
 
 

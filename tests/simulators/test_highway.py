@@ -17,7 +17,6 @@ from eyechart.cameras import EGO_COLUMN, HEIGHT_PX, PX_PER_M
 from eyechart.errors import BankError, SpecError
 from eyechart.frames import Frame, FrameBank, check, decode, open_bank
 from eyechart.perception.renderer import Reading, read_picture
-from eyechart.perception.scene import safe_action
 from eyechart.simulators import SIMULATORS, open_bank_simulator, open_simulator
 from eyechart.simulators.highway import Highway
 from eyechart.simulators.highway.driving import DRIVES, open_drive
@@ -28,6 +27,7 @@ from eyechart.simulators.highway.traffic import drive_naturally
 from eyechart.simulators.highway.truth import find_lead, read_truth
 from eyechart.simulators.highway.world import Camera, World
 from eyechart.simulators.plan import Lanes, make_plan, share, trend
+from eyechart.spaces.scene import safe_action
 
 SCENARIOS = ("light", "dense", "merge", "blocked")
 DEFAULT = "the default bank"

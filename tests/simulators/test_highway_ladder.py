@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from highway_env.envs.common.graphics import EnvViewer
 
-from eyechart.actions import DRIVING
 from eyechart.errors import SpecError
 from eyechart.perception.renderer import read_picture
 from eyechart.simulators import open_simulator
 from eyechart.simulators.highway.declared import MEANS
 from eyechart.simulators.highway.ladder import LADDER
+from eyechart.spaces.discrete import DRIVING
 
 
 def stock_states(scenario: str, seed: int, actions: list[str]) -> list[tuple[bytes, float, bool]]:

@@ -12,13 +12,11 @@ import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
-from eyechart.actions import DRIVING
 from eyechart.cameras import ROVER
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank, check, decode
 from eyechart.models.scripted import CONTROLLERS, PLANNERS, Controller
 from eyechart.perception.forward import ForwardReading, read_forward
-from eyechart.perception.scene import safe_action
 from eyechart.prompts import FORWARD_PROMPTS
 from eyechart.simulators.road.layout import FAMILIES, GOAL_M, TRACKS_M, Layout, Obstacle, make_layout
 from eyechart.simulators.road.picture import camera_of, draw
@@ -28,6 +26,8 @@ from eyechart.simulators.rover import Rover
 from eyechart.simulators.rover.bicycle import RADIUS_M, WHEELBASE_M, State, advance
 from eyechart.simulators.rover.tracking import INNER_S, INTENTS
 from eyechart.simulators.rover.world import World, decide, start
+from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.scene import safe_action
 from eyechart.studies import battery
 from eyechart.verdicts import judge
 
@@ -141,13 +141,13 @@ def test_a_mirrored_world_with_mirrored_actions_gives_the_mirrored_drive(scenari
     for seed in range(4):
         actions = np.random.default_rng(seed).choice(DRIVING.actions, 40, p=[0.05, 0.25, 0.3, 0.2, 0.2]).tolist()
         one = drive(scenario, seed, actions)
-        other = drive(scenario, seed, [DRIVING.mirror(action) for action in actions], mirrored=True)
+        other = drive(scenario, seed, [DRIVING.reflect(action) for action in actions], mirrored=True)
         assert len(one) == len(other)
         for (moved, picture, state, truth), (moved_m, picture_m, state_m, truth_m) in zip(one, other, strict=True):
             assert moved == moved_m
             assert state_m == state.mirrored()
             assert (truth["left_clear"], truth["lead_gap_m"]) == (truth_m["right_clear"], truth_m["lead_gap_m"])
-            assert DRIVING.mirror(truth["demand"]) == truth_m["demand"]
+            assert DRIVING.reflect(truth["demand"]) == truth_m["demand"]
             if picture is not None:
                 np.testing.assert_array_equal(picture_m, picture[:, ::-1])
 
@@ -159,7 +159,7 @@ def test_a_hundred_mirrored_worlds_render_to_the_flipped_picture() -> None:
     for family, seed in scenes:
         one, other = Rover().drive(family, seed), Rover().drive(family, seed, mirrored=True)
         for action in rng.choice(DRIVING.actions, int(rng.integers(10)), p=[0.05, 0.25, 0.3, 0.2, 0.2]).tolist():
-            other.step(DRIVING.mirror(action))
+            other.step(DRIVING.reflect(action))
             if one.step(action).ended is not None:
                 break
         np.testing.assert_array_equal(other.picture(), one.picture()[:, ::-1])

@@ -26,7 +26,7 @@ def test_a_rate_carries_the_wilson_interval_of_scipy(n: int, share: float) -> No
 
 def test_no_swap_of_fifty_bounds_the_swap_rate_below_eight_percent() -> None:
     """R: binom::binom.wilson(0, 50) gives 0 to 0.07134759; Qwen's mirror row of Table t:frontier."""
-    low, high = agreement.swap_rate(0, 50).ci
+    low, high = agreement.rate(0, 50).ci
     assert low == 0.0
     assert high == pytest.approx(0.07134759, abs=1e-7)
 
@@ -42,23 +42,6 @@ def test_a_count_outside_its_total_is_refused(k: int, n: int) -> None:
     """The error names both numbers."""
     with pytest.raises(ValueError, match=f"got k={k} of n={n}"):
         agreement.rate(k, n)
-
-
-def test_unparsed_is_an_answer_like_any_other() -> None:
-    """An UNPARSED that meets an UNPARSED agrees, as the denominators of Table t:frontier demand."""
-    real = ["STOP", "UNPARSED", "LEFT", "SLOW"]
-    assert agreement.agreement(real, ["STOP", "UNPARSED", "SLOW", "STOP"]).value == 0.5
-
-
-def test_idi_adj_of_arrays_is_the_idi_less_the_noise_floor() -> None:
-    """The three rates are taken over the same frames."""
-    real, blank, repeat = np.array([[0, 1, 2, 3, 0], [0, 0, 0, 0, 0], [0, 1, 2, 0, 0]])
-    result = agreement.idi_adj(real, blank, repeat)
-    assert result.value == pytest.approx(0.6 - 0.2)
-    assert result.detail == {
-        "idi": agreement.idi(real, blank).value,
-        "s": agreement.noise_floor(real, repeat).value,
-    }
 
 
 def test_the_floor_is_cleared_strictly() -> None:
@@ -80,7 +63,7 @@ def test_the_floor_is_cleared_strictly() -> None:
 def test_labels_that_cannot_be_compared_are_refused(second: list, message: str) -> None:
     """A None must not agree with a None by accident, nor 1 with "1"."""
     with pytest.raises(ValueError, match=message):
-        agreement.agreement(["A", "B", "C"], second)
+        agreement.cohens_kappa(["A", "B", "C"], second)
 
 
 def pairs_of(table: list[list[int]]) -> tuple[np.ndarray, np.ndarray]:
@@ -134,15 +117,6 @@ def test_kappa_is_symmetric_and_unchanged_by_relabelling(pairs: list) -> None:
         assert swapped.value == pytest.approx(here.value, abs=1e-12)
         assert renamed.value == pytest.approx(here.value, abs=1e-12)
         assert here.ci[0] - 1e-12 <= here.value <= here.ci[1] + 1e-12
-
-
-def test_kappa_from_a_marginal_is_kappa_of_two_equal_marginals() -> None:
-    """On a table with equal margins both ways give one number."""
-    first, second = pairs_of([[20, 3, 2], [3, 10, 4], [2, 4, 15]])
-    whole = agreement.cohens_kappa(first, second)
-    short = agreement.kappa_from_marginal(whole.detail["agreement"], [25, 17, 21])
-    assert short.value == pytest.approx(whole.value)
-    assert agreement.kappa_from_marginal(1.0, [63, 0]).value is None
 
 
 def test_a_controller_that_swaps_is_told_from_its_marginals() -> None:

@@ -15,13 +15,12 @@ import pytest
 
 import banks
 import stand_ins
-from eyechart.actions import Decision
 from eyechart.calls import CallKey
 from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER
 from eyechart.models import ADAPTERS
-from eyechart.reader import read_decision
+from eyechart.spaces.space import Decision
 from eyechart.studies import battery as study
 from eyechart.verdicts import judge
 
@@ -41,11 +40,11 @@ def kill_after(out: Path, bank: FrameBank, attempts: int) -> int:
     return running.returncode
 
 
-def decisions(out: Path, bank: FrameBank) -> dict[CallKey, Decision]:
+def decisions(out: Path, bank: FrameBank) -> dict[CallKey, Decision[str]]:
     """Read every decision of a run from its ledger."""
     with Ledger(out / LEDGER) as ledger:
         return {
-            key: read_decision(reply.text, reply.finish_reason, reply.error, bank.manifest.action_space)
+            key: bank.manifest.action_space.read(reply)
             for spec in stand_ins.SPECS
             for key, reply in ledger.replies(spec)
         }

@@ -10,8 +10,8 @@ import pytest
 
 import banks
 from eyechart import cli
-from eyechart.actions import ActionSpace
 from eyechart.frames import Frame, FrameBank, alone
+from eyechart.spaces.discrete import Discrete
 from eyechart.stats.agreement import binomial_tail, detectable_share
 from eyechart.studies import battery
 from eyechart.studies.battery.power import power_of
@@ -107,7 +107,7 @@ def test_steps_that_repeat_in_an_episode_are_named(bank: FrameBank) -> None:
 
 def test_an_action_space_without_directions_has_no_mirror_test(bank: FrameBank) -> None:
     """Actions that no reflection exchanges leave the mirror test without an answer."""
-    space = ActionSpace("speed", ("STOP", "STRAIGHT"), (), ("STOP",), ("STRAIGHT",))
+    space = Discrete("speed", ("STOP", "STRAIGHT"), (), ("STOP",), ("STRAIGHT",))
     found = power_of(replace(bank, manifest=replace(bank.manifest, action_space=space)))
     assert found.cannot_say["mirror_swap_rate"] == "no action of this space exchanges under reflection"
     assert found.directional == 0

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import simulated
-from eyechart.actions import ActionSpace
 from eyechart.errors import SpecError
 from eyechart.frames import Frame
+from eyechart.spaces.discrete import Discrete
 from eyechart.studies.battery.published import Resampling
 from eyechart.studies.battery.replication import differences
 from eyechart.studies.battery.scoring import statistics_of
@@ -105,6 +105,6 @@ def test_runs_without_anything_in_common_are_refused() -> None:
     answers = simulated.answers(coin, WORLD)
     with pytest.raises(SpecError, match="no frame in common"):
         differences(answers, simulated.answers(coin, tuple(replace(f, id=f"x{f.id}") for f in WORLD)))
-    space = ActionSpace("two", ("GO", "HALT"), (), ("HALT",), ("GO",))
+    space = Discrete("two", ("GO", "HALT"), (), ("HALT",), ("GO",))
     with pytest.raises(SpecError, match="different action spaces"):
         differences(answers, replace(answers, space=space))

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import simulated
-from eyechart.actions import Decision
 from eyechart.errors import BankError
 from eyechart.frames import Frame
+from eyechart.spaces.space import Decision
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.published import Resampling
@@ -36,6 +36,40 @@ def test_idi_is_the_disagreement_with_blank(scored: dict[str, Statistic]) -> Non
     """IDI and agree(blank) sum to one, over the same frames."""
     assert scored["idi"].value == pytest.approx(1 - scored["agree.blank"].value)
     assert scored["idi"].n == scored["agree.blank"].n == len(WORLD)
+
+
+def test_idi_adj_is_the_idi_less_the_noise_floor() -> None:
+    """The three rates are taken over the same frames."""
+
+    def wavers(condition: str, frame: Frame, rng: np.random.Generator) -> str | None:
+        answer = by_gap("real", frame, rng)
+        return "STOP" if condition in {"blank", "real_repeat"} and rng.uniform() < 0.3 else answer
+
+    found = statistics_of(simulated.answers(wavers, WORLD), HOW)
+    assert found["noise_floor"].value > 0
+    assert found["idi_adj"].value == pytest.approx(found["idi"].value - found["noise_floor"].value)
+
+
+def test_an_unparsed_that_meets_an_unparsed_agrees() -> None:
+    """As the denominators of Table t:frontier demand, at response level."""
+    given = {"real": ["STOP", None, "LEFT", "SLOW"], "blank": ["STOP", None, "SLOW", "STOP"]}
+    decisions = {
+        name: tuple(Decision(one) if one else Decision(None, "unparsed") for one in column)
+        for name, column in given.items()
+    }
+    found = statistics_of(Answers("m", WORLD[:4], simulated.DRIVING, None, decisions), HOW)
+    assert found["agree.blank"].value == 0.5
+
+
+def test_miller_madow_takes_the_first_order_bias_away() -> None:
+    """MiniCPM's four bins: .0282 plug-in, .0132 corrected (paper_vectors.json, MiniCPM_MI_bits)."""
+    rows = zip(WORLD, sorted([i % 4 for i in range(144)]), strict=True)
+    frames = tuple(replace(frame, truth={"lead_gap_m": 10.0 + 10 * b + i / 100}) for i, (frame, b) in enumerate(rows))
+    real = tuple(Decision("SLOW" if i < 142 else "STOP") for i in range(144))
+    answers = Answers("m", frames, simulated.DRIVING, simulated.LEAD_GAP, {"real": real})
+    found = statistics_of(answers, HOW)["mutual_information"]
+    assert found.value == pytest.approx(0.0282, abs=5e-5)
+    assert found.detail["miller_madow"] == pytest.approx(0.0132, abs=5e-5)
 
 
 def test_unparsed_is_an_answer_at_response_level_only(scored: dict[str, Statistic]) -> None:
@@ -144,7 +178,7 @@ def test_a_time_follower_with_holes_keeps_its_error_rate() -> None:
 def test_a_missing_reply_is_absent_and_not_unparsed() -> None:
     """A call without a reply leaves its frame out; it is no answer of the model."""
     whole = simulated.answers(by_gap, WORLD)
-    holes: tuple[Decision | None, ...] = (None, *whole.decisions["blank"][1:])
+    holes: tuple[Decision[str] | None, ...] = (None, *whole.decisions["blank"][1:])
     part: Answers = replace(whole, decisions={**whole.decisions, "blank": holes})
     assert statistics_of(part, HOW)["agree.blank"].n == len(WORLD) - 1
 

@@ -17,7 +17,6 @@ from typer.testing import CliRunner, Result
 
 import banks
 import stand_ins
-from eyechart.actions import Decision
 from eyechart.calls import Query, Reply
 from eyechart.cli.app import app
 from eyechart.compare import compare
@@ -28,6 +27,7 @@ from eyechart.ledger import Ledger
 from eyechart.limits import Limits
 from eyechart.manifest import LEDGER, read_run
 from eyechart.models import ADAPTERS
+from eyechart.spaces.space import Decision
 from eyechart.studies import battery as study
 from eyechart.studies.battery.watching import EarlyStop
 from eyechart.verdicts import NOT_JUDGED, judge
@@ -394,7 +394,9 @@ def test_only_calls_that_count_are_in_the_statistics(stopped: Path) -> None:
     """The answers of a stopped model are those of its counted calls, one for one."""
     scored = study.score(stopped, resamples=99).models[STEADY]
     assert scored.stopped is not None
-    kept: list[Decision] = [one for column in scored.answers.decisions.values() for one in column if one is not None]
+    kept: list[Decision[str]] = [
+        one for column in scored.answers.decisions.values() for one in column if one is not None
+    ]
     assert len(kept) == scored.stopped.calls == scored.answered
     with Ledger(stopped / LEDGER) as ledger:
         assert len(list(ledger.replies(STEADY))) == scored.stopped.calls + scored.stopped.beyond

@@ -7,14 +7,16 @@ from collections.abc import Mapping
 import pytest
 
 import simulated
-from eyechart.actions import DRIVING, ActionSpace, Decision
 from eyechart.frames import Frame
+from eyechart.spaces.discrete import DRIVING, Discrete
+from eyechart.spaces.space import Decision
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.evidence import Row, claims, fewest_turns
-from eyechart.studies.battery.stopping import LATERAL, RULES, Course, Layout, Stopped, layout_of
+from eyechart.studies.battery.stopping import LATERAL_RULES, RULES, Course, Layout, layout_of
 from eyechart.studies.battery.watching import typical
+from eyechart.verdicts import Stopped
 
-Given = dict[tuple[str, str], Decision]
+Given = dict[tuple[str, str], Decision[str]]
 FRAMES = simulated.frames()
 ALL = (*simulated.CONDITIONS, *simulated.COUNTERFACTUALS)
 
@@ -106,7 +108,7 @@ def test_turns_are_settled_too() -> None:
         if seen == "STOP":
             return seen
         side = "LEFT" if float(str(frame.truth["phase"])) < 0.5 else "RIGHT"
-        return DRIVING.mirror(side) if condition == "mirrored" else side
+        return DRIVING.reflect(side) if condition == "mirrored" else side
 
     def left(condition: str, frame: Frame, rng: object) -> str:
         seen = depth(condition, frame, rng)
@@ -114,7 +116,7 @@ def test_turns_are_settled_too() -> None:
 
     def staying(condition: str, frame: Frame, rng: object) -> str:
         return (
-            DRIVING.mirror(turning(condition, frame, rng))
+            DRIVING.reflect(turning(condition, frame, rng))
             if condition == "mirrored"
             else turning(condition, frame, rng)
         )
@@ -230,7 +232,7 @@ def test_where_turns_stay_open_all_frames_are_asked_for_them() -> None:
 
 def test_no_direction_or_no_mirror_leaves_only_the_label_to_settle() -> None:
     """Then the lateral axis is not tested, as without stopping, and costs no call."""
-    space = ActionSpace("go", ("GO", "HALT"), (), ("HALT",), ("GO",))
+    space = Discrete("go", ("GO", "HALT"), (), ("HALT",), ("GO",))
     asked = Layout(layout().order, layout().asked, space)
     calls = {(frame, name): Decision("HALT" if name == "lead_near" else "GO") for frame in asked.order for name in ALL}
     course = Course(asked)
@@ -238,7 +240,7 @@ def test_no_direction_or_no_mirror_leaves_only_the_label_to_settle() -> None:
     stopped = course.stopped(len(course.counted))
     assert stopped is not None
     assert (stopped.label, stopped.lateral) == ("depth", None)
-    assert set(LATERAL["swaps"]) & set(course.claims) == set()
+    assert set(LATERAL_RULES["swaps"]) & set(course.claims) == set()
 
 
 def test_a_bank_too_small_to_settle_anything_is_asked_to_its_end() -> None:
@@ -283,7 +285,7 @@ def test_fewest_turns_are_those_that_a_permutation_can_tell() -> None:
     assert [fewest_turns(labels) for labels in (2, 4)] == [9, 6]
 
 
-def row(space: ActionSpace = DRIVING, **answers: str) -> Row:
+def row(space: Discrete = DRIVING, **answers: str) -> Row:
     """Return a frame's answers; an empty one holds no decision."""
     return Row({name: Decision(one) if one else Decision(None, "refused") for name, one in answers.items()}, space)
 
@@ -344,5 +346,5 @@ def test_an_e_value_is_a_statistic_that_says_what_it_tested() -> None:
 def test_every_claim_that_a_rule_names_can_be_made() -> None:
     """No rule waits for a claim that nobody tests."""
     made = set(claims(144, DRIVING, ALL, mirrored=True))
-    named = set(itertools.chain(*RULES.values(), *LATERAL.values())) | {"scorable"}
+    named = set(itertools.chain(*RULES.values(), *LATERAL_RULES.values())) | {"scorable"}
     assert named == made

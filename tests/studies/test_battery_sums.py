@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import banks
-from eyechart.actions import DRIVING, Decision
 from eyechart.frames import LEAD_GAP
+from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.space import Decision
 from eyechart.studies.battery import published
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.published import Published, Resampling
@@ -41,7 +42,7 @@ def test_symbols_are_made_once_and_cannot_be_written_to() -> None:
 def test_braking_levels_are_those_of_the_action_space() -> None:
     """One by one; what is no decision is -1."""
     given = answers()
-    expected = [DRIVING.braking_level(action) if action else -1 for action in REAL]
+    expected = [DRIVING.project(action, "brake") if action else -1 for action in REAL]
     assert given.levels(given.actions("real")).tolist() == expected
 
 

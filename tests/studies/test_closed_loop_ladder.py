@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from drives import always, by_depth, drive, make_run, tossing
-from eyechart.actions import Decision
 from eyechart.episodes import Episode, EpisodeKey, write_episodes
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import Scalar
+from eyechart.spaces.space import Decision
 from eyechart.stats.paired import clopper_pearson, mcnemar_exact
 from eyechart.studies.closed_loop import score
 from eyechart.studies.closed_loop.published import PUBLISHED, beside_paper, leads, unlike

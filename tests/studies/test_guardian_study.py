@@ -16,7 +16,7 @@ from banks import build_bank
 from eyechart import __version__
 from eyechart.errors import GuardianError, VoteError
 from eyechart.frames import open_bank
-from eyechart.perception.scene import Scene, safe_action
+from eyechart.spaces.scene import Scene, safe_action
 from eyechart.stats.committee import Costs
 from eyechart.studies import guardian as study
 from published_votes import GEMMA, QWEN, published

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import banks
-from eyechart.actions import DRIVING
 from eyechart.api import build_bank
 from eyechart.calls import Query, Reply
 from eyechart.conditions import show
@@ -20,11 +19,11 @@ from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, read_run
 from eyechart.models import ADAPTERS
 from eyechart.modes import RequestMode
-from eyechart.perception.estimate import Estimate, SceneReply
 from eyechart.perception.estimators import ESTIMATORS
-from eyechart.perception.scene import Scene
 from eyechart.perception.view import VIEWS, through
 from eyechart.report.contact_sheet import write_frame
+from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.scene import SCENES, Estimate, Scene, SceneDecision
 from eyechart.studies import battery, structured
 from eyechart.studies.structured import EstimatorScore, StructuredScore
 from eyechart.studies.structured.figures import Figures, How
@@ -98,7 +97,7 @@ class Oracle:
     async def answer(self, query: Query) -> Reply:
         """Answer with the truth."""
         assert query.image is not None
-        return Reply(Estimate.of(self.scenes[hashlib.sha256(query.image).hexdigest()]).text(), "stop")
+        return Reply(str(Estimate.of(self.scenes[hashlib.sha256(query.image).hexdigest()])), "stop")
 
     async def close(self) -> None:
         """Hold nothing."""
@@ -154,7 +153,7 @@ def test_a_run_records_view_prompt_and_reader_and_goes_on_only_as_it_was_begun(b
     scored = structured.score(out, resamples=100).models[CONTROL]
     assert (scored.answered, scored.admitted) == (20, False)
     manifest, _ = read_run(out)
-    assert (manifest.view, manifest.prompt.name, manifest.prompt.scene) == (VIEWS["highway"].key, "scene", True)
+    assert (manifest.view, manifest.prompt.name, manifest.prompt.space) == (VIEWS["highway"].key, "scene", SCENES)
     for options, message in (({"view": "none"}, "this run has view highway@"), ({"seed": 1}, "this run has seed 0")):
         with pytest.raises(LedgerError, match=message):
             structured.plan("admission", bank.root, [CONTROL], out, **options)  # type: ignore[arg-type]
@@ -239,8 +238,8 @@ def told(real: list[Estimate | None], mirrored: list[Estimate | None]) -> struct
     return structured.Told("m", tuple(FRAMES), replies, gaps, gaps < 18, every, before=every)
 
 
-def _reply(one: Estimate | None) -> SceneReply:
-    return SceneReply(None, "unparsed", "malformed") if one is None else SceneReply(one)
+def _reply(one: Estimate | None) -> SceneDecision:
+    return SceneDecision(None, "unparsed", "malformed") if one is None else SceneDecision(one)
 
 
 def figures(of: structured.Told) -> Mapping[str, object]:

@@ -13,16 +13,16 @@ from PIL import features
 from eyechart import __version__
 from eyechart.errors import BundleError
 from eyechart.frames import FrameBank
-from eyechart.ledger import Ledger
+from eyechart.ledger import SINCE_FORMAT_3, Ledger
 from eyechart.manifest import LEDGER, RunManifest
-from eyechart.perception.estimate import SCENE_READER
-from eyechart.reader import READER
 from eyechart.report.estimates import estimates_of, estimators
 from eyechart.report.estimates_page import make_estimates_page
 from eyechart.report.estimates_sheets import estimates_files
 from eyechart.report.evidence import SHOWN, Tell, evidence_of, subjects
 from eyechart.report.page import Page, make_page
 from eyechart.report.sheets import sheet_files
+from eyechart.spaces.discrete import READER
+from eyechart.spaces.scene import SCENE_READER
 from eyechart.studies import structured
 from eyechart.studies.battery import BatteryScore
 from eyechart.studies.battery.scoring import score_run
@@ -66,9 +66,9 @@ class Recipe:
     drawn_with: Mapping[str, str]
 
     @classmethod
-    def here(cls, name: str, *, resamples: int, independent: bool, scene: bool = False) -> "Recipe":
-        """Return the recipe of results that are made by this eyechart, of decisions or of estimates of a ``scene``."""
-        return cls(name, resamples, independent, __version__, SCENE_READER if scene else READER, drawn_with())
+    def here(cls, name: str, *, resamples: int, independent: bool, reader: int = READER) -> "Recipe":
+        """Return the recipe of results that are made by this eyechart, with this version of the reader of replies."""
+        return cls(name, resamples, independent, __version__, reader, drawn_with())
 
     @classmethod
     def from_dict(cls, raw: Mapping[str, object]) -> "Recipe":
@@ -158,9 +158,14 @@ def _digests(ledger_path: Path, spec: str) -> dict[str, str]:
     digests: dict[str, hashlib._Hash] = {}
     with Ledger(ledger_path) as ledger:
         for sent in ledger.attempts(spec):
-            line = json.dumps(asdict(sent), ensure_ascii=True).encode() + b"\n"
+            line = json.dumps(asdict(sent, dict_factory=_as_of_old), ensure_ascii=True).encode() + b"\n"
             digests.setdefault(sent.key.condition, hashlib.sha256()).update(line)
     return {condition: digest.hexdigest() for condition, digest in sorted(digests.items())}
+
+
+def _as_of_old(fields: list[tuple[str, object]]) -> dict[str, object]:
+    """Leave out what 0.1.0 did not record where it is unknown, so that an older run has the digest that it had."""
+    return {name: value for name, value in fields if value is not None or name not in SINCE_FORMAT_3}
 
 
 def as_json(values: object) -> bytes:

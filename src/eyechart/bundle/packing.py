@@ -41,8 +41,7 @@ def write_bundle(
     """
     require_free(out, "bundle")
     manifest, bank = read_run(run)
-    scene = manifest.study in structured.STUDIES
-    if scene:
+    if manifest.study in structured.STUDIES:
         structured.require_scorable(run, manifest, reread=reread)
     else:
         require_scorable(run, manifest, bank, independent=independent, reread=reread)
@@ -50,7 +49,8 @@ def write_bundle(
     pictures, about = find_pictures(manifest, bank, run, banks)
     if pictures is None:
         raise BundleError(f"the pictures of {run} are not at hand: {about}; give the bank with --frames")
-    recipe = Recipe.here(run.resolve().name or "run", resamples=resamples, independent=independent, scene=scene)
+    name, reader = run.resolve().name or "run", manifest.prompt.asks(bank.manifest.action_space).reader
+    recipe = Recipe.here(name, resamples=resamples, independent=independent, reader=reader)
     with tempfile.TemporaryDirectory(prefix="eyechart-bundle-") as work:
         folder = Path(work) / "bundle"
         _snapshot(run, folder / RUN_FOLDER, manifest, pictures)

@@ -4,10 +4,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from eyechart.actions import Decision
 from eyechart.calibrate.known import is_false
 from eyechart.calibrate.nulls import DRAWS, EVER, NULLS
 from eyechart.conditions import COUNTERFACTUALS
+from eyechart.spaces.space import Decision
 from eyechart.stats.agreement import rate
 from eyechart.stats.paired import clopper_pearson
 from eyechart.studies.battery.answers import Answers
@@ -36,7 +36,7 @@ class Early:
 
 def stop_early(answers: Answers, label: str, lateral: str, *, counterfactuals: bool, varied: bool, seed: int) -> Early:
     """Follow a controller's answers until they settle; ``label`` and ``lateral`` are the full battery's."""
-    given: dict[tuple[str, str], Decision] = {}
+    given: dict[tuple[str, str], Decision[str]] = {}
     asked: dict[str, list[str]] = {frame.id: [] for frame in answers.frames}
     for name, column in answers.decisions.items():
         if counterfactuals or name not in COUNTERFACTUALS:

@@ -5,10 +5,11 @@ import random
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from eyechart.actions import DRIVING, Decision
 from eyechart.frames import Frame
-from eyechart.studies.battery.calibrated import FLOOR, MARGIN, UNPARSED_CUT
+from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.space import Decision
 from eyechart.studies.battery.evidence import Row, claims
+from eyechart.verdicts import FLOOR, MARGIN, UNPARSED_CUT
 
 DRAWS = 10
 """Draws of each null in one replication of the setting ``default``."""
@@ -44,7 +45,7 @@ def ever_rejected(null: Null, frames: Sequence[Frame], rng: random.Random) -> bo
     return one.settled
 
 
-def _decision(answer: str) -> Decision:
+def _decision(answer: str) -> Decision[str]:
     return Decision(answer) if answer else Decision(None, "refused")
 
 
@@ -149,7 +150,7 @@ def _half_swapped(frames: Sequence[Frame], rng: random.Random) -> Columns:
     real = [rng.choice(("LEFT", "RIGHT")) for _ in frames]
     return {
         "real": real,
-        "mirrored": [DRIVING.mirror(one) if swap else one for one, swap in zip(real, half, strict=True)],
+        "mirrored": [DRIVING.reflect(one) if swap else one for one, swap in zip(real, half, strict=True)],
     }
 
 

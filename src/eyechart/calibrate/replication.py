@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
 from eyechart import verdicts
-from eyechart.actions import DRIVING, Decision
 from eyechart.calibrate.early import MEASURED, stop_early
 from eyechart.calibrate.known import KNOWN, NULLS, Known, Shows, answer_all, deserved, is_false
 from eyechart.calibrate.nulls import count_rejections
@@ -22,14 +22,15 @@ from eyechart.conditions import COUNTERFACTUALS
 from eyechart.errors import SpecError
 from eyechart.frames import LEAD_GAP
 from eyechart.models.scripted import Answer
-from eyechart.reader import read_decision
 from eyechart.seeds import key_seed
+from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.space import Decision
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.answers import ABSENT, Answers
 from eyechart.studies.battery.calibrated import COUNTERFACTUAL_TESTS, Calibrated
 from eyechart.studies.battery.published import Resampling
-from eyechart.studies.battery.scoring import ModelScore, statistics_of
+from eyechart.studies.battery.scoring import statistics_of
 
 RESAMPLES = 999
 """Resamples of each permutation test; the level of such a test does not depend on their number."""
@@ -126,15 +127,12 @@ def replicate(task: Task) -> list[Outcome]:
 
 def answers_of(known: Known, setting: Setting, world: World, rng: random.Random) -> Answers:
     """Return a controller's answers to a world, read from its replies as those of a run are."""
-    read: dict[Answer, Decision] = {}
 
-    def decision(answer: Answer | None) -> Decision | None:
+    @cache
+    def decision(answer: Answer | None) -> Decision[str] | None:
         if answer is None:
             return None
-        if answer not in read:
-            reply = answer if isinstance(answer, Reply) else Reply(text=answer, finish_reason="stop")
-            read[answer] = read_decision(reply.text, reply.finish_reason, reply.error, DRIVING)
-        return read[answer]
+        return DRIVING.read(answer if isinstance(answer, Reply) else Reply(text=answer, finish_reason="stop"))
 
     decisions = {condition: tuple(map(decision, column)) for condition, column in answer_all(known, world, rng).items()}
     gap = LEAD_GAP if setting.gaps else None
@@ -157,8 +155,7 @@ def _outcome(
     corrected: float | None,
     order: int,
 ) -> Outcome:
-    model = ModelScore(known.name, "simulated", 0, 0, answers, found, {"cramers_v": corrected})
-    lateral = verdicts.lateral_rules(found, model, answers.space).label
+    lateral = verdicts.lateral_rules(found, answers.directions()).label
     rulings, early = [], []
     for counterfactuals in (True, False):
         shows = Shows(
@@ -175,7 +172,7 @@ def _outcome(
             early.append(stop_early(answers, label, lateral, seed=order, **how))
     return Outcome(
         controller=known.name,
-        paper=verdicts.paper_rules(found, model.holm).label,
+        paper=verdicts.paper_rules(found, {"cramers_v": corrected}).label,
         rulings=(rulings[0], rulings[1]),
         lateral=lateral,
         p_values={test: found[test].p for test in NULLS},

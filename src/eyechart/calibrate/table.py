@@ -10,7 +10,7 @@ from eyechart.calibrate.tally import CLAIMS, FALSE, VARIANTS, WANTED, Calibratio
 from eyechart.stats.agreement import rate
 from eyechart.stats.paired import clopper_pearson
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts import CALIBRATED_LABELS, PAPER_LABELS
+from eyechart.verdicts import LABELS, PAPER_LABELS
 
 Cells = Sequence[Sequence[str]]
 
@@ -25,7 +25,7 @@ def tables(found: Calibration) -> str:
         counts = found.labels["default"][VARIANTS[0]]
         deserve = {name: one.calibrated for name, one in KNOWN.items()}
         title = f"Calibrated rules, setting default, {VARIANTS[0]}: share of each label"
-        parts.append(_confusion(title, counts, deserve, CALIBRATED_LABELS, found.replications))
+        parts.append(_confusion(title, counts, deserve, tuple(LABELS), found.replications))
         deserve = {name: one.paper for name, one in KNOWN.items()}
         title = "The paper's rules, setting default: share of each label"
         parts.append(_confusion(title, found.paper["default"], deserve, PAPER_LABELS, found.replications))

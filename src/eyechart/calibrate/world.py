@@ -15,7 +15,7 @@ from eyechart.calibrate.settings import ROADS, Episode, Setting
 from eyechart.frames import MAIN, Frame, alone
 from eyechart.models.scripted import Sight
 from eyechart.perception.renderer import Reading
-from eyechart.perception.scene import Scene
+from eyechart.spaces.scene import Scene
 
 GAP_AR = 0.85
 """Correlation of the log gap from one frame to the next within an episode."""

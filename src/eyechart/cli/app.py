@@ -5,25 +5,9 @@ from typing import Annotated
 import typer
 
 from eyechart import __version__
-from eyechart.cli import (
-    auditing,
-    bundling,
-    calibrating,
-    comparing,
-    demo,
-    driving,
-    frames,
-    guarding,
-    intending,
-    listing,
-    probing,
-    prompting,
-    reporting,
-    results,
-    running,
-    scenes,
-    serving,
-)
+from eyechart.cli import bundle, demo, drive, frames, guardian, probe, report, run, score
+from eyechart.cli.options import Json
+from eyechart.cli.terminal import print_json
 
 app = typer.Typer(
     name="eyechart",
@@ -33,35 +17,84 @@ app = typer.Typer(
     add_completion=False,
     epilog="Start with 'eyechart demo'. Bad input prints one line and exits 2; --debug shows where it arose.",
 )
-app.command()(probing.doctor)
-app.command()(probing.probe)
+listing = typer.Typer(help="List models, conditions, prompts and simulators.", no_args_is_help=True)
+
+
+def _show(rows: dict[str, str], *, json: bool) -> None:
+    if json:
+        print_json(rows)
+        return
+    wide = max(len(name) for name in rows)
+    for name, says in rows.items():
+        typer.echo(f"{name:<{wide}}  {says}")
+
+
+@listing.command()
+def models(json: Json = False) -> None:
+    """List the models that there are, and how others are named; scripted ones and organisms are known answers."""
+    from eyechart.models import known_models
+
+    _show(known_models(), json=json)
+
+
+@listing.command()
+def conditions(json: Json = False) -> None:
+    """List the input conditions and what each asks."""
+    from eyechart.conditions import CONDITIONS
+
+    _show({name: f"{one.image}: {one.asks}" for name, one in CONDITIONS.items()}, json=json)
+
+
+@listing.command()
+def prompts(json: Json = False) -> None:
+    """List the prompt formulations with their key and wording."""
+    from eyechart.prompts import PROMPTS
+
+    wording = {name: f"{one.key}  {' '.join(f'{one.system} {one.user}'.split())}" for name, one in PROMPTS.items()}
+    _show(wording, json=json)
+
+
+@listing.command()
+def simulators(json: Json = False) -> None:
+    """List the simulators, the presets of their banks and the scenarios of their drives."""
+    from eyechart.simulators import KINDS, SIMULATORS, find_simulator
+
+    opened = {name: find_simulator(name) for name in SIMULATORS}
+    rows = {
+        f"{name} --{option} {choice}": says
+        for name, simulator in opened.items()
+        for option, attribute in (("preset", "presets"), ("scenarios", "scenarios"))
+        for choice, says in getattr(simulator, attribute, {}).items()
+    }
+    rows |= {written: says for written, says, _ in KINDS.values()}
+    _show(rows, json=json)
+
+
+app.command()(probe.doctor)
+app.command()(probe.probe)
 app.add_typer(frames.app, name="frames")
-running.app.command()(prompting.prompts)
-running.app.command()(driving.closed_loop)
-running.app.command()(intending.hierarchy)
-running.app.command()(scenes.admission)
-running.app.command()(scenes.structured)
-running.app.command()(scenes.online)
-app.add_typer(running.app, name="run")
-app.add_typer(listing.app, name="list")
+for study in (run.prompts, drive.closed_loop, drive.hierarchy, run.admission, run.structured, drive.online):
+    run.app.command()(study)
+app.add_typer(run.app, name="run")
+app.add_typer(listing, name="list")
 app.command()(demo.demo)
-app.command()(running.merge)
-app.command()(results.score)
-app.command()(results.verdict)
-app.command()(results.costs)
-app.command()(results.gate)
-app.command()(comparing.compare)
-app.command()(comparing.transfer)
-app.command()(calibrating.plan)
-app.command()(calibrating.calibrate)
-app.add_typer(guarding.app, name="guardian")
-app.command()(serving.serve)
-app.command()(reporting.report)
-app.command()(auditing.ladder)
-app.command()(auditing.audit)
-app.command()(auditing.film)
-app.command()(bundling.bundle)
-app.command()(bundling.validate)
+app.command()(run.merge)
+app.command()(score.score)
+app.command()(score.verdict)
+app.command()(score.costs)
+app.command()(score.gate)
+app.command()(score.compare)
+app.command()(score.transfer)
+app.command()(frames.plan)
+app.command()(demo.calibrate)
+app.add_typer(guardian.app, name="guardian")
+app.command()(guardian.serve)
+app.command()(report.report)
+app.command()(drive.ladder)
+app.command()(drive.audit)
+app.command()(drive.film)
+app.command()(bundle.bundle)
+app.command()(bundle.validate)
 
 
 def _version(value: bool) -> None:

@@ -1,11 +1,11 @@
-"""``eyechart frames``: build, import, check and show frame banks."""
+"""``eyechart frames``: build, import, check and show frame banks; ``eyechart plan``: what a bank can decide."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eyechart.cli.options import Json
+from eyechart.cli.options import Json, Model
 from eyechart.cli.terminal import print_json, progress, say
 
 if TYPE_CHECKING:
@@ -60,9 +60,9 @@ def import_(
     every: Annotated[int, typer.Option(min=1, help="Take every Nth frame of an episode.")] = 1,
 ) -> None:
     """Make a bank of pictures of your own; says what the columns that are missing cost."""
-    from eyechart.actions import DRIVING, read_space
     from eyechart.errors import SpecError
     from eyechart.importing import Choices, costs, import_lerobot, import_table
+    from eyechart.spaces.discrete import DRIVING, read_space
 
     choices = Choices(
         columns=_places(map_ or []),
@@ -139,6 +139,30 @@ def show(
     else:
         contact_sheet(replace(opened, frames=spread(opened.frames, limit)), out, counterfactual=counterfactual)
     say(f"wrote {out}")
+
+
+def plan(
+    bank: Annotated[Path, typer.Argument(help="Folder of the bank.")],
+    model: Model = None,
+    json: Json = False,
+) -> None:
+    """Say what a bank can and cannot decide, and what asking costs, before a call is made.
+
+    Example: eyechart plan bank --model scripted:depth
+    """
+    from eyechart.frames import open_bank
+    from eyechart.models import open_model
+    from eyechart.studies.battery.power import power_of
+
+    specs = list(dict.fromkeys(model or ()))
+    for spec in specs:
+        open_model(spec)
+    found = power_of(open_bank(bank))
+    if json:
+        print_json({**found.as_dict(), "models": {spec: found.asked(spec) for spec in specs}})
+        return
+    for line in found.lines(specs):
+        typer.echo(line)
 
 
 def _places(words: list[str]) -> dict[str, str]:

@@ -1,7 +1,8 @@
-"""Options that several commands take are written once, as the fields of a dataclass."""
+"""Options that several commands take are written once, and what they say of how models are asked."""
 
 import inspect
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from functools import wraps
 from pathlib import Path
@@ -11,9 +12,31 @@ import typer
 
 if TYPE_CHECKING:
     from eyechart.models.prices import Prices
+    from eyechart.modes import RequestMode, Scalar
+    from eyechart.studies.probed import Allowed, Asked
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 PriceFile = Annotated[Path | None, typer.Option(help="FILE.toml of prices; it comes before the table.")]
+Mode = Annotated[list[Path] | None, typer.Option(help="FILE.toml: a model's request mode; it names its model.")]
+NoProbe = Annotated[bool, typer.Option("--no-probe", help="Ask as the options say, without finding out first.")]
+Model = Annotated[list[str] | None, typer.Option(help="A model's SPEC; give it again for more models.")]
+Frames = Annotated[Path, typer.Option(help="Folder of the frame bank.")]
+Out = Annotated[Path, typer.Option(help="Folder of the run; the same one resumes it.")]
+Limit = Annotated[int | None, typer.Option(help="So many frames, from every episode in turn.")]
+Concurrency = Annotated[int, typer.Option(min=1, help="Calls under way at once, a model.")]
+Episodes = Annotated[int, typer.Option(min=1, help="Episodes of a model under way at once.")]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="Print the plan and make no call.")]
+DryDrive = Annotated[bool, typer.Option("--dry-run", help="Print the plan; drive nothing, ask nothing.")]
+Again = Annotated[bool, typer.Option("--again", help="Drive anew what ended in an error.")]
+Independent = Annotated[
+    bool, typer.Option("--independent", help="Declare that frames outside episodes are independent draws.")
+]
+Reread = Annotated[
+    bool, typer.Option("--reread", help="Read the replies of a run anew that another version of the reader read.")
+]
+Against = Annotated[
+    str | None, typer.Option(help="Of drives: the policy that the others are held against; default: the best constant.")
+]
 
 
 @dataclass(frozen=True)
@@ -30,8 +53,95 @@ class Spending:
 
         return read_prices(self.prices)
 
+    def allowed(self, *, no_probe: bool, dry_run: bool, shard: str | None = None) -> "Allowed":
+        """Return what a command allows before its run."""
+        from eyechart.studies.probed import Allowed
+
+        return Allowed(self.table(), no_probe, dry_run, self.max_calls, self.max_cost, shard)
+
 
 NO_LIMIT = Spending()
+
+
+@dataclass(frozen=True)
+class Addressing:
+    """How models without a mode file are reached and asked; studies that vary a reply's form take no more than this."""
+
+    base_url: Annotated[str | None, typer.Option(help="Address of the server, as http://127.0.0.1:8000/v1.")] = None
+    key_env: Annotated[str | None, typer.Option(help="Environment variable that holds the key.")] = None
+    token_field: Annotated[
+        str | None, typer.Option(help="max_tokens or max_completion_tokens: which the model takes.")
+    ] = None
+    temperature: Annotated[str | None, typer.Option(help="Default 0; 'default' leaves it to the endpoint.")] = None
+    timeout: Annotated[float | None, typer.Option(help="Seconds for a whole reply; default 120.")] = None
+    header: Annotated[list[str] | None, typer.Option(help="'NAME: VALUE'; a secret as 'NAME: $VARIABLE'.")] = None
+    body: Annotated[list[str] | None, typer.Option(help="KEY=JSON, merged into the request.")] = None
+    option: Annotated[
+        list[str] | None, typer.Option(help="KEY=VALUE for the adapter, as device=cuda or think=false.")
+    ] = None
+
+    def given(self) -> dict[str, object]:
+        """Return the fields of a request mode that options set; raises SpecError for one that is no pair."""
+        given: dict[str, object] = {
+            "base_url": self.base_url,
+            "key_env": self.key_env,
+            "token_field": self.token_field,
+            "temperature": None if self.temperature is None else _number(self.temperature),
+            "timeout_s": self.timeout,
+            "headers": dict(_pair(one, ":", "--header 'NAME: VALUE'") for one in self.header) if self.header else None,
+            "body": {name: _json(value) for name, value in _pairs(self.body, "--body KEY=JSON")} if self.body else None,
+            "options": {name: _scalar(value) for name, value in _pairs(self.option, "--option KEY=VALUE")}
+            if self.option
+            else None,
+        }
+        return {name: value for name, value in given.items() if value is not None}
+
+
+@dataclass(frozen=True)
+class Options(Addressing):
+    """How models without a mode file are asked."""
+
+    max_tokens: Annotated[int | None, typer.Option(help="Token budget of a reply; default 1024.")] = None
+    json_mode: Annotated[str | None, typer.Option(help="none, json_object or json_schema.")] = None
+
+    def given(self) -> dict[str, object]:
+        """Return the fields of a request mode that options set; raises SpecError for one that is no pair."""
+        more = {"max_tokens": self.max_tokens, "structured": self.json_mode}
+        return {**super().given(), **{name: value for name, value in more.items() if value is not None}}
+
+
+ADDRESSED = Addressing()
+AS_USUAL = Options()
+
+
+def read_modes(specs: Sequence[str] | None, files: Sequence[Path] | None, given: Mapping[str, object]) -> "Asked":
+    """Return the modes of the models of a command: those of the files, and those of the options for all other SPECs.
+
+    Raises SpecError where two files are of one model, or options are given that no model is left for.
+    """
+    from eyechart.errors import SpecError
+    from eyechart.modes import RequestMode, read_mode
+    from eyechart.studies.probed import Asked
+
+    by_file: dict[str, RequestMode] = {}
+    for file in files or ():
+        mode = read_mode(file)
+        if mode.spec in by_file:
+            raise SpecError(f"{file}: there is another --mode of '{mode.spec}'")
+        by_file[mode.spec] = mode
+    names = list(dict.fromkeys([*(specs or ()), *by_file]))
+    rest = [spec for spec in names if spec not in by_file]
+    if given and not rest:
+        raise SpecError(f"{', '.join(given)} would change no model: those with a --mode file are asked as it says")
+    asked = {spec: mode_of(spec, given) for spec in rest}
+    return Asked([by_file.get(spec) or asked[spec] for spec in names], frozenset(rest), given)
+
+
+def mode_of(spec: str, given: Mapping[str, object]) -> "RequestMode":
+    """Return the mode of a SPEC with the fields that options set; raises SpecError naming what cannot be."""
+    from eyechart.modes import RequestMode
+
+    return RequestMode.from_dict({"spec": spec, **given}, f"the options of {spec}")
 
 
 def expanded(command: Callable[..., None]) -> Callable[..., None]:
@@ -64,3 +174,36 @@ def _options(parameter: inspect.Parameter) -> list[inspect.Parameter]:
         parameter.replace(name=field.name, annotation=hints[field.name], default=field.default)
         for field in fields(parameter.annotation)
     ]
+
+
+def _number(text: str) -> object:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _pairs(given: Sequence[str] | None, form: str) -> list[tuple[str, str]]:
+    return [_pair(one, "=", form) for one in given or ()]
+
+
+def _pair(text: str, sign: str, form: str) -> tuple[str, str]:
+    from eyechart.errors import SpecError
+
+    name, found, value = text.partition(sign)
+    if not found or not name.strip():
+        raise SpecError(f"this is given as {form}; got '{name[:40]}'")
+    return name.strip(), value.strip()
+
+
+def _json(text: str) -> object:
+    """Return the JSON value that a text is, or the text where it is none."""
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text
+
+
+def _scalar(text: str) -> "Scalar":
+    value = _json(text)
+    return value if isinstance(value, str | int | float | bool) else text

@@ -1,6 +1,6 @@
 """Closed-loop episodes: a policy or a model drives a simulator, decision by decision."""
 
-from eyechart.episodes.expecting import expected, first_shown, within
+from eyechart.episodes.expecting import expected, sample_of, within
 from eyechart.episodes.manifest import FORMAT, EpisodesManifest, read_manifest
 from eyechart.episodes.nouns import SILENCES, STUDY, Episode, EpisodeKey, Step, fail_safe
 from eyechart.episodes.planning import ACTION_MAP, ENGINES, Episodes, keep_probes, plan, require_engine, run
@@ -27,13 +27,13 @@ __all__ = [
     "every_episode",
     "expected",
     "fail_safe",
-    "first_shown",
     "keep_probes",
     "plan",
     "read_episodes",
     "read_manifest",
     "require_engine",
     "run",
+    "sample_of",
     "summarise",
     "unfinished",
     "within",

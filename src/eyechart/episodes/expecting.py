@@ -19,6 +19,7 @@ from eyechart.manifest import LEDGER
 from eyechart.models.prices import Prices
 from eyechart.perception.view import through
 from eyechart.policies import Policy, open_policy
+from eyechart.probe import Sample
 from eyechart.simulators import open_simulator
 
 PATIENCE_S = 30.0
@@ -28,6 +29,7 @@ ALTOGETHER_S = 120.0
 """A sample that takes longer is given up."""
 
 _LONGEST_SAMPLE = 200
+_PICTURES = 3
 
 
 def expected(planned: Episodes, prices: Prices, *, concurrency: int) -> tuple[Estimate, ...]:
@@ -100,8 +102,8 @@ def _finished(planned: Episodes, left: Sequence[EpisodeKey]) -> dict[EpisodeKey,
         return {key: len(calls) for key, calls in calls_of(left, planned.drivers, ledger).items()}
 
 
-def first_shown(planned: Episodes, most: int) -> tuple[Stimulus, ...]:
-    """Return what each of the first worlds of a plan shows a model first, with real pictures.
+def sample_of(planned: Episodes, most: int = _PICTURES) -> Sample:
+    """Return what a probe asks before drives: their words, with the first real picture of each of their first worlds.
 
     Worlds are opened in a process of their own. One that shows none is passed over; raises SpecError where none of
     ``most`` shows any.
@@ -115,7 +117,8 @@ def first_shown(planned: Episodes, most: int) -> tuple[Stimulus, ...]:
         found.append(through(planned.drivers.view, shown.stimulus, shown.frame))
     if not found:
         raise SpecError(f"no world of {planned.manifest.simulator} shows a picture to probe a model with: {why}")
-    return tuple(found)
+    drivers = planned.drivers
+    return Sample([(drivers.prompt, seen) for seen in found], drivers.answers)
 
 
 async def _shown(setup: Setup, keys: Sequence[EpisodeKey]) -> list[Shown | str]:

@@ -7,14 +7,13 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from eyechart.actions import ActionSpace
 from eyechart.errors import LedgerError, SpecError
 from eyechart.limits import Spent
 from eyechart.manifest import RUN, is_run
 from eyechart.modes import RequestMode
 from eyechart.perception.view import NONE
 from eyechart.prompts import Prompt
-from eyechart.reader import READER
+from eyechart.spaces.discrete import READER, Discrete
 
 FORMAT = "eyechart-episodes/1"
 BESIDE = ("vetting.json",)
@@ -43,7 +42,7 @@ class EpisodesManifest:
     seeds: tuple[int, ...]
     conditions: tuple[str, ...]
     policies: Mapping[str, str]
-    action_space: ActionSpace
+    action_space: Discrete
     picture: str
     prompt: Prompt
     seed: int
@@ -168,7 +167,7 @@ def read_manifest(path: Path) -> EpisodesManifest:
 
 def _built(raw: dict[str, Any], file: str) -> EpisodesManifest:
     raw["prompt"] = Prompt.from_dict(raw["prompt"])
-    raw["action_space"] = ActionSpace.from_dict(raw["action_space"])
+    raw["action_space"] = Discrete.from_dict(raw["action_space"])
     raw["modes"] = {spec: RequestMode.from_dict(mode, file) for spec, mode in raw["modes"].items()}
     raw["seeds"] = tuple(int(seed) for seed in raw["seeds"])
     for name in ("scenarios", "conditions"):

@@ -4,10 +4,10 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 
-from eyechart.actions import Decision
 from eyechart.calls import SILENT, CallKey
 from eyechart.frames import Scalar
 from eyechart.simulators import Simulator
+from eyechart.spaces.space import Decision
 
 STUDY = "closed_loop"
 
@@ -53,7 +53,7 @@ class Step:
 
     step: int
     frame: str
-    decision: Decision
+    decision: Decision[str]
     executed_action: str
     truth: Mapping[str, Scalar]
     reward: float

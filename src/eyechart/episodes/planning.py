@@ -10,7 +10,6 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from eyechart.actions import DRIVING, read_toml
 from eyechart.conditions import require_shown
 from eyechart.episodes.hosts import Host, LocalHost
 from eyechart.episodes.manifest import EpisodesManifest, is_episodes_run, read_manifest, write_manifest
@@ -26,14 +25,14 @@ from eyechart.limits import Outcome, Spent, added
 from eyechart.manifest import LEDGER, is_run, today, versions
 from eyechart.models import open_model
 from eyechart.modes import RequestMode
-from eyechart.perception.estimate import SCENE_READER
 from eyechart.perception.forward import distances_of
 from eyechart.perception.view import NONE, View
 from eyechart.policies import is_policy, open_policy
 from eyechart.policies.baselines import Marginal
 from eyechart.prompts import Prompt, find_prompt, neutral
-from eyechart.reader import READER
 from eyechart.simulators import Simulator, open_simulator
+from eyechart.spaces.discrete import DRIVING, read_toml
+from eyechart.spaces.scene import SceneSpace
 
 ENGINES = ("local", "ray")
 ACTION_MAP = "actions.toml"
@@ -103,6 +102,9 @@ def plan(  # noqa: PLR0913 - what can be asked for
     policies = {spec: open_policy(spec, space, recorded) for spec in names if spec not in modes}
     models = {spec: open_model(spec, mode) for spec, mode in modes.items()}
     formulation = prompt if isinstance(prompt, Prompt) else _prompt_for(world, prompt)
+    answers = formulation.asks(space)
+    if isinstance(answers, SceneSpace):
+        answers = SceneSpace(distances_of(world.name))
     manifest = EpisodesManifest(
         created=today(),
         simulator=world.name,
@@ -119,7 +121,7 @@ def plan(  # noqa: PLR0913 - what can be asked for
         versions=versions(),
         modes=modes,
         facts={spec: dict(model.facts) for spec, model in models.items() if model.facts},
-        reader=SCENE_READER if formulation.scene else READER,
+        reader=answers.reader,
         view=NONE if view is None else view.key,
         probes=added(read_manifest(out).probes if probes and is_run(out) else {}, probes or {}),
         silence=silence,
@@ -131,9 +133,7 @@ def plan(  # noqa: PLR0913 - what can be asked for
         for scenario in chosen
         for number in manifest.seeds
     )
-    drivers = Drivers(
-        policies, models, formulation, space, seed, view, distances_of(world.name), silent=SILENCES[silence]
-    )
+    drivers = Drivers(policies, models, formulation, space, seed, answers, view, silent=SILENCES[silence])
     planned = Episodes(keys, drivers, manifest, Setup(simulator, seed, max_steps, actions=actions), out, again)
     return replace(planned, manifest=_resumed(planned))
 

@@ -10,7 +10,6 @@ from eyechart.episodes.records import read_episodes
 from eyechart.errors import LedgerError, SpecError
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RUN, read_run
-from eyechart.reader import read_decision
 
 _CONDITION = "real"
 
@@ -54,7 +53,7 @@ def _of_battery(path: Path) -> dict[str, Counter[str]]:
         for spec in manifest.models:
             counts = found.setdefault(spec, Counter())
             for key, reply in ledger.replies(spec):
-                decision = read_decision(reply.text, reply.finish_reason, reply.error, bank.manifest.action_space)
+                decision = bank.manifest.action_space.read(reply)
                 if key.condition == _CONDITION and decision.action is not None:
                     counts[decision.action] += 1
     return found

@@ -6,10 +6,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NoReturn, get_args
 
-from eyechart.actions import MISSING, Decision, Unparsed
 from eyechart.episodes.nouns import Episode, EpisodeKey, Step
 from eyechart.errors import LedgerError
 from eyechart.frames import Scalar
+from eyechart.spaces.discrete import Unparsed
+from eyechart.spaces.scene import Unscened
+from eyechart.spaces.space import MISSING, Decision
 
 EPISODES = "episodes.jsonl"
 """A run's finished episodes, one a line, in the order in which they ended."""
@@ -180,7 +182,7 @@ _KEY: Mapping[str, Reader] = {
 _DECISION: Mapping[str, Reader] = {
     "action": _maybe(_name),
     "missing": _maybe(_one_of(MISSING)),
-    "why": _maybe(_one_of(get_args(Unparsed))),
+    "why": _maybe(_one_of((*get_args(Unparsed), *get_args(Unscened)))),
 }
 _STEP: Mapping[str, Reader] = {
     "step": _count,

@@ -9,10 +9,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 
-from eyechart.actions import ActionSpace, Decision
 from eyechart.attempts import Caller, budget_of, close, first_error
 from eyechart.calls import CallKey, Reply
-from eyechart.cameras import Distances
 from eyechart.episodes.hosts import Host, HostDiedError
 from eyechart.episodes.nouns import Episode, EpisodeKey
 from eyechart.episodes.worlds import Shown
@@ -20,12 +18,11 @@ from eyechart.errors import EyechartError
 from eyechart.ledger import Ledger
 from eyechart.limits import Limits, Outcome, Pace
 from eyechart.models import Model
-from eyechart.perception.estimate import read_estimate
-from eyechart.perception.scene import HIGHWAY
 from eyechart.perception.view import View, through
 from eyechart.policies import Policy
 from eyechart.prompts import Prompt
-from eyechart.reader import read_decision
+from eyechart.spaces.discrete import Discrete
+from eyechart.spaces.space import AnySpace, Decision
 
 Progress = Callable[[int, int], None]
 """Called with (episodes finished, episodes planned) whenever one ends."""
@@ -36,17 +33,17 @@ class Drivers:
     """Who decides in a run: policies that go to the worlds, and models to which the pictures come.
 
     Models are asked with ``prompt``, about ``space``, and shown pictures through ``view`` where there is one; ``seed``
-    is the run's, and ``distances`` are what counts as near in the worlds. ``silent`` are the kinds of failure at which
+    is the run's, and ``answers`` the space of their replies. ``silent`` are the kinds of failure at which
     the fail-safe is executed; every other one that may pass leaves the episode unfinished.
     """
 
     policies: Mapping[str, Policy]
     models: Mapping[str, Model]
     prompt: Prompt
-    space: ActionSpace
+    space: Discrete
     seed: int
+    answers: AnySpace
     view: View | None = None
-    distances: Distances = HIGHWAY
     silent: frozenset[str] = frozenset()
 
 
@@ -239,7 +236,7 @@ class _Coordinator:
         """Return the reply of a finished call, or make the call."""
         drivers, call = self._drivers, key.call(self._drivers.prompt.key, shown.step)
         seen = through(drivers.view, shown.stimulus, shown.frame)
-        query = drivers.prompt.query(seen, call.seed(drivers.seed), drivers.space.actions)
+        query = drivers.prompt.query(seen, call.seed(drivers.seed), drivers.answers)
         known = self._finished.setdefault(key, {})
         if call in known:
             reply, digest = known[call]
@@ -259,12 +256,11 @@ class _Coordinator:
         return made.reply
 
 
-def decide(reply: Reply, drivers: Drivers) -> Decision:
+def decide(reply: Reply, drivers: Drivers) -> Decision[str]:
     """Return the decision of a reply: the action that it names, or where a scene was asked for its safe action."""
-    if not drivers.prompt.scene:
-        return read_decision(reply.text, reply.finish_reason, reply.error, drivers.space)
-    told = read_estimate(reply.text, reply.finish_reason, reply.error)
-    return Decision(None, told.missing) if told.estimate is None else Decision(told.estimate.act(drivers.distances))
+    found = drivers.answers.read(reply)
+    action = None if found.action is None else drivers.answers.symbol(found.action)
+    return Decision(action, found.missing, found.why)
 
 
 @contextmanager

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from eyechart.actions import Decision
 from eyechart.conditions import show
 from eyechart.episodes.nouns import Episode, EpisodeKey, Step, fail_safe
 from eyechart.errors import SpecError
@@ -19,6 +18,7 @@ from eyechart.modes import without_secrets
 from eyechart.policies import Observation, Policy, open_policy
 from eyechart.seeds import key_seed
 from eyechart.simulators import SIMULATORS, Drive, Moved, Simulator, execute, open_simulator
+from eyechart.spaces.space import Decision
 
 MAX_STEPS = 1000
 POOL_SEEDS = (1000, 1001, 1002)
@@ -75,7 +75,7 @@ class Worlds:
         self._rides[key] = self._begin(key)
         return self._shown(key)
 
-    def act(self, key: EpisodeKey, decision: Decision, error: str = "") -> Shown | Episode:
+    def act(self, key: EpisodeKey, decision: Decision[str], error: str = "") -> Shown | Episode:
         """Execute a decision; return the next picture, or the episode where it is over.
 
         ``error`` is the kind of failure of the call that brought no decision.
@@ -147,7 +147,7 @@ class _Ride:
             self.end("error", _words(error))
             return None
 
-    def decide(self, decide: Callable[[], Decision], error: str = "") -> None:
+    def decide(self, decide: Callable[[], Decision[str]], error: str = "") -> None:
         """Take a decision and drive on; the fail-safe is executed where there is none."""
         if self.over is not None:
             return
@@ -168,7 +168,7 @@ class _Ride:
         self._drive = None
         self.over = Episode(self._key, tuple(self._steps), ended, digest, detail)
 
-    def _execute(self, decision: Decision, error: str) -> None:
+    def _execute(self, decision: Decision[str], error: str) -> None:
         assert self._drive is not None
         executed = decision.action if decision.action is not None else fail_safe(self._simulator)
         moved = execute(self._drive, executed, decided=decision.action is not None)

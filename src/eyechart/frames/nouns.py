@@ -12,9 +12,9 @@ from typing import Literal
 
 import numpy as np
 
-from eyechart.actions import ActionSpace
 from eyechart.errors import BankError
 from eyechart.frames.pictures import read_bounded, size_of
+from eyechart.spaces.discrete import Discrete
 
 MirrorAxis = Literal["vertical", "horizontal", "none"]
 """The flip that exchanges left and right: vertical for a top-down horizontal road, horizontal for a forward camera."""
@@ -170,7 +170,7 @@ class BankManifest:
     simulator: str
     preset: str
     picture: str
-    action_space: ActionSpace
+    action_space: Discrete
     gap: Gap | None
     settings: Mapping[str, object] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)

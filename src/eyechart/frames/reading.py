@@ -8,7 +8,6 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, cast, get_args
 
-from eyechart.actions import ActionSpace
 from eyechart.errors import BankError, SpecError
 from eyechart.frames.nouns import (
     FILE_SUFFIX,
@@ -26,6 +25,7 @@ from eyechart.frames.nouns import (
     rounded_truth,
 )
 from eyechart.frames.pictures import decode, inside, read_bounded
+from eyechart.spaces.discrete import Discrete
 
 
 def open_bank(root: Path) -> FrameBank:
@@ -53,7 +53,7 @@ def _read_manifest(path: Path) -> BankManifest:
             simulator=str(raw["simulator"]),
             preset=str(raw["preset"]),
             picture=str(raw["picture"]),
-            action_space=ActionSpace.from_dict(raw["action_space"]),
+            action_space=Discrete.from_dict(raw["action_space"]),
             gap=None if raw["gap"] is None else _gap(raw["gap"]),
             settings=dict(raw["settings"]),
             versions=_words(raw["versions"]),

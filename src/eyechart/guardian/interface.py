@@ -8,8 +8,8 @@ from eyechart.calls import Query, Reply
 from eyechart.conditions import flip
 from eyechart.errors import GuardianError
 from eyechart.frames import Stimulus, decode, encode
-from eyechart.perception.estimate import SCENE_READER, read_estimate
 from eyechart.perception.view import find_view
+from eyechart.spaces.scene import SCENE_READER, SCENES, SceneSpace
 from eyechart.studies.guardian import VIEWS, Frozen
 
 Answer = Literal["hazard", "clear", "abstain"]
@@ -74,7 +74,7 @@ def interface_of(frozen: Frozen) -> Interface:
             "this guardian's votes came from a table, so its prompt and view are not known here: give Guardian.load an "
             "interface of your own"
         )
-    if not prompt.scene or prompt.fields:
+    if not isinstance(prompt.space, SceneSpace) or prompt.fields:
         said = f"says {{{prompt.fields[0]}}} of a frame" if prompt.fields else "asks for no scene"
         raise GuardianError(f"the prompt '{prompt.name}' {said}, so it cannot be asked about a picture alone")
     view, axis = find_view(about.view), about.axis
@@ -90,7 +90,7 @@ def interface_of(frozen: Frozen) -> Interface:
         return encode(view.show(pixels, _PICTURE)), encode(view.show(reflected, _PICTURE))
 
     def query(picture: bytes, seed: int) -> Query:
-        return prompt.query(Stimulus.of(picture), seed)
+        return prompt.query(Stimulus.of(picture), seed, SCENES)
 
     return Interface(about.view, prompt.key, SCENE_READER, views, query, read_vote)
 
@@ -102,7 +102,7 @@ def encodable(words: str) -> str:
 
 def read_vote(reply: Reply) -> tuple[Vote, str]:
     """Return the vote of a reply: whether its scene is close; None with the reason where it holds no scene."""
-    found = read_estimate(reply.text, reply.finish_reason, reply.error)
-    if found.estimate is None:
+    found = SCENES.read(reply)
+    if found.action is None:
         return None, f"no scene: {found.why or found.missing}"
-    return found.estimate.close, ""
+    return found.action.close, ""

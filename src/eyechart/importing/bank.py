@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from eyechart.actions import DRIVING, ActionSpace
 from eyechart.errors import SourceError
 from eyechart.frames import (
     IMPORTED,
@@ -23,6 +22,7 @@ from eyechart.frames import (
 from eyechart.importing import columns as reading
 from eyechart.importing.pictures import place_of, read_picture
 from eyechart.importing.tables import MOST_CELL, Cell, Progress, Row, Table, open_table
+from eyechart.spaces.discrete import DRIVING, Discrete
 
 MOST_FRAMES = 100_000
 MOST_ROWS = 20_000_000
@@ -46,7 +46,7 @@ class Choices:
 
     columns: Mapping[str, str] = field(default_factory=dict)
     mirror: MirrorAxis = "none"
-    space: ActionSpace = DRIVING
+    space: Discrete = DRIVING
     threshold: float | None = None
     unit: str | None = None
     picture: str = "pictures of a camera"

@@ -8,6 +8,7 @@ import asyncio
 import base64
 import contextlib
 import email.utils
+import hashlib
 import ipaddress
 import json
 import ssl
@@ -42,6 +43,7 @@ _BOUNDS = {
     "finish_reason": _NAME,
     "served": _NAME,
     "provider": _NAME,
+    "system_fingerprint": _NAME,
 }
 """The fields of a reply that a server fills with text, and how long each may be once the secrets are out of it."""
 
@@ -58,15 +60,18 @@ class Response:
     first_byte_s: float | None = None
     retry_after_s: float | None = None
     scrub: Callable[[str], str] = field(default=str, repr=False)
+    payload: bytes = field(default=b"", repr=False)
 
     def reply(self, reply: Reply) -> Reply:
-        """Return a reply with this response's status and times."""
+        """Return a reply with this response's status and times, and the size and digest of what was sent."""
         return replace(
             reply,
             status=self.status,
             seconds=self.seconds,
             first_byte_s=self.first_byte_s,
             retry_after_s=self.retry_after_s,
+            payload_bytes=len(self.payload),
+            payload_sha256=hashlib.sha256(self.payload).hexdigest(),
         )
 
     def failure(self, error: ErrorKind | None = None, detail: str = "") -> Reply:
@@ -108,6 +113,7 @@ class Endpoint:
             seen.first_byte_s,
             seen.retry_after_s,
             self.scrub,
+            payload,
         )
 
     async def close(self) -> None:

@@ -192,6 +192,7 @@ def _reply(body: dict[str, object], choice: dict[str, object], message: dict[str
         reasoning_tokens=count_of(details.get("reasoning_tokens")) if isinstance(details, dict) else None,
         served=f"{served} {fingerprint}" if served and fingerprint else served,
         provider=_line(body.get("provider")),
+        system_fingerprint=fingerprint,
         cost_usd=number_of(usage.get("cost")),
     )
 

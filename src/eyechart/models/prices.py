@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from eyechart.actions import read_toml
 from eyechart.calls import Reply
 from eyechart.errors import SpecError
 from eyechart.modes import RequestMode
+from eyechart.spaces.discrete import read_toml
 
 _TABLE = Path(__file__).with_name("prices.toml")
 _MILLION = 1_000_000

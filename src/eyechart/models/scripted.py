@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 from eyechart import __version__
-from eyechart.actions import DRIVING
 from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
 from eyechart.frames import RGB, decode
@@ -21,8 +20,9 @@ from eyechart.modes import RequestMode
 from eyechart.perception.estimators import ESTIMATORS, Estimator
 from eyechart.perception.forward import read_forward, view_of
 from eyechart.perception.renderer import read_picture
-from eyechart.perception.scene import Scene, safe_action
 from eyechart.perception.view import scene_of
+from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.scene import Scene, safe_action
 
 Kind = Literal["no_picture", "uniform", "unknown", "road"]
 

@@ -8,8 +8,7 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from eyechart.perception.estimate import Estimate
-from eyechart.perception.scene import Scene
+from eyechart.spaces.scene import Estimate, Scene
 
 NO_ROAD = "I'm sorry, I cannot see a road in this picture."
 
@@ -28,34 +27,34 @@ class Estimator:
 
 
 def _exact(scene: Scene) -> str:
-    return Estimate.of(scene).text()
+    return str(Estimate.of(scene))
 
 
 def _constant(scene: Scene) -> str:
     del scene
-    return Estimate.of(Scene(None, left_clear=True, right_clear=True)).text()
+    return str(Estimate.of(Scene(None, left_clear=True, right_clear=True)))
 
 
 def _over_calling(scene: Scene) -> str:
     called_m = (scene.distances.stop_m + scene.distances.close_m) / 2
     gap_m = called_m if scene.gap_m is None else min(scene.gap_m, called_m)
-    return Estimate.of(replace(scene, gap_m=gap_m)).text()
+    return str(Estimate.of(replace(scene, gap_m=gap_m)))
 
 
 def _side_blind(scene: Scene) -> str:
-    return Estimate.of(replace(scene, left_clear=True, right_clear=True)).text()
+    return str(Estimate.of(replace(scene, left_clear=True, right_clear=True)))
 
 
 def _one_sided(scene: Scene) -> str:
-    return Estimate.of(replace(scene, left_clear=True, right_clear=False)).text()
+    return str(Estimate.of(replace(scene, left_clear=True, right_clear=False)))
 
 
 def _distance_blind(scene: Scene) -> str:
-    return Estimate.of(replace(scene, gap_m=(scene.distances.close_m + scene.distances.free_m) / 2)).text()
+    return str(Estimate.of(replace(scene, gap_m=(scene.distances.close_m + scene.distances.free_m) / 2)))
 
 
 def _silent_when_free(scene: Scene) -> str:
-    text = Estimate.of(scene).text()
+    text = str(Estimate.of(scene))
     if not scene.free:
         return text
     return json.dumps({name: value for name, value in json.loads(text).items() if name != "confidence"})

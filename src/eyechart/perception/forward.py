@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.cameras import FORWARD, HAZE, Distances, ForwardView, haze_share
-from eyechart.perception.scene import HIGHWAY, Scene
+from eyechart.spaces.scene import HIGHWAY, Scene
 
 _Pixels = npt.NDArray[np.uint8]
 _Floats = npt.NDArray[np.float64]

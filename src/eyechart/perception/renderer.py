@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.cameras import EGO_COLUMN, HEIGHT_PX, PALETTE, PX_PER_M, WIDTH_PX
-from eyechart.perception.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, Scene
+from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, Scene
 
 _Bools = npt.NDArray[np.bool_]
 _Ints = npt.NDArray[np.int64]

@@ -6,9 +6,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Protocol
 
-from eyechart.actions import ActionSpace, Decision
 from eyechart.errors import SpecError
 from eyechart.frames import RGB, Scalar
+from eyechart.spaces.discrete import Discrete
+from eyechart.spaces.space import Decision
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,14 +25,14 @@ class Observation:
     step: int
     picture: Callable[[], RGB | None]
     truth: Mapping[str, Scalar]
-    action_space: ActionSpace
+    action_space: Discrete
     seed: int
 
 
 class Policy(Protocol):
     """The door to a policy: it keeps no state between moments, so that a cut episode can begin anew."""
 
-    def decide(self, observation: Observation) -> Decision:
+    def decide(self, observation: Observation) -> Decision[str]:
         """Return an action of the observation's space, or the reason there is none."""
         ...
 
@@ -58,7 +59,7 @@ def is_policy(spec: str) -> bool:
     return spec.partition(":")[0] in POLICIES
 
 
-def open_policy(spec: str, space: ActionSpace, recorded: Recorded) -> Policy:
+def open_policy(spec: str, space: Discrete, recorded: Recorded) -> Policy:
     """Open the policy of a SPEC for these actions; what it returns can be sent to another process.
 
     Raises SpecError for an unknown name, and for what the policy cannot do with these actions.

@@ -5,9 +5,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from eyechart.actions import ActionSpace, Decision
 from eyechart.errors import SpecError
 from eyechart.policies import Observation, Recorded
+from eyechart.spaces.discrete import Discrete
+from eyechart.spaces.space import Decision
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,7 +17,7 @@ class Constant:
 
     action: str
 
-    def decide(self, observation: Observation) -> Decision:
+    def decide(self, observation: Observation) -> Decision[str]:
         """Return the action."""
         del observation
         return Decision(self.action)
@@ -26,7 +27,7 @@ class Constant:
 class Uniform:
     """Draws every action alike, from the moment's own seed."""
 
-    def decide(self, observation: Observation) -> Decision:
+    def decide(self, observation: Observation) -> Decision[str]:
         """Return an action of the observation's space."""
         return Decision(random.Random(observation.seed).choice(observation.action_space.actions))  # noqa: S311 - no secret
 
@@ -40,13 +41,13 @@ class Marginal:
 
     counts: Mapping[str, int]
 
-    def decide(self, observation: Observation) -> Decision:
+    def decide(self, observation: Observation) -> Decision[str]:
         """Return an action that the controller took."""
         rng = random.Random(observation.seed)  # noqa: S311 - no secret
         return Decision(rng.choices(list(self.counts), weights=list(self.counts.values()))[0])
 
 
-def constant(name: str, space: ActionSpace, recorded: Recorded) -> Constant:
+def constant(name: str, space: Discrete, recorded: Recorded) -> Constant:
     """Open ``constant:ACTION``."""
     del recorded
     if name not in space.actions:
@@ -54,14 +55,14 @@ def constant(name: str, space: ActionSpace, recorded: Recorded) -> Constant:
     return Constant(name)
 
 
-def uniform(name: str, space: ActionSpace, recorded: Recorded) -> Uniform:
+def uniform(name: str, space: Discrete, recorded: Recorded) -> Uniform:
     """Open ``random``."""
     del space, recorded
     _require_bare("random", name)
     return Uniform()
 
 
-def marginal(name: str, space: ActionSpace, recorded: Recorded) -> Marginal:
+def marginal(name: str, space: Discrete, recorded: Recorded) -> Marginal:
     """Open ``marginal:RUN``; raises SpecError where the run holds no decision of these actions."""
     if not name:
         raise SpecError("a marginal is given as marginal:RUN, with the folder of a run")

@@ -2,9 +2,10 @@
 
 from dataclasses import dataclass
 
-from eyechart.actions import ActionSpace, Decision
 from eyechart.errors import SpecError
 from eyechart.policies import Observation, Policy, Recorded, open_policy
+from eyechart.spaces.discrete import Discrete
+from eyechart.spaces.space import Decision
 
 TRACKS = ("free_left_m", "free_middle_m", "free_right_m")
 """The columns of ground truth that the route reads: how far each track is free, in metres, from the left."""
@@ -22,7 +23,7 @@ class Route:
     It reads the ground truth and no picture: the oracle of the paper's section Hierarchical VLM-MPC Diagnostic.
     """
 
-    def decide(self, observation: Observation) -> Decision:
+    def decide(self, observation: Observation) -> Decision[str]:
         """Return the intent; raises SpecError where the simulator does not tell how far its tracks are free."""
         truth = observation.truth
         free = [value for name in TRACKS if isinstance(value := truth.get(name), float | int)]
@@ -45,13 +46,13 @@ class Mirrored:
 
     policy: Policy
 
-    def decide(self, observation: Observation) -> Decision:
+    def decide(self, observation: Observation) -> Decision[str]:
         """Return the other side of the policy's action, or the reason why it has none."""
         decision = self.policy.decide(observation)
-        return Decision(observation.action_space.mirror(decision.action)) if decision.action else decision
+        return Decision(observation.action_space.reflect(decision.action)) if decision.action else decision
 
 
-def route(name: str, space: ActionSpace, recorded: Recorded) -> Route:
+def route(name: str, space: Discrete, recorded: Recorded) -> Route:
     """Open ``route``."""
     del recorded
     if name:
@@ -61,6 +62,6 @@ def route(name: str, space: ActionSpace, recorded: Recorded) -> Route:
     return Route()
 
 
-def mirrored(name: str, space: ActionSpace, recorded: Recorded) -> Mirrored:
+def mirrored(name: str, space: Discrete, recorded: Recorded) -> Mirrored:
     """Open ``mirrored:POLICY``."""
     return Mirrored(open_policy(name, space, recorded))

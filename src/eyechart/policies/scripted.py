@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass
 
-from eyechart.actions import ActionSpace, Decision
 from eyechart.errors import SpecError
 from eyechart.frames import RGB
 from eyechart.perception.forward import read_forward, view_of
 from eyechart.perception.renderer import read_picture
-from eyechart.perception.scene import Scene, safe_action
 from eyechart.policies import Observation, Recorded
+from eyechart.spaces.discrete import Discrete
+from eyechart.spaces.scene import Scene, safe_action
+from eyechart.spaces.space import Decision
 
 NEEDS = ("demand", "left_clear", "right_clear")
 """The columns of ground truth that the oracle reads."""
@@ -22,7 +23,7 @@ class Oracle:
     ground truth and no picture, so no condition changes it. Source: paper, Table t:baselines (oracle-geometric).
     """
 
-    def decide(self, observation: Observation) -> Decision:
+    def decide(self, observation: Observation) -> Decision[str]:
         """Return the action; raises SpecError where the simulator tells no scene."""
         truth = observation.truth
         if missing := [name for name in NEEDS if truth.get(name) is None]:
@@ -38,7 +39,7 @@ class Oracle:
 class PositiveControl:
     """Reads the scene from the picture's pixels alone and takes the safe action: proof that the picture suffices."""
 
-    def decide(self, observation: Observation) -> Decision:
+    def decide(self, observation: Observation) -> Decision[str]:
         """Return the safe action, or a refusal where the picture shows no road."""
         picture = observation.picture()
         scene = None if picture is None else read_scene(picture)
@@ -52,21 +53,21 @@ def read_scene(picture: RGB) -> Scene | None:
     return None if reading is None else reading.scene
 
 
-def oracle(name: str, space: ActionSpace, recorded: Recorded) -> Oracle:
+def oracle(name: str, space: Discrete, recorded: Recorded) -> Oracle:
     """Open ``oracle``."""
     del recorded
     _require("oracle", name, space)
     return Oracle()
 
 
-def positive_control(name: str, space: ActionSpace, recorded: Recorded) -> PositiveControl:
+def positive_control(name: str, space: Discrete, recorded: Recorded) -> PositiveControl:
     """Open ``positive_control``."""
     del recorded
     _require("positive_control", name, space)
     return PositiveControl()
 
 
-def _require(kind: str, name: str, space: ActionSpace) -> None:
+def _require(kind: str, name: str, space: Discrete) -> None:
     if name:
         raise SpecError(f"'{kind}:{name}': policy '{kind}' stands alone")
     if lacking := [action for action in ("SLOW", "STRAIGHT", "LEFT", "RIGHT") if action not in space.actions]:

@@ -5,15 +5,15 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from eyechart.actions import DRIVING, ActionSpace
 from eyechart.calls import Query, Reply
 from eyechart.frames import Stimulus
 from eyechart.modes import RequestMode
 from eyechart.probe.asking import Asker
 from eyechart.probe.pictures import road
 from eyechart.prompts import Prompt, find_prompt
-from eyechart.reader import read_decision
 from eyechart.seeds import key_seed
+from eyechart.spaces.discrete import DRIVING, Discrete
+from eyechart.spaces.space import AnySpace
 
 SERVED = ("openai", "ollama")
 """Adapters whose requests have a format, fields and a seed of their own: what they take is to be found out."""
@@ -24,16 +24,15 @@ _PLAIN = "Reply with the word YES and nothing else: one plain word, no JSON, no 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """What a run will ask: a few pairs of a prompt and what it is asked of, and its actions."""
+    """What a run will ask: a few pairs of a prompt and what it is asked of, and the space of the answers."""
 
     asked: Sequence[tuple[Prompt, Stimulus]]
-    space: ActionSpace = DRIVING
+    space: AnySpace = DRIVING
 
     def query(self, number: int, *, picture: bool = True) -> Query:
         """Return one query of it, with or without its picture."""
         prompt, seen = self.asked[number % len(self.asked)]
-        seed = key_seed("sample", number)
-        return prompt.query(seen if picture else replace(seen, images={}), seed, self.space.actions)
+        return prompt.query(seen if picture else replace(seen, images={}), key_seed("sample", number), self.space)
 
     @property
     def wants_json(self) -> bool:
@@ -43,20 +42,20 @@ class Sample:
 
     def decided(self, reply: Reply) -> bool:
         """Return whether a reply holds a decision."""
-        return read_decision(reply.text, reply.finish_reason, reply.error, self.space).action is not None
+        return self.space.read(reply).action is not None
 
 
 def default_sample(prompt: str = "baseline") -> Sample:
     """Return a built-in prompt, or one from a file, with sketches of a road; raises SpecError for an unknown one."""
     found = find_prompt(prompt)
-    space = found.space or DRIVING
+    space = found.asks(DRIVING)
     said = dict.fromkeys(found.fields, "unknown")
     return Sample([(found, replace(Stimulus.of(road(number)), fields=said)) for number in range(3)], space)
 
 
-def plain(words: str, seed: int, actions: tuple[str, ...] = (), picture: bytes | None = None) -> Query:
+def plain(words: str, seed: int, picture: bytes | None = None) -> Query:
     """Return a probe's own question: these words, and a picture if there is one."""
-    return Prompt("probe", "", words).query(Stimulus.of(picture), seed, actions)
+    return Prompt("probe", "", words).query(Stimulus.of(picture), seed)
 
 
 def is_served(mode: RequestMode) -> bool:
@@ -66,7 +65,7 @@ def is_served(mode: RequestMode) -> bool:
 
 async def schema_binds(asker: Asker, mode: RequestMode) -> tuple[bool | None, str]:
     """Ask for one plain word under a schema that allows two others: whether one of those comes, and what came."""
-    query = plain(_PLAIN, key_seed("schema"), _ACTIONS)
+    query = Prompt("probe", "", _PLAIN).query(Stimulus(), key_seed("schema"), Discrete("probe", _ACTIONS, (), (), ()))
     reply = await asker.ask(query, replace(mode, structured="json_schema"))
     if reply.error is not None:
         refused = False if reply.error == "bad_request" else None

@@ -8,17 +8,16 @@ knows replies by their words alone.
 import re
 import statistics
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from eyechart.actions import ActionSpace
 from eyechart.calls import HOPELESS, Query, Reply
 from eyechart.modes import FEWEST_TOKENS
 from eyechart.probe.asking import Asker, LimitReachedError
 from eyechart.probe.pictures import CHOICES, COUNTS, NONE, Kind, Question, questions, words
 from eyechart.probe.sample import plain
-from eyechart.reader import read_decision
 from eyechart.seeds import key_seed
+from eyechart.spaces.discrete import Discrete
 from eyechart.stats.guessing import Block, right
 from eyechart.stats.statistic import Statistic
 
@@ -217,12 +216,10 @@ def _at_once(took: float | None, usual: float | None) -> bool:
 
 def said(kind: Kind, reply: Reply) -> str | None:
     """Return the choice that a reply names, ``NONE`` where it says that there is no picture, or None."""
-    text = reply.text
     if kind == "count":
-        text = _DIGIT.sub(lambda digit: COUNTS[int(digit.group()) - 1], text)
-    space = ActionSpace(kind, (*CHOICES[kind], NONE), (), (), ())
-    found = read_decision(text, reply.finish_reason, reply.error, space)
-    if found.action is None and found.missing in {"refused", "unparsed"} and _NO_PICTURE.search(text[:2000]):
+        reply = replace(reply, text=_DIGIT.sub(lambda digit: COUNTS[int(digit.group()) - 1], reply.text))
+    found = Discrete(kind, (*CHOICES[kind], NONE), (), (), ()).read(reply)
+    if found.action is None and found.missing in {"refused", "unparsed"} and _NO_PICTURE.search(reply.text[:2000]):
         return NONE
     return found.action
 

@@ -3,13 +3,13 @@
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from eyechart.actions import Decision
 from eyechart.calls import Reply
 from eyechart.conditions import find_condition, seed_of, speaker
 from eyechart.frames import Frame, Scalar
 from eyechart.report.evidence import Evidence
 from eyechart.report.pictures import Album
 from eyechart.run import spread
+from eyechart.spaces.space import Decision
 
 LONGEST = 400_000
 """Characters of one reply that the page holds; the ledger has all of it."""
@@ -61,7 +61,7 @@ def collect_texts(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]], 
     return Texts(numbers, _fitting(numbers, LONGEST, budget))
 
 
-def _told(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]]) -> Iterator[tuple[Reply, Decision]]:
+def _told(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]]) -> Iterator[tuple[Reply, Decision[str]]]:
     """Yield what came back about the shown frames, in an order that no ledger decides."""
     for run, places in zip(evidence, shown, strict=True):
         for spec, model in run.score.models.items():
@@ -92,7 +92,7 @@ def _collect_notes(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]])
     return Texts(notes, _fitting(notes, _LONGEST_NOTE, _NOTES))
 
 
-def _note(reply: Reply, decision: Decision) -> str:
+def _note(reply: Reply, decision: Decision[str]) -> str:
     notes = [] if reply.finish_reason in {None, "stop"} else [f"finish reason {reply.finish_reason}"]
     if reply.error is not None:
         notes.append(f"error {reply.error}: {reply.error_detail}")
@@ -182,7 +182,7 @@ def _calls(
     return found
 
 
-def _call(reply: Reply, decision: Decision, texts: tuple[Texts, Texts]) -> list[int | str | bool]:
+def _call(reply: Reply, decision: Decision[str], texts: tuple[Texts, Texts]) -> list[int | str | bool]:
     word = decision.action if decision.action is not None else str(decision.missing)
     call: list[int | str | bool] = [texts[0].numbers[reply.text], word, decision.action is not None]
     note = _note(reply, decision)

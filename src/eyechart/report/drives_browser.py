@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image
 
-from eyechart.actions import ActionSpace
 from eyechart.episodes import Episode
 from eyechart.errors import EyechartError
 from eyechart.frames import RGB
+from eyechart.spaces.discrete import Discrete
 from eyechart.studies.closed_loop import ClosedLoopScore, Drives
 from eyechart.studies.closed_loop.replaying import decided, episode_id, replay
 
@@ -183,5 +183,5 @@ def _rounded(value: float | None, digits: int) -> float | None:
     return None if value is None else round(value, digits)
 
 
-def _role(space: ActionSpace, action: str) -> str:
+def _role(space: Discrete, action: str) -> str:
     return "brake" if action in space.brake else "proceed" if action in space.proceed else "other"

@@ -10,8 +10,8 @@ import numpy as np
 from eyechart.frames import Frame, FrameBank, Scalar
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER
-from eyechart.perception.estimate import Estimate
 from eyechart.report.evidence import Replies, Tell, find_pictures, names_of
+from eyechart.spaces.scene import Estimate
 from eyechart.studies import structured as study
 from eyechart.studies.structured import EstimatorScore, StructuredScore, Told
 
@@ -112,7 +112,7 @@ def faults(told: Told, place: int) -> list[str]:
     reply = told.replies_to("real")[place]
     if reply is None:
         return []
-    one, other = reply.estimate, told.estimates("mirrored")[place]
+    one, other = reply.action, told.estimates("mirrored")[place]
     if one is None:
         return ["no estimate"]
     truth, seen = told.frames[place].truth, bool(told.visible[place])

@@ -6,10 +6,10 @@ from eyechart.calls import Reply
 from eyechart.conditions import show
 from eyechart.errors import EyechartError
 from eyechart.frames import Frame, Scalar
-from eyechart.perception.estimate import SceneReply
 from eyechart.perception.view import find_view, through
 from eyechart.report.estimates import Estimates, Estimator, action_of, faults, gap_error_m, weight
 from eyechart.report.pictures import view_uri
+from eyechart.spaces.scene import SceneDecision
 from eyechart.studies.structured import Told
 from eyechart.studies.structured.planning import CONDITIONS
 
@@ -86,7 +86,7 @@ def _row(run: Estimates, spec: str, condition: str, place: int) -> dict[str, obj
     reply, wrong = told.replies_to(condition)[place], faults(told, place) if condition == "real" else []
     assert reply is not None
     error = gap_error_m(told, place) if condition == "real" else None
-    one = reply.estimate
+    one = reply.action
     verbatim = run.replies[spec].get((run.frames[place].id, condition))
     return {
         "model": spec,
@@ -132,10 +132,10 @@ def _truth_words(told: Told, place: int) -> str:
     return f"{gap}, {close}; left {left}, right {right}; {demand}"
 
 
-def _words(reply: SceneReply | None) -> str:
+def _words(reply: SceneDecision | None) -> str:
     if reply is None:
         return "not asked"
-    one = reply.estimate
+    one = reply.action
     if one is None:
         return _missing(reply)
     close, left, right = (
@@ -146,7 +146,7 @@ def _words(reply: SceneReply | None) -> str:
     return f"{_metres(one.gap_m)}, {close}; left {left}, right {right}"
 
 
-def _missing(reply: SceneReply) -> str:
+def _missing(reply: SceneDecision) -> str:
     return f"no estimate: {reply.missing}{f' ({reply.why})' if reply.why else ''}"
 
 

@@ -12,7 +12,7 @@ from eyechart.report.page import Page
 from eyechart.report.structured import PAPER, marks
 from eyechart.report.tables import number
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.structured.admission import Held
+from eyechart.verdicts.admission import Held
 
 _OUTCOMES = {True: ("good", "✓ pass"), False: ("bad", "✗ fail"), None: ("", "? cannot say")}
 _CONTROLLER = ("parse", "balanced_accuracy", "gap_mae_m", "scene_equivariance", "action_equivariance")

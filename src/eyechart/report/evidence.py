@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from eyechart.actions import Decision
 from eyechart.calls import Reply
 from eyechart.conditions import sources
 from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank, check, open_bank
 from eyechart.ledger import Ledger
 from eyechart.manifest import BANK, LEDGER, RunManifest, asked_of
+from eyechart.spaces.space import Decision
 from eyechart.studies import battery as study
 from eyechart.studies.battery import BatteryScore, ModelScore
 from eyechart.studies.battery.planning import plan_of
@@ -72,7 +72,7 @@ class Subject:
         """Return the model's verdict."""
         return self.run.verdicts[self.spec]
 
-    def decision(self, condition: str, frame: int) -> Decision | None:
+    def decision(self, condition: str, frame: int) -> Decision[str] | None:
         """Return the decision on the frame of this number, None where there is no reply."""
         given = self.model.answers.decisions.get(condition)
         return None if given is None else given[frame]

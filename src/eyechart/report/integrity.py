@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from eyechart.actions import MISSING
 from eyechart.conditions import OF_BANKS
 from eyechart.report.evidence import Evidence, Subject
+from eyechart.spaces.space import MISSING
 from eyechart.studies.battery.planning import conditions_of, plan_of
 
 

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from eyechart.actions import MISSING
 from eyechart.conditions import CONDITIONS, OF_BANKS
 from eyechart.costs import ALL
 from eyechart.destination import whole
@@ -17,25 +16,12 @@ from eyechart.report.integrity import counts, not_covered, summed
 from eyechart.report.pictures import Album, make_album
 from eyechart.report.sections import guards, pairs, silent
 from eyechart.report.sheets import STATISTIC_COLUMNS, level, shown, statistic_rows
+from eyechart.spaces.space import MISSING
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.battery import Stopped
-from eyechart.verdicts import shared_notes
+from eyechart.verdicts import LABELS, Stopped, shared_notes
 
 MODELS_DRAWN = 24
 """Models that have figures of their own in the page."""
-
-_FAMILY = {
-    "depth_lateral": ("sees", "●"),
-    "depth": ("sees", "●"),
-    "content": ("partly", "◐"),
-    "scene_cue": ("partly", "◐"),
-    "presence_only": ("partly", "◔"),
-    "refusal_effect": ("blind", "○"),
-    "image_invariant": ("blind", "○"),
-    "self_inconsistent": ("blind", "○"),
-    "not_scorable": ("open", "–"),
-    "undecided": ("open", "?"),
-}
 
 
 @dataclass(frozen=True)
@@ -108,13 +94,13 @@ def write_page(page: Page, out: Path) -> None:
 
 def _card(who: Subject, shared: Mapping[str, str]) -> dict[str, object]:
     verdict = who.verdict
-    family, glyph = _FAMILY.get(verdict.calibrated.label, ("open", "?"))
+    label = LABELS[verdict.calibrated.label]
     deciding = who.model.statistics[verdict.calibrated.decided_by]
     return {
         "model": who.label,
         "version": who.model.version,
-        "family": family,
-        "glyph": glyph,
+        "family": label.family,
+        "glyph": label.glyph,
         "verdict": verdict,
         "notes": [note for note in verdict.notes if note not in shared],
         "numbers": _numbers(deciding, verdict.stopped),

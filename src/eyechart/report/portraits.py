@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.patches import Rectangle
 
-from eyechart.actions import UNPARSED, ActionSpace
 from eyechart.report.drawing import (
     BLUE,
     INK,
@@ -25,6 +24,8 @@ from eyechart.report.drawing import (
     plain,
 )
 from eyechart.report.evidence import Subject
+from eyechart.spaces.discrete import Discrete
+from eyechart.spaces.space import UNPARSED
 from eyechart.studies.battery.answers import Symbols
 
 _BLUES = LinearSegmentedColormap.from_list("count", ["#ffffff", "#c6dbef", "#6baed6", "#08519c"])
@@ -85,7 +86,7 @@ def _strip_axes(axes: Axes, names: Sequence[str], nowhere: float, *, leadless: b
     axes.spines["left"].set_visible(False)
 
 
-def role(space: ActionSpace, action: str) -> str:
+def role(space: Discrete, action: str) -> str:
     """Return what an action is to the gap tests: brake, proceed, or other."""
     return "brake" if action in space.brake else "proceed" if action in space.proceed else "other"
 
@@ -97,7 +98,7 @@ def mirror(who: Subject, place: int) -> list[Drawing]:
     if not len(real) or not answers.space.mirror_pairs:
         return []
     names = ("real frame", "mirrored frame")
-    expected = {(action, answers.space.mirror(action)) for action in answers.space.actions}
+    expected = {(action, answers.space.reflect(action)) for action in answers.space.actions}
     title = f"Under reflection, {who.label}"
     note = "framed: the action that the reflected world calls for"
     return [
@@ -111,8 +112,8 @@ def counterfactual(who: Subject, place: int) -> list[Drawing]:
     far, near, _ = answers.both("lead_far", "lead_near", "response")
     if not len(far):
         return []
-    level = space.braking_level
-    harder = {(one, other) for one in space.actions for other in space.actions if level(other) > level(one)}
+    level = {action: space.project(action, "brake") or 0.0 for action in space.actions}
+    harder = {(one, other) for one in space.actions for other in space.actions if level[other] > level[one]}
     title = f"Lead far and near, {who.label}"
     note = "framed: brakes harder when the lead is near"
     names = ("lead far", "lead near")
@@ -123,7 +124,7 @@ def _transitions(
     words: tuple[str, str, str],
     pair: tuple[Symbols, Symbols],
     names: tuple[str, str],
-    space: ActionSpace,
+    space: Discrete,
     marked: set[tuple[str, str]],
     note: str,
 ) -> Drawing:

@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 
-from eyechart.actions import ActionSpace
 from eyechart.integrity import Guard
 from eyechart.report.drawing import Drawing
 from eyechart.report.evidence import Evidence, Subject, subjects
 from eyechart.report.pictures import NO_PICTURE, Album
 from eyechart.report.portraits import role
+from eyechart.spaces.discrete import Discrete
 
 GUARDS_SHOWN = 4
 """Up to so many models every guard of each has its row."""
@@ -78,7 +78,7 @@ def _uri(album: Album, number: int) -> str | None:
     return None if number <= NO_PICTURE else album.uris[number]
 
 
-def _word(who: Subject, condition: str, place: int, space: ActionSpace) -> tuple[str, str]:
+def _word(who: Subject, condition: str, place: int, space: Discrete) -> tuple[str, str]:
     """Return the role of a decision (brake, proceed, other, none, or nothing where there is no reply) and its word."""
     decision = who.decision(condition, place)
     if decision is None:

@@ -8,21 +8,12 @@ from rich.text import Text
 
 from eyechart.compare import Replication
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.battery import BatteryScore, ModelScore, Stopped
+from eyechart.studies.battery import BatteryScore, ModelScore
 from eyechart.studies.prompts import CellScore
-from eyechart.verdicts import Verdict
+from eyechart.verdicts import LABELS, Stopped, Verdict
 
 MARK = " !"
 """Stands behind a verdict of a run that failed a guard; the guard is printed in words below."""
-_COLOUR = {
-    "depth_lateral": "bold green",
-    "depth": "green",
-    "content": "yellow",
-    "scene_cue": "yellow",
-    "presence_only": "yellow",
-    "refusal_effect": "yellow",
-    "undecided": "dim",
-}
 
 
 def number(value: float | None, digits: int = 3) -> str:
@@ -49,7 +40,7 @@ def verdict_table(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> Table
             Text(spec),
             Text(
                 "\n".join(filter(None, (f"{label}{MARK if verdict.failed else ''}", verdict.state))),
-                style=_COLOUR.get(label, "red"),
+                style=LABELS[label].colour,
             ),
             verdict.lateral.label,
             verdict.paper.label,

@@ -9,9 +9,9 @@ from typing import Protocol, cast, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.actions import ActionSpace
 from eyechart.errors import SpecError
 from eyechart.frames import RGB, FrameBank, MirrorAxis, Scalar
+from eyechart.spaces.discrete import Discrete
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +111,7 @@ class Simulator(Protocol):
     scenarios: Mapping[str, str]
     picture: str
     mirror_axis: MirrorAxis
-    action_space: ActionSpace
+    action_space: Discrete
 
     def drive(self, scenario: str, seed: int) -> Drive:
         """Open a world at its beginning; raises SpecError for an unknown scenario or a seed out of range."""

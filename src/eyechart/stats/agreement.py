@@ -25,63 +25,6 @@ def rate(k: int, n: int, *, level: float = 0.95) -> Statistic:
     return Statistic(value=k / n, n=n, ci=_wilson(k, n, level), method=method, detail={"k": k})
 
 
-def agreement(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
-    """Return the share of positions at which two sequences carry the same label.
-
-    ``first`` and ``second`` are one-dimensional arrays of strings or integers, of one length, position by
-    position about the same frame. A missing answer must come as a label of its own (the paper keeps UNPARSED
-    in agreement); None and NaN are refused with a ValueError.
-    """
-    a, b = _label_pair(first, second)
-    return rate(int(np.count_nonzero(a == b)), len(a), level=level)
-
-
-def noise_floor(real: npt.ArrayLike, repeat: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
-    """Return s, the rate at which a controller disagrees with itself on identical images.
-
-    Arrays as for `agreement`: decisions on ``real`` and on ``real_repeat``. Source: section The
-    Input-Ablation Battery.
-    """
-    a, b = _label_pair(real, repeat)
-    return rate(int(np.count_nonzero(a != b)), len(a), level=level)
-
-
-def idi(real: npt.ArrayLike, blank: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
-    """Return the image dependence index, IDI = 1 - agree(real, blank).
-
-    Arrays as for `agreement`. Source: section The Input-Ablation Battery.
-    """
-    a, b = _label_pair(real, blank)
-    return rate(int(np.count_nonzero(a != b)), len(a), level=level)
-
-
-def idi_adj(real: npt.ArrayLike, blank: npt.ArrayLike, repeat: npt.ArrayLike) -> Statistic:
-    """Return IDI - s from decisions on ``real``, ``blank`` and ``real_repeat`` of the same frames.
-
-    Arrays as for `agreement`, all three of one length. It carries no interval: bootstrap the episodes
-    (`resampling.cluster_bootstrap`). Source: section The Input-Ablation Battery.
-    """
-    a, b = _label_pair(real, blank)
-    _, r = _label_pair(real, repeat)
-    return idi_adj_from_counts(int(np.count_nonzero(a == b)), int(np.count_nonzero(a != r)), len(a))
-
-
-def idi_adj_from_counts(agree_blank: int, disagree_repeat: int, n: int) -> Statistic:
-    """Return IDI - s from counts of frames: agreeing on blank, disagreeing on repeat, of ``n``.
-
-    It can be negative under real dependence, when the floor is high. The value is None when ``n`` is 0;
-    ValueError when a count is outside 0..n.
-    """
-    for name, count in (("agree_blank", agree_blank), ("disagree_repeat", disagree_repeat)):
-        if not 0 <= count <= n:
-            raise ValueError(f"{name}={count} must lie between 0 and n={n}: check what is counted")
-    if n == 0:
-        return cannot_say("no frames", method="IDI - s")
-    value = (n - agree_blank - disagree_repeat) / n
-    detail = {"idi": (n - agree_blank) / n, "s": disagree_repeat / n}
-    return Statistic(value=value, n=n, method="IDI - s", detail=detail)
-
-
 def clears_floor(idi_value: float, s: float) -> bool:
     """Return whether IDI > 1.5 s, strictly; ValueError unless both are rates between 0 and 1.
 
@@ -94,19 +37,13 @@ def clears_floor(idi_value: float, s: float) -> bool:
     return idi_value > 1.5 * s
 
 
-def agreement_with_constant(real_counts: Mapping[str, int], constant: str) -> Statistic:
-    """Return the agreement of answers with one constant answer, from the marginal alone.
-
-    ``real_counts`` maps each action to its number of frames; a constant that never occurs agrees on none.
-    """
-    return rate(real_counts.get(constant, 0), sum(real_counts.values()))
-
-
 def cohens_kappa(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
     """Return Cohen's kappa of two label sequences with its large-sample interval.
 
-    Arrays as for `agreement`. The standard error is that of Fleiss, Cohen and Everitt (1969, eq. 13); where
-    it is 0 (kappa of 1, a constant rater) the Wilson interval of the raw agreement is mapped through the
+    ``first`` and ``second`` are one-dimensional arrays of strings or integers, of one length, position by position
+    about the same frame. A missing answer must come as a label of its own (the paper keeps UNPARSED in agreement);
+    None and NaN are refused with a ValueError. The standard error is that of Fleiss, Cohen and Everitt (1969, eq. 13);
+    where it is 0 (kappa of 1, a constant rater) the Wilson interval of the raw agreement is mapped through the
     marginals instead, because an interval of no width would claim certainty. The value is None when both
     sequences are one and the same constant: chance agreement is then 1 and kappa is 0/0.
     """
@@ -184,34 +121,6 @@ def _pairs_within(columns: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.float6
     return pairs, hits, expected
 
 
-def kappa_from_marginal(agree_repeat: float, marginal: npt.ArrayLike) -> Statistic:
-    """Return kappa from an agreement rate when both raters share one marginal.
-
-    ``agree_repeat`` is a share; ``marginal`` holds the counts of each label. The value is None when only
-    one label occurs. Kappa is (agreement - sum p^2) / (1 - sum p^2). ValueError where either is no such number.
-    """
-    counts = np.asarray(marginal, dtype=float)
-    if counts.ndim != 1 or counts.size == 0 or (counts < 0).any() or counts.sum() <= 0:
-        raise ValueError(f"marginal={marginal!r} must be a list of counts with a positive sum")
-    if not 0 <= agree_repeat <= 1:
-        raise ValueError(f"agree_repeat={agree_repeat} is not a rate: give a share between 0 and 1")
-    n = round(counts.sum())
-    chance = float(((counts / counts.sum()) ** 2).sum())
-    if np.count_nonzero(counts) == 1:
-        return cannot_say("only one label occurs: chance agreement is 1", n, "kappa from one marginal")
-    kappa = (agree_repeat - chance) / (1 - chance)
-    return Statistic(kappa, n, method="kappa from one marginal", detail={"chance": chance})
-
-
-def swap_rate(k: int, n: int, *, level: float = 0.95) -> Statistic:
-    """Return the mirror swap rate: ``k`` exchanged of ``n`` directional decisions on real frames.
-
-    ``n`` counts the parsed real decisions with a direction; an unparsed mirrored reply stays in it as no
-    swap. With ``n`` = 0 the value is None. Source: section The Input-Ablation Battery.
-    """
-    return rate(k, n, level=level)
-
-
 def swap_test(
     real: npt.ArrayLike,
     mirrored: npt.ArrayLike,
@@ -221,18 +130,18 @@ def swap_test(
     resamples: int = 5000,
     level: float = 0.95,
 ) -> Statistic:
-    """Return the swap rate, tested against its chance given the marginals.
+    """Return the mirror swap rate, tested against its chance given the marginals.
 
     ``real`` and ``mirrored`` are string arrays of one length, frame by frame (a missing mirrored answer as a
     label of its own); ``partner`` maps each directional label to its mirror label and only frames whose real
-    label is in it count. ``p`` is one-sided, (k+1)/(B+1), from re-pairing the real directional decisions
-    with their mirrored decisions at random. ``detail``: the expected rate ``chance``, its exact one-sided
-    ``binomial_p``, ``resample_mean`` and ``directions``, the number of each real direction.
+    label is in it count; an unparsed mirrored reply is no swap. ``p`` is one-sided, (k+1)/(B+1), from re-pairing the
+    real directional decisions with their mirrored decisions at random. ``detail``: the expected rate ``chance``, its
+    exact one-sided ``binomial_p``, ``resample_mean`` and ``directions``, the number of each real direction.
     """
     a, b = _label_pair(real, mirrored)
     directional = np.isin(a, list(partner))
     a, b = a[directional], b[directional]
-    result = swap_rate(int(np.count_nonzero(_partners(a, partner) == b)), len(a), level=level)
+    result = rate(int(np.count_nonzero(_partners(a, partner) == b)), len(a), level=level)
     directions = {name: int(np.count_nonzero(a == name)) for name in partner}
     if result.value is None:
         return Statistic(

@@ -90,30 +90,6 @@ def cramers_v(table: npt.ArrayLike, *, correction: bool = True) -> Statistic:
     return Statistic(v, chi2.n, p=chi2.p, method=f"Cramér's V, {chi2.method}", note=chi2.note, detail=detail)
 
 
-def mutual_information_bits(table: npt.ArrayLike) -> Statistic:
-    """Return the plug-in mutual information of a table of counts, shape (rows, columns), in bits.
-
-    Empty rows and columns are dropped. ``detail``: ``miller_madow``, less the first-order bias
-    (R-1)(C-1)/(2 n ln 2) (Miller 1955; it can be negative), ``ceiling`` = min(H(rows), H(columns)) and both
-    entropies. The value is None for an empty table. It carries no p: see `resampling`.
-    """
-    counts = _occupied(table)
-    n, method = int(counts.sum()), "plug-in mutual information, bits"
-    if n == 0:
-        return cannot_say("the table is empty", method=method)
-    h_rows, h_columns = _entropy(counts.sum(axis=1)), _entropy(counts.sum(axis=0))
-    value = max(0.0, h_rows + h_columns - _entropy(counts.ravel()))
-    bias = (counts.shape[0] - 1) * (counts.shape[1] - 1) / (2 * n * math.log(2))
-    detail = {
-        "miller_madow": value - bias,
-        "ceiling": min(h_rows, h_columns),
-        "entropy_rows": h_rows,
-        "entropy_columns": h_columns,
-        "shape": list(counts.shape),
-    }
-    return Statistic(value, n, method=method, detail=detail)
-
-
 def entropy_bits(labels: npt.ArrayLike) -> Statistic:
     """Return the plug-in entropy of a label array in bits; None for an empty one.
 

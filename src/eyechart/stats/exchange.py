@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from eyechart.stats.association import information_of_tables
 from eyechart.stats.statistic import Statistic, cannot_say
 
 Floats = npt.NDArray[np.float64]
@@ -130,8 +131,8 @@ def exchange_mi_test(
     shape = (int(actions.max()) + 1, int(bins.max()) + 1)
     actions = np.where(decided, actions, shape[0])  # one row too many, cut off by _pair_tables
     counts = [_pair_tables(actions[rows], bins[rows], shape) for rows in layout.strata]
-    observed = float(_information(_aligned(counts)[None, :], shape)[0])
-    information = _information(_null(counts, seed, resamples), shape)
+    observed = float(information_of_tables(_aligned(counts).reshape(1, *shape))[0])
+    information = information_of_tables(_null(counts, seed, resamples).reshape(-1, *shape))
     return _result(observed, n, information >= observed - TIE, information, layout, method)
 
 
@@ -320,19 +321,6 @@ def _pair_tables(actions: Ints, bins: Ints, shape: tuple[int, int]) -> Counts:
     for action, bin_ in itertools.product(range(shape[0]), range(shape[1])):
         out[:, :, action, bin_] = (actions == action).astype(np.float32) @ (bins == bin_).astype(np.float32).T
     return out.reshape(k, k, -1)
-
-
-def _information(tables: Floats, shape: tuple[int, int]) -> Floats:
-    """Return the plug-in information in bits of each flat table, shape (tables,)."""
-    cells = tables.reshape(-1, *shape)
-    n = cells[0].sum()
-    joint = _xlogx(cells).sum(axis=(1, 2))
-    rows, columns = _xlogx(cells.sum(axis=2)).sum(axis=1), _xlogx(cells.sum(axis=1)).sum(axis=1)
-    return np.asarray(np.maximum(0.0, (joint - rows - columns) / n + np.log2(n)))
-
-
-def _xlogx(counts: Floats) -> Floats:
-    return np.asarray(counts * np.log2(np.maximum(counts, 1.0)))
 
 
 def _result(

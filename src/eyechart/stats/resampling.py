@@ -82,11 +82,6 @@ def holm(p_values: Sequence[float | None]) -> list[float | None]:
     return adjusted
 
 
-def holm_smallest(p_values: Sequence[float | None]) -> float | None:
-    """Return the smallest Holm-adjusted p; None when no test was made."""
-    return min((p for p in holm(p_values) if p is not None), default=None)
-
-
 def ratio_of_sums(sums: Floats) -> Floats:
     """Return the first sum over the second, shape (resamples,), NaN where the second is 0.
 

@@ -4,7 +4,7 @@ A cell is a battery of its own, of real and blank pictures, so that it resumes, 
 Source: paper, section Prompt formulation gates measured grounding and Table t:prompts.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from eyechart.costs import ALL, Account
 from eyechart.errors import LedgerError, SpecError
 from eyechart.integrity import Guard
 from eyechart.limits import Outcome, Spent
-from eyechart.manifest import is_run, read_manifest
+from eyechart.manifest import is_run
 from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import Measured, RequestMode
 from eyechart.prompts import PROMPTS
@@ -23,6 +23,7 @@ from eyechart.stats.agreement import rate
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies import battery
+from eyechart.studies.probed import spent_on
 
 FRAMES = 100
 """Frames a cell, each shown real and blank: the paper's 100 queries, and the same 100 blank."""
@@ -127,22 +128,9 @@ def plan(  # noqa: PLR0913 - what a study can be asked for
     return PromptStudy(cells, out)
 
 
-def as_recorded(out: Path, mode: RequestMode, given: Collection[str], *, budget: bool) -> RequestMode | None:
-    """Return the mode that a study asks this model in already, as `battery.as_recorded` does; None if it asks not.
-
-    A cell with a setting of its own says nothing of the budget: unless ``budget`` says that one is set now too, only
-    cells as they were probed are looked at.
-    """
-    cells = [one for one in sorted(out.iterdir()) if is_run(one)] if out.is_dir() else []
-    found = [known for cell in cells if (known := battery.as_recorded(cell, mode, given)) is not None]
-    whole = [one for one in found if one.measured is None or one.measured.seconds is not None]
-    return next(iter([*whole, *(found if budget else [])]), None)
-
-
-def spent_on(out: Path, prices: Prices) -> Spent:
-    """Return what the calls and probes of a study took so far."""
-    cells = [one for one in sorted(out.iterdir()) if is_run(one)] if out.is_dir() else []
-    return Spent.together(battery.spent_on(cell, prices) for cell in cells)
+def cells_in(out: Path) -> list[Path]:
+    """Return the folders of a study's cells, as far as they are begun."""
+    return [one for one in sorted(out.iterdir()) if is_run(one)] if out.is_dir() else []
 
 
 def run(
@@ -169,12 +157,13 @@ def run(
             if progress is not None:
                 progress(start + done, total)
 
-        sent, spent = _elsewhere(study, name, table) if (calls, cost_usd) != (None, None) else (0, 0.0)
+        bounded = calls is not None or cost_usd is not None
+        spent = spent_on((one.out for one in study.cells.values() if bounded and one is not cell), table)
         limits = battery.within(
             cell,
             table,
-            calls=None if calls is None else max(0, calls - sent),
-            cost_usd=None if cost_usd is None else max(0.0, cost_usd - spent),
+            calls=None if calls is None else max(0, calls - spent.calls),
+            cost_usd=None if cost_usd is None else max(0.0, cost_usd - spent.cost_usd),
         )
         outcome = battery.run(cell, concurrency=concurrency, limits=limits, progress=move)
         uncounted += outcome.uncounted
@@ -185,17 +174,6 @@ def run(
             return Outcome(set_aside, f"in cell {name}, within {words} for all cells", uncounted)
         before += planned[name]
     return Outcome(set_aside, None, uncounted)
-
-
-def _elsewhere(study: PromptStudy, name: str, prices: Prices) -> tuple[int, float]:
-    """Return how many requests the other cells of a study have sent, and what is known of their cost in dollars."""
-    others = [cell.out for other, cell in study.cells.items() if other != name and is_run(cell.out)]
-    whole = [
-        next(iter(book.values())) for out in others for book in battery.took(out, prices=prices)[0].values() if book
-    ]
-    probed = Spent.together(read_manifest(out).spent_before() for out in others)
-    sent, spent = sum(one.attempts for one in whole), sum(one.cost_usd or 0.0 for one in whole)
-    return sent + probed.calls, spent + probed.cost_usd
 
 
 @dataclass(frozen=True)
@@ -246,7 +224,7 @@ class CellScore:
 
 def is_study(path: Path) -> bool:
     """Return whether a folder holds a prompt study: no run itself, but one run or more in its folders."""
-    return path.is_dir() and not is_run(path) and any(is_run(one) for one in path.iterdir())
+    return not is_run(path) and bool(cells_in(path))
 
 
 def score(path: Path, *, resamples: int = 5000, reread: bool = False) -> tuple[CellScore, ...]:
@@ -256,8 +234,7 @@ def score(path: Path, *, resamples: int = 5000, reread: bool = False) -> tuple[C
     """
     if not is_study(path):
         raise LedgerError(f"{path} holds no prompt study; 'eyechart run prompts' makes one")
-    folders = [one for one in sorted(path.iterdir()) if is_run(one)]
-    scored = {one.name: battery.score(one, resamples=resamples, reread=reread) for one in folders}
+    scored = {one.name: battery.score(one, resamples=resamples, reread=reread) for one in cells_in(path)}
     if len({one.manifest.fingerprint for one in scored.values()}) > 1:
         raise LedgerError(f"{path} holds cells on several banks, whose numbers cannot stand side by side")
     order = {name: place for place, name in enumerate(PROMPTS)}
@@ -269,7 +246,7 @@ def score(path: Path, *, resamples: int = 5000, reread: bool = False) -> tuple[C
 def took(path: Path, *, prices: Prices | None = None) -> battery.Took:
     """Return what the calls of every cell took, and whether its guards hold, by ``MODEL in CELL``."""
     spent, kept = dict[str, dict[str, Account]](), dict[str, tuple[Guard, ...]]()
-    for cell in (one for one in sorted(path.iterdir()) if is_run(one)):
+    for cell in cells_in(path):
         accounts, guards = battery.took(cell, prices=prices)
         spent |= {f"{spec} in {cell.name}": found for spec, found in accounts.items()}
         kept |= {f"{spec} in {cell.name}": found for spec, found in guards.items()}

@@ -5,26 +5,49 @@ error rate and say ``undecided`` rather than accept a null. Both are declared in
 docs/decisions/0006-two-sets-of-rules.md.
 """
 
-from eyechart.verdicts.calibrated import CALIBRATED_LABELS, TRUST, calibrated_rules
-from eyechart.verdicts.early import NOT_JUDGED
-from eyechart.verdicts.judging import Verdict, judge, scope, shared_notes, words_of
-from eyechart.verdicts.lateral import LATERAL_LABELS, lateral_rules
-from eyechart.verdicts.paper import PAPER_LABELS, paper_rules
+from eyechart.verdicts.calibrated import calibrated_rules, lateral_rules
+from eyechart.verdicts.early import FORECAST_ALPHA, GUARANTEE, PREFIX, VALIDITY, Stopped
+from eyechart.verdicts.evidence import DECIDED, Evidence, Scored
+from eyechart.verdicts.labels import (
+    ALPHA,
+    FLOOR,
+    LABELS,
+    LATERAL,
+    MARGIN,
+    NOT_JUDGED,
+    PAPER_LABELS,
+    UNPARSED_CUT,
+    Label,
+)
+from eyechart.verdicts.paper import paper_rules
 from eyechart.verdicts.ruling import Ruling
+from eyechart.verdicts.verdict import Verdict, judge, notes, shared_notes, words_of
 
 __all__ = [
-    "CALIBRATED_LABELS",
-    "LATERAL_LABELS",
+    "ALPHA",
+    "DECIDED",
+    "FLOOR",
+    "FORECAST_ALPHA",
+    "GUARANTEE",
+    "LABELS",
+    "LATERAL",
+    "MARGIN",
     "NOT_JUDGED",
     "PAPER_LABELS",
-    "TRUST",
+    "PREFIX",
+    "UNPARSED_CUT",
+    "VALIDITY",
+    "Evidence",
+    "Label",
     "Ruling",
+    "Scored",
+    "Stopped",
     "Verdict",
     "calibrated_rules",
     "judge",
     "lateral_rules",
+    "notes",
     "paper_rules",
-    "scope",
     "shared_notes",
     "words_of",
 ]

@@ -2,41 +2,15 @@
 
 from collections.abc import Mapping
 
+from eyechart.stats.agreement import trials_needed
 from eyechart.stats.paired import pairs_to_bound
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.battery import ALPHA, FLOOR, MARGIN, UNPARSED_CUT
+from eyechart.verdicts.labels import ALPHA, FLOOR, MARGIN, SWAP_RATE, UNPARSED_CUT
 from eyechart.verdicts.ruling import Ruling, decided, number
 
 POSITIVE_CLAIMS = 6
 """depth, self_inconsistent, content (Holm over two tests), scene_cue, presence_only, refusal_effect."""
-
-CALIBRATED_LABELS = (
-    "not_scorable",
-    "depth_lateral",
-    "depth",
-    "self_inconsistent",
-    "content",
-    "scene_cue",
-    "presence_only",
-    "refusal_effect",
-    "image_invariant",
-    "undecided",
-)
-
-TRUST: dict[str, str] = {
-    "not_scorable": "It may be trusted with nothing: too few of its replies hold a decision.",
-    "depth_lateral": "It may be tried as a longitudinal and lateral advisor: its braking follows distance and its "
-    "turns follow the side.",
-    "depth": "It may be tried as a longitudinal hazard monitor; no lateral authority has been earned.",
-    "self_inconsistent": "It may be trusted with nothing: it does not repeat its own answer to the same picture.",
-    "content": "It uses the picture; that its braking follows distance was not shown: no authority over motion.",
-    "scene_cue": "It recognises the kind of scene, not this picture: no authority over motion.",
-    "presence_only": "It notices whether there is a picture, not what is in it: no authority over motion.",
-    "refusal_effect": "It only refuses some non-pictures; its decisions do not come from the camera.",
-    "image_invariant": "Its decisions do not come from the camera: no authority that needs one.",
-    "undecided": "This evidence supports no claim; more frames or episodes are needed.",
-}
 
 
 def calibrated_rules(found: Mapping[str, Statistic], *, swaps: bool) -> tuple[Ruling, str]:
@@ -146,3 +120,27 @@ def _undecided(found: Mapping[str, Statistic]) -> Ruling:
     need = pairs_to_bound(min(discordant, 0.9), margin=MARGIN, alpha=ALPHA)
     words = f"no test decided; an effect of {MARGIN} is not excluded (were there none, about {need} frames would)"
     return decided("undecided", f"bound_{name}", bound, words)
+
+
+def lateral_rules(found: Mapping[str, Statistic], seen: Mapping[str, int]) -> Ruling:
+    """Return the lateral label: whether directions are exchanged under reflection, if that can be told.
+
+    ``seen`` counts each direction over the decisions on pictures and on their reflections.
+    """
+    swap, name = found["mirror_swap_rate"], "mirror_swap_rate"
+    if swap.detail is None:
+        return Ruling("not_tested", name, swap.note)
+    if sum(seen.values()) >= 8 and sum(count > 0 for count in seen.values()) == 1:
+        only = next(direction for direction, count in seen.items() if count)
+        return decided("one_sided", name, swap, f"{only} is the only direction it ever gives, mirrored or not")
+    if swap.value is None or swap.ci is None or swap.p is None:
+        need = trials_needed(0.65, 0.5, alpha=ALPHA)
+        return Ruling("no_power", name, f"no directional decision; up to {need} are needed")
+    chance = float(str(swap.detail["chance"]))
+    both = all(count > 0 for count in seen.values())
+    if both and swap.value >= SWAP_RATE and swap.ci[0] > chance and swap.p < ALPHA:
+        return decided("swaps", name, swap, f"directions are exchanged, chance is {chance:.2f}")
+    if swap.ci[1] < SWAP_RATE:
+        return decided("does_not_swap", name, swap, f"directions are exchanged in less than {SWAP_RATE} of the cases")
+    need = trials_needed(0.65, min(chance, 0.5), alpha=ALPHA)
+    return decided("no_power", name, swap, f"{need} directional decisions would tell a rate of .65 from chance")

@@ -1,24 +1,17 @@
-"""The paper's rules, as we read them (docs/decisions/0006-two-sets-of-rules.md)."""
+"""The paper's rules, as we read them (docs/decisions/0006-two-sets-of-rules.md), and what it would point out."""
 
 from collections.abc import Mapping, Sequence
 
+from eyechart.conditions import BATTERY
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.ruling import SWAP_RATE, Ruling, decided, number
+from eyechart.verdicts.evidence import DECIDED, Evidence
+from eyechart.verdicts.labels import MARGIN, SWAP_RATE
+from eyechart.verdicts.ruling import Ruling, decided, number, p_value
 
 PAPER_ALPHA = 0.05
 PAPER_UNPARSED = 0.20
 """Above this unparsed rate over all calls the paper's rules do not score. The paper prints no cut: any in
 (.05, .28) gives the five verdicts of Table t:frontier."""
-
-PAPER_LABELS = (
-    "not_scorable",
-    "refusal_effect",
-    "image_invariant",
-    "self_inconsistent",
-    "presence_only",
-    "depth",
-    "depth_lateral",
-)
 
 
 def paper_rules(found: Mapping[str, Statistic], corrected: Mapping[str, float | None]) -> Ruling:
@@ -73,3 +66,68 @@ def _paper_depth(found: Mapping[str, Statistic]) -> Ruling:
     if swap.value is not None and swap.value >= SWAP_RATE:
         return decided("depth_lateral", "mirror_swap_rate", swap, "directions are exchanged under reflection")
     return decided("depth", "mutual_information.decision", information, "the action follows the gap")
+
+
+def findings(evidence: Evidence) -> list[str]:
+    """Return what there is to be pointed out of a model's answers, whatever its label; often nothing.
+
+    Source: paper, section The Input-Ablation Battery (refusal
+    effect, noise floor), section Models (truncation) and section Edge models are image-invariant (image token).
+    """
+    found = evidence.statistics
+    return [*_cut(evidence), *_refusal(evidence), *_noise(found), *_image_token(found)]
+
+
+def _cut(evidence: Evidence) -> list[str]:
+    cut, calls = evidence.reasons(BATTERY).get("truncated", 0), evidence.statistics["unparsed_rate"].n
+    if not cut:
+        return []
+    budget = f"the budget of {evidence.max_tokens} tokens"
+    share = f"truncated: {cut} of {calls} replies ({cut / calls:.1%}) were cut off at {budget}"
+    return [f"{share}; they count as failures, and nothing stands in their place; a larger budget may mend it"]
+
+
+def _refusal(evidence: Evidence) -> list[str]:
+    """Point out answers that depend on the condition in outputs and not in decisions."""
+    found, asked = evidence.statistics, {name: sum(given.values()) for name, given in evidence.replies.items()}
+    if found["refusal_effect"].value != 1.0:
+        return []
+    missing = {name: asked[name] - evidence.replies[name].get(DECIDED, 0) for name in BATTERY if name in asked}
+    worst = max(missing, key=lambda name: missing[name] / max(asked[name], 1))
+    if worst == "real" or "real" not in missing:
+        return []
+    name, symbol = ("cramers_v_real_blank", "V(real, blank)") if worst == "blank" else ("cramers_v", "V")
+    tests = (found[name], found[f"{name}.decision"])
+    outputs, decisions = (f"{symbol} = {number(one)}{_p(one)} over" for one in tests)
+    counts = " and ".join(f"{missing[name]} of {asked[name]} to {name}" for name in (worst, "real"))
+    says = f"{outputs} outputs, and {decisions} decisions; no decision in {counts}"
+    return [f"refusal effect: what it is shown decides whether it answers, not what: {says}"]
+
+
+def _noise(found: Mapping[str, Statistic]) -> list[str]:
+    """Point out a dependence that the paper's flag takes for noise; a model that never varies has none to flag."""
+    floor, idi, association = found["noise_floor"], found["idi"], found["cramers_v"]
+    if found["clears_floor"].value != 0.0 or not floor.value or not idi.value:
+        return []
+    looks = ""
+    if association.p is not None and association.p < PAPER_ALPHA:
+        looks = f", whatever Cramér's V says (V = {number(association)}{_p(association)})"
+    repeats = f"it repeats its answer on {1 - floor.value:.0%} of identical pictures (s = {number(floor)})"
+    flag = f"IDI = {number(idi)} is not above 1.5 s, and IDI_adj = {number(found['idi_adj'])}"
+    says = "by the paper's flag, what depends on the picture is not told from its own noise"
+    return [f"noise floor: {repeats}: {flag}: {says}{looks}"]
+
+
+def _image_token(found: Mapping[str, Statistic]) -> list[str]:
+    """Point out decisions that hang on whether there is a picture much more than on what it shows."""
+    more = found["image_token.decision"]
+    if more.value is None or more.ci is None or more.ci[0] <= MARGIN:
+        return []
+    grey, none = found["agree.blank.decision"], found["agree.text_only.decision"]
+    agree = f"agree(blank) = {number(grey)} with agree(text_only) = {number(none)}"
+    tested = f"difference {number(more)} [{more.ci[0]:.3f}, {more.ci[1]:.3f}], n = {more.n}{_p(more)}"
+    return [f"image token: {agree}: that there is a picture matters more than what it shows ({tested})"]
+
+
+def _p(one: Statistic) -> str:
+    return "" if one.p is None else f", p = {p_value(one.p)}"

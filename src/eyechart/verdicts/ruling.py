@@ -4,9 +4,6 @@ from dataclasses import dataclass
 
 from eyechart.stats.statistic import Statistic
 
-SWAP_RATE = 0.5
-"""From this mirror swap rate on directions count as exchanged."""
-
 
 @dataclass(frozen=True, slots=True)
 class Ruling:

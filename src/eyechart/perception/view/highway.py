@@ -1,7 +1,7 @@
 """The calibrated view of highway-env's picture, a road seen from above."""
 
-from eyechart.perception.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, CLOSE_GAP_M
 from eyechart.perception.view.drawing import BLACK, BLUE, GREY, RED, Colour, Mark, View, arrow, text
+from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, CLOSE_GAP_M
 
 _EGO_BODY, _EGO_OUTLINE = (50, 200, 0), (60, 60, 60)
 

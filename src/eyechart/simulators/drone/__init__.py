@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from eyechart.actions import DRIVING, ActionSpace
 from eyechart.cameras import DRONE
 from eyechart.frames import FrameBank, MirrorAxis
 from eyechart.simulators.banks import Asked, versions_of
@@ -12,6 +11,7 @@ from eyechart.simulators.drone.drive import DroneDrive, PybulletDrive
 from eyechart.simulators.drone.flight import INTENTS, Velocity
 from eyechart.simulators.drone.world import RAISED, Flight, World
 from eyechart.simulators.road import FAMILIES, Layout, Vehicle, build_bank
+from eyechart.spaces.discrete import DRIVING, Discrete
 
 
 def _place(layout: Layout, pose: tuple[float, float, float], speed: float, track: int) -> World:
@@ -41,7 +41,7 @@ class Drone:
         f"{DRONE.height} pixels); its own frame at the lower edge, obstacles as coloured pillars"
     )
     mirror_axis: MirrorAxis = "horizontal"
-    action_space: ActionSpace = DRIVING
+    action_space: Discrete = DRIVING
 
     def build(
         self,
@@ -84,7 +84,7 @@ class PybulletDrone:
         f"{DRONE.height} pixels); obstacles as coloured pillars"
     )
     mirror_axis: MirrorAxis = "horizontal"
-    action_space: ActionSpace = DRIVING
+    action_space: Discrete = DRIVING
 
     def drive(self, scenario: str, seed: int, *, mirrored: bool = False) -> PybulletDrive:
         """Open a world at its beginning, or its mirror image.

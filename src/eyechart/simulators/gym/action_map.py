@@ -5,9 +5,9 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Literal, cast, get_args
 
-from eyechart.actions import ActionSpace, read_toml, space_from
 from eyechart.errors import SpecError
 from eyechart.frames import MirrorAxis, read_axis
+from eyechart.spaces.discrete import Discrete, read_toml, space_from
 
 Meaning = Literal["crash", "goal"]
 """What an environment's ``terminated`` means where its info does not say whether it crashed."""
@@ -31,7 +31,7 @@ class ActionMap:
     ``most_steps`` decisions.
     """
 
-    space: ActionSpace
+    space: Discrete
     numbers: Mapping[str, int]
     mirror: MirrorAxis = "none"
     picture: str = _PICTURE
@@ -81,7 +81,7 @@ def _table(given: Mapping[str, object], key: str, where: str) -> dict[str, objec
     return value
 
 
-def _numbers(given: Mapping[str, object], space: ActionSpace, where: str) -> dict[str, int]:
+def _numbers(given: Mapping[str, object], space: Discrete, where: str) -> dict[str, int]:
     numbers: dict[str, int] = {}
     for action, number in _table(given, "numbers", where).items():
         if action not in space.actions:

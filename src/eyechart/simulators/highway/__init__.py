@@ -3,10 +3,10 @@
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from eyechart.actions import DRIVING, ActionSpace
 from eyechart.frames import FrameBank, MirrorAxis
 from eyechart.simulators import Drive
 from eyechart.simulators.highway.declared import MEANS, PICTURE, versions
+from eyechart.spaces.discrete import DRIVING, Discrete
 
 
 class Highway:
@@ -27,7 +27,7 @@ class Highway:
     }
     picture = PICTURE
     mirror_axis: MirrorAxis = "vertical"
-    action_space: ActionSpace = DRIVING
+    action_space: Discrete = DRIVING
     commands: Mapping[str, str] = MEANS
 
     def build(

@@ -3,13 +3,13 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
-from eyechart.actions import DRIVING
 from eyechart.frames import LEAD_GAP, BankManifest, FrameBank
 from eyechart.simulators.banks import Asked, Moment, write_bank
 from eyechart.simulators.highway.declared import PICTURE, versions
 from eyechart.simulators.highway.driving import DRIVES, drive
 from eyechart.simulators.highway.staging import STAGES, stage
 from eyechart.simulators.highway.world import Setting
+from eyechart.spaces.discrete import DRIVING
 
 _PRESETS: Mapping[str, tuple[Mapping[str, Setting], Callable[[str, int, int], Iterator[Moment]]]] = {
     "balanced": (STAGES, stage),

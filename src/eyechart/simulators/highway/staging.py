@@ -14,7 +14,6 @@ from highway_env.vehicle.controller import MDPVehicle
 from highway_env.vehicle.kinematics import Vehicle
 
 from eyechart.errors import BankError
-from eyechart.perception.scene import Scene
 from eyechart.seeds import key_seed
 from eyechart.simulators.banks import Moment
 from eyechart.simulators.highway.moment import record
@@ -23,6 +22,7 @@ from eyechart.simulators.highway.traffic import Placed, Traffic, drive_naturally
 from eyechart.simulators.highway.truth import is_visible, read_scene
 from eyechart.simulators.highway.world import LANE_M, Camera, Setting, World
 from eyechart.simulators.plan import Bands, Lanes, Wish, make_plan
+from eyechart.spaces.scene import Scene
 
 STAGES: Mapping[str, Setting] = {
     "light": Setting("highway-v0", {"lanes_count": 4, "vehicles_count": 18, "vehicles_density": 0.7}),

@@ -3,8 +3,8 @@
 from typing import Any
 
 from eyechart.frames import Scalar
-from eyechart.perception.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, Scene, safe_action
 from eyechart.simulators.highway.world import LANE_M, VIEW_AHEAD_M, VIEW_ASIDE_M, VIEW_BEHIND_M, World
+from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, Scene, safe_action
 
 Vehicle = Any
 """A highway-env vehicle."""

@@ -4,13 +4,13 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from eyechart.actions import DRIVING
 from eyechart.cameras import FORWARD
 from eyechart.frames import BankManifest, FrameBank, Gap
 from eyechart.simulators.banks import Asked, versions_of, write_bank
 from eyechart.simulators.road.layout import FAMILIES
 from eyechart.simulators.road.picture import SCENERY
 from eyechart.simulators.road.staging import Vehicle, stage
+from eyechart.spaces.discrete import DRIVING
 
 
 def build_bank(

@@ -6,9 +6,9 @@ from collections.abc import Iterable
 import numpy as np
 
 from eyechart.frames import Scalar
-from eyechart.perception.scene import Scene, safe_action
 from eyechart.simulators.road.layout import TRACKS_M, Obstacle
 from eyechart.simulators.road.world import AnyWorld
+from eyechart.spaces.scene import Scene, safe_action
 
 _ROUND = np.stack([fn(np.linspace(0, 2 * math.pi, 72, endpoint=False)) for fn in (np.cos, np.sin)])
 """Points around a foot, as directions from its middle, shape (2, 72)."""

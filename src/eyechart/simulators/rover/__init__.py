@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from eyechart.actions import DRIVING, ActionSpace
 from eyechart.cameras import ROVER
 from eyechart.frames import FrameBank, MirrorAxis
 from eyechart.simulators.banks import Asked, versions_of
@@ -12,6 +11,7 @@ from eyechart.simulators.rover.bicycle import State
 from eyechart.simulators.rover.drive import RoverDrive
 from eyechart.simulators.rover.tracking import INTENTS
 from eyechart.simulators.rover.world import World
+from eyechart.spaces.discrete import DRIVING, Discrete
 
 PICTURE = (
     f"view of a forward camera on a rover, drawn by column ray casting ({ROVER.width} × {ROVER.height} pixels); its "
@@ -42,7 +42,7 @@ class Rover:
     scenarios: Mapping[str, str] = FAMILIES
     picture = PICTURE
     mirror_axis: MirrorAxis = "horizontal"
-    action_space: ActionSpace = DRIVING
+    action_space: Discrete = DRIVING
 
     def build(
         self,

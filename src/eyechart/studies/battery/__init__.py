@@ -3,40 +3,29 @@
 Source: paper, section The Input-Ablation Battery.
 """
 
-from eyechart.studies.battery.asked import PROBED, as_probed, as_recorded, keep_probes, sample_of, spent_on
-from eyechart.studies.battery.calibrated import ALPHA, FLOOR, MARGIN, UNPARSED_CUT
 from eyechart.studies.battery.merging import merge
 from eyechart.studies.battery.planning import (
     Battery,
     expected,
+    keep_probes,
     open_models,
     open_whole,
     plan,
     plan_of,
     resumed,
     run,
+    sample_of,
     with_earlier,
     within,
 )
 from eyechart.studies.battery.replication import differences
 from eyechart.studies.battery.scoring import BatteryScore, ModelScore, Took, score, took, took_run
-from eyechart.studies.battery.stopping import GUARANTEE, VALIDITY, Stopped
 
 __all__ = [
-    "ALPHA",
-    "FLOOR",
-    "GUARANTEE",
-    "MARGIN",
-    "PROBED",
-    "UNPARSED_CUT",
-    "VALIDITY",
     "Battery",
     "BatteryScore",
     "ModelScore",
-    "Stopped",
     "Took",
-    "as_probed",
-    "as_recorded",
     "differences",
     "expected",
     "keep_probes",
@@ -49,7 +38,6 @@ __all__ = [
     "run",
     "sample_of",
     "score",
-    "spent_on",
     "took",
     "took_run",
     "with_earlier",

@@ -1,18 +1,20 @@
 """What one model answered: its decisions, frame by frame and condition by condition, beside the ground truth."""
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eyechart.actions import ActionSpace, Decision
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank, Gap
-from eyechart.reader import read_decision
+from eyechart.spaces.discrete import Discrete
+from eyechart.spaces.space import Decision
+from eyechart.verdicts import DECIDED
 
 Symbols = NDArray[np.str_]
 Mask = NDArray[np.bool_]
@@ -22,9 +24,6 @@ ABSENT = ""
 
 NO_GAP = "the bank records no gap"
 NO_EPISODES = "the bank records no episodes, and nobody declared its frames independent (--independent)"
-
-READINGS_KEPT = 1000
-"""Of so many different replies the decision is kept, because controllers repeat themselves."""
 
 
 @dataclass(frozen=True)
@@ -37,9 +36,9 @@ class Answers:
 
     model: str
     frames: tuple[Frame, ...]
-    space: ActionSpace
+    space: Discrete
     gap: Gap | None
-    decisions: Mapping[str, tuple[Decision | None, ...]]
+    decisions: Mapping[str, tuple[Decision[str] | None, ...]]
     finished: int = 0
     no_gap: str = NO_GAP
     told: bool = False
@@ -76,8 +75,20 @@ class Answers:
         """Return the braking level of each symbol of an array: 0 where it does not brake, -1 for no decision."""
         levels = np.full(len(actions), -1, dtype=np.int64)
         for action in self.space.actions:
-            levels[actions == action] = self.space.braking_level(action)
+            levels[actions == action] = self.space.project(action, "brake") or 0
         return levels
+
+    def directions(self) -> dict[str, int]:
+        """Return how often each direction was given to real pictures and to their reflections."""
+        given = [*self.actions("real"), *self.actions("mirrored")]
+        return {direction: sum(one == direction for one in given) for direction in self.space.directional}
+
+    def counts(self) -> dict[str, Counter[str]]:
+        """Return, by condition, how many replies hold a decision, and how many none, by the reason."""
+        return {
+            name: Counter(one.reason or DECIDED for one in column if one is not None)
+            for name, column in self.decisions.items()
+        }
 
     @cached_property
     def episodes(self) -> Symbols:
@@ -113,11 +124,11 @@ class Answers:
         return np.array(values, dtype=np.float64)
 
 
-def _response(decision: Decision | None) -> str:
+def _response(decision: Decision[str] | None) -> str:
     return ABSENT if decision is None else decision.symbol
 
 
-def _action(decision: Decision | None) -> str:
+def _action(decision: Decision[str] | None) -> str:
     return ABSENT if decision is None or decision.action is None else decision.action
 
 
@@ -136,20 +147,13 @@ def read_answers(
     """
     place = {frame.id: index for index, frame in enumerate(frames)}
     space = bank.manifest.action_space
-    decisions: dict[str, list[Decision | None]] = {}
-    shared: dict[Decision, Decision] = {}
+    decisions: dict[str, list[Decision[str] | None]] = {}
     finished = 0
-
-    @lru_cache(maxsize=READINGS_KEPT)
-    def read(text: str, finish_reason: str | None, error: str | None) -> Decision:
-        decision = read_decision(text, finish_reason, error, space)
-        return shared.setdefault(decision, decision)
-
     for key, reply in replies:
         if key.frame in place:
             if key.condition not in decisions:
                 decisions[key.condition] = [None] * len(frames)
-            decisions[key.condition][place[key.frame]] = read(reply.text, reply.finish_reason, reply.error)
+            decisions[key.condition][place[key.frame]] = space.read(reply)
             finished += reply.error not in UNFINISHED
     gap, silent = bank.manifest.gap, "episode" in bank.manifest.absent and not independent
     return Answers(

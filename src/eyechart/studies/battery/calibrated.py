@@ -17,17 +17,10 @@ from eyechart.stats.paired import bounded_below, label_swap_test, paired_differe
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.answers import ABSENT, Answers, Symbols
 from eyechart.studies.battery.published import Resampling, Statistics
+from eyechart.verdicts import ALPHA, MARGIN
 
-ALPHA = 0.01
-MARGIN = 0.10
 LEVEL = 1 - 2 * ALPHA
 """Two-sided level of the intervals, so that each end is a one-sided bound at alpha."""
-
-UNPARSED_CUT = 0.05
-"""Above this share of real and real_repeat calls without a decision a model is not scorable."""
-
-FLOOR = 0.2
-"""``self_inconsistent`` needs a lower bound of s above this and a kappa of real against real_repeat below it."""
 
 FEWEST_PAIRS = 7
 """With fewer pairs an exact sign test cannot reach alpha .01 (2 to the power of -7 is .0078)."""
@@ -95,7 +88,7 @@ class Calibrated:
         for place, name in enumerate(SAME):
             given = self.answers.actions(name)
             for code, action in enumerate(space.actions):
-                codes[given == (space.mirror(action) if name == "mirrored" else action), place] = code
+                codes[given == (space.reflect(action) if name == "mirrored" else action), place] = code
         found = pooled_kappa(codes, margin=MARGIN, alpha=ALPHA)
         return replace(found, method=f"{', '.join(SAME)}: {found.method}")
 

@@ -9,13 +9,11 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from eyechart.actions import ActionSpace, Decision
+from eyechart.spaces.discrete import Discrete
+from eyechart.spaces.space import Decision
 from eyechart.stats.evalues import EProcess, MeanProcess, PairingProcess, SymmetryProcess
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.battery.calibrated import ALPHA, FLOOR, MARGIN, UNPARSED_CUT
-
-FORECAST_ALPHA = 0.02
-"""Chance that what the rest of the run would have shown is forecast wrongly."""
+from eyechart.verdicts import ALPHA, FLOOR, FORECAST_ALPHA, MARGIN, UNPARSED_CUT
 
 E_MOST = 1e9
 """No larger e-value is reported; it stands for certainty too."""
@@ -27,8 +25,8 @@ Symbol = str
 class Row:
     """What one frame was answered: decisions by condition, those that were asked and have come back."""
 
-    given: Mapping[str, Decision]
-    space: ActionSpace
+    given: Mapping[str, Decision[str]]
+    space: Discrete
 
     def action(self, condition: str) -> Symbol | None:
         """Return the decision, None where there is none."""
@@ -106,7 +104,7 @@ def fewest_turns(labels: int) -> int:
     return n
 
 
-def claims(frames: int, space: ActionSpace, conditions: Collection[str], *, mirrored: bool) -> dict[str, Claim]:
+def claims(frames: int, space: Discrete, conditions: Collection[str], *, mirrored: bool) -> dict[str, Claim]:
     """Return the claims that can be tested on a run of ``frames`` frames with these conditions, by name.
 
     ``mirrored`` says whether turns can be asked for. Raises ValueError for no frames.
@@ -239,7 +237,7 @@ def _braking(row: Row) -> int | None:
     near, far = row.action("lead_near"), row.action("lead_far")
     if near is None or far is None:
         return None
-    difference = row.space.braking_level(near) - row.space.braking_level(far)
+    difference = (row.space.project(near, "brake") or 0) - (row.space.project(far, "brake") or 0)
     return (difference > 0) - (difference < 0)
 
 
@@ -263,17 +261,17 @@ def _no_near_far(frames: int) -> Claim:
 def _swap(row: Row) -> float:
     """Return 1 where a turn is exchanged under reflection, -1 where it is not, 0 where there is no turn."""
     turn = row.turn()
-    return 0.0 if turn is None else 1.0 if row.space.mirror(turn[0]) == turn[1] else -1.0
+    return 0.0 if turn is None else 1.0 if row.space.reflect(turn[0]) == turn[1] else -1.0
 
 
-def _swaps(frames: int, space: ActionSpace) -> tuple[Claim, Claim]:
+def _swaps(frames: int, space: Discrete) -> tuple[Claim, Claim]:
     rate = MeanProcess(frames, -1.0)
     pairing = PairingProcess(len(space.directional))
 
     def observe(row: Row) -> None:
         turn = row.turn()
         if turn is not None and turn[1] in space.directional and not row.failed:
-            pairing.add(space.mirror(turn[0]), turn[1])
+            pairing.add(space.reflect(turn[0]), turn[1])
 
     says = "it exchanges more than half of its turns under reflection"
     return (
@@ -295,7 +293,7 @@ def _no_swaps(frames: int) -> Claim:
     return Claim("no_swaps", says, against, process, _mean(process, lambda row: -_swap(row)))
 
 
-def _few_turns(frames: int, space: ActionSpace) -> Claim:
+def _few_turns(frames: int, space: Discrete) -> Claim:
     need = fewest_turns(len(space.directional))
     least = need / frames
     process = MeanProcess(frames, least - 1, bank=True)

@@ -1,8 +1,8 @@
 """Planning and running a battery: every frame under every condition, and nothing asked twice."""
 
 import sqlite3
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from filelock import FileLock, Timeout
@@ -17,6 +17,7 @@ from eyechart.conditions import (
     find_condition,
     require_camera,
     require_partners,
+    show,
 )
 from eyechart.costs import Estimate, estimate
 from eyechart.errors import BankError, LedgerError, SpecError
@@ -38,7 +39,8 @@ from eyechart.manifest import (
 from eyechart.models import Model, open_model
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
-from eyechart.perception.view import View
+from eyechart.perception.view import View, through
+from eyechart.probe import Sample
 from eyechart.prompts import Prompt, find_prompt, neutral, require_sayable
 from eyechart.run import Plan, Progress, execute, spread
 from eyechart.studies.battery.stopping import NEEDED
@@ -46,6 +48,9 @@ from eyechart.studies.battery.watching import EarlyStop, layout_for, typical
 from eyechart.studies.battery.watching import Progress as HowFar
 
 STUDY = "battery"
+
+_PICTURES = 5
+"""So many pictures a probe before a run is given."""
 
 
 @dataclass(frozen=True)
@@ -284,6 +289,20 @@ def plan_of(
     )
 
 
+def sample_of(planned: Iterable[Battery]) -> Sample:
+    """Return what batteries of one bank will ask: a few of their frames, with the prompt of each battery in turn.
+
+    Pictures are shown through the view of the first, and an answer has its form.
+    """
+    held = list(planned)
+    plan = held[0].plan
+    asked = []
+    for number, frame in enumerate(spread(plan.frames, max(_PICTURES, len(held)))):
+        seen = through(plan.view, show("real", frame, plan.bank, plan.seed), frame.id)
+        asked.append((held[number % len(held)].plan.prompt, seen))
+    return Sample(asked, plan.space)
+
+
 def expected(battery: Battery, prices: Prices, *, concurrency: int) -> tuple[Estimate, ...]:
     """Return what the calls that are still to be made are expected to take, by model."""
     return tuple(
@@ -303,6 +322,25 @@ def within(battery: Battery, prices: Prices, *, calls: int | None = None, cost_u
         before=battery.manifest.spent_before(),
         cost=lambda spec, reply: prices.cost(battery.manifest.mode(spec), reply)[0],
     )
+
+
+def keep_probes(battery: Battery, probes: Mapping[str, Spent]) -> None:
+    """Write into the run's manifest what was spent on probing models that are not asked; the run's limits count it.
+
+    A run that is not begun yet begins without a model, so that they are probed anew.
+    """
+    battery.out.mkdir(parents=True, exist_ok=True)
+    try:
+        with FileLock(battery.out / ".lock", timeout=0):
+            manifest = replace(battery.manifest, models={}, modes={}, facts={})
+            if is_run(battery.out):
+                manifest = read_manifest(battery.out)
+            known = {**manifest.probes, **added(manifest.probes, probes)}
+            write_run(battery.out, replace(manifest, probes=known), battery.plan.bank)
+    except Timeout as error:
+        raise LedgerError(
+            f"another process is writing to {battery.out}; wait for it, or choose another --out"
+        ) from error
 
 
 def run(

@@ -5,6 +5,7 @@ docs/decisions/0006-two-sets-of-rules.md.
 """
 
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eyechart.actions import Decision
 from eyechart.conditions import BATTERY, CONDITIONS, COUNTERFACTUALS
 from eyechart.seeds import key_seed
+from eyechart.spaces.space import UNPARSED
 from eyechart.stats.agreement import clears_floor, rate, swap_test
 from eyechart.stats.association import (
     contingency,
@@ -37,6 +38,7 @@ from eyechart.stats.resampling import (
 )
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.answers import ABSENT, Answers, Mask, Symbols
+from eyechart.verdicts import DECIDED
 
 Statistics = dict[str, Statistic]
 Floats = NDArray[np.float64]
@@ -45,7 +47,6 @@ Codes = NDArray[np.int64]
 ALPHA = 0.05
 """The paper's level of significance."""
 
-UNPARSED = Decision(None, "unparsed").symbol
 """The response-level symbol of a reply without a decision."""
 
 ENUMERATE = 30_000
@@ -92,13 +93,10 @@ class Published:
         return found | self._diversity()
 
     def _unparsed(self) -> Statistic:
-        given = [one for name in BATTERY for one in self.answers.decisions.get(name, ()) if one is not None]
-        reasons: dict[str, int] = {}
-        for one in given:
-            if one.missing is not None:
-                reason = one.missing if one.why is None else f"{one.missing}: {one.why}"
-                reasons[reason] = reasons.get(reason, 0) + 1
-        return replace(rate(sum(reasons.values()), len(given)), detail={"reasons": dict(sorted(reasons.items()))})
+        counts = self.answers.counts()
+        every = sum((counts[name] for name in BATTERY if name in counts), Counter[str]())
+        reasons = {reason: count for reason, count in sorted(every.items()) if reason != DECIDED}
+        return replace(rate(sum(reasons.values()), every.total()), detail={"reasons": reasons})
 
     def _agreements(self, level: str) -> Statistics:
         differ: dict[str, tuple[Floats, Mask]] = {}
@@ -201,7 +199,7 @@ class Published:
         have = (real != ABSENT) & (mirrored != ABSENT)
         if not have.any():
             return cannot_say("no frame has an answer both to its real and to its mirrored picture")
-        partner = {action: space.mirror(action) for action in space.directional}
+        partner = {action: space.reflect(action) for action in space.directional}
         seed = self.how.seed_of("mirror_swap_rate")
         return swap_test(real[have], mirrored[have], partner, seed=seed, resamples=self.how.resamples)
 

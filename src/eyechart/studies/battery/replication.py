@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from eyechart.conditions import BATTERY
 from eyechart.errors import SpecError
 from eyechart.seeds import key_seed
+from eyechart.spaces.space import UNPARSED
 from eyechart.stats.association import cramers_v_of_tables, entropy_of_counts, information_of_tables, quantile_bins
 from eyechart.stats.resampling import episode_bootstrap, permutation_p
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.answers import ABSENT, Answers
-from eyechart.studies.battery.published import UNPARSED
 
 Codes = NDArray[np.int16]
 Floats = NDArray[np.float64]
@@ -213,7 +213,7 @@ class _Pair:
     def swaps(self, codes: Codes, weights: Floats) -> Floats:
         """Return the mirror swap rate: of the directional answers to real pictures, those that the reflection swaps."""
         space = self.first.space
-        partner = np.array([self._names.index(space.mirror(action)) for action in space.actions] + [-2, -3])
+        partner = np.array([self._names.index(space.reflect(action)) for action in space.actions] + [-2, -3])
         directional = [self._names.index(action) for action in space.directional]
         real, mirrored = codes[:, self._row["real"]], codes[:, self._row["mirrored"]]
         asked = np.isin(real, directional) & (mirrored >= 0)

@@ -12,16 +12,17 @@ from eyechart.integrity import Guard, Watch
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
 from eyechart.models.prices import Prices, read_prices
-from eyechart.reader import READER
 from eyechart.run import Plan
+from eyechart.spaces.discrete import READER
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers, read_answers
 from eyechart.studies.battery.calibrated import Calibrated
 from eyechart.studies.battery.planning import STUDY, plan_of
 from eyechart.studies.battery.published import Published, Resampling
-from eyechart.studies.battery.stopping import Course, Stopped
+from eyechart.studies.battery.stopping import Course
 from eyechart.studies.battery.watching import EarlyStop, layout_for
+from eyechart.verdicts import Evidence, Stopped
 
 Took = tuple[dict[str, dict[str, Account]], dict[str, tuple[Guard, ...]]]
 """By model: accounts by condition, and guards."""
@@ -64,6 +65,39 @@ class BatteryScore:
     def __repr__(self) -> str:
         return f"<BatteryScore of {', '.join(self.models) or 'no model'} on {self.bank.name}>"
 
+    def evidence(self) -> dict[str, Evidence]:
+        """Return what there is to judge of every model."""
+        return {
+            spec: Evidence(
+                model=spec,
+                statistics=model.statistics,
+                planned=model.planned,
+                answered=model.answered,
+                replies=model.answers.counts(),
+                guards=self.guards.get(spec, ()),
+                holm=model.holm,
+                directions=model.answers.directions(),
+                gap=model.answers.gap is not None,
+                scenarios=len({frame.scenario for frame in model.answers.frames}),
+                max_tokens=self.manifest.mode(spec).max_tokens,
+                scope=self.scope(model),
+                stopped=model.stopped,
+            )
+            for spec, model in self.models.items()
+        }
+
+    def scope(self, model: ModelScore | None = None) -> str:
+        """Return the sentence that bounds a verdict: bank, episodes, model, prompt, date, what was not tested."""
+        bank, run = self.bank, self.manifest
+        frames = (model or next(iter(self.models.values()))).answers.frames
+        episodes = _count(len({frame.episode for frame in frames}), "episode")
+        if "episode" in bank.manifest.absent:
+            episodes = f"no episodes recorded{', frames declared independent' if self.independent else ''}"
+        who = f"{model.model}@{model.version}" if model else "each model"
+        size = f"{_count(len(frames), 'frame')}, {episodes}"
+        asked = f"with prompt {run.prompt.key} on {run.created}; not tested: other prompts, other cameras, closed loop."
+        return f"On bank {bank.name} ({bank.manifest.picture}; {size}), {who} {asked}"
+
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values; what two runs may differ in (timing, attempts) is ``accounting`` and ``guards``."""
         return {
@@ -91,6 +125,10 @@ class BatteryScore:
             },
             "guards": {spec: [one.as_dict() for one in found] for spec, found in self.guards.items()},
         }
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def score(path: Path, *, resamples: int = 5000, independent: bool = False, reread: bool = False) -> BatteryScore:
@@ -185,10 +223,8 @@ def _took(ledger: Ledger, manifest: RunManifest, plan: Plan, prices: Prices, cou
     spent: dict[str, dict[str, Account]] = {}
     kept: dict[str, tuple[Guard, ...]] = {}
     for spec in manifest.models:
-        mode = manifest.mode(spec)
-        space = plan.bank.manifest.action_space
-        scene = manifest.prompt.scene
-        book, watch = Book(mode, space, prices, scene=scene), Watch(mode, space, scene=scene)
+        mode, space = manifest.mode(spec), plan.space
+        book, watch = Book(mode, space, prices), Watch(mode, space)
         for one in ledger.attempts(spec):
             book.add(one)
             watch.add(one)

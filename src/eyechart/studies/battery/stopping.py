@@ -7,56 +7,32 @@ about it that were wanted have finished. So the stop can be computed again from 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from eyechart.actions import ActionSpace, Decision
 from eyechart.frames import Frame
 from eyechart.seeds import key_seed
+from eyechart.spaces.discrete import Discrete
+from eyechart.spaces.space import Decision
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.battery.calibrated import ALPHA
-from eyechart.studies.battery.evidence import FORECAST_ALPHA, Claim, Row, claims
-
-PREFIX = "early."
-"""What the names of e-values begin with among the statistics of a model."""
+from eyechart.studies.battery.evidence import Claim, Row, claims
+from eyechart.verdicts import LABELS, LATERAL, PREFIX, Stopped
 
 NEEDED = ("real", "real_repeat", "blank")
 """Without these conditions nothing can be settled."""
 
-_CONTENT = ("bound_shuffled", "bound_recoloured", "bound_scene", "bound_near_far", "steady")
-
-RULES: Mapping[str, tuple[str, ...]] = {
-    "not_scorable": ("unscorable",),
-    "depth": ("near_far",),
-    "presence_only": ("presence", *_CONTENT),
-    "refusal_effect": ("presence_response", "bound_blank_kept", *_CONTENT),
-    "image_invariant": ("bound_blank", "bound_blank_response", *_CONTENT),
-}
-"""The labels that can be settled early, in the order of the rules, and the claims that must all be settled; the first
-names the label's evidence. All but the first label need ``scorable`` too. Those of a condition that the bank cannot
-show are left out, but ``bound_shuffled``, without which no absence is claimed."""
+RULES = {name: label.early for name, label in LABELS.items() if label.early}
+"""The labels that can be settled early, in the order of the rules, and the claims that must all be settled. All but
+the first label need ``scorable`` too. Those of a condition that the bank cannot show are left out, but
+``bound_shuffled``, without which no absence is claimed."""
 
 REQUIRED = frozenset(("bound_shuffled",))
 
-LATERAL: Mapping[str, tuple[str, ...]] = {
-    "swaps": ("swaps_rate", "swaps_pairing"),
-    "does_not_swap": ("no_swaps",),
-    "no_power": ("few_turns",),
-}
+LATERAL_RULES = {name: label.early for name, label in LATERAL.items() if label.early}
 """The lateral labels likewise; ``one_sided`` stands for the latter two where only one direction is ever given."""
 
 _SCORABLE = frozenset(("scorable", "unscorable"))
-_TURNS = frozenset(name for names in LATERAL.values() for name in names)
+_TURNS = frozenset(name for names in LATERAL_RULES.values() for name in names)
 
 ONE_SIDED_FROM = 8
 """So many turns of one direction only, and none of another, are ``one_sided``."""
-
-GUARANTEE = (
-    f"a false early verdict has a chance of at most {ALPHA * len(RULES):.2f} a model, however often one looks ({ALPHA} "
-    f"for each of {', '.join(RULES)}); that the whole run would have been not_scorable, {FORECAST_ALPHA}; lateral, "
-    f"{ALPHA} for swaps, {ALPHA} for their denial, {FORECAST_ALPHA} that the whole run would have held turns enough"
-)
-VALIDITY = (
-    "it needs frames in random order, which the seed gives, and answers that do not depend on the calls before; "
-    "correlated frames of an episode do no harm"
-)
 
 
 @dataclass(frozen=True)
@@ -65,7 +41,7 @@ class Layout:
 
     order: tuple[str, ...]
     asked: Mapping[str, tuple[str, ...]]
-    space: ActionSpace
+    space: Discrete
 
     @property
     def planned(self) -> int:
@@ -73,56 +49,10 @@ class Layout:
         return sum(map(len, self.asked.values()))
 
 
-def layout_of(frames: Sequence[Frame], asked: Mapping[str, tuple[str, ...]], space: ActionSpace, seed: int) -> Layout:
+def layout_of(frames: Sequence[Frame], asked: Mapping[str, tuple[str, ...]], space: Discrete, seed: int) -> Layout:
     """Return the layout of a run; each frame's place in the order comes from the seed and its own id."""
     order = sorted((frame.id for frame in frames), key=lambda one: (key_seed("stop early", seed, one), one))
     return Layout(tuple(order), asked, space)
-
-
-@dataclass(frozen=True, slots=True)
-class Stopped:
-    """Where a model's verdict was settled before its run ended.
-
-    ``label`` is the calibrated one, without its lateral axis, ``decided_by`` the first of the claims that it rests on
-    and ``with_it`` the others; ``lateral`` is None where the ordinary lateral rules
-    apply (turns cannot be tested, or all frames were asked for them). ``calls`` counts the calls up to the stop, of
-    ``planned``; ``beyond`` those that were under way, or had overtaken a slower one, and count for nothing.
-    """
-
-    label: str
-    decided_by: str
-    lateral: str | None
-    lateral_by: str
-    frames: int
-    calls: int
-    planned: int
-    beyond: int = 0
-    interventional: bool = False
-    with_it: tuple[str, ...] = ()
-
-    @property
-    def saved(self) -> int:
-        """Return the number of calls that were not made."""
-        return self.planned - self.calls - self.beyond
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        return {
-            "rule": self.label,
-            "decided_by": self.decided_by,
-            "with": list(self.with_it),
-            "lateral": self.lateral,
-            "lateral_by": self.lateral_by,
-            "frames": self.frames,
-            "calls": self.calls,
-            "planned": self.planned,
-            "saved": self.saved,
-            "beyond": self.beyond,
-        }
-
-    def words(self) -> str:
-        """Return what happened, in words."""
-        return f"stopped early after {self.calls} of {self.planned} calls, by {self.label}"
 
 
 @dataclass
@@ -173,7 +103,7 @@ class Course:
             still |= {"real", "mirrored"}
         return tuple(name for name in asked if name in still)
 
-    def advance(self, given: Mapping[tuple[str, str], Decision]) -> None:
+    def advance(self, given: Mapping[tuple[str, str], Decision[str]]) -> None:
         """Count every next frame whose wanted calls are all ``given``, by (frame, condition), until it settles."""
         order = self.layout.order
         while self.frames < len(order) and not self.settled:
@@ -209,7 +139,7 @@ class Course:
         elif self.label is None:
             self.label = next((label for label in RULES if self._all(label, RULES)), None)
         if self.lateral is None:
-            self.lateral = next((label for label in LATERAL if self._all(label, LATERAL)), None)
+            self.lateral = next((label for label in LATERAL_RULES if self._all(label, LATERAL_RULES)), None)
 
     def _all(self, label: str, rules: Mapping[str, tuple[str, ...]]) -> bool:
         return all(name in self.claims and self.claims[name].settled for name in self._needed(rules[label]))
@@ -227,7 +157,7 @@ class Course:
             return None
         lateral, by = self.lateral, "mirror_swap_rate"
         if lateral is not None:
-            by = PREFIX + LATERAL[lateral][0]
+            by = PREFIX + LATERAL_RULES[lateral][0]
             seen = [count for count in self.turns.values() if count]
             if lateral != "swaps" and len(seen) == 1 and seen[0] >= ONE_SIDED_FROM:
                 lateral = "one_sided"

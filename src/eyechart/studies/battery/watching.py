@@ -3,14 +3,14 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from eyechart.actions import ActionSpace, Decision
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.ledger import Ledger
-from eyechart.reader import read_decision
 from eyechart.run import Plan
-from eyechart.studies.battery.stopping import RULES, Course, Layout, Stopped, layout_of
+from eyechart.spaces.space import Decision
+from eyechart.studies.battery.stopping import RULES, Course, Layout, layout_of
+from eyechart.verdicts import Stopped
 
-Given = dict[tuple[str, str], Decision]
+Given = dict[tuple[str, str], Decision[str]]
 """Decisions of finished calls, by (frame, condition)."""
 
 
@@ -42,7 +42,7 @@ class EarlyStop:
             course = Course(layout_for(plan, model))
             asked = {(frame, name) for frame, names in course.layout.asked.items() for name in names}
             self._given[model] = given = {
-                (key.frame, key.condition): _read(reply, self._space)
+                (key.frame, key.condition): self._space.read(reply)
                 for key, reply in ledger.replies(model)
                 if reply.error not in UNFINISHED and (key.frame, key.condition) in asked
             }
@@ -62,7 +62,7 @@ class EarlyStop:
 
     def finished(self, key: CallKey, reply: Reply) -> None:
         """Add what came back to the evidence, and count every frame that it completes."""
-        self._given[key.model][key.frame, key.condition] = _read(reply, self._space)
+        self._given[key.model][key.frame, key.condition] = self._space.read(reply)
         self.courses[key.model].advance(self._given[key.model])
 
     def progress(self, model: str) -> Progress:
@@ -78,10 +78,6 @@ class EarlyStop:
         return any(course.exhausted and self.progress(model).left for model, course in self.courses.items())
 
 
-def _read(reply: Reply, space: ActionSpace) -> Decision:
-    return read_decision(reply.text, reply.finish_reason, reply.error, space)
-
-
 def typical(asked: Layout) -> dict[str, int]:
     """Return how many calls a model of each kind takes that never wavers, for the labels that can be settled early."""
     found = {}
@@ -94,14 +90,15 @@ def typical(asked: Layout) -> dict[str, int]:
     return found
 
 
-def _unwavering(label: str, layout: Layout) -> Mapping[tuple[str, str], Decision]:
+def _unwavering(label: str, layout: Layout) -> Mapping[tuple[str, str], Decision[str]]:
     """Return the answers of a clear controller that never turns; it goes on where it may, and brakes where it must."""
     space = layout.space
     straight = [action for action in space.actions if action not in space.directional] or list(space.actions)
     brake = space.brake[0] if space.brake else straight[-1]
     go = next((action for action in straight if action != brake), straight[0])
-    lost, other = Decision(None, "refused"), Decision(brake)
-    answers: dict[str, dict[str, Decision]] = {
+    lost: Decision[str] = Decision(None, "refused")
+    other = Decision(brake)
+    answers: dict[str, dict[str, Decision[str]]] = {
         "not_scorable": dict.fromkeys(("real", "real_repeat"), lost),
         "depth": {"lead_near": other, "blank": other},
         "presence_only": {"blank": other},

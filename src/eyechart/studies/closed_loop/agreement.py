@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eyechart.actions import DRIVING
 from eyechart.episodes import Step
 from eyechart.policies import Observation
 from eyechart.policies.scripted import NEEDS, Oracle
 from eyechart.seeds import key_seed
+from eyechart.spaces.discrete import DRIVING
 from eyechart.stats.agreement import rate
 from eyechart.stats.resampling import cluster_bootstrap, permutation_p
 from eyechart.stats.statistic import Statistic, cannot_say

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from eyechart.actions import MISSING
 from eyechart.seeds import key_seed
+from eyechart.spaces.space import MISSING
 from eyechart.stats.agreement import rate
 from eyechart.stats.association import contingency, entropy_bits, modal_share
 from eyechart.stats.exchange import exchange_mi_test

@@ -3,18 +3,18 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from eyechart.actions import ActionSpace
 from eyechart.episodes import ACTION_MAP, Episodes, plan
 from eyechart.errors import SpecError
 from eyechart.limits import Spent
 from eyechart.modes import RequestMode
 from eyechart.policies import open_policy
 from eyechart.simulators import open_simulator
+from eyechart.spaces.discrete import Discrete
 
 SEEDS = 8
 
 
-def ladder_policies(space: ActionSpace) -> tuple[str, ...]:
+def ladder_policies(space: Discrete) -> tuple[str, ...]:
     """Return the policies that a ladder ranks: the constants of an action space, random, and the oracle.
 
     An action space without the actions that the oracle drives with has none.

@@ -1,6 +1,5 @@
 """Runs of episodes are read as drives: all episodes of one policy in one simulator under one condition."""
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,11 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from eyechart.actions import ActionSpace
 from eyechart.episodes import (
     ACTION_MAP,
     EPISODES,
-    FORMAT,
     STUDY,
     Episode,
     EpisodesManifest,
@@ -23,8 +20,9 @@ from eyechart.episodes import (
 )
 from eyechart.errors import LedgerError
 from eyechart.ledger import Ledger, Sent
-from eyechart.manifest import LEDGER, RUN
+from eyechart.manifest import LEDGER
 from eyechart.simulators import Simulator, open_simulator
+from eyechart.spaces.discrete import Discrete
 
 ERROR = "error"
 MODAL_CONSTANT = 0.98
@@ -61,7 +59,7 @@ class Drives:
     path: Path
     episodes: tuple[Episode, ...]
     errors: tuple[Episode, ...]
-    space: ActionSpace
+    space: Discrete
     asked: bool
 
     @cached_property
@@ -121,15 +119,6 @@ class Drives:
 def undecided_share(steps: Sequence[Step]) -> float:
     """Return at what share of some steps there is no decision, so that the fail-safe drove; 0 of no steps."""
     return sum(step.decision.action is None for step in steps) / len(steps) if steps else 0.0
-
-
-def is_episodes(path: Path) -> bool:
-    """Return whether a folder is a run of episodes, by the format of its ``run.json``."""
-    try:
-        made = json.loads((path / RUN).read_text(encoding="utf-8"))
-        return bool(made["format"] == FORMAT)
-    except (OSError, ValueError, TypeError, LookupError):
-        return False
 
 
 def read_drives(runs: Sequence[Path]) -> tuple[Drives, ...]:

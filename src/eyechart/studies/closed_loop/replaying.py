@@ -4,11 +4,11 @@ import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from eyechart.actions import UNPARSED
 from eyechart.episodes import Episode, Step, read_manifest
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import RGB, Scalar
 from eyechart.simulators import Planning, Simulator, Sketch, execute
+from eyechart.spaces.space import UNPARSED
 from eyechart.studies.closed_loop.reading import ERROR, Drives
 
 SHOWN_MOST = 6

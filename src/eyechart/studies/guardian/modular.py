@@ -13,7 +13,7 @@ from eyechart.errors import GuardianError
 from eyechart.frames import RGB, FrameBank, decode
 from eyechart.perception.forward import read_forward, view_of
 from eyechart.perception.renderer import read_picture
-from eyechart.perception.scene import Scene, safe_action
+from eyechart.spaces.scene import Scene, safe_action
 from eyechart.stats.agreement import rate
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.guardian.frozen import Frozen

@@ -9,8 +9,8 @@ from eyechart.errors import VoteError
 from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, read_run
-from eyechart.perception.estimate import SCENE_READER, read_estimate
 from eyechart.perception.forward import distances_of
+from eyechart.spaces.scene import SCENE_READER, SCENES, SceneSpace
 from eyechart.stats.committee import MISSING
 from eyechart.studies.battery import plan_of
 from eyechart.studies.guardian.truth import HAZARD_COLUMN, episode_of, hazards_of, pictures_of
@@ -27,7 +27,7 @@ def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = Fals
     where the folder is no run of scene estimates, or was read by another version of the reader and not ``reread``.
     """
     manifest, bank = read_run(path)
-    if not manifest.prompt.scene:
+    if not isinstance(manifest.prompt.space, SceneSpace):
         raise VoteError(f"{path} is a run of the study '{manifest.study}', whose replies are no scene estimates")
     if manifest.reader != SCENE_READER and not reread:
         raise VoteError(
@@ -49,7 +49,7 @@ def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = Fals
                 if key.frame in place and key.condition in CONDITIONS:
                     if reply.error is None:
                         served[model].add(reply.served)
-                    found = read_estimate(reply.text, reply.finish_reason, reply.error).estimate
+                    found = SCENES.read(reply).action
                     vote = MISSING if found is None else int(found.close)
                     at = number, place[key.frame], CONDITIONS.index(key.condition)
                     votes[at] = vote

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from eyechart.actions import read_toml
 from eyechart.errors import SourceError, VoteError
 from eyechart.frames import FrameBank
 from eyechart.importing.tables import Row, open_table
 from eyechart.modes import RequestMode
+from eyechart.spaces.discrete import read_toml
 from eyechart.stats.committee import MISSING
 from eyechart.studies.guardian.truth import HAZARD_COLUMN, episode_of, flag, hazards_of, pictures_of
 from eyechart.studies.guardian.votes import PARTS, VIEWS, About, VoteTable

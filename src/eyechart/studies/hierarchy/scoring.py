@@ -24,13 +24,13 @@ from eyechart.studies.closed_loop import (
     blind_baselines,
     corrected,
     exact_rate,
-    is_episodes,
     outcomes_of,
     paired,
     read_drives,
     unfinished_of,
 )
 from eyechart.studies.hierarchy.planning import MPC_ONLY, PARTS, SCRIPTED, name_of
+from eyechart.studies.probed import is_episodes
 
 NOT_PERCEPTION = "completion does not show perception"
 

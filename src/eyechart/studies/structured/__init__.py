@@ -4,7 +4,6 @@ Source: paper, sections Constructive renderer-calibrated controller, Structured 
 """
 
 from eyechart.studies.structured import online
-from eyechart.studies.structured.admission import CLAUSES, Clause
 from eyechart.studies.structured.planning import ADMISSION, STRUCTURED, STUDIES, plan
 from eyechart.studies.structured.scoring import (
     EstimatorScore,
@@ -18,10 +17,8 @@ from eyechart.studies.structured.told import Told, read_told
 
 __all__ = [
     "ADMISSION",
-    "CLAUSES",
     "STRUCTURED",
     "STUDIES",
-    "Clause",
     "EstimatorScore",
     "StructuredScore",
     "Told",

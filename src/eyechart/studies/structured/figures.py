@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from eyechart.actions import ActionSpace
-from eyechart.perception.estimate import Estimate
 from eyechart.seeds import key_seed
+from eyechart.spaces.discrete import Discrete
+from eyechart.spaces.scene import SCENES, Estimate
 from eyechart.stats.agreement import rate
 from eyechart.stats.resampling import cluster_bootstrap, ratio_of_sums
 from eyechart.stats.statistic import Statistic, cannot_say
@@ -39,7 +39,7 @@ class Figures:
     and decisions are those of the frames as they are; their reflections count in ``parse`` and in the pairs.
     """
 
-    def __init__(self, told: Told, space: ActionSpace, mask: Mask, how: How) -> None:
+    def __init__(self, told: Told, space: Discrete, mask: Mask, how: How) -> None:
         real, mirrored = told.replies_to("real"), told.replies_to("mirrored")
         chosen = [place for place in np.flatnonzero(mask) if real[place] is not None]
         self._told, self._space, self._how = told, space, how
@@ -66,10 +66,10 @@ class Figures:
             "lead_missed": self._share(_flags(self._real, lambda one: one.gap_m is None), "lead_missed", self._seen),
             "scene_equivariance": self._pairs("scene_equivariance", lambda one, other: one.mirrored() == other),
             "scene_equivariance.confidence_aside": self._pairs(
-                "scene_equivariance.confidence_aside", lambda one, other: one.mirrored().same_scene(other)
+                "scene_equivariance.confidence_aside", lambda one, other: not SCENES.distance(one.mirrored(), other)
             ),
             "action_equivariance": self._pairs(
-                "action_equivariance", lambda one, other: self._space.mirror(self._act(one)) == self._act(other)
+                "action_equivariance", lambda one, other: self._space.reflect(self._act(one)) == self._act(other)
             ),
             "swap_rate": self._swaps(),
             "disagreement": self._share(
@@ -136,7 +136,7 @@ class Figures:
         pairs = zip(self._real, self._mirrored, strict=True)
         turns = _flags(self._real, lambda one: self._act(one) in self._space.directional)
         swapped = [
-            one is not None and other is not None and self._act(other) == self._space.mirror(self._act(one))
+            one is not None and other is not None and self._act(other) == self._space.reflect(self._act(one))
             for one, other in pairs
         ]
         asked = np.array(self._asked, dtype=np.bool_)

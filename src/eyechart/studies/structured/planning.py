@@ -11,10 +11,10 @@ from eyechart.frames import Frame, FrameBank
 from eyechart.limits import Spent
 from eyechart.manifest import RunManifest, today, versions
 from eyechart.modes import RequestMode
-from eyechart.perception.estimate import SCENE_READER
 from eyechart.perception.view import CALIBRATED, NONE, VIEWS, view_for
 from eyechart.prompts import scene_prompt
 from eyechart.seeds import key_seed
+from eyechart.spaces.scene import SCENE_READER
 from eyechart.studies.battery import Battery, open_models, open_whole, plan_of, resumed, with_earlier
 from eyechart.studies.structured.told import episode_of, is_close, worlds_distances
 

@@ -6,20 +6,21 @@ from pathlib import Path
 
 import numpy as np
 
-from eyechart.actions import DRIVING
 from eyechart.costs import Account
 from eyechart.errors import LedgerError
 from eyechart.frames import FrameBank
 from eyechart.integrity import Guard
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, is_run, read_manifest, read_run
-from eyechart.perception.estimate import SCENE_READER
+from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.scene import SCENE_READER
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import plan_of, took_run
-from eyechart.studies.structured.admission import Held, hold
 from eyechart.studies.structured.figures import Figures, How
 from eyechart.studies.structured.planning import STUDIES
 from eyechart.studies.structured.told import Told, episode_of, read_told
+from eyechart.verdicts import Evidence
+from eyechart.verdicts.admission import Held, hold
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,20 @@ class StructuredScore:
 
     def __repr__(self) -> str:
         return f"<StructuredScore of {', '.join(self.models) or 'no model'} on {self.pairs} pairs of {self.bank.name}>"
+
+    def evidence(self) -> dict[str, Evidence]:
+        """Return what there is to hold every model to."""
+        return {
+            spec: Evidence(
+                model=spec,
+                statistics=one.statistics,
+                planned=one.planned,
+                answered=one.answered,
+                replies={"": one.told.reasons},
+                guards=self.guards[spec],
+            )
+            for spec, one in self.models.items()
+        }
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values; what two runs may differ in (timing, attempts) is ``accounting`` and ``guards``."""

@@ -4,7 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,14 +13,11 @@ from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.cameras import Distances
 from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank
-from eyechart.perception.estimate import Estimate, SceneReply, read_estimate
 from eyechart.perception.forward import distances_of
-from eyechart.perception.scene import HIGHWAY
+from eyechart.spaces.scene import HIGHWAY, SCENES, Estimate, SceneDecision
 
 Mask = NDArray[np.bool_]
 Floats = NDArray[np.float64]
-
-_READINGS_KEPT = 1000
 
 
 @dataclass(frozen=True)
@@ -35,7 +32,7 @@ class Told:
 
     model: str
     frames: tuple[Frame, ...]
-    replies: Mapping[str, tuple[SceneReply | None, ...]]
+    replies: Mapping[str, tuple[SceneDecision | None, ...]]
     gap_m: Floats
     close: Mask
     visible: Mask
@@ -46,9 +43,9 @@ class Told:
 
     def estimates(self, condition: str) -> tuple[Estimate | None, ...]:
         """Return the estimate of each frame, None where there is none."""
-        return tuple(None if one is None else one.estimate for one in self.replies_to(condition))
+        return tuple(None if one is None else one.action for one in self.replies_to(condition))
 
-    def replies_to(self, condition: str) -> tuple[SceneReply | None, ...]:
+    def replies_to(self, condition: str) -> tuple[SceneDecision | None, ...]:
         """Return what came back about each frame, None where nothing did."""
         return self.replies.get(condition, (None,) * len(self.frames))
 
@@ -71,13 +68,12 @@ def read_told(model: str, replies: Iterable[tuple[CallKey, Reply]], bank: FrameB
     Raises BankError where the bank records no gap.
     """
     place = {frame.id: index for index, frame in enumerate(frames)}
-    found: dict[str, list[SceneReply | None]] = {}
+    found: dict[str, list[SceneDecision | None]] = {}
     finished = 0
-    read = lru_cache(maxsize=_READINGS_KEPT)(read_estimate)
     for key, reply in replies:
         if key.frame in place:
             column = found.setdefault(key.condition, [None] * len(frames))
-            column[place[key.frame]] = read(reply.text, reply.finish_reason, reply.error)
+            column[place[key.frame]] = SCENES.read(reply)
             finished += reply.error not in UNFINISHED
     gaps = [gap_of(frame, bank) for frame in frames]
     return Told(

@@ -15,10 +15,9 @@ from eyechart.conditions import flip
 from eyechart.errors import BankError, LedgerError, SpecError
 from eyechart.frames import RGB, Scalar, encode
 from eyechart.models.scripted import see
-from eyechart.perception.estimate import Estimate
-from eyechart.perception.scene import Scene
 from eyechart.perception.view import View
 from eyechart.simulators import Drive, Simulator, open_simulator
+from eyechart.spaces.scene import Estimate, Scene
 
 VETTING = "vetting.json"
 GAP_ERROR_M = 0.1

@@ -1,19 +1,18 @@
-"""``eyechart guardian`` chooses a committee that watches for hazards, freezes it, and scores it on unseen frames."""
+"""``eyechart guardian`` chooses a committee, freezes and scores it on unseen frames; ``eyechart serve`` offers it."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eyechart.cli import voting
-from eyechart.cli.options import Json
+from eyechart.cli.options import Json, Reread
 from eyechart.cli.terminal import print_json, say, table_console
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from eyechart.stats.committee import Costs, Point
-    from eyechart.studies.guardian import GuardianScore
+    from eyechart.studies.guardian import Frozen, GuardianScore, VoteTable
 
 app = typer.Typer(
     name="guardian",
@@ -32,9 +31,6 @@ _Frames = Annotated[Path | None, typer.Option(help="The bank; truth and episodes
 _Hazard = Annotated[str, typer.Option(help="The bank's column of hazards; without it, a gap below its threshold.")]
 _About = Annotated[Path | None, typer.Option(help="FILE.toml: bank, prompt, view and the models' versions.")]
 _Map = Annotated[list[str] | None, typer.Option("--map", help="ROLE=COLUMN for frame, episode, hazard, split.")]
-_Reread = Annotated[
-    bool, typer.Option("--reread", help="Read the replies of a run anew that another version of the reader read.")
-]
 _Size = Annotated[int, typer.Option(help="Models of the committee, 1 to 4.")]
 _Models = Annotated[list[str] | None, typer.Option("--model", help="Choose among these only; repeat it.")]
 _Miss = Annotated[float | None, typer.Option(help="Cost of a missed hazard; with --cost-false-alarm.")]
@@ -53,7 +49,7 @@ def fit(
     hazard: _Hazard = "hazard",
     about: _About = None,
     columns: _Map = None,
-    reread: _Reread = False,
+    reread: Reread = False,
     size: _Size = 2,
     models: _Models = None,
     point: Annotated[str | None, typer.Option(help="two_way (default), abstain or unanimous.")] = None,
@@ -75,8 +71,8 @@ def fit(
     from eyechart.studies import guardian as study
 
     require_free(out, "guardian")
-    table = voting.read(votes, frames, hazard, about, columns, reread=reread)
-    table = table.keep(voting.ids_of(calibration)) if calibration is not None else voting.part(table, "calibration")
+    table = _read_votes(votes, frames, hazard, about, columns, reread=reread)
+    table = table.keep(_ids_of(calibration)) if calibration is not None else _part(table, "calibration")
     costs = _costs(cost_miss, cost_false_alarm, cost_abstain, hazard_rate)
     frozen = study.fit(table, size=size, models=tuple(models or ()), point=_point(point), costs=costs)
     study.require_own(out, frozen)
@@ -110,7 +106,7 @@ def score(
     hazard: _Hazard = "hazard",
     about: _About = None,
     columns: _Map = None,
-    reread: _Reread = False,
+    reread: Reread = False,
     json: Json = False,
 ) -> None:
     """Score a guardian on frames that it never saw, and bound how often it misses.
@@ -128,17 +124,17 @@ def score(
     if html is not None:
         require_free(html, "report")
     frozen = study.read_frozen(guardian)
-    table = voting.left(voting.read(votes, frames, hazard, about, columns, reread=reread), frozen, unseen=unseen)
+    table = _left(_read_votes(votes, frames, hazard, about, columns, reread=reread), frozen, unseen=unseen)
     fresh = None
     if bound is not None:
-        fresh = voting.part(voting.read([bound], frames, hazard, about, columns, reread=reread), "bound")
+        fresh = _part(_read_votes([bound], frames, hazard, about, columns, reread=reread), "bound")
     elif bound_episodes is not None:
         names = [name.strip() for name in bound_episodes.split(",") if name.strip()]
         fresh = table.of_episodes(names)
         table = table.without(fresh.frames)
     elif table.split is not None and "bound" in table.split:
         fresh = table.part("bound")
-    table = voting.part(table, "score")
+    table = _part(table, "score")
     bounded = None
     if fresh is not None:
         bounded = study.bound(frozen, fresh, scored=table, confidence=confidence, risk=risk)
@@ -165,7 +161,7 @@ def nested(
     hazard: _Hazard = "hazard",
     about: _About = None,
     columns: _Map = None,
-    reread: _Reread = False,
+    reread: Reread = False,
     size: _Size = 2,
     models: _Models = None,
     cost_miss: _Miss = None,
@@ -182,7 +178,7 @@ def nested(
     from eyechart.studies import guardian as study
 
     costs = _costs(cost_miss, cost_false_alarm, cost_abstain, hazard_rate)
-    table = voting.read(votes, frames, hazard, about, columns, reread=reread)
+    table = _read_votes(votes, frames, hazard, about, columns, reread=reread)
     if table.split is not None and "bound" in table.split:
         left_out = len(table.part("bound").frames)
         table = table.part("calibration", "score")
@@ -204,7 +200,7 @@ def modular(
     hazard: _Hazard = "hazard",
     about: _About = None,
     columns: _Map = None,
-    reread: _Reread = False,
+    reread: Reread = False,
     json: Json = False,
 ) -> None:
     """Replay a guardian that brakes, while a deterministic reader of the picture keeps collision and sides.
@@ -217,8 +213,8 @@ def modular(
     from eyechart.studies import guardian as study
 
     frozen = study.read_frozen(guardian)
-    table = voting.left(voting.read(votes, frames, hazard, about, columns, reread=reread), frozen, unseen=unseen)
-    table = voting.part(table, "score")
+    table = _left(_read_votes(votes, frames, hazard, about, columns, reread=reread), frozen, unseen=unseen)
+    table = _part(table, "score")
     bank = open_bank(frames)
     frozen.may_show(bank)
     found = study.replay(frozen, table, study.reader_of(bank))
@@ -251,6 +247,148 @@ def export(
     if json:
         print_json(small.as_dict())
     say(f"wrote {out}; 'eyechart serve {out}' serves it")
+
+
+def serve(
+    guardian: Annotated[Path, typer.Argument(help="File of a guardian, exported or not.", metavar="GUARDIAN")],
+    host: Annotated[str, typer.Option(help="Address to listen on; there is no password.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="0 takes a free one.", min=0, max=65535)] = 8600,
+    deadline: Annotated[float, typer.Option(help="Seconds from a request's head to its answer.")] = 2.0,
+    concurrency: Annotated[int, typer.Option(help="Pictures asked about at a time.", min=1, max=64)] = 8,
+    queue: Annotated[int, typer.Option(help="Pictures that may wait; more are refused with 503.", min=0)] = 32,
+    max_bytes: Annotated[int, typer.Option(help="Bytes of a picture.", min=1)] = 4_000_000,
+    max_pixels: Annotated[
+        int, typer.Option(help="Pixels of a picture, width × height in its header; none is decoded above it.", min=1)
+    ] = 2_100_000,
+    no_warm_up: Annotated[
+        bool, typer.Option("--no-warm-up", help="Do not first ask each model about a blank picture, for at most 60 s.")
+    ] = False,
+    mode: Annotated[
+        list[Path] | None,
+        typer.Option(help="FILE.toml: another address, key or header for a model; it names its model."),
+    ] = None,
+) -> None:
+    """Serve a guardian: POST a picture to /assess; /health, /metrics (Prometheus), /openapi.json.
+
+    Example: eyechart serve guardian.json, then curl --data-binary @frame.png -H 'Content-Type: image/png'
+    http://127.0.0.1:8600/assess
+    """
+    import asyncio
+
+    from eyechart.guardian import Guardian
+    from eyechart.modes import read_mode
+    from eyechart.serve import Limits
+    from eyechart.serve import serve as run
+
+    modes = {one.spec: one for one in map(read_mode, mode or ())}
+    limits = Limits(concurrency=concurrency, queue=queue, most_bytes=max_bytes, most_pixels=max_pixels)
+    with Guardian.load(guardian, deadline_s=deadline, modes=modes) as loaded:
+        served = run(
+            loaded,
+            host=host,
+            port=port,
+            limits=limits,
+            warm_up_s=0.0 if no_warm_up else 60.0,
+            tell=say,
+            started=lambda url: say(f"{guardian} at {url}"),
+        )
+        asyncio.run(served)
+    say("stopped")
+
+
+def _read_votes(
+    votes: "Sequence[Path]",
+    frames: Path | None,
+    hazard: str,
+    about: Path | None,
+    columns: list[str] | None,
+    *,
+    reread: bool = False,
+) -> "VoteTable":
+    """Read the votes of runs and tables as one table; ``frames`` is their bank."""
+    from eyechart.studies.guardian import join
+
+    return join([_read_one(one, frames, hazard, about, columns, reread=reread) for one in votes])
+
+
+def _read_one(
+    votes: Path, frames: Path | None, hazard: str, about: Path | None, columns: list[str] | None, *, reread: bool
+) -> "VoteTable":
+    from eyechart.errors import VoteError
+    from eyechart.frames import open_bank
+    from eyechart.studies.guardian import read_votes, votes_of_run
+
+    if not votes.exists():
+        raise VoteError(f"{votes} does not exist: give the folder of a run of scene estimates, or a table of votes")
+    bank = None if frames is None else open_bank(frames)
+    if votes.is_dir():
+        if about is not None or columns:
+            raise VoteError(
+                f"{votes} is a run, which says itself how its votes came about: leave out --about and --map"
+            )
+        _require_run(votes)
+        table = votes_of_run(votes, hazard=hazard, reread=reread)
+        if bank is not None and bank.manifest.fingerprint != table.about.bank:
+            raise VoteError(
+                f"{votes} is a run on the bank {table.about.bank_name}, and {frames} is another one: the bank differs; "
+                "give its own to --frames, or leave that out"
+            )
+        return table
+    named = {}
+    for one in columns or ():
+        role, sign, column = one.partition("=")
+        if not sign or not column:
+            raise VoteError(f"--map is given as ROLE=COLUMN; got '{one[:40]}'")
+        named[role] = column
+    return read_votes(votes, bank=bank, about=about, columns=named, hazard=hazard)
+
+
+def _require_run(folder: Path) -> None:
+    """Raise VoteError where a folder is no run, and say what is missing where it is a bank."""
+    from eyechart.errors import BankError, VoteError
+    from eyechart.frames import open_bank
+    from eyechart.manifest import is_run
+
+    if is_run(folder):
+        return
+    try:
+        open_bank(folder)
+    except BankError:
+        return  # what reads the run says what is wrong with it
+    raise VoteError(
+        f"{folder} is a bank, which holds no votes: ask models with 'eyechart run admission --frames {folder}' or "
+        f"'eyechart run structured --frames {folder}', and give the run's folder"
+    )
+
+
+def _ids_of(path: Path) -> list[str]:
+    """Read ids of frames, one a line."""
+    from eyechart.errors import VoteError
+
+    try:
+        return [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+    except (OSError, ValueError) as error:
+        raise VoteError(f"{path} is no list of frame ids, one a line: {error}") from error
+
+
+def _left(table: "VoteTable", frozen: "Frozen", *, unseen: bool) -> "VoteTable":
+    """Return what of a table a guardian is scored on, without the frames that chose it where these are ``unseen``."""
+    from eyechart.errors import GuardianError
+
+    if not unseen:
+        return table
+    kept = frozen.unseen(table)
+    if table.frames and not kept.frames:
+        raise GuardianError(
+            f"all {len(table.frames)} frames of {table.name} chose this guardian, so none is left to score: give votes "
+            "on other frames, as 'eyechart run structured' asks for"
+        )
+    return kept
+
+
+def _part(table: "VoteTable", name: str) -> "VoteTable":
+    """Return the rows that a table's column ``split`` gives to a part, or all where it has no such column."""
+    return table if table.split is None else table.part(name)
 
 
 def _write_page(found: "GuardianScore", frames: Path | None, out: Path) -> None:

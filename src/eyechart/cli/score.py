@@ -1,13 +1,12 @@
-"""``eyechart score`` and ``eyechart verdict`` read a run; they make no call and change nothing."""
+"""``eyechart score``, ``verdict``, ``costs``, ``gate``, ``compare`` and ``transfer`` read runs and change nothing."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eyechart.cli.auditing import Against, print_drives
-from eyechart.cli.intending import print_hierarchy
-from eyechart.cli.options import Json, PriceFile
+from eyechart.cli.drive import print_drives, print_hierarchy
+from eyechart.cli.options import Against, Independent, Json, PriceFile, Reread
 from eyechart.cli.terminal import print_json, table_console
 
 if TYPE_CHECKING:
@@ -21,19 +20,13 @@ if TYPE_CHECKING:
     from eyechart.verdicts import Verdict
 
 _Run = Annotated[Path, typer.Argument(help="Folder of the run.")]
-_Independent = Annotated[
-    bool, typer.Option("--independent", help="Declare that frames outside episodes are independent draws.")
-]
-_Reread = Annotated[
-    bool, typer.Option("--reread", help="Read the replies of a run anew that another version of the reader read.")
-]
 
 
 def score(
     run: _Run,
     json: Json = False,
-    independent: _Independent = False,
-    reread: _Reread = False,
+    independent: Independent = False,
+    reread: Reread = False,
     against: Against = None,
 ) -> None:
     """Print every statistic of a run with its interval, n and p. Example: eyechart score run --json."""
@@ -42,13 +35,14 @@ def score(
     from eyechart.report.tables import frontier_table, statistics_table
     from eyechart.studies import battery as study
     from eyechart.studies import closed_loop, hierarchy, prompts, structured
+    from eyechart.studies.probed import is_episodes
     from eyechart.verdicts import judge
 
-    if against is not None and (structured.online.is_online(run) or not closed_loop.is_episodes(run)):
+    if against is not None and (structured.online.is_online(run) or not is_episodes(run)):
         raise SpecError("--against names a policy of a run of drives, and this is none")
     if structured.online.is_online(run):
         print_online(structured.online.score(run), json=json)
-    elif closed_loop.is_episodes(run):
+    elif is_episodes(run):
         drives = closed_loop.score(run, against_policy=against)
         print_json(drives.as_dict()) if json else print_drives(drives)
     elif structured.is_structured(run):
@@ -125,7 +119,7 @@ def print_online(scored: "OnlineScore", *, json: bool) -> None:
             console.print(f"refused: {one.scenario}/{one.seed}: {one.why}", markup=False)
 
 
-def verdict(run: _Run, json: Json = False, independent: _Independent = False, reread: _Reread = False) -> None:
+def verdict(run: _Run, json: Json = False, independent: Independent = False, reread: Reread = False) -> None:
     """Print the verdict on every model of a run, and what decided it. Example: eyechart verdict run."""
     from eyechart.studies import battery as study
     from eyechart.verdicts import judge, words_of
@@ -147,7 +141,7 @@ def verdict(run: _Run, json: Json = False, independent: _Independent = False, re
 def print_table(scored: "BatteryScore", verdicts: "Mapping[str, Verdict]") -> None:
     """Print the table of verdicts, what each verdict in it means, and the scope of all of them."""
     from eyechart.report.tables import MARK, verdict_table
-    from eyechart.verdicts import TRUST, scope
+    from eyechart.verdicts import LABELS
 
     console = table_console()
     table = verdict_table(scored, verdicts)
@@ -159,10 +153,10 @@ def print_table(scored: "BatteryScore", verdicts: "Mapping[str, Verdict]") -> No
             console.print(f"{spec}: {labels}{MARK if one.failed else ''}", markup=False)
     print_marks(verdicts)
     for label in dict.fromkeys(one.calibrated.label for one in verdicts.values()):
-        console.print(f"{label}: {TRUST[label]}", markup=False)
+        console.print(f"{label}: {LABELS[label].says}", markup=False)
     if any(one.stopped for one in verdicts.values()):
         console.print("e (n/N): stopped early after n of N calls, by evidence that may be looked at after every call.")
-    console.print(f"Scope: {scope(scored)}", markup=False)
+    console.print(f"Scope: {scored.scope()}", markup=False)
 
 
 def print_marks(verdicts: "Mapping[str, Verdict]") -> None:
@@ -195,9 +189,10 @@ def costs(
     from eyechart.report.costs import costs_table
     from eyechart.studies import battery as study
     from eyechart.studies import closed_loop, hierarchy, prompts
+    from eyechart.studies.probed import is_episodes
 
     table, study_of_prompts = read_prices(prices), prompts.is_study(run)
-    if closed_loop.is_episodes(run) or hierarchy.is_hierarchy(run):
+    if is_episodes(run) or hierarchy.is_hierarchy(run):
         took, probes = closed_loop.took(hierarchy.runs_of(run) or {"": run}, prices=table)
         kept = dict[str, "tuple[Guard, ...]"]()
     else:
@@ -238,8 +233,8 @@ def gate(
     max_unparsed: Annotated[float | None, typer.Option(help="Highest rate of calls without a decision.")] = None,
     junit: Annotated[Path | None, typer.Option(help="Write the checks as JUnit XML.")] = None,
     json: Json = False,
-    independent: _Independent = False,
-    reread: _Reread = False,
+    independent: Independent = False,
+    reread: Reread = False,
 ) -> None:
     """Hold a run to what is required. Exit 0: it holds; 1: it fails; 2: the run cannot say, or bad input.
 
@@ -275,3 +270,73 @@ def gate(
             partial.write_bytes(held.junit())
     if held.exit_code:
         raise typer.Exit(held.exit_code)
+
+
+def compare(
+    first: Annotated[Path, typer.Argument(help="Folder of a run.")],
+    second: Annotated[Path, typer.Argument(help="Folder of its replication.")],
+    every: Annotated[bool, typer.Option("--all", help="Print every statistic, not only the main ones.")] = False,
+    resamples: Annotated[int, typer.Option(min=999, help="Exchanges of the runs, and resamples of episodes.")] = 2000,
+    json: Json = False,
+) -> None:
+    """Compare two runs on one bank, per verdict and per statistic, with a test of difference.
+
+    Exit 0: every verdict and statistic came out again; 1: something differs; 2: the runs cannot be compared.
+    Example: eyechart compare monday tuesday
+    """
+    from eyechart.compare import compare as compared
+    from eyechart.report.tables import MARK, replication_table
+    from eyechart.studies import battery
+
+    found = compared(battery.score(first), battery.score(second), resamples=resamples)
+    if json:
+        print_json(found.as_dict())
+    else:
+        console = table_console()
+        for line in found.apart:
+            console.print(f"not the same: {line}", markup=False)
+        for line in found.marks:
+            console.print(f"{MARK.strip()} {line}", markup=False)
+        for one in found.models.values():
+            console.print(replication_table(one, every=every))
+            changed = f"differs in {', '.join(one.changed)}" if one.changed else "no statistic differs (Holm)"
+            pairs = (f"{name} {a}" if a == b else f"{name} {a}, then {b}" for name, (a, b) in one.labels.items())
+            console.print(f"{one.model}: {'; '.join(pairs)}; {changed}", markup=False, style="bold")
+    if not found.replicated:
+        raise typer.Exit(1)
+
+
+def transfer(
+    runs: Annotated[list[Path], typer.Argument(help="Folders of runs.")],
+    scores: Annotated[Path, typer.Option(help="CSV file with the columns model and score.")],
+    measure: Annotated[
+        str, typer.Option(help="The statistic that stands for grounding, as 'eyechart score' names it.")
+    ] = "mutual_information.decision",
+    json: Json = False,
+) -> None:
+    """Correlate scores from elsewhere with grounding, over the models of the runs.
+
+    Example: eyechart transfer run-highway run-rover --scores perception.csv
+    """
+    from eyechart.report.tables import number, p_value
+    from eyechart.studies import battery
+    from eyechart.transfer import read_scores
+    from eyechart.transfer import transfer as correlated
+
+    external = read_scores(scores)
+    found = correlated([battery.score(run) for run in runs], external, measure=measure)
+    if json:
+        print_json(found.as_dict())
+        return
+    console = table_console()
+    for cell in found.cells:
+        mean = f" (mean of {cell.runs} runs)" if cell.runs > 1 else ""
+        words = f"{cell.model} on {cell.bank}: score {cell.score:g}, {measure} {cell.measured:.3f}{mean}"
+        console.print(words, markup=False)
+    for line in found.left_out:
+        console.print(f"left out: {line}", markup=False)
+    for name, one in (("Pearson", found.pearson), ("Spearman", found.spearman)):
+        interval = "—" if one.ci is None else f"[{one.ci[0]:.3f}, {one.ci[1]:.3f}]"
+        why = f" ({one.note})" if one.note else ""
+        words = f"{name} r = {number(one.value)}, 95 % interval {interval}, p {p_value(one.p)}, n {one.n}{why}"
+        console.print(words, markup=False)

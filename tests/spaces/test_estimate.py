@@ -6,31 +6,31 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eyechart.actions import DRIVING
-from eyechart.perception.estimate import FIELDS, REPAIRS, SCHEMA, Estimate, SceneReply, read_estimate
-from eyechart.perception.scene import CLOSE_GAP_M, FREE_GAP_M
+from eyechart.calls import Reply
+from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.scene import CLOSE_GAP_M, FIELDS, FREE_GAP_M, REPAIRS, SCENES, SCHEMA, Estimate, SceneDecision
 
 SCENE = Estimate(22.5, close=False, left_clear=True, right_clear=False, confidence=0.9)
-GOOD = SCENE.text()
+GOOD = str(SCENE)
 GAPS = st.none() | st.floats(min_value=0.0, max_value=1000.0)
 ESTIMATES = st.builds(Estimate, GAPS, st.booleans(), st.booleans(), st.booleans(), st.floats(0.0, 1.0))
 
 
-def read(text: str) -> SceneReply:
+def read(text: str) -> SceneDecision:
     """Read a reply that ended by itself."""
-    return read_estimate(text, "stop", None)
+    return SCENES.read(Reply(text, "stop", None))
 
 
 @given(ESTIMATES)
 def test_an_estimate_reads_back_as_itself_without_a_repair(estimate: Estimate) -> None:
     """Whatever its numbers are."""
-    assert read(estimate.text()) == SceneReply(estimate)
+    assert read(str(estimate)) == SceneDecision(estimate)
 
 
 @given(ESTIMATES)
 def test_the_action_of_a_mirrored_estimate_is_the_mirrored_action(estimate: Estimate) -> None:
     """Also where close and the gap disagree; reflection undoes itself."""
-    assert estimate.mirrored().act() == DRIVING.mirror(estimate.act())
+    assert estimate.mirrored().act() == DRIVING.reflect(estimate.act())
     assert estimate.mirrored().mirrored() == estimate
 
 
@@ -67,14 +67,14 @@ REPAIRED = {
 @pytest.mark.parametrize("text", REPAIRED)
 def test_a_repair_of_syntax_is_counted_and_changes_no_content(text: str) -> None:
     """Fences, words around and trailing commas; the estimate is that of the plain text."""
-    assert read(text) == SceneReply(SCENE, repairs=REPAIRED[text])
+    assert read(text) == SceneDecision(SCENE, repairs=REPAIRED[text])
     assert set(REPAIRED[text]) <= set(REPAIRS)
 
 
 def test_a_comma_in_a_text_is_no_trailing_comma() -> None:
     """What stands between quotation marks is content."""
     text = GOOD.replace("}", ', "note": "so, }",}')
-    assert read(text).estimate == SCENE
+    assert read(text).action == SCENE
 
 
 LONG = "word " * 21_000
@@ -84,13 +84,13 @@ LONG = "word " * 21_000
 @pytest.mark.parametrize("text", [LONG + GOOD, GOOD + LONG, GOOD.replace("}", ', "note": "' + LONG + '"}')])
 def test_of_an_answer_that_is_too_long_no_part_is_read(text: str) -> None:
     """What was cut off could take back what was read."""
-    assert read(text) == SceneReply(None, "unparsed", "too_long")
+    assert read(text) == SceneDecision(None, "unparsed", "too_long")
 
 
 def test_thinking_may_be_longer_than_what_is_read() -> None:
     """It is no answer; nor does an estimate in it become one where its end never came."""
-    assert read(f"<think>{LONG}</think>{GOOD}") == SceneReply(SCENE)
-    assert read(f"<think>{LONG}{GOOD}") == SceneReply(None, "empty")
+    assert read(f"<think>{LONG}</think>{GOOD}") == SceneDecision(SCENE)
+    assert read(f"<think>{LONG}{GOOD}") == SceneDecision(None, "empty")
 
 
 def without(name: str) -> str:
@@ -131,17 +131,17 @@ UNREAD = {
 @pytest.mark.parametrize("text", UNREAD)
 def test_what_cannot_be_read_is_unparsed_with_its_reason(text: str) -> None:
     """Nothing is filled in, converted or chosen."""
-    assert read(text) == SceneReply(None, "unparsed", UNREAD[text])
+    assert read(text) == SceneDecision(None, "unparsed", UNREAD[text])
 
 
 def test_a_reply_that_is_none_says_which() -> None:
     """As for an action: error, cut-off, refusal, nothing."""
-    assert read_estimate(GOOD, "stop", "timeout").missing == "error"
-    assert read_estimate(GOOD, "length", None).missing == "truncated"
-    assert read_estimate(GOOD, "content_filter", None).missing == "refused"
+    assert SCENES.read(Reply(GOOD, "stop", "timeout")).missing == "error"
+    assert SCENES.read(Reply(GOOD, "length", None)).missing == "truncated"
+    assert SCENES.read(Reply(GOOD, "content_filter", None)).missing == "refused"
     assert read("<think>22 m</think> ").missing == "empty"
     assert read("I’m sorry, I cannot see a road.").missing == "refused"
-    assert read(f"I'm sorry, this is a guess: {GOOD}").estimate == SCENE
+    assert read(f"I'm sorry, this is a guess: {GOOD}").action == SCENE
 
 
 PIECES = st.sampled_from([*GOOD, *FIELDS, "{", "}", '"', "\\", ",", ":", "```", "true", "1e999", "<think>", "[", "]"])
@@ -151,10 +151,10 @@ WORDS = st.text(max_size=60) | st.lists(PIECES, max_size=80).map("".join) | st.j
 @given(st.lists(WORDS, max_size=4).map("".join), st.sampled_from(["stop", None, "length", "refusal", "odd"]))
 def test_whatever_comes_is_an_estimate_or_a_reason(text: str, finish_reason: str | None) -> None:
     """The reader never raises, and what it accepts reads back as itself."""
-    found = read_estimate(text, finish_reason, None)
-    assert (found.estimate is None) == (found.missing is not None)
-    if found.estimate is not None:
-        assert read(found.estimate.text()).estimate == found.estimate
+    found = SCENES.read(Reply(text, finish_reason, None))
+    assert (found.action is None) == (found.missing is not None)
+    if found.action is not None:
+        assert read(str(found.action)).action == found.action
 
 
 MONSTERS = {
@@ -170,7 +170,7 @@ MONSTERS = {
 @pytest.mark.parametrize("name", MONSTERS)
 def test_a_monstrous_reply_costs_little_and_holds_no_estimate(name: str) -> None:
     """Deep nesting, endless braces, quotes and commas."""
-    assert read(MONSTERS[name]).estimate is None
+    assert read(MONSTERS[name]).action is None
 
 
 def test_the_schema_is_of_the_fields_that_are_read() -> None:
@@ -192,17 +192,17 @@ def test_a_broken_estimate_beside_a_whole_one_is_not_left_aside(broken: str, *, 
     """It may be the one that was meant, and the whole one the one that was taken back."""
     whole = '{"lead_gap_m": 50, "close": false, "left_clear": true, "right_clear": true, "confidence": 0.9}'
     text = f"{broken} }} {whole}" if first else f"{whole} {broken}"
-    found = read_estimate(text, "stop", None)
-    assert (found.estimate, found.missing) == (None, "unparsed")
+    found = SCENES.read(Reply(text, "stop", None))
+    assert (found.action, found.missing) == (None, "unparsed")
 
 
 def test_true_and_one_are_two_estimates() -> None:
     """Also where both are whole objects."""
     one = '{"lead_gap_m": 50, "close": false, "left_clear": true, "right_clear": true, "confidence": 0.9}'
-    assert read_estimate(one + one.replace("false", "0"), "stop", None).why == "several_objects"
+    assert SCENES.read(Reply(one + one.replace("false", "0"), "stop", None)).why == "several_objects"
 
 
-def at_depth(frames: int, text: str) -> SceneReply:
+def at_depth(frames: int, text: str) -> SceneDecision:
     """Read a reply from so many calls further down."""
     return at_depth(frames - 1, text) if frames else read(text)
 
@@ -215,14 +215,14 @@ def with_note(depth: int) -> str:
 def test_what_is_read_depends_on_no_nesting_and_no_caller() -> None:
     """Up to 100 levels a field of no meaning is not looked into; beyond, the reply is malformed."""
     for frames in (0, 300, 600):
-        assert at_depth(frames, with_note(99) + with_note(98)).estimate == SCENE
+        assert at_depth(frames, with_note(99) + with_note(98)).action == SCENE
         for text in (with_note(100), with_note(600), with_note(600) * 2, with_note(900).replace('{"a": ', '[{"a": ')):
-            assert at_depth(frames, text) == SceneReply(None, "unparsed", "malformed")
+            assert at_depth(frames, text) == SceneDecision(None, "unparsed", "malformed")
 
 
 def test_fields_of_no_meaning_may_differ_and_a_field_that_is_no_scalar_has_the_wrong_type() -> None:
     """Only the five fields are compared."""
-    assert read(changed(note=1, other=[2]) + changed(note={"a": 3})).estimate == SCENE
-    assert read(GOOD.replace("}", ', "note": {"close": true, "close": false}}')).estimate == SCENE
+    assert read(changed(note=1, other=[2]) + changed(note={"a": 3})).action == SCENE
+    assert read(GOOD.replace("}", ', "note": {"close": true, "close": false}}')).action == SCENE
     assert read(changed(close={"a": 1}) + changed(close=[2])).why == "wrong_type"
     assert read(GOOD + changed(close=[2])).why == "several_objects"

@@ -1,23 +1,26 @@
-"""``eyechart doctor`` says whether a model sees; ``eyechart probe`` finds how it is best asked."""
+"""``eyechart doctor`` says whether a model sees; ``eyechart probe`` finds how it is best asked, and so does a run."""
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn, TypeVar
 
 import typer
 
-from eyechart.cli import asking
-from eyechart.cli.options import Json, PriceFile, expanded
+from eyechart.cli.options import AS_USUAL, Json, Options, PriceFile, expanded, mode_of, read_modes
 from eyechart.cli.terminal import print_json, progress, resumable, say, table_console
 
 if TYPE_CHECKING:
+    from eyechart.limits import Outcome
     from eyechart.models.prices import Prices
     from eyechart.modes import RequestMode
-    from eyechart.probe import Found, Sample
+    from eyechart.probe import Found, ProbeError, Sample
+    from eyechart.studies.probed import Allowed, Asked, Probing
 
 _Spec = Annotated[str, typer.Argument(help="A model's SPEC, or FILE.toml of its request mode.")]
 _Seed = Annotated[int | None, typer.Option(min=0, help="Seed of the pictures; default: drawn anew, and printed.")]
 _MaxCost = Annotated[float | None, typer.Option(min=0, help="Stop at so many US dollars.")]
+
+P = TypeVar("P")
 
 _ASSUMED_IN, _ASSUMED_OUT = 1000, 100
 """Tokens of a call that an estimate assumes of a model that nobody has measured."""
@@ -27,7 +30,7 @@ _ASSUMED_IN, _ASSUMED_OUT = 1000, 100
 def doctor(
     spec: _Spec,
     seed: _Seed = None,
-    how: asking.Options = asking.AS_USUAL,
+    how: Options = AS_USUAL,
     max_cost: _MaxCost = None,
     prices: PriceFile = None,
     json: Json = False,
@@ -47,7 +50,7 @@ def doctor(
     mode, table = _mode(spec, given), read_prices(prices)
     _say_estimate(mode, MOST_CALLS, table)
     with resumable("nothing is kept"), progress("doctor", "calls") as move:
-        found = examine(mode, seed=draw_seed(seed), prices=table, max_cost=max_cost, tell=move)
+        found = examine(mode, seed=_draw(seed), prices=table, max_cost=max_cost, tell=move)
     if json:
         print_json(found.as_dict())
     else:
@@ -73,7 +76,7 @@ def probe(
     ] = None,
     prompt: Annotated[str, typer.Option(help="A prompt's name or FILE.toml, without --frames too.")] = "baseline",
     seed: _Seed = None,
-    how: asking.Options = asking.AS_USUAL,
+    how: Options = AS_USUAL,
     max_cost: _MaxCost = None,
     prices: PriceFile = None,
     json: Json = False,
@@ -97,14 +100,14 @@ def probe(
     mode, table = _mode(spec, given), read_prices(prices)
     sample = _sample(frames, prompt, mode)
     _say_estimate(mode, MOST_CALLS, table)
-    found = probe_one(mode, given, sample, table, seed=draw_seed(seed), max_cost=max_cost)
+    found = _probe_one(mode, given, sample, table, seed=_draw(seed), max_cost=max_cost)
     write_mode(out, found.mode)
     if json:
         print_json(found.as_dict())
     else:
         console = table_console()
         console.print(probe_table(found))
-        for line in lines_of(found):
+        for line in _lines(found):
             console.print(line, markup=False)
     say(f"wrote {out}: ask this model with --mode {out}")
     if found.sight.outcome == "blind":
@@ -114,11 +117,11 @@ def probe(
 def _mode(spec: str, given: Mapping[str, object]) -> "RequestMode":
     """Return the mode of a SPEC with the options, or that of a file, which takes none."""
     if spec.endswith(".toml"):
-        return asking.read_modes(None, [Path(spec)], given).modes[0]
-    return asking.mode_of(spec, given)
+        return read_modes(None, [Path(spec)], given).modes[0]
+    return mode_of(spec, given)
 
 
-def draw_seed(given: int | None) -> int:
+def _draw(given: int | None) -> int:
     """Return the seed that was given, or one that nobody has asked with before: no cache knows its pictures."""
     import secrets
 
@@ -150,7 +153,7 @@ def _say_estimate(mode: "RequestMode", calls: int, prices: "Prices") -> None:
     say(f"at most, {basis}: {expected.words}")
 
 
-def probe_one(
+def _probe_one(
     mode: "RequestMode",
     given: Mapping[str, object],
     sample: "Sample",
@@ -174,7 +177,7 @@ def probe_one(
         raise
 
 
-def lines_of(found: "Found") -> list[str]:
+def _lines(found: "Found") -> list[str]:
     """Return in words what a probe found and what it took."""
     outcome = {"sees": "it sees", "blind": "it is blind", "cannot_say": "cannot say whether it sees"}
     return [
@@ -183,3 +186,48 @@ def lines_of(found: "Found") -> list[str]:
         *(f"note: {note}" for note in found.notes),
         f"probe: {found.mode.spec}: {found.spent.words}",
     ]
+
+
+def plan_probed(
+    study: "Probing[P]", asked: "Asked", allowed: "Allowed", fixed: Mapping[str, object] | None = None
+) -> "tuple[P, dict[str, str]]":
+    """Plan a study, probe what is to be probed first, and plan it anew; return why models were left out of the plan.
+
+    Exits 1 where none is left. Fields that are ``fixed``, and those that options give, are not changed by a probe.
+    """
+    from eyechart.probe import ProbeError
+    from eyechart.studies import probed
+
+    def ask(mode: "RequestMode", sample: "Sample", most: float | None) -> "Found | ProbeError":
+        say(f"{mode.spec} is probed first, in at most 60 calls; --no-probe leaves that out")
+        given = {**asked.given, **(fixed or {})}
+        try:
+            found = _probe_one(mode, given, sample, allowed.prices, seed=_draw(None), max_cost=most)
+        except ProbeError as error:
+            return error
+        for line in _lines(found):
+            say(line)
+        if found.sight.outcome == "blind":
+            say(f"warning: {mode.spec} did not see the probe's pictures: guard 'picture' will mark its verdict")
+        return found
+
+    made = probed.plan_probed(study, asked, allowed, ask, say)
+    if made[0] is None:
+        tell_none(made[1])
+    return made[0], made[1]
+
+
+def say_aside(outcome: "Outcome") -> None:
+    """Say which models were set aside and why, and of how many attempts a bounded cost knows nothing."""
+    for spec, why in outcome.set_aside.items():
+        say(f"set aside: {spec}: {why}")
+    if outcome.uncounted:
+        say(f"{outcome.uncounted} attempts failed without telling what they cost: --max-cost does not count them")
+
+
+def tell_none(failed: Mapping[str, str]) -> NoReturn:
+    """Say which models were not asked at all, and exit 1."""
+    for spec, why in failed.items():
+        say(f"set aside: {spec}: {why}")
+    say("models that were set aside were not asked: mend what is wrong, and the same command asks them")
+    raise typer.Exit(1)

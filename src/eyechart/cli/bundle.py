@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from eyechart.cli.options import Independent, Reread
 from eyechart.cli.terminal import patience, print_json, say
 
 _SHOWN = 40
@@ -14,12 +15,8 @@ def bundle(
     run: Annotated[Path, typer.Argument(help="Folder of the run.")],
     out: Annotated[Path, typer.Option(help="ZIP file to write.")],
     frames: Annotated[Path | None, typer.Option(help="The bank, if it has moved.")] = None,
-    independent: Annotated[
-        bool, typer.Option("--independent", help="Declare that frames outside episodes are independent draws.")
-    ] = False,
-    reread: Annotated[
-        bool, typer.Option("--reread", help="Read the replies of a run anew that another version of the reader read.")
-    ] = False,
+    independent: Independent = False,
+    reread: Reread = False,
 ) -> None:
     """Pack a run, the pictures that it used, its results, tables and report into one file.
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eyechart.cli.auditing import Against
+from eyechart.cli.options import Against, Independent, Reread
 from eyechart.cli.terminal import patience, say
 
 if TYPE_CHECKING:
@@ -22,12 +22,8 @@ def report(
     frames: Annotated[list[Path] | None, typer.Option(help="The bank, if it has moved; again for another.")] = None,
     figures: Annotated[Path | None, typer.Option(help="Folder for each figure as SVG and PDF.")] = None,
     tables: Annotated[Path | None, typer.Option(help="Folder for the tables: CSV, Markdown, LaTeX.")] = None,
-    independent: Annotated[
-        bool, typer.Option("--independent", help="Declare that frames outside episodes are independent draws.")
-    ] = False,
-    reread: Annotated[
-        bool, typer.Option("--reread", help="Read the replies of a run anew that another version of the reader read.")
-    ] = False,
+    independent: Independent = False,
+    reread: Reread = False,
     against: Against = None,
 ) -> None:
     """Write one self-contained HTML page with verdicts, figures, statistics and every reply.
@@ -77,11 +73,12 @@ class _Made:
 def _kind_of(runs: "Sequence[Path]") -> str:
     """Return which kind of run these are; raises SpecError where they are of several."""
     from eyechart.errors import SpecError
-    from eyechart.studies import closed_loop, hierarchy, structured
+    from eyechart.studies import hierarchy, structured
+    from eyechart.studies.probed import is_episodes
 
     tests = {
         "hierarchy": hierarchy.is_hierarchy,
-        "drives": closed_loop.is_episodes,
+        "drives": is_episodes,
         "estimates": structured.is_structured,
     }
     kinds = {run: next((kind for kind, test in tests.items() if test(run)), "batteries") for run in runs}

@@ -1,6 +1,7 @@
-"""A scene estimate is what a model says of one picture: read strictly, its syntax repaired and its content never.
+"""A scene is a structured estimate of one picture; a fixed policy turns it into one of five actions.
 
-Source: paper, section Constructive renderer-calibrated controller.
+What a model says of a scene is read strictly: its syntax is repaired and its content never. Source: paper, section
+Constructive renderer-calibrated controller.
 """
 
 import json
@@ -8,15 +9,31 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Literal
+from functools import lru_cache
+from typing import ClassVar, Literal
 
-from eyechart.actions import Missing
 from eyechart.cameras import Distances
-from eyechart.perception.scene import HIGHWAY, Scene, safe_action
-from eyechart.reader import READ_AT_MOST, refuses, too_deep, without_thinking
+from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.space import READ_AT_MOST, Answer, Decision, refuses, too_deep, unanswered, without_thinking
+
+CLOSE_GAP_M = 18.0
+"""A lead nearer than this, centre to centre, is close (paper, section The Input-Ablation Battery)."""
+
+STOP_GAP_M = 12.0
+"""Nearer than this the safe action is STOP whatever the sides are."""
+
+FREE_GAP_M = 40.0
+"""From here on the road ahead counts as free (the scripted geometric controller of Table t:baselines)."""
+
+CLEAR_BEHIND_M = 12.0
+CLEAR_AHEAD_M = 40.0
+"""A side is clear when its lane exists and holds no vehicle centre from 12 m behind to 40 m ahead."""
+
 
 SCENE_READER = 3
 """The version of these rules. A run records it, so that scenes read by other rules are never taken for these."""
+
+_READINGS_KEPT = 1000
 
 MOST_GAP_M = 1000.0
 """A larger gap is no distance to a vehicle in a picture."""
@@ -54,10 +71,62 @@ Repair = Literal["code_fence", "text_around", "trailing_comma"]
 
 REPAIRS: tuple[Repair, ...] = ("code_fence", "text_around", "trailing_comma")
 
-_ENDED: Mapping[str | None, Missing] = {"length": "truncated", "content_filter": "refused", "refusal": "refused"}
 _FENCE = re.compile(r"```[\w-]*")
 _STRING_OR_COMMA = re.compile(r'("(?:[^"\\]|\\.)*")|,(?=\s*[}\]])', re.DOTALL)
 _OBJECTS_AT_MOST = 100
+
+
+HIGHWAY = Distances(STOP_GAP_M, CLOSE_GAP_M, FREE_GAP_M, CLEAR_BEHIND_M, CLEAR_AHEAD_M)
+"""The paper's, at 20 to 30 m/s and centre to centre."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """What a controller needs to know of a picture.
+
+    ``gap_m`` is the distance in metres to the nearest vehicle or obstacle ahead in the own lane, counted as its world
+    counts it, or None where none is seen. ``left_clear`` and ``right_clear`` are as the driver sees them. ``distances``
+    are those of the world.
+    """
+
+    gap_m: float | None
+    left_clear: bool
+    right_clear: bool
+    distances: Distances = HIGHWAY
+
+    @property
+    def close(self) -> bool:
+        """Whether a lead stands nearer than the world's threshold, 18 m on a highway."""
+        return self.gap_m is not None and self.gap_m < self.distances.close_m
+
+    @property
+    def free(self) -> bool:
+        """Whether the road ahead counts as free."""
+        return self.gap_m is None or self.gap_m >= self.distances.free_m
+
+    @property
+    def blocked(self) -> bool:
+        """Whether a lead stands so near that the safe action is to stop, whatever the sides are."""
+        return self.gap_m is not None and self.gap_m < self.distances.stop_m
+
+    def mirrored(self) -> "Scene":
+        """Return the scene as its reflection across the lane axis shows it."""
+        return replace(self, left_clear=self.right_clear, right_clear=self.left_clear)
+
+
+def safe_action(scene: Scene) -> str:
+    """Return the action of a fixed safety policy that is exactly equivariant under reflection.
+
+    STRAIGHT where the road is free, STOP where a lead is very near, the one clear side where exactly one
+    is clear, and SLOW otherwise (also where both sides are clear: a choice between them would be a prior).
+    """
+    if scene.free:
+        return "STRAIGHT"
+    if scene.blocked:
+        return "STOP"
+    if scene.left_clear != scene.right_clear:
+        return "LEFT" if scene.left_clear else "RIGHT"
+    return "SLOW"
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,31 +166,54 @@ class Estimate:
         """Return the estimate of the reflected scene."""
         return replace(self, left_clear=self.right_clear, right_clear=self.left_clear)
 
-    def same_scene(self, other: "Estimate") -> bool:
-        """Return whether two estimates say the same of the scene, whatever their confidence."""
-        return replace(self, confidence=0.0) == replace(other, confidence=0.0)
-
-    def text(self) -> str:
+    def __str__(self) -> str:
         """Return the estimate as the JSON text that reads back as itself."""
         values = asdict(self)
         return json.dumps({"lead_gap_m": values.pop("gap_m"), **values})
 
 
 @dataclass(frozen=True, slots=True)
-class SceneReply:
-    """What a reply says of the scene: an estimate, or the reason that it holds none, and how its syntax was repaired.
+class SceneDecision(Decision[Estimate]):
+    """An estimate, or the reason that a reply holds none, and how the reply's syntax was repaired."""
 
-    Raises ValueError unless exactly one of ``estimate`` and ``missing`` is given.
-    """
-
-    estimate: Estimate | None
-    missing: Missing | None = None
-    why: Unscened | None = None
     repairs: tuple[Repair, ...] = ()
 
-    def __post_init__(self) -> None:
-        if (self.estimate is None) == (self.missing is None):
-            raise ValueError("a SceneReply has either an estimate or the reason there is none, never both or neither")
+
+@dataclass(frozen=True, slots=True)
+class SceneSpace:
+    """An action is a scene estimate; the world executes its safe action. ``distances`` are those of the world."""
+
+    reader: ClassVar[int] = SCENE_READER
+    name: ClassVar[str] = "scene"
+    actions: ClassVar[tuple[str, ...]] = ()
+    distances: Distances = HIGHWAY
+
+    def schema(self) -> Mapping[str, object]:
+        """Return the JSON schema of an estimate."""
+        return SCHEMA
+
+    def read(self, reply: Answer) -> SceneDecision:
+        """Return the estimate that a reply holds; see `_read` for the rules."""
+        return _read(reply.text, reply.finish_reason, reply.error)
+
+    def distance(self, one: Estimate, other: Estimate) -> float:
+        """Return 0 where two estimates say the same of the scene, whatever their confidence, else 1."""
+        return float(replace(one, confidence=0.0) != replace(other, confidence=0.0))
+
+    def project(self, action: Estimate, axis: str) -> float | None:
+        """Return how hard the safe action of an estimate brakes; None along another axis than ``brake``."""
+        return DRIVING.project(self.symbol(action), axis)
+
+    def reflect(self, action: Estimate) -> Estimate:
+        """Return the estimate of the reflected scene."""
+        return action.mirrored()
+
+    def symbol(self, action: Estimate) -> str:
+        """Return the safe action of an estimate."""
+        return action.act(self.distances)
+
+
+SCENES = SceneSpace()
 
 
 class _Unreadable(Exception):  # noqa: N818 - no error: it says why a reply holds no estimate
@@ -130,7 +222,8 @@ class _Unreadable(Exception):  # noqa: N818 - no error: it says why a reply hold
         self.why = why
 
 
-def read_estimate(text: str, finish_reason: str | None, error: str | None) -> SceneReply:
+@lru_cache(maxsize=_READINGS_KEPT)
+def _read(text: str, finish_reason: str | None, error: str | None) -> SceneDecision:
     """Read the scene estimate from a reply's verbatim text; strict, deterministic, and never guessing.
 
     In order: an error, a cut-off (``length``) or a filter's refusal is the reason there is none. What stands in
@@ -138,21 +231,19 @@ def read_estimate(text: str, finish_reason: str | None, error: str | None) -> Sc
     Nothing is read of an answer that is longer than `READ_AT_MOST`, for a part of it is not what the model said;
     thinking may be longer.
     """
-    if error is not None:
-        return SceneReply(None, "error")
-    if finish_reason in _ENDED:
-        return SceneReply(None, _ENDED[finish_reason])
+    if (missing := unanswered(finish_reason, error)) is not None:
+        return SceneDecision(None, missing)
     visible = without_thinking(text).strip()
     if not visible:
-        return SceneReply(None, "empty")
+        return SceneDecision(None, "empty")
     repairs: dict[Repair, None] = {}
     try:
         values = _only_one(visible, repairs)
-        return SceneReply(_estimate(values), repairs=tuple(name for name in REPAIRS if name in repairs))
+        return SceneDecision(_estimate(values), repairs=tuple(name for name in REPAIRS if name in repairs))
     except _Unreadable as unreadable:
         if unreadable.why == "no_object" and refuses(visible):
-            return SceneReply(None, "refused")
-        return SceneReply(None, "unparsed", unreadable.why)
+            return SceneDecision(None, "refused")
+        return SceneDecision(None, "unparsed", unreadable.why)
 
 
 def _only_one(text: str, repairs: dict[Repair, None]) -> dict[str, object]:

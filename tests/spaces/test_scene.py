@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eyechart.perception.scene import Distances, Scene, safe_action
+from eyechart.spaces.scene import Distances, Scene, safe_action
 
 MIRROR = {"LEFT": "RIGHT", "RIGHT": "LEFT", "STRAIGHT": "STRAIGHT", "SLOW": "SLOW", "STOP": "STOP"}
 SCENES = st.builds(Scene, st.none() | st.floats(min_value=0.0, max_value=200.0), st.booleans(), st.booleans())

@@ -7,49 +7,50 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eyechart.actions import DRIVING, MISSING, ActionSpace, Decision
-from eyechart.reader import read_decision
+from eyechart.calls import Reply
+from eyechart.spaces.discrete import DRIVING, Discrete
+from eyechart.spaces.space import MISSING, Decision
 from replies import EMPTY, READ, REFUSED, UNPARSED
 
 
 @pytest.mark.parametrize("text", READ)
 def test_a_stated_action_is_read(text: str) -> None:
     """Bare words, JSON, markers and conclusions give their action."""
-    assert read_decision(text, "stop", None, DRIVING) == Decision(READ[text])
+    assert DRIVING.read(Reply(text, "stop", None)) == Decision(READ[text])
 
 
 @pytest.mark.parametrize("text", UNPARSED)
 def test_a_reply_that_states_no_single_action_is_unparsed(text: str) -> None:
     """Several candidates, a negated one, an unknown one or a part of a word are never guessed at."""
-    assert read_decision(text, "stop", None, DRIVING) == Decision(None, "unparsed", UNPARSED[text])
+    assert DRIVING.read(Reply(text, "stop", None)) == Decision(None, "unparsed", UNPARSED[text])
 
 
 @pytest.mark.parametrize("text", REFUSED)
 def test_a_refusal_is_refused_also_where_it_says_left_or_right(text: str) -> None:
     """In "I can't help with that right now" nobody orders a turn to the right."""
-    assert read_decision(text, "stop", None, DRIVING) == Decision(None, "refused")
+    assert DRIVING.read(Reply(text, "stop", None)) == Decision(None, "refused")
 
 
 @pytest.mark.parametrize("text", EMPTY)
 def test_a_reply_of_nothing_but_thought_is_empty(text: str) -> None:
     """What stands in an open or a closed think block is no answer."""
-    assert read_decision(text, "stop", None, DRIVING) == Decision(None, "empty")
+    assert DRIVING.read(Reply(text, "stop", None)) == Decision(None, "empty")
 
 
 @pytest.mark.parametrize("text", ["", "LEFT", '{"action": "LEFT"}', "ACTION: LEFT"])
 def test_the_way_a_reply_ended_comes_before_its_text(text: str) -> None:
     """A cut, filtered or failed reply holds no decision, even where an action can be read in it."""
-    assert read_decision(text, "length", None, DRIVING).missing == "truncated"
-    assert read_decision(text, "content_filter", None, DRIVING).missing == "refused"
-    assert read_decision(text, "refusal", None, DRIVING).missing == "refused"
-    assert read_decision(text, "stop", "timeout", DRIVING).missing == "error"
-    assert read_decision(text, "length", "timeout", DRIVING).missing == "error"
+    assert DRIVING.read(Reply(text, "length", None)).missing == "truncated"
+    assert DRIVING.read(Reply(text, "content_filter", None)).missing == "refused"
+    assert DRIVING.read(Reply(text, "refusal", None)).missing == "refused"
+    assert DRIVING.read(Reply(text, "stop", "timeout")).missing == "error"
+    assert DRIVING.read(Reply(text, "length", "timeout")).missing == "error"
 
 
 @pytest.mark.parametrize("finish_reason", [None, "stop", "tool_calls"])
 def test_an_unknown_finish_reason_does_not_hide_an_action(finish_reason: str | None) -> None:
     """Only the reasons that cut or filter a reply take its decision away."""
-    assert read_decision("LEFT", finish_reason, None, DRIVING) == Decision("LEFT")
+    assert DRIVING.read(Reply("LEFT", finish_reason, None)) == Decision("LEFT")
 
 
 CATASTROPHES = {
@@ -78,7 +79,7 @@ CATASTROPHES = {
 def test_a_hostile_reply_is_read_in_bounded_time(what: str) -> None:
     """No reply makes the reader hang: each of these would, were its time quadratic in the reply's length."""
     start = time.process_time()
-    decision = read_decision(CATASTROPHES[what], "stop", None, DRIVING)
+    decision = DRIVING.read(Reply(CATASTROPHES[what], "stop", None))
     assert time.process_time() - start < 4.0
     assert decision.action == {"a megabyte that ends in an answer": "SLOW", "one action many times": "STOP"}.get(what)
 
@@ -86,17 +87,17 @@ def test_a_hostile_reply_is_read_in_bounded_time(what: str) -> None:
 def test_what_stands_in_long_thinking_is_no_answer() -> None:
     """However far back it was opened; and what follows it is read."""
     thought = "<think>" + "the road is grey. " * 10_000 + "ACTION: LEFT"
-    assert read_decision(thought, "stop", None, DRIVING) == Decision(None, "empty")
-    assert read_decision(f"{thought}</think> ACTION: SLOW", "stop", None, DRIVING) == Decision("SLOW")
+    assert DRIVING.read(Reply(thought, "stop", None)) == Decision(None, "empty")
+    assert DRIVING.read(Reply(f"{thought}</think> ACTION: SLOW", "stop", None)) == Decision("SLOW")
 
 
 @given(st.text(), st.sampled_from([None, "stop", "length", "content_filter"]))
 def test_any_text_gives_an_action_or_a_reason(text: str, finish_reason: str | None) -> None:
     """The reader is total, and says the same twice."""
-    decision = read_decision(text, finish_reason, None, DRIVING)
+    decision = DRIVING.read(Reply(text, finish_reason, None))
     assert decision.action in {None, *DRIVING.actions}
     assert (decision.missing in MISSING) == (decision.action is None)
-    assert read_decision(text, finish_reason, None, DRIVING) == decision
+    assert DRIVING.read(Reply(text, finish_reason, None)) == decision
 
 
 FRAGMENTS = st.one_of(
@@ -114,7 +115,7 @@ FRAGMENTS = st.one_of(
 @given(st.lists(FRAGMENTS, max_size=12).map("".join), st.sampled_from([None, "stop", "tool_calls"]))
 def test_no_action_is_read_that_the_text_does_not_hold(text: str, finish_reason: str | None) -> None:
     """Whatever a model writes, the reader never raises and never brings an action of its own."""
-    decision = read_decision(text, finish_reason, None, DRIVING)
+    decision = DRIVING.read(Reply(text, finish_reason, None))
     assert decision.action is None or decision.action in text.upper()
 
 
@@ -122,29 +123,29 @@ def test_no_action_is_read_that_the_text_does_not_hold(text: str, finish_reason:
 def test_upper_and_lower_case_of_a_bare_action_do_not_matter(action: str, seed: int) -> None:
     """A bare word is the action however it is written."""
     mixed = "".join(letter.lower() if seed >> at & 1 else letter for at, letter in enumerate(action))
-    assert read_decision(mixed, "stop", None, DRIVING).action == action
+    assert DRIVING.read(Reply(mixed, "stop", None)).action == action
 
 
 @given(st.lists(st.sampled_from(DRIVING.actions), min_size=1, max_size=4), st.sampled_from(DRIVING.actions))
 def test_the_last_marker_wins_over_every_mention(mentioned: list[str], final: str) -> None:
     """A chain of thought may mention what it likes before its marker."""
     thought = " ".join(f"I could go {action}." for action in mentioned)
-    assert read_decision(f"{thought}\nACTION: {final}", "stop", None, DRIVING).action == final
-    assert read_decision(thought + "\n" + json.dumps({"action": final}), "stop", None, DRIVING).action == final
+    assert DRIVING.read(Reply(f"{thought}\nACTION: {final}", "stop", None)).action == final
+    assert DRIVING.read(Reply(thought + "\n" + json.dumps({"action": final}), "stop", None)).action == final
 
 
 def test_names_with_signs_and_words_are_read_as_wholes() -> None:
     """A longer name is not taken for the shorter one in it."""
-    space = ActionSpace("craft", ("TURN", "TURN LEFT", "NO-OP", "K2"), (), ("NO-OP",), ("TURN",))
-    assert read_decision("ACTION: turn left", "stop", None, space).action == "TURN LEFT"
-    assert read_decision("I choose no-op.", "stop", None, space).action == "NO-OP"
-    assert read_decision("so TURN", "stop", None, space).action == "TURN"
-    assert read_decision("ACTION: \u212a2", "stop", None, space).missing == "unparsed"
+    space = Discrete("craft", ("TURN", "TURN LEFT", "NO-OP", "K2"), (), ("NO-OP",), ("TURN",))
+    assert space.read(Reply("ACTION: turn left", "stop", None)).action == "TURN LEFT"
+    assert space.read(Reply("I choose no-op.", "stop", None)).action == "NO-OP"
+    assert space.read(Reply("so TURN", "stop", None)).action == "TURN"
+    assert space.read(Reply("ACTION: \u212a2", "stop", None)).missing == "unparsed"
 
 
-def at_depth(frames: int, text: str) -> Decision:
+def at_depth(frames: int, text: str) -> Decision[str]:
     """Read a decision from so many calls further down."""
-    return at_depth(frames - 1, text) if frames else read_decision(text, "stop", None, DRIVING)
+    return at_depth(frames - 1, text) if frames else DRIVING.read(Reply(text, "stop", None))
 
 
 def test_what_is_read_of_an_object_depends_on_no_caller() -> None:

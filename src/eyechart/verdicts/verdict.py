@@ -3,17 +3,15 @@
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
+from eyechart.conditions import BATTERY
 from eyechart.integrity import Guard
 from eyechart.stats.exchange import episodes_needed
-from eyechart.stats.statistic import Statistic
-from eyechart.studies.battery import ALPHA, GUARANTEE, BatteryScore, ModelScore, Stopped
-from eyechart.studies.battery.stopping import PREFIX
-from eyechart.verdicts.calibrated import POSITIVE_CLAIMS, TRUST, calibrated_rules
+from eyechart.verdicts.calibrated import POSITIVE_CLAIMS, calibrated_rules, lateral_rules
 from eyechart.verdicts.card import card, numbers
-from eyechart.verdicts.early import early_lateral, early_paper, early_rules
-from eyechart.verdicts.findings import findings
-from eyechart.verdicts.lateral import lateral_rules
-from eyechart.verdicts.paper import paper_rules
+from eyechart.verdicts.early import GUARANTEE, PREFIX, Stopped, early_lateral, early_paper, early_rules
+from eyechart.verdicts.evidence import Evidence, Scored
+from eyechart.verdicts.labels import ALPHA, LABELS
+from eyechart.verdicts.paper import findings, paper_rules
 from eyechart.verdicts.ruling import Ruling, number
 
 _ASKED = {
@@ -114,31 +112,31 @@ class Verdict:
         )
 
 
-def judge(score: BatteryScore) -> dict[str, Verdict]:
+def judge(score: Scored) -> dict[str, Verdict]:
     """Return the verdict of every model of a scored battery."""
-    return {spec: _judge_one(score, model) for spec, model in score.models.items()}
+    return {spec: _judge_one(one) for spec, one in score.evidence().items()}
 
 
-def _judge_one(score: BatteryScore, model: ModelScore) -> Verdict:
-    found, space, stopped = model.statistics, score.bank.manifest.action_space, model.stopped
+def _judge_one(evidence: Evidence) -> Verdict:
+    found, stopped = evidence.statistics, evidence.stopped
     settled = early_lateral(found, stopped) if stopped else None
-    lateral = settled or lateral_rules(found, model, space)
+    lateral = settled or lateral_rules(found, evidence.directions)
     if stopped is not None:
-        calibrated, evidence = early_rules(found, stopped, lateral)
+        calibrated, asked_by = early_rules(found, stopped, lateral)
     else:
-        calibrated, evidence = calibrated_rules(found, swaps=lateral.label == "swaps")
+        calibrated, asked_by = calibrated_rules(found, swaps=lateral.label == "swaps")
     return Verdict(
-        model=model.model,
-        paper=paper_rules(found, model.holm) if stopped is None else early_paper(stopped),
+        model=evidence.model,
+        paper=paper_rules(found, evidence.holm) if stopped is None else early_paper(stopped),
         calibrated=calibrated,
         lateral=lateral,
-        evidence=evidence,
-        trust=TRUST[calibrated.label],
-        scope=scope(score, model),
-        notes=_notes(found, model, max_tokens=score.manifest.mode(model.model).max_tokens),
-        failed=tuple(guard for guard in score.guards.get(model.model, ()) if guard.holds is False),
+        evidence=asked_by,
+        trust=LABELS[calibrated.label].says,
+        scope=evidence.scope,
+        notes=notes(evidence),
+        failed=evidence.failed,
         stopped=stopped,
-        unfinished=(model.answered, model.planned) if stopped is None and model.answered < model.planned else None,
+        unfinished=(evidence.answered, evidence.planned) if evidence.unfinished else None,
     )
 
 
@@ -165,64 +163,37 @@ def words_of(verdicts: Mapping[str, Verdict]) -> str:
     return "\n\n".join(texts)
 
 
-def scope(score: BatteryScore, model: ModelScore | None = None) -> str:
-    """Return the sentence that bounds a verdict: bank, picture, episodes, model, prompt, date, what was not tested."""
-    bank, run = score.bank, score.manifest
-    frames = model.answers.frames if model else next(iter(score.models.values())).answers.frames
-    episodes = _count(len({frame.episode for frame in frames}), "episode")
-    if "episode" in bank.manifest.absent:
-        episodes = "no episodes recorded, frames declared independent" if score.independent else "no episodes recorded"
-    who = f"{model.model}@{model.version}" if model else "each model"
-    size = f"{_count(len(frames), 'frame')}, {episodes}"
-    return (
-        f"On bank {bank.name} ({bank.manifest.picture}; {size}), {who} with prompt {run.prompt.key} on {run.created}; "
-        "not tested: other prompts, other cameras, closed loop."
-    )
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"
-
-
-def _notes(found: Mapping[str, Statistic], model: ModelScore, *, max_tokens: int) -> tuple[str, ...]:
-    notes = []
-    if model.stopped is not None:
-        notes.append(_how_stopped(model.stopped))
-    elif model.answered < model.planned:
+def notes(evidence: Evidence) -> tuple[str, ...]:
+    """Return what there is to be said beside a verdict, a sentence each."""
+    found, said, stopped = evidence.statistics, [], evidence.stopped
+    if stopped is not None:
+        said.append(_how_stopped(stopped))
+    elif evidence.unfinished:
         unsettled = "; nothing is settled early, and tests of a fixed size hold at the end only"
         early = any(name.startswith(PREFIX) for name in found)
-        words = f"unfinished: {model.answered} of {model.planned} planned calls are finished"
-        notes.append(words + (unsettled if early else ""))
-    unparsed = found["unparsed_rate"]
-    if (unparsed.value or 0.0) > 0.0:
-        reasons = (unparsed.detail or {}).get("reasons", {})
-        assert isinstance(reasons, Mapping)
+        words = f"unfinished: {evidence.answered} of {evidence.planned} planned calls are finished"
+        said.append(words + (unsettled if early else ""))
+    if reasons := evidence.reasons(BATTERY):
         counted = ", ".join(f"{count} {reason.replace('_', ' ')}" for reason, count in reasons.items())
-        notes.append(f"{number(unparsed)} of the calls hold no decision: {counted}")
-    refused = sum(
-        one is not None and one.missing == "refused"
-        for condition in ("blank", "noise", "text_only")
-        for one in model.answers.decisions.get(condition, ())
-    )
-    if refused:
-        notes.append(f"it refused {refused} non-pictures (blank, noise or text only)")
-    if model.stopped is not None:
-        return (*notes, f"anytime-valid: {GUARANTEE}")
-    notes += findings(found, model, max_tokens=max_tokens)
+        said.append(f"{number(found['unparsed_rate'])} of the calls hold no decision: {counted}")
+    if refused := evidence.reasons(("blank", "noise", "text_only")).get("refused"):
+        said.append(f"it refused {refused} non-pictures (blank, noise or text only)")
+    if stopped is not None:
+        return (*said, f"anytime-valid: {GUARANTEE}")
+    said += findings(evidence)
     if found["depth_interventional"].p is None and found["depth_observational"].p is None:
-        notes.append(f"whether it follows the gap was not tested: {found['depth_observational'].note}")
-        if model.answers.gap is not None:
-            strata = len({frame.scenario for frame in model.answers.frames})
-            need = episodes_needed(strata, alpha=ALPHA)
-            notes.append(f"{need} episodes in each scenario, or counterfactual pictures, would test it")
+        said.append(f"whether it follows the gap was not tested: {found['depth_observational'].note}")
+        if evidence.gap:
+            need = episodes_needed(evidence.scenarios, alpha=ALPHA)
+            said.append(f"{need} episodes in each scenario, or counterfactual pictures, would test it")
     if found["bound_scene"].p is None:
-        notes.append("whether a picture of another scenario changes its answer was not tested")
+        said.append("whether a picture of another scenario changes its answer was not tested")
     most = POSITIVE_CLAIMS * ALPHA
-    notes.append(
+    said.append(
         f"up to {POSITIVE_CLAIMS} positive claims are tested in order, each at alpha {ALPHA}: a false one has a chance "
         f"of at most {most:.2f}, which adds up over the models and prompts that are tried on one bank"
     )
-    return tuple(notes)
+    return tuple(said)
 
 
 def _how_stopped(stopped: Stopped) -> str:

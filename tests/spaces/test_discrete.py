@@ -4,19 +4,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eyechart.actions import DRIVING, MISSING, ActionSpace, Decision
 from eyechart.errors import SpecError
+from eyechart.spaces.discrete import DRIVING, Discrete
+from eyechart.spaces.space import MISSING, Decision
 
 
 @st.composite
-def spaces(draw: st.DrawFn) -> ActionSpace:
+def spaces(draw: st.DrawFn) -> Discrete:
     """Draw a legal action space."""
     names = draw(st.lists(st.from_regex(r"[A-Z]{1,6}", fullmatch=True), min_size=2, max_size=8, unique=True))
     names = [name for name in names if name != "UNPARSED"]
     pairs = draw(st.integers(0, len(names) // 2))
     mixed = draw(st.permutations(names))
     cut = draw(st.integers(0, len(names)))
-    return ActionSpace(
+    return Discrete(
         "drawn",
         tuple(names),
         tuple((mixed[2 * at], mixed[2 * at + 1]) for at in range(pairs)),
@@ -26,25 +27,25 @@ def spaces(draw: st.DrawFn) -> ActionSpace:
 
 
 @given(spaces())
-def test_mirroring_twice_is_the_identity(space: ActionSpace) -> None:
+def test_mirroring_twice_is_the_identity(space: Discrete) -> None:
     """The mirror is an involution, and moves exactly the directional actions."""
     for action in space.actions:
-        assert space.mirror(space.mirror(action)) == action
-        assert (space.mirror(action) != action) == (action in space.directional)
+        assert space.reflect(space.reflect(action)) == action
+        assert (space.reflect(action) != action) == (action in space.directional)
 
 
 @given(spaces())
-def test_an_action_space_survives_json(space: ActionSpace) -> None:
+def test_an_action_space_survives_json(space: Discrete) -> None:
     """A bank's manifest gives back the space that it was written with."""
-    assert ActionSpace.from_dict(json.loads(json.dumps(space.as_dict()))) == space
+    assert Discrete.from_dict(json.loads(json.dumps(space.as_dict()))) == space
 
 
 @given(spaces())
-def test_braking_levels_fall_from_the_hardest_to_none(space: ActionSpace) -> None:
+def test_braking_levels_fall_from_the_hardest_to_none(space: Discrete) -> None:
     """The hardest brake has the highest level, and what goes on has 0."""
-    levels = [space.braking_level(action) for action in space.brake]
+    levels = [space.project(action, "brake") for action in space.brake]
     assert levels == list(range(len(space.brake), 0, -1))
-    assert all(space.braking_level(action) == 0 for action in space.proceed)
+    assert all(space.project(action, "brake") == 0 for action in space.proceed)
 
 
 @pytest.mark.parametrize(
@@ -75,9 +76,9 @@ def test_an_illegal_action_space_is_refused_by_name(changed: dict[str, tuple[str
         "brake": ("HALT",),
         "proceed": ("GO",),
     }
-    ActionSpace("mine", **legal)  # type: ignore[arg-type]
+    Discrete("mine", **legal)  # type: ignore[arg-type]
     with pytest.raises(SpecError, match="action space 'mine'") as refused:
-        ActionSpace("mine", **(legal | changed))  # type: ignore[arg-type]
+        Discrete("mine", **(legal | changed))  # type: ignore[arg-type]
     assert named in str(refused.value)
 
 
@@ -95,7 +96,7 @@ def test_an_illegal_action_space_is_refused_by_name(changed: dict[str, tuple[str
 def test_plain_values_that_are_no_action_space_are_refused(values: dict[str, object]) -> None:
     """A damaged manifest gives one line, not a traceback."""
     with pytest.raises(SpecError, match="an action space needs name, actions"):
-        ActionSpace.from_dict(values)
+        Discrete.from_dict(values)
 
 
 def test_a_decision_has_exactly_one_of_action_and_reason() -> None:
@@ -114,5 +115,5 @@ def test_a_decision_has_exactly_one_of_action_and_reason() -> None:
 
 def test_only_equal_actions_agree() -> None:
     """A mirrored action is another decision."""
-    assert DRIVING.agree("LEFT", "LEFT")
-    assert not DRIVING.agree("LEFT", DRIVING.mirror("LEFT"))
+    assert DRIVING.distance("LEFT", "LEFT") == 0.0
+    assert DRIVING.distance("LEFT", DRIVING.reflect("LEFT")) == 1.0

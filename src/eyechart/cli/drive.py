@@ -1,0 +1,700 @@
+"""Policies and models drive: ``run closed-loop``, ``online``, ``hierarchy``; ``ladder``, ``audit`` and ``film``."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from eyechart.cli.options import (
+    AS_USUAL,
+    NO_LIMIT,
+    Again,
+    Against,
+    DryDrive,
+    DryRun,
+    Episodes,
+    Json,
+    Mode,
+    Model,
+    NoProbe,
+    Options,
+    Out,
+    Spending,
+    expanded,
+    read_modes,
+)
+from eyechart.cli.probe import plan_probed, say_aside, tell_none
+from eyechart.cli.run import View, bound
+from eyechart.cli.terminal import patience, print_json, progress, resumable, say, table_console
+
+if TYPE_CHECKING:
+    from eyechart.episodes import Bounds, Row
+    from eyechart.episodes import Episodes as Drives
+    from eyechart.limits import Outcome, Spent
+    from eyechart.models.prices import Prices
+    from eyechart.modes import RequestMode
+    from eyechart.studies.closed_loop import ClosedLoopScore
+    from eyechart.studies.hierarchy import HierarchyScore
+
+_Simulator = Annotated[str, typer.Option(help="See 'eyechart list simulators'; or gym:ENV_ID.")]
+_Actions = Annotated[Path | None, typer.Option(help="FILE.toml: the action map of gym:ENV_ID.")]
+_Prompt = Annotated[str | None, typer.Option(help="A name of 'eyechart list prompts', or FILE.toml.")]
+_Seed = Annotated[int, typer.Option(min=0, help="Seed of stimuli, sampling and the order of episodes.")]
+
+MOST_SEEDS = 100_000
+"""So many worlds of a scenario may be asked for."""
+
+KEPT = "finished episodes and calls are kept; the same command resumes"
+
+DOCS = "docs/reading-drives.md, 'The ladder beside the paper's'"
+"""Where it is explained what differs from the paper, and why."""
+
+
+@expanded
+def closed_loop(
+    out: Out,
+    simulator: _Simulator = "highway",
+    policy: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Who drives; again for more: constant:ACTION, random, marginal:RUN, oracle, positive_control, or a "
+            "model's SPEC."
+        ),
+    ] = None,
+    mode: Mode = None,
+    scenarios: Annotated[str | None, typer.Option(help="With commas; default: all of the simulator.")] = None,
+    seeds: Annotated[str, typer.Option(help="So many worlds a scenario; or which ones, with commas.")] = "8",
+    condition: Annotated[
+        list[str] | None,
+        typer.Option(help="real, blank, noise, shuffled, frozen or mirrored; again for more. Default: real."),
+    ] = None,
+    processes: Annotated[
+        int | None, typer.Option(min=1, help="Processes that hold worlds; default: one a processor.")
+    ] = None,
+    engine: Annotated[str, typer.Option(help="Where the worlds are: local, or ray for a cluster.")] = "local",
+    actions: _Actions = None,
+    prompt: _Prompt = None,
+    seed: _Seed = 0,
+    concurrency: Episodes = 8,
+    how: Options = AS_USUAL,
+    max_steps: Annotated[int, typer.Option(min=1, help="An episode that goes on for longer is an error.")] = 1000,
+    silence: Annotated[
+        str, typer.Option(help="What a call that hangs or keeps failing is: unfinished, or fail-safe (executed).")
+    ] = "unfinished",
+    spending: Spending = NO_LIMIT,
+    again: Again = False,
+    no_probe: NoProbe = False,
+    dry_run: DryDrive = False,
+    json: Json = False,
+) -> None:
+    """Let policies and models drive: policies × scenarios × seeds × conditions. Interrupt it at will.
+
+    The options from --base-url to --option are for the models without a --mode file; of these, one that is served
+    elsewhere is probed first, with the first pictures of the first worlds. Exit 1: episodes are unfinished, or ended in
+    an error; 3: stopped at --max-calls or --max-cost.
+    Example: eyechart run closed-loop --policy constant:SLOW --policy oracle --policy scripted:depth_lateral
+    --condition real --condition blank --out drives
+    """
+    from eyechart import episodes as study
+
+    if not dry_run:
+        study.require_engine(engine)
+
+    def planned_for(drivers: "Sequence[str | RequestMode]", probes: "Mapping[str, Spent]") -> "Drives":
+        return study.plan(
+            simulator,
+            drivers,
+            out,
+            scenarios=None if scenarios is None else [name.strip() for name in scenarios.split(",")],
+            seeds=_seeds(seeds),
+            conditions=condition or ("real",),
+            prompt=prompt,
+            actions=actions,
+            seed=seed,
+            max_steps=max_steps,
+            silence=silence,
+            again=again,
+            probes=probes,
+        )
+
+    planned, failed = plan_drives(Wanted(policy or (), mode, how, spending, no_probe, dry_run), out, planned_for)
+    say(_planned(planned))
+    say_expected(planned, spending.table(), concurrency)
+    if dry_run:
+        return
+    bounds = study.Bounds(processes=processes or _processors(), concurrency=concurrency)
+    outcome = drive(planned, bounds, spending, engine=engine)
+    keys = set(planned.keys)
+    driven = {one.key: one for one in study.read_episodes(out) if one.key in keys}
+    _show(study.summarise(driven[key] for key in planned.keys if key in driven), planned, json=json)
+    tell_left({"": planned}, outcome, failed)
+    tell_errors({"": planned})
+    say(f"done: 'eyechart score {out}' compares who drove, 'eyechart report {out} --out page.html' shows every drive")
+
+
+@expanded
+def hierarchy(
+    out: Annotated[Path, typer.Option(help="Folder of the study; the same one resumes it.")] = Path("hierarchy"),
+    policy: Annotated[
+        list[str] | None, typer.Option(help="A model's SPEC as the source of intent; again for more.")
+    ] = None,
+    mode: Mode = None,
+    prompt: _Prompt = None,
+    seed: _Seed = 0,
+    processes: Annotated[int, typer.Option(min=1, help="Processes that hold the worlds.")] = 2,
+    concurrency: Episodes = 8,
+    silence: Annotated[
+        str, typer.Option(help="What a call that hangs or keeps failing is: fail-safe (STOP), or unfinished.")
+    ] = "fail-safe",
+    how: Options = AS_USUAL,
+    spending: Spending = NO_LIMIT,
+    no_probe: NoProbe = False,
+    again: Again = False,
+    dry_run: DryDrive = False,
+    json: Json = False,
+) -> None:
+    """Let sources of intent plan for a rover under a model-predictive controller, beside the paper's tables.
+
+    Scripted sources always, a model where one is given: with real, mirrored and blank pictures and with those of other
+    worlds; one that is served elsewhere is probed first. A planner that says nothing within --timeout stops the rover.
+    Interrupt it at will: it resumes. Exit 1: episodes are unfinished, or ended in an error; 3: stopped at --max-calls
+    or --max-cost.
+    Example: eyechart run hierarchy --policy scripted:clear_side --out hierarchy
+    """
+    from eyechart import episodes as study
+    from eyechart.studies.hierarchy import PARTS, plan, run, score
+    from eyechart.studies.probed import Probing
+
+    allowed = spending.allowed(no_probe=no_probe, dry_run=dry_run)
+    table = allowed.prices
+    planned, failed = plan_probed(
+        Probing(
+            lambda modes, probes: plan(
+                out, modes, seed=seed, prompt=prompt, silence=silence, again=again, probes=probes
+            ),
+            lambda parts: study.sample_of(next(parts[name] for name in parts if PARTS[name].models)),
+            lambda parts, probes: study.keep_probes(next(iter(parts.values())), probes),
+            [out / name for name in PARTS],
+            others=True,
+        ),
+        read_modes(policy or [], mode, how.given()),
+        allowed,
+    )
+    for name, part in planned.items():
+        say(f"{name}: {len(part.keys)} episodes in {part.manifest.simulator}, {len(part.left())} to drive")
+        say_expected(part, table, concurrency, "  ")
+    if dry_run:
+        return
+    outcome = run(
+        planned,
+        table,
+        bounds=study.Bounds(processes=processes, concurrency=concurrency),
+        calls=spending.max_calls,
+        cost_usd=spending.max_cost,
+        watch=_watched,
+    )
+    found = score(out)
+    if json:
+        print_json(found.as_dict())
+    else:
+        print_hierarchy(found)
+    tell_left(planned, outcome, failed)
+    tell_errors(planned, bound="")
+
+
+@expanded
+def online(
+    out: Out,
+    simulator: Annotated[str, typer.Option(help="See 'eyechart list simulators'.")] = "highway",
+    model: Model = None,
+    mode: Mode = None,
+    view: View = None,
+    episodes: Annotated[int, typer.Option(min=1, help="So many worlds, from every scenario in turn.")] = 12,
+    seed: Annotated[int, typer.Option(min=0, help="Of the order of episodes and of sampling.")] = 0,
+    concurrency: Episodes = 8,
+    how: Options = AS_USUAL,
+    spending: Spending = NO_LIMIT,
+    no_probe: NoProbe = False,
+    dry_run: DryRun = False,
+) -> None:
+    """Let scene estimates drive through the safety policy, in worlds that the positive control has driven first.
+
+    Each world must pass renderer integrity and the positive control, or another takes its place. 'eyechart score OUT'
+    prints crash rates, decisions and fail-safes. A model that is served elsewhere, and that no --mode file says how to
+    ask, is probed between the two. Exit 1: episodes are unfinished or ended in an error; 3: stopped at --max-calls or
+    --max-cost. Example: eyechart run online --model scripted:scene_side_blind --out online
+    """
+    from eyechart import episodes as closed_loop
+    from eyechart.studies.probed import Probing
+    from eyechart.studies.structured import online as study
+    from eyechart.studies.structured.vetting import Vetted
+
+    vetted: list[tuple[Vetted, ...]] = []
+
+    def planned_for(modes: "Sequence[RequestMode]", probes: "Mapping[str, Spent]") -> study.Online:
+        driven = vetted[0] if vetted else None
+        with resumable("nothing was asked yet; the same command begins anew"), progress("vetting", "worlds") as move:
+            made = study.plan(
+                simulator,
+                modes,
+                out,
+                view=view,
+                episodes=episodes,
+                seed=seed,
+                progress=move,
+                vetted=driven,
+                probes=probes,
+            )
+        vetted.append(made.vetted)
+        return made
+
+    allowed = spending.allowed(no_probe=no_probe, dry_run=dry_run)
+    probing = Probing(planned_for, lambda one: closed_loop.sample_of(one.episodes), study.keep_probes, [out])
+    planned, unprobed = plan_probed(probing, read_modes(model, mode, how.given()), allowed)
+    for one in planned.vetted:
+        if one.why is not None:
+            say(f"refused: {one.scenario}/{one.seed}: {one.why}")
+    drives, left = planned.episodes, len(planned.episodes.left())
+    say(f"view: {drives.manifest.view}")
+    say(f"{len(drives.keys)} episodes in worlds that pass the checks, {left} to drive")
+    for line in bound(list(drives.manifest.modes.values())):
+        say(line)
+    say_expected(drives, allowed.prices, concurrency)
+    if dry_run:
+        return
+    limits = closed_loop.within(drives, allowed.prices, calls=spending.max_calls, cost_usd=spending.max_cost)
+    with resumable(KEPT), progress("episodes", "episodes") as move:
+        outcome = study.run(planned, bounds=closed_loop.Bounds(concurrency=concurrency, limits=limits), progress=move)
+    tell_left({"": drives}, outcome, unprobed)
+    if failed := sum(one.errors for one in study.score(out).driven.values()):
+        say(f"{failed} episodes ended in an error; they count in nothing")
+        raise typer.Exit(1)
+    say(f"done: 'eyechart score {out}' prints crash rates, decisions and fail-safes")
+
+
+@expanded
+def ladder(
+    out: Out = Path("ladder"),
+    simulator: _Simulator = "highway",
+    policy: Annotated[list[str] | None, typer.Option(help="A further policy or model; again for more.")] = None,
+    mode: Mode = None,
+    seeds: Annotated[int, typer.Option(min=1, max=MOST_SEEDS, help="So many seeds a scenario, from 0 on.")] = 8,
+    actions: _Actions = None,
+    prompt: _Prompt = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the run, and so of random's stream.")] = 0,
+    processes: Annotated[int, typer.Option(min=1, help="Processes that hold the worlds.")] = 1,
+    concurrency: Episodes = 8,
+    how: Options = AS_USUAL,
+    spending: Spending = NO_LIMIT,
+    against: Against = None,
+    again: Again = False,
+    no_probe: NoProbe = False,
+    dry_run: DryDrive = False,
+    json: Json = False,
+) -> None:
+    """Drive the baselines and print Table t:baselines beside the paper's. Interrupt it at will: it resumes.
+
+    Every constant action, random and the scripted controller in every scenario: in the highway 7 × 4 × 8 episodes. A
+    model among the further policies is asked, probed and paid for as in 'run closed-loop'. Exit 1: episodes are
+    unfinished, or ended in an error; 3: stopped at --max-calls or --max-cost.
+    Example: eyechart ladder --out ladder --processes 2
+    """
+    from eyechart.episodes import Bounds
+    from eyechart.limits import Outcome
+    from eyechart.studies.closed_loop import score
+    from eyechart.studies.closed_loop.laddering import plan_ladder, require_reference
+
+    def planned_for(drivers: "Sequence[str | RequestMode]", probes: "Mapping[str, Spent]") -> "Drives":
+        made = plan_ladder(
+            out,
+            simulator=simulator,
+            seeds=seeds,
+            further=drivers,
+            actions=actions,
+            prompt=prompt,
+            seed=seed,
+            again=again,
+            probes=probes,
+        )
+        if not probes:  # before anything is asked or driven
+            require_reference(made, against)
+        return made
+
+    wanted = Wanted(policy or (), mode, how, spending, no_probe, dry_run, alone=False)
+    planned, failed = plan_drives(wanted, out, planned_for)
+    say(f"{len(planned.keys)} episodes, {len(planned.keys) - len(planned.left())} driven already")
+    say_expected(planned, spending.table(), concurrency)
+    if dry_run:
+        return
+    outcome = Outcome({})
+    if planned.left():
+        outcome = drive(planned, Bounds(processes=processes, concurrency=concurrency), spending)
+    if planned.unfinished():
+        tell_left({"": planned}, outcome, failed)
+    scored = score(out, against_policy=against)
+    print_json(ladder_dict(scored)) if json else print_ladder(scored)
+    tell_left({"": planned}, outcome, failed)
+    tell_errors({"": planned})
+
+
+def audit(
+    runs: Annotated[list[Path], typer.Argument(help="Folders of runs of episodes.", metavar="RUN...")],
+    json: Json = False,
+) -> None:
+    """Tell deciding from varying: Table t:degeneracy, decision-level replay, and drives that are identical.
+
+    Exit 1 where a cache is suspected. Example: eyechart audit run-a run-b --json
+    """
+    from eyechart.report.rungs import degeneracy_table, degeneracy_words, replay_table
+    from eyechart.studies.closed_loop import score
+
+    require_drives(runs)
+    scored = score(runs)
+    if json:
+        print_json({"study": "closed_loop", **scored.audit_dict()})
+    else:
+        console = table_console(160)
+        console.print(degeneracy_table(scored.audit))
+        for line in degeneracy_words(scored.audit):
+            console.print(line, markup=False)
+        if scored.replays:
+            console.print(replay_table(scored.replays))
+        print_twins(scored)
+    if scored.suspect:
+        raise typer.Exit(1)
+
+
+def film(
+    run: Annotated[Path, typer.Argument(help="Folder of a run of episodes.")],
+    episode: Annotated[str, typer.Option(help="Policy, scenario, seed, condition: enough of these words.")],
+    out: Annotated[Path, typer.Option(help="FILE.mp4, FILE.gif or FILE.html.")],
+    fps: Annotated[float, typer.Option(help="Decisions a second.")] = 2.0,
+) -> None:
+    """Write a film of one drive: camera, decision, executed action and gap. The drive is made anew and checked.
+
+    Of the hierarchy it shows the controller's plan over the picture.
+
+    Example: eyechart film run --episode "oracle highway/dense/3 real" --out drive.gif
+    """
+    from eyechart.destination import require_free
+    from eyechart.report.film import write_film
+    from eyechart.studies.closed_loop import read_drives
+    from eyechart.studies.closed_loop.replaying import episode_id, find_episode
+
+    require_free(out, "film")
+    require_drives([run])
+    drives, found = find_episode(read_drives([run]), episode)
+    with patience("film") as tell:
+        tell(f"driving '{episode_id(found)}' again")
+        count = write_film(drives, found, out, fps=fps)
+    say(f"wrote {out}, {count} pictures, {out.stat().st_size / 1e6:.1f} MB")
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Who is asked to drive, how models among them are asked, and what that may take.
+
+    ``policies`` are as they were given, models among them; ``alone`` says that nobody else drives in the command.
+    """
+
+    policies: Sequence[str]
+    mode: Sequence[Path] | None
+    how: Options
+    spending: Spending
+    no_probe: bool
+    dry_run: bool
+    alone: bool = True
+
+
+def plan_drives(
+    wanted: Wanted, out: Path, plan: "Callable[[Sequence[str | RequestMode], Mapping[str, Spent]], Drives]"
+) -> "tuple[Drives, dict[str, str]]":
+    """Plan drives, probe the models among their drivers that are to be, and plan anew with what was found.
+
+    Returns the plan, and why models were left out of it.
+    """
+    from eyechart.episodes import keep_probes, sample_of
+    from eyechart.policies import is_policy
+    from eyechart.studies.probed import Probing
+
+    asked = read_modes(
+        [spec for spec in wanted.policies if ":" in spec and not is_policy(spec)], wanted.mode, wanted.how.given()
+    )
+    names = list(dict.fromkeys([*wanted.policies, *(mode.spec for mode in asked.modes)]))
+    models = {mode.spec for mode in asked.modes}
+
+    def planned(modes: "Sequence[RequestMode]", probes: "Mapping[str, Spent]") -> "Drives":
+        by_spec = {mode.spec: mode for mode in modes}
+        return plan([by_spec.get(spec, spec) for spec in names if spec in by_spec or spec not in models], probes)
+
+    others = not wanted.alone or len(models) < len(names)
+    return plan_probed(
+        Probing(planned, sample_of, keep_probes, [out], others=others),
+        asked,
+        wanted.spending.allowed(no_probe=wanted.no_probe, dry_run=wanted.dry_run),
+    )
+
+
+def drive(planned: "Drives", bounds: "Bounds", spending: Spending, *, engine: str = "local") -> "Outcome":
+    """Drive what is left within what it may take, with a bar; an interrupt says what is kept."""
+    from eyechart import episodes as study
+
+    limits = study.within(planned, spending.table(), calls=spending.max_calls, cost_usd=spending.max_cost)
+    with resumable(KEPT), progress("episodes", "episodes") as move:
+        return study.run(planned, engine=engine, bounds=replace(bounds, limits=limits), progress=move)
+
+
+def say_expected(planned: "Drives", prices: "Prices", concurrency: int, margin: str = "") -> None:
+    """Say what the models' calls that are still to be made are expected to take, or why nobody can say."""
+    from eyechart import episodes as study
+    from eyechart.errors import DriveError
+
+    try:
+        estimates = study.expected(planned, prices, concurrency=concurrency)
+    except DriveError as error:
+        say(f"{margin}cannot estimate what the models' calls take: {error}")
+        return
+    for one in estimates:
+        say(f"{margin}{one.words}")
+
+
+def tell_left(parts: "Mapping[str, Drives]", outcome: "Outcome", failed: Mapping[str, str]) -> None:
+    """Say what is left of drives and why; raise Exit 3 where a limit stopped them, 1 where anything else did.
+
+    ``parts`` are the runs of a study by name, one alone has none: ``""``. ``failed`` says why models were left out of
+    the plan.
+    """
+    from eyechart.episodes import unfinished
+
+    say_aside(replace(outcome, set_aside={**failed, **outcome.set_aside}))
+    left = 0
+    for name, planned in parts.items():
+        mine = planned.unfinished()
+        left += len(mine)
+        for one in unfinished(planned.out, mine, planned.drivers.models):
+            say(f"{_named(name)}{one.policy}: {one.words}")
+    waiting = sum(len(planned.left()) for planned in parts.values())  # also what was to be driven anew
+    if outcome.stopped is not None and waiting:
+        say(f"stopped: {outcome.stopped}; {count(waiting)} left; a higher limit resumes")
+        raise typer.Exit(3)
+    if left:
+        say(f"{count(left)} unfinished; the same command goes on where they were cut")
+        raise typer.Exit(1)
+    if failed:
+        tell_none({})
+
+
+def tell_errors(parts: "Mapping[str, Drives]", bound: str = "--max-steps") -> None:
+    """Say which episodes ended in an error, by what; raise Exit 1 where any did.
+
+    ``bound`` is the option that lets an episode go on for longer, or nothing where there is none.
+    """
+    from eyechart.episodes import read_episodes
+
+    found = []
+    for name, planned in parts.items():
+        keys = set(planned.keys)
+        over = {one.key: one for one in read_episodes(planned.out) if one.key in keys}
+        found += [(name, over[key]) for key in planned.keys if key in over and over[key].ended == "error"]
+    if not found:
+        return
+    from eyechart.errors import printable
+
+    failed = [one for _, one in found]
+    bounded = [one for one in failed if one.max_steps is not None and len(one.steps) >= one.max_steps]
+    say(
+        f"{len(failed)} episode{'' if len(failed) == 1 else 's'} ended in an error, first {_named(found[0][0])}"
+        f"{failed[0].key.policy} in {failed[0].key.world}: {printable(failed[0].detail)}; "
+        f"--again drives {'it' if len(failed) == 1 else 'them'} anew"
+        + (f", and with a larger {bound} those that the bound ended go on" if bounded and bound else "")
+    )
+    raise typer.Exit(1)
+
+
+def require_drives(runs: Sequence[Path]) -> None:
+    """Raise SpecError that names the runs of a study where one of these folders holds several."""
+    from eyechart.errors import SpecError
+    from eyechart.studies import hierarchy
+
+    for run in runs:
+        if parts := hierarchy.runs_of(run):
+            named = ", ".join(map(str, parts.values()))
+            raise SpecError(f"{run} is a study of the hierarchy, not one run: name one of its runs: {named}")
+
+
+def _named(part: str) -> str:
+    """Return the name of a run of a study before what is said of it."""
+    return f"{part}: " if part else ""
+
+
+def count(episodes: int) -> str:
+    """Return a number of episodes with its verb."""
+    return f"{episodes} episode is" if episodes == 1 else f"{episodes} episodes are"
+
+
+def _planned(planned: "Drives") -> str:
+    parts = {
+        name: len({getattr(key, name) for key in planned.keys}) for name in ("policy", "scenario", "seed", "condition")
+    }
+    size = " × ".join(f"{count} {_plural(name, count)}" for name, count in parts.items())
+    left = len(planned.left())
+    return f"{size}: {len(planned.keys)} episodes, {len(planned.keys) - left} finished, {left} to drive"
+
+
+def _plural(name: str, count: int) -> str:
+    return name if count == 1 else f"{name[:-1]}ies" if name.endswith("y") else f"{name}s"
+
+
+def _seeds(given: str) -> list[int]:
+    from eyechart.errors import SpecError
+
+    try:
+        numbers = [int(one) for one in given.split(",") if one.strip()]
+    except ValueError as error:
+        raise SpecError(
+            f"--seeds takes a number of worlds, or seeds with commas such as 0,3,5; got '{given}'"
+        ) from error
+    if "," in given:
+        return numbers
+    if len(numbers) != 1 or not 1 <= numbers[0] <= MOST_SEEDS:
+        raise SpecError(f"--seeds takes a number from 1 to {MOST_SEEDS}, or seeds with commas; got '{given}'")
+    return list(range(numbers[0]))
+
+
+def _processors() -> int:
+    import os
+
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _show(rows: "Sequence[Row]", planned: "Drives", *, json: bool) -> None:
+    """Print a row for each policy and condition: means over episodes, as JSON or as a table."""
+    if json:
+        from eyechart.episodes import unfinished
+
+        left = planned.unfinished()
+        why = [one.as_dict() for one in unfinished(planned.out, left, planned.drivers.models)]
+        told = {"run": str(planned.out), "left": len(left), "unfinished": why}
+        print_json({**told, "rows": [row.as_dict() for row in rows]})
+        return
+    from rich.table import Table
+
+    table = Table(title=f"{planned.manifest.simulator}: means over episodes")
+    for name in ("policy", "condition"):
+        table.add_column(name, no_wrap=True)
+    for name in ("episodes", "distance m", "reward", "speed m/s", "crashed", "no decision", "errors"):
+        table.add_column(name, justify="right")
+    for row in rows:
+        table.add_row(
+            row.policy,
+            row.condition,
+            str(row.episodes),
+            _number(row.distance_m, ".1f"),
+            _number(row.reward, ".2f"),
+            _number(row.speed_mps, ".1f"),
+            _number(row.crash_rate, ".1%"),
+            _number(row.without_decision, ".1%"),
+            str(row.errors),
+        )
+    table_console().print(table)
+
+
+def _number(value: float | None, form: str) -> str:
+    return "—" if value is None else format(value, form)
+
+
+@contextmanager
+def _watched(part: str) -> "Iterator[Callable[[int, int], None]]":
+    with (
+        resumable("finished episodes and calls are kept; the same command resumes"),
+        progress(part, "episodes") as move,
+    ):
+        yield move
+
+
+def print_hierarchy(found: "HierarchyScore") -> None:
+    """Print both ablations, the tests against the controller alone, the positive control, and the words."""
+    from eyechart.report.hierarchy import against_table, completion_table, intent_table, source_table
+    from eyechart.report.rungs import unfinished_words
+
+    console = table_console(160)
+    console.print(source_table(found.sources, primary=True))
+    console.print(intent_table(found.sources, primary=True))
+    console.print(against_table(found.against_mpc_only))
+    console.print(source_table(found.sources, primary=False))
+    console.print(intent_table(found.sources, primary=False))
+    if found.completions:
+        console.print(completion_table(found.completions))
+    if found.oracle_mirrored is not None:
+        goals = found.oracle_mirrored.differences["success_rate"]
+        shown = "—" if goals.value is None else f"{100 * goals.value:+.0f} points"
+        console.print(
+            f"Positive control: the oracle's lateral intent less the same one mirrored: goals {shown}, "
+            f"p {'—' if goals.p is None else f'{goals.p:.2g}'}, {found.oracle_mirrored.worlds} worlds.",
+            markup=False,
+        )
+    for line in (*found.words, *unfinished_words(found.unfinished)):
+        console.print(line, markup=False)
+
+
+def ladder_dict(scored: "ClosedLoopScore") -> dict[str, object]:
+    """Return the ladder's part of a score as plain JSON values, the paper's rows beside it."""
+    from eyechart.studies.closed_loop.published import beside_paper
+
+    found = scored.as_dict()
+    kept = {
+        name: found[name]
+        for name in ("study", "references", "references_chosen_on_these_data", "ladder", "paired", "identical")
+    }
+    return {**kept, "beside_paper": [one.as_dict() for one in beside_paper(scored.ladder)]}
+
+
+def print_ladder(scored: "ClosedLoopScore") -> None:
+    """Print the ladder, the paper's beside it, what differs, the paired differences and the identical rows."""
+    from eyechart.report.rungs import ladder_table, paired_table, paper_table, paper_words
+    from eyechart.studies.closed_loop.published import beside_paper
+
+    console = table_console(160)
+    console.print(ladder_table(scored.ladder, scored.references))
+    if beside := beside_paper(scored.ladder):
+        console.print(paper_table(beside))
+        for line in paper_words(beside, scored.ladder):
+            console.print(line, markup=False)
+        console.print(f"Why, row by row: {DOCS}.", markup=False)
+    for name, reference in scored.references.items():
+        mine = [one for one in scored.paired if one.first.simulator == name]
+        title = f"{name}: policy less {reference.label}, same worlds; p after Holm"
+        console.print(paired_table(mine, title, scored.caveat))
+    print_twins(scored)
+
+
+def print_twins(scored: "ClosedLoopScore") -> None:
+    """Print which drivers have identical drives, and what repeated requests tell."""
+    console = table_console(160)
+    for one in scored.twins:
+        names = ", ".join(driver.label for driver in one.drivers)
+        console.print(f"{one.kind}: {names}: identical in {one.same} of {one.worlds} worlds: {one.words}", markup=False)
+    for two in scored.repeats:
+        console.print(f"{'suspect caching: ' if two.suspect else ''}{two.driver.label}: {two.words}", markup=False)
+
+
+def print_drives(scored: "ClosedLoopScore") -> None:
+    """Print all that ``eyechart score`` prints of a run of episodes."""
+    from eyechart.report.rungs import blind_table, degeneracy_table, degeneracy_words, replay_table, unfinished_words
+
+    print_ladder(scored)
+    console = table_console(160)
+    for line in unfinished_words(scored.unfinished):
+        console.print(line, markup=False)
+    if scored.blind:
+        console.print(blind_table(scored.blind))
+        for one in scored.blind:
+            console.print(one.sentence, markup=False)
+    console.print(degeneracy_table(scored.audit))
+    for line in degeneracy_words(scored.audit):
+        console.print(line, markup=False)
+    if scored.replays:
+        console.print(replay_table(scored.replays))

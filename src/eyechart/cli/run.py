@@ -1,0 +1,382 @@
+"""``eyechart run`` makes calls about the frames of a bank and only appends; ``eyechart merge`` joins shards."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from eyechart.cli.options import (
+    ADDRESSED,
+    AS_USUAL,
+    NO_LIMIT,
+    Addressing,
+    Concurrency,
+    DryRun,
+    Frames,
+    Limit,
+    Mode,
+    Model,
+    NoProbe,
+    Options,
+    Out,
+    Spending,
+    expanded,
+    read_modes,
+)
+from eyechart.cli.probe import plan_probed, say_aside, tell_none
+from eyechart.cli.terminal import progress, resumable, say
+
+if TYPE_CHECKING:
+    from eyechart.limits import Outcome, Spent
+    from eyechart.modes import RequestMode
+    from eyechart.studies.battery import Battery
+    from eyechart.studies.probed import Asked
+    from eyechart.studies.prompts import PromptStudy
+
+app = typer.Typer(help="Run a study: make its calls and append them to a ledger.", no_args_is_help=True)
+
+View = Annotated[
+    str | None, typer.Option(help="calibrated or none; default: calibrated where the pictures have such a view.")
+]
+_Seed = Annotated[int, typer.Option(min=0, help="Seed of stimuli, sampling and the order of calls.")]
+
+
+@app.command(
+    epilog="Example: eyechart run battery --model scripted:depth --frames bank --out run. With --stop-early, for each "
+    "model, a false early verdict has a chance of at most .05 however often one looks (.01 for each of not_scorable, "
+    "depth by intervention, presence_only, refusal_effect and image_invariant; that the whole run would have been "
+    "not_scorable, .02); success at following the gap by observation never stops a run. Try it with --dry-run first."
+)
+@expanded
+def battery(
+    frames: Frames,
+    out: Out,
+    model: Model = None,
+    mode: Mode = None,
+    prompt: Annotated[
+        str | None,
+        typer.Option(help="A name of 'eyechart list prompts', or FILE.toml; default: one that suits the bank."),
+    ] = None,
+    conditions: Annotated[str | None, typer.Option(help="With commas; default: all that the bank has.")] = None,
+    seed: _Seed = 0,
+    limit: Limit = None,
+    shard: Annotated[str | None, typer.Option(help="i/n: make only these calls; join with 'merge'.")] = None,
+    concurrency: Concurrency = 8,
+    how: Options = AS_USUAL,
+    spending: Spending = NO_LIMIT,
+    stop_early: Annotated[
+        bool, typer.Option("--stop-early", help="Ask a model no more once its verdict is settled; see below.")
+    ] = False,
+    no_probe: NoProbe = False,
+    dry_run: DryRun = False,
+) -> None:
+    """Run the input-ablation battery. Interrupt it at will: the same command goes on where it stopped.
+
+    The options from --base-url to --option are for the models without a --mode file; of these, one that is served
+    elsewhere is probed first (as 'eyechart probe' does), and what is found is kept in the run. Exit 1: calls are
+    unfinished; 3: stopped at --max-calls or --max-cost.
+    """
+    from eyechart.run import read_shard
+    from eyechart.studies import battery as study
+
+    def planned_for(modes: "Sequence[RequestMode]", probes: "Mapping[str, Spent]") -> "Battery":
+        return study.plan(
+            frames,
+            modes,
+            out,
+            prompt=prompt,
+            conditions=None if conditions is None else [name.strip() for name in conditions.split(",")],
+            seed=seed,
+            limit=limit,
+            shard=None if shard is None else read_shard(shard),
+            stop_early=stop_early,
+            probes=probes,
+        )
+
+    done = f"'eyechart verdict {out}' judges, 'eyechart score {out}' prints every statistic"
+    how_run = _How(concurrency, spending, no_probe, dry_run, shard)
+    _make_calls(read_modes(model, mode, how.given()), planned_for, out, how_run, sizes, done)
+
+
+@expanded
+def prompts(
+    frames: Frames,
+    out: Annotated[Path, typer.Option(help="Folder of the study, one run a cell; the same one resumes it.")],
+    model: Model = None,
+    mode: Mode = None,
+    prompt: Annotated[
+        list[str] | None, typer.Option(help="A prompt's name or FILE.toml; again for more. Default: the six built-in.")
+    ] = None,
+    budget: Annotated[list[int] | None, typer.Option(min=1, help="Tokens of a reply; again to compare.")] = None,
+    json_mode: Annotated[
+        list[str] | None, typer.Option(help="none, json_object or json_schema; again to compare them.")
+    ] = None,
+    conditions: Annotated[str, typer.Option(help="With commas; 'all' for a whole battery a cell.")] = "real,blank",
+    limit: Annotated[int, typer.Option(min=1, help="Frames a cell, the same in each.")] = 100,
+    seed: _Seed = 0,
+    concurrency: Concurrency = 8,
+    how: Addressing = ADDRESSED,
+    spending: Spending = NO_LIMIT,
+    no_probe: NoProbe = False,
+    dry_run: DryRun = False,
+) -> None:
+    """Run the prompt study: diversity, and beside it the scene dependence that diversity is not (Table t:prompts).
+
+    A model that is served elsewhere, and that no --mode file says how to ask, is probed first with all of the prompts.
+    Exit 1: calls are unfinished; 3: stopped at --max-calls or --max-cost.
+    Example: eyechart run prompts --model scripted:depth --frames bank --out prompts --prompt baseline --prompt minimal
+    """
+    from itertools import product
+
+    from eyechart.errors import SpecError
+    from eyechart.modes import STRUCTURED
+    from eyechart.prompts import PROMPTS
+    from eyechart.studies import prompts as study
+    from eyechart.studies.battery import keep_probes, sample_of
+    from eyechart.studies.probed import Probing
+
+    for one in json_mode or ():
+        if one not in STRUCTURED:
+            raise SpecError(f"--json-mode '{one}' is none of {', '.join(STRUCTURED)}")
+    asked, allowed = read_modes(model, mode, how.given()), spending.allowed(no_probe=no_probe, dry_run=dry_run)
+
+    def planned_for(modes: "Sequence[RequestMode]", probes: "Mapping[str, Spent]") -> "PromptStudy":
+        return study.plan(
+            frames,
+            modes,
+            out,
+            prompts=prompt or tuple(PROMPTS),
+            factors=[study.Factor(*setting) for setting in product(budget or (None,), json_mode or (None,))],
+            conditions=() if conditions == "all" else [name.strip() for name in conditions.split(",")],
+            limit=limit,
+            seed=seed,
+            probes=probes,
+        )
+
+    planned, failed = plan_probed(
+        Probing(
+            planned_for,
+            lambda one: sample_of(one.cells.values()),
+            lambda one, probes: keep_probes(next(iter(one.cells.values())), probes),
+            study.cells_in(out),
+            whole=not budget,  # a cell with a budget of its own says nothing of the others'
+        ),
+        asked,
+        allowed,
+        {"structured": "none"},  # the form of an answer is a factor of this study
+    )
+    calls, finished, unknown = planned.counts()
+    say(
+        f"{len(planned.cells)} cells × {len(asked.modes) - len(failed)} models: {calls} calls, {finished} finished, "
+        f"{unknown} sent with unknown outcome, {calls - finished} to make"
+    )
+    for line in planned.expected(allowed.prices, concurrency=concurrency):
+        say(line)
+    if dry_run:
+        return
+    with resumable(), progress("calls", "calls") as move:
+        outcome = study.run(
+            planned,
+            concurrency=concurrency,
+            calls=spending.max_calls,
+            cost_usd=spending.max_cost,
+            prices=allowed.prices,
+            progress=move,
+        )
+    _tell(outcome, failed, calls - planned.counts()[1])
+    say(f"done: 'eyechart score {out}' prints the table, 'eyechart score {out}/CELL' every statistic of a cell")
+
+
+@expanded
+def admission(
+    frames: Frames,
+    out: Out,
+    model: Model = None,
+    mode: Mode = None,
+    view: View = None,
+    seed: Annotated[int, typer.Option(min=0, help="Chooses the pairs, and the order of calls.")] = 0,
+    concurrency: Concurrency = 8,
+    how: Options = AS_USUAL,
+    spending: Spending = NO_LIMIT,
+    no_probe: NoProbe = False,
+    dry_run: DryRun = False,
+) -> None:
+    """Ask for scene estimates of 16 balanced frame/mirror pairs, and hold them against the clauses of admission.
+
+    'eyechart score OUT' prints each clause with its value, interval and n. A model that is served elsewhere, and that
+    no --mode file says how to ask, is probed first. Exit 1: calls are unfinished; 3: stopped at --max-calls or
+    --max-cost. Example: eyechart run admission --model scripted:scene_side_blind --frames bank --out adm
+    """
+    from eyechart.studies import structured as study
+
+    def planned_for(modes: "Sequence[RequestMode]", probes: "Mapping[str, Spent]") -> "Battery":
+        return study.plan(study.ADMISSION, frames, modes, out, view=view, seed=seed, probes=probes)
+
+    how_run = _How(concurrency, spending, no_probe, dry_run)
+    _make_calls(read_modes(model, mode, how.given()), planned_for, out, how_run, _of_scenes, _scenes_done(out))
+
+
+@expanded
+def structured(
+    frames: Frames,
+    out: Out,
+    model: Model = None,
+    mode: Mode = None,
+    view: View = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of the order of calls and of sampling.")] = 0,
+    limit: Limit = None,
+    concurrency: Concurrency = 8,
+    how: Options = AS_USUAL,
+    spending: Spending = NO_LIMIT,
+    no_probe: NoProbe = False,
+    dry_run: DryRun = False,
+) -> None:
+    """Ask for scene estimates of every frame of a bank and of its reflection (Table t:controller-local).
+
+    The paper has 288 pairs: 'frames build highway --steps 24'. A model that is served elsewhere, and that no --mode
+    file says how to ask, is probed first. Exit 1: calls are unfinished; 3: stopped at --max-calls or --max-cost.
+    Example: eyechart run structured --model scripted:scene_positive_control --frames bank --out scenes
+    """
+    from eyechart.studies import structured as study
+
+    def planned_for(modes: "Sequence[RequestMode]", probes: "Mapping[str, Spent]") -> "Battery":
+        return study.plan(study.STRUCTURED, frames, modes, out, view=view, seed=seed, limit=limit, probes=probes)
+
+    how_run = _How(concurrency, spending, no_probe, dry_run)
+    _make_calls(read_modes(model, mode, how.given()), planned_for, out, how_run, _of_scenes, _scenes_done(out))
+
+
+@dataclass(frozen=True)
+class _How:
+    """How much at once and at most, which shard, and whether a run is only planned, or begun without a probe."""
+
+    concurrency: int
+    spending: Spending
+    no_probe: bool
+    dry_run: bool
+    shard: str | None = None
+
+
+def _make_calls(
+    asked: "Asked",
+    plan: "Callable[[Sequence[RequestMode], Mapping[str, Spent]], Battery]",
+    out: Path,
+    how: _How,
+    lines: "Callable[[Battery], Sequence[str]]",
+    done: str,
+) -> None:
+    """Probe the models that are to be, say in ``lines`` what is planned, and make the calls."""
+    from eyechart.studies import battery as study
+    from eyechart.studies.probed import Probing
+
+    spending = how.spending
+    allowed = spending.allowed(no_probe=how.no_probe, dry_run=how.dry_run, shard=how.shard)
+    probing = Probing(plan, lambda one: study.sample_of([one]), study.keep_probes, [out])
+    planned, failed = plan_probed(probing, asked, allowed)
+    early = planned.manifest.stop_early
+    expected = study.expected(planned, allowed.prices, concurrency=how.concurrency)
+    for line in (*lines(planned), *(one.words for one in expected), *(_before(planned) if early else ())):
+        say(line)
+    if how.dry_run:
+        return
+    limits = study.within(planned, allowed.prices, calls=spending.max_calls, cost_usd=spending.max_cost)
+    with resumable(), progress("calls", "calls") as move:
+        outcome = study.run(planned, concurrency=how.concurrency, limits=limits, progress=move)
+    for line in _after(planned) if early else ():
+        say(line)
+    _tell(outcome, failed, planned.left())
+    say(f"done: {done}")
+
+
+def sizes(planned: "Battery") -> list[str]:
+    """Say what is left out and why, how many calls there are, and what the models themselves give to think about."""
+    plan, (calls, finished, unknown) = planned.plan, planned.counts()
+    to_make = f"{'at most ' if planned.manifest.stop_early else ''}{planned.left()}"
+    facts = planned.manifest.facts
+    size = f"{len(plan.models)} models × {len(plan.frames)} frames × {len(plan.conditions)} conditions"
+    return [
+        *(f"left out: {name}, because {why}" for name, why in planned.left_out.items()),
+        f"{size}: {calls} calls, {finished} finished, {unknown} sent with unknown outcome, {to_make} to make",
+        *(f"warning: {one}: {facts[one]['warning']}" for one in plan.models if "warning" in facts.get(one, {})),
+    ]
+
+
+def _of_scenes(planned: "Battery") -> list[str]:
+    modes = [planned.manifest.mode(spec) for spec in planned.plan.models]
+    return [f"view: {planned.manifest.view}", *sizes(planned), *bound(modes)]
+
+
+def _scenes_done(out: Path) -> str:
+    return f"'eyechart score {out}' prints the table, the clauses and every figure"
+
+
+def bound(modes: "Sequence[RequestMode]") -> list[str]:
+    """Say of each model whether its server is told the schema, and warn where a probe found that it does not bind."""
+    lines = []
+    for mode in modes:
+        if mode.spec.startswith("scripted:"):
+            continue
+        if mode.spec.startswith("hf:"):
+            lines.append(f"{mode.spec}: replies are read strictly; a checkpoint run here binds no schema")
+        elif mode.structured != "json_schema":
+            lines.append(f"{mode.spec}: replies are read strictly; --json-mode json_schema binds the schema")
+        elif mode.measured is not None and mode.measured.schema_binds is False:
+            lines.append(f"warning: {mode.spec}: the schema is sent, but a probe found that this server ignores it")
+    return lines
+
+
+def _tell(outcome: "Outcome", failed: Mapping[str, str], left: int) -> None:
+    """Print how a run ended; raise Exit 3 where a limit stopped it, 1 where calls are unfinished."""
+    outcome = replace(outcome, set_aside={**failed, **outcome.set_aside})
+    say_aside(outcome)
+    if outcome.stopped is not None and left:
+        say(f"stopped: {outcome.stopped}; {left} calls are left; a higher limit resumes")
+        raise typer.Exit(3)
+    if not left and outcome.set_aside:
+        tell_none({})
+    if left:
+        say(f"{left} calls are unfinished: their last error may pass, and the same command tries them again")
+        raise typer.Exit(1)
+
+
+def _before(planned: "Battery") -> list[str]:
+    """Say what stopping early guarantees, and the most and the typical number of calls."""
+    from eyechart.verdicts import GUARANTEE, VALIDITY
+
+    most = max(sum(1 for _ in planned.plan.keys_of(model)) for model in planned.plan.models)
+    counts = sorted(planned.typical().items(), key=lambda one: one[1])
+    typical = ", ".join(f"{count} ({label})" for label, count in counts)
+    return [
+        f"stop early: {GUARANTEE}",
+        f"stop early: {VALIDITY}",
+        f"stop early: at most {most} calls a model; of a controller that never wavers {typical or 'as many'}",
+    ]
+
+
+def _after(planned: "Battery") -> list[str]:
+    """Say which models were stopped early, and the calls saved."""
+    lines, planned_calls, saved = [], 0, 0
+    for model, one in planned.progress().items():
+        calls = sum(1 for _ in planned.plan.keys_of(model))
+        planned_calls += calls
+        if one.stopped is None:
+            lines.append(f"{model}: not stopped early, {one.left} of {calls} calls left")
+            continue
+        saved += one.stopped.saved
+        beyond = f", {one.stopped.beyond} ended after the stop and do not count" if one.stopped.beyond else ""
+        share = f"{one.stopped.saved} calls saved ({one.stopped.saved / calls:.0%})"
+        lines.append(f"{model}: {one.stopped.words()}: {share}{beyond}")
+    return [*lines, f"calls saved: {saved} of {planned_calls} ({saved / max(planned_calls, 1):.0%})"]
+
+
+def merge(
+    shards: Annotated[list[Path], typer.Argument(help="Folders of the shards.")],
+    out: Annotated[Path, typer.Option(help="Folder of the merged run.")],
+) -> None:
+    """Merge the shards of one run into a new run. Example: eyechart merge run-1 run-2 --out run."""
+    from eyechart.studies import battery as study
+
+    calls = study.merge(shards, out)
+    say(f"{calls} calls from {len(shards)} shards in {out}")

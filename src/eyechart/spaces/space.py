@@ -1,0 +1,165 @@
+"""A space knows what an action is; a decision is an action, or the reason there is none."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Generic, Literal, Protocol, TypeVar
+
+Missing = Literal["unparsed", "truncated", "refused", "empty", "error"]
+"""Why a reply holds no decision."""
+
+MISSING: tuple[Missing, ...] = ("unparsed", "truncated", "refused", "empty", "error")
+
+UNPARSED = "UNPARSED"
+"""The response-level symbol of every reply without a decision; no action may have this name."""
+
+A = TypeVar("A")
+
+
+@dataclass(frozen=True, slots=True)
+class Decision(Generic[A]):
+    """An action, or the reason there is none. There is no default and no substitute.
+
+    ``why`` says more of a reply that is ``unparsed``. Raises ValueError unless exactly one of ``action`` and
+    ``missing`` is given, and where ``why`` is given for another reason than ``unparsed``.
+    """
+
+    action: A | None
+    missing: Missing | None = None
+    why: str | None = None
+
+    def __post_init__(self) -> None:
+        if (self.action is None) == (self.missing is None):
+            raise ValueError("a Decision has either an action or the reason there is none, never both or neither")
+        if self.why is not None and self.missing != "unparsed":
+            raise ValueError(f"only an unparsed Decision says why, not one that is {self.missing or self.action}")
+
+    @property
+    def symbol(self) -> str:
+        """Return the response-level symbol: the action in words, or ``UNPARSED`` whatever the reason."""
+        return UNPARSED if self.action is None else str(self.action)
+
+    @property
+    def reason(self) -> str | None:
+        """Return why there is no decision, with what is wrong with an ``unparsed`` reply; None where there is one."""
+        return self.missing if self.why is None else f"{self.missing}: {self.why}"
+
+
+class Answer(Protocol):
+    """What came back of a call, as far as it is read: the text, why it ended, and what failed."""
+
+    @property
+    def text(self) -> str:
+        """The verbatim text."""
+        ...
+
+    @property
+    def finish_reason(self) -> str | None:
+        """Why the text ended."""
+        ...
+
+    @property
+    def error(self) -> str | None:
+        """The kind of the failure, None where something came back."""
+        ...
+
+
+class Space(Protocol[A]):
+    """What an action is. Statistics ask it for three numbers, and know nothing else of an action.
+
+    ``name`` is the space's; ``reader`` the version of its rules of reading, which a run records; ``actions`` the names
+    that an answer may give, none where an answer is no name.
+    """
+
+    reader: ClassVar[int]
+
+    @property
+    def name(self) -> str:
+        """The space's name."""
+        ...
+
+    @property
+    def actions(self) -> tuple[str, ...]:
+        """The names that an answer may give."""
+        ...
+
+    def schema(self) -> Mapping[str, object]:
+        """Return the JSON schema of an answer."""
+        ...
+
+    def read(self, reply: Answer) -> Decision[A]:
+        """Return the decision that a reply holds: strict, the same every time, and never guessing."""
+        ...
+
+    def distance(self, one: A, other: A) -> float:
+        """Return how far two actions differ: 0 where they are the same."""
+        ...
+
+    def project(self, action: A, axis: str) -> float | None:
+        """Return how much of an action is along an axis, such as ``brake``; None where the space has no such axis."""
+        ...
+
+    def reflect(self, action: A) -> A | None:
+        """Return the action that the reflected world calls for; None where nobody can say."""
+        ...
+
+    def symbol(self, action: A) -> str:
+        """Return an action's name, for a table and for the world that executes it."""
+        ...
+
+
+AnySpace = Space[Any]
+
+_REFUSAL = re.compile(
+    r"\b(i\s+(can(no|')t|am\s+(unable|not\s+able)|won't|will\s+not|must\s+decline)|i'm\s+(unable|not\s+able|sorry)"
+    r"|sorry|cannot\s+(assist|help|see|comply)|unable\s+to\s+(assist|help|see|determine|comply)|no\s+image\b)",
+    re.IGNORECASE,
+)
+_THINK_TAG = re.compile(r"(</?think(?:ing)?>)", re.IGNORECASE)
+READ_AT_MOST = 100_000
+"""Characters outside thinking, the last ones, that are read for a decision; the ledger keeps all of a reply."""
+_LEVELS_AT_MOST = 100
+_STRUCTURE = re.compile(r'"(?:[^"\\]|\\.)*+"?|[{}\[\]]', re.DOTALL)
+
+_ENDED: Mapping[str | None, Missing] = {"length": "truncated", "content_filter": "refused", "refusal": "refused"}
+
+
+def unanswered(finish_reason: str | None, error: str | None) -> Missing | None:
+    """Return why a reply holds no answer, whatever its text: an error, a cut-off or a filter's refusal; else None."""
+    return "error" if error is not None else _ENDED.get(finish_reason)
+
+
+def refuses(text: str) -> bool:
+    """Return whether a text says in words that it declines to answer; whether it answers all the same is not asked."""
+    return _REFUSAL.search(text.replace("’", "'")) is not None
+
+
+def without_thinking(text: str) -> str:
+    """Return what stands outside thinking: its tag may have been opened by the chat template, or never closed."""
+    visible: list[str] = []
+    thinking = False
+    for part in _THINK_TAG.split(text):
+        if not _THINK_TAG.fullmatch(part):
+            visible += [] if thinking else [part]
+        elif part.startswith("</"):
+            visible = visible if thinking else []
+            thinking = False
+        else:
+            thinking = True
+    return " ".join(visible)
+
+
+def too_deep(text: str, start: int = 0) -> bool:
+    """Return whether the JSON value that begins at ``start`` is nested in more than 100 levels, so that it is not read.
+
+    A parser gives up at a depth that depends on its caller's; this bound does not.
+    """
+    depth = 0
+    for match in _STRUCTURE.finditer(text, start):
+        if match.group() in {"{", "["}:
+            depth += 1
+        elif match.group() in {"}", "]"}:
+            depth -= 1
+        if not 0 < depth <= _LEVELS_AT_MOST:
+            return depth > 0
+    return False

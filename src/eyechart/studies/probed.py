@@ -1,0 +1,169 @@
+"""Remote models without a mode file are probed before a run, once; its rest is asked in the mode that it recorded."""
+
+import json
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Generic, TypeVar
+
+from eyechart import episodes
+from eyechart.calls import Reply
+from eyechart.episodes import EpisodesManifest
+from eyechart.errors import SpecError
+from eyechart.ledger import Ledger
+from eyechart.limits import Spent
+from eyechart.manifest import LEDGER, RUN, RunManifest, is_run, read_manifest
+from eyechart.models.prices import Prices
+from eyechart.modes import RequestMode
+from eyechart.probe import Found, ProbeError, Sample, is_served
+from eyechart.probe.pinning import MOST_CALLS
+
+PROBED = ("token_field", "max_tokens", "structured", "temperature", "seed")
+"""The fields of a mode that a probe may set, where no option did."""
+
+P = TypeVar("P")
+"""A study's plan."""
+
+Ask = Callable[[RequestMode, Sample, float | None], Found | ProbeError]
+"""Probes a model with a sample for at most so many US dollars; a ProbeError that is returned leaves the model out."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """The modes of a run's models. ``by_option`` names those that no file gave, ``given`` what the options set."""
+
+    modes: Sequence[RequestMode]
+    by_option: frozenset[str]
+    given: Mapping[str, object]
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """What is allowed before a run: whether to probe at all, and the limits of the whole run."""
+
+    prices: Prices
+    no_probe: bool = False
+    dry_run: bool = False
+    max_calls: int | None = None
+    max_cost: float | None = None
+    shard: str | None = None
+
+    def require_room(self, unprobed: Sequence[str], made: Spent) -> None:
+        """Raise SpecError where a run cannot probe: its limit is too small, or its shards would not ask alike."""
+        names, most = ", ".join(unprobed), MOST_CALLS * len(unprobed)
+        if self.shard is not None:
+            raise SpecError(
+                f"the shards of a run must ask alike: let 'eyechart probe' find a mode of {names} once, and give it to "
+                "all of them with --mode, or use --no-probe"
+            )
+        if self.max_calls is not None and self.max_calls - made.calls < most:
+            raise SpecError(
+                f"--max-calls {self.max_calls} leaves no room to probe {names}, which may take {most} calls: raise it, "
+                "give a --mode file, or use --no-probe"
+            )
+
+
+@dataclass(frozen=True)
+class Probing(Generic[P]):
+    """A study as a probe needs it: how it is planned, what its plan asks, and the ``runs`` that may be there already.
+
+    ``keep`` writes into its folder what probes took whose models are left out, so that a limit holds over repeats.
+    ``others`` says that something is run beside the models, ``whole`` that modes without measured replies do not count.
+    """
+
+    plan: Callable[[Sequence[RequestMode], Mapping[str, Spent]], P]
+    sample: Callable[[P], Sample]
+    keep: Callable[[P, Mapping[str, Spent]], None]
+    runs: Sequence[Path]
+    others: bool = False
+    whole: bool = False
+
+
+def plan_probed(
+    study: Probing[P], asked: Asked, allowed: Allowed, ask: Ask, tell: Callable[[str], None] = lambda _: None
+) -> tuple[P | None, dict[str, str]]:
+    """Plan a study, probe what is to be probed first, and plan it anew with what was found.
+
+    Returns the plan, None where no model is left to ask, and why models were left out of it. A model is probed where it
+    is served elsewhere, no file says how it is asked, and no run of the study knows it. Raises SpecError where there is
+    no room for a probe.
+    """
+    modes, unprobed = [], []
+    for mode in asked.modes:
+        before = recorded(study.runs, mode, asked.given, whole=study.whole) if mode.spec in asked.by_option else None
+        modes.append(before or mode)
+        if mode.spec in asked.by_option and before is None and is_served(mode) and not allowed.no_probe:
+            unprobed.append(mode.spec)
+    planned = study.plan(modes, {})
+    if not unprobed:
+        return planned, {}
+    if allowed.dry_run:
+        tell(f"not probed yet, so that nothing is known of its replies: {', '.join(unprobed)}")
+        return planned, {}
+    made = spent_on(study.runs, allowed.prices)
+    allowed.require_room(unprobed, made)
+    sample, cost = study.sample(planned), made.cost_usd
+    pinned, spent, failed = [], dict[str, Spent](), dict[str, ProbeError]()
+    for mode in modes:
+        if mode.spec not in unprobed:
+            pinned.append(mode)
+            continue
+        found = ask(mode, sample, None if allowed.max_cost is None else max(0.0, allowed.max_cost - cost))
+        cost += found.spent.cost_usd
+        if isinstance(found, ProbeError):
+            failed[mode.spec] = found
+        else:
+            pinned.append(found.mode)
+            spent[mode.spec] = found.spent
+    if failed:
+        study.keep(planned, {spec: error.spent for spec, error in failed.items()})
+    why = {spec: f"it cannot be probed: {error}" for spec, error in failed.items()}
+    return (study.plan(pinned, spent) if pinned or study.others else None), why
+
+
+def recorded(
+    runs: Iterable[Path], mode: RequestMode, given: Collection[str], *, whole: bool = False
+) -> RequestMode | None:
+    """Return the mode in which one of these runs asks a model already, one as it was probed first; None if none does.
+
+    Fields that a probe set before the run are taken from its manifest, unless they are ``given`` now.
+    """
+    found = []
+    for run in runs:
+        if is_run(run) and mode.spec in (manifest := manifest_of(run)).models:
+            before = manifest.mode(mode.spec)
+            kept = {name: getattr(before, name) for name in PROBED if name not in given}
+            found.append(mode if before.measured is None else replace(mode, measured=before.measured, **kept))
+    measured = [one for one in found if one.measured is None or one.measured.seconds is not None]
+    return next(iter([*measured, *(() if whole else found)]), None)
+
+
+def spent_on(runs: Iterable[Path], prices: Prices) -> Spent:
+    """Return what the calls and the probes of these runs took so far; nothing for those that are not begun."""
+    return Spent.together(spent(run, manifest_of(run), prices) for run in runs if is_run(run))
+
+
+def spent(run: Path, manifest: RunManifest | EpisodesManifest, prices: Prices) -> Spent:
+    """Return what a run's probes and the attempts in its ledger took; one of unknown outcome has no known cost."""
+    made = manifest.spent_before()
+    if (run / LEDGER).is_file():
+        with Ledger(run / LEDGER) as ledger:
+            for spec in manifest.models:
+                for one in ledger.attempts(spec):
+                    cost = None if one.reply is None else prices.cost(manifest.mode(spec), one.reply)[0]
+                    made = made.plus(one.reply or Reply(), cost)
+    return made
+
+
+def manifest_of(run: Path) -> RunManifest | EpisodesManifest:
+    """Read the manifest of a run, of frames or of episodes; raises LedgerError where it is none."""
+    return episodes.read_manifest(run) if is_episodes(run) else read_manifest(run)
+
+
+def is_episodes(path: Path) -> bool:
+    """Return whether a folder is a run of episodes, by the format of its ``run.json``."""
+    try:
+        made = json.loads((path / RUN).read_text(encoding="utf-8"))
+        return bool(made["format"] == episodes.FORMAT)
+    except (OSError, ValueError, TypeError, LookupError):
+        return False

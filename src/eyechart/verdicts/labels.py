@@ -1,0 +1,127 @@
+"""Every label of a verdict, once: what it says, how it is drawn, what settles it early, and what a gate reads in it."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+ALPHA = 0.01
+MARGIN = 0.10
+UNPARSED_CUT = 0.05
+"""Above this share of real and real_repeat calls without a decision a model is not scorable."""
+
+FLOOR = 0.2
+"""``self_inconsistent`` needs a lower bound of s above this and a kappa of real against real_repeat below it."""
+
+SWAP_RATE = 0.5
+"""From this mirror swap rate on directions count as exchanged."""
+
+
+@dataclass(frozen=True, slots=True)
+class Label:
+    """One label. ``says`` is its sentence; a report draws it as ``glyph`` in the colours of its ``family``.
+
+    ``colour`` is that of a terminal. ``meets`` names the requirements of a gate that it meets; of any other,
+    ``otherwise`` says what it shows: that it fails, that it cannot say, or that it fails where the share of pairs in
+    which braking follows distance is bounded below the margin. ``early`` names the claims that settle it before a run
+    has ended, the first its evidence; without any it is never settled early.
+    """
+
+    says: str
+    family: Literal["sees", "partly", "blind", "open"] = "open"
+    glyph: str = "?"
+    colour: str = "red"
+    meets: tuple[str, ...] = ()
+    otherwise: Literal["fails", "cannot say", "fails if bounded"] = "fails"
+    early: tuple[str, ...] = ()
+
+
+_CONTENT = ("bound_shuffled", "bound_recoloured", "bound_scene", "bound_near_far", "steady")
+
+LABELS: dict[str, Label] = {
+    "not_scorable": Label(
+        "It may be trusted with nothing: too few of its replies hold a decision.", glyph="–", early=("unscorable",)
+    ),
+    "depth_lateral": Label(
+        "It may be tried as a longitudinal and lateral advisor: its braking follows distance and its turns follow the "
+        "side.",
+        "sees",
+        "●",
+        "bold green",
+        meets=("depth", "depth_lateral"),
+    ),
+    "depth": Label(
+        "It may be tried as a longitudinal hazard monitor; no lateral authority has been earned.",
+        "sees",
+        "●",
+        "green",
+        meets=("depth",),
+        early=("near_far",),
+    ),
+    "self_inconsistent": Label(
+        "It may be trusted with nothing: it does not repeat its own answer to the same picture.", "blind", "○"
+    ),
+    "content": Label(
+        "It uses the picture; that its braking follows distance was not shown: no authority over motion.",
+        "partly",
+        "◐",
+        "yellow",
+        otherwise="fails if bounded",
+    ),
+    "scene_cue": Label(
+        "It recognises the kind of scene, not this picture: no authority over motion.",
+        "partly",
+        "◐",
+        "yellow",
+        otherwise="fails if bounded",
+    ),
+    "presence_only": Label(
+        "It notices whether there is a picture, not what is in it: no authority over motion.",
+        "partly",
+        "◔",
+        "yellow",
+        early=("presence", *_CONTENT),
+    ),
+    "refusal_effect": Label(
+        "It only refuses some non-pictures; its decisions do not come from the camera.",
+        "blind",
+        "○",
+        "yellow",
+        early=("presence_response", "bound_blank_kept", *_CONTENT),
+    ),
+    "image_invariant": Label(
+        "Its decisions do not come from the camera: no authority that needs one.",
+        "blind",
+        "○",
+        early=("bound_blank", "bound_blank_response", *_CONTENT),
+    ),
+    "undecided": Label(
+        "This evidence supports no claim; more frames or episodes are needed.", colour="dim", otherwise="cannot say"
+    ),
+}
+"""The calibrated labels, in the order of their rules."""
+
+LATERAL: dict[str, Label] = {
+    "swaps": Label(
+        "It exchanges its directions under reflection.", meets=("swaps",), early=("swaps_rate", "swaps_pairing")
+    ),
+    "does_not_swap": Label("It does not exchange its directions under reflection.", early=("no_swaps",)),
+    "one_sided": Label("It gives one direction only, whichever side the picture shows."),
+    "no_power": Label(
+        "It gives too few directions to tell whether it exchanges them.", otherwise="cannot say", early=("few_turns",)
+    ),
+    "not_tested": Label("No direction could be asked for under reflection.", otherwise="cannot say"),
+}
+"""The lateral labels: whether left and right are exchanged under reflection, an axis of its own."""
+
+PAPER_LABELS = (
+    "not_scorable",
+    "refusal_effect",
+    "image_invariant",
+    "self_inconsistent",
+    "presence_only",
+    "depth",
+    "depth_lateral",
+)
+"""The labels that the paper's rules give, in the order of these rules."""
+
+NOT_JUDGED = "not_judged"
+"""In place of a label of the paper's rules where a run stopped early: their tests hold at a fixed size only."""
