@@ -13,7 +13,7 @@ DOCS := $(VENV)/.docs
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm ladder hierarchy test test-models test-browser lint format docs bench clean
+.PHONY: help demo demo-vlm ladder hierarchy test test-models test-browser lint format docs wheel bench clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -25,6 +25,7 @@ help:
 	@echo "make test-browser the report in headless Chromium, which has to be there (apt-get install chromium)"
 	@echo "make lint         ruff and mypy"
 	@echo "make docs         the site, in build/docs"
+	@echo "make wheel        the package, in dist, with its contents checked"
 	@echo "make bench        ratios against what one would otherwise do"
 
 demo: $(CORE)
@@ -62,6 +63,11 @@ format: $(DEV)
 docs: $(DOCS)
 	$(BIN)/python -m sphinx -E -W --keep-going -q -b html docs build/docs
 	$(BIN)/python docs/check_site.py build/docs
+
+wheel: $(VENV)/bin/python
+	rm -rf dist build/lib build/bdist.*
+	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps -w dist .
+	$(BIN)/python tests/check_wheel.py dist/*.whl
 
 bench: $(BENCH) $(INSPECT)/.done
 	$(BIN)/python benchmarks/bench_statistics.py

@@ -25,12 +25,12 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from eyechart.simulators.highway.declared import MEANS
 
 from eyechart.episodes import Bounds, run
 from eyechart.policies import Observation, open_policy
 from eyechart.seeds import key_seed
 from eyechart.simulators import open_simulator
-from eyechart.simulators.highway.declared import MEANS
 from eyechart.simulators.highway.ladder import LADDER
 from eyechart.simulators.highway.world import SIMULATION_HZ
 from eyechart.studies.closed_loop.laddering import plan_ladder
@@ -61,7 +61,7 @@ def drive(seeds: int, *, pictures: bool) -> tuple[Actions, Digests]:
     actions: Actions = {}
     digests: Digests = {}
     for spec, scenario, seed in episodes(seeds):
-        policy = open_policy(spec, highway.action_space, lambda _: {})
+        policy = open_policy(spec, highway.declared.action_space, lambda _: {})
         world = highway.drive(scenario, seed)
         taken, seen, ended = [], [], None
         while ended is None:
@@ -69,7 +69,7 @@ def drive(seeds: int, *, pictures: bool) -> tuple[Actions, Digests]:
             if pictures:
                 world.picture()
             moment = Observation(
-                frame, len(taken), world.picture, truth, highway.action_space, key_seed("bench", spec, frame)
+                frame, len(taken), world.picture, truth, highway.declared.action_space, key_seed("bench", spec, frame)
             )
             action = policy.decide(moment).action
             assert action is not None

@@ -10,8 +10,8 @@ from drives import add_replies, always, drive, make_run
 from eyechart.calls import Reply
 from eyechart.episodes import Episode, EpisodeKey, Step
 from eyechart.frames import RGB, Scalar
-from eyechart.simulators import Moved
-from eyechart.spaces.discrete import DRIVING, Discrete
+from eyechart.simulators import Declaration, Moved
+from eyechart.spaces.discrete import DRIVING
 from report_runs import HOSTILE
 
 HOSTILE_NAME = "<img src=x onerror=alert(1)>"
@@ -49,8 +49,9 @@ class Corridor:
 class Corridors:
     """The simulator of such worlds."""
 
-    name = "corridor"
-    action_space: Discrete = DRIVING
+    declared = Declaration(
+        name="corridor", picture="a grey", mirror_axis="none", action_space=DRIVING, scenarios={"light": "A corridor."}
+    )
 
     def drive(self, scenario: str, seed: int) -> Corridor:
         """Open one."""

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from eyechart.calls import Reply
-from eyechart.episodes import STUDY, Episode, EpisodeKey, EpisodesManifest, Step, fail_safe, write_episodes
+from eyechart.episodes import STUDY, Episode, EpisodeKey, EpisodesManifest, Step, write_episodes
 from eyechart.episodes.manifest import write_manifest
 from eyechart.frames import Scalar
 from eyechart.ledger import Ledger
@@ -50,7 +50,7 @@ def episode(key: EpisodeKey, decide: Decide, *, steps: int = 20, ended: str = "t
         truth = scene(key.scenario, key.seed, number, forward=forward)
         action = decide(truth, number, key.seed)
         decision = Decision(action) if action is not None else Decision(None, "unparsed", "no_action")
-        executed = action or fail_safe(open_simulator("highway"))
+        executed = action or open_simulator("highway").declared.fail_safe
         distance += SPEEDS[executed]
         done.append(COMMANDS.get(executed, executed))
         crashed = ended == "crash" and number == steps - 1

@@ -58,7 +58,7 @@ def copy_tree(to: Path) -> Path:
     for name in TREE:
         source = ROOT / name
         if source.is_dir():
-            shutil.copytree(source, to / name, ignore=shutil.ignore_patterns("*.egg-info", "_build"))
+            shutil.copytree(source, to / name, ignore=shutil.ignore_patterns("*.egg-info", "_build", "old"))
         else:
             to.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(source, to / name)

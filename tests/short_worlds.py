@@ -1,6 +1,7 @@
 """Highway's short scenario, and two of its worlds with a fault each, made for the tests of the online run."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -43,8 +44,7 @@ class Faulty:
 class Short(Highway):
     """Highway-env's merge alone, which ends after a dozen steps; its world 0 turns dark."""
 
-    name = "short"
-    scenarios: Mapping[str, str] = {"merge": Highway.scenarios["merge"]}
+    declared = replace(Highway.declared, name="short", scenarios={"merge": Highway.declared.scenarios["merge"]})
 
     def drive(self, scenario: str, seed: int) -> Drive:
         """Open a world at its beginning."""
@@ -54,7 +54,7 @@ class Short(Highway):
 class Off(Short):
     """The same, but every gap is told 0.2 m too long."""
 
-    name = "off"
+    declared = replace(Short.declared, name="off")
 
     def drive(self, scenario: str, seed: int) -> Drive:
         """Open a world at its beginning."""

@@ -12,16 +12,16 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
 
-from eyechart.frames import RGB, MirrorAxis, Scalar
-from eyechart.simulators import Drive, Moved
-from eyechart.spaces.discrete import DRIVING, Discrete
+from eyechart.frames import RGB, Scalar
+from eyechart.simulators import Declaration, Drive, Moved
+from eyechart.spaces.discrete import DRIVING
 
 LENGTH = 10
 STEPS = 12
@@ -167,11 +167,13 @@ FAULTS: Mapping[str, Callable[[int], Drive]] = {
 class Tiny:
     """The corridors behind the door of a simulator: one scenario a fault."""
 
-    name = "tiny"
-    scenarios: Mapping[str, str] = {name: f"{one.__doc__}" for name, one in FAULTS.items()}
-    picture = "a corridor"
-    mirror_axis: MirrorAxis = "vertical"
-    action_space: Discrete = DRIVING
+    declared = Declaration(
+        name="tiny",
+        picture="a corridor",
+        mirror_axis="vertical",
+        action_space=DRIVING,
+        scenarios={name: f"{one.__doc__}" for name, one in FAULTS.items()},
+    )
 
     def drive(self, scenario: str, seed: int) -> Drive:
         """Open a corridor."""
@@ -185,7 +187,7 @@ class Tiny:
 class Unopened(Tiny):
     """Corridors of which the first takes its process down when it is opened."""
 
-    name = "unopened"
+    declared = replace(Tiny.declared, name="unopened")
 
     def drive(self, scenario: str, seed: int) -> Drive:
         """Open a corridor, or end the process."""

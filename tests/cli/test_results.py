@@ -10,8 +10,8 @@ import stand_ins
 from eyechart import models
 from eyechart.cli.app import app
 from eyechart.limits import Limits
+from eyechart.report.battery_page import make_page
 from eyechart.report.evidence import read_evidence
-from eyechart.report.page import make_page
 from eyechart.studies import battery
 
 
@@ -54,3 +54,16 @@ def test_what_is_noted_of_every_model_is_printed_once(half: Path) -> None:
     for said in (page, verdict):
         assert said.count("up to 6 positive claims are tested in order") == 1
     assert "Noted of several models: every model: " in verdict
+
+
+def test_score_prints_each_interval_with_the_level_that_it_has(half: Path) -> None:
+    """98 % beside the intervals of the calibrated tests, 95 % beside the others, as the statistic itself says."""
+    battery.run(battery.plan(half.parent / "bank", stand_ins.SPECS, half))
+    printed = CliRunner().invoke(app, ["score", str(half)]).stdout.splitlines()
+    assert any("interval" in line and "level" in line for line in printed)
+    found = next(iter(battery.score(half, resamples=99).models.values())).statistics
+    for name in ("agree.noise", "self_disagreement", "bound_blank"):
+        line = next(line for line in printed if line.split()[:1] == [name])
+        assert found[name].ci is not None
+        assert f"{100 * found[name].level:g} %" in line, line
+    assert {found[name].level for name in ("agree.noise", "bound_blank")} == {0.95, 0.98}

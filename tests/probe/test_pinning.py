@@ -131,7 +131,7 @@ def test_the_sample_is_the_runs_own_question() -> None:
     sample = default_sample("structured")
     query = sample.query(4)
     assert (query.system, query.user) == (sample.asked[0][0].system, sample.asked[0][0].user)
-    assert query.actions == DRIVING.actions
+    assert query.schema == DRIVING.schema()
     assert sample.query(4, picture=False).image is None
     assert sample.wants_json
     assert not default_sample("minimal").wants_json

@@ -24,7 +24,7 @@ def test_without_gym_pybullet_drones_the_error_says_how_to_get_it(monkeypatch: p
     """On one line, when a world is opened; what can be said without it is said."""
     monkeypatch.setitem(sys.modules, "pybullet", None)
     simulator = open_simulator("drone-pybullet")
-    assert simulator.scenarios == Drone.scenarios
+    assert simulator.declared.scenarios == Drone.declared.scenarios
     with pytest.raises(
         SpecError, match=r"'drone-pybullet' needs gym-pybullet-drones .*pip install 'eyechart\[drone\]'"
     ):

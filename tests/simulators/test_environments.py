@@ -41,7 +41,7 @@ def test_gymnasiums_own_checker_is_content(name: str) -> None:
 def test_an_episode_is_the_simulators_drive(name: str) -> None:
     """A world that is asked for by name shows the same pictures, rewards and truth as the simulator's own drive."""
     simulator, environment = open_simulator(ENVIRONMENTS[name]), make(name)
-    scenario = next(iter(simulator.scenarios))
+    scenario = next(iter(simulator.declared.scenarios))
     picture, info = environment.reset(options={"scenario": scenario, "seed": 3})
     drive = simulator.drive(scenario, 3)
     assert (info["scenario"], info["seed"]) == (scenario, 3)
@@ -50,7 +50,7 @@ def test_an_episode_is_the_simulators_drive(name: str) -> None:
         np.testing.assert_array_equal(picture, drive.picture())
         assert {key: info[key] for key in drive.truth()} == drive.truth()
         moved = drive.step("STRAIGHT")
-        number = np.int64(simulator.action_space.actions.index("STRAIGHT"))
+        number = np.int64(simulator.declared.action_space.actions.index("STRAIGHT"))
         picture, reward, terminated, truncated, info = environment.step(number)
         ended = moved.ended
         assert (reward, info["distance_m"], info["ended"]) == (moved.reward, moved.distance_m, ended)

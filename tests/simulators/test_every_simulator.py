@@ -7,10 +7,23 @@ import pytest
 from eyechart.conditions import BATTERY, available, require_partners, show
 from eyechart.errors import BankError, SpecError
 from eyechart.frames import MAIN, FrameBank, check, decode, open_bank
+from eyechart.perception.view import VIEWS
 from eyechart.simulators import SIMULATORS, find_simulator, open_bank_simulator
 
-PHOTOGRAPHED = [name for name in SIMULATORS if hasattr(find_simulator(name), "build")]
+PHOTOGRAPHED = [name for name in SIMULATORS if find_simulator(name).declared.presets]
 """Those that make banks; the others can only be driven."""
+
+
+def test_its_camera_is_one_that_has_a_view_and_distances_of_its_own() -> None:
+    """So nothing is read in one world by the distances of another."""
+    cameras = {name: find_simulator(name).declared.camera for name in SIMULATORS}
+    assert set(cameras.values()) == set(VIEWS)
+    assert {name: camera for name, camera in cameras.items() if name != camera} == {
+        "rover-mpc": "rover",
+        "rover-mpc-unaware": "rover",
+        "rover-mpc-lateral": "rover",
+        "drone-pybullet": "drone",
+    }
 
 
 @pytest.fixture(scope="module", params=PHOTOGRAPHED)
@@ -22,9 +35,9 @@ def bank(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 def test_its_name_opens_it_and_its_presets_are_in_words(bank: FrameBank) -> None:
     """For ``eyechart list simulators``, and for the scope of every verdict."""
     simulator = open_bank_simulator(bank.manifest.simulator)
-    assert simulator.name == bank.manifest.simulator
-    assert bank.manifest.preset in simulator.presets
-    assert all(sentence.endswith(".") for sentence in simulator.presets.values())
+    assert simulator.declared.name == bank.manifest.simulator
+    assert bank.manifest.preset in simulator.declared.presets
+    assert all(sentence.endswith(".") for sentence in simulator.declared.presets.values())
     assert bank.manifest.picture
 
 

@@ -125,8 +125,9 @@ def with_fault(tmp_path: Path, fault: str) -> Simulator:
 def test_an_environment_is_driven_in_the_words_of_its_map(tmp_path: Path) -> None:
     """Actions, truth, distance and the end come from the environment; a seed is a world."""
     simulator = opened(tmp_path)
-    assert (simulator.name, simulator.mirror_axis, simulator.picture) == ("gym:Corridor-v0", "horizontal", "a corridor")
-    assert list(simulator.scenarios) == ["short", "endless"]
+    said = simulator.declared
+    assert (said.name, said.mirror_axis, said.picture) == ("gym:Corridor-v0", "horizontal", "a corridor")
+    assert list(said.scenarios) == ["short", "endless"]
     drive, again, other = (simulator.drive("short", seed) for seed in (5, 5, 6))
     assert drive.truth() == {
         "lead_gap_m": 3.0,
@@ -250,7 +251,7 @@ def test_the_door_says_what_it_needs(tmp_path: Path) -> None:
     with pytest.raises(SpecError, match=r"map.toml: no table \[gym\]; write for example \[gym.numbers\]"):
         opened(tmp_path, CORRIDOR[: CORRIDOR.index("[gym]")])
     simulator = opened(tmp_path)
-    assert "frames import" in simulator.no_banks
+    assert "frames import" in simulator.declared.no_banks
     with pytest.raises(SpecError, match="has no scenario 'long'; known: short, endless"):
         simulator.drive("long", 0)
     with pytest.raises(SpecError, match="seed -1 is out of range"):
@@ -261,7 +262,7 @@ def test_cartpole_falls_and_is_seen_falling(tmp_path: Path) -> None:
     """A stock environment: its terminated is a crash, and its map needs no more than numbers."""
     text = 'actions = ["LEFT", "RIGHT"]\nmirror_pairs = [["LEFT", "RIGHT"]]\n[gym.numbers]\nLEFT = 0\nRIGHT = 1\n'
     simulator = opened(tmp_path, text, "gym:CartPole-v1")
-    assert list(simulator.scenarios) == ["default"]
+    assert list(simulator.declared.scenarios) == ["default"]
     drive = simulator.drive("default", 3)
     before, moved = drive.picture(), drive.step("LEFT")
     while moved.ended is None:

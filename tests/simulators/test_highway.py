@@ -380,7 +380,7 @@ def small(out: Path, **changes: Any) -> FrameBank:  # noqa: ANN401  (any of buil
     return Highway().build(out, **{"seeds": (3,), "steps": 4, **changes})
 
 
-@pytest.mark.parametrize("preset", list(Highway.presets))
+@pytest.mark.parametrize("preset", list(Highway.declared.presets))
 def test_a_bank_is_the_same_in_every_process(tmp_path: Path, preset: str) -> None:
     """Geometry and pictures are equal here, again, and in a process that hashes strings otherwise."""
     here = small(tmp_path / "here", preset=preset).manifest
@@ -469,12 +469,12 @@ def test_a_place_that_is_taken_is_refused_before_anything_is_drawn(tmp_path: Pat
 def test_every_simulator_opens_with_sentences_on_its_presets(name: str) -> None:
     """Each entry of the registry leads to a simulator of that name, with described presets or words on why none."""
     simulator = open_simulator(name)
-    assert simulator.name == name
-    if hasattr(simulator, "no_banks"):
-        with pytest.raises(SpecError, match=f"simulator '{name}' makes no banks: {simulator.no_banks}"):
+    assert simulator.declared.name == name
+    if not simulator.declared.presets:
+        with pytest.raises(SpecError, match=f"simulator '{name}' makes no banks: {simulator.declared.no_banks}"):
             open_bank_simulator(name)
         return
-    presets = open_bank_simulator(name).presets
+    presets = open_bank_simulator(name).declared.presets
     assert "balanced" in presets
     assert all(sentence.endswith(".") for sentence in presets.values())
 
@@ -489,7 +489,7 @@ def test_an_unknown_simulator_is_refused_with_the_known_ones() -> None:
 def test_asking_for_presets_does_not_import_highway_env() -> None:
     """Listing the simulators stays quick: the second that highway-env takes is spent when a bank is built."""
     code = (
-        "import sys; from eyechart.simulators import open_bank_simulator; open_bank_simulator('highway').presets; "
+        "import sys; from eyechart.simulators import open_bank_simulator as door; door('highway').declared.presets; "
         "sys.exit('highway_env' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

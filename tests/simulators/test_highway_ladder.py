@@ -10,7 +10,7 @@ from highway_env.envs.common.graphics import EnvViewer
 from eyechart.errors import SpecError
 from eyechart.perception.renderer import read_picture
 from eyechart.simulators import open_simulator
-from eyechart.simulators.highway.declared import MEANS
+from eyechart.simulators.highway import Highway
 from eyechart.simulators.highway.ladder import LADDER
 from eyechart.spaces.discrete import DRIVING
 
@@ -22,7 +22,7 @@ def stock_states(scenario: str, seed: int, actions: list[str]) -> list[tuple[byt
     env.reset(seed=seed)
     found = []
     for action in actions:
-        _, reward, over, _, _ = env.step(env.action_type.actions_indexes[MEANS[action]])
+        _, reward, over, _, _ = env.step(env.action_type.actions_indexes[Highway.declared.commands[action]])
         vehicles = env.road.vehicles
         rows = [[*vehicle.position, vehicle.heading, vehicle.speed] for vehicle in vehicles]
         found.append((np.array(rows, dtype=np.float64).tobytes(), float(reward), bool(over)))

@@ -10,8 +10,8 @@ from eyechart.mpc import Plan
 from eyechart.simulators import Moved, execute, open_bank_simulator
 from eyechart.simulators.rover.hierarchy import MpcDrive, RoverMpc, RoverMpcLateral, RoverMpcUnaware
 
-ACTIONS = RoverMpc.action_space.actions
-MIRRORED = RoverMpc.action_space.mirror
+ACTIONS = RoverMpc.declared.action_space.actions
+MIRRORED = RoverMpc.declared.action_space.mirror
 
 
 def driven(drive: MpcDrive, intents: list[str]) -> list[tuple[Moved, bytes]]:
@@ -36,7 +36,7 @@ def test_a_mirrored_world_with_mirrored_intents_gives_the_mirrored_drive_to_the_
     """Over random worlds and intents, those of three arms: 51 in all; and a repeat is equal to the bit."""
     rng = np.random.default_rng(7)
     for number in range(17):
-        family = list(arm.scenarios)[number % len(arm.scenarios)]
+        family = list(arm.declared.scenarios)[number % len(arm.declared.scenarios)]
         intents = [str(one) for one in rng.choice(ACTIONS, 12, p=[0.05, 0.1, 0.35, 0.25, 0.25])]
         here, there = arm().drive(family, number), arm().drive(family, number, mirrored=True)
         moves, others = driven(here, intents), driven(there, [MIRRORED(one) for one in intents])

@@ -11,7 +11,7 @@ from eyechart.errors import LedgerError, SpecError
 from eyechart.perception.view import VIEWS
 from eyechart.simulators import open_simulator
 from eyechart.studies.structured import online
-from eyechart.studies.structured.vetting import vet
+from eyechart.studies.structured.vetting import Vetted, vet
 
 CONTROL = "scripted:scene_positive_control"
 BLIND = "scripted:scene_silent_when_free"
@@ -22,7 +22,6 @@ def _short(monkeypatch: pytest.MonkeyPatch) -> None:
     """Register the short worlds, whose pictures are highway's."""
     for name, place in short_worlds.SIMULATORS.items():
         monkeypatch.setitem(simulators.SIMULATORS, name, place)
-        monkeypatch.setitem(VIEWS, name, VIEWS["highway"])
 
 
 def test_estimators_drive_in_worlds_that_pass_and_as_they_were_vetted(
@@ -72,6 +71,19 @@ def test_a_world_is_not_refused_for_what_stands_beside_a_forward_camera() -> Non
     """At three of 24 frames an obstacle beside the rover closes a side, which no picture shows; it is counted."""
     found = vet(open_simulator("rover"), "offset", 0, None)
     assert (found.why, found.frames, found.unseen, found.ended) == (None, 24, 3, "goal")
+
+
+def test_worlds_with_the_rovers_camera_have_its_distances_and_its_view(tmp_path: Path) -> None:
+    """Under the controller too: an estimator is told that near is below 8 m, and drives by that."""
+    passed = (Vetted("offset", 0, 24, "goal", {}, 0.0, None, 0),)
+    plain, planned = (
+        online.plan(name, [CONTROL], tmp_path / name, episodes=1, vetted=passed).episodes
+        for name in ("rover", "rover-mpc")
+    )
+    assert planned.manifest.prompt == plain.manifest.prompt
+    assert "8 m" in planned.manifest.prompt.user
+    assert planned.drivers.answers == plain.drivers.answers
+    assert planned.manifest.view == VIEWS["rover"].key
 
 
 def test_too_few_worlds_and_no_run_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

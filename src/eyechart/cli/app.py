@@ -59,12 +59,12 @@ def simulators(json: Json = False) -> None:
     """List the simulators, the presets of their banks and the scenarios of their drives."""
     from eyechart.simulators import KINDS, SIMULATORS, find_simulator
 
-    opened = {name: find_simulator(name) for name in SIMULATORS}
+    declared = {name: find_simulator(name).declared for name in SIMULATORS}
     rows = {
         f"{name} --{option} {choice}": says
-        for name, simulator in opened.items()
-        for option, attribute in (("preset", "presets"), ("scenarios", "scenarios"))
-        for choice, says in getattr(simulator, attribute, {}).items()
+        for name, one in declared.items()
+        for option, choices in (("preset", one.presets), ("scenarios", one.scenarios))
+        for choice, says in choices.items()
     }
     rows |= {written: says for written, says, _ in KINDS.values()}
     _show(rows, json=json)

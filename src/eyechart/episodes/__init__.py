@@ -2,7 +2,7 @@
 
 from eyechart.episodes.expecting import expected, sample_of, within
 from eyechart.episodes.manifest import FORMAT, EpisodesManifest, read_manifest
-from eyechart.episodes.nouns import SILENCES, STUDY, Episode, EpisodeKey, Step, fail_safe
+from eyechart.episodes.nouns import SILENCES, STUDY, Episode, EpisodeKey, Step
 from eyechart.episodes.planning import ACTION_MAP, ENGINES, Episodes, keep_probes, plan, require_engine, run
 from eyechart.episodes.records import EPISODES, read_episodes, write_episodes
 from eyechart.episodes.running import Bounds
@@ -26,7 +26,6 @@ __all__ = [
     "Unfinished",
     "every_episode",
     "expected",
-    "fail_safe",
     "keep_probes",
     "plan",
     "read_episodes",

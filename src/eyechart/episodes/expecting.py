@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from eyechart.costs import Estimate, estimate
 from eyechart.episodes.hosts import HostDiedError, LocalHost
-from eyechart.episodes.nouns import Episode, EpisodeKey, fail_safe
+from eyechart.episodes.nouns import Episode, EpisodeKey
 from eyechart.episodes.planning import Episodes
 from eyechart.episodes.recorded import recorded
 from eyechart.episodes.running import calls_of
@@ -44,9 +44,9 @@ def expected(planned: Episodes, prices: Prices, *, concurrency: int) -> tuple[Es
     if not left:
         return ()
     setup = replace(planned.setup, max_steps=min(planned.setup.max_steps, _LONGEST_SAMPLE))
-    simulator = open_simulator(planned.setup.simulator, actions=planned.setup.actions)
+    fail_safe = open_simulator(planned.setup.simulator, actions=planned.setup.actions).declared.fail_safe
     space = planned.drivers.space
-    actions = dict.fromkeys((fail_safe(simulator), *space.actions))
+    actions = dict.fromkeys((fail_safe, *space.actions))
     constants = [open_policy(f"constant:{action}", space, recorded) for action in actions]
     first = [
         replace(key, policy="constant", seed=planned.manifest.seeds[0])

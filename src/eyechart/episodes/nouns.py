@@ -6,7 +6,6 @@ from dataclasses import asdict, dataclass, field
 
 from eyechart.calls import SILENT, CallKey
 from eyechart.frames import Scalar
-from eyechart.simulators import Simulator
 from eyechart.spaces.space import Decision
 
 STUDY = "closed_loop"
@@ -108,12 +107,3 @@ class Episode:
     def as_line(self) -> str:
         """Return the episode as one line of JSON."""
         return json.dumps(asdict(self), ensure_ascii=False, separators=(",", ":"), allow_nan=False)
-
-
-def fail_safe(simulator: Simulator) -> str:
-    """Return what is executed where there is no decision: what the simulator declares, else its mildest brake.
-
-    Source: paper, section Corpus and parsing: SLOW; under the model-predictive controller it is STOP.
-    """
-    space = simulator.action_space
-    return getattr(simulator, "fail_safe", None) or (space.brake[-1] if space.brake else space.actions[0])

@@ -30,7 +30,7 @@ from eyechart.perception.view import NONE, View
 from eyechart.policies import is_policy, open_policy
 from eyechart.policies.baselines import Marginal
 from eyechart.prompts import Prompt, find_prompt, neutral
-from eyechart.simulators import Simulator, open_simulator
+from eyechart.simulators import Declaration, open_simulator
 from eyechart.spaces.discrete import DRIVING, read_toml
 from eyechart.spaces.scene import SceneSpace
 
@@ -88,7 +88,8 @@ def plan(  # noqa: PLR0913 - what can be asked for
     something else.
     """
     actions = actions or (out / ACTION_MAP if (out / ACTION_MAP).is_file() else None)
-    world = open_simulator(simulator, actions=actions)
+    opened = open_simulator(simulator, actions=actions)
+    world = opened.declared
     space, chosen = world.action_space, tuple(dict.fromkeys(scenarios or world.scenarios))
     if silence not in SILENCES:
         raise SpecError(f"unknown silence '{silence}'; a model that says nothing is {' or '.join(SILENCES)}")
@@ -104,7 +105,7 @@ def plan(  # noqa: PLR0913 - what can be asked for
     formulation = prompt if isinstance(prompt, Prompt) else _prompt_for(world, prompt)
     answers = formulation.asks(space)
     if isinstance(answers, SceneSpace):
-        answers = SceneSpace(distances_of(world.name))
+        answers = SceneSpace(distances_of(world.camera))
     manifest = EpisodesManifest(
         created=today(),
         simulator=world.name,
@@ -117,7 +118,7 @@ def plan(  # noqa: PLR0913 - what can be asked for
         prompt=formulation,
         seed=seed,
         max_steps=max_steps,
-        world=world.versions(),
+        world=opened.versions(),
         versions=versions(),
         modes=modes,
         facts={spec: dict(model.facts) for spec, model in models.items() if model.facts},
@@ -138,7 +139,7 @@ def plan(  # noqa: PLR0913 - what can be asked for
     return replace(planned, manifest=_resumed(planned))
 
 
-def _require_worlds(world: Simulator, scenarios: Sequence[str], seeds: Sequence[int], max_steps: int) -> None:
+def _require_worlds(world: Declaration, scenarios: Sequence[str], seeds: Sequence[int], max_steps: int) -> None:
     for scenario in scenarios:
         if scenario not in world.scenarios:
             raise SpecError(f"'{world.name}' has no scenario '{scenario}'; known: {', '.join(world.scenarios)}")
@@ -162,7 +163,7 @@ def _version(policy: object) -> str:
     return str(dict(policy.counts)) if isinstance(policy, Marginal) else ""
 
 
-def _prompt_for(world: Simulator, name: str | None) -> Prompt:
+def _prompt_for(world: Declaration, name: str | None) -> Prompt:
     """Return the prompt of this name, or the baseline; a plain one where a world has other actions than the paper."""
     if name is None and world.action_space != DRIVING:
         return neutral(world.picture, world.action_space)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from eyechart.conditions import show
-from eyechart.episodes.nouns import Episode, EpisodeKey, Step, fail_safe
+from eyechart.episodes.nouns import Episode, EpisodeKey, Step
 from eyechart.errors import SpecError
 from eyechart.frames import MAIN, RGB, Frame, Scalar, Stimulus, alone, decode, encode, rounded_truth
 from eyechart.modes import without_secrets
@@ -133,7 +133,7 @@ class _Ride:
             step=len(self._steps),
             picture=self._pixels,
             truth=self._truth,
-            action_space=self._simulator.action_space,
+            action_space=self._simulator.declared.action_space,
             seed=key_seed("policy", self._setup.seed, self._key.policy, frame),
         )
 
@@ -170,7 +170,7 @@ class _Ride:
 
     def _execute(self, decision: Decision[str], error: str) -> None:
         assert self._drive is not None
-        executed = decision.action if decision.action is not None else fail_safe(self._simulator)
+        executed = decision.action if decision.action is not None else self._simulator.declared.fail_safe
         moved = execute(self._drive, executed, decided=decision.action is not None)
         _require_finite(moved)
         number = len(self._steps)
@@ -204,7 +204,7 @@ class _Ride:
         """Return what the episode's condition shows of this moment."""
         assert self._drive is not None
         key, drive, step = self._key, self._drive, len(self._steps)
-        cameras = alone(self._simulator.mirror_axis)
+        cameras = alone(self._simulator.declared.mirror_axis)
         now = Frame(key.frame(step), key.scenario, key.world, step, cameras, {MAIN: "the camera's picture"})
         real = drive.picture if step else lambda: self._first
         return show(key.condition, now, _Moment(now, real, self._first, self._pool, key), self._setup.seed)
@@ -255,7 +255,7 @@ class _Pool:
 
     def _drive(self, scenario: str, seed: int) -> tuple[bytes, ...]:
         drive = self._simulator.drive(scenario, seed)
-        key = EpisodeKey("pool", self._simulator.name, scenario, seed)
+        key = EpisodeKey("pool", self._simulator.declared.name, scenario, seed)
         pictures: list[bytes] = []
         try:
             while len(pictures) < _POOL_STEPS:
@@ -267,7 +267,7 @@ class _Pool:
         return tuple(pictures)
 
     def _choose(self, drive: Drive, frame: str) -> str:
-        space = self._simulator.action_space
+        space = self._simulator.declared.action_space
         moment = Observation(frame, 0, drive.picture, drive.truth(), space, key_seed("pool", self._seed, frame))
         for spec in ("oracle", "random"):
             with suppress(SpecError):

@@ -34,9 +34,9 @@ _PHASE_REACH_M = (2.2, 12.0)
 _LEAST_MARK_PX = 12
 
 
-def distances_of(simulator: str) -> Distances:
-    """Return what counts as near in a simulator's worlds; highway's distances where it has no forward pictures."""
-    return FORWARD[simulator].distances if simulator in FORWARD else HIGHWAY
+def distances_of(camera: str) -> Distances:
+    """Return what counts as near in the worlds of a simulator with this camera; highway's for any other."""
+    return FORWARD[camera].distances if camera in FORWARD else HIGHWAY
 
 
 def view_of(rgb: _Pixels) -> ForwardView | None:

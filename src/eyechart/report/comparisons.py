@@ -12,7 +12,7 @@ from matplotlib.transforms import Bbox
 
 from eyechart.report.drawing import BLUE, INK, LINE, MUTED, PAPER, VERMILLION, Drawing, canvas, cell, grid, plain, room
 from eyechart.report.evidence import Subject
-from eyechart.report.tables import number
+from eyechart.report.table import number
 
 _REDS = LinearSegmentedColormap.from_list("same", ["#ffffff", "#fddbc7", "#ef8a62", "#b2182b"])
 FLOOR_FACTOR = 1.5

@@ -16,9 +16,9 @@ from eyechart.destination import whole
 from eyechart.episodes import Episode
 from eyechart.errors import SpecError
 from eyechart.frames import RGB
-from eyechart.report.assets import fill
 from eyechart.report.drawing import plain
 from eyechart.report.overlay import STROKES, over, pieces, plan_words
+from eyechart.report.page import fill
 from eyechart.simulators import Sketch
 from eyechart.studies.closed_loop.reading import Drives
 from eyechart.studies.closed_loop.replaying import Shot, decided, episode_id, replay

@@ -33,11 +33,7 @@ class Moved:
 
 
 class Drive(Protocol):
-    """A world under way. Equal scenario, seed and actions give equal pictures, truths and moves.
-
-    A drive whose camera does not show what stands beside it says so in a further method, ``unseen_sides() ->
-    frozenset[str]``: which of left and right is closed by nothing in the picture. Vetting does not judge those.
-    """
+    """A world under way. Equal scenario, seed and actions give equal pictures, truths and moves."""
 
     def picture(self) -> RGB:
         """Return what the camera shows now, shape (h, w, 3), uint8; asking has no effect on the world."""
@@ -93,25 +89,58 @@ class Halting(Protocol):
         ...
 
 
+@runtime_checkable
+class HalfBlind(Protocol):
+    """A drive whose camera does not show what stands beside it."""
+
+    def unseen_sides(self) -> frozenset[str]:
+        """Return which of left and right is closed by nothing in the picture, so that no reader can be judged by it."""
+        ...
+
+
 def execute(drive: Drive, action: str, *, decided: bool) -> Moved:
     """Drive on with an action that was decided, or with the fail-safe where nothing was."""
     return drive.halt() if isinstance(drive, Halting) and not decided else drive.step(action)
 
 
-class Simulator(Protocol):
-    """The door to a simulator that can be driven; ``scenarios`` map a name to one sentence each.
+@dataclass(frozen=True, kw_only=True)
+class Declaration:
+    """What a simulator can, before any world of it is opened.
 
     ``picture`` is the kind of picture in words, ``mirror_axis`` the axis across which its pictures exchange left and
-    right, ``action_space`` what its drives understand. A simulator in which several actions are one command of its
-    world says so in a further mapping, ``commands``, from action to command; one that makes no banks says in
-    ``no_banks`` where they come from instead.
+    right, ``action_space`` what its drives understand. ``camera`` names the simulator whose camera it has: by that name
+    its calibrated view and its distances are found. ``scenarios`` of drives and ``presets`` of banks map a name to one
+    sentence each; without scenarios it only makes banks, and without presets ``no_banks`` says where they come from.
+    Where every drive has a goal, ``has_goal``. Where several actions are one command of the world, ``commands`` maps
+    action to command. ``halts_with`` is the fail-safe where that is not the mildest brake.
     """
 
     name: str
-    scenarios: Mapping[str, str]
     picture: str
     mirror_axis: MirrorAxis
     action_space: Discrete
+    camera: str = ""
+    scenarios: Mapping[str, str] = field(default_factory=dict)
+    presets: Mapping[str, str] = field(default_factory=dict)
+    no_banks: str = "it can only be driven"
+    has_goal: bool = False
+    commands: Mapping[str, str] = field(default_factory=dict)
+    halts_with: str | None = None
+
+    @property
+    def fail_safe(self) -> str:
+        """Return what is executed where there is no decision.
+
+        Source: paper, section Corpus and parsing: SLOW; under the model-predictive controller it is STOP.
+        """
+        space = self.action_space
+        return self.halts_with or (space.brake[-1] if space.brake else space.actions[0])
+
+
+class Simulator(Protocol):
+    """The door to a simulator that can be driven."""
+
+    declared: Declaration
 
     def drive(self, scenario: str, seed: int) -> Drive:
         """Open a world at its beginning; raises SpecError for an unknown scenario or a seed out of range."""
@@ -123,10 +152,9 @@ class Simulator(Protocol):
 
 
 class BankSimulator(Protocol):
-    """The door to a simulator whose moments become banks; ``presets`` map a name to one sentence each."""
+    """The door to a simulator whose moments become banks."""
 
-    name: str
-    presets: Mapping[str, str]
+    declared: Declaration
 
     def build(
         self,
@@ -181,7 +209,7 @@ def find_simulator(name: str, *, actions: Path | None = None) -> Simulator | Ban
 def open_simulator(name: str, *, actions: Path | None = None) -> Simulator:
     """Open a simulator to drive in; raises SpecError as `find_simulator` does, and for one that only makes banks."""
     found = find_simulator(name, actions=actions)
-    if not hasattr(found, "drive"):
+    if not found.declared.scenarios:
         raise SpecError(f"simulator '{name}' only makes banks: it cannot be driven")
     return cast("Simulator", found)
 
@@ -189,9 +217,14 @@ def open_simulator(name: str, *, actions: Path | None = None) -> Simulator:
 def open_bank_simulator(name: str) -> BankSimulator:
     """Open a simulator that makes banks; raises SpecError for one that does not, and says where they come from."""
     found = find_simulator(name)
-    if not hasattr(found, "build"):
-        raise SpecError(f"simulator '{name}' makes no banks: {getattr(found, 'no_banks', 'it can only be driven')}")
+    if not found.declared.presets:
+        raise SpecError(f"simulator '{name}' makes no banks: {found.declared.no_banks}")
     return cast("BankSimulator", found)
+
+
+def declared_by(name: str) -> Declaration | None:
+    """Return what the simulator of this name declares, None where the registry does not hold it here."""
+    return find_simulator(name).declared if name in SIMULATORS else None
 
 
 def _import(place: str) -> Callable[..., Simulator | BankSimulator]:

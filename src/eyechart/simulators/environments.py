@@ -42,11 +42,11 @@ class DriveEnvironment(gymnasium.Env[RGB, np.int64]):
         self.render_mode = render_mode
         self._drive: Drive | None = None
         self._world: dict[str, Scalar] = {}
-        drive = self._simulator.drive(scenario or next(iter(self._simulator.scenarios)), 0)
+        drive = self._simulator.drive(scenario or next(iter(self._simulator.declared.scenarios)), 0)
         shape = drive.picture().shape
         drive.close()
         self.observation_space = gymnasium.spaces.Box(0, 255, shape, np.uint8)
-        self.action_space = gymnasium.spaces.Discrete(len(self._simulator.action_space.actions))
+        self.action_space = gymnasium.spaces.Discrete(len(self._simulator.declared.action_space.actions))
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[RGB, dict[str, Any]]:
         """Open a world: of the options, or drawn from this environment's own random numbers.
@@ -55,7 +55,7 @@ class DriveEnvironment(gymnasium.Env[RGB, np.int64]):
         """
         super().reset(seed=seed)
         asked = options or {}
-        names = list(self._simulator.scenarios)
+        names = list(self._simulator.declared.scenarios)
         drawn = names[int(self.np_random.integers(len(names)))]
         world_seed = int(self.np_random.integers(_MOST_SEED))
         self._world = {
@@ -69,7 +69,7 @@ class DriveEnvironment(gymnasium.Env[RGB, np.int64]):
     def step(self, action: np.int64) -> tuple[RGB, float, bool, bool, dict[str, Any]]:
         """Drive on for one decision's time; raises ResetNeeded before the first reset."""
         drive = self._under_way()
-        moved = drive.step(self._simulator.action_space.actions[int(action)])
+        moved = drive.step(self._simulator.declared.action_space.actions[int(action)])
         over = moved.ended is not None and moved.ended != "time"
         info = self._info({"distance_m": moved.distance_m, "ended": moved.ended})
         return drive.picture(), float(moved.reward), over, moved.ended == "time", info

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
 from statistics import NormalDist
 
@@ -22,7 +23,7 @@ def rate(k: int, n: int, *, level: float = 0.95) -> Statistic:
     method = f"share, {100 * level:g}% Wilson interval"
     if n == 0:
         return cannot_say("no observations", method=method)
-    return Statistic(value=k / n, n=n, ci=_wilson(k, n, level), method=method, detail={"k": k})
+    return Statistic(value=k / n, n=n, ci=_wilson(k, n, level), method=method, detail={"k": k}, level=level)
 
 
 def clears_floor(idi_value: float, s: float) -> bool:
@@ -66,7 +67,7 @@ def cohens_kappa(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 
         low, high = _wilson(round(observed * n), n, level)
         ci = ((low - chance) / (1 - chance), (high - chance) / (1 - chance))
         how = "Wilson interval of the agreement, marginals held fixed"
-    return Statistic(kappa, n, ci, method=f"Cohen's kappa, {100 * level:g}% {how}", detail=detail)
+    return Statistic(kappa, n, ci, method=f"Cohen's kappa, {100 * level:g}% {how}", detail=detail, level=level)
 
 
 def pooled_kappa(columns: npt.ArrayLike, *, margin: float = 0.10, alpha: float = 0.01) -> Statistic:
@@ -101,7 +102,7 @@ def pooled_kappa(columns: npt.ArrayLike, *, margin: float = 0.10, alpha: float =
     p = NormalDist().cdf((agree - null) / deviation)
     detail = {"agreement": agree, "chance": chance, "pairs": int(total), "design_effect": effect, "margin": margin}
     value, low, high = ((share - chance) / (1 - chance) for share in (agree, low, high))
-    return Statistic(value, frames, (low, high), p, method, detail=detail)
+    return Statistic(value, frames, (low, high), p, method, detail=detail, level=1 - 2 * alpha)
 
 
 def _pairs_within(columns: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], float]:
@@ -144,9 +145,7 @@ def swap_test(
     result = rate(int(np.count_nonzero(_partners(a, partner) == b)), len(a), level=level)
     directions = {name: int(np.count_nonzero(a == name)) for name in partner}
     if result.value is None:
-        return Statistic(
-            None, 0, method=result.method, note="no directional decisions", detail={"directions": directions}
-        )
+        return replace(result, note="no directional decisions", detail={"directions": directions})
     wanted = _partners(a, partner)
     chance = sum(float(np.mean(wanted == name) * np.mean(b == name)) for name in set(partner.values()))
     swaps = int(np.count_nonzero(wanted == b))
@@ -160,7 +159,7 @@ def swap_test(
         "directions": directions,
     }
     method = f"{result.method}; one-sided permutation of the pairing, B={resamples}"
-    return Statistic(result.value, result.n, result.ci, p, method, detail=detail)
+    return replace(result, p=p, method=method, detail=detail)
 
 
 def binomial_tail(k: int, n: int, chance: float) -> float:

@@ -99,7 +99,7 @@ def entropy_bits(labels: npt.ArrayLike) -> Statistic:
     n, method = int(counts.sum()), "plug-in entropy, bits"
     if n == 0:
         return cannot_say("no observations", method=method)
-    return Statistic(_entropy(counts), n, method=method, detail={"labels": len(names)})
+    return Statistic(_entropy(counts), n, method=method, detail={"labels": len(names)}, unit="bits")
 
 
 def modal_share(labels: npt.ArrayLike) -> Statistic:

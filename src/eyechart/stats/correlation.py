@@ -35,7 +35,7 @@ def pearson_p(r: float, n: int, *, level: float = 0.95) -> Statistic:
     p = 2 * float(special.stdtr(n - 2, -t))
     if n < 4:
         return Statistic(r, n, p=p, method=method)
-    return Statistic(r, n, _fisher(r, 1 / math.sqrt(n - 3), level), p, method)
+    return Statistic(r, n, _fisher(r, 1 / math.sqrt(n - 3), level), p, method, level=level)
 
 
 def pearson(x: npt.ArrayLike, y: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
@@ -68,7 +68,7 @@ def spearman(x: npt.ArrayLike, y: npt.ArrayLike, *, level: float = 0.95) -> Stat
     if exact:
         p = _exact_p(rankdata(one), rankdata(other))
     error = math.sqrt((1 + rho**2 / 2) / (len(one) - 3))
-    return Statistic(rho, len(one), _fisher(rho, error, level), p, method)
+    return Statistic(rho, len(one), _fisher(rho, error, level), p, method, level=level)
 
 
 def _columns(x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:

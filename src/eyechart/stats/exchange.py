@@ -11,7 +11,7 @@ follower of the step number, exact but for 10 % missing answers, then passes for
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -133,7 +133,7 @@ def exchange_mi_test(
     counts = [_pair_tables(actions[rows], bins[rows], shape) for rows in layout.strata]
     observed = float(information_of_tables(_aligned(counts).reshape(1, *shape))[0])
     information = information_of_tables(_null(counts, seed, resamples).reshape(-1, *shape))
-    return _result(observed, n, information >= observed - TIE, information, layout, method)
+    return replace(_result(observed, n, information >= observed - TIE, information, layout, method), unit="bits")
 
 
 def iid_trend_test(

@@ -25,7 +25,9 @@ def share_bound(k: int, n: int, *, confidence: float = 0.95) -> Statistic:
     method = f"one-sided exact upper bound at confidence {confidence:g} (Clopper–Pearson), over episodes"
     if n == 0:
         return cannot_say("no episodes", method=method)
-    return Statistic(k / n, n, (0.0, _clopper_pearson(k, n, confidence)), method=method, detail={"k": k})
+    return Statistic(
+        k / n, n, (0.0, _clopper_pearson(k, n, confidence)), method=method, detail={"k": k}, level=confidence
+    )
 
 
 def mean_bound(losses: npt.ArrayLike, *, confidence: float = 0.95) -> Statistic:
@@ -44,7 +46,7 @@ def mean_bound(losses: npt.ArrayLike, *, confidence: float = 0.95) -> Statistic:
         return cannot_say("no episodes", method=method)
     mean, n = float(given.mean()), len(given)
     high = _lowest(lambda risk: hoeffding_bentkus_p(mean, n, risk) <= 1 - confidence, mean)
-    return Statistic(mean, n, (0.0, high), method=method)
+    return Statistic(mean, n, (0.0, high), method=method, level=confidence)
 
 
 def hoeffding_bentkus_p(mean: float, n: int, risk: float) -> float:

@@ -73,7 +73,7 @@ def right(blocks: Iterable[Block]) -> Statistic:
         chances = np.convolve(chances, one.chances())
     expected = float(chances @ np.arange(len(chances)))
     p = min(1.0, float(chances[k:].sum()))
-    return Statistic(k / n, n, bounds(k, n), p, method, detail={"right": k, "expected": expected})
+    return Statistic(k / n, n, bounds(k, n), p, method, detail={"right": k, "expected": expected}, level=2 * LEVEL - 1)
 
 
 def bounds(k: int, n: int) -> tuple[float, float]:

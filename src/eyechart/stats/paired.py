@@ -1,6 +1,7 @@
 """Did the same frames get other answers: exact tests and intervals on pairs within a frame."""
 
 import math
+from dataclasses import replace
 from statistics import NormalDist
 
 import numpy as np
@@ -35,7 +36,7 @@ def sign_test(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 0.9
     if n == 0:
         return Statistic(None, 0, p=1.0, method=method, note="no discordant pairs", detail=detail)
     p = _fair_coin_tail(wins, n)
-    return Statistic(wins / n, n, clopper_pearson(wins, n, level), p, method, detail=detail)
+    return Statistic(wins / n, n, clopper_pearson(wins, n, level), p, method, detail=detail, level=level)
 
 
 def mcnemar_exact(b: int, c: int) -> Statistic:
@@ -115,7 +116,7 @@ def paired_difference_from_counts(b: int, c: int, n: int, *, level: float = 0.95
         return cannot_say("no pairs", method=method)
     z = NormalDist().inv_cdf(0.5 + level / 2)
     ci = (_tango_bound(b, c, n, z), _tango_bound(b, c, n, -z))
-    return Statistic((b - c) / n, n, ci, method=method, detail={"b": b, "c": c})
+    return Statistic((b - c) / n, n, ci, method=method, detail={"b": b, "c": c}, level=level)
 
 
 def bounded_below(
@@ -136,7 +137,7 @@ def bounded_below(
         return difference
     p = NormalDist().cdf(_tango_score(b, c, n, margin))
     detail = {"b": b, "c": c, "margin": margin, "alpha": alpha, "bounded": p < alpha}
-    return Statistic(difference.value, n, difference.ci, p, difference.method, detail=detail)
+    return replace(difference, p=p, detail=detail)
 
 
 def pairs_to_bound(disagreement: float = 0.0, *, margin: float = 0.10, alpha: float = 0.01) -> int:

@@ -52,7 +52,7 @@ def permute_mutual_information(tables: npt.ArrayLike, *, seed: int, resamples: i
         return cannot_say("the table is empty", method=method)
     if min(np.count_nonzero(total.sum(axis=1)), np.count_nonzero(total.sum(axis=0))) < 2:
         note = "one row or one column: nothing can depend on it"
-        return Statistic(0.0, n, p=1.0, method=method, note=note)
+        return Statistic(0.0, n, p=1.0, method=method, note=note, unit="bits")
     xlogx = _xlogx(n)
     resampled = xlogx[_random_tables(stack, resamples, seed)].sum(axis=(1, 2))
     observed = float(xlogx[total].sum())
@@ -60,7 +60,7 @@ def permute_mutual_information(tables: npt.ArrayLike, *, seed: int, resamples: i
     constant = float(xlogx[n] - rows - columns)
     p = permutation_p(_at_least(resampled, observed), resamples)
     detail = {"resample_mean": max(0.0, (float(resampled.mean()) + constant) / n)}
-    return Statistic(max(0.0, (observed + constant) / n), n, p=p, method=method, detail=detail)
+    return Statistic(max(0.0, (observed + constant) / n), n, p=p, method=method, detail=detail, unit="bits")
 
 
 def holm(p_values: Sequence[float | None]) -> list[float | None]:
@@ -155,7 +155,7 @@ def cluster_bootstraps(
             found[name] = cannot_say("the statistic is undefined on these episodes", episodes, method)
             continue
         ci, undefined = _interval_by_bins(np.concatenate(parts[name]), whole, level)
-        found[name] = Statistic(value, episodes, ci, method=method, detail={"undefined": undefined})
+        found[name] = Statistic(value, episodes, ci, method=method, detail={"undefined": undefined}, level=level)
     return found
 
 
@@ -230,7 +230,7 @@ def _over_episodes(episodes: int, sums: Floats | None, statistic: Callable[[Floa
         weights = np.full(how.resamples, 1 / how.resamples)
         method += f", B={how.resamples}"
     ci, undefined = _weighted_interval(values, weights, how.level)
-    return Statistic(value, episodes, ci, method=method, detail={"undefined": undefined})
+    return Statistic(value, episodes, ci, method=method, detail={"undefined": undefined}, level=how.level)
 
 
 def _stack(tables: npt.ArrayLike) -> npt.NDArray[np.int64]:

@@ -9,9 +9,9 @@ class Statistic:
     """A value with the evidence behind it.
 
     ``value`` is None when the data cannot say (never a stand-in 0); ``note`` then says why. ``n`` counts
-    the observations that the value rests on. ``ci`` is a two-sided interval, 95 % unless ``method`` says
-    otherwise. ``p`` is None where no test was made. ``detail`` holds further plain numbers (a table, bin
-    sizes, a rival variant) for whoever audits the value.
+    the observations that the value rests on. ``ci`` is a two-sided interval of this ``level``. ``p`` is None where
+    no test was made. ``unit`` is that of the value, empty for a share or another pure number. ``detail`` holds further
+    plain numbers (a table, bin sizes, a rival variant) for whoever audits the value.
     """
 
     value: float | None
@@ -21,6 +21,8 @@ class Statistic:
     method: str = ""
     note: str = ""
     detail: Mapping[str, object] | None = None
+    level: float = 0.95
+    unit: str = ""
 
     def as_dict(self) -> dict[str, object]:
         """Return the statistic as plain JSON values, with every key always present."""
@@ -33,6 +35,11 @@ class Statistic:
             "note": self.note,
             "detail": None if self.detail is None else dict(self.detail),
         }
+
+
+def percent(level: float) -> str:
+    """Return the level of an interval as text."""
+    return f"{100 * level:g} %"
 
 
 def cannot_say(why: str, n: int = 0, method: str = "") -> Statistic:

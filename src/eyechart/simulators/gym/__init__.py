@@ -1,13 +1,12 @@
 """Any Gymnasium environment with discrete actions that renders RGB, driven through a user's action map."""
 
 from collections.abc import Mapping
-from contextlib import suppress
 from hashlib import sha256
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from eyechart.errors import SpecError
-from eyechart.simulators import Drive
+from eyechart.simulators import Declaration, Drive
+from eyechart.simulators.banks import versions_of
 from eyechart.simulators.gym.action_map import ActionMap, read_map
 from eyechart.simulators.gym.drive import GymnasiumDrive, action_count, make
 
@@ -15,20 +14,19 @@ from eyechart.simulators.gym.drive import GymnasiumDrive, action_count, make
 class GymnasiumSimulator:
     """A Gymnasium environment under the name ``gym:ENV_ID``; it can be driven, and makes no banks."""
 
-    no_banks = (
-        "nobody can stage balanced moments in an environment that is not known; save pictures of it with what is true "
-        "of them, and make them a bank with 'eyechart frames import'"
-    )
-
     def __init__(self, env_id: str, action_map: ActionMap) -> None:
-        self.name = f"gym:{env_id}"
-        self.picture = action_map.picture
-        self.mirror_axis = action_map.mirror
-        self.action_space = action_map.space
-        self.scenarios = {
-            name: f"{env_id} as it is registered" + (f", with {dict(settings)}." if settings else ".")
-            for name, settings in action_map.scenarios.items()
-        }
+        self.declared = Declaration(
+            name=f"gym:{env_id}",
+            picture=action_map.picture,
+            mirror_axis=action_map.mirror,
+            action_space=action_map.space,
+            scenarios={
+                name: f"{env_id} as it is registered" + (f", with {dict(settings)}." if settings else ".")
+                for name, settings in action_map.scenarios.items()
+            },
+            no_banks="nobody can stage balanced moments in an environment that is not known; save pictures of it with "
+            "what is true of them, and make them a bank with 'eyechart frames import'",
+        )
         self._env_id = env_id
         self._map = action_map
         self._package = ""
@@ -52,15 +50,13 @@ class GymnasiumSimulator:
     def drive(self, scenario: str, seed: int) -> Drive:
         """Open the environment, reset with this seed; raises SpecError for an unknown scenario."""
         if scenario not in self._map.scenarios:
-            raise SpecError(f"'{self.name}' has no scenario '{scenario}'; known: {', '.join(self.scenarios)}")
+            known = ", ".join(self._map.scenarios)
+            raise SpecError(f"'{self.declared.name}' has no scenario '{scenario}'; known: {known}")
         return GymnasiumDrive(self._env_id, self._map, self._map.scenarios[scenario], seed)
 
     def versions(self) -> dict[str, str]:
         """Return the versions of Gymnasium and of the environment's package, and the digest of the action map."""
-        found = {}
-        for name in ("gymnasium", self._package.replace("_", "-"), "numpy"):
-            with suppress(PackageNotFoundError):
-                found[name] = version(name)
+        found = versions_of(("gymnasium", self._package.replace("_", "-"), "numpy"))
         return {**found, "action map": sha256(repr(self._map.as_dict()).encode()).hexdigest()[:16]}
 
 

@@ -1,52 +1,50 @@
 """highway-env seen from above: four traffic scenarios as frame banks with ground truth, and as drives."""
 
-from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
-
-from eyechart.frames import FrameBank, MirrorAxis
-from eyechart.simulators import Drive
-from eyechart.simulators.highway.declared import MEANS, PICTURE, versions
-from eyechart.spaces.discrete import DRIVING, Discrete
+from eyechart.simulators import Declaration, Drive
+from eyechart.simulators.banks import BankMaker, Preset, versions_of
+from eyechart.spaces.discrete import DRIVING
 
 
-class Highway:
-    """The ground vehicle of the paper (section Experimental Setup): light and dense traffic, merge, blocked lane."""
+class Highway(BankMaker):
+    """The ground vehicle of the paper (section Experimental Setup): light and dense traffic, merge, blocked lane.
 
-    name = "highway"
-    presets: Mapping[str, str] = {
-        "balanced": "Staged moments of natural traffic: every gap in every scenario, in no order, with LEFT and RIGHT "
-        "demanded alike, no crash, and counterfactual pictures for every frame.",
-        "paper": "Drives nearest to the published bank: the driver idles, drives on after a crash, and closes its gaps "
-        "as time goes by.",
-    }
-    scenarios: Mapping[str, str] = {
-        "light": "Three lanes and fifteen vehicles, for 30 seconds.",
-        "dense": "Three lanes and twenty vehicles, closer together.",
-        "merge": "Two lanes that vehicles join from a ramp; the drive ends behind it.",
-        "blocked": "Three lanes and twenty vehicles, the nearest right ahead.",
-    }
-    picture = PICTURE
-    mirror_axis: MirrorAxis = "vertical"
-    action_space: Discrete = DRIVING
-    commands: Mapping[str, str] = MEANS
+    Its commands are highway-env's meta-actions, whose speeds are 20, 25 and 30 m/s: there is no stop, so STOP and SLOW
+    drive alike. IDLE in the place of FASTER would drive STRAIGHT at 24 m/s, which the paper's table (28.1) excludes.
+    """
 
-    def build(
-        self,
-        out: Path,
-        *,
-        preset: str = "balanced",
-        seeds: Sequence[int] = (0, 1, 2),
-        steps: int = 12,
-        progress: Callable[[int, int], None] | None = None,
-    ) -> FrameBank:
-        """Write a bank of four scenarios × ``seeds`` × ``steps`` frames into ``out``.
+    declared = Declaration(
+        name="highway",
+        picture="top-down drawing of a highway (highway-env, 600 × 150 pixels)",
+        mirror_axis="vertical",
+        action_space=DRIVING,
+        camera="highway",
+        scenarios={
+            "light": "Three lanes and fifteen vehicles, for 30 seconds.",
+            "dense": "Three lanes and twenty vehicles, closer together.",
+            "merge": "Two lanes that vehicles join from a ramp; the drive ends behind it.",
+            "blocked": "Three lanes and twenty vehicles, the nearest right ahead.",
+        },
+        presets={
+            "balanced": "Staged moments of natural traffic: every gap in every scenario, in no order, with LEFT and "
+            "RIGHT demanded alike, no crash, and counterfactual pictures for every frame.",
+            "paper": "Drives nearest to the published bank: the driver idles, drives on after a crash, and closes its "
+            "gaps as time goes by.",
+        },
+        commands={
+            "STOP": "SLOWER",
+            "SLOW": "SLOWER",
+            "STRAIGHT": "FASTER",
+            "LEFT": "LANE_LEFT",
+            "RIGHT": "LANE_RIGHT",
+        },
+    )
 
-        ``progress`` gets the number of frames written and their total. Raises SpecError for an unknown preset,
-        seeds that are negative, doubled or missing, and too few steps; BankError where ``out`` is taken.
-        """
-        from eyechart.simulators.highway.bank import build_bank  # noqa: PLC0415  (highway-env takes a second to import)
+    def open_preset(self, name: str) -> Preset:
+        """Return the staged moments of ``balanced``, or the drives of ``paper``."""
+        from eyechart.simulators.highway.driving import PAPER  # noqa: PLC0415  (highway-env takes a second to import)
+        from eyechart.simulators.highway.staging import BALANCED  # noqa: PLC0415
 
-        return build_bank(out, preset=preset, seeds=seeds, steps=steps, progress=progress)
+        return {"balanced": BALANCED, "paper": PAPER}[name]
 
     def drive(self, scenario: str, seed: int) -> Drive:
         """Open one of the ladder's worlds at its beginning.
@@ -55,8 +53,8 @@ class Highway:
         """
         from eyechart.simulators.highway.ladder import LadderDrive  # noqa: PLC0415  (as above)
 
-        return LadderDrive(scenario, seed)
+        return LadderDrive(scenario, seed, self.declared.commands)
 
     def versions(self) -> dict[str, str]:
-        """Return the versions of highway-env and of what it needs."""
-        return versions()
+        """Return the versions of what drives and draws; pygame comes under either of two names."""
+        return versions_of(("highway-env", "gymnasium", "numpy", "pygame-ce", "pygame"))

@@ -9,8 +9,9 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from highway_env.vehicle.kinematics import Vehicle
 
+from eyechart.frames import LEAD_GAP
 from eyechart.seeds import key_seed
-from eyechart.simulators.banks import Moment
+from eyechart.simulators.banks import Moment, Preset
 from eyechart.simulators.highway.moment import record
 from eyechart.simulators.highway.speedups import speedups
 from eyechart.simulators.highway.world import SIMULATION_HZ, Camera, Setting, World, simulate
@@ -61,3 +62,6 @@ def drive_worlds(scenario: str, seed: int, steps: int) -> Iterator[World]:
             for _ in range(SIMULATION_HZ):
                 simulate(world)
         yield world
+
+
+PAPER = Preset({name: one.as_dict() for name, one in DRIVES.items()}, drive, LEAD_GAP)

@@ -13,7 +13,7 @@ import numpy as np
 from eyechart.errors import SpecError
 from eyechart.frames import RGB, Scalar
 from eyechart.simulators import Moved
-from eyechart.simulators.highway.declared import MEANS, MOST_SEED
+from eyechart.simulators.banks import check_seed
 from eyechart.simulators.highway.speedups import speedups
 from eyechart.simulators.highway.truth import read_truth
 from eyechart.simulators.highway.world import Camera, Setting
@@ -39,15 +39,15 @@ class LadderDrive:
     in place and without the observation, which nobody reads. Source: paper, Table t:baselines.
     """
 
-    def __init__(self, scenario: str, seed: int) -> None:
+    def __init__(self, scenario: str, seed: int, commands: Mapping[str, str]) -> None:
         if scenario not in LADDER:
             raise SpecError(f"simulator 'highway' has no scenario '{scenario}'; known: {', '.join(LADDER)}")
-        if not 0 <= seed <= MOST_SEED:
-            raise SpecError(f"seed {seed} is out of range; give seeds from 0 to {MOST_SEED}")
+        check_seed(seed)
         with speedups():
             self._world = LADDER[scenario].open(seed)
         self._world.observation_type = _Unobserved()
-        self._meta_actions = self._world.action_type.actions_indexes
+        numbers = self._world.action_type.actions_indexes
+        self._commands = {action: numbers[command] for action, command in commands.items()}
         self._camera: Camera | None = None
         self._from_m: float | None = None
         self._ended = False
@@ -68,11 +68,11 @@ class LadderDrive:
         """
         if self._ended:
             raise ValueError("this drive is over")
-        if action not in MEANS:
-            raise ValueError(f"'{action}' is none of {', '.join(MEANS)}")
+        if action not in self._commands:
+            raise ValueError(f"'{action}' is none of {', '.join(self._commands)}")
         world = self._world
         with speedups():
-            _, reward, over, timed_out, _ = world.step(self._meta_actions[MEANS[action]])
+            _, reward, over, timed_out, _ = world.step(self._commands[action])
         x = float(world.vehicle.position[0])
         self._from_m = x if self._from_m is None else self._from_m
         crashed = bool(world.vehicle.crashed)

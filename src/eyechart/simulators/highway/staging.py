@@ -14,8 +14,9 @@ from highway_env.vehicle.controller import MDPVehicle
 from highway_env.vehicle.kinematics import Vehicle
 
 from eyechart.errors import BankError
+from eyechart.frames import LEAD_GAP
 from eyechart.seeds import key_seed
-from eyechart.simulators.banks import Moment
+from eyechart.simulators.banks import Moment, Preset
 from eyechart.simulators.highway.moment import record
 from eyechart.simulators.highway.speedups import speedups
 from eyechart.simulators.highway.traffic import Placed, Traffic, drive_naturally
@@ -160,3 +161,6 @@ def _show(world: World, layout: _Layout, *, still: bool) -> None:
     others = [IDMVehicle(road, [other.x, other.y], other.heading, other.speed) for other in layout.others]
     road.vehicles = [driver, leader, *others]
     world.controlled_vehicles = [driver]
+
+
+BALANCED = Preset({name: one.as_dict() for name, one in STAGES.items()}, stage, LEAD_GAP)

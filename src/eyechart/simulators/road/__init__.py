@@ -1,6 +1,6 @@
 """Obstacles on a road of three tracks, for any vehicle with a forward camera: layouts, pictures, truth and banks."""
 
-from eyechart.simulators.road.bank import build_bank
+from eyechart.simulators.road.bank import RoadBanks
 from eyechart.simulators.road.drive import RoadDrive
 from eyechart.simulators.road.layout import FAMILIES, GOAL_M, ROAD_HALF_M, TRACKS_M, Layout, Obstacle, make_layout
 from eyechart.simulators.road.picture import SCENERY, cylinders, draw, eye_of, verge_of
@@ -20,10 +20,10 @@ __all__ = [
     "AnyWorld",
     "Layout",
     "Obstacle",
+    "RoadBanks",
     "RoadDrive",
     "Vehicle",
     "World",
-    "build_bank",
     "cylinders",
     "draw",
     "eye_of",

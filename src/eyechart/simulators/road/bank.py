@@ -1,53 +1,40 @@
-"""Five families, some seeds and some steps become a bank on disk."""
+"""What the balanced banks of a vehicle on the road hold, in five families of obstacles."""
 
-from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 
 from eyechart.cameras import FORWARD
-from eyechart.frames import BankManifest, FrameBank, Gap
-from eyechart.simulators.banks import Asked, versions_of, write_bank
+from eyechart.frames import Gap
+from eyechart.simulators.banks import BankMaker, Preset, versions_of
 from eyechart.simulators.road.layout import FAMILIES
 from eyechart.simulators.road.picture import SCENERY
 from eyechart.simulators.road.staging import Vehicle, stage
-from eyechart.spaces.discrete import DRIVING
 
 
-def build_bank(
-    out: Path,
-    vehicle: Vehicle,
-    asked: Asked,
-    *,
-    picture: str,
-    progress: Callable[[int, int], None] | None,
-) -> FrameBank:
-    """Write a bank of a vehicle's staged moments.
+class RoadBanks(BankMaker):
+    """The part of a simulator on the road that makes banks of ``vehicle``'s staged moments."""
 
-    Near is below the view's ``close_m``, from the vehicle's middle to the obstacle's near side: the highway's 18 m are
-    four seconds and more for a slow vehicle.
-    """
-    distances = FORWARD[vehicle.view].distances
-    manifest = BankManifest(
-        simulator=asked.simulator,
-        preset=asked.preset,
-        picture=picture,
-        action_space=DRIVING,
-        gap=Gap(column="lead_gap_m", threshold=distances.close_m, unit="m"),
-        settings={
-            **asked.settings({family: {"beside": SCENERY[family]} for family in FAMILIES}),
-            "stop_m": distances.stop_m,
-            "close_m": distances.close_m,
-            "free_m": distances.free_m,
-            "side_clear_m": [-distances.behind_m, distances.ahead_m],
-        },
-        versions=versions_of(("numpy",)),
-    )
-    return write_bank(
-        out,
-        manifest,
-        asked,
-        scenarios=list(FAMILIES),
-        moments=partial(stage, vehicle),
-        axis="horizontal",
-        progress=progress,
-    )
+    vehicle: Vehicle
+
+    def open_preset(self, name: str) -> Preset:
+        """Return the one preset that there is.
+
+        Near is below the view's ``close_m``, from the vehicle's middle to the obstacle's near side: the highway's 18 m
+        are four seconds and more for a slow vehicle.
+        """
+        del name
+        distances = FORWARD[self.vehicle.view].distances
+        return Preset(
+            scenarios={family: {"beside": SCENERY[family]} for family in FAMILIES},
+            moments=partial(stage, self.vehicle),
+            gap=Gap(column="lead_gap_m", threshold=distances.close_m, unit="m"),
+            settings={
+                "stop_m": distances.stop_m,
+                "close_m": distances.close_m,
+                "free_m": distances.free_m,
+                "side_clear_m": [-distances.behind_m, distances.ahead_m],
+            },
+        )
+
+    def versions(self) -> dict[str, str]:
+        """Return the version of numpy; the rest of this world is eyechart's own."""
+        return versions_of(("numpy",))

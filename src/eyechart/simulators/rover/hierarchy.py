@@ -144,13 +144,13 @@ class MpcDrive(RoadDrive[World]):
 class RoverMpc:
     """The rover under the controller, which is told where the obstacles are: the paper's primary ablation."""
 
-    name = "rover-mpc"
-    no_banks = "its pictures are those of 'rover', whose banks serve for both"
-    scenarios = Rover.scenarios
-    picture = Rover.picture
-    mirror_axis = Rover.mirror_axis
-    action_space = Rover.action_space
-    fail_safe = "STOP"
+    declared = replace(
+        Rover.declared,
+        name="rover-mpc",
+        presets={},
+        no_banks="its pictures are those of 'rover', whose banks serve for both",
+        halts_with="STOP",
+    )
     arm = Arm(told_obstacles=True)
 
     def drive(self, scenario: str, seed: int, *, mirrored: bool = False) -> MpcDrive:
@@ -165,14 +165,14 @@ class RoverMpc:
 class RoverMpcUnaware(RoverMpc):
     """The rover under the controller, which knows nothing of the obstacles: only the intent can keep it off them."""
 
-    name = "rover-mpc-unaware"
+    declared = replace(RoverMpc.declared, name="rover-mpc-unaware")
     arm = Arm(told_obstacles=False)
 
 
 class RoverMpcLateral(RoverMpc):
     """As ``rover-mpc-unaware``, and of the intent only the track counts: the speed is that of the cruise."""
 
-    name = "rover-mpc-lateral"
+    declared = replace(RoverMpc.declared, name="rover-mpc-lateral")
     arm = Arm(told_obstacles=False, lateral_only=True)
 
 

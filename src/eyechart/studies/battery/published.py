@@ -204,8 +204,8 @@ class Published:
         return swap_test(real[have], mirrored[have], partner, seed=seed, resamples=self.how.resamples)
 
     def _gap_order(self) -> Statistic:
-        gaps, space = self.answers.gaps, self.answers.space
-        if gaps is None:
+        gaps, gap, space = self.answers.gaps, self.answers.gap, self.answers.space
+        if gaps is None or gap is None:
             return cannot_say(self.answers.no_gap)
         real = self.answers.actions("real")
         finite = gaps[np.isfinite(gaps)]
@@ -218,7 +218,8 @@ class Published:
             why = "the model never brakes or never proceeds"
             return replace(cannot_say(why, n, "median gap, proceed minus brake"), detail=detail)
         found = self._bootstrap_medians(capped, role == "proceed", role == "brake")
-        return replace(found, n=n, method=f"median gap, proceed minus brake; {found.method}", detail=detail)
+        method = f"median gap, proceed minus brake; {found.method}"
+        return replace(found, n=n, method=method, detail=detail, unit=gap.unit)
 
     def _diversity(self) -> Statistics:
         real = self.answers.actions("real")

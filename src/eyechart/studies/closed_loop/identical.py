@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from eyechart.episodes import Episode
-from eyechart.errors import EyechartError
+from eyechart.simulators import declared_by
 from eyechart.studies.closed_loop.reading import MODAL_CONSTANT, UNDECIDED, Driver, Drives, undecided_share
 from eyechart.studies.closed_loop.wording import wording
 
@@ -62,15 +62,9 @@ def _course(episode: Episode) -> list[tuple[float | None, ...]]:
 
 
 def commands_of(drives: Drives) -> Mapping[str, str]:
-    """Return what the simulator declares its actions to be in its own commands; empty where it declares nothing.
-
-    A simulator that is not installed here declares nothing: a run is scored anywhere.
-    """
-    try:
-        declared = getattr(drives.open_simulator(), "commands", None)
-    except EyechartError:
-        return {}
-    return dict(declared) if isinstance(declared, Mapping) else {}
+    """Return what the simulator declares its actions to be in its own commands; empty where it declares nothing."""
+    declared = declared_by(drives.driver.simulator)
+    return {} if declared is None else declared.commands
 
 
 def twins(drives: Sequence[Drives]) -> list[Twins]:

@@ -11,6 +11,7 @@ import numpy as np
 from eyechart.episodes import Episode
 from eyechart.errors import SpecError
 from eyechart.seeds import key_seed
+from eyechart.simulators import declared_by
 from eyechart.stats.agreement import rate
 from eyechart.stats.flips import sign_flip_test
 from eyechart.stats.paired import clopper_pearson, mcnemar_exact, paired_difference
@@ -51,16 +52,14 @@ class Outcomes:
         return episode.ended == "goal" or (episode.ended == "time" and not goal)
 
 
-GOAL_SIMULATORS = ("rover", "rover-mpc", "rover-mpc-unaware", "rover-mpc-lateral", "drone", "drone-pybullet")
-"""Simulators of which every drive has a goal, reached or not."""
-
-
 def outcomes_of(drives: Sequence[Drives]) -> Outcomes:
     """Return what counts as success in the worlds of these drives."""
     scenarios = set()
+    declared = {name: declared_by(name) for name in {one.driver.simulator for one in drives}}
+    goals = {name for name, one in declared.items() if one is not None and one.has_goal}
     for one in drives:
         for episode in one.episodes:
-            if episode.ended == "goal" or episode.key.simulator in GOAL_SIMULATORS:
+            if episode.ended == "goal" or episode.key.simulator in goals:
                 scenarios.add((episode.key.simulator, episode.key.scenario))
     return Outcomes(frozenset(scenarios))
 

@@ -45,7 +45,7 @@ def plan_ladder(  # noqa: PLR0913 - what a ladder can be asked for
     also raises.
     """
     actions = actions or (out / ACTION_MAP if (out / ACTION_MAP).is_file() else None)
-    space = open_simulator(simulator, actions=actions).action_space
+    space = open_simulator(simulator, actions=actions).declared.action_space
     return plan(
         simulator,
         (*ladder_policies(space), *further),

@@ -124,7 +124,7 @@ class Figures:
         errors = np.where(given, np.abs(np.array(told) - np.where(given, self._told.gap_m[self._frames], 0.0)), 0.0)
         found = self._interval(np.column_stack([errors, given]), ratio_of_sums, "gap_mae_m")
         worst = float(errors.max())
-        return replace(found, n=int(given.sum()), detail={"largest": worst})
+        return replace(found, n=int(given.sum()), detail={"largest": worst}, unit="m")
 
     def _pairs(self, name: str, equal: Callable[[Estimate, Estimate], bool]) -> Statistic:
         both = zip(self._real, self._mirrored, strict=True)

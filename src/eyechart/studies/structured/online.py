@@ -20,7 +20,7 @@ from eyechart.run import Progress
 from eyechart.simulators import open_simulator
 from eyechart.stats.agreement import rate
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.structured.vetting import VETTING, Vetted, read_vetting, vet_worlds, write_vetting
+from eyechart.studies.structured.vetting import Vetted, read_vetting, vet_worlds, write_vetting
 
 EPISODES = 12
 USUAL = Bounds()
@@ -56,10 +56,10 @@ def plan(  # noqa: PLR0913 - what an online run can be asked for
     """
     if episodes < 1:
         raise SpecError(f"an online run needs at least 1 episode, got {episodes}")
-    world = open_simulator(simulator)
-    choice = view or (CALIBRATED if simulator in VIEWS else NONE)
-    shown = view_for(choice, simulator)
-    prompt = scene_prompt(world.picture, distances_of(world.name), shown)
+    world = open_simulator(simulator).declared
+    choice = view or (CALIBRATED if world.camera in VIEWS else NONE)
+    shown = view_for(choice, world.camera or world.name)
+    prompt = scene_prompt(world.picture, distances_of(world.camera), shown)
 
     def planned(seeds: Sequence[int]) -> Episodes:
         return closed_loop.plan(simulator, specs, out, seeds=seeds, prompt=prompt, view=shown, seed=seed, probes=probes)
@@ -132,11 +132,6 @@ class OnlineScore:
             "refused": {f"{one.scenario}/{one.seed}": one.why for one in self.vetted if one.why is not None},
             "models": {spec: one.as_dict() for spec, one in self.driven.items()},
         }
-
-
-def is_online(path: Path) -> bool:
-    """Return whether a folder holds an online run."""
-    return (path / VETTING).is_file()
 
 
 def score(path: Path) -> OnlineScore:

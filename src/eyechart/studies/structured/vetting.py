@@ -16,7 +16,7 @@ from eyechart.errors import BankError, LedgerError, SpecError
 from eyechart.frames import RGB, Scalar, encode
 from eyechart.models.scripted import see
 from eyechart.perception.view import View
-from eyechart.simulators import Drive, Simulator, open_simulator
+from eyechart.simulators import Drive, HalfBlind, Simulator, open_simulator
 from eyechart.spaces.scene import Estimate, Scene
 
 VETTING = "vetting.json"
@@ -72,7 +72,7 @@ class _Checks:
         scene = reading.scene
         if mirrored is None or mirrored.scene != scene.mirrored():
             self._fail("positive control: the reflection is read differently")
-        self._compare(scene, drive.truth(), _unseen_sides(drive))
+        self._compare(scene, drive.truth(), drive.unseen_sides() if isinstance(drive, HalfBlind) else frozenset())
         action = Estimate.of(scene).act(scene.distances)
         self.actions[action] += 1
         return action
@@ -111,7 +111,7 @@ def vet(simulator: Simulator, scenario: str, seed: int, view: View | None) -> Ve
             if (pixels == pixels[0, 0]).all():
                 checks.failed = f"frame {checks.frames}: renderer integrity: the picture has one colour"
                 break
-            action = checks.look(drive, pixels, view, simulator.mirror_axis)
+            action = checks.look(drive, pixels, view, simulator.declared.mirror_axis)
             if action is None:
                 break
             moved = drive.step(action)
@@ -128,12 +128,6 @@ def vet(simulator: Simulator, scenario: str, seed: int, view: View | None) -> Ve
     return Vetted(scenario, seed, checks.frames, ended, dict(checks.actions), error_m, checks.failed, checks.unseen)
 
 
-def _unseen_sides(drive: Drive) -> frozenset[str]:
-    """Return the sides that are closed by nothing in the picture; a world from above shows what is beside it."""
-    ask: Callable[[], frozenset[str]] = getattr(drive, "unseen_sides", frozenset)
-    return ask()
-
-
 def vet_worlds(
     name: str, episodes: int, view: View | None, progress: Callable[[int, int], None] | None = None
 ) -> tuple[Vetted, ...]:
@@ -142,9 +136,9 @@ def vet_worlds(
     Raises SpecError where so many do not pass within ten seeds a scenario.
     """
     simulator = open_simulator(name)
-    share, rest = divmod(episodes, len(simulator.scenarios))
+    share, rest = divmod(episodes, len(simulator.declared.scenarios))
     found: list[Vetted] = []
-    for number, scenario in enumerate(simulator.scenarios):
+    for number, scenario in enumerate(simulator.declared.scenarios):
         wanted = share + (number < rest)
         for seed in range(_SEEDS_TRIED):
             if wanted == 0:

@@ -1,0 +1,84 @@
+"""JSON values compared key by key, and the list of what differs on purpose (`differences.toml` beside what is kept)."""
+
+import tomllib
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+Key = tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """What stands at a key in one value and otherwise, or not at all, in the other; ``kind`` is one of `KINDS`."""
+
+    key: Key
+    kind: str
+    old: object = None
+    new: object = None
+
+    def __str__(self) -> str:
+        """Return one line."""
+        place = " > ".join(self.key) or "all"
+        return f"{place}: {self.kind}, {_short(self.old)} → {_short(self.new)}"
+
+
+KINDS = ("added", "removed", "changed")
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """A difference on purpose: patterns of the answer's name and of each part of the key, its kind, and the reason."""
+
+    answer: str
+    key: Key
+    kind: str
+    reason: str
+
+    def covers(self, answer: str, found: Difference) -> bool:
+        """Return whether a difference of an answer is this one."""
+        return (
+            fnmatchcase(answer, self.answer)
+            and self.kind == found.kind
+            and len(self.key) == len(found.key)
+            and all(fnmatchcase(part, pattern) for part, pattern in zip(found.key, self.key, strict=True))
+        )
+
+
+def differences(old: object, new: object, key: Key = ()) -> Iterator[Difference]:
+    """Yield where two JSON values differ. Numbers are equal to the last bit and of one kind; NaN equals NaN."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        for name in [*old, *(name for name in new if name not in old)]:
+            if name not in new:
+                yield Difference((*key, name), "removed", old[name])
+            elif name not in old:
+                yield Difference((*key, name), "added", new=new[name])
+            else:
+                yield from differences(old[name], new[name], (*key, name))
+    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        for place, (one, other) in enumerate(zip(old, new, strict=True)):
+            yield from differences(one, other, (*key, str(place)))
+    elif type(old) is not type(new) or (old != new and not (old != old and new != new)):  # noqa: PLR0124 - NaN
+        yield Difference(key, "changed", old, new)
+
+
+def read_expected(path: Path) -> list[Expected]:
+    """Read the list of what differs on purpose; raises ValueError where an entry lacks something or is of no kind."""
+    listed = tomllib.loads(path.read_text(encoding="utf-8")).get("difference", [])
+    found = [Expected(one["answer"], tuple(one["key"]), one["kind"], one["reason"].strip()) for one in listed]
+    for one in found:
+        if one.kind not in KINDS or not one.reason:
+            raise ValueError(f"{path}: {one} needs a kind of {', '.join(KINDS)} and a reason")
+    return found
+
+
+def unexpected(answer: str, found: Iterable[Difference], expected: Iterable[Expected]) -> list[str]:
+    """Return the differences of an answer that no entry of the list covers, a line each."""
+    listed = list(expected)
+    return [str(one) for one in found if not any(entry.covers(answer, one) for entry in listed)]
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:77]}…"

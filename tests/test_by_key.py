@@ -1,0 +1,48 @@
+"""Values are compared key by key, and a list says which differences are on purpose."""
+
+from pathlib import Path
+
+import pytest
+
+from by_key import Difference, Expected, differences, read_expected, unexpected
+
+
+def test_equal_values_have_no_differences() -> None:
+    """NaN equals NaN, and the order of keys does not count."""
+    assert not list(differences({"a": [1, float("nan")], "b": None}, {"b": None, "a": [1, float("nan")]}))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line"),
+    [
+        ({"a": {"p": 0.1}}, {"a": {"p": 0.1 + 1e-17}}, "a > p: changed, 0.1 → 0.10000000000000002"),
+        ({"a": 1}, {"a": 1.0}, "a: changed, 1 → 1.0"),
+        ({"a": 1}, {"a": True}, "a: changed, 1 → True"),
+        ({"a": None}, {}, "a: removed, None → None"),
+        ({}, {"a": 3}, "a: added, None → 3"),
+        ([1, 2], [1, 3], "1: changed, 2 → 3"),
+        ([1, 2], [1], "all: changed, [1, 2] → [1]"),
+    ],
+)
+def test_a_difference_is_named_by_its_key(old: object, new: object, line: str) -> None:
+    """The last bit of a number counts, and so does its kind."""
+    assert [str(one) for one in differences(old, new)] == [line]
+
+
+def test_a_listed_difference_is_expected_at_its_key_and_of_its_kind_only() -> None:
+    """A pattern stands for one part of a key."""
+    listed = [Expected("score-*", ("models", "*", "level"), "added", "a statistic carries its level")]
+    level = Difference(("models", "scripted:depth", "level"), "added", new=0.95)
+    assert not unexpected("score-battery", [level], listed)
+    assert unexpected("costs-battery", [level], listed)
+    assert unexpected("score-battery", [Difference(("models", "level"), "added")], listed)
+    assert unexpected("score-battery", [Difference(level.key, "changed", 0.9, 0.95)], listed)
+
+
+def test_a_difference_without_a_reason_is_refused(tmp_path: Path) -> None:
+    """So is one of an unknown kind."""
+    path = tmp_path / "differences.toml"
+    for kind, reason in (("changed", " "), ("other", "why")):
+        path.write_text(f'[[difference]]\nanswer = "a"\nkey = ["b"]\nkind = "{kind}"\nreason = "{reason}"\n')
+        with pytest.raises(ValueError, match="needs a kind of added, removed, changed and a reason"):
+            read_expected(path)

@@ -1,0 +1,147 @@
+"""How the house is kept, measured over its source: what is too tangled, too wide, guessed at, or there twice.
+
+Each list of exceptions is exact: what is mended is taken out of it, and nothing is added.
+"""
+
+import ast
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from radon.complexity import cc_visit
+from radon.visitors import Class, Function
+
+SOURCE = Path(__file__).parents[1] / "src"
+TEXTS = {
+    path.relative_to(SOURCE / "eyechart").as_posix(): path.read_text(encoding="utf-8")
+    for path in sorted((SOURCE / "eyechart").rglob("*.py"))
+}
+
+COMPLEXITY = 20
+"""The most ways through a function; more is radon's rank D."""
+
+TANGLED = {
+    "calibrate/tally.py: tally",
+    "episodes/planning.py: plan",
+    "importing/columns.py: read_truth",
+    "spaces/scene.py: _only_one",
+    "studies/closed_loop/repeated.py: repeated_requests",
+    "studies/guardian/runs.py: votes_of_run",
+}
+
+PARAMETERS = 8
+"""The most parameters of a function, but of a command, whose parameters are its options."""
+
+WIDE = {
+    "api.py: run_battery",
+    "episodes/planning.py: plan",
+    "studies/battery/planning.py: plan",
+    "studies/closed_loop/laddering.py: plan_ladder",
+    "studies/prompts.py: plan",
+    "studies/structured/online.py: plan",
+}
+
+OTHERS = {
+    "cli/drive.py: hasattr(os, 'sched_getaffinity')",
+    "importing/pictures.py: getattr(opened, 'n_frames', 1)",
+    "models/huggingface/checkpoint.py: getattr(processor, 'chat_template', None)",
+    "models/huggingface/checkpoint.py: getattr(processor, 'image_processor', None)",
+    "models/huggingface/checkpoint.py: getattr(processor, 'tokenizer', None)",
+    "models/ollama.py: getattr(error, 'reason', error)",
+    "models/python_callable.py: getattr(module, '__file__', None)",
+    "report/film.py: getattr(av, 'codecs_available', set())",
+    "simulators/gym/drive.py: getattr(self._env.unwrapped, 'np_random', None)",
+    "simulators/gym/drive.py: hasattr(self._env.unwrapped, 'enable_auto_render')",
+}
+"""Members of other people's objects, which differ by platform, version or kind."""
+
+LINES, COPIED = 6, 0.0065
+"""The largest share of lines that stand in a run of so many lines that is there twice, word for word."""
+
+
+def functions() -> Iterator[tuple[str, ast.FunctionDef | ast.AsyncFunctionDef]]:
+    """Yield every function of the house with its module."""
+    for module, text in TEXTS.items():
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                yield module, node
+
+
+def blocks(found: list[Function | Class]) -> Iterator[Function]:
+    """Yield the functions among what radon found, those of classes and in functions too."""
+    for block in found:
+        if isinstance(block, Class):
+            yield from blocks([*block.methods, *block.inner_classes])
+        else:
+            yield block
+            yield from blocks(block.closures)
+
+
+def compare(found: set[str], listed: set[str], what: str) -> None:
+    """Fail with what is new and with what is mended."""
+    new, gone = sorted(found - listed), sorted(listed - found)
+    assert not new, f"{what}: {new}"
+    assert not gone, f"mended, so take it out of the list of {what}: {gone}"
+
+
+def test_no_function_is_tangled() -> None:
+    """Not by radon's measure."""
+    found = {
+        f"{module}: {block.name}"
+        for module, text in TEXTS.items()
+        for block in blocks(cc_visit(text))
+        if block.complexity > COMPLEXITY
+    }
+    compare(found, TANGLED, f"more than {COMPLEXITY} ways through a function")
+
+
+def test_no_function_takes_more_parameters_than_one_can_hold() -> None:
+    """A command is no exception by size but by kind: its parameters are the options of the command line."""
+    found = set()
+    for module, node in functions():
+        given = node.args
+        named = [one.arg for one in (*given.posonlyargs, *given.args, *given.kwonlyargs)]
+        if named[:1] in (["self"], ["cls"]):
+            named = named[1:]
+        if len(named) + bool(given.vararg) + bool(given.kwarg) > PARAMETERS and not module.startswith("cli/"):
+            found.add(f"{module}: {node.name}")
+    compare(found, WIDE, f"more than {PARAMETERS} parameters")
+
+
+def test_no_door_is_guessed_at() -> None:
+    """What may be asked of an object stands in its Protocol."""
+    found = set()
+    for module, text in TEXTS.items():
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+                named = len(node.args) > 1 and isinstance(node.args[1], ast.Constant)
+                if node.func.id == "hasattr" or (node.func.id == "getattr" and named):
+                    found.add(f"{module}: {ast.unparse(node)}")
+    compare(found, OTHERS, "members that no door declares")
+
+
+def test_hardly_a_line_is_there_twice() -> None:
+    """The places are named, those with most lines first."""
+    places: dict[tuple[str, ...], list[tuple[str, int]]] = defaultdict(list)
+    for module, text in TEXTS.items():
+        lines = [line.strip() for line in text.splitlines()]
+        for at in range(len(lines) - LINES + 1):
+            if all(lines[at : at + LINES]):
+                places[tuple(lines[at : at + LINES])].append((module, at))
+    twice = {
+        (module, at + n) for found in places.values() if len(found) > 1 for module, at in found for n in range(LINES)
+    }
+    total = sum(len(text.splitlines()) for text in TEXTS.values())
+    by_module: dict[str, list[int]] = defaultdict(list)
+    for module, line in sorted(twice):
+        by_module[module].append(line + 1)
+    most = sorted(by_module.items(), key=lambda one: -len(one[1]))[:8]
+    named = "\n".join(f"{module}: lines {lines}" for module, lines in most)
+    assert len(twice) / total <= COPIED, f"{len(twice)} of {total} lines are copies:\n{named}"
+
+
+@pytest.mark.parametrize("word", ["utils", "common", "base", "manager", "helper", "helpers", "misc"])
+def test_no_module_is_named_for_nothing(word: str) -> None:
+    """A module is named for the noun that it holds."""
+    assert not [module for module in TEXTS if word in Path(module).stem.split("_")]

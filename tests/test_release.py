@@ -1,0 +1,58 @@
+"""The version is one, wherever it is said."""
+
+import re
+import tomllib
+from pathlib import Path
+
+from eyechart import __version__
+
+ROOT = Path(__file__).parents[1]
+VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+HEADS = re.findall(r"^## (\S+) \((.+)\)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+
+
+def test_what_is_installed_is_this_checkout() -> None:
+    """Where this fails, install it again: make test does it, or pip install --no-deps -e ."""
+    assert __version__ == VERSION, f"installed is {__version__}, and pyproject.toml says {VERSION}: install it again"
+
+
+def test_the_changelog_begins_with_this_version() -> None:
+    """One in the making is unreleased; a release has its date."""
+    version, when = HEADS[0]
+    assert version == VERSION.partition(".dev")[0]
+    assert bool(re.fullmatch(r"\d{4}-\d\d-\d\d", when)) == (".dev" not in VERSION), when
+    assert when == "unreleased" or ".dev" not in VERSION
+
+
+def test_every_earlier_version_in_the_changelog_has_a_date_and_is_kept() -> None:
+    """What it made lies in tests/old."""
+    assert HEADS[1:]
+    for version, when in HEADS[1:]:
+        assert re.fullmatch(r"\d{4}-\d\d-\d\d", when), (version, when)
+        assert (ROOT / "tests" / "old" / version / "answers").is_dir(), f"{version} is not kept: tests/old/make.py"
+
+
+def test_a_citation_names_the_last_release() -> None:
+    """While a version is in the making, it is the one before."""
+    cited = re.search(r"^version: (\S+)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.MULTILINE)
+    assert cited
+    assert cited[1] == (HEADS[1][0] if ".dev" in VERSION else VERSION)
+
+
+def test_the_workflows_only_call_make() -> None:
+    """Each step is one target of the Makefile, so that what fails there can be run here."""
+    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    flows = [path.read_text(encoding="utf-8") for path in (ROOT / ".github" / "workflows").glob("*.yml")]
+    steps = [step for text in flows for step in re.findall(r"^ *(?:- )?run: *(.*)$", text, re.MULTILINE)]
+    assert steps
+    assert set(steps) <= {f"make {target}" for target in targets}
+
+
+def test_the_classifiers_name_the_versions_that_are_tested() -> None:
+    """No more and no fewer."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    said = [one.rpartition(" ")[2] for one in project["classifiers"] if re.search(r":: 3\.\d+$", one)]
+    flow = (ROOT / ".github" / "workflows" / "checks.yml").read_text(encoding="utf-8")
+    listed = re.search(r"python: \[(.*)\]", flow)
+    assert listed
+    assert said == re.findall(r"3\.\d+", listed[1])
