@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from eyechart.conditions import CONDITIONS
+from eyechart.conditions import OF_BANKS
 from eyechart.integrity import Guard
 from eyechart.report.charts import Drawing
 from eyechart.spaces.discrete import Discrete
@@ -158,7 +158,7 @@ def _unasked(run: Evidence) -> list[str]:
     _, why = conditions_of(bank, manifest.prompt)
     lines = [
         f"condition {name} was not asked: {why.get(name, 'it was not chosen')}"
-        for name in CONDITIONS
+        for name in OF_BANKS
         if name not in manifest.conditions
     ]
     if len(run.frames) < len(bank):
