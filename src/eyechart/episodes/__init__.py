@@ -9,12 +9,14 @@ from eyechart.episodes.running import Bounds
 from eyechart.episodes.showing import SHOWN
 from eyechart.episodes.summary import Row, summarise
 from eyechart.episodes.unfinished import Unfinished, every_episode, unfinished
+from eyechart.episodes.worlds import MAX_STEPS, Setup
 
 __all__ = [
     "ACTION_MAP",
     "ENGINES",
     "EPISODES",
     "FORMAT",
+    "MAX_STEPS",
     "SHOWN",
     "SILENCES",
     "STUDY",
@@ -24,6 +26,7 @@ __all__ = [
     "Episodes",
     "EpisodesManifest",
     "Row",
+    "Setup",
     "Step",
     "Unfinished",
     "every_episode",
