@@ -13,8 +13,9 @@ from pathlib import Path
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
+from eyechart.report.battery_page import make_page
 from eyechart.report.evidence import read_evidence
-from eyechart.report.page import make_page, write_page
+from eyechart.report.page import write_page
 from eyechart.studies import battery
 
 CONTROLLERS = ("constant", "presence", "scene_only", "crash_colour", "depth", "depth_lateral")

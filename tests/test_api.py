@@ -21,8 +21,8 @@ from eyechart.calls import Query, Reply
 from eyechart.errors import LedgerError, SpecError
 from eyechart.manifest import LEDGER
 from eyechart.modes import RequestMode
+from eyechart.report.battery_page import make_page
 from eyechart.report.evidence import evidence_of, find_pictures
-from eyechart.report.page import make_page
 from eyechart.spaces.discrete import READER
 from eyechart.stats.statistic import Statistic
 from eyechart.studies import battery

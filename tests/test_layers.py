@@ -26,7 +26,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("frames",),
     ("spaces",),
     ("stats", "cameras"),
-    ("errors", "seeds"),
+    ("errors", "seeds", "records"),
 )
 """Top to bottom. A name is a module or a package of ``eyechart``.
 
@@ -81,7 +81,7 @@ ASSEMBLED = {
 ALLOWED_FROM_ANYWHERE = {"eyechart"}
 """``eyechart`` itself holds the version and imports nothing of the tree."""
 
-DOORS = {"models", "simulators", "policies"}
+DOORS = {"models", "simulators", "policies", "studies"}
 """Packages whose ``__init__`` is the floor of their modules: the Protocol, and the registry that opens them by name."""
 
 OPENS_BY_NAME = {
@@ -90,6 +90,7 @@ OPENS_BY_NAME = {
     "eyechart.models.python_callable",
     "eyechart.policies",
     "eyechart.simulators",
+    "eyechart.studies",
     "eyechart.importing.parquet",
 }
 """The only modules that import by a name that is not written as an import: registries, extras, and a user's own."""

@@ -96,7 +96,7 @@ def test_the_audit_prints_the_papers_table_and_names_a_cache(constants: Path, tm
     """Exit 1 where one is suspected, 0 where drives converge or alias for good reason."""
     told = say("audit", constants)
     assert told.exit_code == 0
-    for words in ("Degeneracy audit (Table t:degeneracy)", "gap in quartiles", "Decision-level replay", "constant"):
+    for words in ("degeneracy audit (Table t:degeneracy)", "gap in quartiles", "Decision-level replay", "constant"):
         assert words in told.stdout
     episodes = [*drive("a", tossing("x")), *drive("b", tossing("x"))]
     run = make_run(tmp_path / "cached", episodes, models=["a", "b"])

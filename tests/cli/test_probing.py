@@ -250,6 +250,8 @@ def test_a_prompt_study_probes_once_for_all_of_its_cells(bank: FrameBank, tmp_pa
         made = cells[0].probes["openai:m"].calls
         assert server.requests == made + 8
         assert {one.mode("openai:m").structured for one in cells} == {"none"}
+        took = json.loads(call("costs", tmp_path / "study", "--json").stdout)
+        assert took["probes"]["openai:m"]["calls"] == made
         assert call(*words, "--prompt", "baseline").exit_code == 0
         assert server.requests == made + 12
         asked = {json.dumps(one["messages"][0]["content"]) for one in server.asked if "messages" in one}

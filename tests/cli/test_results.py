@@ -10,8 +10,8 @@ import stand_ins
 from eyechart import models
 from eyechart.cli.app import app
 from eyechart.limits import Limits
+from eyechart.report.battery_page import make_page
 from eyechart.report.evidence import read_evidence
-from eyechart.report.page import make_page
 from eyechart.studies import battery
 
 

@@ -13,8 +13,9 @@ from drives import always, by_depth, drive, make_run
 from eyechart.errors import LedgerError, OutputError, SpecError
 from eyechart.report import drives_browser, film
 from eyechart.report.drives_page import make_drives_page
-from eyechart.report.drives_sheets import write_drives_sheets
 from eyechart.report.page import Page
+from eyechart.report.rungs import tables_of
+from eyechart.report.table import write_tables
 from eyechart.simulators import SIMULATORS
 from eyechart.studies.closed_loop import read_drives, score
 from eyechart.studies.closed_loop.replaying import episode_id, find_episode
@@ -154,9 +155,9 @@ def test_a_film_says_what_is_wrong_with_it(run: Path, tmp_path: Path, monkeypatc
 def test_tables_of_drives_hold_every_number(tmp_path: Path) -> None:
     """CSV, Markdown and LaTeX of the ladder, the paired differences and the audit."""
     made = make_run(tmp_path / "run", [*drive("oracle", by_depth), *drive("constant:SLOW", always("SLOW"))])
-    files = write_drives_sheets(score(made, resamples=200), tmp_path / "tables")
+    files = write_tables(tables_of(score(made, resamples=200)), tmp_path / "tables")
     names = {file.name for file in files}
-    tables = ("ladder", "paired", "audit", "degeneracy")
+    tables = ("baselines", "ladder", "ladder_summary", "less_reference_1", "paired", "audit", "degeneracy", "replay")
     assert {f"{name}.{kind}" for name in tables for kind in ("csv", "md", "tex")} == names
     ladder = (tmp_path / "tables" / "ladder.csv").read_text()
     assert "highway,constant:SLOW,real,,distance_m,400.0" in ladder

@@ -13,7 +13,8 @@ from eyechart.calls import Query, Reply
 from eyechart.report.comparisons import pair_counts, pair_words
 from eyechart.report.drawing import plain
 from eyechart.report.evidence import Subject, read_evidence, subjects
-from eyechart.report.figures import figures, write_figures
+from eyechart.report.figures import figures
+from eyechart.report.page import write_figures
 from report_runs import Reported, make_run
 
 SVG = "{http://www.w3.org/2000/svg}"

@@ -28,8 +28,8 @@ def test_what_was_missed_is_shown_with_its_views_and_votes(bank: FrameBank, tmp_
     chosen, rest = table.frames[:12], table.frames[12:]
     frozen = study.fit(table.keep(chosen), size=1)
     found = study.score(frozen, table.keep(rest), enumerate_up_to=0)
-    html = guardian_page(found, bank).decode()
-    assert guardian_page(found, bank).decode() == html
+    html = guardian_page(found, bank).html.decode()
+    assert guardian_page(found, bank).html.decode() == html
     assert len(found.missed) == int(table.keep(rest).hazard.sum()) > 0
     assert len(re.findall(r'src="data:image/webp;base64,', html)) == 2 * len(found.missed)
     assert len(re.findall(r'<tr class="missed">', html)) == len(found.missed)
@@ -37,7 +37,7 @@ def test_what_was_missed_is_shown_with_its_views_and_votes(bank: FrameBank, tmp_
         assert frame in html
     assert "original: voter:never clear" in html
     assert "Cannot say: no episodes were kept for a bound" in html
-    without = guardian_page(found, None).decode()
+    without = guardian_page(found, None).html.decode()
     assert "data:image" not in without
     assert "shown where the bank is given with --frames" in without
 
@@ -79,7 +79,7 @@ def test_nothing_on_it_is_fetched_or_runs(bank: FrameBank, tmp_path: Path) -> No
     named = replace(table, models=(evil,), about=study.About())
     frozen = study.fit(named.keep(named.frames[:12]), size=1)
     found = study.score(frozen, named.keep(named.frames[12:]), enumerate_up_to=0)
-    html = guardian_page(found, bank).decode()
+    html = guardian_page(found, bank).html.decode()
     assert "<script" not in html
     assert "m&lt;script&gt;" in html
     assert "default-src &#39;none&#39;" in html

@@ -22,10 +22,10 @@ from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, write_run
 from eyechart.models import ADAPTERS
 from eyechart.report import pictures
-from eyechart.report.assets import embedded_json
+from eyechart.report.battery_page import make_page
 from eyechart.report.browser import LONGEST, collect_texts, frames_shown
 from eyechart.report.evidence import read_evidence, subjects
-from eyechart.report.page import make_page
+from eyechart.report.page import embedded_json
 from eyechart.report.pictures import LEFT_OUT, encode_small, make_album
 from eyechart.studies import battery as study
 from report_runs import HOSTILE, LONG, Reported, data_of, make_run, report

@@ -6,22 +6,29 @@ from pathlib import Path
 
 import pytest
 
-from eyechart.report.evidence import Subject, read_evidence, subjects
-from eyechart.report.sheets import Sheet, frontier_sheet, statistics_sheet, verdict_sheet, write_sheets
+from eyechart.report.evidence import read_evidence, subjects
+from eyechart.report.table import Column, Table, write_tables
+from eyechart.report.tables import Judged, frontier_table, judged_of, statistics_table, tables_of, verdict_table
 from report_runs import Reported
 
-COLUMNS = (("name", "text"), ("value", "number"), ("interval", "interval"), ("n", "count"), ("p", "p"))
+COLUMNS = (
+    Column("name"),
+    Column("value", "number"),
+    Column("interval", "interval"),
+    Column("n", "count"),
+    Column("p", "p"),
+)
 
 
-def sheet(name: str) -> Sheet:
+def sheet(name: str) -> Table:
     """Return a sheet with one row."""
-    return Sheet("s", "caption", COLUMNS, ((name, -0.123456789, (-0.5, 0.25), 7, 0.00001),))
+    return Table("s", "caption", COLUMNS, ((name, -0.123456789, (-0.5, 0.25), 7, 0.00001),))
 
 
 @pytest.fixture(scope="module")
-def everyone(hostile: Reported) -> list[Subject]:
+def everyone(hostile: Reported) -> list[Judged]:
     """Return the two models of the hostile run."""
-    return subjects(read_evidence([hostile.run]))
+    return judged_of(subjects(read_evidence([hostile.run])))
 
 
 @pytest.mark.parametrize("name", ["=1+1", "+cmd", "-x", "@SUM(A1)", "\t=1", "\r=1", "  =1"])
@@ -60,34 +67,37 @@ def test_latex_escapes_every_special_sign() -> None:
 
 def test_cannot_say_is_a_dash_for_people_and_nothing_for_programs() -> None:
     """Never a zero."""
-    empty = Sheet("s", "caption", COLUMNS, (("a", None, None, None, None),))
+    empty = Table("s", "caption", COLUMNS, (("a", None, None, None, None),))
     assert list(csv.reader(io.StringIO(empty.csv())))[1] == ["a", "", "", "", "", ""]
     assert empty.markdown().splitlines()[-1] == "| a | — | — | — | — |"
     assert "a & --- & --- & --- & ---" in empty.latex()
 
 
-def test_the_sheets_hold_the_run(everyone: list[Subject]) -> None:
+def test_the_sheets_hold_the_run(everyone: list[Judged]) -> None:
     """A row a model, a row a statistic, and the paper's table with a column a model."""
-    verdicts = verdict_sheet(everyone).rows
-    assert [row[:2] for row in verdicts] == [(who.label, who.verdict.calibrated.label) for who in everyone]
-    statistics = statistics_sheet(everyone).rows
-    assert len(statistics) == sum(len(who.model.statistics) for who in everyone)
+    verdicts = verdict_table(everyone).rows
+    assert [row[:2] for row in verdicts] == [(label, verdict.calibrated.label) for label, _, verdict in everyone]
+    statistics = statistics_table(everyone).rows
+    assert len(statistics) == sum(len(model.statistics) for _, model, _ in everyone)
     for who_name, name, value, interval, level, n, p, *_ in statistics:
-        found = next(who for who in everyone if who.label == who_name).model.statistics[name]
+        found = next(model for label, model, _ in everyone if label == who_name).statistics[name]
         assert (value, interval, n, p) == (found.value, found.ci, found.n, found.p)
         assert (level == "") == (found.ci is None)
     levels = {row[1]: row[4] for row in statistics}
     assert (levels["unparsed_rate"], levels["unparsed_reference"]) == ("95 %", "98 %")
-    frontier = frontier_sheet(everyone)
-    assert [name for name, _ in frontier.columns] == ["metric", *(who.label for who in everyone)]
-    assert frontier.rows[-1] == ("verdict (calibrated)", *(who.verdict.calibrated.label for who in everyone))
+    frontier = frontier_table(everyone)
+    assert frontier.names == ["metric", *(label for label, _, _ in everyone)]
+    assert frontier.texts()[-1] == [
+        "verdict (calibrated)",
+        *(f"{verdict.calibrated.label}{' !' if verdict.failed else ''}" for _, _, verdict in everyone),
+    ]
 
 
-def test_sheets_are_written_in_three_formats(everyone: list[Subject], tmp_path: Path) -> None:
+def test_sheets_are_written_in_three_formats(everyone: list[Judged], tmp_path: Path) -> None:
     """Verdicts, frontier and statistics, the same bytes each time."""
-    written = write_sheets(everyone, tmp_path / "a")
+    written = write_tables(tables_of(everyone), tmp_path / "a")
     assert {path.name for path in written} == {
         f"{name}.{suffix}" for name in ("verdicts", "frontier", "statistics") for suffix in ("csv", "md", "tex")
     }
-    again = write_sheets(everyone, tmp_path / "b")
+    again = write_tables(tables_of(everyone), tmp_path / "b")
     assert [path.read_bytes() for path in written] == [path.read_bytes() for path in again]

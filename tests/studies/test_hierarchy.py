@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from rich.table import Table
 
 import planners
 from eyechart.calls import Reply
@@ -18,7 +17,8 @@ from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER
 from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import RequestMode
-from eyechart.report.hierarchy import against_table, completion_table, intent_table, source_table
+from eyechart.report.hierarchy import TITLES, against_table, completion_table, intent_table, source_table
+from eyechart.report.table import Table
 from eyechart.studies import hierarchy
 from eyechart.studies.hierarchy import HierarchyScore, Part, Source, planning, running, score, scoring
 from faults import FaultServer
@@ -104,10 +104,8 @@ def failed(tmp_path_factory: pytest.TempPathFactory) -> HierarchyScore:
 
 
 def cells(table: Table) -> dict[str, dict[str, str]]:
-    """Return a table's cells by row and column; the last of two columns of one name."""
-    names = [str(column.header) for column in table.columns]
-    rows = zip(*(list(column.cells) for column in table.columns), strict=True)
-    return {str(row[0]): dict(zip(names, map(str, row), strict=True)) for row in rows}
+    """Return a table's cells by row and column."""
+    return {row[0]: dict(zip(table.names, row, strict=True)) for row in table.texts()}
 
 
 def goals(studied: HierarchyScore, part: str, policy: str, condition: str = "real") -> tuple[int, int]:
@@ -216,7 +214,7 @@ def test_a_planner_that_fails_ends_in_logged_stops_that_are_no_intents_of_its_ow
     assert row.no_decision == {why: len(silent)}
     assert (row.intents["STOP"], row.emitted) == (0, len(drives.steps) - len(silent))
     assert row.stop_share.value == (None if name == "garbled" else 0.0)
-    shown = cells(intent_table(failed.sources, primary=True))[own(name)]
+    shown = cells(intent_table(failed.sources, "primary"))[own(name)]
     assert (shown["intents"], shown["fail-safe"], shown["no decision"]) == (
         str(row.emitted),
         str(len(silent)),
@@ -233,7 +231,7 @@ def test_solver_failures_are_counted_and_shown(studied: HierarchyScore) -> None:
     worse = replace(drives, episodes=(replace(episode, steps=(*steps, *episode.steps[3:])),))
     row = HierarchyScore({"primary": (worse,)}).sources[0]
     assert row.solver_failures == 6
-    assert cells(intent_table([row], primary=True))[row.name]["solver failed"] == "6"
+    assert cells(intent_table([row], "primary"))[row.name]["solver failed"] == "6"
 
 
 def test_what_every_episode_shares_has_no_interval(studied: HierarchyScore) -> None:
@@ -254,19 +252,19 @@ def test_nothing_is_concluded_of_a_model_that_did_not_drive_with_real_pictures(s
 
 def test_the_tables_hold_every_source_once(studied: HierarchyScore) -> None:
     """Beside the paper's where it prints one; the controller alone is what the others are held against."""
-    first, second = (cells(source_table(studied.sources, primary=primary)) for primary in (True, False))
+    first, second = (cells(source_table(studied.sources, name)) for name in TITLES)
     assert len(first) + len(second) == len(studied.sources)
     assert {"MPC-only", "constant STRAIGHT", f"{SEEING}, blank"} <= first.keys()
     assert {"mpc-blind", "oracle, lateral intent, mirrored", f"{SEEING}, lateral intent, mirrored"} <= second.keys()
-    assert first["MPC-only"]["paper"] == "95.6"
-    assert {name: row for name, row in first["MPC-only"].items() if name not in {"intent source", "paper"}}.items() <= (
-        first["constant STRAIGHT"].items()
-    )
+    assert first["MPC-only"]["paper's dist."] == "95.6"
+    assert {
+        name: row for name, row in first["MPC-only"].items() if name != "intent source" and "paper" not in name
+    }.items() <= (first["constant STRAIGHT"].items())
     against = cells(against_table(studied.against_mpc_only))
     assert len(against) == len(studied.against_mpc_only) == 6
     assert {"oracle intent", "constant STOP", f"{SEEING}, blank"} <= against.keys()
     assert {one.second.policy for one in studied.against_mpc_only} == {MPC_ONLY}
-    assert completion_table(studied.completions).row_count == len(studied.completions) == 4
+    assert len(completion_table(studied.completions).rows) == len(studied.completions) == 4
     for one in studied.sources:
         drives = next(each for each in studied.drives[one.part] if each.driver == one.driver)
         assert one.emitted + one.fail_safe == len(drives.steps)

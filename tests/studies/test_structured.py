@@ -28,6 +28,7 @@ from eyechart.studies import battery, structured
 from eyechart.studies.structured import EstimatorScore, StructuredScore
 from eyechart.studies.structured.figures import Figures, How
 from eyechart.studies.structured.planning import choose
+from eyechart.studies.structured.study import Structured
 from eyechart.studies.structured.told import is_close
 
 SPECS = [f"scripted:{name}" for name in ESTIMATORS]
@@ -180,7 +181,7 @@ def test_a_run_of_another_study_is_refused_by_name(
     battery.run(battery.plan(bank.root, ["scripted:constant"], tmp_path / "battery", conditions=["real"], limit=4))
     with pytest.raises(LedgerError, match="a run of the study 'battery', not one of admission, structured"):
         structured.score(tmp_path / "battery")
-    kinds = [structured.is_structured(one) for one in (folder, tmp_path / "battery", tmp_path / "nothing")]
+    kinds = [Structured().holds(one) for one in (folder, tmp_path / "battery", tmp_path / "nothing")]
     assert kinds == [True, False, False]
 
 

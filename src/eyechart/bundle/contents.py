@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -15,12 +15,15 @@ from eyechart.errors import BundleError
 from eyechart.frames import FrameBank
 from eyechart.ledger import SINCE_FORMAT_3, Ledger
 from eyechart.manifest import LEDGER, RunManifest
+from eyechart.report.battery_page import make_page
 from eyechart.report.estimates import estimates_of, estimators
 from eyechart.report.estimates_page import make_estimates_page
-from eyechart.report.estimates_sheets import estimates_files
 from eyechart.report.evidence import SHOWN, Tell, evidence_of, subjects
-from eyechart.report.page import Page, make_page
-from eyechart.report.sheets import sheet_files
+from eyechart.report.page import Page
+from eyechart.report.structured import scored_of
+from eyechart.report.structured import tables_of as tables_of_estimates
+from eyechart.report.table import Table, files_of
+from eyechart.report.tables import judged_of, tables_of
 from eyechart.spaces.discrete import READER
 from eyechart.spaces.scene import SCENE_READER
 from eyechart.studies import structured
@@ -125,18 +128,18 @@ def derive(
         told = structured.score_run(manifest, banks[0], ledger_path, resamples=recipe.resamples)
         estimates = estimates_of(recipe.name, told, ledger_path, banks[1], SHOWN)
         results = _results(told, ledger_path, {})
-        tables = estimates_files(estimators([estimates]))
+        tables = tables_of_estimates(scored_of(estimators([estimates])))
         return _derived(told, results, make_estimates_page([estimates], tell=tell), tables)
     scored = score_run(manifest, banks[0], ledger_path, resamples=recipe.resamples, independent=recipe.independent)
     evidence = evidence_of(recipe.name, scored, ledger_path, banks[1], SHOWN)
     results = _results(scored, ledger_path, {spec: one.as_dict() for spec, one in evidence.verdicts.items()})
-    return _derived(scored, results, make_page([evidence], tell=tell), sheet_files(subjects([evidence])))
+    return _derived(scored, results, make_page([evidence], tell=tell), tables_of(judged_of(subjects([evidence]))))
 
 
 def _derived(
-    score: BatteryScore | StructuredScore, results: dict[str, object], page: Page, tables: Mapping[str, bytes]
+    score: BatteryScore | StructuredScore, results: dict[str, object], page: Page, tables: Sequence[Table]
 ) -> Derived:
-    sheets = {f"{TABLES}{name}": content for name, content in tables.items()}
+    sheets = {f"{TABLES}{name}": content for name, content in files_of(tables).items()}
     return Derived(score, results, {RESULTS: as_json(results), REPORT: page.html, README: _HOW.encode(), **sheets})
 
 

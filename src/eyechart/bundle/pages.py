@@ -15,7 +15,7 @@ from eyechart.bundle.comparing import (
     same_drawing,
     skeleton,
 )
-from eyechart.report.assets import embedded_json
+from eyechart.report.page import embedded_json
 
 _DATA = re.compile(r'(<script type="application/json" id="data">)(.*?)(</script>)', re.DOTALL)
 _VOID = {"meta", "img", "input", "br", "link", "hr"}

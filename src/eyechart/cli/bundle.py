@@ -23,14 +23,9 @@ def bundle(
     The same run gives the same bytes. Example: eyechart bundle run --out run.zip
     """
     from eyechart.bundle import write_bundle
-    from eyechart.errors import BundleError
-    from eyechart.studies import hierarchy
+    from eyechart.studies import study_of
 
-    if parts := hierarchy.runs_of(run):
-        raise BundleError(
-            f"{run} is a study of the hierarchy ({', '.join(parts)}): no bundle holds runs of episodes; "
-            f"'eyechart report {run} --out page.html' shows all of it in one file"
-        )
+    study_of(run, "bundle")
     with patience("bundle") as tell:
         count = write_bundle(
             run, out, banks=() if frames is None else (frames,), independent=independent, reread=reread, tell=tell

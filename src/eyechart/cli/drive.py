@@ -610,17 +610,12 @@ def _watched(part: str) -> "Iterator[Callable[[int, int], None]]":
 
 def print_hierarchy(found: "HierarchyScore") -> None:
     """Print both ablations, the tests against the controller alone, the positive control, and the words."""
-    from eyechart.report.hierarchy import against_table, completion_table, intent_table, source_table
+    from eyechart.report.hierarchy import tables_of
     from eyechart.report.rungs import unfinished_words
 
     console = table_console(160)
-    console.print(source_table(found.sources, primary=True))
-    console.print(intent_table(found.sources, primary=True))
-    console.print(against_table(found.against_mpc_only))
-    console.print(source_table(found.sources, primary=False))
-    console.print(intent_table(found.sources, primary=False))
-    if found.completions:
-        console.print(completion_table(found.completions))
+    for table in tables_of(found):
+        console.print(table)
     if found.oracle_mirrored is not None:
         goals = found.oracle_mirrored.differences["success_rate"]
         shown = "—" if goals.value is None else f"{100 * goals.value:+.0f} points"
@@ -647,7 +642,7 @@ def ladder_dict(scored: "ClosedLoopScore") -> dict[str, object]:
 
 def print_ladder(scored: "ClosedLoopScore") -> None:
     """Print the ladder, the paper's beside it, what differs, the paired differences and the identical rows."""
-    from eyechart.report.rungs import ladder_table, paired_table, paper_table, paper_words
+    from eyechart.report.rungs import ladder_table, paper_table, paper_words, reference_tables
     from eyechart.studies.closed_loop.published import beside_paper
 
     console = table_console(160)
@@ -657,10 +652,8 @@ def print_ladder(scored: "ClosedLoopScore") -> None:
         for line in paper_words(beside, scored.ladder):
             console.print(line, markup=False)
         console.print(f"Why, row by row: {DOCS}.", markup=False)
-    for name, reference in scored.references.items():
-        mine = [one for one in scored.paired if one.first.simulator == name]
-        title = f"{name}: policy less {reference.label}, same worlds; p after Holm"
-        console.print(paired_table(mine, title, scored.caveat))
+    for table in reference_tables(scored):
+        console.print(table)
     print_twins(scored)
 
 
@@ -676,7 +669,14 @@ def print_twins(scored: "ClosedLoopScore") -> None:
 
 def print_drives(scored: "ClosedLoopScore") -> None:
     """Print all that ``eyechart score`` prints of a run of episodes."""
-    from eyechart.report.rungs import blind_table, degeneracy_table, degeneracy_words, replay_table, unfinished_words
+    from eyechart.report.rungs import (
+        blind_table,
+        degeneracy_table,
+        degeneracy_words,
+        long_tables,
+        replay_table,
+        unfinished_words,
+    )
 
     print_ladder(scored)
     console = table_console(160)
@@ -691,3 +691,5 @@ def print_drives(scored: "ClosedLoopScore") -> None:
         console.print(line, markup=False)
     if scored.replays:
         console.print(replay_table(scored.replays))
+    for table in long_tables(scored):
+        console.print(table)

@@ -393,12 +393,13 @@ def _part(table: "VoteTable", name: str) -> "VoteTable":
 
 def _write_page(found: "GuardianScore", frames: Path | None, out: Path) -> None:
     from eyechart.frames import open_bank
-    from eyechart.report.guardian_page import write_guardian_page
+    from eyechart.report.guardian_page import guardian_page
+    from eyechart.report.page import write_page
 
     bank = None if frames is None else open_bank(frames)
     if bank is not None:
         found.frozen.may_show(bank)
-    write_guardian_page(found, bank, out)
+    write_page(guardian_page(found, bank), out)
     say(f"wrote {out}, {out.stat().st_size / 1e6:.1f} MB")
 
 

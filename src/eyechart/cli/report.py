@@ -10,10 +10,11 @@ from eyechart.cli.options import Against, Independent, Reread
 from eyechart.cli.terminal import patience, say
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from eyechart.report.evidence import Tell
     from eyechart.report.page import Page
+    from eyechart.report.table import Table
 
 
 def report(
@@ -34,8 +35,8 @@ def report(
     """
     from eyechart.destination import require_free
     from eyechart.errors import SpecError
-    from eyechart.report.figures import write_figures
-    from eyechart.report.page import write_page
+    from eyechart.report.page import write_figures, write_page
+    from eyechart.report.table import write_tables
 
     require_free(out, "report")
     kind = _kind_of(runs)
@@ -55,7 +56,7 @@ def report(
             tell("files of figures")
             say(f"{len(write_figures(made.page.drawings, figures))} files of figures in {figures}")
     if tables is not None:
-        say(f"{len(made.write_tables(tables))} tables in {tables}")
+        say(f"{len(write_tables(made.tables, tables))} tables in {tables}")
     for line in made.lines:
         say(line)
     say(f"wrote {out}, {len(made.page.html) / 1e6:.1f} MB")
@@ -63,25 +64,32 @@ def report(
 
 @dataclass(frozen=True)
 class _Made:
-    """A page, how its tables are written, and what is to be said of it."""
+    """A page, its tables, and what is to be said of it."""
 
     page: "Page"
-    write_tables: "Callable[[Path], Sequence[Path]]"
+    tables: "Sequence[Table]"
     lines: "Sequence[str]"
 
 
 def _kind_of(runs: "Sequence[Path]") -> str:
     """Return which kind of run these are; raises SpecError where they are of several."""
     from eyechart.errors import SpecError
-    from eyechart.studies import hierarchy, structured
-    from eyechart.studies.probed import is_episodes
+    from eyechart.studies import study_of
+    from eyechart.studies.closed_loop import study as drives
+    from eyechart.studies.hierarchy.study import Hierarchy
+    from eyechart.studies.structured.study import Structured
 
-    tests = {
-        "hierarchy": hierarchy.is_hierarchy,
-        "drives": is_episodes,
-        "estimates": structured.is_structured,
-    }
-    kinds = {run: next((kind for kind, test in tests.items() if test(run)), "batteries") for run in runs}
+    def kind_of(run: Path) -> str:
+        match study_of(run, "report"):
+            case Hierarchy():
+                return "hierarchy"
+            case drives.OfEpisodes():
+                return "drives"
+            case Structured():
+                return "estimates"
+        return "batteries"
+
+    kinds = {run: kind_of(run) for run in runs}
     if len(set(kinds.values())) > 1:
         told = ", ".join(f"{run} of {kind}" for run, kind in kinds.items())
         raise SpecError(f"a report is about one kind of run ({told}): make one of each")
@@ -94,9 +102,9 @@ def _kind_of(runs: "Sequence[Path]") -> str:
 def _of_batteries(
     runs: "Sequence[Path]", banks: "Sequence[Path]", tell: "Tell", *, independent: bool, reread: bool
 ) -> _Made:
+    from eyechart.report.battery_page import make_page
     from eyechart.report.evidence import read_evidence, subjects
-    from eyechart.report.page import make_page
-    from eyechart.report.sheets import write_sheets
+    from eyechart.report.tables import judged_of, tables_of
 
     evidence = read_evidence(runs, banks, independent=independent, reread=reread, tell=tell)
     lacking = [
@@ -104,36 +112,36 @@ def _of_batteries(
         for run in evidence
         if run.pictures is None
     ]
-    return _Made(make_page(evidence, tell=tell), lambda folder: write_sheets(subjects(evidence), folder), lacking)
+    return _Made(make_page(evidence, tell=tell), tables_of(judged_of(subjects(evidence))), lacking)
 
 
 def _of_estimates(runs: "Sequence[Path]", banks: "Sequence[Path]", tell: "Tell", *, reread: bool) -> _Made:
     from eyechart.report.estimates import estimators, read_estimates
     from eyechart.report.estimates_page import make_estimates_page
-    from eyechart.report.estimates_sheets import write_estimates_sheets
+    from eyechart.report.structured import scored_of, tables_of
 
     evidence = read_estimates(runs, banks, reread=reread, tell=tell)
     page = make_estimates_page(evidence, tell=tell)
-    return _Made(page, lambda folder: write_estimates_sheets(estimators(evidence), folder), page.notes)
+    return _Made(page, tables_of(scored_of(estimators(evidence))), page.notes)
 
 
 def _of_drives(runs: "Sequence[Path]", against: str | None, tell: "Tell") -> _Made:
     from eyechart.report.drives_page import make_drives_page
-    from eyechart.report.drives_sheets import write_drives_sheets
+    from eyechart.report.rungs import tables_of
     from eyechart.studies.closed_loop import score
 
     tell("scoring")
     scored = score(runs, against_policy=against)
     page = make_drives_page(runs, scored, tell=tell)
-    return _Made(page, lambda folder: write_drives_sheets(scored, folder), page.notes)
+    return _Made(page, tables_of(scored), page.notes)
 
 
 def _of_hierarchy(study: Path, tell: "Tell") -> _Made:
+    from eyechart.report.hierarchy import tables_of
     from eyechart.report.hierarchy_page import make_hierarchy_page
-    from eyechart.report.hierarchy_sheets import write_hierarchy_sheets
     from eyechart.studies.hierarchy import score
 
     tell("scoring")
     scored = score(study)
     page = make_hierarchy_page(study, scored, tell=tell)
-    return _Made(page, lambda folder: write_hierarchy_sheets(scored, folder), page.notes)
+    return _Made(page, tables_of(scored), page.notes)

@@ -12,7 +12,6 @@ from eyechart.cli.terminal import print_json, table_console
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from eyechart.integrity import Guard
     from eyechart.studies.battery import BatteryScore
     from eyechart.studies.prompts import CellScore
     from eyechart.studies.structured import StructuredScore
@@ -30,88 +29,90 @@ def score(
     against: Against = None,
 ) -> None:
     """Print every statistic of a run with its interval, n and p. Example: eyechart score run --json."""
-    from eyechart.errors import SpecError
-    from eyechart.report.costs import costs_table
-    from eyechart.report.tables import frontier_table, statistics_table
-    from eyechart.studies import battery as study
-    from eyechart.studies import closed_loop, hierarchy, prompts, structured
-    from eyechart.studies.probed import is_episodes
+    from eyechart.studies import Reading, study_of
+
+    study = study_of(run, "score" if against is None else "against")
+    scored = study.score(run, Reading(independent, reread, against))
+    print_json(scored.as_dict()) if json else print_score(scored)
+
+
+def print_score(scored: object) -> None:
+    """Print every statistic of a run of any study."""
+    from eyechart.studies import battery, closed_loop, hierarchy, prompts, structured
+
+    match scored:
+        case battery.BatteryScore():
+            print_battery(scored)
+        case closed_loop.ClosedLoopScore():
+            print_drives(scored)
+        case structured.StructuredScore():
+            print_estimators(scored)
+        case structured.online.OnlineScore():
+            print_online(scored)
+        case hierarchy.HierarchyScore():
+            print_hierarchy(scored)
+        case prompts.PromptsScore():
+            print_cells(scored.cells)
+
+
+def print_battery(scored: "BatteryScore") -> None:
+    """Print a battery's statistics, the paper's table, its verdicts, and what its calls took."""
+    from eyechart.report.tables import costs_table, frontier_table, judged, statistics_table, verdict_table
     from eyechart.verdicts import judge
 
-    if against is not None and (structured.online.is_online(run) or not is_episodes(run)):
-        raise SpecError("--against names a policy of a run of drives, and this is none")
-    if structured.online.is_online(run):
-        print_online(structured.online.score(run), json=json)
-    elif is_episodes(run):
-        drives = closed_loop.score(run, against_policy=against)
-        print_json(drives.as_dict()) if json else print_drives(drives)
-    elif structured.is_structured(run):
-        print_estimators(structured.score(run, reread=reread), json=json)
-    elif hierarchy.is_hierarchy(run):
-        intents = hierarchy.score(run)
-        print_json(intents.as_dict()) if json else print_hierarchy(intents)
-    elif prompts.is_study(run):
-        print_cells(prompts.score(run, reread=reread), json=json)
-    else:
-        scored = study.score(run, independent=independent, reread=reread)
-        if json:
-            print_json(scored.as_dict())
-            return
-        console = table_console(160)
-        for one in scored.models.values():
-            console.print(statistics_table(one))
-        verdicts = judge(scored)
-        console.print(frontier_table(scored, verdicts))
-        print_marks(verdicts)
-        console.print(costs_table(scored.accounting, every=False))
+    console = table_console(160)
+    verdicts = judge(scored)
+    everyone = judged(scored, verdicts)
+    for table in (*statistics_table(everyone).split(), frontier_table(everyone), verdict_table(everyone)):
+        console.print(table)
+    print_marks(verdicts)
+    console.print(costs_table(scored.accounting, every=False))
 
 
-def print_cells(cells: "Sequence[CellScore]", *, json: bool) -> None:
+def print_cells(cells: "Sequence[CellScore]") -> None:
     """Print the score of a prompt study: a table a model, the marks of its cells, and what each took."""
     from eyechart.costs import ALL
-    from eyechart.report.costs import costs_table
-    from eyechart.report.tables import prompts_table
+    from eyechart.report.tables import costs_table, prompts_table
 
-    if json:
-        print_json({"study": "prompts", "cells": [cell.as_dict() for cell in cells]})
-        return
     console = table_console()
-    for spec in dict.fromkeys(cell.model for cell in cells):
-        console.print(prompts_table(spec, [cell for cell in cells if cell.model == spec]))
+    for table in prompts_table(cells).split():
+        console.print(table)
     for cell in cells:
         print_each_mark(f"{cell.model} in {cell.name}", (*filter(None, [cell.state]), *cell.marks))
     took = {f"{cell.model} in {cell.name}": {ALL: cell.took} for cell in cells}
     table_console(160).print(costs_table(took, every=False))
 
 
-def print_estimators(scored: "StructuredScore", *, json: bool) -> None:
+def print_estimators(scored: "StructuredScore") -> None:
     """Print the score of an admission or a structured run: Table t:controller-local, the clauses, and every figure."""
-    from eyechart.report.structured import clauses_table, controller_table, figures_table, marks, reading_words
+    from eyechart.report.structured import (
+        clauses_table,
+        controller_table,
+        figures_table,
+        marks,
+        models_in,
+        reading_words,
+    )
     from eyechart.report.tables import MARK
 
-    if json:
-        print_json(scored.as_dict())
-        return
     console = table_console(140)
-    console.print(controller_table(scored))
+    everyone = models_in(scored)
+    console.print(controller_table(everyone))
     for spec in scored.models:
         for words in marks(scored, spec):
-            console.print(f"{MARK.strip()} {spec}: {words}", markup=False)
-    for one in scored.models.values():
-        console.print(clauses_table(one))
-        for line in reading_words(one):
+            console.print(f"{MARK} {spec}: {words}", markup=False)
+    for table in clauses_table(everyone).split():
+        console.print(table)
+        for line in reading_words(scored.models[table.caption]):
             console.print(line, markup=False)
-    for one in scored.models.values():
-        console.print(figures_table(one))
+    for table in figures_table(everyone).split():
+        console.print(table)
 
 
-def print_online(scored: "OnlineScore", *, json: bool) -> None:
+def print_online(scored: "OnlineScore") -> None:
     """Print the score of an online run: crash rates, decisions and fail-safes."""
     from eyechart.report.structured import online_table
 
-    if json:
-        print_json(scored.as_dict())
-        return
     console = table_console(140)
     console.print(online_table(scored))
     for one in scored.vetted:
@@ -121,10 +122,10 @@ def print_online(scored: "OnlineScore", *, json: bool) -> None:
 
 def verdict(run: _Run, json: Json = False, independent: Independent = False, reread: Reread = False) -> None:
     """Print the verdict on every model of a run, and what decided it. Example: eyechart verdict run."""
-    from eyechart.studies import battery as study
+    from eyechart.studies import Reading, study_of
     from eyechart.verdicts import judge, words_of
 
-    scored = study.score(run, independent=independent, reread=reread)
+    scored = study_of(run, "verdict").score(run, Reading(independent, reread))
     verdicts = judge(scored)
     if json:
         print_json({"models": {spec: one.as_dict() for spec, one in verdicts.items()}})
@@ -140,17 +141,11 @@ def verdict(run: _Run, json: Json = False, independent: Independent = False, rer
 
 def print_table(scored: "BatteryScore", verdicts: "Mapping[str, Verdict]") -> None:
     """Print the table of verdicts, what each verdict in it means, and the scope of all of them."""
-    from eyechart.report.tables import MARK, verdict_table
+    from eyechart.report.tables import glance_table, judged
     from eyechart.verdicts import LABELS
 
     console = table_console()
-    table = verdict_table(scored, verdicts)
-    if console.measure(table).minimum <= console.width:
-        console.print(table)
-    else:  # a narrow terminal: a line for each label instead of columns that are cut
-        for spec, one in verdicts.items():
-            labels = f"{one.headline}; lateral {one.lateral.label}; paper's rules {one.paper.label}"
-            console.print(f"{spec}: {labels}{MARK if one.failed else ''}", markup=False)
+    console.print(glance_table(judged(scored, verdicts)))
     print_marks(verdicts)
     for label in dict.fromkeys(one.calibrated.label for one in verdicts.values()):
         console.print(f"{label}: {LABELS[label].says}", markup=False)
@@ -171,7 +166,7 @@ def print_each_mark(name: str, marks: "Sequence[str]") -> None:
 
     console = table_console()
     for words in marks:
-        console.print(f"{MARK.strip()} {name}: {words}", markup=False)
+        console.print(f"{MARK} {name}: {words}", markup=False)
 
 
 def costs(
@@ -184,38 +179,21 @@ def costs(
 
     Of a prompt study, by cell; of the hierarchy, by its runs. Example: eyechart costs run --all --json
     """
-    from eyechart.manifest import read_manifest
     from eyechart.models.prices import read_prices
-    from eyechart.report.costs import costs_table
-    from eyechart.studies import battery as study
-    from eyechart.studies import closed_loop, hierarchy, prompts
-    from eyechart.studies.probed import is_episodes
+    from eyechart.report.tables import costs_table
+    from eyechart.studies import study_of
 
-    table, study_of_prompts = read_prices(prices), prompts.is_study(run)
-    if is_episodes(run) or hierarchy.is_hierarchy(run):
-        took, probes = closed_loop.took(hierarchy.runs_of(run) or {"": run}, prices=table)
-        kept = dict[str, "tuple[Guard, ...]"]()
-    else:
-        took, kept = (prompts.took if study_of_prompts else study.took)(run, prices=table)
-        probes = {} if study_of_prompts else dict(read_manifest(run).probes)
+    took = study_of(run).took(run, read_prices(prices))
     if json:
-        print_json(
-            {
-                "accounting": {
-                    spec: {name: one.as_dict() for name, one in found.items()} for spec, found in took.items()
-                },
-                "guards": {spec: [guard.as_dict() for guard in found] for spec, found in kept.items()},
-                "probes": {spec: one.as_dict() for spec, one in probes.items()},
-            }
-        )
+        print_json(took.as_dict())
         return
-    table_console(160).print(costs_table(took, every=every))
+    table_console(160).print(costs_table(took.accounts, every=every))
     console = table_console()
-    if not took:
+    if not took.accounts:
         console.print("no model was asked: its policies and worlds take no calls")
-    for spec, one in probes.items():
+    for spec, one in took.probes.items():
         console.print(f"the probe of {spec} before the run took besides: {one.words}", markup=False)
-    for spec, found in kept.items():
+    for spec, found in took.guards.items():
         for guard in found:
             words = {True: "holds", False: "FAILS", None: "cannot say"}[guard.holds]
             console.print(f"{words:<10}  {spec}  guard '{guard.name}': {guard.because}", markup=False)
@@ -242,21 +220,14 @@ def gate(
     Example: eyechart gate run --require depth,swaps --junit gate.xml
     """
     from eyechart.destination import require_free, whole
-    from eyechart.errors import SpecError
-    from eyechart.gate import ADMISSION, REQUIREMENTS, hold, hold_admission, read_requirements
-    from eyechart.studies import battery as study
-    from eyechart.studies import structured
+    from eyechart.gate import read_requirements
+    from eyechart.studies import Reading, study_of
 
-    if structured.online.is_online(run):
-        raise SpecError(f"{run} is an online run, which bounds no claim: hold an admission or structured run to one")
-    told = structured.is_structured(run)
-    wanted = read_requirements(require or ("admission" if told else "depth"), ADMISSION if told else REQUIREMENTS)
+    study = study_of(run, "gate")
+    wanted = read_requirements(require or study.required, study.requirements)
     if junit is not None:
         require_free(junit, "JUnit file")
-    if told:
-        held = hold_admission(structured.score(run, reread=reread), wanted, max_unparsed=max_unparsed)
-    else:
-        held = hold(study.score(run, independent=independent, reread=reread), wanted, max_unparsed=max_unparsed)
+    held = study.gate(study.score(run, Reading(independent, reread)), wanted, max_unparsed)
     if json:
         print_json(held.as_dict())
     else:
@@ -286,9 +257,9 @@ def compare(
     """
     from eyechart.compare import compare as compared
     from eyechart.report.tables import MARK, replication_table
-    from eyechart.studies import battery
+    from eyechart.studies import Reading, study_of
 
-    found = compared(battery.score(first), battery.score(second), resamples=resamples)
+    found = compared(*(study_of(run, "compare").score(run, Reading()) for run in (first, second)), resamples=resamples)
     if json:
         print_json(found.as_dict())
     else:
@@ -296,7 +267,7 @@ def compare(
         for line in found.apart:
             console.print(f"not the same: {line}", markup=False)
         for line in found.marks:
-            console.print(f"{MARK.strip()} {line}", markup=False)
+            console.print(f"{MARK} {line}", markup=False)
         for one in found.models.values():
             console.print(replication_table(one, every=every))
             changed = f"differs in {', '.join(one.changed)}" if one.changed else "no statistic differs (Holm)"
@@ -318,13 +289,14 @@ def transfer(
 
     Example: eyechart transfer run-highway run-rover --scores perception.csv
     """
-    from eyechart.report.tables import number, p_value
-    from eyechart.studies import battery
+    from eyechart.report.table import number, p_value
+    from eyechart.studies import Reading, study_of
     from eyechart.transfer import read_scores
     from eyechart.transfer import transfer as correlated
 
     external = read_scores(scores)
-    found = correlated([battery.score(run) for run in runs], external, measure=measure)
+    scored = [study_of(run, "transfer").score(run, Reading()) for run in runs]
+    found = correlated(scored, external, measure=measure)
     if json:
         print_json(found.as_dict())
         return

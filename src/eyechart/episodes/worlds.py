@@ -163,8 +163,7 @@ class _Ride:
         """Close the world and make the record."""
         digest = ""
         if self._drive is not None:
-            with suppress(Exception):
-                digest = hashlib.sha256(self._drive.state()).hexdigest()
+            digest = _digest(self._drive) or ""
             with suppress(Exception):
                 self._drive.close()
         self._drive = None
@@ -189,6 +188,7 @@ class _Ride:
                 crashed=moved.crashed,
                 facts=rounded_truth(moved.facts, self._key.frame(number)),
                 error=error,
+                rounded_state_sha256=_digest(self._drive, 3),
             )
         )
         if moved.ended is not None:
@@ -261,6 +261,12 @@ def _checked(picture: object, *, first: bool = False) -> RGB:
     if first and (picture == picture[0, 0]).all():
         raise SpecError(f"the camera shows one colour only, {picture[0, 0].tolist()}: its renderer draws nothing")
     return picture
+
+
+def _digest(drive: Drive, decimals: int | None = None) -> str | None:
+    with suppress(Exception):
+        return hashlib.sha256(drive.state(decimals)).hexdigest()
+    return None
 
 
 def _require_finite(moved: Moved) -> None:

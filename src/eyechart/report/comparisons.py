@@ -12,7 +12,7 @@ from matplotlib.transforms import Bbox
 
 from eyechart.report.drawing import BLUE, INK, LINE, MUTED, PAPER, VERMILLION, Drawing, canvas, cell, grid, plain, room
 from eyechart.report.evidence import Subject
-from eyechart.report.tables import number
+from eyechart.report.table import number
 
 _REDS = LinearSegmentedColormap.from_list("same", ["#ffffff", "#fddbc7", "#ef8a62", "#b2182b"])
 FLOOR_FACTOR = 1.5
@@ -50,8 +50,8 @@ def agreement(everyone: Sequence[Subject]) -> Drawing:
 
 def _agree(who: Subject, condition: str) -> float | None:
     """Return the share of frames with the response that the real frame got."""
-    real, other, _ = who.model.answers.both("real", condition, "response")
-    return float((real == other).mean()) if len(real) else None
+    apart, _ = who.model.answers.distance("real", condition, "response")
+    return float((apart == 0).mean()) if len(apart) else None
 
 
 def information(everyone: Sequence[Subject]) -> list[Drawing]:
@@ -169,9 +169,10 @@ def _bar(axes: Axes, place: tuple[float, float, int], count: int, colour: str, h
 
 def pair_counts(who: Subject) -> tuple[int, int, int]:
     """Return how many counterfactual pairs were braked harder near, alike, and harder far."""
-    answers = who.model.answers
-    near, far, _ = answers.both("lead_near", "lead_far", "decision")
-    apart = answers.levels(near) - answers.levels(far)
+    near, far = (who.model.answers.projection(name, "brake") for name in ("lead_near", "lead_far"))
+    if near is None or far is None:
+        return 0, 0, 0
+    apart = near - far
     return int((apart > 0).sum()), int((apart == 0).sum()), int((apart < 0).sum())
 
 

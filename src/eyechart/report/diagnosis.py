@@ -1,11 +1,9 @@
 """What doctor and probe found, as tables for the terminal."""
 
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
 from rich.text import Text
 
 from eyechart.probe import Diagnosis, Found
-from eyechart.report.tables import number, p_value
+from eyechart.report.table import Cell, Column, Table, columns
 
 WORDS = {"sees": "it sees", "blind": "it is blind", "cannot_say": "cannot say"}
 _COLOUR = {"sees": "bold green", "blind": "bold red", "cannot_say": "bold yellow"}
@@ -14,24 +12,25 @@ _YES = {True: "yes", False: "no", None: "—"}
 
 def doctor_table(found: Diagnosis) -> Table:
     """Return one row a check: how often it was right with n and p, and what else was tried."""
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    for name in ("check", "result", "n", "by guessing", "p"):
-        table.add_column(name, justify="left" if name in {"check", "result"} else "right")
+    rows: list[tuple[Cell, ...]] = []
     for name, score in found.scores().items():
         detail = score.detail or {}
         guess = detail.get("expected")
-        indent = "" if name == "all questions" else "  "
         counted = f"{detail.get('right', 0)} right" if score.n else "—"
-        expected = number(guess, 1) if isinstance(guess, float) else "—"
-        table.add_row(f"{indent}{name}", counted, str(score.n), expected, p_value(score.p))
+        expected = guess if isinstance(guess, float) else None
+        rows.append((name if name == "all questions" else f"  {name}", counted, score.n, expected, score.p))
     (same, of), adds = found.sight.same, found.sight.image_tokens
     bare = ", ".join(repr(reply.text.strip()[:20]) for _, reply in found.sight.bare if reply.error is None)
-    table.add_row("the same words without a picture", Text(bare or "—"), str(len(found.sight.bare)))
-    table.add_row("tokens that a picture adds", "not reported" if adds is None else str(adds))
-    table.add_row("the same picture again", f"{same} of {of} replies the same" if of > 1 else "—", str(of))
-    table.add_row("a schema binds", Text(f"{_YES[found.schema_binds]}: {found.schema_says}"))
-    table.add_row("the token budget is enough", Text(f"{_YES[found.budget_enough]}: {found.budget_says}"))
-    return table
+    others: dict[str, tuple[str, int | str]] = {
+        "the same words without a picture": (bare or "—", len(found.sight.bare)),
+        "tokens that a picture adds": ("not reported" if adds is None else str(adds), ""),
+        "the same picture again": (f"{same} of {of} replies the same" if of > 1 else "—", of),
+        "a schema binds": (f"{_YES[found.schema_binds]}: {found.schema_says}", ""),
+        "the token budget is enough": (f"{_YES[found.budget_enough]}: {found.budget_says}", ""),
+    }
+    rows += [(name, *told, "", "") for name, told in others.items()]
+    named = (*columns("text", "check", "result"), Column("n", "count"), Column("by guessing", "number", 1))
+    return Table("doctor", "", (*named, Column("p", "p")), tuple(rows))
 
 
 def headline(found: Diagnosis) -> Text:
@@ -44,10 +43,7 @@ def headline(found: Diagnosis) -> Text:
 def probe_table(found: Found) -> Table:
     """Return one row a finding of a probe, and what follows from it for the mode."""
     mode, measured = found.mode, found.measured
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    for name in ("found", "", "pinned"):
-        table.add_column(name)
-    rows = [
+    rows = (
         ("sees the picture", WORDS[found.sight.outcome], ""),
         ("tokens of a reply, longest", _shown(measured.completion_tokens_max), f"max_tokens = {mode.max_tokens}"),
         ("its field", "", mode.token_field),
@@ -57,10 +53,8 @@ def probe_table(found: Found) -> Table:
         ("unknown fields are ignored", _YES[measured.unknown_fields_ignored], ""),
         ("tokens of a prompt, of its picture", _shown(measured.prompt_tokens, measured.image_tokens), ""),
         ("seconds of a call, shortest", ", ".join(map(_seconds, (measured.seconds, measured.seconds_min))), ""),
-    ]
-    for row in rows:
-        table.add_row(*map(Text, row))
-    return table
+    )
+    return Table("probe", "", columns("text", "found", "", "pinned"), rows)
 
 
 def _temperature(found: Found) -> str:

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from eyechart.report.comparisons import labelled
 from eyechart.report.drawing import BLUE, INK, LINE, MUTED, PAPER, VERMILLION, Drawing, canvas, plain, room, style
-from eyechart.report.rungs import NAMES, shown
+from eyechart.report.rungs import MEASURES, NAMES, SIGNED
 from eyechart.studies.closed_loop import Blind, ClosedLoopScore, Degeneracy, Rung
 
 MOST_ROWS = 40
@@ -42,7 +42,7 @@ def _dots(rungs: Sequence[Rung], name: str) -> Drawing:
         if found.value is not None:
             constant = one.driver.policy.startswith("constant:")
             _dot(axes, y, scale * found.value, found.ci and (scale * found.ci[0], scale * found.ci[1]), hollow=constant)
-        told.append(f"{one.driver.label}: {shown(found, name)}")
+        told.append(f"{one.driver.label}: {MEASURES[name].shown(found)}")
     _rows(axes, labels)
     title = NAMES[name] if scale == 1.0 else f"{NAMES[name]} (%)"
     axes.set_xlabel(f"{title}; {_BEST[name]}", fontsize=8.5)
@@ -78,7 +78,7 @@ def _paired(found: Sequence[Blind], name: str) -> Drawing:
         if value.value is not None:
             ci = value.ci and (scale * value.ci[0], scale * value.ci[1])
             _dot(axes, y, scale * value.value, ci, hollow=not differs, colour=VERMILLION if differs else MUTED)
-        told.append(f"{labels[y]}: {shown(value, name, signed=True)}{', significant' if differs else ''}")
+        told.append(f"{labels[y]}: {SIGNED[name].shown(value)}{', significant' if differs else ''}")
     _rows(axes, labels)
     what = NAMES[name].partition(" (")[0]
     axes.set_xlabel(f"{what}, real less other{_UNITS[name]}", fontsize=8.5)

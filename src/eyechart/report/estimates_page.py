@@ -3,19 +3,13 @@
 from collections.abc import Sequence
 
 from eyechart.costs import ALL
-from eyechart.report.assets import fill
 from eyechart.report.drawing import BLUE, INK, MUTED, VERMILLION, Drawing, canvas, style
 from eyechart.report.estimates import Estimates, Estimator, estimators
 from eyechart.report.estimates_frames import listed_frames, shown_frames
 from eyechart.report.evidence import Tell
-from eyechart.report.page import Page
-from eyechart.report.structured import PAPER, marks
-from eyechart.report.tables import number
-from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.admission import Held
+from eyechart.report.page import Page, fill
+from eyechart.report.structured import clauses_table, controller_table, figures_table, marks, scored_of
 
-_OUTCOMES = {True: ("good", "✓ pass"), False: ("bad", "✗ fail"), None: ("", "? cannot say")}
-_CONTROLLER = ("parse", "balanced_accuracy", "gap_mae_m", "scene_equivariance", "action_equivariance")
 _DRAWN = 12
 """Models that have a figure of their own in the page."""
 
@@ -33,6 +27,7 @@ def make_estimates_page(evidence: Sequence[Estimates], *, tell: Tell = lambda _:
         more.append(f"Figures of one model each stand here for the first {_DRAWN} of {len(everyone)} models.")
     notes += more
     tell("the page")
+    scored = scored_of(everyone)
     html = fill(
         "estimates.html",
         styles=("estimates.css",),
@@ -40,9 +35,8 @@ def make_estimates_page(evidence: Sequence[Estimates], *, tell: Tell = lambda _:
         studies=_studies(evidence),
         runs=[_run(run) for run in evidence],
         cards=[_card(who) for who in everyone],
-        paper=PAPER[1:7],
-        rows=[_row(who) for who in everyone],
-        figures=[(who.label, _figures(who), who.score.before is not None) for who in everyone],
+        controllers=controller_table(scored),
+        figures=list(figures_table(scored).split()),
         drawings=drawn,
         frames=frames,
         listed=listed,
@@ -127,56 +121,12 @@ def _card(who: Estimator) -> dict[str, object]:
         "state": state,
         "words": words,
         "marks": marks(who.run.score, who.spec),
-        "clauses": [_clause(one) for one in score.clauses],
+        "clauses": next(clauses_table([(who.label, score, ())]).split(), None),
         "reasons": list(told.reasons.items()),
         "repairs": list(told.repairs.items()),
     }
 
 
-def _clause(one: Held) -> dict[str, object]:
-    digits = 0 if one.clause.least >= 1 else 2
-    kind, words = _OUTCOMES[one.passes]
-    return {
-        "name": one.name,
-        "least": f"{one.clause.least:.{digits}f}",
-        "value": number(one.statistic.value, 0 if digits == 0 else 3),
-        "interval": _interval(one.statistic),
-        "n": one.statistic.n,
-        "kind": kind,
-        "outcome": words,
-        "says": one.clause.says,
-        "note": one.statistic.note if one.statistic.value is None else "",
-    }
-
-
-def _row(who: Estimator) -> dict[str, object]:
-    found = who.score.statistics
-    swap = found["swap_rate"]
-    cells = [(number(found[name].value), _interval(found[name])) for name in _CONTROLLER]
-    cells.append((f"{number(swap.value)} ({swap.n})", _interval(swap)))
-    return {"model": who.label, "cells": cells, "admitted": who.score.admitted, "marked": bool(marks_of(who))}
-
-
-def marks_of(who: Estimator) -> list[str]:
-    """Return in words which guards a model's calls fail."""
-    return marks(who.run.score, who.spec)
-
-
-def _figures(who: Estimator) -> list[tuple[str, list[str], str]]:
-    before = who.score.before
-    rows = []
-    for name, one in who.score.statistics.items():
-        cells = [number(one.value), _interval(one), str(one.n)]
-        if before is not None:
-            cells += [number(before[name].value), _interval(before[name]), str(before[name].n)]
-        rows.append((name, cells, "; ".join(filter(None, (one.method, one.note)))))
-    return rows
-
-
 def _accounting(who: Estimator) -> dict[str, object]:
     took = who.run.score.accounting[who.spec][ALL]
     return {"model": who.label, "planned": who.score.planned, "answered": who.score.answered, "took": took}
-
-
-def _interval(one: Statistic) -> str:
-    return "" if one.ci is None else f"[{one.ci[0]:.3f}, {one.ci[1]:.3f}]"

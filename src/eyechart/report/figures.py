@@ -1,7 +1,6 @@
-"""The figures of a report by section, and their files."""
+"""The figures of a report of batteries by section."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from eyechart.report.comparisons import agreement, information, noise_floor, pairs
 from eyechart.report.drawing import Drawing, style
@@ -21,15 +20,3 @@ def figures(everyone: Sequence[Subject]) -> dict[str, list[Drawing]]:
             "counterfactual": [one for place, who in enumerate(everyone, 1) for one in counterfactual(who, place)],
             "noise": [noise_floor(everyone)] if everyone else [],
         }
-
-
-def write_figures(drawn: dict[str, list[Drawing]], folder: Path) -> list[Path]:
-    """Write every figure as SVG and PDF; return the files."""
-    folder.mkdir(parents=True, exist_ok=True)
-    written = []
-    for drawing in (one for section in drawn.values() for one in section):
-        for suffix, content in (("svg", drawing.svg().encode("utf-8", "backslashreplace")), ("pdf", drawing.pdf())):
-            path = folder / f"{drawing.name}.{suffix}"
-            path.write_bytes(content)
-            written.append(path)
-    return written

@@ -16,9 +16,9 @@ from eyechart.destination import whole
 from eyechart.episodes import Episode
 from eyechart.errors import SpecError
 from eyechart.frames import RGB
-from eyechart.report.assets import fill
 from eyechart.report.drawing import plain
 from eyechart.report.overlay import STROKES, over, pieces, plan_words
+from eyechart.report.page import fill
 from eyechart.simulators import Sketch
 from eyechart.studies.closed_loop.reading import Drives
 from eyechart.studies.closed_loop.replaying import Shot, decided, episode_id, replay
@@ -104,15 +104,11 @@ class _Film:
 
     def drawn(self) -> Iterator[Image.Image]:
         """Yield each moment with its words under it."""
-        roles = [self._role(step.executed_action) for step in self.episode.steps]
+        roles = [self.drives.space.role(step.executed_action) for step in self.episode.steps]
         planning = False
         for number, (shot, line) in enumerate(self.moments()):
             planning = planning or shot.sketch is not None
             yield draw(shot, line, roles, number, planning=planning)
-
-    def _role(self, action: str) -> str:
-        space = self.drives.space
-        return "brake" if action in space.brake else "proceed" if action in space.proceed else ""
 
 
 def draw(shot: Shot, line: Line, roles: Sequence[str], now: int, *, planning: bool = False) -> Image.Image:

@@ -2,11 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
-from rich.text import Text
-
-from eyechart.report.tables import number, p_value
+from eyechart.report.table import Cell, Column, Mark, Table, columns, number, p_value
 from eyechart.stats.committee import ABSTAIN, answers
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.guardian import Bound, Frozen, GuardianScore, Nested, Replay
@@ -30,37 +26,23 @@ def row_names(frozen: Frozen) -> dict[str, str]:
 
 def guardian_table(found: GuardianScore) -> Table:
     """Return the best single model and the three operating points, as Table t:positive-guardian has them."""
-    table = _table("method")
-    for key, name in row_names(found.frozen).items():
-        chosen = key == found.frozen.point
-        label = Text(f"{name}{' *' if chosen else ''}", style="bold" if chosen else "")
-        table.add_row(label, *_cells(found.rows[key]))
-    return table
+    named, own = row_names(found.frozen), found.frozen.point
+    rows = tuple((Mark(name, "", "*" if key == own else ""), *_cells(found.rows[key])) for key, name in named.items())
+    caption = "Best single model of the calibration, and the guardian at each operating point"
+    return Table("points", caption, _COLUMNS, rows, "* frozen: the guardian's own operating point")
 
 
 def nested_table(found: Nested) -> Table:
     """Return the pooled row of nested leave-one-episode-out."""
-    table = _table("method")
-    table.add_row("nested leave-one-episode-out", *_cells(found.pooled))
-    return table
+    return Table("nested", "", _COLUMNS, (("nested leave-one-episode-out", *_cells(found.pooled)),))
 
 
-def _table(first: str) -> Table:
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    for name in (first, "coverage", "acc.", "bal. acc.", "95 % interval", "sens./spec."):
-        table.add_column(name, no_wrap=True)
-    return table
+METRICS = {"coverage": "coverage", "acc": "acc.", "bal": "bal. acc.", "sens": "sens.", "spec": "spec."}
+_COLUMNS = (Column("method"), *columns("estimate", *METRICS.values()))
 
 
-def _cells(row: Mapping[str, Statistic]) -> list[str]:
-    balanced = row["bal"].ci
-    return [
-        number(row["coverage"].value),
-        number(row["acc"].value),
-        number(row["bal"].value),
-        "—" if balanced is None else f"[{balanced[0]:.3f}, {balanced[1]:.3f}]",
-        f"{number(row['sens'].value)}/{number(row['spec'].value)}",
-    ]
+def _cells(row: Mapping[str, Statistic]) -> tuple[Cell, ...]:
+    return tuple(row[name] for name in METRICS)
 
 
 def choice_lines(frozen: Frozen) -> Iterator[str]:

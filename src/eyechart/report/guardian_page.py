@@ -1,35 +1,24 @@
 """The guardian's page: operating points on the risk–coverage curve, every vote, and what was missed with its views."""
 
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 
 from eyechart.conditions import flip
-from eyechart.destination import whole
 from eyechart.errors import EyechartError
 from eyechart.frames import FrameBank, decode, encode
 from eyechart.guardian import interface_of
-from eyechart.report.assets import fill
 from eyechart.report.drawing import BLUE, INK, MUTED, VERMILLION, Drawing, canvas, style
-from eyechart.report.guardian import bound_lines, row_names, score_lines
+from eyechart.report.guardian import bound_lines, guardian_table, row_names, score_lines
+from eyechart.report.page import Page, fill
 from eyechart.report.pictures import view_uri
-from eyechart.report.tables import number
-from eyechart.stats.statistic import Statistic
 from eyechart.studies.guardian import VIEWS, GuardianScore
 
 MOST_PICTURES = 24
 MOST_ROWS = 3000
 _SIGNS = {1: "●", 0: "○", -1: "×"}
-_METRICS = {
-    "coverage": "coverage",
-    "acc": "accuracy",
-    "bal": "balanced accuracy",
-    "sens": "sensitivity",
-    "spec": "specificity",
-}
 
 
-def guardian_page(found: GuardianScore, bank: FrameBank | None) -> bytes:
-    """Return a score as one self-contained HTML page; without a ``bank`` it shows no pictures, and says so.
+def guardian_page(found: GuardianScore, bank: FrameBank | None) -> Page:
+    """Return a score as a page; without a ``bank`` it shows no pictures, and says so.
 
     The same score gives the same bytes.
     """
@@ -37,7 +26,8 @@ def guardian_page(found: GuardianScore, bank: FrameBank | None) -> bytes:
     pictures, note = _pictures(found, bank)
     votes = _votes(found)
     listed = sum(len(rows) for _, rows in votes)
-    return fill(
+    drawn = curve(found)
+    html = fill(
         "guardian.html",
         styles=("guardian.css",),
         digest=frozen.digest,
@@ -49,10 +39,9 @@ def guardian_page(found: GuardianScore, bank: FrameBank | None) -> bytes:
         episodes=len(set(table.episodes)),
         bank=frozen.about.bank_name,
         warnings=found.warnings,
-        metrics=_METRICS.values(),
-        rows=[(name, key == frozen.point, _cells(found, key)) for key, name in row_names(frozen).items()],
+        points=guardian_table(found),
         lines=list(score_lines(found, bounds=False))[1:],
-        curve=curve(found),
+        curve=drawn,
         bound=[] if found.bound is None else list(bound_lines(found.bound)),
         missed=len(found.missed),
         hazards=int(table.hazard.sum()),
@@ -61,13 +50,7 @@ def guardian_page(found: GuardianScore, bank: FrameBank | None) -> bytes:
         votes=votes,
         left_out="" if listed == len(table.frames) else f"The first {listed} of {len(table.frames)} frames.",
     )
-
-
-def write_guardian_page(found: GuardianScore, bank: FrameBank | None, out: Path) -> None:
-    """Write the page, whole or not at all; raises OutputError where it may not be written there."""
-    html = guardian_page(found, bank)
-    with whole(out, "report") as partial:
-        partial.write_bytes(html)
+    return Page(html, {"curve": [drawn]})
 
 
 def curve(found: GuardianScore) -> Drawing:
@@ -100,14 +83,6 @@ def _curve(found: GuardianScore) -> Drawing:
     axes.set_xlabel("coverage: share of frames answered")
     axes.set_ylabel("risk: share of answers wrong")
     return Drawing("guardian-curve", "Risk by coverage", ". ".join(told), figure)
-
-
-def _cells(found: GuardianScore, row: str) -> list[tuple[str, str]]:
-    return [(number(one.value), _interval(one)) for one in (found.rows[row][name] for name in _METRICS)]
-
-
-def _interval(one: Statistic) -> str:
-    return "—" if one.ci is None else f"[{one.ci[0]:.3f}, {one.ci[1]:.3f}]"
 
 
 def _votes(found: GuardianScore) -> list[tuple[str, list[dict[str, object]]]]:

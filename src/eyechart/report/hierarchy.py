@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 
-from rich.table import Table
-
+from eyechart.report.rungs import DIFFERENCES, difference_cells, differences_table
+from eyechart.report.table import Cell, Column, Table, columns
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.closed_loop import Paired
-from eyechart.studies.hierarchy import Completion, Source
+from eyechart.studies.hierarchy import Completion, HierarchyScore, Source
 from eyechart.studies.hierarchy.planning import PARTS, name_of
 from eyechart.studies.hierarchy.scoring import NOT_PERCEPTION, PUBLISHED, UNPUBLISHED
 
@@ -16,109 +16,135 @@ TITLES = {
 }
 
 
-COLUMNS = ("intent source", "goal", "95 %", "paper", "crash", "95 %", "paper", "dist. m", "paper")
-EMITTED = ("intent source", "intents", "STOP", "paper", "fail-safe", "solver failed", "no decision")
+def tables_of(score: HierarchyScore) -> tuple[Table, ...]:
+    """Return every table of a study."""
+    primary, second = ((source_table(score.sources, name), intent_table(score.sources, name)) for name in TITLES)
+    completed = [completion_table(score.completions)] if score.completions else []
+    blind = [blind_table(score)] if score.blind else []
+    return *primary, against_table(score.against_mpc_only), *second, *completed, *blind, *long_tables(score)
 
 
-def source_table(sources: Sequence[Source], *, primary: bool) -> Table:
+def of_ablation(sources: Sequence[Source], ablation: str) -> list[Source]:
+    """Return the sources of one ablation."""
+    return [one for one in sources if one.part.startswith("primary") == (ablation == "primary")]
+
+
+def source_table(sources: Sequence[Source], ablation: str) -> Table:
     """Return the rows of one ablation: goals and crashes with exact 95 % intervals, the paper's beside them.
 
-    Episodes that ended in an error stand beside the name, and count in no rate.
+    Episodes that ended in an error stand in their own column, and count in no rate.
     """
-    table = Table(title=TITLES["primary" if primary else "second"])
-    table.add_column(COLUMNS[0], no_wrap=True)
-    for name in COLUMNS[1:]:
-        table.add_column(name, justify="right", no_wrap=True)
-    for one in sources:
-        if one.part.startswith("primary") == primary:
-            name, *cells = source_cells(one)
-            table.add_row(f"{name} + {one.errors} in error" if one.errors else name, *cells)
-    return table
-
-
-def source_cells(one: Source) -> tuple[str, ...]:
-    """Return a row of a source's table, as ``COLUMNS`` name its cells."""
-    paper = PUBLISHED.get(one.name, UNPUBLISHED)
-    return (
-        one.name,
-        _of(one.goals),
-        _interval(one.goals),
-        paper[0],
-        _of(one.crashes),
-        _interval(one.crashes),
-        paper[1],
-        _spread(one.distance_m, "{:.1f}"),
-        "" if paper[2] is None else f"{paper[2]:.1f}",
+    rows = []
+    for one in of_ablation(sources, ablation):
+        goals, crashes, distance, _ = PUBLISHED.get(one.name, UNPUBLISHED)
+        own = (goals_of(one), one.goals.ci, goals, _of(one.crashes), one.crashes.ci, crashes, one.distance_m, distance)
+        rows.append((one.name, *own, one.errors or ""))
+    named = (
+        Column("intent source"),
+        *(Column("goal", "count"), Column("goal 95 %", "interval", 2), Column("paper's goal", "count")),
+        *(Column("crash", "count"), Column("crash 95 %", "interval", 2), Column("paper's crash", "count")),
+        *(Column("dist. m", "estimate", 1), Column("paper's dist.", "number", 1), Column("in error", "word")),
     )
+    return Table(f"sources_{ablation}", TITLES[ablation], named, tuple(rows), "95 %: exact intervals")
 
 
-def intent_table(sources: Sequence[Source], *, primary: bool) -> Table:
+def intent_table(sources: Sequence[Source], ablation: str) -> Table:
     """Return what each source emitted, and where it did not: intents, the share of STOP among them, and the fail-safe.
 
     A STOP that the fail-safe executed counts in no share; ``no decision`` says how often it did, and why.
     """
-    table = Table(title="What was emitted: STOP is a share of the intents [95 %], the fail-safe is no intent")
-    table.add_column(EMITTED[0], no_wrap=True)
-    for name in EMITTED[1:]:
-        table.add_column(name, justify="left" if name == "no decision" else "right")
-    for one in sources:
-        if one.part.startswith("primary") == primary:
-            table.add_row(*intent_cells(one))
-    return table
-
-
-def intent_cells(one: Source) -> tuple[str, ...]:
-    """Return a row of what a source emitted, as ``EMITTED`` names its cells."""
-    paper = PUBLISHED.get(one.name, UNPUBLISHED)[3]
-    return (
-        one.name,
-        str(one.emitted),
-        _spread(one.stop_share, "{:.1%}"),
-        "" if paper is None else f"{paper:.1%}",
-        str(one.fail_safe),
-        str(one.solver_failures),
-        ", ".join(f"{why} {count}" for why, count in one.no_decision.items()),
+    rows = tuple(
+        (
+            one.name,
+            one.emitted,
+            one.stop_share,
+            PUBLISHED.get(one.name, UNPUBLISHED)[3],
+            one.fail_safe,
+            one.solver_failures,
+            ", ".join(f"{why} {count}" for why, count in one.no_decision.items()),
+            ", ".join(f"{count} {action}" for action, count in one.intents.items() if count),
+        )
+        for one in of_ablation(sources, ablation)
     )
+    named = (
+        Column("intent source"),
+        Column("intents", "count"),
+        Column("STOP", "estimate", 1, 100, "%"),
+        Column("paper", "number", 1, 100, "%"),
+        *columns("count", "fail-safe", "solver failed"),
+        *columns("text", "no decision", "which intents"),
+    )
+    caption = "What was emitted: STOP is a share of the intents, with its 95 % interval; the fail-safe is no intent"
+    return Table(f"intents_{ablation}", caption, named, rows)
 
 
 def completion_table(completions: Sequence[Completion]) -> Table:
     """Return each model's goals with real pictures beside those without, and whether that shows perception."""
-    table = Table(title="Goals of a model with its pictures, and of the same model without")
-    table.add_column("arm", no_wrap=True)
-    table.add_column("model")
-    for name in ("real", "mirrored", "blank", "other worlds'"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("")
+    rows = []
     for one in completions:
         goals = [one.goals.get(name) for name in ("real", "mirrored", "blank", "shuffled")]
         said = "differs from both" if one.shown else NOT_PERCEPTION
-        table.add_row(
-            PARTS[one.part].simulator, one.policy, *("" if each is None else _of(each) for each in goals), said
-        )
-    return table
+        rows.append((PARTS[one.part].simulator, one.policy, *(each and _of(each) for each in goals), said))
+    named = (Column("arm", "word"), Column("model"), *columns("count", "real", "mirrored", "blank", "other worlds'"))
+    caption = "Goals of a model with its pictures, and of the same model without"
+    return Table("completions", caption, (*named, Column("reads as")), tuple(rows))
 
 
 def against_table(pairs: Sequence[Paired]) -> Table:
     """Return each source less MPC-only in the same worlds, exact tests, p after Holm."""
-    table = Table(title="Less MPC-only in the same worlds; p after Holm")
-    table.add_column("intent source", no_wrap=True)
-    for name in ("worlds", "goals", "p", "distance m", "p"):
-        table.add_column(name, justify="right")
+    rows = []
     for one in pairs:
-        table.add_row(*against_cells(one))
-    return table
+        goals, distance = (one.differences[name].value for name in ("success_rate", "distance_m"))
+        p, q = (one.holm.get(name) for name in ("success_rate", "distance_m"))
+        rows.append((name_of("primary", one.first), one.worlds, goals, p, distance, q))
+    named = (
+        *(Column("intent source"), Column("worlds", "count")),
+        *(Column("goals", "number", 1, 100, " points", signed=True), Column("p goals", "p")),
+        *(Column("distance m", "number", 1, signed=True), Column("p distance", "p")),
+    )
+    note = "Exact McNemar for goals, signs flipped for distance"
+    return Table("less_mpc_only", "Less MPC-only in the same worlds; p after Holm", named, tuple(rows), note)
 
 
-def against_cells(one: Paired) -> tuple[str, ...]:
-    """Return a row of a table of paired differences: source, worlds, goals and p, distance and p."""
-    goals, distance = one.differences["success_rate"], one.differences["distance_m"]
+def blind_table(score: HierarchyScore) -> Table:
+    """Return each planner with real pictures less itself with others, in the same worlds."""
+    rows = tuple(
+        (one.driver.label, PARTS[part].simulator, one.condition, *difference_cells(one.paired))
+        for part, one in score.blind
+    )
+    named = (Column("planner"), *columns("word", "arm", "less"), *DIFFERENCES)
+    return Table("blind", "Real less other pictures; p after Holm within an arm", named, rows)
+
+
+def long_tables(score: HierarchyScore) -> tuple[Table, ...]:
+    """Return every source's rates and every paired difference, a row each."""
+    actions = next(iter(score.sources)).intents
+    counted = ("fail-safe steps", "solver failures", "episodes in error", *actions)
+    named = (
+        *columns("text", "part", "name", "simulator", "source", "condition"),
+        Column("n", "count"),
+        *(
+            column
+            for name in ("goals", "crashes", "distance m", "STOP share")
+            for column in (Column(name, "number"), Column(f"{name} interval", "interval"))
+        ),
+        *columns("count", *counted),
+    )
+    rows: list[tuple[Cell, ...]] = [
+        (
+            *(one.part, one.name, one.driver.simulator, one.driver.policy, one.driver.condition, one.goals.n),
+            *(one.goals.value, one.goals.ci, one.crashes.value, one.crashes.ci),
+            *(one.distance_m.value, one.distance_m.ci, one.stop_share.value, one.stop_share.ci),
+            *(one.fail_safe, one.solver_failures, one.errors, *one.intents.values()),
+        )
+        for one in score.sources
+    ]
+    control = [] if score.oracle_mirrored is None else [(score.oracle_mirrored, "positive control")]
+    pairs = [*((one, "") for one in score.against_mpc_only), *control, *((b.paired, b.finding) for _, b in score.blind)]
+    caption = "Differences in the same worlds: from MPC-only, the positive control, and real pictures less others"
     return (
-        name_of("primary", one.first),
-        str(one.worlds),
-        _signed(goals.value, 100, " points"),
-        _p(one.holm.get("success_rate")),
-        _signed(distance.value, 1, ""),
-        _p(one.holm.get("distance_m")),
+        Table("sources", "Sources of intent above the controller (Table t:mpc-intent)", named, tuple(rows)),
+        differences_table(pairs, caption),
     )
 
 
@@ -129,23 +155,3 @@ def goals_of(one: Source) -> str:
 
 def _of(one: Statistic) -> str:
     return "—" if one.value is None else f"{round(one.value * one.n)}/{one.n}"
-
-
-def _spread(one: Statistic, form: str) -> str:
-    """Return a value with its interval."""
-    if one.value is None:
-        return "—"
-    interval = "" if one.ci is None else f" [{form.format(one.ci[0])}, {form.format(one.ci[1])}]"
-    return form.format(one.value) + interval
-
-
-def _interval(one: Statistic) -> str:
-    return "" if one.ci is None else f"{one.ci[0]:.2f}-{one.ci[1]:.2f}"
-
-
-def _signed(value: float | None, scale: float, unit: str) -> str:
-    return "—" if value is None else f"{scale * value:+.1f}{unit}"
-
-
-def _p(p: float | None) -> str:
-    return "—" if p is None else "<.001" if p < 0.001 else f"{p:.3f}"

@@ -1,23 +1,31 @@
 """The page of the hierarchy: what completion shows and what not, both ablations, and every world from above."""
 
-from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from eyechart.report.assets import fill
 from eyechart.report.drawing import Drawing
 from eyechart.report.drives_browser import Tell
-from eyechart.report.drives_page import difference_cells, made
-from eyechart.report.hierarchy import COLUMNS, EMITTED, TITLES, against_cells, goals_of, intent_cells, source_cells
+from eyechart.report.drives_page import GLYPHS, made
+from eyechart.report.hierarchy import (
+    TITLES,
+    against_table,
+    blind_table,
+    completion_table,
+    goals_of,
+    intent_table,
+    long_tables,
+    of_ablation,
+    source_table,
+)
 from eyechart.report.hierarchy_figures import outcomes
 from eyechart.report.hierarchy_ways import CONDITION_NAMES, ENDS, SIGNS, groups
-from eyechart.report.page import Page
-from eyechart.report.rungs import NAMES, shown, unfinished_words
-from eyechart.report.tables import p_value
+from eyechart.report.page import Page, fill
+from eyechart.report.rungs import SIGNED, unfinished_words
+from eyechart.report.table import p_value
 from eyechart.studies.closed_loop import LEVEL, Blind, Paired
-from eyechart.studies.hierarchy import PARTS, HierarchyScore, Source
+from eyechart.studies.hierarchy import PARTS, HierarchyScore
 from eyechart.studies.hierarchy.scoring import NOT_PERCEPTION, unless_shown
 
-ABLATIONS = ("primary", "second")
 _ARMS = {
     "rover-mpc": "the controller knows the obstacles",
     "rover-mpc-unaware": "it does not; speed and track count",
@@ -28,7 +36,7 @@ _ARMS = {
 def make_hierarchy_page(study: Path, score: HierarchyScore, *, tell: Tell = lambda _: None) -> Page:
     """Return the report of a study; the same study gives the same bytes. ``tell`` is told what is under way."""
     tell("figures")
-    drawn = {name: [one for one in [outcomes(score, name)] if one is not None] for name in ABLATIONS}
+    drawn = {name: [one for one in [outcomes(score, name)] if one is not None] for name in TITLES}
     tell("the worlds from above")
     ways, notes = groups(score)
     tell("the page")
@@ -46,13 +54,15 @@ def make_hierarchy_page(study: Path, score: HierarchyScore, *, tell: Tell = lamb
         planners=list(dict.fromkeys(one.driver.policy for _, one in score.blind)),
         control=_control(score.oracle_mirrored),
         cards=_cards(score),
-        pairs=[_pair(part, one) for part, one in score.blind],
-        names=list(NAMES.values()),
-        columns=COLUMNS,
-        emitted=EMITTED,
-        titles=TITLES,
-        rows={name: _rows(score.sources, name) for name in ABLATIONS},
-        against=[against_cells(one) for one in score.against_mpc_only],
+        pairs=blind_table(score) if score.blind else None,
+        rows={
+            name: (source_table(score.sources, name), intent_table(score.sources, name))
+            for name in TITLES
+            if of_ablation(score.sources, name)
+        },
+        against=against_table(score.against_mpc_only) if score.against_mpc_only else None,
+        completions=completion_table(score.completions) if score.completions else "",
+        numbers=long_tables(score),
         figures=drawn,
         groups=ways,
         signs=[(SIGNS[kind], words) for kind, words in ENDS.items()],
@@ -62,19 +72,6 @@ def make_hierarchy_page(study: Path, score: HierarchyScore, *, tell: Tell = lamb
     )
     drawings: dict[str, list[Drawing]] = {**drawn, "ways": [one for group in ways for one in group.drawings]}
     return Page(html, drawings, tuple(notes))
-
-
-def _rows(sources: Sequence[Source], ablation: str) -> list[dict[str, object]]:
-    return [
-        {
-            "cells": source_cells(one),
-            "intents": intent_cells(one),
-            "emitted": ", ".join(f"{count} {action}" for action, count in one.intents.items() if count),
-            "errors": one.errors,
-        }
-        for one in sources
-        if one.part.startswith("primary") == (ablation == "primary")
-    ]
 
 
 def _control(found: Paired | None) -> dict[str, object] | None:
@@ -107,8 +104,8 @@ def _cards(score: HierarchyScore) -> list[dict[str, object]]:
                 "planner": policy,
                 "arm": _ARMS.get(PARTS[part].simulator, PARTS[part].simulator),
                 "simulator": PARTS[part].simulator,
-                "family": "open" if unsure else "blind" if unshown else "sees",
-                "glyph": "?" if unsure else "○" if unshown else "●",
+                "family": (family := "open" if unsure else "blind" if unshown else "sees"),
+                "glyph": GLYPHS[family],
                 "label": NOT_PERCEPTION if unshown else "it completes by its pictures",
                 "real": goals[part, policy, "real"],
                 "others": [(one.condition, goals[part, policy, one.condition], *_goals(one.paired)) for one in many],
@@ -120,15 +117,5 @@ def _cards(score: HierarchyScore) -> list[dict[str, object]]:
 
 
 def _goals(one: Paired) -> tuple[str, str]:
-    points = shown(one.differences["success_rate"], "success_rate", signed=True).replace("%", "")
+    points = replace(SIGNED["success_rate"], unit="").shown(one.differences["success_rate"])
     return points, p_value(one.holm.get("success_rate"))
-
-
-def _pair(part: str, one: Blind) -> dict[str, object]:
-    return {
-        "simulator": PARTS[part].simulator,
-        "label": one.driver.label,
-        "condition": one.condition,
-        "worlds": one.paired.worlds,
-        "cells": difference_cells(one.paired),
-    }

@@ -4,8 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from eyechart.studies import structured
+from eyechart.studies import structured, study_of
 from eyechart.studies.guardian import VIEWS, VoteTable
+from eyechart.studies.structured.study import Structured
 
 _FEW = 10
 """Resamples of a score of which no interval is read."""
@@ -54,7 +55,7 @@ def members_of(
     """Return what is known of those models of a committee whose votes are of these runs, on the frames of a table."""
     scores: dict[str, structured.StructuredScore] = {}
     for run in runs:
-        if structured.is_structured(run):
+        if isinstance(study_of(run), Structured):
             found = structured.score(run, resamples=_FEW, reread=reread)
             scores.update(dict.fromkeys(found.models, found))
     return tuple(_member(model, table, scores) for model in committee if model in scores)

@@ -24,8 +24,7 @@ from eyechart.report.drawing import (
     plain,
 )
 from eyechart.report.evidence import Subject
-from eyechart.spaces.discrete import Discrete
-from eyechart.spaces.space import UNPARSED
+from eyechart.spaces.space import UNPARSED, AnySpace
 from eyechart.studies.battery.answers import Symbols
 
 _BLUES = LinearSegmentedColormap.from_list("count", ["#ffffff", "#c6dbef", "#6baed6", "#08519c"])
@@ -53,7 +52,7 @@ def gap_by_action(who: Subject, place: int) -> list[Drawing]:
     for y, action in enumerate(actions):
         mine = gaps[real == action]
         some = mine[:: 1 + len(mine) // MOST_MARKS]
-        mark, colour = _MARKS[role(answers.space, action)]
+        mark, colour = _MARKS[answers.space.role(action)]
         shown = np.where(np.isfinite(some), some, nowhere)
         jitter = 0.26 * np.sin(np.arange(len(some)) * 2.399963)  # the golden angle: even, and the same every time
         axes.scatter(shown, y + jitter, s=9, marker=mark, color=colour, alpha=0.55, linewidths=0)
@@ -86,19 +85,14 @@ def _strip_axes(axes: Axes, names: Sequence[str], nowhere: float, *, leadless: b
     axes.spines["left"].set_visible(False)
 
 
-def role(space: Discrete, action: str) -> str:
-    """Return what an action is to the gap tests: brake, proceed, or other."""
-    return "brake" if action in space.brake else "proceed" if action in space.proceed else "other"
-
-
 def mirror(who: Subject, place: int) -> list[Drawing]:
     """Draw which action a reflection turns each action into; a frame marks where it should go."""
     answers = who.model.answers
     real, mirrored, _ = answers.both("real", "mirrored", "response")
-    if not len(real) or not answers.space.mirror_pairs:
+    if not len(real) or not answers.partners:
         return []
     names = ("real frame", "mirrored frame")
-    expected = {(action, answers.space.reflect(action)) for action in answers.space.actions}
+    expected = {(action, answers.partners.get(action, action)) for action in answers.space.actions}
     title = f"Under reflection, {who.label}"
     note = "framed: the action that the reflected world calls for"
     return [
@@ -124,7 +118,7 @@ def _transitions(
     words: tuple[str, str, str],
     pair: tuple[Symbols, Symbols],
     names: tuple[str, str],
-    space: Discrete,
+    space: AnySpace,
     marked: set[tuple[str, str]],
     note: str,
 ) -> Drawing:

@@ -1,80 +1,113 @@
-"""Tables for the terminal of what drove: the ladder, the paper's beside it, paired differences, and the audit."""
+"""Tables of what drove: the ladder, the paper's beside it, paired differences, the audit, replayed decisions."""
 
-from collections.abc import Mapping, Sequence
-
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
-from rich.text import Text
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 from eyechart.episodes import Unfinished
-from eyechart.report.tables import number, p_value
+from eyechart.report.table import STATISTIC, Cell, Column, Mark, Table, columns, number, statistic_cells
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.closed_loop import Blind, Degeneracy, Driver, Paired, Replay, Rung
-from eyechart.studies.closed_loop.published import PUBLISHED, Beside, leads, unlike
+from eyechart.studies.closed_loop import Blind, ClosedLoopScore, Degeneracy, Driver, Paired, Replay, Rung
+from eyechart.studies.closed_loop.published import PUBLISHED, Beside, beside_paper, leads, unlike
 
-_DIGITS = {"distance_m": 1, "reward": 2, "speed_mps": 1}
-NAMES = {
-    "distance_m": "distance (m)",
-    "reward": "reward",
-    "speed_mps": "speed (m/s)",
-    "crash_rate": "crash",
-    "success_rate": "success",
+MEASURES = {
+    "distance_m": Column("distance (m)", "estimate", 1),
+    "reward": Column("reward", "estimate", 2),
+    "speed_mps": Column("speed (m/s)", "estimate", 1),
+    "crash_rate": Column("crash", "estimate", 1, 100, "%"),
+    "success_rate": Column("success", "estimate", 1, 100, "%"),
 }
-"""What the columns of the ladder are called."""
+"""The columns of the ladder."""
+NAMES = {name: one.name for name, one in MEASURES.items()}
+SIGNED = {name: replace(one, signed=True) for name, one in MEASURES.items()}
+DIFFERENCES = (
+    Column("worlds", "count"),
+    *(each for one in SIGNED.values() for each in (one, Column(f"p {one.name.partition(' (')[0]}", "p"))),
+)
+"""The columns of the differences of a pair, whose cells ``difference_cells`` returns."""
+FINDINGS = {"differs": "sees", "no_difference_found": "open", "identical": "blind", "cannot_say": "open"}
+"""The tone of what a comparison with other pictures finds."""
+_SIMULATOR = Column("simulator", "word", varies=True)
+_WHO = (_SIMULATOR, Column("policy"), *columns("text", "condition", "run", varies=True))
 
-NARROWEST = 16
-"""A driver's name is folded to as few characters before a number beside it is cut."""
+
+def tables_of(score: ClosedLoopScore) -> tuple[Table, ...]:
+    """Return every table of runs of episodes."""
+    beside = beside_paper(score.ladder)
+    return (
+        ladder_table(score.ladder, score.references),
+        *([paper_table(beside)] if beside else []),
+        *reference_tables(score),
+        *([blind_table(score.blind)] if score.blind else []),
+        degeneracy_table(score.audit),
+        *([replay_table(score.replays)] if score.replays else []),
+        *long_tables(score),
+    )
 
 
-def shown(one: Statistic, name: str, *, signed: bool = False) -> str:
-    """Return a number of the ladder with its interval; a rate in percent."""
-    scale, digits, sign = (100.0, 1, "%") if name.endswith("_rate") else (1.0, _DIGITS[name], "")
-    if one.value is None:
-        return "—"
-    form = f"{{:+.{digits}f}}" if signed else f"{{:.{digits}f}}"
-    value = form.format(scale * one.value)
-    if one.ci is None:
-        return value + sign
-    return f"{value}{sign} [{form.format(scale * one.ci[0])}, {form.format(scale * one.ci[1])}]"
+def long_tables(score: ClosedLoopScore) -> tuple[Table, ...]:
+    """Return the ladder, the paired differences and the audit, a row a number."""
+    every = [(one, "") for one in score.paired] + [(one.paired, one.finding) for one in score.blind]
+    beware = f" (beware: {score.caveat})" if score.caveat else ""
+    paired = f"Differences in the same worlds: from the reference{beware}, and real pictures less others"
+    head = (*_WHO, Column("statistic"), *STATISTIC)
+    ladder = ((one.driver, name, each, each.method) for one in score.ladder for name, each in one.statistics.items())
+    audit = ((one.driver, name, each, each.note) for one in score.audit for name, each in one.statistics.items())
+    return (
+        Table("ladder", "The ladder (Table t:baselines), row by row", (*head, Column("method")), _numbers(ladder)),
+        differences_table(every, paired),
+        Table("audit", "The degeneracy audit, every number", (*head, Column("note")), _numbers(audit)),
+    )
+
+
+def _numbers(found: Iterable[tuple[Driver, str, Statistic, str]]) -> tuple[tuple[Cell, ...], ...]:
+    return tuple((*_who(driver), name, *statistic_cells(one), last) for driver, name, one, last in found)
+
+
+def differences_table(found: Sequence[tuple[Paired, str]], caption: str) -> Table:
+    """Return a row for each statistic of pairs, with what was found."""
+    rows = tuple(
+        (one.first.label, one.second.label, name, *statistic_cells(each), one.holm.get(name), finding)
+        for one, finding in found
+        for name, each in one.differences.items()
+    )
+    named = (*columns("text", "first", "second", "statistic"), *STATISTIC, Column("Holm p", "p"), Column("finding"))
+    return Table("paired", caption, named, rows)
+
+
+def _who(driver: Driver) -> tuple[Cell, ...]:
+    return driver.simulator, driver.policy, driver.condition, driver.run
 
 
 def ladder_table(rungs: Sequence[Rung], references: Mapping[str, Driver]) -> Table:
     """Return one row a driver, the best by reward first; the reference is marked."""
-    caption = (
-        "[ ] 95 % interval: episodes resampled, of a rate exact (Clopper-Pearson). * what the others are held against"
-    )
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, caption=caption, caption_justify="left")
-    table.add_column("policy", overflow="fold", min_width=NARROWEST)
-    for name in ("n", *NAMES.values()):
-        table.add_column(name, justify="right", no_wrap=True)
-    several = len({one.driver.simulator for one in rungs}) > 1
+    note = "[ ] 95 % interval: episodes resampled, of a rate exact (Clopper-Pearson). * the others are held against it"
+    rows = []
     for one in sorted(rungs, key=lambda each: (each.driver.simulator, -(each.statistics["reward"].value or 0.0))):
-        where = f"{one.driver.simulator} · " if several else ""
-        star = " *" if references.get(one.driver.simulator) == one.driver else ""
+        star = "*" if references.get(one.driver.simulator) == one.driver else ""
         errors = f" + {one.errors} in error" if one.errors else ""
-        cells = [shown(one.statistics[name], name) for name in NAMES]
-        table.add_row(Text(f"{where}{one.driver.label}{star}"), f"{one.statistics['reward'].n}{errors}", *cells)
-    return table
+        n = one.statistics["reward"].n
+        who = (one.driver.simulator, Mark(one.driver.label, "", star), f"{n}{errors}" if errors else n)
+        rows.append((*who, *(one.statistics[name] for name in MEASURES)))
+    named = (_SIMULATOR, Column("policy"), Column("n", "count"), *MEASURES.values())
+    return Table("ladder_summary", "The ladder, best reward first", named, tuple(rows), note)
 
 
 def paper_table(rows: Sequence[Beside]) -> Table:
     """Return Table t:baselines: ours, the paper's and the difference, in percent or for crashes in points."""
-    title = "Table t:baselines: ours | the paper's (difference in %, of crashes in points)"
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, title=title, title_justify="left")
-    table.add_column("policy", overflow="fold", min_width=NARROWEST)
-    columns = ("distance_m", "reward", "speed_mps", "crash_rate")
-    for name in columns:
-        table.add_column(NAMES[name], justify="right", no_wrap=True)
+    names = ("distance_m", "reward", "speed_mps", "crash_rate")
+    made = []
     for row in rows:
-        cells = []
-        for name in columns:
+        cells: list[Cell] = [row.rung.driver.policy]
+        for name in names:
             value, theirs = row.rung.statistics[name].value, PUBLISHED[row.rung.driver.policy][name]
-            scale, digits = (100.0, 1) if name == "crash_rate" else (1.0, _DIGITS[name])
-            by = row.differences.get(name)
-            mine = "—" if value is None else f"{scale * value:.{digits}f}"
-            cells.append(f"{mine} | {scale * theirs:.{digits}f} ({'—' if by is None else f'{100 * by:+.1f}'})")
-        table.add_row(Text(row.rung.driver.policy), *cells)
-    return table
+            form, by = MEASURES[name], row.differences.get(name)
+            mine, paper = (number(None if one is None else form.scale * one, form.digits) for one in (value, theirs))
+            cells.append(f"{mine} | {paper} ({'—' if by is None else f'{100 * by:+.1f}'})")
+        made.append(tuple(cells))
+    caption = "Table t:baselines: ours | the paper's (difference in %, of crashes in points)"
+    return Table(
+        "baselines", caption, (Column("policy"), *columns("count", *(NAMES[one] for one in names))), tuple(made)
+    )
 
 
 def paper_words(rows: Sequence[Beside], rungs: Sequence[Rung]) -> list[str]:
@@ -102,68 +135,77 @@ def unfinished_words(found: Mapping[str, Sequence[Unfinished]]) -> list[str]:
     return [f"{f'{run} · ' if run else ''}{one.policy}: {one.words}" for run, left in found.items() for one in left]
 
 
-def paired_table(found: Sequence[Paired], title: str, caveat: str = "") -> Table:
-    """Return one row a comparison: first less second in the same worlds, with the p that Holm leaves."""
-    caption = Text(caveat) if caveat else None
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, title=Text(title), title_justify="left", caption=caption)
-    table.caption_justify = "left"
-    table.add_column("policy", overflow="fold", min_width=NARROWEST)
-    table.add_column("worlds", justify="right")
-    for name in NAMES.values():
-        table.add_column(name, justify="right", no_wrap=True)
-    for one in found:
-        table.add_row(Text(one.first.label), str(one.worlds), *_stacked(one))
-    return table
+def reference_tables(score: ClosedLoopScore) -> list[Table]:
+    """Return for each simulator one row a policy: it less the reference in the same worlds, with p after Holm."""
+    return [
+        Table(
+            f"less_reference_{place}",
+            f"{name}: policy less {reference.label}, same worlds; p after Holm",
+            (Column("policy"), *DIFFERENCES),
+            tuple((one.first.label, *difference_cells(one)) for one in score.paired if one.first.simulator == name),
+            score.caveat,
+        )
+        for place, (name, reference) in enumerate(score.references.items(), 1)
+    ]
 
 
 def blind_table(found: Sequence[Blind]) -> Table:
     """Return one row a policy and condition: real less the condition, with the p that Holm leaves."""
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, title="Real pictures less others, same worlds", title_justify="left")
-    table.add_column("policy", overflow="fold", min_width=NARROWEST)
-    for name in ("less", "finding"):
-        table.add_column(name, no_wrap=True)
-    for name in ("worlds", *NAMES.values()):
-        table.add_column(name, justify="right", no_wrap=True)
-    for one in found:
-        label = f"{one.driver.run} · {one.driver.policy}" if one.driver.run else one.driver.policy
-        finding = one.finding.replace("_", " ")
-        table.add_row(Text(label), one.condition, finding, str(one.paired.worlds), *_stacked(one.paired))
-    return table
+    rows = tuple(
+        (
+            f"{one.driver.run} · {one.driver.policy}" if one.driver.run else one.driver.policy,
+            one.condition,
+            Mark(one.finding.replace("_", " "), FINDINGS[one.finding]),
+            *difference_cells(one.paired),
+        )
+        for one in found
+    )
+    named = (Column("policy"), *columns("word", "less", "finding"), *DIFFERENCES)
+    return Table("blind", "Real pictures less others, same worlds", named, rows, "p after Holm")
 
 
-def _stacked(one: Paired) -> list[str]:
-    """Return each difference above its interval and its p, so that the table stays narrow."""
-    cells = [shown(one.differences[name], name, signed=True).replace(" [", "\n[") for name in NAMES]
-    return [f"{cell}\np {p_value(one.holm.get(name))}" for name, cell in zip(NAMES, cells, strict=True)]
+def difference_cells(one: Paired) -> tuple[Cell, ...]:
+    """Return each difference in the same worlds, with the p that Holm leaves."""
+    each = [(one.differences[name], one.holm.get(name)) for name in MEASURES]
+    return one.worlds, *(cell for pair in each for cell in pair)
 
 
 def degeneracy_table(rows: Sequence[Degeneracy]) -> Table:
     """Return Table t:degeneracy, with the episode-safe p beside the paper's and the parse failures."""
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, title="Degeneracy audit (Table t:degeneracy)", title_justify="left")
-    several = len({row.driver.simulator for row in rows}) > 1
-    table.add_column("model", overflow="fold", min_width=NARROWEST)
-    for name in ("n", "modal", "actions", "H (b)", "MI (b)", "MI/H", "p (paper)", "p (episodes)", "no decision"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("reads as", no_wrap=True)
-    for row in rows:
-        found = row.statistics
-        varies = (found["distinct_actions"].value or 0) > 1
-        mi, share = (number(found[name].value) if varies else "—" for name in ("information_bits", "information_share"))
-        p, q = (p_value(one) if varies else "—" for one in (row.holm_naive, row.holm))
-        table.add_row(
-            Text(f"{row.driver.simulator} · {row.driver.label}" if several else row.driver.label),
-            str(found["modal_share"].n),
-            number(found["modal_share"].value),
-            number(found["distinct_actions"].value, 0),
-            number(found["entropy_bits"].value, 2),
-            mi,
-            share,
-            p,
-            q,
-            f"{100 * (found['unparsed_rate'].value or 0.0):.1f} %",
+    names = ("modal_share", "distinct_actions", "entropy_bits", "information_bits", "information_share")
+    made = tuple(
+        (
+            *_who(row.driver),
+            row.statistics["modal_share"].n,
+            *(row.statistics[name].value for name in names[:3]),
+            *(row.statistics[name].value if _varies(row) else None for name in names[3:]),
+            *(p if _varies(row) else None for p in (row.holm_naive, row.holm)),
+            row.statistics["unparsed_rate"].value,
+            row.geometry,
             row.label,
+            ", ".join(f"{count} {reason}" for reason, count in row.reasons.items()),
         )
-    return table
+        for row in rows
+    )
+    named = (
+        *_WHO,
+        Column("n", "count"),
+        Column("modal_share", "number"),
+        Column("distinct_actions", "number", 0),
+        Column("entropy_bits", "number", 2),
+        *columns("number", "information_bits", "information_share"),
+        *columns("p", "p (paper)", "p (episodes)"),
+        Column("no decision", "number", 1, 100, " %"),
+        Column("scene", varies=True),
+        *columns("word", "label", "reasons"),
+    )
+    caption = "Policy degeneracy audit (Table t:degeneracy); both p Holm-corrected"
+    note = "From a modal share of .98 on a policy is called constant."
+    return Table("degeneracy", caption, named, made, note)
+
+
+def _varies(row: Degeneracy) -> bool:
+    return (row.statistics["distinct_actions"].value or 0) > 1
 
 
 def degeneracy_words(rows: Sequence[Degeneracy]) -> list[str]:
@@ -186,26 +228,27 @@ def degeneracy_words(rows: Sequence[Degeneracy]) -> list[str]:
 
 def replay_table(found: Sequence[Replay]) -> Table:
     """Return one row a driver and scripted controller: agreement, the best constant's, and that in shuffled order."""
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, title="Decision-level replay", title_justify="left")
-    table.add_column("model", overflow="fold", min_width=NARROWEST)
-    table.add_column("controller", no_wrap=True)
-    several = len({one.driver.simulator for one in found}) > 1
-    for name in ("n", "agrees", "best constant", "shuffled order", "p"):
-        table.add_column(name, justify="right", no_wrap=True)
-    for one in found:
-        where = f"{one.driver.simulator} · " if several else ""
-        best = one.best_constant
-        constant = "—" if best is None else f"{best[0]} {best[1]:.3f}"
-        agrees, shuffled = (share(each) for each in (one.agreement, one.shuffled))
-        p = p_value(one.shuffled.p)
-        table.add_row(
-            Text(f"{where}{one.driver.label}"), one.controller, str(one.agreement.n), agrees, constant, shuffled, p
+    rows = tuple(
+        (
+            one.driver.simulator,
+            one.driver.label,
+            one.controller,
+            one.agreement.n,
+            one.agreement,
+            None if one.best_constant is None else f"{one.best_constant[0]} {one.best_constant[1]:.3f}",
+            one.shuffled,
+            one.shuffled.p,
         )
-    return table
-
-
-def share(one: Statistic) -> str:
-    """Return a share with its interval, to three digits."""
-    if one.value is None:
-        return "—"
-    return f"{one.value:.3f}" + ("" if one.ci is None else f" [{one.ci[0]:.3f}, {one.ci[1]:.3f}]")
+        for one in found
+    )
+    named = (
+        _SIMULATOR,
+        Column("model"),
+        Column("controller", "word"),
+        Column("n", "count"),
+        Column("agrees", "estimate"),
+        Column("best constant", "count"),
+        Column("shuffled order", "estimate"),
+        Column("p", "p"),
+    )
+    return Table("replay", "Decision-level replay: agreement with a scripted controller", named, rows)

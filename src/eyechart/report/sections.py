@@ -6,7 +6,6 @@ from eyechart.integrity import Guard
 from eyechart.report.drawing import Drawing
 from eyechart.report.evidence import Evidence, Subject, subjects
 from eyechart.report.pictures import NO_PICTURE, Album
-from eyechart.report.portraits import role
 from eyechart.spaces.discrete import Discrete
 
 GUARDS_SHOWN = 4
@@ -85,4 +84,4 @@ def _word(who: Subject, condition: str, place: int, space: Discrete) -> tuple[st
         return "", "—"
     if decision.action is None:
         return "none", f"({decision.missing})"
-    return role(space, decision.action), decision.action
+    return space.role(decision.action), decision.action

@@ -1,40 +1,43 @@
-"""Tables of the structured arm for the terminal: Table t:controller-local, the clauses of admission, every figure."""
+"""Tables of scene estimates: Table t:controller-local, the clauses of admission, every figure, and online driving."""
 
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
-from rich.text import Text
+from collections.abc import Sequence
 
+from eyechart.report.estimates import Estimator
+from eyechart.report.table import STATISTIC, Cell, Column, Mark, Table, columns, statistic_cells
 from eyechart.report.tables import MARK
-from eyechart.stats.statistic import Statistic
 from eyechart.studies.structured import EstimatorScore, StructuredScore
 from eyechart.studies.structured.online import OnlineScore
 
-PAPER = ("renderer positive (paper)", "1.000", "1.000", "0.090", "1.000", "1.000", "1.000 (10)", "0.167")
-"""The first line of Table t:controller-local, on the paper's own 288 pairs."""
+PAPER = (1.0, 1.0, 0.09, 1.0, 1.0, 1.0, 10)
+"""The first line of Table t:controller-local, on the paper's own 288 pairs: the positive control, which crashes in
+0.167 of its 12 online episodes."""
+_ROW = {
+    "parse": "parse",
+    "bal. acc.": "balanced_accuracy",
+    "MAE (m)": "gap_mae_m",
+    "scene eq.": "scene_equivariance",
+    "action eq.": "action_equivariance",
+    "swap": "swap_rate",
+}
+_OUTCOME = {True: Mark("pass", "good"), False: Mark("fail", "bad"), None: Mark("cannot say", "open")}
 
-_OUTCOME = {True: "pass", False: "FAIL", None: "cannot say"}
-_STYLE = {True: "green", False: "red", None: "yellow"}
+Scored = tuple[str, EstimatorScore, Sequence[str]]
+"""A model's label, its score, and in words the guards that its calls fail."""
 
 
-def controller_table(score: StructuredScore) -> Table:
-    """Return Table t:controller-local: a line a model, below the paper's line of its positive control."""
-    title = f"{score.manifest.study}: {score.pairs} pairs of {score.bank.name}, view {score.manifest.view}"
-    caption = "Swap denominators are in parentheses; crash rates are of online runs. — cannot say"
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, title=Text(title), title_justify="left", caption=caption)
-    table.add_column("estimator", no_wrap=True)
-    for name in ("parse", "bal. acc.", "MAE (m)", "scene eq.", "action eq.", "swap (n)", "crash", "admitted"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_row(*PAPER, "—", style="dim", end_section=True)
-    for spec, one in score.models.items():
-        found = one.statistics
-        names = ("parse", "balanced_accuracy", "gap_mae_m", "scene_equivariance", "action_equivariance")
-        swap = found["swap_rate"]
-        mark = MARK if marks(score, spec) else ""
-        admitted = Text(f"{'yes' if one.admitted else 'no'}{mark}", style="green" if one.admitted else "red")
-        table.add_row(
-            Text(spec), *(_number(found[name]) for name in names), f"{_number(swap)} ({swap.n})", "—", admitted
-        )
-    return table
+def scored_of(everyone: Sequence[Estimator]) -> list[Scored]:
+    """Return the models of a report's evidence."""
+    return [(who.label, who.score, marks(who.run.score, who.spec)) for who in everyone]
+
+
+def models_in(score: StructuredScore) -> list[Scored]:
+    """Return the models of one run."""
+    return [(spec, one, marks(score, spec)) for spec, one in score.models.items()]
+
+
+def tables_of(everyone: Sequence[Scored]) -> tuple[Table, ...]:
+    """Return every table of models that told scenes."""
+    return controller_table(everyone), clauses_table(everyone), figures_table(everyone)
 
 
 def marks(score: StructuredScore, spec: str) -> list[str]:
@@ -42,85 +45,82 @@ def marks(score: StructuredScore, spec: str) -> list[str]:
     return [f"guard '{one.name}' fails: {one.because}" for one in score.guards[spec] if one.holds is False]
 
 
-def clauses_table(score: EstimatorScore) -> Table:
-    """Return one row a clause: what it asks for, what was found, and pass or fail."""
-    words = "admitted" if score.admitted else "not admitted"
-    partial = "" if score.answered >= score.planned else f"; {score.answered} of {score.planned} calls are answered"
-    title = Text(f"{score.model}: {words}{partial}")
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, title=title, title_justify="left")
-    table.add_column("clause", no_wrap=True)
-    for name in ("at least", "value", "95 % interval", "n"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("", no_wrap=True)
-    table.add_column("what is counted", overflow="fold")
-    for held in score.clauses:
-        whole = held.clause.least >= 1
-        table.add_row(
-            held.name,
-            f"{held.clause.least:.0f}" if whole else f"{held.clause.least:.2f}",
-            _number(held.statistic, 0 if whole else 3),
-            _interval(held.statistic),
-            str(held.statistic.n),
-            Text(_OUTCOME[held.passes], style=_STYLE[held.passes]),
-            held.clause.says,
+def controller_table(everyone: Sequence[Scored]) -> Table:
+    """Return Table t:controller-local: a line a model; the paper's positive control stands in the note."""
+    rows: list[tuple[Cell, ...]] = []
+    for label, score, fails in everyone:
+        found, left = score.statistics, score.planned - score.answered
+        admitted = (
+            Mark("yes", "good", MARK if fails else "") if score.admitted else Mark("no", "bad", MARK if fails else "")
         )
-    return table
+        unfinished = f"{left} of {score.planned} calls" if left > 0 else None
+        rows.append((label, *(found[name] for name in _ROW.values()), found["swap_rate"].n, admitted, unfinished))
+    named = (Column("estimator"), *columns("estimate", *_ROW), Column("turns", "count"), Column("admitted", "word"))
+    caption = "Estimators side by side (Table t:controller-local); turns are the swap rate's denominator"
+    paper = ", ".join(f"{name} {value:.3f}" for name, value in zip(_ROW, PAPER, strict=False))
+    note = f"renderer positive (paper), on its own pairs: {paper} of {PAPER[-1]} turns. — cannot say"
+    return Table("controllers", caption, (*named, Column("unfinished")), tuple(rows), note)
 
 
-def figures_table(score: EstimatorScore) -> Table:
-    """Return every figure of one model, over all frames and over those before any collision."""
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, title=Text(score.model), title_justify="left")
-    table.add_column("figure", no_wrap=True)
-    for scope in ("all frames", "before collision"):
-        table.add_column(scope, justify="right")
-        table.add_column("95 % interval", justify="right")
-        table.add_column("n", justify="right")
-    table.add_column("note", overflow="fold")
-    for name, one in score.statistics.items():
-        before = None if score.before is None else score.before[name]
-        row = ["—", "—", "—"] if before is None else [_number(before), _interval(before), str(before.n)]
-        note = "the bank does not record collisions" if before is None else one.note
-        table.add_row(name, _number(one), _interval(one), str(one.n), *row, Text(note))
-    return table
+def clauses_table(everyone: Sequence[Scored]) -> Table:
+    """Return one row a clause: what it asks for, what was found, and pass or fail."""
+    rows = tuple(
+        (
+            label,
+            one.name,
+            one.clause.least,
+            *statistic_cells(one.statistic)[:-1],
+            _OUTCOME[one.passes],
+            one.clause.says + (f" ({one.statistic.note})" if one.statistic.value is None else ""),
+        )
+        for label, score, _ in everyone
+        for one in score.clauses
+    )
+    named = (Column("estimator"), Column("clause", "word"), Column("at least", "number"), *STATISTIC[:-1])
+    caption = "The clauses of admission, held against each estimator"
+    return Table("clauses", caption, (*named, Column("outcome", "word"), Column("what is counted")), rows)
+
+
+def figures_table(everyone: Sequence[Scored]) -> Table:
+    """Return every figure, over all frames and over those before any collision."""
+    rows = tuple(
+        (label, scope, name, *statistic_cells(one)[:-1], "; ".join(filter(None, (one.method, one.note))))
+        for label, score, _ in everyone
+        for scope, found in (("all", score.statistics), ("before collision", score.before or {}))
+        for name, one in found.items()
+    )
+    named = (Column("estimator"), *columns("word", "frames", "figure"), *STATISTIC[:-1], Column("method and note"))
+    unsaid = [label for label, score, _ in everyone if score.before is None]
+    note = f"The bank does not record collisions: {', '.join(unsaid)}." if unsaid else ""
+    return Table("estimates", "Every figure of each estimator", named, rows, note)
 
 
 def online_table(score: OnlineScore) -> Table:
     """Return one row an estimator: its crash rate, its decisions, and how often it gave none."""
-    passed = sum(one.why is None for one in score.vetted)
+    actions, passed = score.manifest.action_space.actions, sum(one.why is None for one in score.vetted)
     worlds = f"{passed} of {len(score.vetted)} worlds pass the checks"
-    title = f"online in {score.manifest.simulator}: {worlds}, view {score.manifest.view}"
-    caption = "The paper's positive control crashes in 0.167 of its 12 episodes. — cannot say"
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, title=Text(title), title_justify="left", caption=caption)
-    table.add_column("estimator", no_wrap=True)
-    for name in ("episodes", "crash", "95 % interval", *score.manifest.action_space.actions, "fail-safe", "errors"):
-        table.add_column(name, justify="right", no_wrap=True)
-    for spec, one in score.driven.items():
-        decided = (str(one.decisions.get(name, 0)) for name in score.manifest.action_space.actions)
-        crash = one.crash_rate
-        table.add_row(
-            Text(spec),
-            str(crash.n),
-            _number(crash),
-            _interval(crash),
-            *decided,
-            str(one.fail_safe),
-            str(one.errors),
+    rows: tuple[tuple[Cell, ...], ...] = tuple(
+        (
+            spec,
+            one.crash_rate.n,
+            one.crash_rate,
+            *(one.decisions.get(name, 0) for name in actions),
+            one.fail_safe,
+            one.errors,
         )
-    return table
+        for spec, one in score.driven.items()
+    )
+    named = (Column("estimator"), Column("episodes", "count"), Column("crash", "estimate"))
+    caption = f"online in {score.manifest.simulator}: {worlds}, view {score.manifest.view}"
+    note = "The paper's positive control crashes in 0.167 of its 12 episodes. — cannot say"
+    return Table("online", caption, (*named, *columns("count", *actions, "fail-safe", "errors")), rows, note)
 
 
 def reading_words(score: EstimatorScore) -> list[str]:
-    """Return in words how many replies held no estimate and why, and what was repaired in others."""
-    lines = []
+    """Return in words whether a model is admitted, how many replies held no estimate and why, and what was repaired."""
+    partial = "" if score.answered >= score.planned else f"; {score.answered} of {score.planned} calls are answered"
+    lines = [f"{score.model}: {'admitted' if score.admitted else 'not admitted'}{partial}"]
     for what, counts in (("no estimate", score.told.reasons), ("repaired", score.told.repairs)):
         if counts:
             lines.append(f"{what}: " + ", ".join(f"{name} {count}" for name, count in counts.items()))
     return lines
-
-
-def _number(one: Statistic, digits: int = 3) -> str:
-    return "—" if one.value is None else f"{one.value:.{digits}f}"
-
-
-def _interval(one: Statistic) -> str:
-    return "—" if one.ci is None else f"[{one.ci[0]:.3f}, {one.ci[1]:.3f}]"

@@ -1,52 +1,66 @@
-"""Tables for the terminal: verdicts, statistics, and Table t:frontier of the paper."""
+"""Tables of batteries and prompt studies: verdicts, Table t:frontier of the paper, every statistic, and the costs."""
 
-from collections.abc import Mapping, Sequence
-
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
-from rich.text import Text
+from collections.abc import Iterable, Mapping, Sequence
 
 from eyechart.compare import Replication
-from eyechart.stats.statistic import Statistic, percent
+from eyechart.costs import ALL, Account
+from eyechart.report.evidence import Subject
+from eyechart.report.table import (
+    STATISTIC,
+    Cell,
+    Column,
+    Mark,
+    Table,
+    columns,
+    number,
+    p_value,
+    statistic_cells,
+)
+from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import BatteryScore, ModelScore
 from eyechart.studies.prompts import CellScore
 from eyechart.verdicts import LABELS, Stopped, Verdict
 
-MARK = " !"
+MARK = "!"
 """Stands behind a verdict of a run that failed a guard; the guard is printed in words below."""
 
-
-def number(value: float | None, digits: int = 3) -> str:
-    """Return a number as text; "cannot say" is a dash."""
-    return "—" if value is None else f"{value:.{digits}f}"
+Judged = tuple[str, ModelScore, Verdict]
+"""A model's label, its score and its verdict."""
 
 
-def p_value(p: float | None) -> str:
-    """Return a p as the paper prints it: four digits, or ``<10⁻⁴``."""
-    if p is None:
-        return "—"
-    return "<10⁻⁴" if p < 0.0001 else f"{p:.4f}" if p < 0.01 else f"{p:.3f}"
+def judged_of(everyone: Sequence[Subject]) -> list[Judged]:
+    """Return the models of a report's evidence."""
+    return [(who.label, who.model, who.verdict) for who in everyone]
 
 
-def verdict_table(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> Table:
+def judged(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> list[Judged]:
+    """Return the models of one run."""
+    return [(spec, score.models[spec], verdict) for spec, verdict in verdicts.items()]
+
+
+def tables_of(everyone: Sequence[Judged]) -> tuple[Table, ...]:
+    """Return every table of models that were judged."""
+    return verdict_table(everyone), frontier_table(everyone), statistics_table(everyone)
+
+
+def glance_table(everyone: Sequence[Judged]) -> Table:
     """Return one row a model: both verdicts, the lateral label, and the statistic that decided."""
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    for name in ("model", "verdict", "lateral", "paper's rules", "decided by"):
-        table.add_column(name, no_wrap=True)
-    for spec, verdict in verdicts.items():
-        label, name = verdict.calibrated.label, verdict.calibrated.decided_by
-        deciding = score.models[spec].statistics[name]
-        table.add_row(
-            Text(spec),
-            Text(
-                "\n".join(filter(None, (f"{label}{MARK if verdict.failed else ''}", verdict.state))),
-                style=LABELS[label].colour,
-            ),
-            verdict.lateral.label,
-            verdict.paper.label,
-            f"{name}{_short(deciding)}" if verdict.stopped is None else _short_e(name, deciding, verdict.stopped),
-        )
-    return table
+    state = any(verdict.state for _, _, verdict in everyone)
+    named = columns("word", "verdict", "lateral", "paper's rules", "decided by")
+    rows: list[tuple[Cell, ...]] = []
+    for label, model, verdict in everyone:
+        name = verdict.calibrated.decided_by
+        one = model.statistics[name]
+        by = f"{name}{_short(one)}" if verdict.stopped is None else _short_e(name, one, verdict.stopped)
+        words = (_label(verdict), verdict.lateral.label, verdict.paper.label, by)
+        rows.append((label, *words, *([verdict.state] if state else [])))
+    unfinished = [Column("unfinished")] if state else []
+    return Table("glance", "", (Column("model"), *named, *unfinished), tuple(rows))
+
+
+def _label(verdict: Verdict) -> Mark:
+    label = verdict.calibrated.label
+    return Mark(label, LABELS[label].family, MARK if verdict.failed else "")
 
 
 def _short(one: Statistic) -> str:
@@ -57,6 +71,19 @@ def _short(one: Statistic) -> str:
 def _short_e(name: str, one: Statistic, stopped: Stopped) -> str:
     """Return an e-value in few characters, and how many of the calls had been made when its run stopped."""
     return f"{name.partition('.')[2]}, e {number(one.value, 0)} ({stopped.calls}/{stopped.planned})"
+
+
+def verdict_table(everyone: Sequence[Judged]) -> Table:
+    """Return one row a model: labels, evidence, and the deciding statistic."""
+    named = columns("text", "model", "verdict", "lateral", "evidence", "paper's verdict", "decided by")
+    rows = []
+    for label, model, verdict in everyone:
+        ruling = verdict.calibrated
+        words = (label, ruling.label, verdict.lateral.label, verdict.evidence, verdict.paper.label, ruling.decided_by)
+        marks = "; ".join(guard.name for guard in verdict.failed)
+        rows.append((*words, *statistic_cells(model.statistics[ruling.decided_by]), verdict.state, marks))
+    made = (*named, *STATISTIC, *columns("text", "unfinished", "failed guards"))
+    return Table("verdicts", "Verdicts and the statistic that decided each", made, tuple(rows))
 
 
 def frontier_rows(score: ModelScore) -> dict[str, str]:
@@ -83,40 +110,33 @@ def frontier_rows(score: ModelScore) -> dict[str, str]:
     }
 
 
-def frontier_table(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> Table:
-    """Return Table t:frontier over the run's models, with both verdicts below."""
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    table.add_column("metric")
-    columns = {spec: frontier_rows(one) for spec, one in score.models.items()}
-    for spec in columns:
-        table.add_column(Text(spec), justify="right")
-    for row in next(iter(columns.values()), {}):
-        table.add_row(row, *(column[row] for column in columns.values()))
-    marks = {spec: MARK if verdicts[spec].failed else "" for spec in columns}
-    if any(one.stopped for one in score.models.values()):
-        ended = (one.stopped for one in score.models.values())
-        table.add_row(
-            "stopped early", *("—" if one is None else f"{one.calls} of {one.planned} calls" for one in ended)
-        )
-    if any(verdicts[spec].state for spec in columns):
-        table.add_row("unfinished", *(verdicts[spec].state.removeprefix("unfinished: ") or "—" for spec in columns))
-    table.add_row("verdict (paper)", *(verdicts[spec].paper.label + marks[spec] for spec in columns))
-    table.add_row("verdict (calibrated)", *(verdicts[spec].calibrated.label + marks[spec] for spec in columns))
-    return table
+def frontier_table(everyone: Sequence[Judged]) -> Table:
+    """Return the paper's Table t:frontier: one column a model, with both verdicts below."""
+    made = [frontier_rows(model) for _, model, _ in everyone]
+    rows: list[tuple[Cell, ...]] = [(name, *(one[name] for one in made)) for name in (made[0] if made else ())]
+    ended = [model.stopped for _, model, _ in everyone]
+    if any(ended):
+        told = (None if one is None else f"{one.calls} of {one.planned} calls" for one in ended)
+        rows.append(("stopped early", *told))
+    verdicts = [verdict for _, _, verdict in everyone]
+    if any(one.state for one in verdicts):
+        rows.append(("unfinished", *(one.state.removeprefix("unfinished: ") or None for one in verdicts)))
+    rows.append(("verdict (paper)", *(Mark(one.paper.label, "", MARK if one.failed else "") for one in verdicts)))
+    rows.append(("verdict (calibrated)", *map(_label, verdicts)))
+    named = (Column("metric", "word"), *columns("word", *(label for label, _, _ in everyone)))
+    return Table("frontier", "The battery, as the paper prints it", named, tuple(rows))
 
 
-def statistics_table(score: ModelScore) -> Table:
-    """Return every statistic of one model with its interval, n and p."""
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, title=Text(score.model), title_justify="left")
-    table.add_column("statistic")
-    for name in ("value", "interval", "level", "n", "p", "p (Holm)"):
-        table.add_column(name, justify="right")
-    table.add_column("note", overflow="fold")
-    for name, one in score.statistics.items():
-        value, level = " ".join(filter(None, (number(one.value), one.unit))), percent(one.level) if one.ci else ""
-        cells = (value, _interval(one), level, str(one.n), p_value(one.p), _holm(score, name))
-        table.add_row(name, *cells, Text(one.note))
-    return table
+def statistics_table(everyone: Sequence[Judged]) -> Table:
+    """Return every statistic of every model; Holm p is corrected over the models of a run."""
+    rows = tuple(
+        (label, name, *statistic_cells(one), model.holm.get(name), one.method, one.note, one.unit)
+        for label, model, _ in everyone
+        for name, one in model.statistics.items()
+    )
+    named = (Column("model"), Column("statistic", "word"), *STATISTIC, Column("Holm p", "p"))
+    caption = "Every statistic with its interval, n and p"
+    return Table("statistics", caption, (*named, *columns("text", "method", "note", "unit")), rows)
 
 
 MAIN = (
@@ -137,47 +157,16 @@ MAIN = (
 
 def replication_table(one: Replication, *, every: bool = False) -> Table:
     """Return one row a statistic: both runs' values, the difference with its interval, n and p."""
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, title=Text(one.model), title_justify="left")
-    table.add_column("statistic")
-    for name in ("first", "second", "difference", "95 % interval", "n", "p", "p (Holm)"):
-        table.add_column(name, justify="right")
-    table.add_column("note", overflow="fold")
+    rows: list[tuple[Cell, ...]] = []
     for name, found in one.differences.items():
         if every or name in MAIN or name in one.changed:
-            sides = [number(_side(found, side)) for side in ("first", "second")]
+            sides = [_side(found, side) for side in ("first", "second")]
             signed = found.value is not None and name not in {"across_runs", "answer_shift"}
-            value = f"{found.value:+.3f}" if signed else number(found.value)
-            p = p_value(found.p), p_value(one.holm[name])
+            value = f"{found.value:+.3f}" if signed else found.value
             note = {"across_runs": "share answered alike", "answer_shift": "distance"}.get(name, found.note)
-            table.add_row(name, *sides, value, _interval(found), str(found.n), *p, Text(note))
-    return table
-
-
-def prompts_table(model: str, cells: Sequence[CellScore]) -> Table:
-    """Return one model's part of Table t:prompts: diversity, and beside it what the answers hold of the scene."""
-    caption = (
-        "n_a: distinct outputs, UNPARSED among them. Diversity is not scene dependence, which V (real against blank), "
-        "I(A;g) in bits and its p, corrected by Holm over these cells, look at. — cannot say"
-    )
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, title=Text(model), title_justify="left", caption=caption)
-    table.add_column("cell", no_wrap=True)
-    for name in ("modal share", "n_a", "IDI", "unparsed", "V", "I(A;g)", "p", "calls"):
-        table.add_column(name, justify="right", no_wrap=True)
-    for cell in cells:
-        found = cell.statistics
-        modal, idi = (f"{number(found[name].value, 2)} {_interval(found[name], 2)}" for name in ("modal_share", "idi"))
-        table.add_row(
-            Text(f"{cell.name}{MARK if cell.marks else ''}"),
-            modal,
-            number(found["distinct_outputs"].value, 0),
-            idi,
-            number(found["unparsed_rate"].value),
-            number(found["cramers_v_real_blank"].value),
-            number(found["mutual_information"].value),
-            p_value(cell.holm["mutual_information"]),
-            f"{cell.answered}/{cell.planned}",
-        )
-    return table
+            rows.append((name, *sides, value, *statistic_cells(found)[1:], one.holm[name], note))
+    named = (Column("statistic", "word"), *columns("number", "first", "second", "difference"), *STATISTIC[1:])
+    return Table("replication", one.model, (*named, Column("p (Holm)", "p"), Column("note")), tuple(rows))
 
 
 def _side(found: Statistic, side: str) -> float | None:
@@ -185,9 +174,77 @@ def _side(found: Statistic, side: str) -> float | None:
     return value if isinstance(value, float) else None
 
 
-def _interval(one: Statistic, digits: int = 3) -> str:
-    return "—" if one.ci is None else f"[{one.ci[0]:.{digits}f}, {one.ci[1]:.{digits}f}]"
+def prompts_table(cells: Iterable[CellScore]) -> Table:
+    """Return Table t:prompts: diversity, and beside it what the answers hold of the scene."""
+    note = (
+        "n_a: distinct outputs, UNPARSED among them. Diversity is not scene dependence, which V (real against blank), "
+        "I(A;g) in bits and its p, corrected by Holm over these cells, look at. — cannot say"
+    )
+    rows = []
+    for cell in cells:
+        found = cell.statistics
+        who = (cell.model, Mark(cell.name, "", MARK if cell.marks else ""))
+        numbers = [found[name].value for name in ("unparsed_rate", "cramers_v_real_blank", "mutual_information")]
+        diversity = (found["modal_share"], found["distinct_outputs"].value, found["idi"])
+        p, calls = cell.holm["mutual_information"], f"{cell.answered}/{cell.planned}"
+        rows.append((*who, *diversity, *numbers, p, calls))
+    named = (
+        Column("model"),
+        Column("cell", "word"),
+        Column("modal share", "estimate", 2),
+        Column("n_a", "number", 0),
+        Column("IDI", "estimate", 2),
+        *columns("number", "unparsed", "V", "I(A;g)"),
+        Column("p", "p"),
+        Column("calls", "count"),
+    )
+    return Table("prompts", "Table t:prompts", named, tuple(rows), note)
 
 
-def _holm(score: ModelScore, name: str) -> str:
-    return p_value(score.holm[name]) if name in score.holm else ""
+def costs_table(accounts: Mapping[str, Mapping[str, Account]], *, every: bool) -> Table:
+    """Return one row a model, and with ``every`` one a condition: what calls took; nothing stands in as a number."""
+    rows = tuple(
+        (spec, *([name] if every else []), *_took(account))
+        for spec, found in accounts.items()
+        for name, account in found.items()
+        if every or name == ALL
+    )
+    named = (
+        Column("model"),
+        *([Column("condition", "word")] if every else []),
+        *columns("count", "calls", "attempts", "retries", "no outcome", "errors", "no decision"),
+        *columns("count", "tokens in", "out", "reasoning", "cost"),
+        *columns("number", "median s", "p95 s", "first byte s"),
+        Column("energy", "number", 1, unit=" J"),
+    )
+    return Table("costs", "what the calls took", named, rows)
+
+
+def _took(one: Account) -> tuple[Cell, ...]:
+    return (
+        one.calls,
+        one.attempts,
+        _reasons(one.retries),
+        one.unknown,
+        _reasons(one.errors),
+        _reasons(one.missing),
+        *("—" if many is None else f"{many:,}" for many in (one.prompt_tokens, one.completion_tokens)),
+        "—" if one.reasoning_tokens is None else f"{one.reasoning_tokens:,}",
+        _cost(one),
+        one.latency_median_s,
+        one.latency_p95_s,
+        one.first_byte_median_s,
+        "not measured" if one.energy_j is None else one.energy_j,
+    )
+
+
+def _reasons(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{count} {reason}" for reason, count in counts.items()) or "0"
+
+
+def _cost(one: Account) -> str:
+    if one.cost_usd is None:
+        return "unknown"
+    unknown = one.cost_from.get("unknown", 0)
+    how = "/".join(name for name in one.cost_from if name != "unknown")
+    return f"${one.cost_usd:.4f} ({how}{f'; {unknown} unknown' if unknown else ''})"

@@ -212,6 +212,10 @@ class SceneSpace:
         """Return the safe action of an estimate."""
         return action.act(self.distances)
 
+    def role(self, symbol: str) -> str:
+        """Return what a safe action is to the gap tests."""
+        return DRIVING.role(symbol)
+
 
 SCENES = SceneSpace()
 

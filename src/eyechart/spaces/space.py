@@ -107,6 +107,10 @@ class Space(Protocol[A]):
         """Return an action's name, for a table and for the world that executes it."""
         ...
 
+    def role(self, symbol: str) -> str:
+        """Return what an action of this name is to the gap tests: brake, proceed, or other."""
+        ...
+
 
 AnySpace = Space[Any]
 

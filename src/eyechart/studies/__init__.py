@@ -1,1 +1,140 @@
-"""Studies: each plans its calls with run() and reads its ledger with score()."""
+"""The studies, a module or package each, one door for all: a kind of run, how it is scored, and what comes of it."""
+
+import json
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
+
+from eyechart.costs import Account
+from eyechart.errors import SpecError
+from eyechart.gate import Gate
+from eyechart.integrity import Guard
+from eyechart.limits import Spent, added
+from eyechart.manifest import RUN
+from eyechart.models.prices import Prices
+
+
+class Score(Protocol):
+    """What a study makes of a run."""
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        ...
+
+
+S = TypeVar("S", bound=Score)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How runs are read: what is declared of their frames and replies, and what drives are held ``against``."""
+
+    independent: bool = False
+    reread: bool = False
+    against: str | None = None
+
+
+@dataclass
+class Took:
+    """What calls took by model and condition, whether their guards hold, and what probes before the run took."""
+
+    accounts: dict[str, dict[str, Account]] = field(default_factory=dict)
+    guards: dict[str, tuple[Guard, ...]] = field(default_factory=dict)
+    probes: dict[str, Spent] = field(default_factory=dict)
+
+    def add(self, part: str, other: "Took") -> None:
+        """Add what a part of a study took; one that stands alone has no name."""
+        where = f" in {part}" if part else ""
+        self.accounts |= {f"{spec}{where}": found for spec, found in other.accounts.items()}
+        self.guards |= {f"{spec}{where}": found for spec, found in other.guards.items()}
+        self.probes |= added(self.probes, other.probes)
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return {
+            "accounting": {
+                spec: {name: one.as_dict() for name, one in found.items()} for spec, found in self.accounts.items()
+            },
+            "guards": {spec: [guard.as_dict() for guard in found] for spec, found in self.guards.items()},
+            "probes": {spec: one.as_dict() for spec, one in self.probes.items()},
+        }
+
+
+class Study(ABC, Generic[S]):
+    """A kind of run. ``refuses`` says of each thing that it cannot do why, in words that follow a run's name.
+
+    ``requirements`` are what a gate may ask of its models, with what each means, ``required`` the one that it does.
+    """
+
+    refuses: ClassVar[Mapping[str, str]] = {}
+    requirements: ClassVar[Mapping[str, str]] = {}
+    required: ClassVar[str] = ""
+
+    @abstractmethod
+    def holds(self, folder: Path) -> bool:
+        """Return whether a folder is a run of this study; it raises nothing."""
+
+    @abstractmethod
+    def score(self, folder: Path, reading: Reading) -> S:
+        """Score a run, finished or not; raises LedgerError, BankError or SpecError where it cannot be."""
+
+    @abstractmethod
+    def took_run(self, run: Path, prices: Prices) -> Took:
+        """Return what the calls of one run took, at these prices."""
+
+    def runs(self, folder: Path) -> Mapping[str, Path]:
+        """Return the runs that a folder of this study holds, by name; one that stands alone has none: ``""``."""
+        return {"": folder}
+
+    def took(self, folder: Path, prices: Prices) -> Took:
+        """Return what the calls of all runs of a folder took."""
+        found = Took()
+        for name, run in self.runs(folder).items():
+            found.add(name, self.took_run(run, prices))
+        return found
+
+    def gate(self, score: S, require: Sequence[str], max_unparsed: float | None) -> Gate:
+        """Hold a score to some of the ``requirements``; a study without any refuses before it is asked."""
+        raise NotImplementedError
+
+
+STUDIES: dict[str, str] = {
+    "battery": "eyechart.studies.battery.study:BatteryStudy",
+    "structured": "eyechart.studies.structured.study:Structured",
+    "online": "eyechart.studies.structured.study:OnlineStudy",
+    "closed_loop": "eyechart.studies.closed_loop.study:ClosedLoop",
+    "hierarchy": "eyechart.studies.hierarchy.study:Hierarchy",
+    "prompts": "eyechart.studies.prompts:Prompts",
+}
+"""What a study's name means: ``module:class``, imported when it is opened."""
+
+
+def open_study(name: str) -> Study[Any]:
+    """Open a study by its name."""
+    module, _, attribute = STUDIES[name].partition(":")
+    opened: Study[Any] = getattr(import_module(module), attribute)()
+    return opened
+
+
+def study_of(folder: Path, to: str = "") -> Study[Any]:
+    """Return the study whose run a folder is; the battery, which says what is wrong with it, where it is none.
+
+    Raises SpecError in the study's own words where it refuses what it is asked ``to`` do.
+    """
+    opened = map(open_study, STUDIES)
+    study = next((one for one in opened if one.holds(folder)), None) or open_study("battery")
+    if to in study.refuses:
+        raise SpecError(f"{folder} {study.refuses[to]}")
+    return study
+
+
+def run_json(folder: Path) -> Mapping[str, object]:
+    """Return what a folder's ``run.json`` says, nothing where there is none that can be read."""
+    try:
+        found = json.loads((folder / RUN).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}

@@ -1,6 +1,5 @@
 """Remote models without a mode file are probed before a run, once; its rest is asked in the mode that it recorded."""
 
-import json
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,11 +11,12 @@ from eyechart.episodes import EpisodesManifest
 from eyechart.errors import SpecError
 from eyechart.ledger import Ledger
 from eyechart.limits import Spent
-from eyechart.manifest import LEDGER, RUN, RunManifest, is_run, read_manifest
+from eyechart.manifest import LEDGER, RunManifest, is_run, read_manifest
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
 from eyechart.probe import Found, ProbeError, Sample, is_served
 from eyechart.probe.pinning import MOST_CALLS
+from eyechart.studies import run_json
 
 PROBED = ("token_field", "max_tokens", "structured", "temperature", "seed")
 """The fields of a mode that a probe may set, where no option did."""
@@ -162,8 +162,4 @@ def manifest_of(run: Path) -> RunManifest | EpisodesManifest:
 
 def is_episodes(path: Path) -> bool:
     """Return whether a folder is a run of episodes, by the format of its ``run.json``."""
-    try:
-        made = json.loads((path / RUN).read_text(encoding="utf-8"))
-        return bool(made["format"] == episodes.FORMAT)
-    except (OSError, ValueError, TypeError, LookupError):
-        return False
+    return run_json(path).get("format") == episodes.FORMAT

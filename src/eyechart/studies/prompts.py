@@ -7,6 +7,7 @@ Source: paper, section Prompt formulation gates measured grounding and Table t:p
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -22,7 +23,8 @@ from eyechart.run import Progress
 from eyechart.stats.agreement import rate
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic, cannot_say
-from eyechart.studies import battery
+from eyechart.studies import Reading, battery
+from eyechart.studies.battery import NO_DRIVES, OfFrames
 from eyechart.studies.probed import spent_on
 
 FRAMES = 100
@@ -222,17 +224,12 @@ class CellScore:
         }
 
 
-def is_study(path: Path) -> bool:
-    """Return whether a folder holds a prompt study: no run itself, but one run or more in its folders."""
-    return not is_run(path) and bool(cells_in(path))
-
-
 def score(path: Path, *, resamples: int = 5000, reread: bool = False) -> tuple[CellScore, ...]:
     """Score every cell of a study, finished or not: by model, and in the order of the built-in prompts.
 
     Raises LedgerError where the folder holds no study, or cells of several banks.
     """
-    if not is_study(path):
+    if is_run(path) or not cells_in(path):
         raise LedgerError(f"{path} holds no prompt study; 'eyechart run prompts' makes one")
     scored = {one.name: battery.score(one, resamples=resamples, reread=reread) for one in cells_in(path)}
     if len({one.manifest.fingerprint for one in scored.values()}) > 1:
@@ -241,16 +238,6 @@ def score(path: Path, *, resamples: int = 5000, reread: bool = False) -> tuple[C
     named = sorted(scored.items(), key=lambda item: (order.get(item[1].manifest.prompt.name, len(order)), item[0]))
     models = dict.fromkeys(spec for _, one in named for spec in one.models)
     return tuple(cell for spec in models for cell in _of_model(spec, named))
-
-
-def took(path: Path, *, prices: Prices | None = None) -> battery.Took:
-    """Return what the calls of every cell took, and whether its guards hold, by ``MODEL in CELL``."""
-    spent, kept = dict[str, dict[str, Account]](), dict[str, tuple[Guard, ...]]()
-    for cell in cells_in(path):
-        accounts, guards = battery.took(cell, prices=prices)
-        spent |= {f"{spec} in {cell.name}": found for spec, found in accounts.items()}
-        kept |= {f"{spec} in {cell.name}": found for spec, found in guards.items()}
-    return spent, kept
 
 
 def _of_model(spec: str, named: Sequence[tuple[str, battery.BatteryScore]]) -> list[CellScore]:
@@ -297,3 +284,39 @@ def _statistics(score: battery.ModelScore) -> dict[str, Statistic]:
         "unparsed_rate": found["unparsed_rate"],
         **{name: found[name] for name in DEPENDENCE},
     }
+
+
+@dataclass(frozen=True)
+class PromptsScore:
+    """Every cell of a prompt study, by model."""
+
+    cells: tuple[CellScore, ...]
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return {"study": "prompts", "cells": [cell.as_dict() for cell in self.cells]}
+
+
+_CELLS = "is a prompt study, of one run a cell: name a cell, as RUN/CELL"
+
+
+class Prompts(OfFrames[PromptsScore]):
+    """A battery a prompt and setting, in the folders of one."""
+
+    names = ()
+    refuses: ClassVar = {
+        **NO_DRIVES,
+        **dict.fromkeys(("verdict", "gate", "report", "bundle", "compare", "transfer"), _CELLS),
+    }
+
+    def holds(self, folder: Path) -> bool:
+        """Return whether a folder is no run itself, but holds one run or more in its folders."""
+        return not is_run(folder) and bool(cells_in(folder))
+
+    def runs(self, folder: Path) -> Mapping[str, Path]:
+        """Return the cells."""
+        return {cell.name: cell for cell in cells_in(folder)}
+
+    def score(self, folder: Path, reading: Reading) -> PromptsScore:
+        """Score every cell."""
+        return PromptsScore(score(folder, reread=reading.reread))

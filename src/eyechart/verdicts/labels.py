@@ -19,7 +19,7 @@ SWAP_RATE = 0.5
 class Label:
     """One label. ``says`` is its sentence; a report draws it as ``glyph`` in the colours of its ``family``.
 
-    ``colour`` is that of a terminal. ``meets`` names the requirements of a gate that it meets; of any other,
+    ``meets`` names the requirements of a gate that it meets; of any other,
     ``otherwise`` says what it shows: that it fails, that it cannot say, or that it fails where the share of pairs in
     which braking follows distance is bounded below the margin. ``early`` names the claims that settle it before a run
     has ended, the first its evidence; without any it is never settled early.
@@ -28,7 +28,6 @@ class Label:
     says: str
     family: Literal["sees", "partly", "blind", "open"] = "open"
     glyph: str = "?"
-    colour: str = "red"
     meets: tuple[str, ...] = ()
     otherwise: Literal["fails", "cannot say", "fails if bounded"] = "fails"
     early: tuple[str, ...] = ()
@@ -45,14 +44,12 @@ LABELS: dict[str, Label] = {
         "side.",
         "sees",
         "●",
-        "bold green",
         meets=("depth", "depth_lateral"),
     ),
     "depth": Label(
         "It may be tried as a longitudinal hazard monitor; no lateral authority has been earned.",
         "sees",
         "●",
-        "green",
         meets=("depth",),
         early=("near_far",),
     ),
@@ -63,28 +60,24 @@ LABELS: dict[str, Label] = {
         "It uses the picture; that its braking follows distance was not shown: no authority over motion.",
         "partly",
         "◐",
-        "yellow",
         otherwise="fails if bounded",
     ),
     "scene_cue": Label(
         "It recognises the kind of scene, not this picture: no authority over motion.",
         "partly",
         "◐",
-        "yellow",
         otherwise="fails if bounded",
     ),
     "presence_only": Label(
         "It notices whether there is a picture, not what is in it: no authority over motion.",
         "partly",
         "◔",
-        "yellow",
         early=("presence", *_CONTENT),
     ),
     "refusal_effect": Label(
         "It only refuses some non-pictures; its decisions do not come from the camera.",
         "blind",
         "○",
-        "yellow",
         early=("presence_response", "bound_blank_kept", *_CONTENT),
     ),
     "image_invariant": Label(
@@ -93,9 +86,7 @@ LABELS: dict[str, Label] = {
         "○",
         early=("bound_blank", "bound_blank_response", *_CONTENT),
     ),
-    "undecided": Label(
-        "This evidence supports no claim; more frames or episodes are needed.", colour="dim", otherwise="cannot say"
-    ),
+    "undecided": Label("This evidence supports no claim; more frames or episodes are needed.", otherwise="cannot say"),
 }
 """The calibrated labels, in the order of their rules."""
 

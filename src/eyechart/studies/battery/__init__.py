@@ -20,11 +20,14 @@ from eyechart.studies.battery.planning import (
 )
 from eyechart.studies.battery.replication import differences
 from eyechart.studies.battery.scoring import BatteryScore, ModelScore, Took, score, took, took_run
+from eyechart.studies.battery.study import NO_DRIVES, OfFrames
 
 __all__ = [
+    "NO_DRIVES",
     "Battery",
     "BatteryScore",
     "ModelScore",
+    "OfFrames",
     "Took",
     "differences",
     "expected",

@@ -212,9 +212,9 @@ class _Pair:
 
     def swaps(self, codes: Codes, weights: Floats) -> Floats:
         """Return the mirror swap rate: of the directional answers to real pictures, those that the reflection swaps."""
-        space = self.first.space
-        partner = np.array([self._names.index(space.reflect(action)) for action in space.actions] + [-2, -3])
-        directional = [self._names.index(action) for action in space.directional]
+        partners = self.first.partners
+        partner = np.array([self._names.index(partners.get(name, name)) for name in self._names[:-1]] + [-2, -3])
+        directional = [self._names.index(name) for name in partners]
         real, mirrored = codes[:, self._row["real"]], codes[:, self._row["mirrored"]]
         asked = np.isin(real, directional) & (mirrored >= 0)
         swapped = asked & (partner[real] == mirrored)

@@ -20,17 +20,20 @@ from eyechart.studies.closed_loop.ladder import (
 from eyechart.studies.closed_loop.reading import Driver, Drives, read_drives
 from eyechart.studies.closed_loop.repeated import Repeats
 from eyechart.studies.closed_loop.replaying import verify
-from eyechart.studies.closed_loop.scoring import ClosedLoopScore, score, took, unfinished_of
+from eyechart.studies.closed_loop.scoring import ClosedLoopScore, score, unfinished_of
+from eyechart.studies.closed_loop.study import NO_LEDGER, OfEpisodes
 
 __all__ = [
     "DIFFERS",
     "LEVEL",
+    "NO_LEDGER",
     "OUTCOMES",
     "Blind",
     "ClosedLoopScore",
     "Degeneracy",
     "Driver",
     "Drives",
+    "OfEpisodes",
     "Outcomes",
     "Paired",
     "Repeats",
@@ -45,7 +48,6 @@ __all__ = [
     "read_drives",
     "same_drive",
     "score",
-    "took",
     "unfinished_of",
     "verify",
 ]

@@ -5,12 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from eyechart.costs import Account, Book
 from eyechart.episodes import Unfinished, every_episode, read_episodes, read_manifest, unfinished
-from eyechart.ledger import Ledger
-from eyechart.limits import Spent, added
-from eyechart.manifest import LEDGER
-from eyechart.models.prices import Prices
 from eyechart.studies.closed_loop.agreement import Replay, replays
 from eyechart.studies.closed_loop.blind import Blind, blind_baselines
 from eyechart.studies.closed_loop.degeneracy import Degeneracy, audit
@@ -155,24 +150,3 @@ def unfinished_of(path: Path) -> tuple[Unfinished, ...]:
     manifest = read_manifest(path)
     over = {one.key for one in read_episodes(path)}
     return tuple(unfinished(path, [key for key in every_episode(manifest) if key not in over], manifest.models))
-
-
-def took(runs: Mapping[str, Path], *, prices: Prices) -> tuple[dict[str, dict[str, Account]], dict[str, Spent]]:
-    """Return what the calls of these runs took by model and condition, and what probing each model took.
-
-    ``runs`` are the folders by name; one that stands alone has none: ``""``.
-    """
-    found: dict[str, dict[str, Account]] = {}
-    probes: dict[str, Spent] = {}
-    for name, out in runs.items():
-        manifest = read_manifest(out)
-        probes |= added(probes, manifest.probes)
-        if not (out / LEDGER).is_file():
-            continue
-        with Ledger(out / LEDGER) as ledger:
-            for spec in manifest.models:
-                book = Book(manifest.mode(spec), manifest.prompt.asks(manifest.action_space), prices)
-                for one in ledger.attempts(spec):
-                    book.add(one)
-                found[f"{spec} in {name}" if name else spec] = book.accounts()
-    return found, probes

@@ -6,7 +6,7 @@ mpc_intent_ablation.
 
 from eyechart.studies.hierarchy.planning import PARTS, SCRIPTED, SILENCE, Part, plan
 from eyechart.studies.hierarchy.running import run
-from eyechart.studies.hierarchy.scoring import Completion, HierarchyScore, Source, is_hierarchy, runs_of, score
+from eyechart.studies.hierarchy.scoring import Completion, HierarchyScore, Source, runs_of, score
 
 __all__ = [
     "PARTS",
@@ -16,7 +16,6 @@ __all__ = [
     "HierarchyScore",
     "Part",
     "Source",
-    "is_hierarchy",
     "plan",
     "run",
     "runs_of",

@@ -229,11 +229,6 @@ class HierarchyScore:
         return [one for part in parts for one in self.drives.get(part, ())]
 
 
-def is_hierarchy(path: Path) -> bool:
-    """Return whether a folder holds runs of the study."""
-    return bool(runs_of(path))
-
-
 def runs_of(path: Path) -> dict[str, Path]:
     """Return the runs of the study that a folder holds, by the names of their parts."""
     return {name: path / name for name in PARTS if is_episodes(path / name)}

@@ -20,7 +20,7 @@ from eyechart.run import Progress
 from eyechart.simulators import open_simulator
 from eyechart.stats.agreement import rate
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.structured.vetting import VETTING, Vetted, read_vetting, vet_worlds, write_vetting
+from eyechart.studies.structured.vetting import Vetted, read_vetting, vet_worlds, write_vetting
 
 EPISODES = 12
 USUAL = Bounds()
@@ -135,11 +135,6 @@ class OnlineScore:
             "refused": {f"{one.scenario}/{one.seed}": one.why for one in self.vetted if one.why is not None},
             "models": {spec: one.as_dict() for spec, one in self.driven.items()},
         }
-
-
-def is_online(path: Path) -> bool:
-    """Return whether a folder holds an online run."""
-    return (path / VETTING).is_file()
 
 
 def score(path: Path) -> OnlineScore:

@@ -11,7 +11,7 @@ from eyechart.errors import LedgerError
 from eyechart.frames import FrameBank
 from eyechart.integrity import Guard
 from eyechart.ledger import Ledger
-from eyechart.manifest import LEDGER, RunManifest, is_run, read_manifest, read_run
+from eyechart.manifest import LEDGER, RunManifest, read_run
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.scene import SCENE_READER
 from eyechart.stats.statistic import Statistic
@@ -111,11 +111,6 @@ class StructuredScore:
             },
             "guards": {spec: [one.as_dict() for one in found] for spec, found in self.guards.items()},
         }
-
-
-def is_structured(path: Path) -> bool:
-    """Return whether a folder holds an admission or a structured run."""
-    return is_run(path) and read_manifest(path).study in STUDIES
 
 
 def score(path: Path, *, resamples: int = 5000, reread: bool = False) -> StructuredScore:

@@ -1,0 +1,339 @@
+"""A table is rows with a caption; it prints itself to a terminal, and as CSV, Markdown, LaTeX and HTML."""
+
+import csv
+import io
+import re
+import unicodedata
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from html import escape
+from pathlib import Path
+from typing import Literal
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console, ConsoleOptions, RenderResult
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from eyechart.stats.statistic import Statistic, percent
+
+Kind = Literal["text", "word", "count", "number", "interval", "p", "estimate"]
+"""What a column holds: text that may be folded, a word that may not, numbers; an estimate is a value with interval."""
+
+_NARROWEST = 16
+"""Text is folded to as few characters before a table is printed row by row instead."""
+_WORDS = {"text", "word"}
+_TONES = {"good": "green", "sees": "green", "partly": "yellow", "open": "dim", "bad": "red", "blind": "red"}
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """A word with a tone (good, bad, sees, partly, blind, open), and for people a sign behind it."""
+
+    text: str
+    tone: str = ""
+    sign: str = ""
+
+
+Cell = str | int | float | tuple[float, float] | Statistic | Mark | None
+"""A word, a count, a number, an interval, an estimate, or "cannot say"; a word may stand for any of them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column. People read numbers times ``scale`` to so many ``digits`` with their ``unit``; programs read them raw.
+
+    One that ``varies`` is left out for people where all its cells are the same.
+    """
+
+    name: str
+    kind: Kind = "text"
+    digits: int = 3
+    scale: float = 1.0
+    unit: str = ""
+    signed: bool = False
+    varies: bool = False
+
+    def shown(self, cell: Cell) -> str:
+        """Return a cell of the column as people read it."""
+        if isinstance(cell, Mark):
+            return f"{cell.text} {cell.sign}".rstrip()
+        if isinstance(cell, Statistic):
+            return self.shown(cell.value) + ("" if cell.ci is None else f" {self.shown(cell.ci)}")
+        if isinstance(cell, tuple):
+            return f"[{', '.join(self._digits(self.scale * end) for end in cell)}]"
+        if isinstance(cell, str):
+            return cell
+        if cell is None:
+            return "—"
+        return p_value(cell) if self.kind == "p" else str(cell) if self.kind == "count" else self._number(cell)
+
+    def _number(self, value: float) -> str:
+        return self._digits(self.scale * value) + self.unit
+
+    def _digits(self, value: float) -> str:
+        return f"{value:{'+' if self.signed else ''}.{self.digits}f}"
+
+    def head(self, *, stacked: bool) -> str:
+        """Return the column's name for a terminal."""
+        return re.sub("[ _]", "\n", self.name) if stacked else self.name
+
+    @property
+    def heads(self) -> list[str]:
+        """Return the column's names in CSV, where an interval is two columns."""
+        ends = [f"{self.name} low", f"{self.name} high"]
+        return ends if self.kind == "interval" else [self.name, *ends] if self.kind == "estimate" else [self.name]
+
+    def values(self, cell: Cell) -> list[str]:
+        """Return a cell as programs read it."""
+        if self.kind == "estimate":
+            value, ci = (cell.value, cell.ci) if isinstance(cell, Statistic) else (cell, None)
+            return [_raw(value), *(map(repr, ci) if ci else ("", ""))]
+        if self.kind == "interval":
+            return [repr(end) for end in cell] if isinstance(cell, tuple) else ["", ""]
+        return [_raw(cell)]
+
+
+def columns(kind: Kind, *names: str, digits: int = 3, **form: object) -> tuple[Column, ...]:
+    """Return columns of one kind and form."""
+    return tuple(replace(Column(name, kind, digits), **form) for name in names)  # type: ignore[arg-type]
+
+
+STATISTIC = (
+    Column("value", "number"),
+    Column("interval", "interval"),
+    Column("level", "word"),
+    Column("n", "count"),
+    Column("p", "p"),
+)
+"""The columns of a statistic, whose cells ``statistic_cells`` returns."""
+
+
+def statistic_cells(one: Statistic) -> tuple[Cell, ...]:
+    """Return a statistic's value, interval with its level, n and p."""
+    return one.value, one.ci, level(one), one.n, one.p
+
+
+def level(one: Statistic) -> str:
+    """Return the level of a statistic's interval; empty where there is none."""
+    return "" if one.ci is None else percent(one.level)
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows under columns. ``name`` is its files' stem; ``note`` is what stands below it."""
+
+    name: str
+    caption: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    note: str = ""
+
+    def split(self) -> "Iterator[Table]":
+        """Yield a table for each value of the first column, which becomes its caption."""
+        for head in dict.fromkeys(row[0] for row in self.rows):
+            rows = tuple(row[1:] for row in self.rows if row[0] == head)
+            yield replace(self, caption=self.columns[0].shown(head), columns=self.columns[1:], rows=rows)
+
+    @property
+    def names(self) -> list[str]:
+        """Return the columns' names."""
+        return [one.name for one in self.columns]
+
+    def texts(self) -> list[list[str]]:
+        """Return every cell as people read it, without control signs."""
+        return [[_plain(one.shown(c)) for c, one in zip(row, self.columns, strict=True)] for row in self.rows]
+
+    def short(self) -> "Table":
+        """Return the table without the columns that tell people nothing: words that are all empty, or never vary."""
+        texts = list(zip(*self.texts(), strict=True)) or [()] * len(self.columns)
+        kept = [
+            place
+            for place, (column, cells) in enumerate(zip(self.columns, texts, strict=True))
+            if not (column.varies and len(set(cells)) < 2)
+            and not (place and column.kind in _WORDS and not any(cell.strip("—") for cell in cells))
+        ]
+        rows = tuple(tuple(row[place] for place in kept) for row in self.rows)
+        return replace(self, columns=tuple(self.columns[place] for place in kept), rows=rows)
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Print the table; where it is too wide, intervals below their values, else row by row: nothing is cut."""
+        del console
+        short = self.short()
+        for stacked in (False, True):
+            if short.width(stacked=stacked) <= options.max_width:
+                yield short.rich(stacked=stacked)
+                return
+        yield Text(self.caption, style="italic")
+        for row in short.texts():
+            yield Text(row[0], style="bold")
+            for column, text in zip(short.columns[1:], row[1:], strict=True):
+                if text:
+                    yield Text(f"  {column.name}: {text}")
+        yield Text(self.note)
+
+    def rich(self, *, stacked: bool = False) -> RichTable:
+        """Return the table for a terminal; ``stacked`` prints what belongs to a number below it, heads word by word."""
+        made = RichTable(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0) if stacked else (0, 1))
+        made.title, made.title_justify = (Text(self.caption) if self.caption else None), "left"
+        made.caption, made.caption_justify = (Text(self.note) if self.note else None), "left"
+        for column in self.columns:
+            text, head = column.kind == "text", Text(column.head(stacked=stacked))
+            side: Literal["left", "right"] = "left" if column.kind in _WORDS else "right"
+            made.add_column(head, justify=side, overflow="fold", no_wrap=not text)
+        for row, texts in zip(self.rows, self.texts(), strict=True):
+            tones = [_TONES.get(cell.tone, "") if isinstance(cell, Mark) else "" for cell in row]
+            stacks = [stacked and column.kind not in _WORDS for column in self.columns]
+            cells = [_stack(text, stacked=one) for text, one in zip(texts, stacks, strict=True)]
+            made.add_row(*map(Text, cells, tones))
+        return made
+
+    def width(self, *, stacked: bool) -> int:
+        """Return the columns of a terminal that the table needs at least."""
+        width = 2
+        for column, cells in zip(self.columns, zip(*self.texts(), strict=True) if self.rows else (), strict=False):
+            texts = [
+                column.head(stacked=stacked),
+                *(_stack(text, stacked=stacked and column.kind not in _WORDS) for text in cells),
+            ]
+            widest = max(len(line) for text in texts for line in text.split("\n"))
+            width += (2 if stacked else 3) + (min(_NARROWEST, widest) if column.kind == "text" else widest)
+        return width
+
+    def csv(self) -> str:
+        """Return CSV with full precision; a word cannot become a spreadsheet's formula."""
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow([name for column in self.columns for name in column.heads])
+        for row in self.rows:
+            writer.writerow([v for cell, column in zip(row, self.columns, strict=True) for v in column.values(cell)])
+        return out.getvalue()
+
+    def markdown(self) -> str:
+        """Return a Markdown table."""
+        ruler = "|" + "|".join(" --- " if one.kind in _WORDS else " ---: " for one in self.columns) + "|"
+        lines = [
+            f"| {' | '.join(map(_markdown, row))} |" for row in ([one.name for one in self.columns], *self.texts())
+        ]
+        below = ["", _markdown(self.note)] if self.note else []
+        return "\n".join([_markdown(self.caption), "", lines[0], ruler, *lines[1:], *below, ""])
+
+    def latex(self) -> str:
+        """Return a LaTeX table that needs the package booktabs."""
+        kinds = "".join("l" if one.kind in _WORDS else "r" for one in self.columns)
+        lines = [" & ".join(map(_latex, row)) + r" \\" for row in (self.names, *self.texts())]
+        top = [
+            "% needs \\usepackage{booktabs}",
+            r"\begin{table}",
+            rf"\caption{{{_latex('. '.join(filter(None, (self.caption, self.note))))}}}",
+            r"\centering",
+        ]
+        body = [rf"\begin{{tabular}}{{@{{}}{kinds}@{{}}}}", r"\toprule", lines[0], r"\midrule", *lines[1:]]
+        return "\n".join([*top, *body, r"\bottomrule", r"\end{tabular}", r"\end{table}", ""])
+
+    def html(self) -> str:
+        """Return a table of HTML in which nothing is markup but what stands here."""
+        short, lines = self.short(), []
+        heads = "".join(f'<th scope="col" class="{one.kind}">{escape(one.name)}</th>' for one in short.columns)
+        for row, texts in zip(short.rows, short.texts(), strict=True):
+            cells = [_html(*one) for one in zip(row[1:], texts[1:], short.columns[1:], strict=True)]
+            lines.append(f'<tr><th scope="row"><bdi>{escape(texts[0])}</bdi></th>{"".join(cells)}</tr>')
+        label, below = escape(self.caption), f'<p class="note">{escape(self.note)}</p>\n' if self.note else ""
+        return (
+            f'<div class="scroll" tabindex="0" role="group" aria-label="{label}, table">\n'
+            f'<table class="{self.name}"><caption>{label}</caption>\n<thead><tr>{heads}</tr></thead>\n'
+            f"<tbody>{chr(10).join(lines)}\n</tbody></table></div>\n{below}"
+        )
+
+    __html__ = html
+    """Templates print a table where it is named."""
+
+
+def files_of(tables: Sequence[Table]) -> dict[str, bytes]:
+    """Return tables as CSV, Markdown and LaTeX, by their files' names."""
+    made = {}
+    for one in tables:
+        for suffix, text in (("csv", one.csv()), ("md", one.markdown()), ("tex", one.latex())):
+            made[f"{one.name}.{suffix}"] = text.encode("utf-8", "backslashreplace")
+    return made
+
+
+def write_tables(tables: Sequence[Table], folder: Path) -> list[Path]:
+    """Write tables as CSV, Markdown and LaTeX; return the files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    made = {folder / name: content for name, content in files_of(tables).items()}
+    for path, content in made.items():
+        path.write_bytes(content)
+    return list(made)
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """Return a number as text; "cannot say" is a dash."""
+    return "—" if value is None else f"{value:.{digits}f}"
+
+
+def p_value(p: float | None) -> str:
+    """Return a p as the paper prints it: four digits, or ``<10⁻⁴``."""
+    if p is None:
+        return "—"
+    return "<10⁻⁴" if p < 0.0001 else f"{p:.4f}" if p < 0.01 else f"{p:.3f}"
+
+
+def estimate(one: Statistic, digits: int = 3) -> str:
+    """Return a statistic's value and its interval as text."""
+    return Column("", "estimate", digits).shown(one)
+
+
+def _stack(text: str, *, stacked: bool) -> str:
+    """Return an estimate with its interval below it, and a list with an item a line."""
+    return re.sub(r" (?=[\[(])|(?<=,) ", "\n", text) if stacked else text
+
+
+def _raw(cell: Cell) -> str:
+    cell = cell.text if isinstance(cell, Mark) else cell
+    if cell is None or cell == "—":
+        return ""
+    if not isinstance(cell, str):
+        return repr(cell)
+    text = _plain(cell)
+    return "'" + text if text.lstrip()[:1] in set("=+-@") and not re.fullmatch(r"[+-]?\d+(\.\d+)?", text) else text
+
+
+def _plain(text: str) -> str:
+    """Return text without control signs, which no cell may hold."""
+    return "".join(" " if unicodedata.category(sign) == "Cc" else sign for sign in text)
+
+
+def _html(cell: Cell, text: str, column: Column) -> str:
+    inside = escape(text)
+    if isinstance(cell, Mark) and cell.tone:
+        inside = f'<span class="flag {escape(cell.tone)}">{inside}</span>'
+    return f'<td class="{column.kind}">{inside}</td>'
+
+
+def _markdown(text: str) -> str:
+    escaped = re.sub(r"([\\`*_{}\[\]<>|~$#])", r"\\\1", _plain(text).replace("&", "&amp;"))
+    return escaped.replace("\\<", "&lt;").replace("\\>", "&gt;")
+
+
+_LATEX = {
+    "\\": r"\textbackslash{}",
+    "{": r"\{",
+    "}": r"\}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "|": r"\textbar{}",
+    '"': r"\textquotedbl{}",
+    "—": "---",
+    "·": r"\textperiodcentered{}",
+    **{sign: f"\\{sign}" for sign in "&%$#_"},
+}
+
+
+def _latex(text: str) -> str:
+    if text == "<10⁻⁴":
+        return "$<10^{-4}$"
+    escaped = "".join(_LATEX.get(sign, sign) for sign in _plain(text))
+    return f"{{{escaped[0]}}}{escaped[1:]}" if escaped[:1] in {"[", "*"} else escaped  # or the line above takes it
