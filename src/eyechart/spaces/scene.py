@@ -266,6 +266,11 @@ def _only_one(text: str, repairs: dict[Repair, None]) -> dict[str, object]:
     broken += text[spans[-1][1] :].partition("{")[2:]
     if not objects or any(name in part for part in broken for name in FIELDS):
         raise _Unreadable("malformed")  # beside a broken estimate a whole one may be the one that was taken back
+    return _agreed(objects)
+
+
+def _agreed(objects: Sequence[dict[str, object]]) -> dict[str, object]:
+    """Return the first estimate among some objects, or the first object; raises _Unreadable where two differ."""
     answers = [one for one in objects if any(name in one for name in FIELDS)] or objects[:1]
     if any(_differ(answers[0].get(name), one.get(name)) for one in answers[1:] for name in FIELDS):
         raise _Unreadable("several_objects")

@@ -86,7 +86,7 @@ def _cast(
     contradicting: npt.NDArray[np.bool_],
     close_m: float,
 ) -> set[str | None]:
-    """Fill in a model's votes and which contradict its own gap, both (frames, 2); return the names that it served as."""
+    """Fill in a model's votes and which contradict its own gap, both (frames, 2); return the names it served as."""
     place = {frame.id: number for number, frame in enumerate(frames)}
     served = set[str | None]()
     for key, reply in replies:
