@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from eyechart.conditions import CONDITIONS
+from eyechart.conditions import CONDITIONS, OF_BANKS
 from eyechart.costs import ALL
 from eyechart.report.browser import Texts, browser_data, collect_texts, frames_shown
 from eyechart.report.evidence import Evidence, Subject, Tell, subjects
@@ -49,7 +49,7 @@ def make_page(evidence: Sequence[Evidence], *, tell: Tell = lambda _: None) -> P
         ],
         statistics=list(statistics_table(judged).split()),
         tables=[verdict_table(judged), frontier_table(judged)],
-        conditions=list(CONDITIONS.values()),
+        conditions=[CONDITIONS[name] for name in OF_BANKS],
         stopped=any(who.model.stopped for who in everyone),
         accounting=[_accounting(who) for who in everyone],
         reasons=MISSING,
