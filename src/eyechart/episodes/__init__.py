@@ -8,6 +8,7 @@ from eyechart.episodes.records import EPISODES, read_episodes, write_episodes
 from eyechart.episodes.running import Bounds
 from eyechart.episodes.summary import Row, summarise
 from eyechart.episodes.unfinished import Unfinished, every_episode, unfinished
+from eyechart.episodes.worlds import Setup
 
 __all__ = [
     "ACTION_MAP",
@@ -22,6 +23,7 @@ __all__ = [
     "Episodes",
     "EpisodesManifest",
     "Row",
+    "Setup",
     "Step",
     "Unfinished",
     "every_episode",
