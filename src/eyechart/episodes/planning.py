@@ -10,14 +10,15 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from eyechart.conditions import require_shown
 from eyechart.episodes.hosts import Host, LocalHost
 from eyechart.episodes.nouns import SILENCES, Episode, EpisodeKey
 from eyechart.episodes.recorded import recorded
 from eyechart.episodes.records import EPISODES, mend_episodes, read_episodes, write_episodes
 from eyechart.episodes.running import USUAL, Bounds, Drivers, Progress, drive
-from eyechart.episodes.showing import require_shown
 from eyechart.episodes.worlds import MAX_STEPS, Setup
 from eyechart.errors import LedgerError, SpecError
+from eyechart.frames import alone
 from eyechart.ledger import Ledger
 from eyechart.limits import Outcome, Spent, added
 from eyechart.manifest import (
@@ -101,7 +102,7 @@ def plan(  # noqa: PLR0913 - what can be asked for
         raise SpecError(f"unknown silence '{silence}'; a model that says nothing is {' or '.join(SILENCES)}")
     _require_worlds(world, chosen, seeds, max_steps)
     for condition in conditions:
-        require_shown(condition, world.mirror_axis)
+        require_shown(condition, alone(world.mirror_axis))
     modes = _modes(specs)
     names = tuple(dict.fromkeys(one.spec if isinstance(one, RequestMode) else one for one in specs))
     if not names:
@@ -176,7 +177,7 @@ def _prompt_for(world: Declaration, name: str | None) -> Prompt:
     prompt = find_prompt(name or "baseline", world.mirror_axis)
     if prompt.fields:
         raise SpecError(f"prompt '{name}' says {', '.join(prompt.fields)} of a frame, and a drive has no such columns")
-    said = " ".join(prompt.render({}, world.action_space)).upper()
+    said = " ".join(prompt.render({}, world.action_space.actions)).upper()
     if unsaid := [action for action in world.action_space.actions if action.upper() not in said]:
         raise SpecError(f"prompt '{name}' does not ask for {', '.join(unsaid)}; give one that does with --prompt")
     return prompt

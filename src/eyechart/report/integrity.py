@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from eyechart.conditions import CONDITIONS
+from eyechart.conditions import OF_BANKS
 from eyechart.report.evidence import Evidence, Subject
 from eyechart.spaces.space import MISSING
 from eyechart.studies.battery.planning import conditions_of, plan_of
@@ -76,7 +76,7 @@ def _unasked(run: Evidence) -> list[str]:
     _, why = conditions_of(bank, manifest.prompt)
     lines = [
         f"condition {name} was not asked: {why.get(name, 'it was not chosen')}"
-        for name in CONDITIONS
+        for name in OF_BANKS
         if name not in manifest.conditions
     ]
     if len(run.frames) < len(bank):
