@@ -7,6 +7,7 @@ from eyechart.episodes.records import EPISODES, read_episodes, write_episodes
 from eyechart.episodes.running import Bounds
 from eyechart.episodes.summary import Row, summarise
 from eyechart.episodes.unfinished import Unfinished, every_episode, unfinished
+from eyechart.episodes.worlds import Setup
 from eyechart.manifest import EpisodesManifest
 from eyechart.manifest import read_episodes_manifest as read_manifest
 
@@ -22,6 +23,7 @@ __all__ = [
     "Episodes",
     "EpisodesManifest",
     "Row",
+    "Setup",
     "Step",
     "Unfinished",
     "every_episode",
