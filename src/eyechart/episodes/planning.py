@@ -21,19 +21,7 @@ from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import alone
 from eyechart.ledger import Ledger
 from eyechart.limits import Outcome, Spent, added
-<<<<<<< HEAD
-from eyechart.manifest import (
-    LEDGER,
-    EpisodesManifest,
-    is_episodes_run,
-    is_run,
-    read_episodes_manifest,
-    today,
-    versions,
-)
-=======
-from eyechart.manifest import LEDGER, today, versions
->>>>>>> origin/main
+from eyechart.manifest import LEDGER, EpisodesManifest, is_episodes_run, read_episodes_manifest, today, versions
 from eyechart.models import open_model
 from eyechart.modes import RequestMode
 from eyechart.perception.forward import distances_of
@@ -130,12 +118,7 @@ def plan(
         facts={spec: dict(model.facts) for spec, model in models.items() if model.facts},
         reader=drivers.answers.reader,
         view=NONE if view is None else view.key,
-<<<<<<< HEAD
-        probes=added(read_episodes_manifest(out).probes if probes and is_run(out) else {}, probes or {}),
-        silence=silence,
-=======
         silence=setup.silence,
->>>>>>> origin/main
     )
     keys = tuple(
         EpisodeKey(policy, world.name, scenario, number, condition)
@@ -247,12 +230,7 @@ def keep_probes(planned: Episodes, probes: Mapping[str, Spent]) -> None:
         else:
             nobody = replace(planned.manifest, policies={}, modes={}, facts={})
             manifest = replace(nobody, scenarios=(), seeds=(), conditions=())
-<<<<<<< HEAD
-        known = {**manifest.probes, **added(manifest.probes, probes)}
-        replace(manifest, probes=known).write(planned.out)
-=======
-        write_manifest(planned.out, replace(planned, manifest=manifest).counting(probes).manifest)
->>>>>>> origin/main
+        replace(planned, manifest=manifest).counting(probes).manifest.write(planned.out)
 
 
 @contextmanager
