@@ -341,8 +341,8 @@ def audit(
 
     Exit 1 where a cache is suspected. Example: eyechart audit run-a run-b --json
     """
-    from eyechart.report.rungs import degeneracy_table, degeneracy_words, replay_table
     from eyechart.studies.closed_loop import score
+    from eyechart.studies.closed_loop.tables import degeneracy_table, degeneracy_words, replay_table
 
     require_drives(runs)
     scored = score(runs)
@@ -373,8 +373,8 @@ def film(
     Example: eyechart film run --episode "oracle highway/dense/3 real" --out drive.gif
     """
     from eyechart.destination import require_free
-    from eyechart.report.film import write_film
     from eyechart.studies.closed_loop import read_drives
+    from eyechart.studies.closed_loop.film import write_film
     from eyechart.studies.closed_loop.replaying import episode_id, find_episode
 
     require_free(out, "film")
@@ -610,8 +610,8 @@ def _watched(part: str) -> "Iterator[Callable[[int, int], None]]":
 
 def print_hierarchy(found: "HierarchyScore") -> None:
     """Print both ablations, the tests against the controller alone, the positive control, and the words."""
-    from eyechart.report.hierarchy import tables_of
-    from eyechart.report.rungs import unfinished_words
+    from eyechart.studies.closed_loop.tables import unfinished_words
+    from eyechart.studies.hierarchy.tables import tables_of
 
     console = table_console(160)
     for table in tables_of(found):
@@ -642,8 +642,8 @@ def ladder_dict(scored: "ClosedLoopScore") -> dict[str, object]:
 
 def print_ladder(scored: "ClosedLoopScore") -> None:
     """Print the ladder, the paper's beside it, what differs, the paired differences and the identical rows."""
-    from eyechart.report.rungs import ladder_table, paper_table, paper_words, reference_tables
     from eyechart.studies.closed_loop.published import beside_paper
+    from eyechart.studies.closed_loop.tables import ladder_table, paper_table, paper_words, reference_tables
 
     console = table_console(160)
     console.print(ladder_table(scored.ladder, scored.references))
@@ -669,7 +669,7 @@ def print_twins(scored: "ClosedLoopScore") -> None:
 
 def print_drives(scored: "ClosedLoopScore") -> None:
     """Print all that ``eyechart score`` prints of a run of episodes."""
-    from eyechart.report.rungs import (
+    from eyechart.studies.closed_loop.tables import (
         blind_table,
         degeneracy_table,
         degeneracy_words,
