@@ -178,10 +178,11 @@ def is_free(path: Path) -> bool:
 
 
 def asked_of(bank: FrameBank, prompt: Prompt) -> FrameBank:
-    """Return a bank with the action space that a prompt asks for, where it asks for one of its own."""
+    """Return a bank as a prompt asks of it: with what that says of a frame, and the actions it has of its own."""
+    asked = replace(bank, said=prompt.fields)
     if not isinstance(prompt.space, Discrete):
-        return bank
-    return replace(bank, manifest=replace(bank.manifest, action_space=prompt.space))
+        return asked
+    return replace(asked, manifest=replace(bank.manifest, action_space=prompt.space))
 
 
 def _shard(value: Sequence[object]) -> tuple[int, int]:

@@ -15,9 +15,9 @@ from eyechart.errors import BundleError
 from eyechart.frames import FrameBank, inside, open_bank, read_bounded
 from eyechart.ledger import Ledger
 from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, RunManifest, as_text, asked_of, read_run
-from eyechart.report.evidence import Tell, find_pictures, used_pictures
 from eyechart.studies import structured
 from eyechart.studies.battery.scoring import require_scorable
+from eyechart.studies.battery.subjects import Tell, find_pictures, used_pictures
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 _PACKED = {".png", ".jpg", ".jpeg", ".webp"}

@@ -6,16 +6,15 @@ from eyechart.episodes.nouns import SILENCES, STUDY, Episode, EpisodeKey, Step
 from eyechart.episodes.planning import ACTION_MAP, ENGINES, Episodes, keep_probes, plan, require_engine, run
 from eyechart.episodes.records import EPISODES, read_episodes, write_episodes
 from eyechart.episodes.running import Bounds
-from eyechart.episodes.showing import SHOWN
 from eyechart.episodes.summary import Row, summarise
 from eyechart.episodes.unfinished import Unfinished, every_episode, unfinished
+from eyechart.episodes.worlds import Setup
 
 __all__ = [
     "ACTION_MAP",
     "ENGINES",
     "EPISODES",
     "FORMAT",
-    "SHOWN",
     "SILENCES",
     "STUDY",
     "Bounds",
@@ -24,6 +23,7 @@ __all__ = [
     "Episodes",
     "EpisodesManifest",
     "Row",
+    "Setup",
     "Step",
     "Unfinished",
     "every_episode",

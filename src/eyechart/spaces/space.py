@@ -83,8 +83,8 @@ class Space(Protocol[A]):
         """The names that an answer may give."""
         ...
 
-    def schema(self) -> Mapping[str, object] | None:
-        """Return the JSON schema of an answer; None where any of ``actions`` is one."""
+    def schema(self) -> Mapping[str, object]:
+        """Return the JSON schema of an answer."""
         ...
 
     def read(self, reply: Answer) -> Decision[A]:
