@@ -4,10 +4,10 @@ from dataclasses import replace
 import pytest
 
 from eyechart.calls import CallKey, Reply
-from eyechart.integrity import Guard, guards
+from eyechart.integrity import Guard, GuardChecks
 from eyechart.ledger import Sent
 from eyechart.modes import Measured, RequestMode
-from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.discrete import DRIVING, Discrete
 
 KEY = CallKey("battery", "openai:m", "p", "f", "real")
 MODE = RequestMode("openai:m")
@@ -33,6 +33,16 @@ def fine(at: int, condition: str) -> Reply:
 def sent_with(say: Say = fine, frames: int = 10) -> list[Sent]:
     """Return one attempt at every call."""
     return [Sent(key, 1, None, say(int(key.frame[1:]), key.condition)) for key in keys(frames)]
+
+
+def guards(
+    sent: list[Sent], planned: list[CallKey], mode: RequestMode, fingerprint: str, space: Discrete | None = None
+) -> tuple[Guard, ...]:
+    """Return every guard of these attempts."""
+    checks = GuardChecks(mode, space)
+    for one in sent:
+        checks.add(one)
+    return checks.guards(planned, fingerprint)
 
 
 def guard(name: str, sent: list[Sent], mode: RequestMode = MODE, planned: list[CallKey] | None = None) -> Guard:

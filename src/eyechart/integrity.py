@@ -39,24 +39,6 @@ class Guard:
         return {**asdict(self), "outcome": outcome}
 
 
-def guards(
-    sent: Iterable[Sent],
-    planned: Iterable[CallKey],
-    mode: RequestMode,
-    fingerprint: str,
-    *,
-    space: AnySpace | None = None,
-) -> tuple[Guard, ...]:
-    """Return every guard of one model's calls; ``fingerprint`` is that of the bank's geometry, which was checked.
-
-    With a ``space``, decisions that never differ are found too, whatever words are around them.
-    """
-    checks = GuardChecks(mode, space)
-    for one in sent:
-        checks.add(one)
-    return checks.guards(planned, fingerprint)
-
-
 class GuardChecks:
     """Looks at attempts one by one, in the order of sending, without keeping them; the ``space`` reads replies."""
 
