@@ -14,6 +14,7 @@ from eyechart.report.sections import guards, pairs, silent
 from eyechart.report.table import Column, level, number, p_value
 from eyechart.report.tables import frontier_table, judged_of, statistics_table, verdict_table
 from eyechart.spaces.space import MISSING
+from eyechart.stats.evalues import EValue
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts import LABELS, Stopped, shared_notes
 
@@ -87,7 +88,7 @@ def _card(who: Subject, shared: Mapping[str, str]) -> dict[str, object]:
         "verdict": verdict,
         "notes": [note for note in verdict.notes if note not in shared],
         "numbers": _numbers(deciding, verdict.stopped),
-        "because": verdict.calibrated.words.partition(": settled by ")[0],
+        "because": str(verdict.calibrated.reason),
     }
 
 
@@ -105,7 +106,7 @@ def _numbers(one: Statistic, stopped: Stopped | None) -> list[tuple[str, str]]:
 
 
 def _threshold(one: Statistic) -> str:
-    return f"{(one.detail or {}).get('threshold', '—'):g}"
+    return f"{one.threshold:g}" if isinstance(one, EValue) else "—"
 
 
 def _run(run: Evidence) -> dict[str, object]:

@@ -18,6 +18,7 @@ from eyechart.report.table import (
 )
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import BatteryScore, ModelScore
+from eyechart.studies.battery.replication import Difference
 from eyechart.studies.prompts import CellScore
 from eyechart.verdicts import LABELS, Stopped, Verdict
 
@@ -120,7 +121,7 @@ def frontier_table(everyone: Sequence[Judged]) -> Table:
         rows.append(("stopped early", *told))
     verdicts = [verdict for _, _, verdict in everyone]
     if any(one.state for one in verdicts):
-        rows.append(("unfinished", *(one.state.removeprefix("unfinished: ") or None for one in verdicts)))
+        rows.append(("unfinished", *(one.progress or None for one in verdicts)))
     rows.append(("verdict (paper)", *(Mark(one.paper.label, "", MARK if one.failed else "") for one in verdicts)))
     rows.append(("verdict (calibrated)", *map(_label, verdicts)))
     named = (Column("metric", "word"), *columns("word", *(label for label, _, _ in everyone)))
@@ -160,18 +161,13 @@ def replication_table(one: Replication, *, every: bool = False) -> Table:
     rows: list[tuple[Cell, ...]] = []
     for name, found in one.differences.items():
         if every or name in MAIN or name in one.changed:
-            sides = [_side(found, side) for side in ("first", "second")]
+            sides = (found.first, found.second) if isinstance(found, Difference) else (None, None)
             signed = found.value is not None and name not in {"across_runs", "answer_shift"}
             value = f"{found.value:+.3f}" if signed else found.value
             note = {"across_runs": "share answered alike", "answer_shift": "distance"}.get(name, found.note)
             rows.append((name, *sides, value, *statistic_cells(found)[1:], one.holm[name], note))
     named = (Column("statistic", "word"), *columns("number", "first", "second", "difference"), *STATISTIC[1:])
     return Table("replication", one.model, (*named, Column("p (Holm)", "p"), Column("note")), tuple(rows))
-
-
-def _side(found: Statistic, side: str) -> float | None:
-    value = (found.detail or {}).get(side)
-    return value if isinstance(value, float) else None
 
 
 def prompts_table(cells: Iterable[CellScore]) -> Table:

@@ -4,7 +4,6 @@ Positive claims are tested at alpha .01; absences are bounded below a margin of 
 docs/decisions/0006-two-sets-of-rules.md.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,8 +11,8 @@ from numpy.typing import NDArray
 
 from eyechart.stats.agreement import cohens_kappa, pooled_kappa, rate
 from eyechart.stats.association import quantile_bins
-from eyechart.stats.exchange import exchange_mi_test, exchange_test, iid_trend_test
-from eyechart.stats.paired import bounded_below, label_swap_test, paired_difference, sign_test
+from eyechart.stats.exchange import Trend, exchange_mi_test, exchange_test, iid_trend_test
+from eyechart.stats.paired import LabelSwap, bounded_below, label_swap_test, paired_difference, sign_test
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.answers import ABSENT, Answers, Symbols
 from eyechart.studies.battery.published import Resampling, Statistics
@@ -188,10 +187,10 @@ class Calibrated:
         real, blank, _ = self.answers.both("real", "blank", level)
         seed = self.how.seed_of(f"presence.{level}")
         found = label_swap_test(real, blank, seed=seed, resamples=self.how.resamples)
-        if found.value is None or found.detail is None:
+        if not isinstance(found, LabelSwap):
             return found
-        apart = sum(abs(one - other) for one, other in zip(*_marginals(found.detail), strict=True)) / (2 * found.n)
-        detail = {**found.detail, "sum_of_squared_differences": found.value}
+        apart = sum(abs(one - other) for one, other in zip(found.first, found.second, strict=True)) / (2 * found.n)
+        detail = {**(found.detail or {}), "sum_of_squared_differences": found.value}
         method = f"total variation between the answers to real and to blank; p: {found.method}"
         return replace(found, value=apart, method=method, detail=detail)
 
@@ -204,21 +203,13 @@ def _named(found: Statistic, what: str, pairs: NDArray[np.bool_]) -> Statistic:
 
 def _standardised(found: Statistic) -> Statistic:
     """Return the trend in standard deviations of its null; negative where braking falls on nearer gaps."""
-    detail = found.detail or {}
-    mean, deviation = (float(str(detail.get(name, 0.0))) for name in ("null_mean", "null_sd"))
-    if found.value is None or deviation == 0:
+    if not isinstance(found, Trend) or found.value is None or found.null_sd == 0:
         return found
     method = f"standard deviations from the null; {found.method}"
     note = "; ".join(filter(None, (found.note, "no interval: it counts deviations of its own null")))
-    value, detail = (found.value - mean) / deviation, {**detail, "trend": found.value}
+    value = (found.value - found.null_mean) / found.null_sd
+    detail = {**(found.detail or {}), "trend": found.value}
     return replace(found, value=value, method=method, note=note, detail=detail)
-
-
-def _marginals(detail: Mapping[str, object]) -> tuple[list[int], list[int]]:
-    first, second = detail["first"], detail["second"]
-    assert isinstance(first, list)
-    assert isinstance(second, list)
-    return first, second
 
 
 def _ranks(gaps: NDArray[np.float64]) -> NDArray[np.float64]:
