@@ -11,18 +11,18 @@ import banks
 import photographs
 import stand_ins
 from eyechart.calls import Query, Reply
-from eyechart.conditions import speaker
+from eyechart.conditions import seed_of, speaker
 from eyechart.frames import open_bank
 from eyechart.importing import Choices, import_table
 from eyechart.integrity import Guard
 from eyechart.models import ADAPTERS
-from eyechart.report.battery_page import make_page
-from eyechart.report.browser import frames_shown
-from eyechart.report.evidence import read_evidence, subjects
-from eyechart.report.integrity import counts, not_covered, summed
-from eyechart.report.tables import judged_of, verdict_table
 from eyechart.spaces.discrete import Discrete
 from eyechart.studies import battery as study
+from eyechart.studies.battery.browser import frames_shown
+from eyechart.studies.battery.page import make_page
+from eyechart.studies.battery.sections import counts, not_covered, summed
+from eyechart.studies.battery.subjects import read_evidence, subjects
+from eyechart.studies.battery.tables import judged_of, verdict_table
 from report_runs import data_of, make_run, report
 
 TWO = Discrete("two", ("HALT", "GO"), (), ("HALT",), ("GO",))
@@ -142,10 +142,10 @@ def test_the_page_says_what_a_prompt_said_of_a_frame(rover: Path, tmp_path: Path
     """Of the frame itself, and under text_swapped of which other frame."""
     held = data_of(report(rover, tmp_path / "page.html").html)["runs"][0]
     (run,) = read_evidence([rover])
-    bank = open_bank(rover.parent / "bank")
+    bank = replace(open_bank(rover.parent / "bank"), said=("speed",))
     for frame in held["frames"]:
         own = bank.frame(frame["id"])
-        other = speaker("text_swapped", own, bank, run.score.manifest.seed, ("speed",))
+        other = speaker(own, bank, seed_of("text_swapped", own, run.score.manifest.seed))
         assert frame["said"] == [["speed", own.fields["speed"]]]
         assert frame["told"] == {"text_swapped": [other.id, [["speed", other.fields["speed"]]]]}
         assert other.fields["speed"] != own.fields["speed"]
@@ -162,7 +162,7 @@ def test_a_page_lists_no_more_frames_than_it_can_hold(bank: Path, tmp_path: Path
     (few,) = frames_shown(evidence, calls=60)
     assert len(few) == 60 // 11
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("eyechart.report.battery_page.frames_shown", lambda _: (some,))
+        patch.setattr("eyechart.studies.battery.page.frames_shown", lambda _: (some,))
         page = make_page(evidence)
     assert "The browser lists 7 of 18 frames, evenly from every episode" in page.html.decode()
     held = data_of(page.html.decode())["runs"][0]

@@ -15,6 +15,7 @@ from eyechart.calls import HOPELESS, Query, Reply
 from eyechart.modes import FEWEST_TOKENS
 from eyechart.probe.asking import Asker, LimitReachedError
 from eyechart.probe.pictures import CHOICES, COUNTS, NONE, Kind, Question, questions, words
+from eyechart.probe.sample import plain
 from eyechart.seeds import key_seed
 from eyechart.spaces.discrete import Discrete
 from eyechart.stats.guessing import Answered, Block, right
@@ -254,7 +255,7 @@ def _failing(shots: Sequence[Shot]) -> bool:
 
 
 def _query(asked: str, picture: bytes | None, seed: int, number: int) -> Query:
-    return Query("", asked, picture, key_seed("probe", seed, number))
+    return plain(asked, key_seed("probe", seed, number), picture=picture)
 
 
 def picture_counts(tokens: int | None) -> bool | None:

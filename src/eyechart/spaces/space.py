@@ -74,8 +74,8 @@ class Space(Protocol[A]):
     def actions(self) -> tuple[str, ...]:
         """The names that an answer may give."""
 
-    def schema(self) -> Mapping[str, object] | None:
-        """Return the JSON schema of an answer; None where any of ``actions`` is one."""
+    def schema(self) -> Mapping[str, object]:
+        """Return the JSON schema of an answer."""
 
     def read(self, reply: Answer) -> Decision[A]:
         """Return the decision that a reply holds: strict, the same every time, and never guessing."""

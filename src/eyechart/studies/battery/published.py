@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eyechart.conditions import BATTERY, CONDITIONS
+from eyechart.conditions import BATTERY, CONDITIONS, COUNTERFACTUALS
 from eyechart.seeds import key_seed
 from eyechart.spaces.space import UNPARSED
 from eyechart.stats.agreement import clears_floor, rate, swap_test
@@ -112,8 +112,8 @@ class Published:
     def _further(self) -> tuple[str, ...]:
         """Return the conditions asked beside the eight, without counterfactuals, which are compared in pairs."""
         asked = self.answers.decisions
-        others = (name for name, one in CONDITIONS.items() if name not in BATTERY and not one.counterfactual)
-        return tuple(name for name in others if name in asked)
+        every = (*CONDITIONS, *(name for name in asked if name not in CONDITIONS))
+        return tuple(name for name in every if name in asked and name not in (*BATTERY, *COUNTERFACTUALS))
 
     def _dependence(self, level: str) -> Statistics:
         every = {name: self.answers.symbols(name, level) for name in BATTERY}

@@ -7,10 +7,10 @@ from eyechart.conditions import show
 from eyechart.errors import EyechartError
 from eyechart.frames import Frame, Scalar
 from eyechart.perception.view import find_view, through
-from eyechart.report.estimates import Estimates, Estimator, action_of, faults, gap_error_m, weight
-from eyechart.report.pictures import view_uri
 from eyechart.spaces.scene import SceneDecision
+from eyechart.studies.battery.album import view_uri
 from eyechart.studies.structured import Told
+from eyechart.studies.structured.estimates import Estimates, Estimator, action_of, faults, gap_error_m, weight
 from eyechart.studies.structured.planning import CONDITIONS
 
 MOST_PICTURES = 24
@@ -182,7 +182,6 @@ def _views(run: Estimates, frame: Frame) -> list[tuple[str, str]]:
         view = None
     found = []
     for condition, words in _VIEWS.items():
-        picture = through(view, show(condition, run.pictures.frame(frame.id), run.pictures, manifest.seed), frame.id)
-        if picture is not None:
-            found.append((words, view_uri(picture)))
+        seen = through(view, show(condition, run.pictures.frame(frame.id), run.pictures, manifest.seed), frame.id)
+        found += [(words, view_uri(picture)) for picture in seen.images.values()]
     return found
