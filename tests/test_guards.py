@@ -4,7 +4,7 @@ from dataclasses import replace
 import pytest
 
 from eyechart.calls import CallKey, Reply
-from eyechart.integrity import Guard, Watch
+from eyechart.integrity import Guard, GuardChecks
 from eyechart.ledger import Sent
 from eyechart.modes import Measured, RequestMode
 from eyechart.spaces.discrete import DRIVING
@@ -37,10 +37,10 @@ def sent_with(say: Say = fine, frames: int = 10) -> list[Sent]:
 
 def guards(sent: list[Sent], planned: list[CallKey], mode: RequestMode) -> tuple[Guard, ...]:
     """Return every guard of these attempts."""
-    watch = Watch(mode, DRIVING)
+    checks = GuardChecks(mode, DRIVING)
     for one in sent:
-        watch.add(one)
-    return watch.guards(planned, "abcdef0123")
+        checks.add(one)
+    return checks.guards(planned, "abcdef0123")
 
 
 def guard(name: str, sent: list[Sent], mode: RequestMode = MODE, planned: list[CallKey] | None = None) -> Guard:

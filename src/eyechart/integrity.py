@@ -39,7 +39,7 @@ class Guard:
         return {**asdict(self), "outcome": outcome}
 
 
-class Watch:
+class GuardChecks:
     """Looks at attempts one by one, in the order of sending, without keeping them.
 
     The ``space`` reads replies: decisions that never differ are found too, whatever words are around them.
