@@ -12,7 +12,6 @@ from filelock import FileLock, Timeout
 
 from eyechart.conditions import require_shown
 from eyechart.episodes.hosts import Host, LocalHost
-from eyechart.episodes.manifest import EpisodesManifest, is_episodes_run, read_manifest, write_manifest
 from eyechart.episodes.nouns import SILENCES, Episode, EpisodeKey
 from eyechart.episodes.recorded import recorded
 from eyechart.episodes.records import EPISODES, mend_episodes, read_episodes, write_episodes
@@ -22,7 +21,7 @@ from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import alone
 from eyechart.ledger import Ledger
 from eyechart.limits import Outcome, Spent, added
-from eyechart.manifest import LEDGER, today, versions
+from eyechart.manifest import LEDGER, EpisodesManifest, is_episodes_run, read_episodes_manifest, today, versions
 from eyechart.models import open_model
 from eyechart.modes import RequestMode
 from eyechart.perception.forward import distances_of
@@ -189,7 +188,7 @@ def _prompt_for(world: Declaration, name: str | None) -> Prompt:
 
 def _resumed(planned: Episodes) -> EpisodesManifest:
     if is_episodes_run(planned.out):
-        return read_manifest(planned.out).extended(planned.manifest)
+        return read_episodes_manifest(planned.out).extended(planned.manifest)
     return planned.manifest
 
 
@@ -227,11 +226,11 @@ def keep_probes(planned: Episodes, probes: Mapping[str, Spent]) -> None:
     planned.out.mkdir(parents=True, exist_ok=True)
     with _alone(planned.out):
         if is_episodes_run(planned.out):
-            manifest = read_manifest(planned.out)
+            manifest = read_episodes_manifest(planned.out)
         else:
             nobody = replace(planned.manifest, policies={}, modes={}, facts={})
             manifest = replace(nobody, scenarios=(), seeds=(), conditions=())
-        write_manifest(planned.out, replace(planned, manifest=manifest).counting(probes).manifest)
+        replace(planned, manifest=manifest).counting(probes).manifest.write(planned.out)
 
 
 @contextmanager
@@ -266,7 +265,7 @@ def _engine(engine: str, setup: Setup) -> Callable[[], Host]:
 def _begin(planned: Episodes) -> None:
     """Write the manifest, again as another process may have left it, and mend what a kill cut."""
     mend_episodes(planned.out)
-    write_manifest(planned.out, _resumed(planned))
+    _resumed(planned).write(planned.out)
     actions = planned.setup.actions
     copy = planned.out / ACTION_MAP
     if actions is not None and not copy.exists():
