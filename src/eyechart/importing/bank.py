@@ -31,21 +31,23 @@ MOST_TEXT = 400_000_000
 ALL = "all"
 """The name of the one scenario, and of the one episode, of a bank whose source records none."""
 
-Pictures = Callable[[Sequence[Frame]], Iterator[tuple[Frame, bytes]]]
-"""Yields every frame with its encoded picture, in any order."""
+Pictures = Callable[[Sequence[Frame]], Iterator[tuple[Frame, Mapping[str, bytes]]]]
+"""Yields every frame with its encoded pictures by camera, in any order."""
 
 
 @dataclass(frozen=True)
 class Choices:
     """What the owner of the pictures says of them.
 
-    ``columns`` maps a place (file, gap, episode, step, scenario) to a column, an empty name to none. ``threshold``
-    and ``unit`` belong to the gap. ``independent`` declares frames without episodes to be independent draws, and
+    ``columns`` maps a place (file, gap, episode, step, scenario) to a column, an empty name to none; ``rig`` says which
+    are of several cameras and of the state, and else ``mirror`` is the axis of the one. ``threshold`` and ``unit``
+    belong to the gap. ``independent`` declares frames without episodes to be independent draws, and
     ``prompt_columns`` what a prompt may say. Every ``every``-th frame of an episode is taken.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
     mirror: MirrorAxis = "none"
+    rig: reading.Rig | None = None
     space: Discrete = DRIVING
     threshold: float | None = None
     unit: str | None = None
@@ -83,9 +85,11 @@ def import_table(
         raise SourceError(f"{folder} is no folder; the first argument is the folder of the pictures")
     kept = keep(open_table(table, reads), choices)
 
-    def pictures(frames: Sequence[Frame]) -> Iterator[tuple[Frame, bytes]]:
+    def pictures(frames: Sequence[Frame]) -> Iterator[tuple[Frame, Mapping[str, bytes]]]:
         for frame, number in zip(frames, kept.numbers, strict=True):
-            yield frame, read_picture(folder, frame.id, f"{kept.table.name}, row {number}")
+            what = f"{kept.table.name}, row {number}"
+            files = {name: file.removeprefix(_under(choices, name)) for name, file in frame.pictures.items()}
+            yield frame, {name: read_picture(folder, file, what) for name, file in files.items()}
 
     frames = frames_of(kept, choices, lambda name, what: place_of(folder, name, what))
     return write(out, folder, frames, pictures, kept=kept, choices=choices, progress=progress)
@@ -93,7 +97,7 @@ def import_table(
 
 def keep(table: Table, choices: Choices) -> Kept:
     """Read the rows that become frames; raises SourceError where they are none, or too many to keep."""
-    places = reading.places(choices.columns, table.columns, table.name)
+    places = reading.places(choices.columns, table.columns, table.name, choices.rig)
     _check_choices(choices, places, table)
     rows: list[Row] = []
     numbers: list[int] = []
@@ -167,7 +171,20 @@ def frames_of(kept: Kept, choices: Choices, locate: Callable[[str, str], str]) -
         name: reading.read_truth(columns[name], name, typed=kept.table.typed) for name in truth_names
     }
     whats = [f"{kept.table.name}, row {number}" for number in kept.numbers]
-    files = _files(kept, columns, whats, locate)
+    if choices.rig is not None and (clash := sorted(choices.rig.state.keys() & {*truth, *choices.prompt_columns})):
+        raise SourceError(f"--rig: the state '{clash[0]}' has the name of a column that is kept; give it another name")
+    files = _files(kept, "file", columns, whats, locate)
+    cameras, seen = alone(choices.mirror), {MAIN: files}
+    state = dict[str, list[tuple[float, ...]]]()
+    if choices.rig is not None:
+        cameras, (first, *others) = choices.rig.cameras, choices.rig.columns
+        seen = {first: files, **{name: _files(kept, f"camera {name}", columns, whats, locate) for name in others}}
+        for name, parts in choices.rig.state.items():
+            rows = zip(*(columns[part] for part in parts), strict=True)
+            state[name] = [
+                tuple(reading.read_part(cell, f"{what}: the state '{name}'") for cell in row)
+                for row, what in zip(rows, whats, strict=True)
+            ]
     if "gap" in kept.places:
         name = kept.places["gap"]
         gaps = [
@@ -190,23 +207,33 @@ def frames_of(kept: Kept, choices: Choices, locate: Callable[[str, str], str]) -
             scenario=scenarios[place],
             episode=episodes[place],
             step=steps[place],
-            cameras=alone(choices.mirror),
-            pictures={MAIN: f"images/{file}"},
+            cameras=cameras,
+            pictures={name: f"{_under(choices, name)}{many[place]}" for name, many in seen.items()},
             truth={name: column[place] for name, column in truth.items()},
             fields={name: column[place] for name, column in said.items()},
+            state={name: column[place] for name, column in state.items()},
         )
         for place, file in enumerate(files)
     ]
 
 
+def _under(choices: Choices, camera: str) -> str:
+    """Return the folder of the bank in which a camera's pictures lie, as they lie in their own."""
+    return "images/" if choices.rig is None else f"images/{camera}/"
+
+
 def _files(
-    kept: Kept, columns: Mapping[str, Sequence[Cell]], whats: Sequence[str], locate: Callable[[str, str], str]
+    kept: Kept,
+    role: str,
+    columns: Mapping[str, Sequence[Cell]],
+    whats: Sequence[str],
+    locate: Callable[[str, str], str],
 ) -> list[str]:
-    name = kept.places["file"]
+    name = kept.places[role]
     first: dict[str, int] = {}
     files = []
     for cell, what, number in zip(columns[name], whats, kept.numbers, strict=True):
-        file = locate(reading.read_label(cell, f"{what}: the file '{name}'"), f"{what}: the file '{name}'")
+        file = locate(reading.read_label(cell, f"{what}: the {role} '{name}'"), f"{what}: the {role} '{name}'")
         if file in first:
             raise SourceError(f"{what}: '{file}' stands in row {first[file]} already; a picture is one frame")
         first[file] = number
@@ -288,10 +315,12 @@ def write(
         prompt_columns=choices.prompt_columns,
         absent=tuple(place for place in ("scenario", "episode", "step") if place not in kept.places),
         independent=choices.independent,
+        cameras=() if choices.rig is None else choices.rig.cameras,
+        state=() if choices.rig is None else tuple(choices.rig.state),
     )
     with BankWriter(out, manifest) as writer:
-        for done, (frame, picture) in enumerate(pictures(frames), 1):
-            writer.add(frame, {MAIN: picture}, {})
+        for done, (frame, images) in enumerate(pictures(frames), 1):
+            writer.add(frame, images, {})
             if progress is not None:
                 progress(done, len(frames))
     return open_bank(out)
