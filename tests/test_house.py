@@ -23,11 +23,7 @@ COMPLEXITY = 20
 
 TANGLED = {
     "calibrate/tally.py: tally",
-    "episodes/planning.py: plan",
     "importing/columns.py: read_truth",
-    "spaces/scene.py: _only_one",
-    "studies/closed_loop/repeated.py: repeated_requests",
-    "studies/guardian/runs.py: votes_of_run",
 }
 
 PARAMETERS = 8
@@ -35,11 +31,8 @@ PARAMETERS = 8
 
 WIDE = {
     "api.py: run_battery",
-    "episodes/planning.py: plan",
     "studies/battery/planning.py: plan",
-    "studies/closed_loop/laddering.py: plan_ladder",
     "studies/prompts.py: plan",
-    "studies/structured/online.py: plan",
 }
 
 OTHERS = {
@@ -50,7 +43,7 @@ OTHERS = {
     "models/huggingface/checkpoint.py: getattr(processor, 'tokenizer', None)",
     "models/ollama.py: getattr(error, 'reason', error)",
     "models/python_callable.py: getattr(module, '__file__', None)",
-    "report/film.py: getattr(av, 'codecs_available', set())",
+    "studies/closed_loop/film.py: getattr(av, 'codecs_available', set())",
     "simulators/gym/drive.py: getattr(self._env.unwrapped, 'np_random', None)",
     "simulators/gym/drive.py: hasattr(self._env.unwrapped, 'enable_auto_render')",
 }

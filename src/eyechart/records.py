@@ -9,6 +9,7 @@ import msgspec
 T = TypeVar("T")
 Name = Annotated[str, msgspec.Meta(min_length=1)]
 Count = Annotated[int, msgspec.Meta(ge=0)]
+Amount = Annotated[float, msgspec.Meta(ge=0)]
 
 _LONGEST = 60
 _SAID = re.compile(

@@ -15,21 +15,21 @@ from eyechart.errors import BundleError
 from eyechart.frames import FrameBank
 from eyechart.ledger import SINCE_FORMAT_3, Ledger
 from eyechart.manifest import LEDGER, RunManifest
-from eyechart.report.battery_page import make_page
-from eyechart.report.estimates import estimates_of, estimators
-from eyechart.report.estimates_page import make_estimates_page
-from eyechart.report.evidence import SHOWN, Tell, evidence_of, subjects
 from eyechart.report.page import Page
-from eyechart.report.structured import scored_of
-from eyechart.report.structured import tables_of as tables_of_estimates
 from eyechart.report.table import Table, files_of
-from eyechart.report.tables import judged_of, tables_of
 from eyechart.spaces.discrete import READER
 from eyechart.spaces.scene import SCENE_READER
 from eyechart.studies import structured
 from eyechart.studies.battery import BatteryScore
+from eyechart.studies.battery.page import make_page
 from eyechart.studies.battery.scoring import score_run
+from eyechart.studies.battery.subjects import SHOWN, Tell, evidence_of, subjects
+from eyechart.studies.battery.tables import judged_of, tables_of
 from eyechart.studies.structured import StructuredScore
+from eyechart.studies.structured.estimates import estimates_of, estimators
+from eyechart.studies.structured.page import make_estimates_page
+from eyechart.studies.structured.tables import scored_of
+from eyechart.studies.structured.tables import tables_of as tables_of_estimates
 
 FORMAT = "eyechart-bundle/1"
 INDEX = "bundle.json"

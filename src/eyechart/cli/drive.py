@@ -104,21 +104,16 @@ def closed_loop(
         study.require_engine(engine)
 
     def planned_for(drivers: "Sequence[str | RequestMode]", probes: "Mapping[str, Spent]") -> "Drives":
-        return study.plan(
-            simulator,
+        made = study.plan(
+            study.Setup(simulator, seed, max_steps, actions, silence),
             drivers,
             out,
             scenarios=None if scenarios is None else [name.strip() for name in scenarios.split(",")],
             seeds=_seeds(seeds),
             conditions=condition or ("real",),
             prompt=prompt,
-            actions=actions,
-            seed=seed,
-            max_steps=max_steps,
-            silence=silence,
-            again=again,
-            probes=probes,
         )
+        return replace(made, again=again).counting(probes)
 
     planned, failed = plan_drives(Wanted(policy or (), mode, how, spending, no_probe, dry_run), out, planned_for)
     say(_planned(planned))
@@ -246,8 +241,7 @@ def online(
                 seed=seed,
                 progress=move,
                 vetted=driven,
-                probes=probes,
-            )
+            ).counting(probes)
         vetted.append(made.vetted)
         return made
 
@@ -317,11 +311,10 @@ def ladder(
             prompt=prompt,
             seed=seed,
             again=again,
-            probes=probes,
         )
         if not probes:  # before anything is asked or driven
             require_reference(made, against)
-        return made
+        return made.counting(probes)
 
     wanted = Wanted(policy or (), mode, how, spending, no_probe, dry_run, alone=False)
     planned, failed = plan_drives(wanted, out, planned_for)
@@ -348,8 +341,8 @@ def audit(
 
     Exit 1 where a cache is suspected. Example: eyechart audit run-a run-b --json
     """
-    from eyechart.report.rungs import degeneracy_table, degeneracy_words, replay_table
     from eyechart.studies.closed_loop import score
+    from eyechart.studies.closed_loop.tables import degeneracy_table, degeneracy_words, replay_table
 
     require_drives(runs)
     scored = score(runs)
@@ -380,8 +373,8 @@ def film(
     Example: eyechart film run --episode "oracle highway/dense/3 real" --out drive.gif
     """
     from eyechart.destination import require_free
-    from eyechart.report.film import write_film
     from eyechart.studies.closed_loop import read_drives
+    from eyechart.studies.closed_loop.film import write_film
     from eyechart.studies.closed_loop.replaying import episode_id, find_episode
 
     require_free(out, "film")
@@ -617,8 +610,8 @@ def _watched(part: str) -> "Iterator[Callable[[int, int], None]]":
 
 def print_hierarchy(found: "HierarchyScore") -> None:
     """Print both ablations, the tests against the controller alone, the positive control, and the words."""
-    from eyechart.report.hierarchy import tables_of
-    from eyechart.report.rungs import unfinished_words
+    from eyechart.studies.closed_loop.tables import unfinished_words
+    from eyechart.studies.hierarchy.tables import tables_of
 
     console = table_console(160)
     for table in tables_of(found):
@@ -649,8 +642,8 @@ def ladder_dict(scored: "ClosedLoopScore") -> dict[str, object]:
 
 def print_ladder(scored: "ClosedLoopScore") -> None:
     """Print the ladder, the paper's beside it, what differs, the paired differences and the identical rows."""
-    from eyechart.report.rungs import ladder_table, paper_table, paper_words, reference_tables
     from eyechart.studies.closed_loop.published import beside_paper
+    from eyechart.studies.closed_loop.tables import ladder_table, paper_table, paper_words, reference_tables
 
     console = table_console(160)
     console.print(ladder_table(scored.ladder, scored.references))
@@ -676,7 +669,7 @@ def print_twins(scored: "ClosedLoopScore") -> None:
 
 def print_drives(scored: "ClosedLoopScore") -> None:
     """Print all that ``eyechart score`` prints of a run of episodes."""
-    from eyechart.report.rungs import (
+    from eyechart.studies.closed_loop.tables import (
         blind_table,
         degeneracy_table,
         degeneracy_words,

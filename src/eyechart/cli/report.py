@@ -12,9 +12,9 @@ from eyechart.cli.terminal import patience, say
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from eyechart.report.evidence import Tell
     from eyechart.report.page import Page
     from eyechart.report.table import Table
+    from eyechart.studies.battery.subjects import Tell
 
 
 def report(
@@ -102,9 +102,9 @@ def _kind_of(runs: "Sequence[Path]") -> str:
 def _of_batteries(
     runs: "Sequence[Path]", banks: "Sequence[Path]", tell: "Tell", *, independent: bool, reread: bool
 ) -> _Made:
-    from eyechart.report.battery_page import make_page
-    from eyechart.report.evidence import read_evidence, subjects
-    from eyechart.report.tables import judged_of, tables_of
+    from eyechart.studies.battery.page import make_page
+    from eyechart.studies.battery.subjects import read_evidence, subjects
+    from eyechart.studies.battery.tables import judged_of, tables_of
 
     evidence = read_evidence(runs, banks, independent=independent, reread=reread, tell=tell)
     lacking = [
@@ -116,9 +116,9 @@ def _of_batteries(
 
 
 def _of_estimates(runs: "Sequence[Path]", banks: "Sequence[Path]", tell: "Tell", *, reread: bool) -> _Made:
-    from eyechart.report.estimates import estimators, read_estimates
-    from eyechart.report.estimates_page import make_estimates_page
-    from eyechart.report.structured import scored_of, tables_of
+    from eyechart.studies.structured.estimates import estimators, read_estimates
+    from eyechart.studies.structured.page import make_estimates_page
+    from eyechart.studies.structured.tables import scored_of, tables_of
 
     evidence = read_estimates(runs, banks, reread=reread, tell=tell)
     page = make_estimates_page(evidence, tell=tell)
@@ -126,9 +126,9 @@ def _of_estimates(runs: "Sequence[Path]", banks: "Sequence[Path]", tell: "Tell",
 
 
 def _of_drives(runs: "Sequence[Path]", against: str | None, tell: "Tell") -> _Made:
-    from eyechart.report.drives_page import make_drives_page
-    from eyechart.report.rungs import tables_of
     from eyechart.studies.closed_loop import score
+    from eyechart.studies.closed_loop.page import make_drives_page
+    from eyechart.studies.closed_loop.tables import tables_of
 
     tell("scoring")
     scored = score(runs, against_policy=against)
@@ -137,9 +137,9 @@ def _of_drives(runs: "Sequence[Path]", against: str | None, tell: "Tell") -> _Ma
 
 
 def _of_hierarchy(study: Path, tell: "Tell") -> _Made:
-    from eyechart.report.hierarchy import tables_of
-    from eyechart.report.hierarchy_page import make_hierarchy_page
     from eyechart.studies.hierarchy import score
+    from eyechart.studies.hierarchy.page import make_hierarchy_page
+    from eyechart.studies.hierarchy.tables import tables_of
 
     tell("scoring")
     scored = score(study)

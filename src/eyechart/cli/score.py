@@ -57,7 +57,8 @@ def print_score(scored: object) -> None:
 
 def print_battery(scored: "BatteryScore") -> None:
     """Print a battery's statistics, the paper's table, its verdicts, and what its calls took."""
-    from eyechart.report.tables import costs_table, frontier_table, judged, statistics_table, verdict_table
+    from eyechart.report.accounts import costs_table
+    from eyechart.studies.battery.tables import frontier_table, judged, statistics_table, verdict_table
     from eyechart.verdicts import judge
 
     console = table_console(160)
@@ -72,7 +73,8 @@ def print_battery(scored: "BatteryScore") -> None:
 def print_cells(cells: "Sequence[CellScore]") -> None:
     """Print the score of a prompt study: a table a model, the marks of its cells, and what each took."""
     from eyechart.costs import ALL
-    from eyechart.report.tables import costs_table, prompts_table
+    from eyechart.report.accounts import costs_table
+    from eyechart.studies.prompts import prompts_table
 
     console = table_console()
     for table in prompts_table(cells).split():
@@ -85,7 +87,8 @@ def print_cells(cells: "Sequence[CellScore]") -> None:
 
 def print_estimators(scored: "StructuredScore") -> None:
     """Print the score of an admission or a structured run: Table t:controller-local, the clauses, and every figure."""
-    from eyechart.report.structured import (
+    from eyechart.report.table import MARK
+    from eyechart.studies.structured.tables import (
         clauses_table,
         controller_table,
         figures_table,
@@ -93,7 +96,6 @@ def print_estimators(scored: "StructuredScore") -> None:
         models_in,
         reading_words,
     )
-    from eyechart.report.tables import MARK
 
     console = table_console(140)
     everyone = models_in(scored)
@@ -111,7 +113,7 @@ def print_estimators(scored: "StructuredScore") -> None:
 
 def print_online(scored: "OnlineScore") -> None:
     """Print the score of an online run: crash rates, decisions and fail-safes."""
-    from eyechart.report.structured import online_table
+    from eyechart.studies.structured.tables import online_table
 
     console = table_console(140)
     console.print(online_table(scored))
@@ -141,7 +143,7 @@ def verdict(run: _Run, json: Json = False, independent: Independent = False, rer
 
 def print_table(scored: "BatteryScore", verdicts: "Mapping[str, Verdict]") -> None:
     """Print the table of verdicts, what each verdict in it means, and the scope of all of them."""
-    from eyechart.report.tables import glance_table, judged
+    from eyechart.studies.battery.tables import glance_table, judged
     from eyechart.verdicts import LABELS
 
     console = table_console()
@@ -162,7 +164,7 @@ def print_marks(verdicts: "Mapping[str, Verdict]") -> None:
 
 def print_each_mark(name: str, marks: "Sequence[str]") -> None:
     """Print what the mark behind a name stands for, a line a guard."""
-    from eyechart.report.tables import MARK
+    from eyechart.report.table import MARK
 
     console = table_console()
     for words in marks:
@@ -180,7 +182,7 @@ def costs(
     Of a prompt study, by cell; of the hierarchy, by its runs. Example: eyechart costs run --all --json
     """
     from eyechart.models.prices import read_prices
-    from eyechart.report.tables import costs_table
+    from eyechart.report.accounts import costs_table
     from eyechart.studies import study_of
 
     took = study_of(run).took(run, read_prices(prices))
@@ -256,7 +258,8 @@ def compare(
     Example: eyechart compare monday tuesday
     """
     from eyechart.compare import compare as compared
-    from eyechart.report.tables import MARK, replication_table
+    from eyechart.compare import replication_table
+    from eyechart.report.table import MARK
     from eyechart.studies import Reading, study_of
 
     found = compared(*(study_of(run, "compare").score(run, Reading()) for run in (first, second)), resamples=resamples)

@@ -30,16 +30,18 @@ _DETAIL = 500
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """What a worker must know to make worlds.
+    """The worlds of a run, as a worker must know them to make them.
 
     ``simulators`` is the registry of the process that began the run, ``seed`` the run's, ``max_steps`` the number
     of decisions after which an episode that has not ended is an error, and ``actions`` the action map of ``gym:``.
+    ``silence`` is one of `SILENCES`: whether the fail-safe is executed where a model says nothing.
     """
 
     simulator: str
-    seed: int
+    seed: int = 0
     max_steps: int = MAX_STEPS
     actions: Path | None = None
+    silence: str = "unfinished"
     simulators: Mapping[str, str] = field(default_factory=lambda: dict(SIMULATORS))
 
 

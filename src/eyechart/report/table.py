@@ -20,6 +20,8 @@ from eyechart.stats.statistic import Statistic, percent
 Kind = Literal["text", "word", "count", "number", "interval", "p", "estimate"]
 """What a column holds: text that may be folded, a word that may not, numbers; an estimate is a value with interval."""
 
+MARK = "!"
+"""Stands behind a verdict of a run that failed a guard; the guard is printed in words below."""
 _NARROWEST = 16
 """Text is folded to as few characters before a table is printed row by row instead."""
 _WORDS = {"text", "word"}

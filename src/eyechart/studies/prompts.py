@@ -19,6 +19,7 @@ from eyechart.manifest import is_run
 from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import Measured, RequestMode
 from eyechart.prompts import PROMPTS
+from eyechart.report.table import MARK, Column, Mark, Table, columns
 from eyechart.run import Progress
 from eyechart.stats.agreement import rate
 from eyechart.stats.resampling import holm
@@ -320,3 +321,30 @@ class Prompts(OfFrames[PromptsScore]):
     def score(self, folder: Path, reading: Reading) -> PromptsScore:
         """Score every cell."""
         return PromptsScore(score(folder, reread=reading.reread))
+
+
+def prompts_table(cells: Sequence[CellScore]) -> Table:
+    """Return Table t:prompts: diversity, and beside it what the answers hold of the scene."""
+    note = (
+        "n_a: distinct outputs, UNPARSED among them. Diversity is not scene dependence, which V (real against blank), "
+        "I(A;g) in bits and its p, corrected by Holm over these cells, look at. — cannot say"
+    )
+    rows = []
+    for cell in cells:
+        found = cell.statistics
+        who = (cell.model, Mark(cell.name, "", MARK if cell.marks else ""))
+        numbers = [found[name].value for name in ("unparsed_rate", "cramers_v_real_blank", "mutual_information")]
+        diversity = (found["modal_share"], found["distinct_outputs"].value, found["idi"])
+        p, calls = cell.holm["mutual_information"], f"{cell.answered}/{cell.planned}"
+        rows.append((*who, *diversity, *numbers, p, calls))
+    named = (
+        Column("model"),
+        Column("cell", "word"),
+        Column("modal share", "estimate", 2),
+        Column("n_a", "number", 0),
+        Column("IDI", "estimate", 2),
+        *columns("number", "unparsed", "V", "I(A;g)"),
+        Column("p", "p"),
+        Column("calls", "count"),
+    )
+    return Table("prompts", "Table t:prompts", named, tuple(rows), note)
