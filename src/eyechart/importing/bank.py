@@ -7,7 +7,6 @@ from pathlib import Path
 from eyechart.errors import SourceError
 from eyechart.frames import (
     IMPORTED,
-    MAIN,
     BankManifest,
     BankWriter,
     Frame,
@@ -171,31 +170,14 @@ def frames_of(kept: Kept, choices: Choices, locate: Callable[[str, str], str]) -
         name: reading.read_truth(columns[name], name, typed=kept.table.typed) for name in truth_names
     }
     whats = [f"{kept.table.name}, row {number}" for number in kept.numbers]
-    if choices.rig is not None and (clash := sorted(choices.rig.state.keys() & {*truth, *choices.prompt_columns})):
+    roles = ("file", *(role for role in kept.places if role.startswith("camera ")))
+    files = [_files(kept, role, columns, whats, locate) for role in roles]
+    state = {} if choices.rig is None else _states(choices.rig, columns, whats)
+    if clash := sorted(state.keys() & {*truth, *choices.prompt_columns}):
         raise SourceError(f"--rig: the state '{clash[0]}' has the name of a column that is kept; give it another name")
-    files = _files(kept, "file", columns, whats, locate)
-    cameras, seen = alone(choices.mirror), {MAIN: files}
-    state = dict[str, list[tuple[float, ...]]]()
-    if choices.rig is not None:
-        cameras, (first, *others) = choices.rig.cameras, choices.rig.columns
-        seen = {first: files, **{name: _files(kept, f"camera {name}", columns, whats, locate) for name in others}}
-        for name, parts in choices.rig.state.items():
-            rows = zip(*(columns[part] for part in parts), strict=True)
-            state[name] = [
-                tuple(reading.read_part(cell, f"{what}: the state '{name}'") for cell in row)
-                for row, what in zip(rows, whats, strict=True)
-            ]
+    cameras = alone(choices.mirror) if choices.rig is None else choices.rig.cameras
     if "gap" in kept.places:
-        name = kept.places["gap"]
-        gaps = [
-            reading.read_number(cell, f"{what}: the gap '{name}'")
-            for cell, what in zip(columns[name], whats, strict=True)
-        ]
-        if all(gap is None for gap in gaps):
-            raise SourceError(
-                f"{kept.table.name}: the gap '{name}' is empty in every row; leave it out with --map gap="
-            )
-        truth[name] = list(gaps)
+        truth[kept.places["gap"]] = _gaps(kept, columns[kept.places["gap"]], whats)
     scenarios, episodes, steps = _placed(kept, columns, whats, independent=choices.independent)
     said = {
         name: [reading.read_said(cell, f"{what}: '{name}'") for cell, what in zip(columns[name], whats, strict=True)]
@@ -208,13 +190,36 @@ def frames_of(kept: Kept, choices: Choices, locate: Callable[[str, str], str]) -
             episode=episodes[place],
             step=steps[place],
             cameras=cameras,
-            pictures={name: f"{_under(choices, name)}{many[place]}" for name, many in seen.items()},
+            pictures={
+                one.name: f"{_under(choices, one.name)}{many[place]}" for one, many in zip(cameras, files, strict=True)
+            },
             truth={name: column[place] for name, column in truth.items()},
             fields={name: column[place] for name, column in said.items()},
             state={name: column[place] for name, column in state.items()},
         )
-        for place, file in enumerate(files)
+        for place, file in enumerate(files[0])
     ]
+
+
+def _gaps(kept: Kept, cells: Sequence[Cell], whats: Sequence[str]) -> list[Scalar]:
+    """Return every row's gap; raises SourceError where no row has one."""
+    name = kept.places["gap"]
+    gaps = [reading.read_number(cell, f"{what}: the gap '{name}'") for cell, what in zip(cells, whats, strict=True)]
+    if all(gap is None for gap in gaps):
+        raise SourceError(f"{kept.table.name}: the gap '{name}' is empty in every row; leave it out with --map gap=")
+    return list(gaps)
+
+
+def _states(
+    rig: reading.Rig, columns: Mapping[str, Sequence[Cell]], whats: Sequence[str]
+) -> dict[str, list[tuple[float, ...]]]:
+    """Return every state of a rig by its name, for each row."""
+
+    def numbers(name: str, column: str) -> list[float]:
+        cells = zip(columns[column], whats, strict=True)
+        return [reading.read_part(cell, f"{what}: '{column}' of the state '{name}'") for cell, what in cells]
+
+    return {name: list(zip(*(numbers(name, one) for one in parts), strict=True)) for name, parts in rig.state.items()}
 
 
 def _under(choices: Choices, camera: str) -> str:
