@@ -12,12 +12,12 @@ from pathlib import Path
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
-from eyechart.report.film import write_film
-from eyechart.report.hierarchy_page import make_hierarchy_page
 from eyechart.report.page import write_page
 from eyechart.studies.closed_loop import read_drives
+from eyechart.studies.closed_loop.film import write_film
 from eyechart.studies.closed_loop.replaying import find_episode
 from eyechart.studies.hierarchy import score
+from eyechart.studies.hierarchy.page import make_hierarchy_page
 
 WIDTH, WORLDS_HIGH = 1360, 760
 EPISODE, MOMENT = "route rover-mpc-lateral/slalom/1 real", 6

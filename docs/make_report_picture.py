@@ -13,10 +13,10 @@ from pathlib import Path
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
-from eyechart.report.battery_page import make_page
-from eyechart.report.evidence import read_evidence
 from eyechart.report.page import write_page
 from eyechart.studies import battery
+from eyechart.studies.battery.page import make_page
+from eyechart.studies.battery.subjects import read_evidence
 
 CONTROLLERS = ("constant", "presence", "scene_only", "crash_colour", "depth", "depth_lateral")
 WIDTH, TOP, BELOW = 1360, 790, 762

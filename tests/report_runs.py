@@ -12,11 +12,11 @@ import pytest
 import stand_ins
 from eyechart.calls import Query, Reply
 from eyechart.models import ADAPTERS
-from eyechart.report.battery_page import make_page
-from eyechart.report.evidence import read_evidence
 from eyechart.report.page import Page, write_page
 from eyechart.spaces.discrete import DRIVING
 from eyechart.studies import battery as study
+from eyechart.studies.battery.page import make_page
+from eyechart.studies.battery.subjects import read_evidence
 
 HOSTILE = (
     "<script>window.pwned = 1</script>",

@@ -21,11 +21,11 @@ from eyechart.calls import Query, Reply
 from eyechart.errors import LedgerError, SpecError
 from eyechart.manifest import LEDGER
 from eyechart.modes import RequestMode
-from eyechart.report.battery_page import make_page
-from eyechart.report.evidence import evidence_of, find_pictures
 from eyechart.spaces.discrete import READER
 from eyechart.stats.statistic import Statistic
 from eyechart.studies import battery
+from eyechart.studies.battery.page import make_page
+from eyechart.studies.battery.subjects import evidence_of, find_pictures
 from eyechart.testing import assert_grounded
 from eyechart.verdicts import Ruling, Verdict, judge
 from known import Demo

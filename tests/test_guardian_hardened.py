@@ -21,11 +21,11 @@ from eyechart.errors import BankError, GuardianError, VoteError
 from eyechart.frames import encode, open_bank
 from eyechart.guardian import Guardian, interface_of
 from eyechart.guardian import asking as asking_module
+from eyechart.guardian.page import guardian_page
 from eyechart.limits import Limits
 from eyechart.models import ADAPTERS, Model
 from eyechart.modes import RequestMode
 from eyechart.prompts import SCENE
-from eyechart.report.guardian_page import guardian_page
 from eyechart.spaces.scene import Scene
 from eyechart.studies import battery, structured
 from eyechart.studies import guardian as study

@@ -83,9 +83,9 @@ class Report:
         where the page may not be written there.
         """
         from eyechart.destination import require_free  # noqa: PLC0415
-        from eyechart.report.battery_page import make_page  # noqa: PLC0415
-        from eyechart.report.evidence import evidence_of, find_pictures  # noqa: PLC0415 - matplotlib is slow to import
         from eyechart.report.page import write_page  # noqa: PLC0415
+        from eyechart.studies.battery.page import make_page  # noqa: PLC0415
+        from eyechart.studies.battery.subjects import evidence_of, find_pictures  # noqa: PLC0415 - matplotlib is slow to import
 
         require_free(Path(out), "report")
         pictures = find_pictures(self.score.manifest, self.score.bank, self.path)

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from eyechart.errors import SpecError
+from eyechart.report.table import STATISTIC, Cell, Column, Table, columns, statistic_cells
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import BatteryScore, differences
@@ -148,3 +149,38 @@ def _apart(first: BatteryScore, second: BatteryScore) -> tuple[str, ...]:
         whole = ((spec, one.answered, one.planned) for spec, one in mine.models.items() if spec in theirs.models)
         said += [f"{spec}: the {which} run is unfinished: {n} of {m} calls" for spec, n, m in whole if n < m]
     return tuple(sorted(said))
+
+
+MAIN = (
+    "across_runs",
+    "answer_shift",
+    "unparsed_rate",
+    "noise_floor",
+    "idi",
+    "idi_adj",
+    "cramers_v",
+    "mutual_information.decision",
+    "obstacle.decision",
+    "mirror_swap_rate",
+    "modal_share",
+)
+"""What a comparison prints unless all statistics are asked for: the paper's replication paragraph, and its like."""
+
+
+def replication_table(one: Replication, *, every: bool = False) -> Table:
+    """Return one row a statistic: both runs' values, the difference with its interval, n and p."""
+    rows: list[tuple[Cell, ...]] = []
+    for name, found in one.differences.items():
+        if every or name in MAIN or name in one.changed:
+            sides = [_side(found, side) for side in ("first", "second")]
+            signed = found.value is not None and name not in {"across_runs", "answer_shift"}
+            value = f"{found.value:+.3f}" if signed else found.value
+            note = {"across_runs": "share answered alike", "answer_shift": "distance"}.get(name, found.note)
+            rows.append((name, *sides, value, *statistic_cells(found)[1:], one.holm[name], note))
+    named = (Column("statistic", "word"), *columns("number", "first", "second", "difference"), *STATISTIC[1:])
+    return Table("replication", one.model, (*named, Column("p (Holm)", "p"), Column("note")), tuple(rows))
+
+
+def _side(found: Statistic, side: str) -> float | None:
+    value = (found.detail or {}).get(side)
+    return value if isinstance(value, float) else None

@@ -419,7 +419,7 @@ def test_another_library_of_pictures_is_said_and_not_blamed(packed: Path, monkey
 
 def test_the_run_in_a_bundle_can_be_reported_by_itself(packed: Path, tmp_path: Path) -> None:
     """Unpacked anywhere, its pictures are found, and no path of the machine that made it is in it."""
-    from eyechart.report.evidence import read_evidence  # noqa: PLC0415 - nowhere else needed
+    from eyechart.studies.battery.subjects import read_evidence  # noqa: PLC0415 - nowhere else needed
 
     with zipfile.ZipFile(packed) as file:
         file.extractall(tmp_path)

@@ -16,9 +16,9 @@ from eyechart import attempts, cli, episodes
 from eyechart.cli.drive import tell_errors
 from eyechart.episodes import Episode, expecting, read_episodes, write_episodes
 from eyechart.errors import SpecError
-from eyechart.report.drives_page import make_drives_page
 from eyechart.simulators import SIMULATORS
 from eyechart.studies.closed_loop import score
+from eyechart.studies.closed_loop.page import make_drives_page
 from faults import FaultServer
 
 LOOK = "python:tiny_worlds:look"

@@ -17,10 +17,10 @@ from eyechart.episodes import read_manifest as read_drives
 from eyechart.errors import EyechartError, SpecError
 from eyechart.frames import FrameBank
 from eyechart.manifest import read_manifest
-from eyechart.report import hierarchy as hierarchy_tables
 from eyechart.simulators import SIMULATORS
 from eyechart.studies import hierarchy
 from eyechart.studies.hierarchy import Part
+from eyechart.studies.hierarchy import tables as hierarchy_tables
 from faults import FaultServer, refuse
 from seeing import Endpoint, read, served
 

@@ -10,9 +10,9 @@ import stand_ins
 from eyechart import models
 from eyechart.cli.app import app
 from eyechart.limits import Limits
-from eyechart.report.battery_page import make_page
-from eyechart.report.evidence import read_evidence
 from eyechart.studies import battery
+from eyechart.studies.battery.page import make_page
+from eyechart.studies.battery.subjects import read_evidence
 
 
 @pytest.fixture

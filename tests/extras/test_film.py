@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from corridors import corridor_run, open_corridors
-from eyechart.report.film import write_film
 from eyechart.simulators import SIMULATORS
 from eyechart.studies.closed_loop import read_drives
+from eyechart.studies.closed_loop.film import write_film
 from eyechart.studies.closed_loop.replaying import find_episode
 
 pytestmark = pytest.mark.models

@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 from eyechart import models
 from eyechart.cli.app import app
-from eyechart.report.tables import frontier_rows
 from eyechart.studies import battery
+from eyechart.studies.battery.tables import frontier_rows
 from eyechart.verdicts import judge
 
 MODELS = ("Qwen2.5-VL-72B", "Cosmos3-SR-33B", "MiniCPM-V-4.5", "Kimi-K2.6", "Kimi-K3")

@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 
 from corridors import corridor_run, open_corridors
-from eyechart.report.drives_page import make_drives_page
-from eyechart.report.film import write_film
 from eyechart.report.page import write_page
 from eyechart.simulators import SIMULATORS
 from eyechart.studies.closed_loop import read_drives, score
+from eyechart.studies.closed_loop.film import write_film
+from eyechart.studies.closed_loop.page import make_drives_page
 from eyechart.studies.closed_loop.replaying import find_episode
 
 pytestmark = pytest.mark.browser

@@ -11,14 +11,13 @@ from PIL import Image
 from corridors import corridor_run, open_corridors
 from drives import always, by_depth, drive, make_run
 from eyechart.errors import LedgerError, OutputError, SpecError
-from eyechart.report import drives_browser, film
-from eyechart.report.drives_page import make_drives_page
 from eyechart.report.page import Page
-from eyechart.report.rungs import tables_of
 from eyechart.report.table import write_tables
 from eyechart.simulators import SIMULATORS
-from eyechart.studies.closed_loop import read_drives, score
+from eyechart.studies.closed_loop import browser, film, read_drives, score
+from eyechart.studies.closed_loop.page import make_drives_page
 from eyechart.studies.closed_loop.replaying import episode_id, find_episode
+from eyechart.studies.closed_loop.tables import tables_of
 from report_runs import HOSTILE
 
 
@@ -97,9 +96,9 @@ def test_a_drive_that_does_not_repeat_has_no_pictures(run: Path, tmp_path: Path)
 
 def test_pictures_and_replies_keep_to_their_room(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What does not fit is left out with a sentence."""
-    monkeypatch.setattr(drives_browser, "PICTURE_BYTES", 300)
-    monkeypatch.setattr(drives_browser, "MOST_EPISODES", 5)
-    monkeypatch.setattr(drives_browser, "TEXT_BUDGET", 40)
+    monkeypatch.setattr(browser, "PICTURE_BYTES", 300)
+    monkeypatch.setattr(browser, "MOST_EPISODES", 5)
+    monkeypatch.setattr(browser, "TEXT_BUDGET", 40)
     page = page_of(run)
     found = data_of(page)
     assert len(found["episodes"]) == 5

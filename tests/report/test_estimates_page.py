@@ -15,11 +15,11 @@ from eyechart.calls import Query, Reply
 from eyechart.limits import Limits
 from eyechart.models import ADAPTERS
 from eyechart.modes import RequestMode
-from eyechart.report.estimates import estimators, faults, read_estimates
-from eyechart.report.estimates_page import make_estimates_page
-from eyechart.report.structured import scored_of, tables_of
 from eyechart.report.table import write_tables
 from eyechart.studies import battery, structured
+from eyechart.studies.structured.estimates import estimators, faults, read_estimates
+from eyechart.studies.structured.page import make_estimates_page
+from eyechart.studies.structured.tables import scored_of, tables_of
 
 SEES, NEVER = "scripted:scene_positive_control", "scripted:scene_constant"
 

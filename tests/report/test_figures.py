@@ -10,11 +10,10 @@ import pytest
 import report_runs
 import stand_ins
 from eyechart.calls import Query, Reply
-from eyechart.report.comparisons import pair_counts, pair_words
-from eyechart.report.drawing import plain
-from eyechart.report.evidence import Subject, read_evidence, subjects
-from eyechart.report.figures import figures
+from eyechart.report.charts import plain
 from eyechart.report.page import write_figures
+from eyechart.studies.battery.figures import figures, pair_counts, pair_words
+from eyechart.studies.battery.subjects import Subject, read_evidence, subjects
 from report_runs import Reported, make_run
 
 SVG = "{http://www.w3.org/2000/svg}"

@@ -9,9 +9,8 @@ import pytest
 import voters
 from banks import build_bank
 from eyechart.frames import FrameBank
+from eyechart.guardian.page import choice_lines, curve, guardian_page, row_names, score_lines
 from eyechart.models import ADAPTERS
-from eyechart.report.guardian import choice_lines, row_names, score_lines
-from eyechart.report.guardian_page import curve, guardian_page
 from eyechart.studies import guardian as study
 
 

@@ -8,12 +8,12 @@ import pytest
 from test_drives_browser import axe
 
 import intents
-from eyechart.report.film import write_film
-from eyechart.report.hierarchy_page import make_hierarchy_page
 from eyechart.report.page import write_page
 from eyechart.studies.closed_loop import read_drives
+from eyechart.studies.closed_loop.film import write_film
 from eyechart.studies.closed_loop.replaying import find_episode
 from eyechart.studies.hierarchy import score
+from eyechart.studies.hierarchy.page import make_hierarchy_page
 
 pytestmark = pytest.mark.browser
 

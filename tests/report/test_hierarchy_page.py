@@ -16,17 +16,16 @@ from corridors import HOSTILE_NAME
 from eyechart.cli.app import app
 from eyechart.episodes import read_episodes
 from eyechart.errors import SpecError
-from eyechart.report import hierarchy_ways
-from eyechart.report.film import write_film
-from eyechart.report.hierarchy import tables_of
-from eyechart.report.hierarchy_page import make_hierarchy_page
 from eyechart.report.overlay import over, pieces
 from eyechart.report.page import Page
 from eyechart.report.table import write_tables
 from eyechart.simulators.rover.hierarchy import RoverMpc, RoverMpcUnaware
 from eyechart.studies.closed_loop import read_drives
+from eyechart.studies.closed_loop.film import write_film
 from eyechart.studies.closed_loop.replaying import find_episode, replay
-from eyechart.studies.hierarchy import score
+from eyechart.studies.hierarchy import plots, score
+from eyechart.studies.hierarchy.page import make_hierarchy_page
+from eyechart.studies.hierarchy.tables import tables_of
 from eyechart.studies.hierarchy.trajectories import trajectory
 
 
@@ -130,7 +129,7 @@ def test_a_record_without_places_is_not_drawn(copied: Path) -> None:
 
 def test_of_many_worlds_some_are_drawn_and_the_page_says_so(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The figure of outcomes and the tables count all."""
-    monkeypatch.setattr(hierarchy_ways, "MOST_WORLDS", 1)
+    monkeypatch.setattr(plots, "MOST_WORLDS", 1)
     page = page_of(study)
     assert len(page.drawings["ways"]) == 3
     assert page.notes == ("1 of 2 worlds are drawn from above, evenly taken; every number counts all.",)

@@ -16,13 +16,13 @@ from eyechart.frames import open_bank
 from eyechart.importing import Choices, import_table
 from eyechart.integrity import Guard
 from eyechart.models import ADAPTERS
-from eyechart.report.battery_page import make_page
-from eyechart.report.browser import frames_shown
-from eyechart.report.evidence import read_evidence, subjects
-from eyechart.report.integrity import counts, not_covered, summed
-from eyechart.report.tables import judged_of, verdict_table
 from eyechart.spaces.discrete import Discrete
 from eyechart.studies import battery as study
+from eyechart.studies.battery.browser import frames_shown
+from eyechart.studies.battery.page import make_page
+from eyechart.studies.battery.sections import counts, not_covered, summed
+from eyechart.studies.battery.subjects import read_evidence, subjects
+from eyechart.studies.battery.tables import judged_of, verdict_table
 from report_runs import data_of, make_run, report
 
 TWO = Discrete("two", ("HALT", "GO"), (), ("HALT",), ("GO",))
@@ -162,7 +162,7 @@ def test_a_page_lists_no_more_frames_than_it_can_hold(bank: Path, tmp_path: Path
     (few,) = frames_shown(evidence, calls=60)
     assert len(few) == 60 // 11
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("eyechart.report.battery_page.frames_shown", lambda _: (some,))
+        patch.setattr("eyechart.studies.battery.page.frames_shown", lambda _: (some,))
         page = make_page(evidence)
     assert "The browser lists 7 of 18 frames, evenly from every episode" in page.html.decode()
     held = data_of(page.html.decode())["runs"][0]

@@ -21,13 +21,13 @@ from eyechart.errors import LedgerError
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, write_run
 from eyechart.models import ADAPTERS
-from eyechart.report import pictures
-from eyechart.report.battery_page import make_page
-from eyechart.report.browser import LONGEST, collect_texts, frames_shown
-from eyechart.report.evidence import read_evidence, subjects
 from eyechart.report.page import embedded_json
-from eyechart.report.pictures import LEFT_OUT, encode_small, make_album
 from eyechart.studies import battery as study
+from eyechart.studies.battery import album
+from eyechart.studies.battery.album import LEFT_OUT, encode_small, make_album
+from eyechart.studies.battery.browser import LONGEST, collect_texts, frames_shown
+from eyechart.studies.battery.page import make_page
+from eyechart.studies.battery.subjects import read_evidence, subjects
 from report_runs import HOSTILE, LONG, Reported, data_of, make_run, report
 
 
@@ -327,9 +327,9 @@ def test_pictures_stand_in_the_album_as_wide_as_its_rung(
     """Where the widest do not fit, the next are taken, and none that was tried in another width."""
     evidence = read_evidence([make_run(bank, tmp_path / "run", {"noisy": noisy}, limit=6)])
     shown = frames_shown(evidence)
-    monkeypatch.setattr(pictures, "RUNGS", ((60, 100), (30, 45)))
+    monkeypatch.setattr(album, "RUNGS", ((60, 100), (30, 45)))
     for budget, width in ((9_000_000, 60), (4_000, 30)):
-        album = make_album(evidence, shown, budget=budget)
-        uris = [album.uris[place] for place in album.places[0]["real"] if place >= 0]
+        made = make_album(evidence, shown, budget=budget)
+        uris = [made.uris[place] for place in made.places[0]["real"] if place >= 0]
         codes = [base64.b64decode(uri.partition(",")[2]) for uri in uris]
         assert {Image.open(io.BytesIO(code)).width for code in codes} == {width}

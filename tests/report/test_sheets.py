@@ -6,9 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from eyechart.report.evidence import read_evidence, subjects
 from eyechart.report.table import Column, Table, write_tables
-from eyechart.report.tables import Judged, frontier_table, judged_of, statistics_table, tables_of, verdict_table
+from eyechart.studies.battery.subjects import read_evidence, subjects
+from eyechart.studies.battery.tables import (
+    Judged,
+    frontier_table,
+    judged_of,
+    statistics_table,
+    tables_of,
+    verdict_table,
+)
 from report_runs import Reported
 
 COLUMNS = (

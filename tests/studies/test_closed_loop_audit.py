@@ -13,10 +13,10 @@ from eyechart.calls import Reply
 from eyechart.cli.app import app
 from eyechart.episodes import Episode, Step
 from eyechart.frames import Scalar
-from eyechart.report.drives_browser import drives_data
-from eyechart.report.drives_figures import drives_figures
-from eyechart.report.film import lines
 from eyechart.studies.closed_loop import score
+from eyechart.studies.closed_loop.browser import drives_data
+from eyechart.studies.closed_loop.figures import drives_figures
+from eyechart.studies.closed_loop.film import lines
 from eyechart.studies.closed_loop.scene import GAP_ALONE, GAP_AND_SIDE
 
 

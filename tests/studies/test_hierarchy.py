@@ -17,10 +17,10 @@ from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER
 from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import RequestMode
-from eyechart.report.hierarchy import TITLES, against_table, completion_table, intent_table, source_table
 from eyechart.report.table import Table
 from eyechart.studies import hierarchy
 from eyechart.studies.hierarchy import HierarchyScore, Part, Source, planning, running, score, scoring
+from eyechart.studies.hierarchy.tables import TITLES, against_table, completion_table, intent_table, source_table
 from faults import FaultServer
 
 MPC_ONLY = "constant:STRAIGHT"

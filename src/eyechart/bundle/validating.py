@@ -29,8 +29,8 @@ from eyechart.errors import BundleError, EyechartError
 from eyechart.frames import FrameBank, open_unchecked
 from eyechart.ledger import Ledger
 from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, RunManifest, as_text, asked_of, read_manifest
-from eyechart.report.evidence import Tell, used_pictures
 from eyechart.studies.battery.planning import plan_of
+from eyechart.studies.battery.subjects import Tell, used_pictures
 
 _LONGER = 4
 """A file that is so many times as long as it should be is not looked into."""

@@ -66,8 +66,8 @@ def fit(
     --out guardian.json
     """
     from eyechart.destination import require_free, whole
-    from eyechart.report.guardian import choice_lines
-    from eyechart.report.members import members_of
+    from eyechart.guardian.members import members_of
+    from eyechart.guardian.page import choice_lines
     from eyechart.studies import guardian as study
 
     require_free(out, "guardian")
@@ -117,8 +117,8 @@ def score(
     from dataclasses import replace
 
     from eyechart.destination import require_free
-    from eyechart.report.guardian import guardian_table, score_lines
-    from eyechart.report.members import members_of
+    from eyechart.guardian.members import members_of
+    from eyechart.guardian.page import guardian_table, score_lines
     from eyechart.studies import guardian as study
 
     if html is not None:
@@ -174,7 +174,7 @@ def nested(
 
     Rows whose column split is bound are left out. Example: eyechart guardian nested votes.csv --size 2
     """
-    from eyechart.report.guardian import nested_lines, nested_table
+    from eyechart.guardian.page import nested_lines, nested_table
     from eyechart.studies import guardian as study
 
     costs = _costs(cost_miss, cost_false_alarm, cost_abstain, hazard_rate)
@@ -209,7 +209,7 @@ def modular(
     Example: eyechart guardian modular guardian.json votes.csv --frames bank --unseen
     """
     from eyechart.frames import open_bank
-    from eyechart.report.guardian import replay_lines
+    from eyechart.guardian.page import replay_lines
     from eyechart.studies import guardian as study
 
     frozen = study.read_frozen(guardian)
@@ -393,7 +393,7 @@ def _part(table: "VoteTable", name: str) -> "VoteTable":
 
 def _write_page(found: "GuardianScore", frames: Path | None, out: Path) -> None:
     from eyechart.frames import open_bank
-    from eyechart.report.guardian_page import guardian_page
+    from eyechart.guardian.page import guardian_page
     from eyechart.report.page import write_page
 
     bank = None if frames is None else open_bank(frames)

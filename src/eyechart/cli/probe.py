@@ -44,7 +44,7 @@ def doctor(
     from eyechart.models.prices import read_prices
     from eyechart.probe import doctor as examine
     from eyechart.probe.doctor import MOST_CALLS
-    from eyechart.report.diagnosis import doctor_table, headline
+    from eyechart.report.accounts import doctor_table, headline
 
     given = how.given()
     mode, table = _mode(spec, given), read_prices(prices)
@@ -93,7 +93,7 @@ def probe(
     from eyechart.models.prices import read_prices
     from eyechart.modes import write_mode
     from eyechart.probe.pinning import MOST_CALLS
-    from eyechart.report.diagnosis import probe_table
+    from eyechart.report.accounts import probe_table
 
     given = how.given()
     require_free(out, "request mode")

@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 from eyechart import __version__
 from eyechart.destination import whole
-from eyechart.report.drawing import Drawing
+from eyechart.report.charts import Drawing
 from eyechart.report.table import Table
 
 _ESCAPES = {ord(sign): f"\\u{ord(sign):04x}" for sign in "<>&\u2028\u2029"}

@@ -4,7 +4,7 @@ import csv
 import io
 import re
 import unicodedata
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
@@ -20,6 +20,8 @@ from eyechart.stats.statistic import Statistic, percent
 Kind = Literal["text", "word", "count", "number", "interval", "p", "estimate"]
 """What a column holds: text that may be folded, a word that may not, numbers; an estimate is a value with interval."""
 
+MARK = "!"
+"""Stands behind a verdict of a run that failed a guard; the guard is printed in words below."""
 _NARROWEST = 16
 """Text is folded to as few characters before a table is printed row by row instead."""
 _WORDS = {"text", "word"}
@@ -265,6 +267,11 @@ def write_tables(tables: Sequence[Table], folder: Path) -> list[Path]:
     for path, content in made.items():
         path.write_bytes(content)
     return list(made)
+
+
+def marked(name: str, marks: Iterable[str]) -> Iterator[str]:
+    """Yield what the mark behind a name stands for, a line a guard."""
+    yield from (f"{MARK} {name}: {words}" for words in marks)
 
 
 def number(value: float | None, digits: int = 3) -> str:

@@ -5,10 +5,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from eyechart.manifest import RUN
-from eyechart.report.drives_browser import PICTURED, Tell, drives_data
-from eyechart.report.drives_figures import drives_figures
 from eyechart.report.page import Page, fill
-from eyechart.report.rungs import (
+from eyechart.studies.closed_loop import ClosedLoopScore
+from eyechart.studies.closed_loop.browser import PICTURED, Tell, drives_data
+from eyechart.studies.closed_loop.figures import drives_figures
+from eyechart.studies.closed_loop.published import beside_paper
+from eyechart.studies.closed_loop.tables import (
     FINDINGS,
     blind_table,
     degeneracy_table,
@@ -21,8 +23,6 @@ from eyechart.report.rungs import (
     replay_table,
     unfinished_words,
 )
-from eyechart.studies.closed_loop import ClosedLoopScore
-from eyechart.studies.closed_loop.published import beside_paper
 
 GLYPHS = {"sees": "●", "blind": "○", "open": "?"}
 _FINDINGS = {"no_difference_found": "no difference found", "identical": "identical drives", "cannot_say": "cannot say"}

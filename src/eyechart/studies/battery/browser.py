@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from eyechart.calls import Reply
 from eyechart.conditions import CONDITIONS, speaker
 from eyechart.frames import Frame, Scalar
-from eyechart.report.evidence import Evidence
-from eyechart.report.pictures import Album
 from eyechart.run import spread
 from eyechart.spaces.space import Decision
+from eyechart.studies.battery.album import Album
+from eyechart.studies.battery.subjects import Evidence
 
 LONGEST = 400_000
 """Characters of one reply that the page holds; the ledger has all of it."""

@@ -10,9 +10,9 @@ import numpy as np
 from eyechart.frames import Frame, FrameBank, Scalar
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER
-from eyechart.report.evidence import Replies, Tell, find_pictures, names_of
 from eyechart.spaces.scene import Estimate
 from eyechart.studies import structured as study
+from eyechart.studies.battery.subjects import Replies, Tell, find_pictures, names_of
 from eyechart.studies.structured import EstimatorScore, StructuredScore, Told
 
 FAULTS = {

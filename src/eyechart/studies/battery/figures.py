@@ -1,27 +1,44 @@
-"""Figures that compare models: agreement, information, counterfactual pairs and the noise floor.
+"""Figures of batteries: those that compare models, and those of one model.
 
-Source: paper, figures bicb (agreement) and mi (entropy against information).
+Source: paper, figures bicb (agreement) and mi (entropy against information), table t:qwenorder (median gap by action)
+and section Mirror test.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.patches import Rectangle
-from matplotlib.transforms import Bbox
 
-from eyechart.report.drawing import BLUE, INK, LINE, MUTED, PAPER, VERMILLION, Drawing, canvas, cell, grid, plain, room
-from eyechart.report.evidence import Subject
+from eyechart.report.charts import (
+    BLUE,
+    INK,
+    LINE,
+    MUTED,
+    ON_COLOUR,
+    PAPER,
+    VERMILLION,
+    Drawing,
+    canvas,
+    cell,
+    grid,
+    plain,
+    room,
+    scattered,
+    style,
+)
 from eyechart.report.table import number
+from eyechart.spaces.discrete import Discrete
+from eyechart.spaces.space import UNPARSED
+from eyechart.studies.battery.answers import Symbols
+from eyechart.studies.battery.subjects import Subject
 
 _REDS = LinearSegmentedColormap.from_list("same", ["#ffffff", "#fddbc7", "#ef8a62", "#b2182b"])
 FLOOR_FACTOR = 1.5
 """IDI clears the noise floor s above so many times s."""
 
 _OUTCOMES = (("harder near", VERMILLION, ""), ("alike", LINE, ""), ("harder far", BLUE, "////"))
-
-Box = tuple[float, float, float, float]
-"""Left, bottom, right and top, in pixels."""
 
 
 def agreement(everyone: Sequence[Subject]) -> Drawing:
@@ -64,66 +81,14 @@ def information(everyone: Sequence[Subject]) -> list[Drawing]:
             points.append((who, x, y))
     if not points:
         return []
-    figure, axes = canvas(7.0, 4.3, (0.65, 0.2, 0.6, 0.2))
-    right = max([1.0, *(x for _, x, _ in points)]) * 1.3
-    top = max([0.25, *(y for _, _, y in points)]) * 1.15
-    axes.set_xlim(-0.03 * right, right)
-    axes.set_ylim(-0.05 * top, top)
-    axes.grid(color=LINE, linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.set_xlabel("action entropy on real frames (bits)")
-    axes.set_ylabel("I(A; g) (bits)")
-    axes.text(
-        right * 0.99, -0.035 * top, "varied, and not about the gap", ha="right", fontsize=8, style="italic", color=MUTED
-    )
-    labelled(axes, [(who.label, x, y) for who, x, y in points])
+    names = ("action entropy on real frames (bits)", "I(A; g) (bits)", "varied, and not about the gap")
+    figure = scattered([(who.label, x, y) for who, x, y in points], *names)
     told = "; ".join(f"{who.label}: entropy {x:.2f}, information {y:.3f}" for who, x, y in points)
     missing = [who.label for who in everyone if who.label not in {one.label for one, _, _ in points}]
     without = f" Cannot say: {', '.join(missing)}." if missing else ""
     title = "Action entropy against mutual information with the gap"
     says = f"High entropy with information near 0 (lower right) is variety without sight. {told}.{without}"
     return [Drawing("information", title, says, figure, wide=True)]
-
-
-def labelled(axes: Axes, points: Sequence[tuple[str, float, float]]) -> None:
-    """Draw the points, and each name at the nearest place where it covers no other name."""
-    inverse = axes.transData.inverted()
-    taken: list[Box] = []
-    seen = sorted(points, key=lambda one: (one[1], one[2], one[0]))
-    pixels = [axes.transData.transform((x, y)) for _, x, y in seen]
-    taken += [(float(x) - 4, float(y) - 4, float(x) + 4, float(y) + 4) for x, y in pixels]
-    bounds = axes.get_window_extent()
-    for (name, x, y), (px, py) in zip(seen, pixels, strict=True):
-        label = plain(name, 30)
-        axes.scatter([x], [y], s=34, color=BLUE, edgecolors=PAPER, linewidths=0.8, zorder=3)
-        wide = 6.2 * len(label)
-        box, side = next(
-            (spot for spot in _spots(float(px), float(py), wide) if _free(spot[0], bounds, taken)),
-            next(_spots(float(px), float(py), wide)),
-        )
-        taken.append(box)
-        near, middle = box[0] if side == "left" else box[2], (box[1] + box[3]) / 2
-        tx, ty = inverse.transform((near, middle))
-        axes.text(tx, ty, label, fontsize=8, ha=side, va="center", zorder=4)
-        if abs(middle - py) > 8 or abs(near - px) > 12:
-            axes.plot([x, tx], [y, ty], color=MUTED, linewidth=0.5, zorder=2)
-
-
-def _spots(px: float, py: float, wide: float) -> Iterator[tuple[Box, str]]:
-    """Yield boxes for a name beside a point, the nearest first, with the end of the name that is at the point."""
-    for up in (0, 14, -14, 28, -28, *range(42, 300, 14)):
-        for away in (9, 34, 80):
-            yield (px + away, py + up - 7, px + away + wide, py + up + 7), "left"
-            yield (px - away - wide, py + up - 7, px - away, py + up + 7), "right"
-
-
-def _free(box: Box, bounds: Bbox, taken: Sequence[Box]) -> bool:
-    inside = box[0] > bounds.x0 and box[2] < bounds.x1 + 12 and box[1] > bounds.y0 and box[3] < bounds.y1
-    return inside and not any(_overlap(box, other) for other in taken)
-
-
-def _overlap(one: Box, other: Box) -> bool:
-    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
 
 
 def pairs(everyone: Sequence[Subject]) -> list[Drawing]:
@@ -223,3 +188,145 @@ def _key(axes: Axes) -> None:
     axes.plot([], [], marker="|", markersize=9, markeredgewidth=2, linestyle="none", color=INK, label="1.5 s")
     axes.scatter([], [], marker="D", s=36, color=BLUE, label="IDI (a blank differs)")
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, frameon=False, fontsize=8.5, borderaxespad=0)
+
+
+_BLUES = LinearSegmentedColormap.from_list("count", ["#ffffff", "#c6dbef", "#6baed6", "#08519c"])
+MOST_MARKS = 400
+"""Marks of one action in a figure; of more frames every second, third, … is drawn."""
+
+_MARKS = {"brake": ("s", VERMILLION), "proceed": ("^", BLUE), "other": ("o", MUTED)}
+
+
+def gap_by_action(who: Subject, place: int) -> list[Drawing]:
+    """Draw the gap of each real frame by the action that it got, with medians; nothing where there is no gap."""
+    answers = who.model.answers
+    if answers.gaps is None or answers.gap is None:
+        return []
+    real, gaps = answers.actions("real"), answers.gaps
+    finite = gaps[np.isfinite(gaps)]
+    farthest = float(finite.max()) if finite.size else 1.0
+    leadless = not np.isfinite(gaps).all()
+    nowhere = farthest * 1.16
+    actions = answers.space.actions
+    names = [f"{plain(action, 12)} ({np.count_nonzero(real == action)})" for action in actions]
+    margin = 0.2 + 0.077 * max(map(len, names))
+    figure, axes = canvas(3.5, 0.6 + 0.36 * len(actions), (margin, 0.15, 0.5, 0.05))
+    told = []
+    for y, action in enumerate(actions):
+        mine = gaps[real == action]
+        some = mine[:: 1 + len(mine) // MOST_MARKS]
+        mark, colour = _MARKS[role(answers.space, action)]
+        shown = np.where(np.isfinite(some), some, nowhere)
+        jitter = 0.26 * np.sin(np.arange(len(some)) * 2.399963)  # the golden angle: even, and the same every time
+        axes.scatter(shown, y + jitter, s=9, marker=mark, color=colour, alpha=0.55, linewidths=0)
+        if len(mine):
+            middle = float(np.median(np.where(np.isfinite(mine), mine, farthest)))
+            axes.plot([middle, middle], [y - 0.4, y + 0.4], color=INK, linewidth=2.2, solid_capstyle="butt")
+            told.append(f"{action}: {len(mine)} frames, median {middle:.1f} {answers.gap.unit}")
+        else:
+            told.append(f"{action}: never")
+    _strip_axes(axes, names, nowhere, leadless=leadless)
+    axes.axvline(answers.gap.threshold, color=MUTED, linestyle=(0, (4, 3)), linewidth=0.9, zorder=0)
+    axes.set_xlabel(f"{plain(answers.gap.column, 24)} ({plain(answers.gap.unit, 8)})", fontsize=8.5)
+    if leadless:
+        axes.axvline((farthest + nowhere) / 2, color=LINE, linewidth=0.8, zorder=0)
+    title = f"Gap by action, {who.label}"
+    says = f"Each mark is a real frame; squares brake, triangles proceed; the bar is the median. {'; '.join(told)}"
+    return [Drawing(f"gap-{place:02d}", title, says, figure, of=who.label)]
+
+
+def _strip_axes(axes: Axes, names: Sequence[str], nowhere: float, *, leadless: bool) -> None:
+    axes.set_ylim(len(names) - 0.5, -0.5)
+    axes.set_xlim(0, nowhere * (1.06 if leadless else 0.92))
+    axes.set_yticks(range(len(names)), names)
+    axes.tick_params(axis="y", length=0)
+    kept = [float(tick) for tick in axes.get_xticks() if 0 <= tick < nowhere * (0.84 if leadless else 0.92)]
+    extra = [nowhere] if leadless else []
+    axes.set_xticks([*kept, *extra], [*(f"{tick:g}" for tick in kept), *("none" for _ in extra)])
+    for y in range(len(names)):
+        axes.axhline(y, color=LINE, linewidth=0.6, zorder=0)
+    axes.spines["left"].set_visible(False)
+
+
+def role(space: Discrete, action: str) -> str:
+    """Return what an action is to the gap tests: brake, proceed, or other."""
+    return "brake" if action in space.brake else "proceed" if action in space.proceed else "other"
+
+
+def mirror(who: Subject, place: int) -> list[Drawing]:
+    """Draw which action a reflection turns each action into; a frame marks where it should go."""
+    answers = who.model.answers
+    real, mirrored, _ = answers.both("real", "mirrored", "response")
+    if not len(real) or not answers.space.mirror_pairs:
+        return []
+    names = ("real frame", "mirrored frame")
+    expected = {(action, answers.space.reflect(action)) for action in answers.space.actions}
+    title = f"Under reflection, {who.label}"
+    note = "framed: the action that the reflected world calls for"
+    return [
+        _transitions((f"mirror-{place:02d}", title, who.label), (real, mirrored), names, answers.space, expected, note)
+    ]
+
+
+def counterfactual(who: Subject, place: int) -> list[Drawing]:
+    """Draw the decisions of the same moments with the lead near and far; a frame marks harder braking when near."""
+    answers, space = who.model.answers, who.model.answers.space
+    far, near, _ = answers.both("lead_far", "lead_near", "response")
+    if not len(far):
+        return []
+    level = {action: space.project(action, "brake") or 0.0 for action in space.actions}
+    harder = {(one, other) for one in space.actions for other in space.actions if level[other] > level[one]}
+    title = f"Lead far and near, {who.label}"
+    note = "framed: brakes harder when the lead is near"
+    names = ("lead far", "lead near")
+    return [_transitions((f"counterfactual-{place:02d}", title, who.label), (far, near), names, space, harder, note)]
+
+
+def _transitions(
+    words: tuple[str, str, str],
+    pair: tuple[Symbols, Symbols],
+    names: tuple[str, str],
+    space: Discrete,
+    marked: set[tuple[str, str]],
+    note: str,
+) -> Drawing:
+    rows, columns = pair
+    actions = [*space.actions, *([UNPARSED] if UNPARSED in {*rows.tolist(), *columns.tolist()} else [])]
+    size = len(actions)
+    labels = [plain(one, 11) for one in actions]
+    leaning = size > 5 or max(map(len, labels)) > 8
+    top, margin = (0.95 if leaning else 0.5), 0.4 + 0.075 * max(map(len, labels))
+    figure, axes = canvas(3.5, top + 0.05 + 0.33 * size, (margin, 0.35 if leaning else 0.1, 0.05, top))
+    told = []
+    for y, one in enumerate(actions):
+        total = int((rows == one).sum())
+        for x, other in enumerate(actions):
+            count = int(((rows == one) & (columns == other)).sum())
+            cell(axes, x, y, count / total if total else None, str(count) if total else "", _BLUES)
+            if (one, other) in marked:
+                edge = ON_COLOUR if total else INK
+                axes.add_patch(
+                    Rectangle((x - 0.44, y - 0.43), 0.88, 0.86, fill=False, edgecolor=edge, linewidth=1.1, zorder=5)
+                )
+            if count:
+                told.append(f"{one} to {other}: {count}")
+    grid(axes, labels, labels, rotation=40 if leaning else 0)
+    axes.tick_params(axis="x", labelsize=7.5)
+    axes.set_xlabel(names[1], fontsize=8.5, color=MUTED)
+    axes.set_ylabel(names[0], fontsize=8.5, color=MUTED)
+    says = f"Rows: {names[0]}; columns: {names[1]}; {note}. {'; '.join(told)}"
+    return Drawing(words[0], words[1], says, figure, of=words[2])
+
+
+def figures(everyone: Sequence[Subject]) -> dict[str, list[Drawing]]:
+    """Return the figures by section; a section whose data are missing has none."""
+    with style():
+        return {
+            "agreement": [agreement(everyone)] if everyone else [],
+            "gap": [one for place, who in enumerate(everyone, 1) for one in gap_by_action(who, place)],
+            "information": information(everyone),
+            "mirror": [one for place, who in enumerate(everyone, 1) for one in mirror(who, place)],
+            "pairs": pairs(everyone),
+            "counterfactual": [one for place, who in enumerate(everyone, 1) for one in counterfactual(who, place)],
+            "noise": [noise_floor(everyone)] if everyone else [],
+        }

@@ -1,28 +1,24 @@
-"""Tables of batteries and prompt studies: verdicts, Table t:frontier of the paper, every statistic, and the costs."""
+"""Tables of a battery: verdicts, Table t:frontier of the paper, and every statistic."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
-from eyechart.compare import Replication
-from eyechart.costs import ALL, Account
-from eyechart.report.evidence import Subject
 from eyechart.report.table import (
+    MARK,
     STATISTIC,
     Cell,
     Column,
     Mark,
     Table,
     columns,
+    marked,
     number,
     p_value,
     statistic_cells,
 )
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import BatteryScore, ModelScore
-from eyechart.studies.prompts import CellScore
+from eyechart.studies.battery.subjects import Subject
 from eyechart.verdicts import LABELS, Stopped, Verdict
-
-MARK = "!"
-"""Stands behind a verdict of a run that failed a guard; the guard is printed in words below."""
 
 Judged = tuple[str, ModelScore, Verdict]
 """A model's label, its score and its verdict."""
@@ -139,112 +135,12 @@ def statistics_table(everyone: Sequence[Judged]) -> Table:
     return Table("statistics", caption, (*named, *columns("text", "method", "note", "unit")), rows)
 
 
-MAIN = (
-    "across_runs",
-    "answer_shift",
-    "unparsed_rate",
-    "noise_floor",
-    "idi",
-    "idi_adj",
-    "cramers_v",
-    "mutual_information.decision",
-    "obstacle.decision",
-    "mirror_swap_rate",
-    "modal_share",
-)
-"""What a comparison prints unless all statistics are asked for: the paper's replication paragraph, and its like."""
-
-
-def replication_table(one: Replication, *, every: bool = False) -> Table:
-    """Return one row a statistic: both runs' values, the difference with its interval, n and p."""
-    rows: list[tuple[Cell, ...]] = []
-    for name, found in one.differences.items():
-        if every or name in MAIN or name in one.changed:
-            sides = [_side(found, side) for side in ("first", "second")]
-            signed = found.value is not None and name not in {"across_runs", "answer_shift"}
-            value = f"{found.value:+.3f}" if signed else found.value
-            note = {"across_runs": "share answered alike", "answer_shift": "distance"}.get(name, found.note)
-            rows.append((name, *sides, value, *statistic_cells(found)[1:], one.holm[name], note))
-    named = (Column("statistic", "word"), *columns("number", "first", "second", "difference"), *STATISTIC[1:])
-    return Table("replication", one.model, (*named, Column("p (Holm)", "p"), Column("note")), tuple(rows))
-
-
-def _side(found: Statistic, side: str) -> float | None:
-    value = (found.detail or {}).get(side)
-    return value if isinstance(value, float) else None
-
-
-def prompts_table(cells: Iterable[CellScore]) -> Table:
-    """Return Table t:prompts: diversity, and beside it what the answers hold of the scene."""
-    note = (
-        "n_a: distinct outputs, UNPARSED among them. Diversity is not scene dependence, which V (real against blank), "
-        "I(A;g) in bits and its p, corrected by Holm over these cells, look at. — cannot say"
-    )
-    rows = []
-    for cell in cells:
-        found = cell.statistics
-        who = (cell.model, Mark(cell.name, "", MARK if cell.marks else ""))
-        numbers = [found[name].value for name in ("unparsed_rate", "cramers_v_real_blank", "mutual_information")]
-        diversity = (found["modal_share"], found["distinct_outputs"].value, found["idi"])
-        p, calls = cell.holm["mutual_information"], f"{cell.answered}/{cell.planned}"
-        rows.append((*who, *diversity, *numbers, p, calls))
-    named = (
-        Column("model"),
-        Column("cell", "word"),
-        Column("modal share", "estimate", 2),
-        Column("n_a", "number", 0),
-        Column("IDI", "estimate", 2),
-        *columns("number", "unparsed", "V", "I(A;g)"),
-        Column("p", "p"),
-        Column("calls", "count"),
-    )
-    return Table("prompts", "Table t:prompts", named, tuple(rows), note)
-
-
-def costs_table(accounts: Mapping[str, Mapping[str, Account]], *, every: bool) -> Table:
-    """Return one row a model, and with ``every`` one a condition: what calls took; nothing stands in as a number."""
-    rows = tuple(
-        (spec, *([name] if every else []), *_took(account))
-        for spec, found in accounts.items()
-        for name, account in found.items()
-        if every or name == ALL
-    )
-    named = (
-        Column("model"),
-        *([Column("condition", "word")] if every else []),
-        *columns("count", "calls", "attempts", "retries", "no outcome", "errors", "no decision"),
-        *columns("count", "tokens in", "out", "reasoning", "cost"),
-        *columns("number", "median s", "p95 s", "first byte s"),
-        Column("energy", "number", 1, unit=" J"),
-    )
-    return Table("costs", "what the calls took", named, rows)
-
-
-def _took(one: Account) -> tuple[Cell, ...]:
-    return (
-        one.calls,
-        one.attempts,
-        _reasons(one.retries),
-        one.unknown,
-        _reasons(one.errors),
-        _reasons(one.missing),
-        *("—" if many is None else f"{many:,}" for many in (one.prompt_tokens, one.completion_tokens)),
-        "—" if one.reasoning_tokens is None else f"{one.reasoning_tokens:,}",
-        _cost(one),
-        one.latency_median_s,
-        one.latency_p95_s,
-        one.first_byte_median_s,
-        "not measured" if one.energy_j is None else one.energy_j,
-    )
-
-
-def _reasons(counts: Mapping[str, int]) -> str:
-    return ", ".join(f"{count} {reason}" for reason, count in counts.items()) or "0"
-
-
-def _cost(one: Account) -> str:
-    if one.cost_usd is None:
-        return "unknown"
-    unknown = one.cost_from.get("unknown", 0)
-    how = "/".join(name for name in one.cost_from if name != "unknown")
-    return f"${one.cost_usd:.4f} ({how}{f'; {unknown} unknown' if unknown else ''})"
+def verdicts_printed(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> Iterator[Table | str]:
+    """Yield the table of verdicts, what each verdict in it means, and the scope of all of them."""
+    yield glance_table(judged(score, verdicts))
+    yield from (line for spec, one in verdicts.items() for line in marked(spec, one.marks))
+    for label in dict.fromkeys(one.calibrated.label for one in verdicts.values()):
+        yield f"{label}: {LABELS[label].says}"
+    if any(one.stopped for one in verdicts.values()):
+        yield "e (n/N): stopped early after n of N calls, by evidence that may be looked at after every call."
+    yield f"Scope: {score.scope()}"

@@ -11,7 +11,7 @@ from PIL import Image
 from eyechart.conditions import available, show
 from eyechart.errors import BankError
 from eyechart.frames import RGB, Frame, FrameBank, decode
-from eyechart.report.evidence import Evidence, Tell
+from eyechart.studies.battery.subjects import Evidence, Tell
 
 NO_PICTURE = -1
 """The condition shows none."""

@@ -3,10 +3,18 @@
 from dataclasses import replace
 from pathlib import Path
 
-from eyechart.report.drawing import Drawing
-from eyechart.report.drives_browser import Tell
-from eyechart.report.drives_page import GLYPHS, made
-from eyechart.report.hierarchy import (
+from eyechart.report.charts import Drawing
+from eyechart.report.page import Page, fill
+from eyechart.report.table import p_value
+from eyechart.studies.closed_loop import LEVEL, Blind, Paired
+from eyechart.studies.closed_loop.browser import Tell
+from eyechart.studies.closed_loop.page import GLYPHS, made
+from eyechart.studies.closed_loop.tables import SIGNED, unfinished_words
+from eyechart.studies.hierarchy import PARTS, HierarchyScore
+from eyechart.studies.hierarchy.figures import outcomes
+from eyechart.studies.hierarchy.plots import CONDITION_NAMES, ENDS, SIGNS, groups
+from eyechart.studies.hierarchy.scoring import NOT_PERCEPTION, unless_shown
+from eyechart.studies.hierarchy.tables import (
     TITLES,
     against_table,
     blind_table,
@@ -17,14 +25,6 @@ from eyechart.report.hierarchy import (
     of_ablation,
     source_table,
 )
-from eyechart.report.hierarchy_figures import outcomes
-from eyechart.report.hierarchy_ways import CONDITION_NAMES, ENDS, SIGNS, groups
-from eyechart.report.page import Page, fill
-from eyechart.report.rungs import SIGNED, unfinished_words
-from eyechart.report.table import p_value
-from eyechart.studies.closed_loop import LEVEL, Blind, Paired
-from eyechart.studies.hierarchy import PARTS, HierarchyScore
-from eyechart.studies.hierarchy.scoring import NOT_PERCEPTION, unless_shown
 
 _ARMS = {
     "rover-mpc": "the controller knows the obstacles",

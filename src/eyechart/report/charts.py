@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from matplotlib.transforms import Bbox
 
 INK = "#1c1f23"
 MUTED = "#5a616c"
@@ -193,3 +194,64 @@ def grid(axes: Axes, columns: Sequence[str], rows: Sequence[str], *, rotation: f
 def room(labels: Sequence[str]) -> float:
     """Return the margin in inches that the longest name of a model needs."""
     return 0.3 + 0.068 * max([12, *(len(plain(label, 34)) for label in labels)])
+
+
+Box = tuple[float, float, float, float]
+"""Left, bottom, right and top, in pixels."""
+
+
+def scattered(points: Sequence[tuple[str, float, float]], x_name: str, y_name: str, corner: str) -> Figure:
+    """Return named points from 0 to above 1 bit and 0.25 bit; ``corner`` says what lies at the lower right."""
+    figure, axes = canvas(7.0, 4.3, (0.65, 0.2, 0.6, 0.2))
+    right = max([1.0, *(x for _, x, _ in points)]) * 1.3
+    top = max([0.25, *(y for _, _, y in points)]) * 1.15
+    axes.set_xlim(-0.03 * right, right)
+    axes.set_ylim(-0.05 * top, top)
+    axes.grid(color=LINE, linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.set_xlabel(x_name)
+    axes.set_ylabel(y_name)
+    axes.text(right * 0.99, -0.035 * top, corner, ha="right", fontsize=8, style="italic", color=MUTED)
+    _name_points(axes, points)
+    return figure
+
+
+def _name_points(axes: Axes, points: Sequence[tuple[str, float, float]]) -> None:
+    """Draw the points, and each name at the nearest place where it covers no other name."""
+    inverse = axes.transData.inverted()
+    taken: list[Box] = []
+    seen = sorted(points, key=lambda one: (one[1], one[2], one[0]))
+    pixels = [axes.transData.transform((x, y)) for _, x, y in seen]
+    taken += [(float(x) - 4, float(y) - 4, float(x) + 4, float(y) + 4) for x, y in pixels]
+    bounds = axes.get_window_extent()
+    for (name, x, y), (px, py) in zip(seen, pixels, strict=True):
+        label = plain(name, 30)
+        axes.scatter([x], [y], s=34, color=BLUE, edgecolors=PAPER, linewidths=0.8, zorder=3)
+        wide = 6.2 * len(label)
+        box, side = next(
+            (spot for spot in _spots(float(px), float(py), wide) if _free(spot[0], bounds, taken)),
+            next(_spots(float(px), float(py), wide)),
+        )
+        taken.append(box)
+        near, middle = box[0] if side == "left" else box[2], (box[1] + box[3]) / 2
+        tx, ty = inverse.transform((near, middle))
+        axes.text(tx, ty, label, fontsize=8, ha=side, va="center", zorder=4)
+        if abs(middle - py) > 8 or abs(near - px) > 12:
+            axes.plot([x, tx], [y, ty], color=MUTED, linewidth=0.5, zorder=2)
+
+
+def _spots(px: float, py: float, wide: float) -> Iterator[tuple[Box, str]]:
+    """Yield boxes for a name beside a point, the nearest first, with the end of the name that is at the point."""
+    for up in (0, 14, -14, 28, -28, *range(42, 300, 14)):
+        for away in (9, 34, 80):
+            yield (px + away, py + up - 7, px + away + wide, py + up + 7), "left"
+            yield (px - away - wide, py + up - 7, px - away, py + up + 7), "right"
+
+
+def _free(box: Box, bounds: Bbox, taken: Sequence[Box]) -> bool:
+    inside = box[0] > bounds.x0 and box[2] < bounds.x1 + 12 and box[1] > bounds.y0 and box[3] < bounds.y1
+    return inside and not any(_overlap(box, other) for other in taken)
+
+
+def _overlap(one: Box, other: Box) -> bool:
+    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]

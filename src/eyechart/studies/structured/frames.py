@@ -7,10 +7,10 @@ from eyechart.conditions import show
 from eyechart.errors import EyechartError
 from eyechart.frames import Frame, Scalar
 from eyechart.perception.view import find_view, through
-from eyechart.report.estimates import Estimates, Estimator, action_of, faults, gap_error_m, weight
-from eyechart.report.pictures import view_uri
 from eyechart.spaces.scene import SceneDecision
+from eyechart.studies.battery.album import view_uri
 from eyechart.studies.structured import Told
+from eyechart.studies.structured.estimates import Estimates, Estimator, action_of, faults, gap_error_m, weight
 from eyechart.studies.structured.planning import CONDITIONS
 
 MOST_PICTURES = 24

@@ -1,7 +1,10 @@
-"""What doctor and probe found, as tables for the terminal."""
+"""Tables of what calls took, and of what doctor and probe found."""
+
+from collections.abc import Mapping
 
 from rich.text import Text
 
+from eyechart.costs import ALL, Account
 from eyechart.probe import Diagnosis, Found
 from eyechart.report.table import Cell, Column, Table, columns
 
@@ -67,3 +70,52 @@ def _seconds(value: float | None) -> str:
 
 def _shown(*values: float | None) -> str:
     return ", ".join("—" if value is None else f"{value:g}" for value in values)
+
+
+def costs_table(accounts: Mapping[str, Mapping[str, Account]], *, every: bool) -> Table:
+    """Return one row a model, and with ``every`` one a condition: what calls took; nothing stands in as a number."""
+    rows = tuple(
+        (spec, *([name] if every else []), *_took(account))
+        for spec, found in accounts.items()
+        for name, account in found.items()
+        if every or name == ALL
+    )
+    named = (
+        Column("model"),
+        *([Column("condition", "word")] if every else []),
+        *columns("count", "calls", "attempts", "retries", "no outcome", "errors", "no decision"),
+        *columns("count", "tokens in", "out", "reasoning", "cost"),
+        *columns("number", "median s", "p95 s", "first byte s"),
+        Column("energy", "number", 1, unit=" J"),
+    )
+    return Table("costs", "what the calls took", named, rows)
+
+
+def _took(one: Account) -> tuple[Cell, ...]:
+    return (
+        one.calls,
+        one.attempts,
+        _reasons(one.retries),
+        one.unknown,
+        _reasons(one.errors),
+        _reasons(one.missing),
+        *("—" if many is None else f"{many:,}" for many in (one.prompt_tokens, one.completion_tokens)),
+        "—" if one.reasoning_tokens is None else f"{one.reasoning_tokens:,}",
+        _cost(one),
+        one.latency_median_s,
+        one.latency_p95_s,
+        one.first_byte_median_s,
+        "not measured" if one.energy_j is None else one.energy_j,
+    )
+
+
+def _reasons(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{count} {reason}" for reason, count in counts.items()) or "0"
+
+
+def _cost(one: Account) -> str:
+    if one.cost_usd is None:
+        return "unknown"
+    unknown = one.cost_from.get("unknown", 0)
+    how = "/".join(name for name in one.cost_from if name != "unknown")
+    return f"${one.cost_usd:.4f} ({how}{f'; {unknown} unknown' if unknown else ''})"

@@ -2,10 +2,9 @@
 
 from collections.abc import Sequence
 
-from eyechart.report.estimates import Estimator
-from eyechart.report.table import STATISTIC, Cell, Column, Mark, Table, columns, statistic_cells
-from eyechart.report.tables import MARK
+from eyechart.report.table import MARK, STATISTIC, Cell, Column, Mark, Table, columns, statistic_cells
 from eyechart.studies.structured import EstimatorScore, StructuredScore
+from eyechart.studies.structured.estimates import Estimator
 from eyechart.studies.structured.online import OnlineScore
 
 PAPER = (1.0, 1.0, 0.09, 1.0, 1.0, 1.0, 10)

@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 
 from eyechart.costs import ALL
-from eyechart.report.drawing import BLUE, INK, MUTED, VERMILLION, Drawing, canvas, style
-from eyechart.report.estimates import Estimates, Estimator, estimators
-from eyechart.report.estimates_frames import listed_frames, shown_frames
-from eyechart.report.evidence import Tell
+from eyechart.report.charts import BLUE, INK, MUTED, VERMILLION, Drawing, canvas, style
 from eyechart.report.page import Page, fill
-from eyechart.report.structured import clauses_table, controller_table, figures_table, marks, scored_of
+from eyechart.studies.battery.subjects import Tell
+from eyechart.studies.structured.estimates import Estimates, Estimator, estimators
+from eyechart.studies.structured.frames import listed_frames, shown_frames
+from eyechart.studies.structured.tables import clauses_table, controller_table, figures_table, marks, scored_of
 
 _DRAWN = 12
 """Models that have a figure of their own in the page."""

@@ -9,7 +9,7 @@ from matplotlib.patches import PathPatch, Rectangle
 from matplotlib.path import Path as Way
 
 from eyechart.cameras import ROVER
-from eyechart.report.drawing import INK, LINE, MUTED, PAPER, SOFT, WAYS, Drawing, canvas, plain, style
+from eyechart.report.charts import INK, LINE, MUTED, PAPER, SOFT, WAYS, Drawing, canvas, plain, style
 from eyechart.simulators.road import GOAL_M, ROAD_HALF_M
 from eyechart.studies.closed_loop import Drives
 from eyechart.studies.hierarchy import HierarchyScore

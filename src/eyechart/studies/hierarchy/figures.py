@@ -5,10 +5,10 @@ from collections.abc import Mapping, Sequence
 from matplotlib.axes import Axes
 
 from eyechart.episodes import Episode
-from eyechart.report.drawing import BLUE, INK, LINE, MUTED, PAPER, VERMILLION, Drawing, canvas, plain, style
-from eyechart.report.hierarchy import goals_of
+from eyechart.report.charts import BLUE, INK, LINE, MUTED, PAPER, VERMILLION, Drawing, canvas, plain, style
 from eyechart.studies.hierarchy import HierarchyScore, Source
 from eyechart.studies.hierarchy.scoring import PUBLISHED, UNPUBLISHED
+from eyechart.studies.hierarchy.tables import goals_of
 from eyechart.studies.hierarchy.trajectories import in_order
 
 MOST_ROWS = 40

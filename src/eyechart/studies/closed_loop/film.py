@@ -16,7 +16,7 @@ from eyechart.destination import whole
 from eyechart.episodes import Episode
 from eyechart.errors import SpecError
 from eyechart.frames import RGB
-from eyechart.report.drawing import plain
+from eyechart.report.charts import plain
 from eyechart.report.overlay import STROKES, over, pieces, plan_words
 from eyechart.report.page import fill
 from eyechart.simulators import Sketch

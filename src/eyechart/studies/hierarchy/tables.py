@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from eyechart.report.rungs import DIFFERENCES, difference_cells, differences_table
 from eyechart.report.table import Cell, Column, Table, columns
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.closed_loop import Paired
+from eyechart.studies.closed_loop.tables import DIFFERENCES, difference_cells, differences_table
 from eyechart.studies.hierarchy import Completion, HierarchyScore, Source
 from eyechart.studies.hierarchy.planning import PARTS, name_of
 from eyechart.studies.hierarchy.scoring import NOT_PERCEPTION, PUBLISHED, UNPUBLISHED

@@ -4,17 +4,16 @@ from collections.abc import Mapping, Sequence
 
 from eyechart.conditions import CONDITIONS
 from eyechart.costs import ALL
-from eyechart.report.browser import Texts, browser_data, collect_texts, frames_shown
-from eyechart.report.evidence import Evidence, Subject, Tell, subjects
-from eyechart.report.figures import figures
-from eyechart.report.integrity import counts, not_covered, summed
 from eyechart.report.page import Page, fill
-from eyechart.report.pictures import Album, make_album
-from eyechart.report.sections import guards, pairs, silent
 from eyechart.report.table import Column, level, number, p_value
-from eyechart.report.tables import frontier_table, judged_of, statistics_table, verdict_table
 from eyechart.spaces.space import MISSING
 from eyechart.stats.statistic import Statistic
+from eyechart.studies.battery.album import Album, make_album
+from eyechart.studies.battery.browser import Texts, browser_data, collect_texts, frames_shown
+from eyechart.studies.battery.figures import figures
+from eyechart.studies.battery.sections import counts, guards, not_covered, pairs, silent, summed
+from eyechart.studies.battery.subjects import Evidence, Subject, Tell, subjects
+from eyechart.studies.battery.tables import frontier_table, judged_of, statistics_table, verdict_table
 from eyechart.verdicts import LABELS, Stopped, shared_notes
 
 MODELS_DRAWN = 24

@@ -7,10 +7,22 @@ from collections.abc import Sequence
 
 from matplotlib.axes import Axes
 
-from eyechart.report.comparisons import labelled
-from eyechart.report.drawing import BLUE, INK, LINE, MUTED, PAPER, VERMILLION, Drawing, canvas, plain, room, style
-from eyechart.report.rungs import MEASURES, NAMES, SIGNED
+from eyechart.report.charts import (
+    BLUE,
+    INK,
+    LINE,
+    MUTED,
+    PAPER,
+    VERMILLION,
+    Drawing,
+    canvas,
+    plain,
+    room,
+    scattered,
+    style,
+)
 from eyechart.studies.closed_loop import Blind, ClosedLoopScore, Degeneracy, Rung
+from eyechart.studies.closed_loop.tables import MEASURES, NAMES, SIGNED
 
 MOST_ROWS = 40
 """Drivers in a figure; the tables have all of them."""
@@ -94,26 +106,8 @@ def _information(rows: Sequence[Degeneracy]) -> list[Drawing]:
             points.append((row.driver.label, x, y))
     if not points:
         return []
-    shown_points = points[:MOST_ROWS]
-    figure, axes = canvas(7.0, 4.3, (0.65, 0.2, 0.6, 0.2))
-    right = max([1.0, *(x for _, x, _ in points)]) * 1.3
-    top = max([0.25, *(y for _, _, y in points)]) * 1.15
-    axes.set_xlim(-0.03 * right, right)
-    axes.set_ylim(-0.05 * top, top)
-    axes.grid(color=LINE, linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.set_xlabel("action entropy over the drives (bits)")
-    axes.set_ylabel("I(A; scene) (bits)")
-    axes.text(
-        right * 0.99,
-        -0.035 * top,
-        "varied, and not about the scene",
-        ha="right",
-        fontsize=8,
-        style="italic",
-        color=MUTED,
-    )
-    labelled(axes, shown_points)
+    names = ("action entropy over the drives (bits)", "I(A; scene) (bits)", "varied, and not about the scene")
+    figure = scattered(points[:MOST_ROWS], *names)
     told = "; ".join(f"{name}: entropy {x:.2f}, information {y:.3f}" for name, x, y in points)
     says = f"High entropy with information near 0 (lower right) is variety without the scene. {told}."
     title = "Action entropy against information about the scene"
