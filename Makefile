@@ -13,7 +13,7 @@ DOCS := $(VENV)/.docs
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm ladder hierarchy test test-models test-browser lint format docs wheel bench clean
+.PHONY: help demo demo-vlm ladder hierarchy test test-models test-browser lint format docs wheel bench long-compare long-speed clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -27,6 +27,8 @@ help:
 	@echo "make docs         the site, in build/docs"
 	@echo "make wheel        the package, in dist, with its contents checked"
 	@echo "make bench        ratios against what one would otherwise do"
+	@echo "make long-compare 0.1.0, installed beside, and this version make the same studies: what differs, by key"
+	@echo "make long-speed   processor time of commands in 0.1.0 and in this version, in pairs"
 
 demo: $(CORE)
 	$(BIN)/eyechart demo --out demo
@@ -80,6 +82,23 @@ bench: $(BENCH) $(INSPECT)/.done
 	$(BIN)/python benchmarks/bench_serve.py
 	$(BIN)/python benchmarks/bench_hf.py
 	$(BIN)/python benchmarks/bench_calls.py --inspect-python $(INSPECT)/bin/python
+
+# The version before, beside this one; OLD_PYTHON=/its/python takes one that is installed already.
+OLD_COMMIT := 201be47
+OLD := build/0.1.0
+OLD_PYTHON ?= $(OLD)/.venv/bin/python
+
+long-compare: $(CORE) $(OLD_PYTHON)
+	$(BIN)/python benchmarks/compare_versions.py --old $(OLD_PYTHON)
+
+long-speed: $(CORE) $(OLD_PYTHON)
+	$(BIN)/python benchmarks/speed_versions.py --old $(OLD_PYTHON)
+
+$(OLD)/.venv/bin/python:
+	rm -rf $(OLD) && mkdir -p $(OLD)
+	git archive $(OLD_COMMIT) | tar -x -C $(OLD)
+	$(PYTHON) -m venv $(OLD)/.venv
+	$(OLD)/.venv/bin/python -m pip install --quiet --disable-pip-version-check -c $(OLD)/constraints.txt -e $(OLD)
 
 clean:
 	rm -rf $(VENV) demo ladder hierarchy build dist

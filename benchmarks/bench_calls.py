@@ -176,19 +176,18 @@ def inspect_in(folder: Path, base_url: str) -> None:
 def stored(bank: Path, folder: Path) -> tuple[list[bytes], tuple[str, str]]:
     """Write the pictures of the calls into a folder for Inspect; return them and the words beside them."""
     from eyechart.conditions import show  # noqa: PLC0415
-    from eyechart.frames import open_bank  # noqa: PLC0415
+    from eyechart.frames import MAIN, open_bank  # noqa: PLC0415
     from eyechart.prompts import find_prompt  # noqa: PLC0415
 
     frames, prompt = open_bank(bank), find_prompt("baseline")
-    pictures = [show(condition, frame, frames, 0) for condition in CONDITIONS for frame in frames]
+    pictures = [show(condition, frame, frames, 0).images[MAIN] for condition in CONDITIONS for frame in frames]
     names = []
     for number, picture in enumerate(pictures):
-        assert picture is not None
         names.append(f"{number}.png")
         (folder / names[-1]).write_bytes(picture)
     (folder / "order.json").write_text(json.dumps(names))
     (folder / "words.json").write_text(json.dumps([prompt.system, prompt.user]))
-    return [picture for picture in pictures if picture is not None], (prompt.system, prompt.user)
+    return pictures, (prompt.system, prompt.user)
 
 
 def memory_mb(name: str) -> float:
@@ -219,7 +218,7 @@ def memory(calls: int) -> dict[str, list[float]]:
     Returns, by how many calls had ended (a tenth, three tenths, all), the memory in MB, the most so far, and CPU
     milliseconds a call.
     """
-    from eyechart.frames import BankManifest, BankWriter, Frame  # noqa: PLC0415
+    from eyechart.frames import MAIN, BankManifest, BankWriter, Frame, alone  # noqa: PLC0415
     from eyechart.modes import RequestMode  # noqa: PLC0415
     from eyechart.spaces.discrete import DRIVING  # noqa: PLC0415
     from eyechart.studies import battery as study  # noqa: PLC0415
@@ -228,8 +227,8 @@ def memory(calls: int) -> dict[str, list[float]]:
         drawn = camera_pictures(200)
         with BankWriter(Path(folder) / "bank", BankManifest("bench", "bench", "camera", DRIVING, None)) as writer:
             for at in range(calls // len(CONDITIONS)):
-                frame = Frame(f"f{at}", f"s{at % 4}", f"e{at % 12}", at, "none", f"images/f{at}.png")
-                writer.add(frame, drawn[at % len(drawn)], {})
+                frame = Frame(f"f{at}", f"s{at % 4}", f"e{at % 12}", at, alone("none"), {MAIN: f"images/f{at}.png"})
+                writer.add(frame, {MAIN: drawn[at % len(drawn)]}, {})
         mode = RequestMode("openai:m", base_url=base_url)
         planned = study.plan(Path(folder) / "bank", [mode], Path(folder) / "run", conditions=CONDITIONS)
         marks, seen = {calls // 10, 3 * calls // 10, calls}, dict[str, list[float]]()

@@ -16,6 +16,7 @@ from PIL import Image
 from transformers import AutoModelForImageTextToText, AutoProcessor
 
 from eyechart.calls import Query, Reply
+from eyechart.frames import Stimulus
 from eyechart.models import open_model
 from eyechart.models.huggingface import organisms
 from eyechart.modes import RequestMode
@@ -118,7 +119,7 @@ class Batched:
 
         async def one(picture: bytes) -> str:
             async with gate:
-                return (await self._model.answer(Query(PROMPT.system, PROMPT.user, picture, 0))).text
+                return (await self._model.answer(Query(PROMPT.system, PROMPT.user, Stimulus.of(picture), 0))).text
 
         return await asyncio.gather(*map(one, pictures))
 

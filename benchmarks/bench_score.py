@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 from eyechart.conditions import BATTERY
-from eyechart.frames import LEAD_GAP, BankManifest, BankWriter, Frame, encode, open_bank
+from eyechart.frames import LEAD_GAP, MAIN, BankManifest, BankWriter, Frame, alone, encode, open_bank
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, today, versions, write_run
 from eyechart.prompts import find_prompt
@@ -40,11 +40,11 @@ def make_run(out: Path, *, models: int, episodes: int, steps: int) -> int:
                     scenario=f"s{episode % 4}",
                     episode=f"e{episode}",
                     step=step,
-                    mirror_axis="vertical",
-                    file=f"images/{frame_id}.png",
+                    cameras=alone("vertical"),
+                    pictures={MAIN: f"images/{frame_id}.png"},
                     truth={"lead_gap_m": gaps[frame_id]},
                 )
-                writer.add(frame, picture, {})
+                writer.add(frame, {MAIN: picture}, {})
     bank = open_bank(out / "source")
     specs = [f"bench:{number}" for number in range(models)]
     prompt = find_prompt("baseline")

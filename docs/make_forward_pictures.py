@@ -10,7 +10,7 @@ from pathlib import Path
 from PIL import Image, ImageDraw, ImageFont
 
 from eyechart.conditions import show
-from eyechart.frames import Frame, FrameBank, decode
+from eyechart.frames import MAIN, Frame, FrameBank, decode
 from eyechart.simulators import open_simulator
 
 WIDTH, LABEL, GAP = 200, 22, 6
@@ -37,8 +37,7 @@ def draw(bank: FrameBank, out: Path) -> None:
 
 
 def _picture(frame: Frame, bank: FrameBank, condition: str) -> Image.Image:
-    shown = show(condition, frame, bank, 0)
-    assert shown is not None
+    shown = show(condition, frame, bank, 0).images[MAIN]
     picture = Image.fromarray(decode(shown, frame.id).copy())
     return picture.resize((WIDTH, WIDTH * picture.height // picture.width))
 

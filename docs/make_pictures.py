@@ -10,8 +10,8 @@ from pathlib import Path
 from PIL import Image, ImageDraw, ImageFont
 
 from eyechart.calls import Query
-from eyechart.conditions import CONDITIONS, show
-from eyechart.frames import Frame, FrameBank, decode, open_bank
+from eyechart.conditions import CONDITIONS, OF_BANKS, show
+from eyechart.frames import MAIN, Frame, FrameBank, Stimulus, decode, open_bank
 from eyechart.models import open_model
 from eyechart.spaces.discrete import DRIVING, read_decision
 
@@ -31,7 +31,7 @@ def chosen(bank: FrameBank) -> Frame:
 
 def answer(controller: str, picture: bytes | None) -> str:
     """Return a controller's decision on a picture."""
-    reply = asyncio.run(open_model(f"scripted:{controller}").answer(Query("", "", picture, 0)))
+    reply = asyncio.run(open_model(f"scripted:{controller}").answer(Query("", "", Stimulus.of(picture), 0)))
     decision = read_decision(reply.text, reply.finish_reason, reply.error, DRIVING)
     return decision.action or str(decision.missing)
 
@@ -40,14 +40,14 @@ def draw(bank: FrameBank, out: Path) -> None:
     """Write the picture: a row a condition; answers that differ from the real frame's are tinted."""
     frame, big, small = chosen(bank), ImageFont.load_default(15), ImageFont.load_default(13)
     width = LABEL_W + PICTURE_W + 16 + CELL * len(CONTROLLERS)
-    shown = [condition for condition in CONDITIONS.values() if not condition.swaps_text]
+    shown = [CONDITIONS[name] for name in OF_BANKS if "text" not in CONDITIONS[name].needs]
     sheet = Image.new("RGB", (width, TOP + ROW * len(shown) + 6), "white")
     pen = ImageDraw.Draw(sheet)
     for column, name in enumerate(CONTROLLERS):
         pen.text((LABEL_W + PICTURE_W + 16 + column * CELL + CELL / 2, TOP / 2), name, INK, small, anchor="mm")
-    real = {name: answer(name, show("real", frame, bank, 0)) for name in CONTROLLERS}
+    real = {name: answer(name, show("real", frame, bank, 0).images.get(MAIN)) for name in CONTROLLERS}
     for row, condition in enumerate(shown):
-        top, picture = TOP + row * ROW, show(condition.name, frame, bank, 0)
+        top, picture = TOP + row * ROW, show(condition.name, frame, bank, 0).images.get(MAIN)
         pen.text((8, top + PICTURE_H / 2), condition.name, INK, big, anchor="lm")
         if picture is None:
             pen.rectangle((LABEL_W, top, LABEL_W + PICTURE_W, top + PICTURE_H), "white", SOFT)

@@ -1,19 +1,22 @@
 """Tiny synthetic banks that need no simulator: a green box, a red one ahead of it, and a code in the top row."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from eyechart.conditions import COUNTERFACTUALS
 from eyechart.frames import (
     LEAD_GAP,
+    MAIN,
     RGB,
     BankManifest,
     BankWriter,
     Frame,
     FrameBank,
     MirrorAxis,
+    alone,
     encode,
     open_bank,
 )
@@ -40,6 +43,11 @@ def draw(gap_m: float | None, code: int, *, lane: int = 1, green: int = 200) -> 
     return pixels
 
 
+def one(frame_id: str, place: tuple[str, str, int], axis: MirrorAxis, file: str, **more: Mapping[str, Any]) -> Frame:
+    """Return a frame of one camera, at its place of scenario, episode and step."""
+    return Frame(frame_id, *place, alone(axis), {MAIN: file}, **more)
+
+
 def frames_of(scenarios: Sequence[str], episodes: int, steps: int, axis: MirrorAxis, *, drawn: bool) -> list[Frame]:
     """Return the frames of a bank: episodes and steps of every scenario, gaps mixed over them."""
     found: list[Frame] = []
@@ -49,13 +57,14 @@ def frames_of(scenarios: Sequence[str], episodes: int, steps: int, axis: MirrorA
                 name = f"{scenario}-{episode}-{step}"
                 gap_m = _GAPS_M[(2 * step + episode + len(found)) % len(_GAPS_M)]
                 truth = {"lead_gap_m": gap_m, "demand": "LEFT" if step % 2 else "RIGHT", "crashed": False}
-                pictures = {one: f"{one}/{name}.png" for one in COUNTERFACTUALS} if drawn and gap_m is not None else {}
-                place = (name, scenario, f"{scenario}-{episode}", step, axis, f"images/{name}.png")
-                found.append(Frame(*place, truth, pictures))
+                kinds = COUNTERFACTUALS if drawn and gap_m is not None else ()
+                pictures = {kind: {MAIN: f"{kind}/{name}.png"} for kind in kinds}
+                place = scenario, f"{scenario}-{episode}", step
+                found.append(one(name, place, axis, f"images/{name}.png", truth=truth, counterfactuals=pictures))
     return found
 
 
-def pictures_of(frame: Frame, code: int) -> tuple[bytes, dict[str, bytes]]:
+def pictures_of(frame: Frame, code: int) -> tuple[dict[str, bytes], dict[str, dict[str, bytes]]]:
     """Return a frame's encoded picture and those of its counterfactuals."""
     gap_m, lane = frame.truth["lead_gap_m"], frame.step % 3
     assert gap_m is None or isinstance(gap_m, float)
@@ -64,7 +73,8 @@ def pictures_of(frame: Frame, code: int) -> tuple[bytes, dict[str, bytes]]:
         "lead_far": draw(40.0, code, lane=lane),
         "recoloured": draw(gap_m, code, lane=lane, green=255),
     }
-    return encode(draw(gap_m, code, lane=lane)), {name: encode(drawn[name]) for name in frame.counterfactuals}
+    real = {MAIN: encode(draw(gap_m, code, lane=lane))}
+    return real, {name: {MAIN: encode(drawn[name])} for name in frame.counterfactuals}
 
 
 def build_bank(

@@ -38,7 +38,7 @@ class Corridor:
         self.done.append(action)
         return Moved(1.0, 20.0, 20.0 * len(self.done), crashed=False, ended="time" if len(self.done) > 6 else None)
 
-    def state(self) -> bytes:
+    def state(self, decimals: int | None = None) -> bytes:  # noqa: ARG002 - whole already
         """Return all that was done."""
         return " ".join(self.done).encode()
 

@@ -5,6 +5,7 @@ import inspect
 from collections.abc import Mapping
 
 from eyechart.calls import Query, Reply
+from eyechart.frames import Stimulus
 from eyechart.models import open_model
 from eyechart.modes import RequestMode
 
@@ -18,7 +19,7 @@ def assert_keeps_the_door(mode: RequestMode, image: bytes | None = None) -> None
     assert all(isinstance(part, str) for pair in model.facts.items() for part in pair)
     assert inspect.iscoroutinefunction(model.answer)
 
-    query = Query("", "STOP or GO?", image, 1)
+    query = Query("", "STOP or GO?", Stimulus.of(image), 1)
 
     async def ask_close_and_ask_again() -> tuple[Reply, Reply]:
         first = await model.answer(query)

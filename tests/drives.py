@@ -8,7 +8,6 @@ import numpy as np
 
 from eyechart.calls import Reply
 from eyechart.episodes import STUDY, Episode, EpisodeKey, EpisodesManifest, Step, write_episodes
-from eyechart.episodes.manifest import write_manifest
 from eyechart.frames import Scalar
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER
@@ -120,7 +119,7 @@ def make_run(
         versions={},
         modes={spec: RequestMode(spec) for spec in models},
     )
-    write_manifest(out, manifest)
+    manifest.write(out)
     write_episodes(out, episodes)
     return out
 

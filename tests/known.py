@@ -73,5 +73,4 @@ def thin(bank: Path, out: Path) -> None:
     whole = open_bank(bank)
     with BankWriter(out, whole.manifest) as writer:
         for frame in whole.frames[::2]:
-            pictures = {name: whole.image(frame, name) for name in frame.counterfactuals}
-            writer.add(frame, whole.image(frame), pictures)
+            writer.add(frame, whole.images(frame), {name: whole.images(frame, name) for name in frame.counterfactuals})

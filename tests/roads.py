@@ -6,7 +6,7 @@ from pathlib import Path
 
 import banks
 from eyechart.cameras import ROVER
-from eyechart.frames import BankWriter, Frame, FrameBank, Gap, encode, open_bank
+from eyechart.frames import MAIN, BankWriter, FrameBank, Gap, encode, open_bank
 from eyechart.simulators.road.layout import Layout, Obstacle
 from eyechart.simulators.road.picture import draw
 from eyechart.simulators.road.truth import read_truth
@@ -24,6 +24,7 @@ def build_bank(out: Path, gaps_m: Sequence[float] = GAPS_M) -> FrameBank:
         for step, gap_m in enumerate(gaps_m):
             ahead, beside = Obstacle(gap_m + 0.6, 0.0, 0.6, 1.0, 0), Obstacle(6.0, 2.0, 0.6, 1.0, 1)
             world = World(Layout("single", (ahead, beside) if step % 2 else (ahead,)), State(0.0, 0.0, 0.0, 1.0), 1)
-            place = (f"single-0-{step}", "single", "single-0", step, "horizontal", f"images/{step}.png")
-            writer.add(Frame(*place, read_truth(world), {}), encode(draw(world)), {})
+            place = "single", "single-0", step
+            frame = banks.one(f"single-0-{step}", place, "horizontal", f"images/{step}.png", truth=read_truth(world))
+            writer.add(frame, {MAIN: encode(draw(world))}, {})
     return open_bank(out)

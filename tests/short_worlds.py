@@ -32,9 +32,9 @@ class Faulty:
         self._frame += 1
         return self._inside.step(action)
 
-    def state(self) -> bytes:
+    def state(self, decimals: int | None = None) -> bytes:
         """Return the world's state."""
-        return self._inside.state()
+        return self._inside.state(decimals)
 
     def close(self) -> None:
         """Let go."""

@@ -1,9 +1,11 @@
 """Simulated answers for the tests of scoring and of the rules: frames in memory, no picture, no ledger."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
+import banks
 from eyechart.frames import LEAD_GAP, Frame
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import Decision
@@ -25,7 +27,7 @@ def frames(*, scenarios: int = 4, episodes: int = 3, steps: int = 12, seed: int 
             phase = rng.uniform()
             for t in range(steps):
                 truth = {"lead_gap_m": round(float(rng.uniform(5, 70)), 3), "phase": (phase + t / 24) % 1}
-                made.append(Frame(f"s{s}-{e}-{t}", f"s{s}", f"s{s}-{e}", t, "vertical", "-", truth))
+                made.append(banks.one(f"s{s}-{e}-{t}", (f"s{s}", f"s{s}-{e}", t), "vertical", "-", truth=truth))
     return tuple(made)
 
 
@@ -51,7 +53,7 @@ def _shown(name: str, frame: Frame, index: int, world: tuple[Frame, ...], rng: n
         return others[int(rng.integers(len(others)))]
     if name in {"lead_near", "lead_far"}:
         truth = {**frame.truth, "lead_gap_m": 7.0 if name == "lead_near" else 55.0}
-        return Frame(frame.id, frame.scenario, frame.episode, frame.step, frame.mirror_axis, frame.file, truth)
+        return replace(frame, truth=truth)
     del index
     return frame
 

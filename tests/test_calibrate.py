@@ -87,7 +87,9 @@ def test_every_controller_of_the_demo_is_calibrated() -> None:
 def test_a_rule_that_takes_a_null_for_evidence_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without its bounds the rule of image invariance calls small samples blind, and the printed rates show it."""
     monkeypatch.setattr(
-        verdicts.calibrated, "_invariant", lambda _: verdicts.Ruling("image_invariant", "bound_blank", "broken")
+        verdicts.calibrated,
+        "_invariant",
+        lambda _: verdicts.Ruling("image_invariant", "bound_blank", verdicts.Reason("broken")),
     )
     broken = calibrate(replications=2, seed=0, settings=["small_10"])
     found = broken.false_claims("image_invariant", "small_10", VARIANTS[0])
@@ -101,7 +103,7 @@ def test_a_rule_that_reads_any_trend_as_depth_is_caught(monkeypatch: pytest.Monk
 
     def broken(found: Mapping[str, Statistic], *, swaps: bool) -> tuple[verdicts.Ruling, str]:
         del found, swaps
-        return verdicts.Ruling("depth", "depth_interventional", "broken"), "interventional"
+        return verdicts.Ruling("depth", "depth_interventional", verdicts.Reason("broken")), "interventional"
 
     monkeypatch.setattr(verdicts, "calibrated_rules", broken)
     misses = calibrate(replications=1, seed=0, settings=["default"]).misses()
@@ -343,7 +345,9 @@ def test_the_command_exits_1_where_a_target_is_missed(
 ) -> None:
     """A broken rule ends the command with 1, and the miss is printed."""
     monkeypatch.setattr(
-        verdicts.calibrated, "_invariant", lambda _: verdicts.Ruling("image_invariant", "bound_blank", "broken")
+        verdicts.calibrated,
+        "_invariant",
+        lambda _: verdicts.Ruling("image_invariant", "bound_blank", verdicts.Reason("broken")),
     )
     words = ["calibrate", "--replications", "2", "--processes", "1", "--setting", "small_10"]
     monkeypatch.setattr(sys, "argv", ["eyechart", *words])

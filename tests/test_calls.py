@@ -8,17 +8,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eyechart.calls import TRANSIENT, CallKey, Query, Reply
+from eyechart.calls import ANY_ACTION, TRANSIENT, CallKey, Query, Reply
+from eyechart.frames import Stimulus
+from eyechart.spaces.discrete import Discrete
 
 KEY = CallKey("battery", "scripted:depth", "baseline@0", "f1", "real")
+TWO = Discrete("two", ("GO", "STOP"), (), (), ())
 WORDS = st.text(st.characters(exclude_categories=["C"]))
 
 
 def test_a_query_has_no_field_for_ground_truth() -> None:
     """What a model may see: the words, the picture, a seed for its sampling, and the form of an answer."""
-    assert [field.name for field in fields(Query)] == ["system", "user", "image", "seed", "actions", "form"]
+    assert [field.name for field in fields(Query)] == ["system", "user", "stimulus", "seed", "schema"]
     with pytest.raises((AttributeError, TypeError)):
-        Query("", "", None, 0).lead_gap_m = 5.0  # type: ignore[attr-defined]
+        Query("", "", Stimulus(), 0).lead_gap_m = 5.0  # type: ignore[attr-defined]
 
 
 def test_a_keys_seed_differs_by_every_field_and_by_the_run() -> None:
@@ -49,25 +52,25 @@ def test_a_keys_seed_is_equal_in_every_process(hash_seed: str) -> None:
 def test_the_digest_of_a_query_tells_no_picture_from_an_empty_one() -> None:
     """And words from picture, and where one ends and the next begins; the seed has no part in it."""
     queries = [
-        Query("a", "b", None, 0, ("GO", "STOP")),
-        Query("a", "b", None, 0),
-        Query("a", "b", b"", 0),
-        Query("a", "b", b"-", 0),
-        Query("a", "b", b"+", 0),
-        Query("ab", "", None, 0),
-        Query("", "ab", None, 0),
-        Query("a", "b-", None, 0),
-        Query("b", "a", None, 0),
-        Query("a", "b", None, 0, form={"type": "object"}),
+        Query("a", "b", Stimulus(), 0, TWO.schema()),
+        Query("a", "b", Stimulus(), 0),
+        Query("a", "b", Stimulus.of(b""), 0),
+        Query("a", "b", Stimulus.of(b"-"), 0),
+        Query("a", "b", Stimulus.of(b"+"), 0),
+        Query("ab", "", Stimulus(), 0),
+        Query("", "ab", Stimulus(), 0),
+        Query("a", "b-", Stimulus(), 0),
+        Query("b", "a", Stimulus(), 0),
+        Query("a", "b", Stimulus(), 0, schema={"type": "object"}),
     ]
     assert len({query.sha256() for query in queries}) == len(queries)
     assert replace(queries[0], seed=5).sha256() == queries[0].sha256()
 
 
 def test_a_query_binds_the_form_of_its_answer_where_it_asks_for_no_action() -> None:
-    """The schema is the form; without one it is that of an action."""
-    assert Query("", "", None, 0, form={"type": "array"}).schema() == {"type": "array"}
-    assert "action" in str(Query("", "", None, 0, ("GO",)).schema())
+    """The schema is of any form; without one it is that of an action."""
+    assert Query("", "", Stimulus(), 0, schema={"type": "array"}).schema == {"type": "array"}
+    assert Query("", "", Stimulus(), 0).schema == ANY_ACTION
 
 
 def test_no_reply_is_an_error_of_its_own_accord() -> None:

@@ -23,7 +23,9 @@ import banks
 from eyechart import cli
 from eyechart.errors import BankError
 from eyechart.frames import (
+    MAIN,
     BankWriter,
+    Camera,
     Frame,
     FrameBank,
     check,
@@ -299,8 +301,8 @@ def test_a_written_bank_reads_back_as_it_was_given(bank: FrameBank) -> None:
     assert check(bank.root) == []
     for code, frame in enumerate(given):
         picture, drawn = banks.pictures_of(frame, code)
-        assert bank.image(frame) == picture
-        assert {name: bank.image(frame, name) for name in frame.counterfactuals} == drawn
+        assert bank.images(frame) == picture
+        assert {name: bank.images(frame, name) for name in frame.counterfactuals} == drawn
     assert open_bank(bank.root).manifest == bank.manifest
     assert list(bank.manifest.geometry) == [frame.id for frame in given]
 
@@ -384,7 +386,7 @@ def test_a_damaged_picture_is_decoded_or_refused_by_name(noise: bytes, at: int, 
 
 def plain_frame(**truth: object) -> Frame:
     """Return a frame with this ground truth."""
-    return Frame("f", "s", "e", 0, "vertical", "f.png", truth)  # type: ignore[arg-type]
+    return banks.one("f", ("s", "e", 0), "vertical", "f.png", truth=truth)
 
 
 def test_minus_zero_is_zero() -> None:
@@ -448,7 +450,7 @@ def write(out: Path, *frames: Frame, then: Callable[[], None] = lambda: None) ->
     """Write a bank of these frames, without counterfactuals, and call ``then`` before it is finished."""
     with BankWriter(out, banks.manifest()) as writer:
         for frame in frames:
-            writer.add(frame, encode(banks.draw(5.0, 0)), {})
+            writer.add(frame, {MAIN: encode(banks.draw(5.0, 0))}, {})
         then()
 
 
@@ -469,10 +471,12 @@ REFUSED_BY_THE_WRITER: dict[str, tuple[dict[str, object], str]] = {
     "an array": ({"truth": {"gap": np.zeros(2)}}, "truth 'gap' is a ndarray"),
     "a reserved name": ({"truth": {"episode": 1}}, "reserved names"),
     "the name of a picture": ({"truth": {"lead_file_name": "x"}}, "reserved names"),
-    "a file outside": ({"file": "../f.png"}, "'../f.png' leads outside"),
-    "an axis that cannot be read": ({"mirror_axis": "diagonal"}, "diagonal"),
+    "a file outside": ({"pictures": {MAIN: "../f.png"}}, "'../f.png' leads outside"),
+    "an axis that cannot be read": ({"cameras": (Camera(MAIN, "diagonal"),)}, "diagonal"),  # type: ignore[arg-type]
+    "a camera that the manifest lacks": ({"cameras": (Camera("wrist"),)}, "the manifest declares"),
+    "a state that the manifest lacks": ({"state": {"joints": (1.0,)}}, "the manifest declares"),
     "a surrogate": ({"scenario": "\udc80"}, "surrogate"),
-    "a picture that was not given": ({"counterfactuals": {"lead_near": "n.png"}}, "counterfactuals"),
+    "a picture that was not given": ({"counterfactuals": {"lead_near": {MAIN: "n.png"}}}, "counterfactuals"),
 }
 
 
@@ -564,7 +568,7 @@ def test_metadata_written_on_windows_are_read(bank: FrameBank) -> None:
     """Line ends do not matter."""
     text = (bank.root / "metadata.jsonl").read_bytes()
     (bank.root / "metadata.jsonl").write_bytes(text.replace(b"\n", b"\r\n"))
-    assert read_metadata(bank.root / "metadata.jsonl") == bank.frames
+    assert read_metadata(bank.root / "metadata.jsonl", bank.manifest) == bank.frames
 
 
 @pytest.mark.parametrize(

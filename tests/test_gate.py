@@ -15,7 +15,7 @@ from eyechart.cli.app import app
 from eyechart.errors import SpecError
 from eyechart.gate import REQUIREMENTS, Check, Gate, hold, read_requirements
 from eyechart.limits import Limits
-from eyechart.stats.statistic import Statistic
+from eyechart.stats.paired import SignTest
 from eyechart.studies import battery
 from eyechart.testing import assert_grounded
 from eyechart.verdicts import judge
@@ -86,7 +86,7 @@ def test_a_null_that_nothing_bounds_cannot_say(demo: Demo, tmp_path: Path) -> No
     """Where distance was tested by observation only, content without depth is no failure: nothing bounds the effect."""
     scored = battery.score(demo.alone("nuisance", tmp_path / "run"))
     spec = "scripted:nuisance"
-    few = Statistic(None, 0, p=1.0, detail={"wins": 0, "losses": 0, "ties": 12})
+    few = SignTest(None, 0, p=1.0, wins=0, losses=0, ties=12)
     model = scored.models[spec]
     weaker = replace(model, statistics={**model.statistics, "depth_interventional": few})
     held = [hold(replace(scored, models={spec: one}), ["depth"]).checks[0] for one in (model, weaker)]

@@ -11,7 +11,7 @@ import pytest
 import banks
 import voters
 from eyechart.errors import GuardianError
-from eyechart.frames import BankWriter, FrameBank, encode, open_bank
+from eyechart.frames import MAIN, BankWriter, FrameBank, encode, open_bank
 from eyechart.models import ADAPTERS
 from eyechart.studies import guardian as study
 from published_votes import published, write
@@ -46,7 +46,7 @@ def rebuilt(bank: FrameBank, out: Path, name: Callable[[str], str] = str) -> Fra
     with BankWriter(out, banks.manifest()) as writer:
         for number, frame in enumerate(bank):
             pixels = banks.draw(frame.truth["lead_gap_m"], number + 4096, lane=frame.step % 3)  # type: ignore[arg-type]
-            writer.add(replace(frame, id=name(frame.id), counterfactuals={}), encode(pixels), {})
+            writer.add(replace(frame, id=name(frame.id), counterfactuals={}), {MAIN: encode(pixels)}, {})
     return open_bank(out)
 
 

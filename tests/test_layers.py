@@ -27,7 +27,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("frames",),
     ("spaces",),
     ("stats", "cameras"),
-    ("errors", "seeds"),
+    ("errors", "seeds", "records"),
 )
 """Top to bottom. A name is a module or a package of ``eyechart``.
 

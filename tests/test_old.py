@@ -22,16 +22,15 @@ from eyechart import cli
 OLD = Path(__file__).parent / "old"
 ANSWERS = sorted(OLD.glob("*/answers/*.json"))
 NAMES = [f"{path.parents[1].name}/{path.stem}" for path in ANSWERS]
-SQLITES_OWN = ("ledger.sqlite-wal", "ledger.sqlite-shm")
 EXPECTED = read_expected(OLD / "differences.toml")
 
 
 def digests(folder: Path) -> dict[str, str]:
-    """Return the digest of every file of a folder, but for the two that SQLite lays beside a ledger it has open."""
+    """Return the digest of every file of a folder."""
     return {
         str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in sorted(folder.rglob("*"))
-        if path.is_file() and path.name not in SQLITES_OWN and "__pycache__" not in path.parts
+        if path.is_file() and "__pycache__" not in path.parts
     }
 
 

@@ -67,9 +67,9 @@ def test_every_planned_call_is_made_once_with_its_own_picture(plan: Plan, ledger
     execute(plan, {"m": model}, ledger)
     assert sorted(model.asked(plan)) == sorted(plan.keys())
     assert ledger.finished() == set(plan.keys())
-    shown = {key: query.image for key, query in zip(model.asked(plan), model.queries, strict=True)}
-    for key, image in shown.items():
-        assert image == show(key.condition, plan.bank.frame(key.frame), plan.bank, plan.seed)
+    shown = {key: query.stimulus for key, query in zip(model.asked(plan), model.queries, strict=True)}
+    for key, stimulus in shown.items():
+        assert stimulus == show(key.condition, plan.bank.frame(key.frame), plan.bank, plan.seed)
     assert {(query.system, query.user) for query in model.queries} == {(plan.prompt.system, plan.prompt.user)}
 
 
@@ -353,7 +353,7 @@ def test_a_ledger_that_cannot_be_written_ends_the_run_with_its_error(
 
 def frames_of(episodes: list[int]) -> list[Frame]:
     """Return one frame for each number, of the episode of this number."""
-    return [Frame(f"f{at}", "s", f"e{one}", at, "none", f"{at}.png") for at, one in enumerate(episodes)]
+    return [banks.one(f"f{at}", ("s", f"e{one}", at), "none", f"{at}.png") for at, one in enumerate(episodes)]
 
 
 @given(st.lists(st.integers(0, 4), min_size=1, max_size=30), st.integers(1, 40))

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import pytest
 
+import banks
 import photographs
 import stand_ins
-from eyechart.conditions import BATTERY, CONDITIONS, show, speaker
+from eyechart.conditions import BATTERY, CONDITIONS, seed_of, show, speaker
 from eyechart.errors import BankError, EyechartError, LedgerError, SpecError
-from eyechart.frames import BankWriter, Frame, FrameBank, check, encode, open_bank
+from eyechart.frames import MAIN, BankWriter, Frame, FrameBank, Stimulus, check, encode, open_bank
 from eyechart.importing import Choices, import_table
 from eyechart.manifest import read_run
 from eyechart.models import ADAPTERS
@@ -28,7 +29,7 @@ user = """You go at speed {speed} {{sic}}. Reply as {"action": "HALT"}."""
 PLACES = {"file": "photo", "episode": "drive", "step": "tick", "scenario": "place", "gap": "lidar_m"}
 TWO = Discrete("two", ("HALT", "GO"), (), ("HALT",), ("GO",))
 
-UNDRAWN = tuple(name for name, one in CONDITIONS.items() if not (one.counterfactual or one.swaps_text))
+UNDRAWN = tuple(name for name, one in CONDITIONS.items() if not one.needs & {"counterfactual", "text", "drive"})
 """What a bank without counterfactuals can show where a prompt says nothing of a frame."""
 
 Ask = Callable[[str], Path]
@@ -81,23 +82,28 @@ def test_a_prompt_says_of_each_frame_what_stands_in_its_row(bank: FrameBank, ask
 
 def test_text_swapped_keeps_the_picture_and_says_what_another_frame_would(bank: FrameBank) -> None:
     """The other is of the same scenario, says something else, and is the same in any order of asking."""
-    others = {frame.id: speaker("text_swapped", frame, bank, 3, ("speed",)) for frame in bank}
+    said = replace(bank, said=("speed",))
+
+    def other_than(frame: Frame, run_seed: int = 3) -> Frame:
+        return speaker(frame, said, seed_of("text_swapped", frame, run_seed))
+
+    others = {frame.id: other_than(frame) for frame in bank}
     for frame in reversed(bank.frames):
-        other = speaker("text_swapped", frame, bank, 3, ("speed",))
+        other = other_than(frame)
         assert other == others[frame.id]
         assert other.fields["speed"] != frame.fields["speed"]
         assert other.scenario == frame.scenario
-        assert show("text_swapped", frame, bank, 3) == bank.image(frame)
-        assert speaker("mirrored", frame, bank, 3, ("speed",)) is frame
+        assert show("text_swapped", frame, said, 3) == Stimulus(bank.images(frame), other.fields)
+        assert show("mirrored", frame, said, 3).fields == frame.fields
     assert len({other.id for other in others.values()}) > 5
-    assert {seed: speaker("text_swapped", bank.frames[0], bank, seed, ("speed",)).id for seed in range(9)} != {}
+    assert len({other_than(bank.frames[0], seed).id for seed in range(9)}) > 1
 
 
 def test_where_all_frames_say_the_same_no_text_can_be_swapped(bank: FrameBank) -> None:
     """Named, not asked in vain."""
-    mute = replace(bank, frames=tuple(replace(frame, fields={"speed": 5}) for frame in bank))
+    mute = replace(bank, frames=tuple(replace(frame, fields={"speed": 5}) for frame in bank), said=("speed",))
     with pytest.raises(BankError, match=r"all frames say the same \[5\]"):
-        speaker("text_swapped", mute.frames[0], mute, 0, ("speed",))
+        speaker(mute.frames[0], mute, 0)
 
 
 @pytest.mark.parametrize(("spec", "agrees"), [("driver:listens", False), ("driver:looks", True)])
@@ -235,7 +241,7 @@ def test_a_built_in_prompt_says_nothing_of_a_frame_and_keeps_its_key(name: str) 
     """Its braces are braces."""
     prompt = find_prompt(name)
     assert prompt.fields == ()
-    assert prompt.render({"action": "x"}, DRIVING) == (prompt.system, prompt.user)
+    assert prompt.render({"action": "x"}, DRIVING.actions) == (prompt.system, prompt.user)
     assert Prompt.from_dict({"name": name, "system": prompt.system, "user": prompt.user}) == prompt
     assert find_prompt("baseline").key == "baseline@4c0af29c"
 
@@ -257,10 +263,10 @@ def test_what_a_prompt_may_say_is_part_of_the_fingerprint_and_no_ground_truth(ba
             pytest.raises(EyechartError, match="each is given once, and none is ground truth"),
             BankWriter(tmp_path / "new", bank.manifest) as writer,
         ):
-            writer.add(wrong, encode(photographs.draw(3.0)), {})
+            writer.add(wrong, {MAIN: encode(photographs.draw(3.0))}, {})
 
 
 def test_a_frame_without_fields_has_the_geometry_that_it_always_had() -> None:
     """The fingerprints of existing banks stay."""
-    frame = Frame("a", "s", "e", 0, "none", "a.png", {"lead_gap_m": 5.0})
+    frame = banks.one("a", ("s", "e", 0), "none", "a.png", truth={"lead_gap_m": 5.0})
     assert frame.geometry() == "b1f500d2f35b4b85"

@@ -8,6 +8,7 @@ import pytest
 import simulated
 from eyechart.frames import Frame
 from eyechart.spaces.discrete import DRIVING
+from eyechart.stats.paired import Discordant
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.published import Resampling
@@ -277,7 +278,7 @@ def test_presence_needs_every_bound_on_content() -> None:
     """One effect of content that is not bounded leaves the verdict open, and is named."""
     assert calibrated_rules(held(), swaps=False)[0].label == "presence_only"
     for name in ("bound_content_shuffled", "bound_content_recoloured", "bound_scene"):
-        loose = Statistic(0.05, 144, (-0.02, 0.12), 0.03, detail={"b": 10, "c": 3})
+        loose = Discordant(0.05, 144, (-0.02, 0.12), 0.03, b=10, c=3)
         ruling = calibrated_rules(held(**{name: loose}), swaps=False)[0]
         assert (ruling.label, ruling.decided_by) == ("undecided", name)
 

@@ -67,7 +67,7 @@ class Corridor:
         self.over = ended is not None
         return Moved(reward=float(not crashed), speed_mps=1.0, distance_m=float(self.at), crashed=crashed, ended=ended)
 
-    def state(self) -> bytes:
+    def state(self, decimals: int | None = None) -> bytes:  # noqa: ARG002 - whole already
         """Return the whole history."""
         return f"{self.seed} {self.at} {self.log}".encode()
 

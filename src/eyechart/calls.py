@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, fields
 from types import UnionType
 from typing import Literal, get_args
 
+from eyechart.frames import Stimulus
 from eyechart.seeds import key_seed
 
 ErrorKind = Literal[
@@ -39,43 +40,66 @@ SILENT: frozenset[str] = frozenset({"timeout", "server_error", "connection", "cu
 that the run asks too fast."""
 
 
+ANY_ACTION: Mapping[str, object] = {
+    "type": "object",
+    "properties": {"action": {"type": "string"}},
+    "required": ["action"],
+    "additionalProperties": False,
+}
+"""The JSON schema of an answer that names an action, whichever."""
+
+
 @dataclass(frozen=True, slots=True)
 class Query:
     """Everything that a model may see, and a seed for its sampling. There is no field for ground truth.
 
-    ``image`` is an encoded picture (PNG or JPEG bytes) or None where the condition shows none. ``seed`` is
-    derived from the call's key, so that a model that samples answers the same call alike after a resume.
-    ``actions`` are the names that an answer may give, for a schema that binds them; empty where there are none.
-    ``form`` is the JSON schema of an answer that is no action; None where an action is asked for.
+    ``stimulus`` is what a condition shows. ``seed`` is derived from the call's key, so that a model that samples
+    answers the same call alike after a resume. ``schema`` is the JSON schema of an answer, for a model that it binds.
     """
 
     system: str
     user: str
-    image: bytes | None
+    stimulus: Stimulus
     seed: int
-    actions: tuple[str, ...] = ()
-    form: Mapping[str, object] | None = field(default=None, hash=False)
+    schema: Mapping[str, object] = field(default_factory=lambda: ANY_ACTION, hash=False)
+
+    @property
+    def images(self) -> tuple[bytes, ...]:
+        """Return the encoded pictures (PNG or JPEG bytes) in the order of the cameras."""
+        return tuple(self.stimulus.images.values())
+
+    @property
+    def image(self) -> bytes | None:
+        """Return the picture of the first camera, None where no picture is shown."""
+        return next(iter(self.stimulus.images.values()), None)
 
     def sha256(self) -> str:
         """Return the digest of the content (not of the seed), an audit column and never a cache key."""
-        digest = hashlib.sha256()
+        digest, state = hashlib.sha256(), self.stimulus.state
         for part in (
             self.system.encode(),
             self.user.encode(),
-            b"-" if self.image is None else b"+" + self.image,
-            "\x1f".join(self.actions).encode(),
-            *([] if self.form is None else [json.dumps(self.form, sort_keys=True).encode()]),
+            self._pictured(),
+            *_bound(self.schema),
+            *([b"state" + json.dumps(state, sort_keys=True).encode()] if state else []),
         ):
             digest.update(len(part).to_bytes(8, "big") + part)
         return digest.hexdigest()
 
-    def schema(self) -> dict[str, object]:
-        """Return an answer's JSON schema: ``form``, or an object whose action is any text or one of ``actions``."""
-        if self.form is not None:
-            return dict(self.form)
-        action = {"type": "string", **({"enum": list(self.actions)} if self.actions else {})}
-        only = {"required": ["action"], "additionalProperties": False}
-        return {"type": "object", "properties": {"action": action}, **only}
+    def _pictured(self) -> bytes:
+        """Return what the digest has of the pictures: one as it is, whatever its camera, several by their cameras."""
+        if len(self.stimulus.images) < 2:
+            return b"-" if self.image is None else b"+" + self.image
+        named = (part for name, image in self.stimulus.images.items() for part in (name.encode(), image))
+        return b"*" + b"".join(len(part).to_bytes(8, "big") + part for part in named)
+
+
+def _bound(schema: Mapping[str, object]) -> list[bytes]:
+    """Return what the digest has of a schema: the names of the actions, or the schema where it names none."""
+    properties = schema.get("properties")
+    if isinstance(properties, dict) and properties.keys() == {"action"}:
+        return ["\x1f".join(properties["action"].get("enum", ())).encode()]
+    return [b"", json.dumps(schema, sort_keys=True).encode()]
 
 
 @dataclass(frozen=True, slots=True)

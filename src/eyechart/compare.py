@@ -8,6 +8,7 @@ from eyechart.report.table import STATISTIC, Cell, Column, Table, columns, stati
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import BatteryScore, differences
+from eyechart.studies.battery.replication import Difference
 from eyechart.verdicts import judge
 
 ALPHA = 0.05
@@ -172,15 +173,10 @@ def replication_table(one: Replication, *, every: bool = False) -> Table:
     rows: list[tuple[Cell, ...]] = []
     for name, found in one.differences.items():
         if every or name in MAIN or name in one.changed:
-            sides = [_side(found, side) for side in ("first", "second")]
+            sides = (found.first, found.second) if isinstance(found, Difference) else (None, None)
             signed = found.value is not None and name not in {"across_runs", "answer_shift"}
             value = f"{found.value:+.3f}" if signed else found.value
             note = {"across_runs": "share answered alike", "answer_shift": "distance"}.get(name, found.note)
             rows.append((name, *sides, value, *statistic_cells(found)[1:], one.holm[name], note))
     named = (Column("statistic", "word"), *columns("number", "first", "second", "difference"), *STATISTIC[1:])
     return Table("replication", one.model, (*named, Column("p (Holm)", "p"), Column("note")), tuple(rows))
-
-
-def _side(found: Statistic, side: str) -> float | None:
-    value = (found.detail or {}).get(side)
-    return value if isinstance(value, float) else None

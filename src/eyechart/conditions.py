@@ -1,97 +1,158 @@
-"""An input condition decides which picture is shown for a frame; everything else of the query stays the same."""
+"""An input condition decides what is shown of a frame of a bank or a world; the rest of the query stays the same."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from eyechart.errors import BankError, SpecError
-from eyechart.frames import RGB, Frame, FrameBank, decode, encode
+from eyechart.frames import RGB, Camera, Frame, Stimulus, decode, encode
 from eyechart.seeds import key_seed
 
 MID_GREY = 128
+OVER = "@"
+"""Stands between a condition and the one camera over which it is shown, as in ``blank@wrist``."""
+
+Shape = tuple[int, ...]
+
+
+class Source(Protocol):
+    """Where a condition finds pictures: a bank of frames, or one moment of a world that is driven."""
+
+    @property
+    def frames(self) -> Sequence[Frame]:
+        """All frames, in order."""
+        ...
+
+    @property
+    def scenarios(self) -> Mapping[str, tuple[Frame, ...]]:
+        """The frames of each scenario, in order."""
+        ...
+
+    @property
+    def said(self) -> tuple[str, ...]:
+        """The prompt columns that the prompt says of a frame."""
+        ...
+
+    def images(self, frame: Frame, counterfactual: str | None = None) -> Mapping[str, bytes]:
+        """Return the encoded pictures of a frame, or of one of its counterfactuals, by camera."""
+        ...
+
+    def shapes(self, frame: Frame) -> Mapping[str, Shape]:
+        """Return the shape (h, w, 3) of a frame's pictures by camera."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """One row of Table t:conditions: its image, and the question that it answers.
+    """One row of Table t:conditions: what it shows, and the question that it answers.
 
-    ``make(frame, bank, seed)`` returns the encoded picture, or None where the condition shows none; it raises
-    BankError where the bank cannot supply it. ``seed`` is the frame's own, so the order of calls has no say.
-    ``counterfactual`` marks pictures that the simulator drew of the same moment with one thing changed,
-    ``swaps_text`` the condition that keeps the picture and says what a prompt says of another frame.
+    ``make(frame, source, seed)`` returns the stimulus; it raises BankError where the source cannot supply it. ``seed``
+    is the frame's own, so the order of calls has no say. ``needs`` are what a source must have: an ``axis`` of
+    reflection, a ``partner`` in the scenario, a ``stranger`` of another, a ``counterfactual`` picture of the same
+    moment with one thing changed, a prompt that says a ``text`` of each frame, or a ``drive``.
     """
 
     name: str
     image: str
     asks: str
-    make: Callable[[Frame, FrameBank, int], bytes | None]
-    counterfactual: bool = False
-    swaps_text: bool = False
+    make: Callable[[Frame, Source, int], Stimulus]
+    needs: frozenset[str] = frozenset()
 
 
-def _real(frame: Frame, bank: FrameBank, seed: int) -> bytes:
+def _shown(frame: Frame, images: Mapping[str, bytes]) -> Stimulus:
+    """Return other pictures with what else is said of a frame."""
+    return Stimulus(images, frame.fields, frame.state)
+
+
+def _real(frame: Frame, source: Source, seed: int) -> Stimulus:
     del seed
-    return bank.image(frame)
+    return _shown(frame, source.images(frame))
 
 
-def _blank(frame: Frame, bank: FrameBank, seed: int) -> bytes:
+def _blank(frame: Frame, source: Source, seed: int) -> Stimulus:
     del seed
-    return encode(grey(_pixels(frame, bank)))
+    shapes = source.shapes(frame).items()
+    return _shown(frame, {name: encode(np.full(shape, MID_GREY, dtype=np.uint8)) for name, shape in shapes})
 
 
-def _noise(frame: Frame, bank: FrameBank, seed: int) -> bytes:
-    return encode(static(_pixels(frame, bank), seed))
+def _noise(frame: Frame, source: Source, seed: int) -> Stimulus:
+    rng, shapes = np.random.default_rng(seed), source.shapes(frame).items()
+    return _shown(frame, {name: encode(rng.integers(0, 256, shape, dtype=np.uint8)) for name, shape in shapes})
 
 
-def _shuffled(frame: Frame, bank: FrameBank, seed: int) -> bytes:
-    return bank.image(partner(frame, bank, seed, "shuffled"))
+def _shuffled(frame: Frame, source: Source, seed: int) -> Stimulus:
+    return _shown(frame, source.images(partner(frame, source, seed, "shuffled")))
 
 
-def _cross_scenario(frame: Frame, bank: FrameBank, seed: int) -> bytes:
-    return bank.image(partner(frame, bank, seed, "cross_scenario"))
+def _cross_scenario(frame: Frame, source: Source, seed: int) -> Stimulus:
+    return _shown(frame, source.images(partner(frame, source, seed, "cross_scenario")))
 
 
-def _text_only(frame: Frame, bank: FrameBank, seed: int) -> None:
-    del frame, bank, seed
+def _text_only(frame: Frame, source: Source, seed: int) -> Stimulus:
+    del source, seed
+    return _shown(frame, {})
 
 
-def _mirrored(frame: Frame, bank: FrameBank, seed: int) -> bytes:
+def _mirrored(frame: Frame, source: Source, seed: int) -> Stimulus:
     del seed
     if frame.mirror_axis == "none":
         raise BankError(f"frame '{frame.id}' has no mirror axis, so it cannot be shown mirrored")
-    return encode(flip(_pixels(frame, bank), frame.mirror_axis))
+    seen, axes = source.images(frame), {one.name: one.mirror_axis for one in frame.cameras}
+    images = {}
+    for one in frame.cameras:
+        other = one.mirrors or one.name
+        images[one.name] = encode(flip(decode(seen[other], frame.pictures[other]), axes[other]))
+    return _shown(frame, images)
 
 
-def _lead_near(frame: Frame, bank: FrameBank, seed: int) -> bytes:
-    del seed
-    return bank.image(frame, "lead_near")
+def _drawn(name: str) -> Callable[[Frame, Source, int], Stimulus]:
+    """Return what makes a counterfactual of this name."""
+
+    def make(frame: Frame, source: Source, seed: int) -> Stimulus:
+        del seed
+        return _shown(frame, source.images(frame, name))
+
+    return make
 
 
-def _lead_far(frame: Frame, bank: FrameBank, seed: int) -> bytes:
-    del seed
-    return bank.image(frame, "lead_far")
+def _text_swapped(frame: Frame, source: Source, seed: int) -> Stimulus:
+    return replace(_real(frame, source, seed), fields=speaker(frame, source, seed).fields)
 
 
-def _recoloured(frame: Frame, bank: FrameBank, seed: int) -> bytes:
-    del seed
-    return bank.image(frame, "recoloured")
-
+_AXIS, _DRAWN = frozenset({"axis"}), frozenset({"counterfactual"})
 
 CONDITIONS: dict[str, Condition] = {
     "real": Condition("real", "true frame", "reference", _real),
     "real_repeat": Condition("real_repeat", "true frame, 2nd call", "noise floor", _real),
     "blank": Condition("blank", "uniform mid-grey", "is the image read at all?", _blank),
     "noise": Condition("noise", "uniform random RGB", "is any content used?", _noise),
-    "shuffled": Condition("shuffled", "other frame, same scenario", "is this frame used?", _shuffled),
-    "cross_scenario": Condition("cross_scenario", "frame, other scenario", "is scene context used?", _cross_scenario),
+    "shuffled": Condition(
+        "shuffled", "other frame, same scenario", "is this frame used?", _shuffled, frozenset({"partner"})
+    ),
+    "cross_scenario": Condition(
+        "cross_scenario", "frame, other scenario", "is scene context used?", _cross_scenario, frozenset({"stranger"})
+    ),
     "text_only": Condition("text_only", "none", "prompt alone sufficient?", _text_only),
-    "mirrored": Condition("mirrored", "flip across lane axis", "lateral grounding", _mirrored),
-    "lead_near": Condition("lead_near", "same moment, lead vehicle near", "does distance decide?", _lead_near, True),
-    "lead_far": Condition("lead_far", "same moment, lead vehicle far", "does distance decide?", _lead_far, True),
-    "recoloured": Condition("recoloured", "same moment, ego recoloured", "does paint decide?", _recoloured, True),
-    "text_swapped": Condition("text_swapped", "true frame, other text", "does the text decide?", _real, False, True),
+    "mirrored": Condition("mirrored", "flip across lane axis", "lateral grounding", _mirrored, _AXIS),
+    "lead_near": Condition(
+        "lead_near", "same moment, lead vehicle near", "does distance decide?", _drawn("lead_near"), _DRAWN
+    ),
+    "lead_far": Condition(
+        "lead_far", "same moment, lead vehicle far", "does distance decide?", _drawn("lead_far"), _DRAWN
+    ),
+    "recoloured": Condition(
+        "recoloured", "same moment, ego recoloured", "does paint decide?", _drawn("recoloured"), _DRAWN
+    ),
+    "text_swapped": Condition(
+        "text_swapped", "true frame, other text", "does the text decide?", _text_swapped, frozenset({"text"})
+    ),
+    "frozen": Condition(
+        "frozen", "first picture of the drive", "is the picture of now used?", _drawn("frozen"), frozenset({"drive"})
+    ),
 }
+"""All conditions, of banks and of worlds that are driven."""
 
 BATTERY: tuple[str, ...] = (
     "real",
@@ -105,41 +166,37 @@ BATTERY: tuple[str, ...] = (
 )
 """The eight conditions of Table t:conditions; the paper's statistics are of these, whatever else is asked."""
 
-COUNTERFACTUALS: tuple[str, ...] = tuple(name for name, condition in CONDITIONS.items() if condition.counterfactual)
+COUNTERFACTUALS: tuple[str, ...] = tuple(name for name, one in CONDITIONS.items() if "counterfactual" in one.needs)
 """Pictures of the same moment with one thing changed, where the simulator can draw them."""
 
-_NEEDS_PARTNER = ("shuffled", "cross_scenario")
+OF_BANKS: tuple[str, ...] = tuple(name for name, one in CONDITIONS.items() if "drive" not in one.needs)
+"""What a bank may supply; a battery asks for all that it does."""
+
+OF_WORLDS: tuple[str, ...] = tuple(
+    name for name, one in CONDITIONS.items() if one.needs <= {"axis", "partner", "drive"}
+)
+"""What a world that is driven supplies: of each moment its pictures, other worlds' and the first of the drive."""
 
 
-def partner(frame: Frame, bank: FrameBank, seed: int, condition: str) -> Frame:
+def partner(frame: Frame, source: Source, seed: int, condition: str) -> Frame:
     """Return the frame whose picture ``shuffled`` or ``cross_scenario`` shows; never the frame itself.
 
-    Raises BankError, naming frame and scenario, where the bank holds no such frame.
+    Raises BankError, naming frame and scenario, where the source holds no such frame.
     """
-    mine = bank.scenarios[frame.scenario]
+    mine = source.scenarios[frame.scenario]
     if condition == "shuffled":
         others, need = len(mine) - 1, f"another frame in scenario '{frame.scenario}'"
     else:
-        others, need = len(bank.frames) - len(mine), f"a frame of another scenario than '{frame.scenario}'"
+        others, need = len(source.frames) - len(mine), f"a frame of another scenario than '{frame.scenario}'"
     if not others:
         raise BankError(f"frame '{frame.id}' has no partner for {condition}: the bank needs {need}")
     place = int(np.random.default_rng(seed).integers(others))
     if condition == "shuffled":
         return mine[place + any(other.id == frame.id for other in mine[: place + 1])]
-    elsewhere = [frames for scenario, frames in bank.scenarios.items() if scenario != frame.scenario]
+    elsewhere = [frames for scenario, frames in source.scenarios.items() if scenario != frame.scenario]
     while place >= len(elsewhere[0]):  # no list of all their frames: a bank may hold many thousands
         place -= len(elsewhere.pop(0))
     return elsewhere[0][place]
-
-
-def grey(pixels: RGB) -> RGB:
-    """Return a uniform mid-grey picture of the size of this one, shape (h, w, 3)."""
-    return np.full_like(pixels, MID_GREY)
-
-
-def static(pixels: RGB, seed: int) -> RGB:
-    """Return a picture of uniform random colours of the size of this one, shape (h, w, 3)."""
-    return np.random.default_rng(seed).integers(0, 256, pixels.shape, dtype=np.uint8)
 
 
 def flip(pixels: RGB, axis: str) -> RGB:
@@ -152,47 +209,97 @@ def flip(pixels: RGB, axis: str) -> RGB:
     return pixels[::-1] if axis == "vertical" else pixels[:, ::-1]
 
 
-def show(condition: str, frame: Frame, bank: FrameBank, run_seed: int) -> bytes | None:
-    """Return the encoded picture that a condition shows for a frame, or None for no picture.
+def show(condition: str, frame: Frame, source: Source, run_seed: int) -> Stimulus:
+    """Return what a condition shows of a frame.
 
     The stimulus is seeded from (condition, frame, run seed), so every model sees the same one.
     """
-    seed = key_seed("stimulus", run_seed, condition, frame.id)
-    return find_condition(condition).make(frame, bank, seed)
+    return find_condition(condition).make(frame, source, seed_of(condition, frame, run_seed))
 
 
-def source(name: str, frame: Frame, bank: FrameBank, run_seed: int) -> str | None:
-    """Return the file of the bank of which a condition's picture of a frame is made, None where it shows none."""
-    if name == "text_only":
-        return None
-    if find_condition(name).counterfactual:
-        return frame.counterfactuals[name]
-    if name in _NEEDS_PARTNER:
-        return partner(frame, bank, key_seed("stimulus", run_seed, name, frame.id), name).file
-    return frame.file
+def seed_of(condition: str, frame: Frame, run_seed: int) -> int:
+    """Return the seed of a frame's stimulus under a condition."""
+    kind = "text" if "text" in find_condition(condition).needs else "stimulus"
+    return key_seed(kind, run_seed, condition, frame.id)
 
 
-def speaker(name: str, frame: Frame, bank: FrameBank, run_seed: int, fields: tuple[str, ...]) -> Frame:
-    """Return the frame of which a prompt's ``fields`` speak under a condition: itself, or for text_swapped another.
+def sources(name: str, frame: Frame, source: Source, run_seed: int) -> tuple[str, ...]:
+    """Return the files of the bank of which a condition's pictures of a frame are made, none where it shows none."""
+    base, over, _ = name.partition(OVER)
+    needs, files = find_condition(base).needs, frame.pictures
+    if base == "text_only":
+        files = {}
+    elif "counterfactual" in needs:
+        files = frame.counterfactuals[base]
+    elif needs & {"partner", "stranger"}:
+        files = partner(frame, source, seed_of(name, frame, run_seed), base).pictures
+    return tuple(dict.fromkeys((*(frame.pictures.values() if over else ()), *files.values())))
 
-    The other says something else in these fields; it is of the same scenario where there is such a frame. Raises
+
+def speaker(frame: Frame, source: Source, seed: int) -> Frame:
+    """Return the frame of which the prompt speaks under text_swapped.
+
+    It says something else in the fields of the prompt, and is of the same scenario where there is such a frame. Raises
     BankError where no frame of the bank says anything else.
     """
-    if not find_condition(name).swaps_text:
-        return frame
-    told = [frame.fields[field] for field in fields]
-    others = [other for other in bank if [other.fields[field] for field in fields] != told]
+    told = [frame.fields[field] for field in source.said]
+    others = [other for other in source.frames if [other.fields[field] for field in source.said] != told]
     near = [other for other in others if other.scenario == frame.scenario] or others
     if not near:
         raise BankError(f"frame '{frame.id}' cannot be told another frame's text: all frames say the same {told}")
-    return near[int(np.random.default_rng(key_seed("text", run_seed, name, frame.id)).integers(len(near)))]
+    return near[int(np.random.default_rng(seed).integers(len(near)))]
 
 
 def find_condition(name: str) -> Condition:
-    """Return the condition of this name; raises SpecError that lists the known ones."""
-    if name not in CONDITIONS:
+    """Return the condition of this name, also over one camera; raises SpecError that lists the known ones."""
+    base, over, camera = name.partition(OVER)
+    if base not in CONDITIONS or ("text" in CONDITIONS[base].needs and over):
         raise SpecError(f"unknown condition '{name}'; known are {', '.join(CONDITIONS)}")
-    return CONDITIONS[name]
+    return _over(CONDITIONS[base], camera) if over else CONDITIONS[base]
+
+
+def require_shown(name: str, cameras: Sequence[Camera]) -> None:
+    """Raise SpecError where a condition is none of a drive, or these cameras of a world cannot show it."""
+    base = name.partition(OVER)[0]
+    if base not in OF_WORLDS:
+        raise SpecError(f"unknown condition '{base}' of a closed loop; known are {', '.join(OF_WORLDS)}")
+    if "axis" in CONDITIONS[base].needs and any(one.mirror_axis == "none" for one in cameras):
+        raise SpecError(f"condition '{name}' needs a simulator with a mirror axis, and this one has none")
+    require_camera(name, cameras)
+
+
+def require_camera(name: str, cameras: Sequence[Camera]) -> None:
+    """Raise SpecError where a condition is of one camera that is none of these."""
+    _, over, camera = name.partition(OVER)
+    if over and camera not in (names := [one.name for one in cameras]):
+        raise SpecError(f"condition '{name}' is over a camera that is not there; there are {', '.join(names)}")
+
+
+def _over(whole: Condition, camera: str) -> Condition:
+    """Return a condition whose pictures are shown over one camera, and the true ones over the others."""
+
+    def make(frame: Frame, source: Source, seed: int) -> Stimulus:
+        made, images = whole.make(frame, source, seed), {**source.images(frame)}
+        if camera not in images:
+            raise BankError(f"frame '{frame.id}' has no camera '{camera}'; it has {', '.join(images)}")
+        if camera in made.images:
+            images[camera] = made.images[camera]
+        else:
+            del images[camera]
+        return replace(made, images=images)
+
+    return Condition(f"{whole.name}{OVER}{camera}", f"{whole.image}, over {camera}", whole.asks, make, whole.needs)
+
+
+def require_partners(names: Sequence[str], source: Source) -> None:
+    """Raise BankError before any call is made if a frame lacks the partner or the other text that a condition needs."""
+    for name in names:
+        needs = find_condition(name).needs
+        if needs & {"partner", "stranger"}:
+            for frames in source.scenarios.values():
+                partner(frames[0], source, 0, name.partition(OVER)[0])
+        elif "text" in needs:
+            speaker(source.frames[0], source, 0)
 
 
 def available(name: str, frame: Frame) -> bool:
@@ -201,23 +308,7 @@ def available(name: str, frame: Frame) -> bool:
     A counterfactual picture that was not drawn and a missing mirror axis are absences that scoring reports.
     A bank too small for ``shuffled`` or ``cross_scenario`` is an error, raised when its picture is made.
     """
-    if find_condition(name).counterfactual:
-        return name in frame.counterfactuals
-    return not (name == "mirrored" and frame.mirror_axis == "none")
-
-
-def require_partners(names: tuple[str, ...], bank: FrameBank, fields: tuple[str, ...] = ()) -> None:
-    """Raise BankError before any call is made if a frame lacks the partner that a condition needs.
-
-    ``fields`` are what the prompt says of a frame, for text_swapped.
-    """
-    for name in names:
-        if name in _NEEDS_PARTNER:
-            for frames in bank.scenarios.values():
-                partner(frames[0], bank, 0, name)
-        elif find_condition(name).swaps_text:
-            speaker(name, bank.frames[0], bank, 0, fields)
-
-
-def _pixels(frame: Frame, bank: FrameBank) -> RGB:
-    return decode(bank.image(frame), frame.file)
+    needs = find_condition(name).needs
+    if "counterfactual" in needs:
+        return name.partition(OVER)[0] in frame.counterfactuals
+    return not ("axis" in needs and frame.mirror_axis == "none")

@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from eyechart.errors import SpecError
-from eyechart.stats.paired import clopper_pearson
+from eyechart.stats.paired import SignTest, clopper_pearson
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts import ALPHA, LABELS, LATERAL, MARGIN, Evidence, Label, Scored, Verdict, judge
 from eyechart.verdicts.admission import CLAUSES, Held
@@ -204,9 +204,9 @@ def _claim(requirement: str, verdict: Verdict, interventional: Statistic) -> tup
 
 def _bounded(interventional: Statistic) -> bool:
     """Return whether the share of pairs in which it brakes harder near than far is bounded below the margin."""
-    detail = interventional.detail or {}
-    wins, losses, ties = (int(str(detail.get(name, 0))) for name in ("wins", "losses", "ties"))
-    pairs = wins + losses + ties
+    if not isinstance(interventional, SignTest):
+        return False
+    wins, pairs = interventional.wins, interventional.wins + interventional.losses + interventional.ties
     return pairs > 0 and clopper_pearson(wins, pairs, 1 - 2 * ALPHA)[1] < MARGIN
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 
 from eyechart.calls import HOPELESS, TRANSIENT, Reply
+from eyechart.records import Amount, Count
 
 LONGEST_WAIT_S = 120.0
 """So long a server's Retry-After is obeyed; a model whose server asks for more is set aside instead."""
@@ -23,12 +24,12 @@ class Spent:
     ``cost_usd`` adds up what is known; ``unknown`` counts the calls whose cost is not.
     """
 
-    calls: int = 0
-    prompt_tokens: int = 0
-    completion_tokens: int = 0
-    cost_usd: float = 0.0
-    unknown: int = 0
-    seconds: float = 0.0
+    calls: Count = 0
+    prompt_tokens: Count = 0
+    completion_tokens: Count = 0
+    cost_usd: Amount = 0.0
+    unknown: Count = 0
+    seconds: Amount = 0.0
 
     def plus(self, reply: Reply, cost: float | None) -> "Spent":
         """Return this with one more call."""
@@ -59,14 +60,6 @@ class Spent:
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
         return asdict(self)
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, object]) -> "Spent":
-        """Return what plain JSON values say; raises TypeError or ValueError where they say something else."""
-        made = cls(**values)  # type: ignore[arg-type]
-        if any(isinstance(one, bool) or not isinstance(one, int | float) or one < 0 for one in asdict(made).values()):
-            raise ValueError(f"what a probe took is told in numbers of at least 0; got {values}")
-        return made
 
 
 NOTHING = Spent()

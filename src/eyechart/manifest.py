@@ -1,14 +1,15 @@
-"""A run's manifest says what was asked of which models on which bank, so that a run can be resumed, merged and read."""
+"""A run's manifest says what was asked of whom, so that it can be resumed, merged and read: on a bank, or of drives."""
 
 import datetime as dt
 import json
 import os
 import platform
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any, ClassVar, Self, TypeVar
 
 from eyechart import __version__
 from eyechart.conditions import find_condition
@@ -18,28 +19,119 @@ from eyechart.limits import Spent
 from eyechart.modes import RequestMode
 from eyechart.perception.view import NONE
 from eyechart.prompts import Prompt
+from eyechart.records import build, shown
 from eyechart.spaces.discrete import READER, Discrete
 
-FORMAT = "eyechart-run/2"
 LEDGER = "ledger.sqlite"
 RUN = "run.json"
 BANK = "bank"
 """The run's copy of the bank's text; in a bundle with the pictures that the run used."""
 BANK_TEXT = ("manifest.json", "metadata.jsonl")
+BESIDE = ("vetting.json",)
+"""What may stand in a folder before its episodes begin: which worlds the structured study's online run chose."""
+
+
+class Manifest:
+    """What the manifests of all runs say alike, and how one is extended by another of the same run.
+
+    ``modes`` says how each model was asked, ``facts`` what is known of it (digest, quantisation, template). ``reader``
+    is the version of what reads the replies. ``view`` is the key of the view that pictures are shown through, ``none``
+    where they are shown as they are. ``probes`` says what it took to probe a model before the run.
+    """
+
+    __slots__ = ()
+    FORMAT: ClassVar[str]
+    COMMAND: ClassVar[str]
+    """The command that makes such a run."""
+    WHO: ClassVar[str]
+    """The field that maps who was asked, or drove, to a version."""
+    ASKED: ClassVar[str]
+    """What was done with one of them, in words."""
+    SAME: ClassVar[tuple[str, ...]]
+    GROWS: ClassVar[tuple[str, ...]]
+
+    prompt: Prompt
+    modes: Mapping[str, RequestMode]
+    facts: Mapping[str, Mapping[str, str]]
+    probes: Mapping[str, Spent]
+
+    def mode(self, spec: str) -> RequestMode:
+        """Return how a model was asked; the default mode where the run gave none."""
+        return self.modes.get(spec) or RequestMode(spec)
+
+    def spent_before(self) -> Spent:
+        """Return what probing took, of all models together."""
+        return Spent.together(self.probes.values())
+
+    def extended(self, other: Self) -> Self:
+        """Return this manifest with what another asks for added.
+
+        Raises LedgerError that names what differs where the two cannot be one run.
+        """
+        for name in self.SAME:
+            mine, theirs = getattr(self, name), getattr(other, name)
+            if mine != theirs:
+                shown = (mine.key, theirs.key) if isinstance(mine, Prompt) else (mine, theirs)
+                raise LedgerError(
+                    f"this run has {name} {shown[0]}, now {name} {shown[1]} was asked for; "
+                    "give the same options to resume it, or another --out for another run"
+                )
+        grown = self._wider(other)
+        before, now = getattr(self, self.WHO), getattr(other, self.WHO)
+        for spec in before.keys() & now.keys():
+            if before[spec] != now[spec]:
+                raise LedgerError(
+                    f"this run {self.ASKED.format(spec)} at version {before[spec]}, which is now {now[spec]}; "
+                    "give another --out: two versions in one run cannot be told apart"
+                )
+            if not self.mode(spec).same_request(other.mode(spec)):
+                raise LedgerError(
+                    f"this run asked {spec} in another mode: {_difference(self.mode(spec), other.mode(spec))}; "
+                    "give the same options or --mode file to resume it, or another --out"
+                )
+        modes = {spec: mode for spec, mode in other.modes.items() if mode.measured or spec not in self.modes}
+        for name in self.GROWS:
+            grown[name] = tuple(dict.fromkeys([*getattr(self, name), *getattr(other, name)]))
+        for name, more in ((self.WHO, now), ("modes", modes), ("facts", other.facts), ("probes", other.probes)):
+            grown[name] = {**getattr(self, name), **more}
+        return replace(self, **grown)  # type: ignore[type-var]
+
+    def as_text(self) -> str:
+        """Return the JSON text of the manifest's file."""
+        modes = {spec: mode.as_dict() for spec, mode in self.modes.items()}
+        values = {**asdict(self), "prompt": self.prompt.as_dict(), "modes": modes}  # type: ignore[call-overload]
+        return json.dumps({"format": self.FORMAT, **values}, indent=1, ensure_ascii=False) + "\n"
+
+    def write(self, out: Path) -> None:
+        """Write the manifest into the run's folder, whole or not at all."""
+        partial = out / f".{RUN}"
+        with partial.open("w", encoding="utf-8") as file:
+            file.write(self.as_text())
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(out / RUN)
+
+    def _wider(self, other: Self) -> dict[str, Any]:
+        """Return the bounds of both together; raises LedgerError where they cannot be."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True, slots=True)
-class RunManifest:
-    """What a run was planned to do. ``models`` maps a SPEC to the version that answered.
+class RunManifest(Manifest):
+    """What a run on a bank was planned to do. ``models`` maps a SPEC to the version that answered.
 
-    ``modes`` says how each model was asked, ``facts`` what is known of it (digest, quantisation, template).
     ``shard`` is (i, n), counted from 1, or None for the whole; ``limit`` the number of frames, or None for all.
-    ``stop_early`` says that a model is no longer asked once its verdict is settled.
-    ``probes`` says what it took to probe a model before the run, where the run did that itself.
-    ``reader`` is the version of the reader of replies that the run was begun under. ``view`` is the key of the view
-    that pictures are shown through, ``none`` where they are shown as they are. ``frames`` are the ids of the frames
-    that were chosen for the run, empty where it is about all of them or their first ``limit``.
+    ``stop_early`` says that a model is no longer asked once its verdict is settled. ``reader`` is the version that the
+    run was begun under. ``frames`` are the ids of the frames that were chosen for the run, empty where it is about all
+    of them or their first ``limit``.
     """
+
+    FORMAT = "eyechart-run/2"
+    COMMAND = "battery"
+    WHO = "models"
+    ASKED = "asked {}"
+    SAME = ("study", "seed", "view", "prompt", "fingerprint", "shard", "stop_early", "frames")
+    GROWS = ("conditions",)
 
     study: str
     created: str
@@ -60,58 +152,68 @@ class RunManifest:
     frames: tuple[str, ...] = ()
     probes: Mapping[str, Spent] = field(default_factory=dict)
 
-    def extended(self, other: "RunManifest") -> "RunManifest":
-        """Return this manifest with another's models, conditions and limit added.
+    def _wider(self, other: "RunManifest") -> dict[str, Any]:
+        return {"limit": None if None in {self.limit, other.limit} else max(self.limit or 0, other.limit or 0)}
 
-        Raises LedgerError that names what differs where the two are not parts of one run.
-        """
-        for name in ("study", "seed", "view", "prompt", "fingerprint", "shard", "stop_early", "frames"):
-            mine, theirs = getattr(self, name), getattr(other, name)
-            if mine != theirs:
-                shown = (mine.key, theirs.key) if isinstance(mine, Prompt) else (mine, theirs)
-                raise LedgerError(
-                    f"this run has {name} {shown[0]}, now {name} {shown[1]} was asked for; "
-                    "give the same options to resume it, or another --out for another run"
-                )
-        for spec in self.models.keys() & other.models.keys():
-            if self.models[spec] != other.models[spec]:
-                raise LedgerError(
-                    f"this run asked {spec} at version {self.models[spec]}, which is now {other.models[spec]}; "
-                    "give another --out: two versions in one ledger cannot be told apart"
-                )
-            if not self.mode(spec).same_request(other.mode(spec)):
-                raise LedgerError(
-                    f"this run asked {spec} in another mode: {_difference(self.mode(spec), other.mode(spec))}; "
-                    "give the same options or --mode file to resume it, or another --out"
-                )
-        conditions = self.conditions + tuple(name for name in other.conditions if name not in self.conditions)
-        modes = {spec: mode for spec, mode in other.modes.items() if mode.measured or spec not in self.modes}
-        return replace(
-            self,
-            models={**self.models, **other.models},
-            modes={**self.modes, **modes},
-            facts={**self.facts, **other.facts},
-            probes={**self.probes, **other.probes},
-            conditions=conditions,
-            limit=_larger(self.limit, other.limit),
-        )
 
-    def spent_before(self) -> Spent:
-        """Return what probing took, of all models together."""
-        return Spent.together(self.probes.values())
+@dataclass(frozen=True, slots=True)
+class EpisodesManifest(Manifest):
+    """What a run of episodes was planned to do: every policy in every scenario, seed and condition.
 
-    def mode(self, spec: str) -> RequestMode:
-        """Return how a model was asked; the default mode where the run gave none."""
-        return self.modes.get(spec) or RequestMode(spec)
+    ``policies`` maps a SPEC to the version of what drives: a model's own, the counts of a marginal, or nothing.
+    ``picture`` is the kind of picture in words. ``world`` holds the versions of the libraries that make the world,
+    ``versions`` all that may matter. ``max_steps`` is the largest bound on decisions that was asked for; each episode
+    says under which it was driven. ``silence`` says what becomes of a call that fails in a way that may pass: the
+    episode stays ``unfinished``, or the ``fail-safe`` is executed.
+    """
+
+    FORMAT = "eyechart-episodes/1"
+    COMMAND = "closed-loop"
+    WHO = "policies"
+    ASKED = "let {} drive"
+    SAME = ("simulator", "seed", "view", "prompt", "world", "reader", "silence")
+    GROWS = ("scenarios", "seeds", "conditions")
+
+    created: str
+    simulator: str
+    scenarios: tuple[str, ...]
+    seeds: tuple[int, ...]
+    conditions: tuple[str, ...]
+    policies: Mapping[str, str]
+    action_space: Discrete
+    picture: str
+    prompt: Prompt
+    seed: int
+    max_steps: int
+    world: Mapping[str, str]
+    versions: Mapping[str, str]
+    modes: Mapping[str, RequestMode] = field(default_factory=dict)
+    facts: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    reader: int = READER
+    view: str = NONE
+    probes: Mapping[str, Spent] = field(default_factory=dict)
+    silence: str = "unfinished"
+
+    @property
+    def models(self) -> tuple[str, ...]:
+        """Return the policies that are models."""
+        return tuple(self.modes)
+
+    def _wider(self, other: "EpisodesManifest") -> dict[str, Any]:
+        if other.max_steps < self.max_steps:
+            raise LedgerError(
+                f"this run has --max-steps {self.max_steps}, now {other.max_steps} was asked for: what it drove "
+                "already may have gone on for longer; give at least as many, or another --out"
+            )
+        return {"max_steps": other.max_steps}
+
+
+M = TypeVar("M", RunManifest, EpisodesManifest)
 
 
 def _difference(mine: RequestMode, theirs: RequestMode) -> str:
     name = next(one.name for one in fields(RequestMode) if getattr(mine, one.name) != getattr(theirs, one.name))
     return f"{name} was {getattr(mine, name)!r}, now {getattr(theirs, name)!r}"
-
-
-def _larger(one: int | None, other: int | None) -> int | None:
-    return None if one is None or other is None else max(one, other)
 
 
 def versions() -> dict[str, str]:
@@ -146,19 +248,7 @@ def write_run(out: Path, manifest: RunManifest, bank: FrameBank) -> None:
         for name in BANK_TEXT:
             shutil.copyfile(bank.root / name, partial / name)
         partial.replace(copy)
-    partial_file = out / f".{RUN}"
-    with partial_file.open("w", encoding="utf-8") as file:
-        file.write(as_text(manifest))
-        file.flush()
-        os.fsync(file.fileno())
-    partial_file.replace(out / RUN)
-
-
-def as_text(manifest: RunManifest) -> str:
-    """Return a run's manifest as the JSON text of its file."""
-    modes = {spec: mode.as_dict() for spec, mode in manifest.modes.items()}
-    values = {"format": FORMAT, **asdict(manifest), "prompt": manifest.prompt.as_dict(), "modes": modes}
-    return json.dumps(values, indent=1, ensure_ascii=False) + "\n"
+    manifest.write(out)
 
 
 def is_run(path: Path) -> bool:
@@ -177,18 +267,27 @@ def is_free(path: Path) -> bool:
     return not left or (left == {BANK} and all(item.name in BANK_TEXT for item in (path / BANK).iterdir()))
 
 
+def is_episodes_run(path: Path) -> bool:
+    """Return whether a folder holds a run of episodes; raises LedgerError where it holds something else.
+
+    False means that one may begin there.
+    """
+    if is_run(path):
+        read_episodes_manifest(path)
+        return True
+    if path.exists():
+        left = {item.name for item in path.iterdir()} - {".lock", f".{RUN}", *BESIDE} if path.is_dir() else {path.name}
+        if left:
+            raise LedgerError(f"{path} exists and is no run; choose another place with --out")
+    return False
+
+
 def asked_of(bank: FrameBank, prompt: Prompt) -> FrameBank:
-    """Return a bank with the action space that a prompt asks for, where it asks for one of its own."""
+    """Return a bank as a prompt asks of it: with what that says of a frame, and the actions it has of its own."""
+    asked = replace(bank, said=prompt.fields)
     if not isinstance(prompt.space, Discrete):
-        return bank
-    return replace(bank, manifest=replace(bank.manifest, action_space=prompt.space))
-
-
-def _shard(value: Sequence[object]) -> tuple[int, int]:
-    index, count = (int(str(part)) for part in value)
-    if not 1 <= index <= count:
-        raise ValueError(f"shard {index}/{count} does not satisfy 1 <= i <= n")
-    return index, count
+        return asked
+    return replace(asked, manifest=replace(bank.manifest, action_space=prompt.space))
 
 
 def read_run(path: Path) -> tuple[RunManifest, FrameBank]:
@@ -203,38 +302,49 @@ def read_run(path: Path) -> tuple[RunManifest, FrameBank]:
 
 
 def read_manifest(path: Path) -> RunManifest:
-    """Read the manifest in a run's folder; raises LedgerError naming the file at fault."""
+    """Read the manifest of a run on a bank; raises LedgerError naming the file at fault."""
+    return _read(path, RunManifest)
+
+
+def read_episodes_manifest(path: Path) -> EpisodesManifest:
+    """Read the manifest of a run of episodes; raises LedgerError naming the file at fault."""
+    return _read(path, EpisodesManifest)
+
+
+def _read(path: Path, kind: type[M]) -> M:
     file = path / RUN
     try:
         raw = json.loads(file.read_text(encoding="utf-8"))
         found = raw.pop("format")
-        if str(found).startswith("eyechart-episodes/"):
-            raise LedgerError(
-                f"{path} is a run of episodes, for 'eyechart score', 'report', 'audit', 'film' and 'costs' to read"
-            )
-        if found != FORMAT:
-            raise LedgerError(
-                f"{file} is of another format than {FORMAT!r}: use the eyechart that wrote it, or run anew"
-            )
-        raw["prompt"] = Prompt.from_dict(raw["prompt"])
-        raw["models"] = dict(raw["models"])
-        raw["modes"] = {spec: RequestMode.from_dict(mode, str(file)) for spec, mode in raw["modes"].items()}
-        raw["facts"] = {spec: dict(known) for spec, known in raw["facts"].items()}
-        raw["probes"] = {spec: Spent.from_dict(spent) for spec, spent in raw.get("probes", {}).items()}
-        raw["conditions"] = tuple(find_condition(name).name for name in raw["conditions"])
-        raw["seed"] = int(raw["seed"])
-        raw["reader"] = int(raw["reader"])
-        raw["limit"] = None if raw["limit"] is None else int(raw["limit"])
-        raw["shard"] = None if raw["shard"] is None else _shard(raw["shard"])
-        raw["frames"] = tuple(str(name) for name in raw.get("frames", ()))
-        if not isinstance(raw.setdefault("stop_early", False), bool):
-            raise LedgerError(f"{file}: stop_early is {raw['stop_early']!r}, neither true nor false")
-        raw.setdefault("view", NONE)
-        for name in ("study", "created", "bank_path", "fingerprint", "view"):
-            if not isinstance(raw[name], str) or not raw[name].isprintable():
-                raise LedgerError(f"{file}: {name} is {raw[name]!r}, not a line of text")
-        return RunManifest(**raw)
+        if found == kind.FORMAT:
+            return _built(kind, raw, str(file))
     except FileNotFoundError as error:
-        raise LedgerError(f"{file} does not exist: is {path} a run? 'eyechart run battery' makes one") from error
+        raise LedgerError(f"{file} does not exist: is {path} a run? 'eyechart run {kind.COMMAND}' makes one") from error
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError, SpecError) as error:
-        raise LedgerError(f"{file} is no run manifest: {error!r}") from error
+        raise LedgerError(f"{file} is no run manifest: {error}") from error
+    if kind is RunManifest and found == EpisodesManifest.FORMAT:
+        raise LedgerError(
+            f"{path} is a run of episodes, for 'eyechart score', 'report', 'audit', 'film' and 'costs' to read"
+        )
+    raise LedgerError(
+        f"{file} is of format {found!r}, not {kind.FORMAT!r}: it is no run of '{kind.COMMAND}', or one of another "
+        "eyechart; use the one that wrote it, or run anew"
+    )
+
+
+def _built(kind: type[M], raw: dict[str, Any], file: str) -> M:
+    for name in ("modes", "facts", "reader"):
+        if name not in raw:
+            raise ValueError(f"it has no {name}")
+    for name, value in raw.items():
+        if isinstance(value, str) and not value.isprintable():
+            raise ValueError(f"{name} is {shown(value)}, not a line of text")
+    raw["prompt"] = Prompt.from_dict(raw["prompt"])
+    raw["modes"] = {spec: RequestMode.from_dict(mode, file) for spec, mode in raw["modes"].items()}
+    made = build(kind, raw)
+    if isinstance(made, RunManifest):
+        for condition in made.conditions:
+            find_condition(condition)
+        if made.shard is not None and not 1 <= made.shard[0] <= made.shard[1]:
+            raise ValueError(f"shard {made.shard[0]}/{made.shard[1]} does not satisfy 1 <= i <= n")
+    return made

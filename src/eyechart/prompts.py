@@ -8,13 +8,14 @@ A formulation of one's own comes from a TOML file, and may say of each frame wha
 import hashlib
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from eyechart.calls import ANY_ACTION, Query
 from eyechart.cameras import Distances
 from eyechart.errors import SpecError
-from eyechart.frames import FrameBank, MirrorAxis
+from eyechart.frames import FrameBank, MirrorAxis, Stimulus
 from eyechart.perception.view import View
 from eyechart.spaces.discrete import DRIVING, Discrete, read_toml, space_from
 from eyechart.spaces.scene import HIGHWAY, SCENES, SceneSpace
@@ -66,16 +67,22 @@ class Prompt:
         named = [match.group(2) for text in (self.system, self.user) for match in _FIELD.finditer(text)]
         return tuple(dict.fromkeys(name for name in named if name not in {None, ACTIONS}))
 
-    def render(self, said: Mapping[str, object], space: AnySpace) -> tuple[str, str]:
+    def render(self, said: Mapping[str, object], actions: Sequence[str]) -> tuple[str, str]:
         """Return the system and the user message about a frame; ``said`` maps every field to what is said of it."""
         if not self.template:
             return self.system, self.user
-        values = {**said, ACTIONS: ", ".join(space.actions)}
+        values = {**said, ACTIONS: ", ".join(actions)}
 
         def fill(match: re.Match[str]) -> str:
             return f"{{{match.group(1)}}}" if match.group(1) else str(values[match.group(2)])
 
         return _FIELD.sub(fill, self.system), _FIELD.sub(fill, self.user)
+
+    def query(self, seen: Stimulus, seed: int, space: AnySpace | None = None) -> Query:
+        """Return what a model is asked of a stimulus, for an answer of ``space``; every Query is built here."""
+        state = {name: ", ".join(f"{one:g}" for one in numbers) for name, numbers in seen.state.items()}
+        words = self.render({**seen.fields, **state}, () if space is None else space.actions)
+        return Query(*words, seen, seed, ANY_ACTION if space is None else space.schema())
 
     def as_dict(self) -> dict[str, object]:
         """Return the wording and its key as plain JSON values."""
@@ -274,14 +281,14 @@ def scene_prompt(picture: str, distances: Distances, view: View | None) -> Promp
 
 def require_sayable(prompt: Prompt, bank: FrameBank) -> None:
     """Raise SpecError where a prompt asks for what no prompt may say, or leaves actions of the bank's space unsaid."""
-    declared, space = bank.manifest.prompt_columns, bank.manifest.action_space
+    declared, space = (*bank.manifest.prompt_columns, *bank.manifest.state), bank.manifest.action_space
     allowed = f"a prompt of this bank may say: {', '.join((*declared, ACTIONS))}"
     for name in prompt.fields:
         if name in bank.frames[0].truth:
             raise SpecError(f"prompt '{prompt.name}' asks for {{{name}}}, which is ground truth; {allowed}")
         if name not in declared:
             raise SpecError(f"prompt '{prompt.name}' asks for {{{name}}}, which is no prompt column; {allowed}")
-    said = " ".join(prompt.render(bank.frames[0].fields, space)).upper()
+    said = " ".join(prompt.render({**bank.frames[0].state, **bank.frames[0].fields}, space.actions)).upper()
     unsaid = [action for action in space.actions if action.upper() not in said]
     ours = (*PROMPTS.values(), *FORWARD_PROMPTS.values())
     if unsaid or (prompt in ours and set(space.actions) != set(DRIVING.actions)):

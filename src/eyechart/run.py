@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from eyechart import conditions as stimuli
 from eyechart.attempts import Caller, budget_of, close, first_error
 from eyechart.calls import CallKey, Query, Reply
+from eyechart.conditions import available
 from eyechart.errors import SpecError
-from eyechart.frames import Frame, FrameBank
+from eyechart.frames import Frame, FrameBank, Stimulus
 from eyechart.ledger import Ledger
 from eyechart.limits import Limits, Outcome, Pace
 from eyechart.models import Model
@@ -59,23 +59,16 @@ class Plan:
         """Return the planned calls, in the bank's order."""
         return [key for model in self.models for key in self.keys_of(model)]
 
-    def words(self, key: CallKey) -> tuple[str, str]:
-        """Return the system and the user message of a call; those of a built-in prompt are the same for every frame."""
-        frame = self.bank.frame(key.frame)
-        told = stimuli.speaker(key.condition, frame, self.bank, self.seed, self.prompt.fields)
-        return self.prompt.render(told.fields, self.bank.manifest.action_space)
-
-    def query(self, key: CallKey, picture: bytes | None) -> Query:
-        """Return what a model is asked in a call, of this picture."""
-        form = None if self.space.actions else self.space.schema()
-        return Query(*self.words(key), picture, key.seed(self.seed), self.space.actions, form)
+    def query(self, key: CallKey, seen: Stimulus) -> Query:
+        """Return what a model is asked in a call, of this stimulus."""
+        return self.prompt.query(seen, key.seed(self.seed), self.space)
 
     def keys_of(self, model: str) -> Iterator[CallKey]:
         """Yield the planned calls of one model, in the bank's order."""
         prompt = self.prompt.key
         for frame in self.frames:
             for condition in self.conditions:
-                if stimuli.available(condition, frame):
+                if available(condition, frame):
                     key = CallKey(self.study, model, prompt, frame.id, condition)
                     if self.shard is None or in_shard(key, *self.shard):
                         yield key
@@ -188,8 +181,7 @@ class _Execution:
 
     def _query(self, key: CallKey) -> Query:
         """Return what is asked in a call."""
-        picture = self._stimuli.show(key.condition, key.frame)
-        return self._plan.query(key, picture)
+        return self._plan.query(key, self._stimuli.show(key.condition, key.frame))
 
     def _report(self) -> None:
         if self._progress is not None:

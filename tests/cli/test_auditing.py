@@ -12,7 +12,6 @@ from drives import add_replies, always, drive, make_run, tossing
 from eyechart.calls import Reply
 from eyechart.cli.app import app
 from eyechart.episodes import write_episodes
-from eyechart.episodes.manifest import write_manifest
 from eyechart.errors import LedgerError, SpecError
 from eyechart.simulators import SIMULATORS
 from eyechart.studies import battery
@@ -38,7 +37,7 @@ def test_a_finished_ladder_drives_nothing_and_stands_beside_the_papers(tmp_path:
     planned = plan_ladder(tmp_path / "ladder")
     assert len(planned.keys) == 224
     (tmp_path / "ladder").mkdir()
-    write_manifest(tmp_path / "ladder", planned.manifest)
+    planned.manifest.write(tmp_path / "ladder")
     for policy in planned.manifest.policies:
         action = policy.partition(":")[2]
         write_episodes(tmp_path / "ladder", drive(policy, always(action) if action else tossing(policy)))

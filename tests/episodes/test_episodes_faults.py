@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -24,7 +25,7 @@ LOOK = "python:tiny_worlds:look"
 
 def drive(out: Path, *specs: str, scenarios: list[str], processes: int = 2) -> dict[tuple[str, str], Episode]:
     """Drive one seed of these scenarios and return the episodes by policy and scenario."""
-    plan = study.plan("tiny", specs, out, scenarios=scenarios, seeds=[0], max_steps=40)
+    plan = study.plan(study.Setup("tiny", max_steps=40), specs, out, scenarios=scenarios, seeds=[0])
     study.run(plan, bounds=Bounds(processes=processes, concurrency=4))
     return {(one.key.policy, one.key.scenario): one for one in read_episodes(out)}
 
@@ -119,10 +120,11 @@ def test_what_ended_in_an_error_is_driven_anew_when_asked(tmp_path: Path, monkey
     """Not otherwise: an error is an end."""
     monkeypatch.setenv("TINY_MARK", str(tmp_path / "nowhere" / "mark"))
     drive(tmp_path / "run", "oracle", scenarios=["fatal_once"])
-    asked = {"scenarios": ["fatal_once"], "seeds": [0], "max_steps": 40}
-    assert study.plan("tiny", ["oracle"], tmp_path / "run", **asked).left() == ()  # type: ignore[arg-type]
+    worlds = study.Setup("tiny", max_steps=40)
+    plan = study.plan(worlds, ["oracle"], tmp_path / "run", scenarios=["fatal_once"], seeds=[0])
+    assert plan.left() == ()
     monkeypatch.setenv("TINY_MARK", str(tmp_path))
-    study.run(study.plan("tiny", ["oracle"], tmp_path / "run", again=True, **asked))  # type: ignore[arg-type]
+    study.run(replace(plan, again=True))
     assert [one.ended for one in read_episodes(tmp_path / "run")] == ["error", "goal"]
 
 
@@ -131,12 +133,13 @@ def test_what_the_bound_on_steps_ended_is_driven_anew_under_a_larger_one(tmp_pat
     """The records say under which bound; a model's finished calls are not made again, and no smaller bound is taken."""
     asked = {"scenarios": ["whole"], "seeds": [0]}
     for steps in (4, 12):
-        study.run(study.plan("tiny", [policy], tmp_path, max_steps=steps, again=True, **asked))  # type: ignore[arg-type]
+        plan = study.plan(study.Setup("tiny", max_steps=steps), [policy], tmp_path, **asked)  # type: ignore[arg-type]
+        study.run(replace(plan, again=True))
     first, then = read_episodes(tmp_path)
     assert (first.ended, first.detail, first.max_steps) == ("error", "it did not end within 4 steps", 4)
     assert (then.ended, then.max_steps, then.steps[:4]) == ("goal", 12, first.steps)
     with pytest.raises(LedgerError, match="has --max-steps 12, now 4 was asked for"):
-        study.plan("tiny", [policy], tmp_path, max_steps=4, **asked)  # type: ignore[arg-type]
+        study.plan(study.Setup("tiny", max_steps=4), [policy], tmp_path, **asked)  # type: ignore[arg-type]
     if policy == LOOK:
         with Ledger(tmp_path / LEDGER) as ledger:
             sent = [one.key for one in ledger.attempts(LOOK)]

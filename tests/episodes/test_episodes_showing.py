@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import tiny_worlds
-from eyechart.episodes import SHOWN, EpisodeKey
-from eyechart.episodes.showing import require_shown
+from eyechart.conditions import OF_WORLDS, require_shown
+from eyechart.episodes import EpisodeKey
 from eyechart.episodes.worlds import POOL_SEEDS, Setup, Shown, Worlds
 from eyechart.errors import SpecError
-from eyechart.frames import RGB, decode
+from eyechart.frames import MAIN, RGB, alone, decode
 from eyechart.spaces.space import Decision
 
 GO = Decision("LEFT")
@@ -22,7 +22,7 @@ def pictures(condition: str, *, policy: str = "m", seed: int = 1, run: int = 0, 
     shown = [worlds.open(key)]
     shown += [worlds.act(key, GO) for _ in range(steps - 1)]
     worlds.close(key)
-    return [decode(one.picture, one.frame) for one in shown if isinstance(one, Shown)]
+    return [decode(one.stimulus.images[MAIN], one.frame) for one in shown if isinstance(one, Shown)]
 
 
 def same(one: list[RGB], other: list[RGB]) -> bool:
@@ -72,12 +72,15 @@ def test_policies_are_shown_the_condition_too(monkeypatch: pytest.MonkeyPatch) -
 
 def test_every_condition_is_known_by_name_and_an_axis_is_required() -> None:
     """An unknown one lists the known ones; without a mirror axis nothing can be mirrored."""
-    for name in SHOWN:
-        require_shown(name, "vertical")
-    with pytest.raises(SpecError, match="known are real, blank, noise, shuffled, frozen, mirrored"):
-        require_shown("text_only", "vertical")
+    for name in (*OF_WORLDS, "blank@main"):
+        require_shown(name, alone("vertical"))
+    known = "known are real, real_repeat, blank, noise, shuffled, text_only, mirrored, frozen"
+    with pytest.raises(SpecError, match=known):
+        require_shown("lead_near", alone("vertical"))
     with pytest.raises(SpecError, match="needs a simulator with a mirror axis"):
-        require_shown("mirrored", "none")
+        require_shown("mirrored", alone("none"))
+    with pytest.raises(SpecError, match="a camera that is not there; there are main"):
+        require_shown("blank@wrist", alone("vertical"))
 
 
 def test_a_moment_shows_the_highway_of_the_banks(tmp_path: Path) -> None:
@@ -88,4 +91,6 @@ def test_a_moment_shows_the_highway_of_the_banks(tmp_path: Path) -> None:
     worlds, key = Worlds(Setup("highway", 0)), EpisodeKey("m", "highway", "merge", 2)
     shown = worlds.open(key)
     assert isinstance(shown, Shown)
-    assert np.array_equal(decode(shown.picture, "x"), open_simulator("highway").drive("merge", 2).picture())
+    assert np.array_equal(
+        decode(shown.stimulus.images[MAIN], "x"), open_simulator("highway").drive("merge", 2).picture()
+    )

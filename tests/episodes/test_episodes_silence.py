@@ -36,7 +36,7 @@ def rover(out: Path, base_url: str) -> Episodes:
     """Plan one drive a fault, under the controller that knows the obstacles."""
     mode = RequestMode(SPEC, base_url=base_url, timeout_s=1.0, seed=True)
     seeds = tuple(WORLDS.values())
-    return study.plan("rover-mpc", [mode], out, scenarios=["single"], seeds=seeds, silence="fail-safe")
+    return study.plan(study.Setup("rover-mpc", silence="fail-safe"), [mode], out, scenarios=["single"], seeds=seeds)
 
 
 def server(plan: Episodes) -> FaultServer:
@@ -166,9 +166,8 @@ def absent(prompt: str, image: bytes) -> Reply:
 def tiny(out: Path, model: str, silence: str = "fail-safe", seeds: int = 1) -> Episodes:
     """Plan drives in tiny worlds."""
     SAID.clear()
-    return study.plan(
-        "tiny", [f"python:{__name__}:{model}"], out, scenarios=["whole"], seeds=range(seeds), silence=silence
-    )
+    worlds = study.Setup("tiny", silence=silence)
+    return study.plan(worlds, [f"python:{__name__}:{model}"], out, scenarios=["whole"], seeds=range(seeds))
 
 
 def test_a_cut_run_that_is_resumed_gives_the_same_records(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ import pytest
 from doors import assert_keeps_the_door
 from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
-from eyechart.frames import FrameBank
+from eyechart.frames import FrameBank, Stimulus
 from eyechart.models import huggingface, open_model
 from eyechart.models.huggingface import HuggingFaceModel, generation, organisms
 from eyechart.modes import RequestMode
@@ -45,8 +45,10 @@ def opened(name: str, **mode: Any) -> HuggingFaceModel:  # noqa: ANN401 - any fi
 def queries(bank: FrameBank, prompt: str = "baseline") -> list[Query]:
     """Return a query for every frame, and every fourth of them once more without its picture."""
     words = PROMPTS[prompt]
-    seen = [Query(words.system, words.user, bank.image(frame), number) for number, frame in enumerate(bank)]
-    return seen + [Query(words.system, words.user, None, 1000 + one.seed) for one in seen[::4]]
+    seen = [
+        Query(words.system, words.user, Stimulus.of(bank.image(frame)), number) for number, frame in enumerate(bank)
+    ]
+    return seen + [Query(words.system, words.user, Stimulus(), 1000 + one.seed) for one in seen[::4]]
 
 
 def together(model: HuggingFaceModel, asked: Sequence[Query]) -> list[Reply]:
@@ -104,7 +106,7 @@ def test_a_batch_and_its_order_change_no_drawn_answer(bank: FrameBank) -> None:
     assert together(opened("organism:self_inconsistent", temperature=None), asked) == alone
     backwards = together(opened("organism:self_inconsistent", temperature=None, options={"batch": 5}), asked[::-1])
     assert backwards[::-1] == alone
-    other = [Query(one.system, one.user, one.image, one.seed + 5000) for one in asked]
+    other = [Query(one.system, one.user, Stimulus.of(one.image), one.seed + 5000) for one in asked]
     again = together(opened("organism:self_inconsistent", temperature=None), other)
     assert sum(one.text != two.text for one, two in zip(again, alone, strict=True)) > len(asked) / 2
 
@@ -193,7 +195,7 @@ def test_a_closed_model_answers_again(bank: FrameBank) -> None:
 def test_a_picture_that_cannot_be_read_fails_its_own_query_only(bank: FrameBank) -> None:
     """Its Reply has an error; the others of its batch have their answers."""
     asked = queries(bank)[:6]
-    broken = Query("", "?", b"no picture", 0)
+    broken = Query("", "?", Stimulus.of(b"no picture"), 0)
     replies = together(opened("organism:grounded"), [*asked[:3], broken, *asked[3:]])
     assert [reply.error for reply in replies] == [None] * 3 + ["exception"] + [None] * 3
     assert "no picture" in replies[3].error_detail

@@ -14,16 +14,16 @@ from aiohttp import web
 
 from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
-from eyechart.frames import encode
+from eyechart.frames import Stimulus, encode
 from eyechart.models import Model, ollama, open_model
 from eyechart.modes import RequestMode
-from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.discrete import DRIVING, Discrete
 from eyechart.spaces.scene import SCHEMA
 from faults import Loopback
 from ollama_stand_in import COUNTS, DIGEST, TEMPLATE, StandIn
 
 PICTURE = encode(np.full((8, 8, 3), 128, dtype=np.uint8))
-QUERY = Query("Drive.", "Which action?", PICTURE, 2**62 + 5, DRIVING.actions)
+QUERY = Query("Drive.", "Which action?", Stimulus.of(PICTURE), 2**62 + 5, DRIVING.schema())
 
 
 @pytest.fixture
@@ -78,14 +78,14 @@ def test_options_and_formats_go_where_the_api_wants_them(server: StandIn) -> Non
     """A schema binds the action to the query's actions, or the scene; without a picture there is no list of them."""
     ask(
         server,
-        query=Query("", "Which?", None, 1, ("GO", "STOP")),
+        query=Query("", "Which?", Stimulus(), 1, Discrete("two", ("GO", "STOP"), (), (), ()).schema()),
         structured="json_schema",
         temperature=None,
         options={"think": False, "keep_alive": "10m", "num_ctx": 2048},
         body={"options": {"top_k": 1}},
     )
     ask(server, structured="json_object")
-    ask(server, query=Query("", "Which scene?", None, 1, form=SCHEMA), structured="json_schema")
+    ask(server, query=Query("", "Which scene?", Stimulus(), 1, schema=SCHEMA), structured="json_schema")
     first, second, third = server.asked
     assert third["format"] == SCHEMA
     assert (first["think"], first["keep_alive"]) == (False, "10m")

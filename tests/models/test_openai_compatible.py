@@ -14,16 +14,16 @@ from aiohttp import web
 
 from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
-from eyechart.frames import encode
+from eyechart.frames import Stimulus, encode
 from eyechart.models import Model, open_model
 from eyechart.models.http import proxy_for
 from eyechart.modes import RequestMode
-from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.discrete import DRIVING, Discrete
 from eyechart.spaces.scene import SCHEMA
 from faults import FaultServer, answer, completion, refuse
 
 PICTURE = encode(np.full((8, 8, 3), 128, dtype=np.uint8))
-QUERY = Query("Drive.", "Which action?", PICTURE, 2**62 + 5, DRIVING.actions)
+QUERY = Query("Drive.", "Which action?", Stimulus.of(PICTURE), 2**62 + 5, DRIVING.schema())
 KEY = "sk-test-0123456789abcdef"
 
 
@@ -93,7 +93,7 @@ def test_a_mode_changes_the_request(monkeypatch: pytest.MonkeyPatch) -> None:
     with FaultServer() as server:
         ask(
             server,
-            query=Query("", "Which?", None, 2**40 + 9, ("GO", "STOP")),
+            query=Query("", "Which?", Stimulus(), 2**40 + 9, Discrete("two", ("GO", "STOP"), (), (), ()).schema()),
             token_field="max_completion_tokens",  # noqa: S106 - the name of a field
             temperature=None,
             seed=True,
@@ -102,7 +102,7 @@ def test_a_mode_changes_the_request(monkeypatch: pytest.MonkeyPatch) -> None:
             body={"max_completion_tokens": 9, "provider": {"only": ["x"]}},
         )
         ask(server, structured="json_object")
-        ask(server, query=Query("", "Which scene?", None, 1, form=SCHEMA), structured="json_schema")
+        ask(server, query=Query("", "Which scene?", Stimulus(), 1, schema=SCHEMA), structured="json_schema")
     first, second, third = server.asked
     assert third["response_format"]["json_schema"]["schema"] == SCHEMA  # type: ignore[index]
     schema = first.pop("response_format")
@@ -133,7 +133,7 @@ def test_a_mode_changes_the_request(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_jpeg_is_sent_as_a_jpeg() -> None:
     """The media type is that of the bytes."""
     with FaultServer() as server:
-        ask(server, query=Query("", "?", b"\xff\xd8\xff\xe0", 1))
+        ask(server, query=Query("", "?", Stimulus.of(b"\xff\xd8\xff\xe0"), 1))
     assert "data:image/jpeg;base64," in str(server.asked[0])
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
-from eyechart.frames import encode
+from eyechart.frames import Stimulus, encode
 from eyechart.models import Model, open_model
 from eyechart.modes import RequestMode
 
@@ -58,7 +58,7 @@ def narrow(prompt):
 number = 5
 """
 PICTURE = encode(np.zeros((4, 4, 3), dtype=np.uint8))
-QUERY = Query("Drive.", "Which?", PICTURE, 1)
+QUERY = Query("Drive.", "Which?", Stimulus.of(PICTURE), 1)
 
 
 @pytest.fixture(autouse=True)
@@ -87,7 +87,7 @@ def test_a_callable_gets_the_words_and_the_picture(module: str) -> None:
     """System and user message as one prompt; no picture is None."""
     model = opened(module, "decide")
     assert ask(model).text == f"{len(PICTURE)} Drive.\n\nWhich?"
-    assert ask(model, Query("", "Which?", None, 1)).text == "0 Which?"
+    assert ask(model, Query("", "Which?", Stimulus(), 1)).text == "0 Which?"
 
 
 @pytest.mark.parametrize(("function", "text"), [("decide_later", "GO"), ("robot", "STOP"), ("drive", "GO")])

@@ -7,7 +7,7 @@ import pytest
 
 from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
-from eyechart.frames import decode, encode, open_bank
+from eyechart.frames import Stimulus, decode, encode, open_bank
 from eyechart.models import open_model
 from eyechart.models.scripted import CONTROLLERS, PLANNERS, names, see
 from eyechart.perception.estimators import ESTIMATORS
@@ -20,7 +20,7 @@ NOISE = encode(np.random.default_rng(0).integers(0, 256, (150, 600, 3), dtype=np
 
 def ask(name: str, image: bytes | None, seed: int = 0) -> Reply:
     """Return a controller's reply to one picture."""
-    return asyncio.run(open_model(f"scripted:{name}").answer(Query("", "", image, seed)))
+    return asyncio.run(open_model(f"scripted:{name}").answer(Query("", "", Stimulus.of(image), seed)))
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)

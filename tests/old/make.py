@@ -21,7 +21,6 @@ import numpy as np
 from PIL import Image
 
 from eyechart.cli import main as eyechart
-from eyechart.studies.hierarchy.planning import PARTS
 
 CONTROLLERS = '''"""A controller of one's own that fails, declines and answers nothing now and then."""
 
@@ -147,6 +146,8 @@ def inputs() -> None:
     names = ("depth", "depth_lateral", "truncating", "self_inconsistent", "presence")
     lines = ["model,score", *(f"scripted:{name},{0.9 - 0.1 * place:.1f}" for place, name in enumerate(names))]
     Path("scores.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    frames = [f"{scene}-0-{step:02}" for scene in ("light", "dense") for step in range(6)]
+    Path("calibration.txt").write_text("\n".join(frames) + "\n", encoding="utf-8")
 
 
 def command(line: str) -> tuple[int, str, str]:
@@ -185,14 +186,14 @@ def settle(made: Path) -> None:
 
 def main() -> int:
     """Make the tree in the folder that the command line names, which must not be there."""
+    from eyechart.studies.hierarchy.planning import PARTS  # noqa: PLC0415 - 0.1.0 has it there
+
     root = Path(sys.argv[1]).resolve()
     (root / "made").mkdir(parents=True)
     (root / "answers").mkdir()
     os.chdir(root / "made")
     sys.path.insert(0, ".")
     inputs()
-    frames = [f"{scene}-0-{step:02}" for scene in ("light", "dense") for step in range(6)]
-    Path("calibration.txt").write_text("\n".join(frames) + "\n", encoding="utf-8")
     whole = dict(PARTS)
     for name, part in whole.items():  # a whole study of the hierarchy has twenty times the bytes
         PARTS[name] = replace(part, seeds=1, scenarios=part.scenarios[:2], conditions=part.conditions[:3])

@@ -18,10 +18,11 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+import banks
 import stand_ins
 from eyechart.calls import CallKey, Query, Reply
 from eyechart.conditions import BATTERY
-from eyechart.frames import LEAD_GAP, RGB, BankManifest, BankWriter, Frame, FrameBank, decode, encode, open_bank
+from eyechart.frames import LEAD_GAP, MAIN, RGB, BankManifest, BankWriter, FrameBank, decode, encode, open_bank
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, versions, write_run
 from eyechart.modes import RequestMode
@@ -220,11 +221,9 @@ def write_bank(out: Path, gaps: Sequence[float], pictures: Sequence[RGB]) -> Fra
             for episode in range(EPISODES):
                 for step in range(STEPS):
                     name = f"{scenario}-{episode}-{step}"
-                    frame = Frame(
-                        name, scenario, f"{scenario}-{episode}", step, "vertical", f"images/{name}.png",
-                        {"lead_gap_m": gaps[place]},
-                    )  # fmt: skip
-                    writer.add(frame, encode(pictures[place]), {})
+                    where, truth = (scenario, f"{scenario}-{episode}", step), {"lead_gap_m": gaps[place]}
+                    frame = banks.one(name, where, "vertical", f"images/{name}.png", truth=truth)
+                    writer.add(frame, {MAIN: encode(pictures[place])}, {})
                     place += 1
     return open_bank(out)
 

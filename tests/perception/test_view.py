@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eyechart.errors import BankError, SpecError
-from eyechart.frames import RGB, decode, encode
+from eyechart.frames import RGB, Stimulus, decode, encode
 from eyechart.perception.view import VIEWS, find_view, scene_of, through, view_for
 
 HIGHWAY, ROVER = VIEWS["highway"], VIEWS["rover"]
@@ -124,5 +124,5 @@ def test_a_view_is_asked_for_by_name() -> None:
 
 def test_no_view_and_no_picture_are_passed_through() -> None:
     """Byte for byte."""
-    assert through(None, b"as it is") == b"as it is"
-    assert through(HIGHWAY, None) is None
+    assert through(None, Stimulus.of(b"as it is")) == Stimulus.of(b"as it is")
+    assert through(HIGHWAY, Stimulus()) == Stimulus()

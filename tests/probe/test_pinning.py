@@ -30,7 +30,7 @@ def test_what_is_measured_stands_in_the_mode_and_its_file(tmp_path: Path) -> Non
     found = pinned()
     measured = found.measured
     assert (measured.sees_image, measured.image_tokens, measured.completion_tokens_max) == (True, 85, 3)
-    assert measured.prompt_tokens == 85 + len(default_sample().words[0][1].split())
+    assert measured.prompt_tokens == 85 + len(default_sample().query(0).user.split())
     assert (measured.schema_binds, measured.temperature_matters, measured.seed_matters) == (True, True, True)
     assert measured.unknown_fields_ignored is True
     assert measured.seconds >= measured.seconds_min > 0
@@ -130,8 +130,8 @@ def test_the_sample_is_the_runs_own_question() -> None:
     """The default is a built-in prompt on sketches, with the driving actions for a schema."""
     sample = default_sample("structured")
     query = sample.query(4)
-    assert (query.system, query.user) == sample.words[0]
-    assert query.actions == DRIVING.actions
+    assert (query.system, query.user) == (sample.asked[0][0].system, sample.asked[0][0].user)
+    assert query.schema == DRIVING.schema()
     assert sample.query(4, picture=False).image is None
     assert sample.wants_json
     assert not default_sample("minimal").wants_json

@@ -11,7 +11,7 @@ import banks
 import photographs
 import stand_ins
 from eyechart.calls import Query, Reply
-from eyechart.conditions import speaker
+from eyechart.conditions import seed_of, speaker
 from eyechart.frames import open_bank
 from eyechart.importing import Choices, import_table
 from eyechart.integrity import Guard
@@ -142,10 +142,10 @@ def test_the_page_says_what_a_prompt_said_of_a_frame(rover: Path, tmp_path: Path
     """Of the frame itself, and under text_swapped of which other frame."""
     held = data_of(report(rover, tmp_path / "page.html").html)["runs"][0]
     (run,) = read_evidence([rover])
-    bank = open_bank(rover.parent / "bank")
+    bank = replace(open_bank(rover.parent / "bank"), said=("speed",))
     for frame in held["frames"]:
         own = bank.frame(frame["id"])
-        other = speaker("text_swapped", own, bank, run.score.manifest.seed, ("speed",))
+        other = speaker(own, bank, seed_of("text_swapped", own, run.score.manifest.seed))
         assert frame["said"] == [["speed", own.fields["speed"]]]
         assert frame["told"] == {"text_swapped": [other.id, [["speed", other.fields["speed"]]]]}
         assert other.fields["speed"] != own.fields["speed"]

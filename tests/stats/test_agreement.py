@@ -126,7 +126,7 @@ def test_a_controller_that_swaps_is_told_from_its_marginals() -> None:
     result = agreement.swap_test(real, mirrored, PARTNER, seed=1)
     assert (result.value, result.n) == (1.0, 20)
     assert result.p == pytest.approx(1 / 5001)
-    assert result.detail["chance"] == pytest.approx(0.5)
+    assert result.chance == pytest.approx(0.5)
     assert result.detail["binomial_p"] == pytest.approx(0.5**20)
     assert result.detail["directions"] == {"LEFT": 10, "RIGHT": 10}
 
@@ -134,7 +134,7 @@ def test_a_controller_that_swaps_is_told_from_its_marginals() -> None:
 def test_one_direction_only_swaps_by_its_marginals_alone() -> None:
     """LEFT on real and RIGHT on every mirrored frame is no evidence: p is 1 although the rate is 1."""
     result = agreement.swap_test(["LEFT"] * 12, ["RIGHT"] * 12, PARTNER, seed=1)
-    assert (result.value, result.p, result.detail["chance"]) == (1.0, 1.0, 1.0)
+    assert (result.value, result.p, result.chance) == (1.0, 1.0, 1.0)
 
 
 def test_an_unparsed_mirror_reply_counts_as_no_swap() -> None:

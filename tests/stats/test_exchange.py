@@ -119,7 +119,7 @@ def test_the_exact_exchange_is_brute_force(seed: int, seeds: int) -> None:
     args = [array[shuffle] for array in (level, gap, stratum, episode, step)]
     trend = exchange.exchange_test(*args, seed=0, alpha=0.5)
     assert trend.p == pytest.approx(np.mean(trends <= trends[0] + 1e-9))
-    assert trend.detail["null_mean"] == pytest.approx(trends.mean())
+    assert trend.null_mean == pytest.approx(trends.mean())
     informations = brute_force(
         level,
         gap,
@@ -139,7 +139,7 @@ def test_the_sampled_exchange_agrees_with_the_exact_one(monkeypatch: pytest.Monk
     sampled = exchange.exchange_test(level, gap, *bank(), seed=0, resamples=20_000)
     assert sampled.method.endswith("B=20000")
     assert sampled.p == pytest.approx(exact.p, abs=4 * math.sqrt(0.25 / 20_000))
-    assert sampled.detail["null_mean"] == pytest.approx(exact.detail["null_mean"], abs=0.5)
+    assert sampled.null_mean == pytest.approx(exact.null_mean, abs=0.5)
     assert sampled == exchange.exchange_test(level, gap, *bank(), seed=0, resamples=20_000)
 
 

@@ -31,7 +31,7 @@ def test_one_answer_to_everything_is_never_evidence() -> None:
     assert right([Block(4, (2, 0, 1, 3), (2, 2, 2, 2))]).p == 1.0
     found = right([Block(8, (2, 0, 1, 3), (2, 2, 2, 2)), Block(4, (1, 0), (None, None))])
     assert found.p == 0.5
-    assert found.detail == {"right": 1, "expected": 0.5}
+    assert (found.right, found.expected) == (1, 0.5)
 
 
 def test_all_right_has_the_chance_of_the_deal() -> None:

@@ -16,7 +16,7 @@ def test_the_sign_test_is_the_binomial_test_on_discordant_pairs() -> None:
     """R: binom.test(9, 11, alternative = "greater") gives p = 0.03271; ties do not count."""
     first, second = [2] * 9 + [0] * 2 + [1] * 5, [1] * 9 + [1] * 2 + [1] * 5
     result = paired.sign_test(first, second)
-    assert (result.value, result.n, result.detail["ties"]) == (9 / 11, 11, 5)
+    assert (result.value, result.n, result.ties) == (9 / 11, 11, 5)
     assert result.p == pytest.approx(0.03271, abs=5e-6)
     reference = stats.binomtest(9, 11, alternative="greater")
     assert result.p == pytest.approx(reference.pvalue, rel=1e-12)

@@ -12,7 +12,7 @@ from filelock import FileLock
 import banks
 import stand_ins
 from eyechart.calls import CallKey, Reply
-from eyechart.conditions import BATTERY, CONDITIONS, available
+from eyechart.conditions import BATTERY, CONDITIONS, OF_BANKS, available
 from eyechart.errors import BankError, EyechartError, LedgerError, SpecError
 from eyechart.frames import FrameBank, decode, encode
 from eyechart.ledger import Ledger
@@ -22,7 +22,7 @@ from eyechart.studies import battery as study
 from eyechart.studies.battery import planning
 
 NOISY, STEADY = stand_ins.SPECS
-WITHOUT_TEXT = tuple(name for name, one in CONDITIONS.items() if not one.swaps_text)
+WITHOUT_TEXT = tuple(name for name in OF_BANKS if "text" not in CONDITIONS[name].needs)
 """The built-in prompts say nothing of a frame."""
 
 
@@ -66,7 +66,7 @@ def test_planning_writes_and_asks_nothing(bank: FrameBank, tmp_path: Path) -> No
 def test_a_bank_without_counterfactuals_gets_the_eight_conditions(tmp_path: Path) -> None:
     """What was not drawn is not planned."""
     plain = banks.build_bank(tmp_path / "bank", drawn=False)
-    undrawn = tuple(name for name in WITHOUT_TEXT if not CONDITIONS[name].counterfactual)
+    undrawn = tuple(name for name in WITHOUT_TEXT if "counterfactual" not in CONDITIONS[name].needs)
     assert study.plan(plain.root, [STEADY], tmp_path / "run").plan.conditions == undrawn
     assert undrawn[:8] == BATTERY
 

@@ -10,7 +10,7 @@ import pytest
 
 import banks
 from eyechart import cli
-from eyechart.frames import Frame, FrameBank
+from eyechart.frames import Frame, FrameBank, alone
 from eyechart.spaces.discrete import Discrete
 from eyechart.stats.agreement import binomial_tail, detectable_share
 from eyechart.studies import battery
@@ -71,7 +71,7 @@ def test_a_bank_without_anything_extra_names_every_silent_test(bank: FrameBank) 
     """No gap, no mirror, one scenario and no counterfactuals silence their tests by name."""
 
     def bare(frame: Frame) -> Frame:
-        return replace(frame, scenario="road", mirror_axis="none", counterfactuals={}, truth={})
+        return replace(frame, scenario="road", cameras=alone("none"), counterfactuals={}, truth={})
 
     manifest = replace(bank.manifest, gap=None)
     found = power_of(replace(bank, frames=tuple(map(bare, bank.frames)), manifest=manifest))

@@ -338,7 +338,7 @@ def test_an_e_value_is_a_statistic_that_says_what_it_tested() -> None:
     assert found.value == pytest.approx(144.6, abs=0.1)
     assert found.p == pytest.approx(1 / found.value)
     assert found.note == "settled after 8 frames: it brakes harder with the lead near than with the lead far"
-    assert found.detail == {"threshold": 100.0, "alpha": 0.01, "settled": True}
+    assert found.as_dict()["detail"] == {"threshold": 100.0, "alpha": 0.01, "settled": True}
     claim.add(row(lead_near="SLOW", lead_far="STOP"))
     assert claim.statistic() == found
 

@@ -5,7 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from eyechart.frames import LEAD_GAP, Frame
+import banks
+from eyechart.frames import LEAD_GAP
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import Decision
 from eyechart.studies.battery import published
@@ -19,7 +20,7 @@ REAL = ("STOP", "LEFT", "SLOW", "STRAIGHT", None, "STRAIGHT", "SLOW", "RIGHT", "
 def answers() -> Answers:
     """Return ten answers over three episodes of unequal length, one of them unparsed and one frame without a lead."""
     frames = tuple(
-        Frame(f"f{place}", "merge", f"e{place % 4 % 3}", place, "vertical", f"{place}.png", {"lead_gap_m": gap})
+        banks.one(f"f{place}", ("merge", f"e{place % 4 % 3}", place), "vertical", "-", truth={"lead_gap_m": gap})
         for place, gap in enumerate(GAPS_M)
     )
     decisions = tuple(Decision(action, None if action else "unparsed") for action in REAL)
@@ -42,7 +43,9 @@ def test_braking_levels_are_those_of_the_action_space() -> None:
     """One by one; what is no decision is -1."""
     given = answers()
     expected = [DRIVING.project(action, "brake") if action else -1 for action in REAL]
-    assert given.levels(given.actions("real")).tolist() == expected
+    along = given.projection("real", "brake")
+    assert along is not None
+    assert np.nan_to_num(along, nan=-1).tolist() == expected
 
 
 def test_sums_by_episode_are_loops_over_frames() -> None:

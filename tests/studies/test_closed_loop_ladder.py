@@ -50,7 +50,7 @@ def test_policies_are_held_against_the_best_constant_world_by_world(tmp_path: Pa
     left, oracle = found.paired
     assert (left.first.policy, oracle.first.policy) == ("constant:LEFT", "oracle")
     assert left.differences["crash_rate"].p == mcnemar_exact(32, 0).p
-    assert oracle.differences["crash_rate"].detail == {"b": 16, "c": 0}
+    assert oracle.differences["crash_rate"].as_dict()["detail"] == {"b": 16, "c": 0}
     for one in (left, oracle):
         assert all((one.holm[name] or 0) >= (each.p or 0) for name, each in one.differences.items())
     assert "crash_rate" in left.changed

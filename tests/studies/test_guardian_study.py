@@ -51,7 +51,7 @@ def test_the_papers_table_to_its_digits(table: study.VoteTable, frozen: study.Fr
         "unanimous": ["0.647", "0.994", "0.996", "0.992", "1.000"],
     }
     assert scored.mcnemar.p == pytest.approx(3.35e-7, abs=5e-10)
-    assert scored.mcnemar.detail == {"b": 35, "c": 4}
+    assert scored.mcnemar.as_dict()["detail"] == {"b": 35, "c": 4}
     votes, held_out = table.part("score").of(frozen.committee), table.part("score")
     two_way = ((votes == 1).sum(axis=(0, 2)) >= 2) == held_out.hazard
     single = (held_out.of([GEMMA])[0, :, 0] == 1) == held_out.hazard

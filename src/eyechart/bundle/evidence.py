@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 from eyechart.bundle.comparing import Difference
 from eyechart.calls import CallKey
-from eyechart.conditions import show, source
+from eyechart.conditions import show, sources
 from eyechart.errors import EyechartError
 from eyechart.frames import FrameBank, read_bounded
 from eyechart.ledger import Ledger
@@ -45,8 +45,7 @@ def _uses(manifest: RunManifest, bank: FrameBank) -> dict[str, list[str]]:
     plan, uses = plan_of(manifest, bank), dict[str, list[str]]()
     seen = dict.fromkeys((key.frame, key.condition) for key in plan.keys())  # noqa: SIM118 - a plan is no mapping
     for frame_id, condition in seen:
-        file = source(condition, bank.frame(frame_id), bank, plan.seed)
-        if file is not None:
+        for file in sources(condition, bank.frame(frame_id), bank, plan.seed):
             uses.setdefault(file, []).append(f"{frame_id} under {condition}")
     return uses
 
@@ -95,7 +94,7 @@ def check_requests(
 def _request(plan: Plan, condition: str, frame_id: str) -> str:
     """Return the digest of what was asked about a frame under a condition, or why nothing can have been."""
     try:
-        picture = through(plan.view, show(condition, plan.bank.frame(frame_id), plan.bank, plan.seed), frame_id)
-        return plan.query(CallKey(plan.study, "", plan.prompt.key, frame_id, condition), picture).sha256()
+        seen = through(plan.view, show(condition, plan.bank.frame(frame_id), plan.bank, plan.seed), frame_id)
+        return plan.query(CallKey(plan.study, "", plan.prompt.key, frame_id, condition), seen).sha256()
     except EyechartError as error:
         return str(error)

@@ -14,7 +14,7 @@ from eyechart.destination import require_free, whole
 from eyechart.errors import BundleError
 from eyechart.frames import FrameBank, inside, open_bank, read_bounded
 from eyechart.ledger import Ledger
-from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, RunManifest, as_text, asked_of, read_run
+from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, RunManifest, asked_of, read_run
 from eyechart.studies import Reading, study_of
 from eyechart.studies.battery.subjects import Tell, find_pictures, used_pictures
 
@@ -68,7 +68,7 @@ def write_bundle(
 def _snapshot(run: Path, copy: Path, manifest: RunManifest, pictures: FrameBank) -> None:
     """Copy a run as it stands, with the pictures that it used, and without the place where they lay."""
     (copy / BANK).mkdir(parents=True)
-    (copy / RUN).write_text(as_text(replace(manifest, bank_path=BANK)), encoding="utf-8")
+    (copy / RUN).write_text(replace(manifest, bank_path=BANK).as_text(), encoding="utf-8")
     with Ledger(run / LEDGER) as ledger:
         ledger.copy_to(copy / LEDGER)
     for name in BANK_TEXT:

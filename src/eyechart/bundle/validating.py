@@ -28,7 +28,7 @@ from eyechart.bundle.unpacking import unpack
 from eyechart.errors import BundleError, EyechartError
 from eyechart.frames import FrameBank, open_unchecked
 from eyechart.ledger import Ledger
-from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, RunManifest, as_text, asked_of, read_manifest
+from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, RunManifest, asked_of, read_manifest
 from eyechart.studies.battery.planning import plan_of
 from eyechart.studies.battery.subjects import Tell, used_pictures
 
@@ -144,7 +144,7 @@ def _recompute(folder: Path, names: list[str], recipe: Recipe, found: _Found, te
     run = folder / RUN_FOLDER
     manifest, bank = read_manifest(run), open_unchecked(run / BANK)
     asked = asked_of(bank, manifest.prompt)
-    if (run / RUN).read_bytes() != as_text(manifest).encode():
+    if (run / RUN).read_bytes() != manifest.as_text().encode():
         differences.append(Difference(f"{RUN_FOLDER}/{RUN}", "written in another way", "as a run is written"))
     tell("checking the bank")
     differences += check_bank(manifest, asked)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from eyechart.calibrate.known import is_false
 from eyechart.calibrate.nulls import DRAWS, EVER, NULLS
 from eyechart.conditions import COUNTERFACTUALS
+from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import Decision
 from eyechart.stats.agreement import rate
 from eyechart.stats.paired import clopper_pearson
@@ -45,7 +46,7 @@ def stop_early(answers: Answers, label: str, lateral: str, *, counterfactuals: b
                     given[frame.id, name] = one
                     asked[frame.id].append(name)
     by_frame = {frame: tuple(names) for frame, names in asked.items()}
-    course = Course(layout_of(answers.frames, by_frame, answers.space, seed))
+    course = Course(layout_of(answers.frames, by_frame, DRIVING, seed))
     course.advance(given)
     stopped = course.stopped(len(course.counted))
     if stopped is None:

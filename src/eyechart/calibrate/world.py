@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eyechart.calibrate.settings import ROADS, Episode, Setting
-from eyechart.frames import Frame
+from eyechart.frames import MAIN, Frame, alone
 from eyechart.models.scripted import Sight
 from eyechart.perception.renderer import Reading
 from eyechart.spaces.scene import Scene
@@ -68,7 +68,7 @@ def make_world(setting: Setting, rng: np.random.Generator) -> World:
             gap_m = None if gaps[step] > FARTHEST_M else round(float(gaps[step]), 3)
             name = f"{scenario}-{number}"
             truth = {"lead_gap_m": gap_m}
-            frames.append(Frame(f"{name}-{step:02d}", scenario, name, step, "vertical", "-", truth))
+            frames.append(Frame(f"{name}-{step:02d}", scenario, name, step, alone("vertical"), {MAIN: "-"}, truth))
             passed.append(step / length)
             road = ROADS[scenario]
             scene = Scene(gap_m, bool(left[step]), bool(right[step]))

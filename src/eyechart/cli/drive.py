@@ -100,21 +100,16 @@ def closed_loop(
         study.require_engine(engine)
 
     def planned_for(drivers: "Sequence[str | RequestMode]", probes: "Mapping[str, Spent]") -> "Drives":
-        return study.plan(
-            simulator,
+        made = study.plan(
+            study.Setup(simulator, seed, max_steps, actions, silence),
             drivers,
             out,
             scenarios=None if scenarios is None else [name.strip() for name in scenarios.split(",")],
             seeds=_seeds(seeds),
             conditions=condition or ("real",),
             prompt=prompt,
-            actions=actions,
-            seed=seed,
-            max_steps=max_steps,
-            silence=silence,
-            again=again,
-            probes=probes,
         )
+        return replace(made, again=again).counting(probes)
 
     planned, failed = plan_drives(Wanted(policy or (), mode, how, spending, no_probe, dry_run), out, planned_for)
     say(_planned(planned))
@@ -240,8 +235,7 @@ def online(
                 seed=seed,
                 progress=move,
                 vetted=driven,
-                probes=probes,
-            )
+            ).counting(probes)
         vetted.append(made.vetted)
         return made
 
@@ -312,11 +306,10 @@ def ladder(
             prompt=prompt,
             seed=seed,
             again=again,
-            probes=probes,
         )
         if not probes:  # before anything is asked or driven
             require_reference(made, against)
-        return made
+        return made.counting(probes)
 
     wanted = Wanted(policy or (), mode, how, spending, no_probe, dry_run, alone=False)
     planned, failed = plan_drives(wanted, out, planned_for)

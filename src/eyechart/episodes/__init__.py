@@ -1,21 +1,20 @@
 """Closed-loop episodes: a policy or a model drives a simulator, decision by decision."""
 
 from eyechart.episodes.expecting import expected, sample_of, within
-from eyechart.episodes.manifest import FORMAT, EpisodesManifest, read_manifest
 from eyechart.episodes.nouns import SILENCES, STUDY, Episode, EpisodeKey, Step
 from eyechart.episodes.planning import ACTION_MAP, ENGINES, Episodes, keep_probes, plan, require_engine, run
 from eyechart.episodes.records import EPISODES, read_episodes, write_episodes
 from eyechart.episodes.running import Bounds
-from eyechart.episodes.showing import SHOWN
 from eyechart.episodes.summary import Row, summarise
 from eyechart.episodes.unfinished import Unfinished, every_episode, unfinished
+from eyechart.episodes.worlds import Setup
+from eyechart.manifest import EpisodesManifest
+from eyechart.manifest import read_episodes_manifest as read_manifest
 
 __all__ = [
     "ACTION_MAP",
     "ENGINES",
     "EPISODES",
-    "FORMAT",
-    "SHOWN",
     "SILENCES",
     "STUDY",
     "Bounds",
@@ -24,6 +23,7 @@ __all__ = [
     "Episodes",
     "EpisodesManifest",
     "Row",
+    "Setup",
     "Step",
     "Unfinished",
     "every_episode",

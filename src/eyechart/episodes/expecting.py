@@ -12,6 +12,7 @@ from eyechart.episodes.recorded import recorded
 from eyechart.episodes.running import calls_of
 from eyechart.episodes.worlds import Setup, Shown
 from eyechart.errors import DriveError, EyechartError, SpecError, printable
+from eyechart.frames import Stimulus
 from eyechart.ledger import Ledger
 from eyechart.limits import NOTHING, Limits, Spent
 from eyechart.manifest import LEDGER
@@ -108,19 +109,16 @@ def sample_of(planned: Episodes, most: int = _PICTURES) -> Sample:
     ``most`` shows any.
     """
     keys = list({key.world: replace(key, condition="real") for key in planned.keys}.values())[:most]
-    pictures, why = list[bytes](), ""
+    found, why = list[Stimulus](), ""
     for shown in asyncio.run(_shown(planned.setup, keys)):
         if isinstance(shown, str):
             why = shown
             continue
-        picture = through(planned.drivers.view, shown.picture, shown.frame)
-        assert picture is not None
-        pictures.append(picture)
-    if not pictures:
+        found.append(through(planned.drivers.view, shown.stimulus, shown.frame))
+    if not found:
         raise SpecError(f"no world of {planned.manifest.simulator} shows a picture to probe a model with: {why}")
     drivers = planned.drivers
-    words = drivers.prompt.render({}, drivers.space)
-    return Sample((words,), tuple(pictures), drivers.answers)
+    return Sample([(drivers.prompt, seen) for seen in found], drivers.answers)
 
 
 async def _shown(setup: Setup, keys: Sequence[EpisodeKey]) -> list[Shown | str]:

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, field
 
 from eyechart.calls import SILENT, CallKey
 from eyechart.frames import Scalar
+from eyechart.records import Count, Name
 from eyechart.spaces.space import Decision
 
 STUDY = "closed_loop"
@@ -19,11 +20,11 @@ the episode is left for a resumed run, or the fail-safe is executed (docs/decisi
 class EpisodeKey:
     """The identity of an episode: who drives, in which world, and what the camera's picture is replaced by."""
 
-    policy: str
-    simulator: str
-    scenario: str
-    seed: int
-    condition: str = "real"
+    policy: Name
+    simulator: Name
+    scenario: Name
+    seed: Count
+    condition: Name = "real"
 
     @property
     def world(self) -> str:
@@ -46,14 +47,15 @@ class Step:
     ``truth`` is of the moment before the decision, ``reward``, ``speed_mps``, ``distance_m`` and ``crashed`` of the one
     after it. ``executed_action`` is the decision's or, where there is none, the fail-safe, which is never credited
     to the policy. ``error`` is the kind of failure where the model's call failed. A speed or a distance that the
-    simulator does not tell is None. ``facts`` is what else the simulator
-    says of the move. A model's Reply stands in the ledger under ``EpisodeKey.call``.
+    simulator does not tell is None. ``facts`` is what else the simulator says of the move. ``rounded_state_sha256`` is
+    the digest of the world's state after it, its numbers rounded to 3 decimals; None where a record is older than that
+    field, or the world told no state. A model's Reply stands in the ledger under ``EpisodeKey.call``.
     """
 
-    step: int
-    frame: str
-    decision: Decision[str]
-    executed_action: str
+    step: Count
+    frame: Name
+    decision: Decision[Name]
+    executed_action: Name
     truth: Mapping[str, Scalar]
     reward: float
     speed_mps: float | None
@@ -61,6 +63,7 @@ class Step:
     crashed: bool
     facts: Mapping[str, Scalar] = field(default_factory=dict)
     error: str = ""
+    rounded_state_sha256: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,10 +77,10 @@ class Episode:
 
     key: EpisodeKey
     steps: tuple[Step, ...]
-    ended: str
+    ended: Name
     state_sha256: str
     detail: str = ""
-    max_steps: int | None = None
+    max_steps: Count | None = None
 
     @property
     def distance_m(self) -> float | None:

@@ -10,18 +10,18 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from eyechart.conditions import require_shown
 from eyechart.episodes.hosts import Host, LocalHost
-from eyechart.episodes.manifest import EpisodesManifest, is_episodes_run, read_manifest, write_manifest
 from eyechart.episodes.nouns import SILENCES, Episode, EpisodeKey
 from eyechart.episodes.recorded import recorded
 from eyechart.episodes.records import EPISODES, mend_episodes, read_episodes, write_episodes
 from eyechart.episodes.running import USUAL, Bounds, Drivers, Progress, drive
-from eyechart.episodes.showing import require_shown
-from eyechart.episodes.worlds import MAX_STEPS, Setup
+from eyechart.episodes.worlds import Setup
 from eyechart.errors import LedgerError, SpecError
+from eyechart.frames import alone
 from eyechart.ledger import Ledger
 from eyechart.limits import Outcome, Spent, added
-from eyechart.manifest import LEDGER, is_run, today, versions
+from eyechart.manifest import LEDGER, EpisodesManifest, is_episodes_run, read_episodes_manifest, today, versions
 from eyechart.models import open_model
 from eyechart.modes import RequestMode
 from eyechart.perception.forward import distances_of
@@ -40,7 +40,10 @@ ACTION_MAP = "actions.toml"
 
 @dataclass(frozen=True)
 class Episodes:
-    """Episodes that were planned and not yet driven: who drives, which of them, and the folder they go to."""
+    """Episodes that were planned and not yet driven: who drives, which of them, and the folder they go to.
+
+    With ``again``, what ended in an error is driven anew.
+    """
 
     keys: tuple[EpisodeKey, ...]
     drivers: Drivers
@@ -48,6 +51,11 @@ class Episodes:
     setup: Setup
     out: Path
     again: bool = False
+
+    def counting(self, probes: Mapping[str, Spent]) -> "Episodes":
+        """Return the plan with what was spent on probing models for it."""
+        known = self.manifest.probes
+        return replace(self, manifest=replace(self.manifest, probes={**known, **added(known, probes)}))
 
     def unfinished(self) -> tuple[EpisodeKey, ...]:
         """Return the episodes that have no record yet, of whatever end."""
@@ -60,8 +68,8 @@ class Episodes:
         return tuple(key for key in self.keys if key not in over)
 
 
-def plan(  # noqa: PLR0913 - what can be asked for
-    simulator: str,
+def plan(
+    simulator: str | Setup,
     specs: Sequence[str | RequestMode],
     out: Path,
     *,
@@ -70,41 +78,28 @@ def plan(  # noqa: PLR0913 - what can be asked for
     conditions: Sequence[str] = ("real",),
     prompt: str | Prompt | None = None,
     view: View | None = None,
-    actions: Path | None = None,
-    seed: int = 0,
-    max_steps: int = MAX_STEPS,
-    silence: str = "unfinished",
-    again: bool = False,
-    probes: Mapping[str, Spent] | None = None,
 ) -> Episodes:
     """Plan episodes, or the rest of those that ``out`` holds already; nothing is written, asked or driven yet.
 
-    ``specs`` name who drives: policies, models by SPEC, or models by their request mode. ``scenarios`` default to all.
-    ``prompt`` is a name, a TOML file or the prompt itself, ``view`` what models are shown pictures through.
-    ``actions`` is the action map of a ``gym:`` environment. ``silence`` is one of `SILENCES`: whether the fail-safe is
-    executed where a model says nothing. ``again`` drives anew what ended in an error. ``probes`` says what was spent on
-    probing models for this run. Raises SpecError for what is unknown or cannot be, and LedgerError where ``out`` holds
-    something else.
+    ``simulator`` is its name, or a `Setup` of its worlds. ``specs`` name who drives: policies, and models by SPEC or by
+    their request mode. ``scenarios`` default to all. ``prompt`` is a name, a TOML file or the prompt itself,
+    ``view`` what models are shown pictures through. Raises SpecError for what is unknown or cannot be, and LedgerError
+    where ``out`` holds something else.
     """
-    actions = actions or (out / ACTION_MAP if (out / ACTION_MAP).is_file() else None)
-    opened = open_simulator(simulator, actions=actions)
+    setup = simulator if isinstance(simulator, Setup) else Setup(simulator)
+    setup = replace(setup, actions=setup.actions or (out / ACTION_MAP if (out / ACTION_MAP).is_file() else None))
+    opened = open_simulator(setup.simulator, actions=setup.actions)
     world = opened.declared
-    space, chosen = world.action_space, tuple(dict.fromkeys(scenarios or world.scenarios))
-    if silence not in SILENCES:
-        raise SpecError(f"unknown silence '{silence}'; a model that says nothing is {' or '.join(SILENCES)}")
-    _require_worlds(world, chosen, seeds, max_steps)
+    chosen = tuple(dict.fromkeys(scenarios or world.scenarios))
+    _require_worlds(world, setup, chosen, seeds)
     for condition in conditions:
-        require_shown(condition, world.mirror_axis)
+        require_shown(condition, alone(world.mirror_axis))
     modes = _modes(specs)
     names = tuple(dict.fromkeys(one.spec if isinstance(one, RequestMode) else one for one in specs))
     if not names:
         raise SpecError("episodes need at least one --policy: constant:SLOW, oracle, or a model's SPEC")
-    policies = {spec: open_policy(spec, space, recorded) for spec in names if spec not in modes}
-    models = {spec: open_model(spec, mode) for spec, mode in modes.items()}
-    formulation = prompt if isinstance(prompt, Prompt) else _prompt_for(world, prompt)
-    answers = formulation.asks(space)
-    if isinstance(answers, SceneSpace):
-        answers = SceneSpace(distances_of(world.camera))
+    drivers = _drivers(world, setup, names, modes, prompt if isinstance(prompt, Prompt) else _prompt_for(world, prompt))
+    policies, models = drivers.policies, drivers.models
     manifest = EpisodesManifest(
         created=today(),
         simulator=world.name,
@@ -112,19 +107,18 @@ def plan(  # noqa: PLR0913 - what can be asked for
         seeds=tuple(dict.fromkeys(seeds)),
         conditions=tuple(dict.fromkeys(conditions)),
         policies={spec: models[spec].version if spec in models else _version(policies[spec]) for spec in names},
-        action_space=space,
+        action_space=world.action_space,
         picture=world.picture,
-        prompt=formulation,
-        seed=seed,
-        max_steps=max_steps,
+        prompt=drivers.prompt,
+        seed=setup.seed,
+        max_steps=setup.max_steps,
         world=opened.versions(),
         versions=versions(),
         modes=modes,
         facts={spec: dict(model.facts) for spec, model in models.items() if model.facts},
-        reader=answers.reader,
+        reader=drivers.answers.reader,
         view=NONE if view is None else view.key,
-        probes=added(read_manifest(out).probes if probes and is_run(out) else {}, probes or {}),
-        silence=silence,
+        silence=setup.silence,
     )
     keys = tuple(
         EpisodeKey(policy, world.name, scenario, number, condition)
@@ -133,19 +127,36 @@ def plan(  # noqa: PLR0913 - what can be asked for
         for scenario in chosen
         for number in manifest.seeds
     )
-    drivers = Drivers(policies, models, formulation, space, seed, answers, view, silent=SILENCES[silence])
-    planned = Episodes(keys, drivers, manifest, Setup(simulator, seed, max_steps, actions=actions), out, again)
+    planned = Episodes(keys, replace(drivers, view=view), manifest, setup, out)
     return replace(planned, manifest=_resumed(planned))
 
 
-def _require_worlds(world: Declaration, scenarios: Sequence[str], seeds: Sequence[int], max_steps: int) -> None:
+def _drivers(
+    world: Declaration, setup: Setup, names: Sequence[str], modes: Mapping[str, RequestMode], prompt: Prompt
+) -> Drivers:
+    """Return who decides: models by their modes, and every other name as a policy."""
+    space, answers = world.action_space, prompt.asks(world.action_space)
+    return Drivers(
+        policies={spec: open_policy(spec, space, recorded) for spec in names if spec not in modes},
+        models={spec: open_model(spec, mode) for spec, mode in modes.items()},
+        prompt=prompt,
+        space=space,
+        seed=setup.seed,
+        answers=SceneSpace(distances_of(world.camera)) if isinstance(answers, SceneSpace) else answers,
+        silent=SILENCES[setup.silence],
+    )
+
+
+def _require_worlds(world: Declaration, setup: Setup, scenarios: Sequence[str], seeds: Sequence[int]) -> None:
+    if setup.silence not in SILENCES:
+        raise SpecError(f"unknown silence '{setup.silence}'; a model that says nothing is {' or '.join(SILENCES)}")
     for scenario in scenarios:
         if scenario not in world.scenarios:
             raise SpecError(f"'{world.name}' has no scenario '{scenario}'; known: {', '.join(world.scenarios)}")
     if not seeds or min(seeds) < 0:
         raise SpecError(f"episodes need seeds from 0 on, got {list(seeds)}")
-    if max_steps < 1:
-        raise SpecError(f"an episode needs at least 1 step, got --max-steps {max_steps}")
+    if setup.max_steps < 1:
+        raise SpecError(f"an episode needs at least 1 step, got --max-steps {setup.max_steps}")
 
 
 def _modes(specs: Sequence[str | RequestMode]) -> dict[str, RequestMode]:
@@ -169,7 +180,7 @@ def _prompt_for(world: Declaration, name: str | None) -> Prompt:
     prompt = find_prompt(name or "baseline", world.mirror_axis)
     if prompt.fields:
         raise SpecError(f"prompt '{name}' says {', '.join(prompt.fields)} of a frame, and a drive has no such columns")
-    said = " ".join(prompt.render({}, world.action_space)).upper()
+    said = " ".join(prompt.render({}, world.action_space.actions)).upper()
     if unsaid := [action for action in world.action_space.actions if action.upper() not in said]:
         raise SpecError(f"prompt '{name}' does not ask for {', '.join(unsaid)}; give one that does with --prompt")
     return prompt
@@ -177,7 +188,7 @@ def _prompt_for(world: Declaration, name: str | None) -> Prompt:
 
 def _resumed(planned: Episodes) -> EpisodesManifest:
     if is_episodes_run(planned.out):
-        return read_manifest(planned.out).extended(planned.manifest)
+        return read_episodes_manifest(planned.out).extended(planned.manifest)
     return planned.manifest
 
 
@@ -215,12 +226,11 @@ def keep_probes(planned: Episodes, probes: Mapping[str, Spent]) -> None:
     planned.out.mkdir(parents=True, exist_ok=True)
     with _alone(planned.out):
         if is_episodes_run(planned.out):
-            manifest = read_manifest(planned.out)
+            manifest = read_episodes_manifest(planned.out)
         else:
             nobody = replace(planned.manifest, policies={}, modes={}, facts={})
             manifest = replace(nobody, scenarios=(), seeds=(), conditions=())
-        known = {**manifest.probes, **added(manifest.probes, probes)}
-        write_manifest(planned.out, replace(manifest, probes=known))
+        replace(planned, manifest=manifest).counting(probes).manifest.write(planned.out)
 
 
 @contextmanager
@@ -255,7 +265,7 @@ def _engine(engine: str, setup: Setup) -> Callable[[], Host]:
 def _begin(planned: Episodes) -> None:
     """Write the manifest, again as another process may have left it, and mend what a kill cut."""
     mend_episodes(planned.out)
-    write_manifest(planned.out, _resumed(planned))
+    _resumed(planned).write(planned.out)
     actions = planned.setup.actions
     copy = planned.out / ACTION_MAP
     if actions is not None and not copy.exists():

@@ -5,11 +5,10 @@ from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
-from eyechart.episodes.manifest import FORMAT
 from eyechart.episodes.records import read_episodes
 from eyechart.errors import LedgerError, SpecError
 from eyechart.ledger import Ledger
-from eyechart.manifest import LEDGER, RUN, read_run
+from eyechart.manifest import LEDGER, RUN, EpisodesManifest, read_run
 
 _CONDITION = "real"
 
@@ -32,7 +31,7 @@ def recorded(run: Path) -> Mapping[str, int]:
 
 def _is_episodes(path: Path) -> bool:
     try:
-        return bool(json.loads((path / RUN).read_text(encoding="utf-8"))["format"] == FORMAT)
+        return bool(json.loads((path / RUN).read_text(encoding="utf-8"))["format"] == EpisodesManifest.FORMAT)
     except (OSError, ValueError, LookupError, TypeError) as error:
         raise LedgerError(f"{path / RUN} is no manifest of a run: {error}") from error
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from eyechart.attempts import Caller, budget_of, close, first_error
-from eyechart.calls import CallKey, Query, Reply
+from eyechart.calls import CallKey, Reply
 from eyechart.episodes.hosts import Host, HostDiedError
 from eyechart.episodes.nouns import Episode, EpisodeKey
 from eyechart.episodes.worlds import Shown
@@ -235,10 +235,8 @@ class _Coordinator:
     async def _reply(self, key: EpisodeKey, shown: Shown) -> Reply:
         """Return the reply of a finished call, or make the call."""
         drivers, call = self._drivers, key.call(self._drivers.prompt.key, shown.step)
-        words, space = drivers.prompt.render({}, drivers.space), drivers.answers
-        picture = through(drivers.view, shown.picture, shown.frame)
-        form = None if space.actions else space.schema()
-        query = Query(*words, picture, call.seed(drivers.seed), space.actions, form)
+        seen = through(drivers.view, shown.stimulus, shown.frame)
+        query = drivers.prompt.query(seen, call.seed(drivers.seed), drivers.answers)
         known = self._finished.setdefault(key, {})
         if call in known:
             reply, digest = known[call]

@@ -6,10 +6,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from eyechart.calls import CallKey
-from eyechart.episodes.manifest import EpisodesManifest
 from eyechart.episodes.nouns import STUDY, EpisodeKey
 from eyechart.ledger import UNKNOWN, Ledger, Sent
-from eyechart.manifest import LEDGER
+from eyechart.manifest import LEDGER, EpisodesManifest
 
 _DETAIL = 160
 

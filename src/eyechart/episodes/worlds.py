@@ -4,16 +4,16 @@ import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
-from functools import lru_cache, partial
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
+from eyechart.conditions import show
 from eyechart.episodes.nouns import Episode, EpisodeKey, Step
-from eyechart.episodes.showing import SHOWN, View
 from eyechart.errors import SpecError
-from eyechart.frames import RGB, Scalar, decode, encode, rounded_truth
+from eyechart.frames import MAIN, RGB, Frame, Scalar, Stimulus, alone, decode, encode, rounded_truth
 from eyechart.modes import without_secrets
 from eyechart.policies import Observation, Policy, open_policy
 from eyechart.seeds import key_seed
@@ -30,26 +30,28 @@ _DETAIL = 500
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """What a worker must know to make worlds.
+    """The worlds of a run, as a worker must know them to make them.
 
     ``simulators`` is the registry of the process that began the run, ``seed`` the run's, ``max_steps`` the number
     of decisions after which an episode that has not ended is an error, and ``actions`` the action map of ``gym:``.
+    ``silence`` is one of `SILENCES`: whether the fail-safe is executed where a model says nothing.
     """
 
     simulator: str
-    seed: int
+    seed: int = 0
     max_steps: int = MAX_STEPS
     actions: Path | None = None
+    silence: str = "unfinished"
     simulators: Mapping[str, str] = field(default_factory=lambda: dict(SIMULATORS))
 
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """What a model is shown at one moment: the encoded picture, under the episode's condition."""
+    """What a model is shown at one moment, under the episode's condition."""
 
     frame: str
     step: int
-    picture: bytes
+    stimulus: Stimulus
 
 
 class Worlds:
@@ -131,7 +133,7 @@ class _Ride:
         return Observation(
             frame=frame,
             step=len(self._steps),
-            picture=self._picture,
+            picture=self._pixels,
             truth=self._truth,
             action_space=self._simulator.declared.action_space,
             seed=key_seed("policy", self._setup.seed, self._key.policy, frame),
@@ -142,7 +144,7 @@ class _Ride:
         if self.over is not None:
             return None
         try:
-            return Shown(self._key.frame(len(self._steps)), len(self._steps), encode(self._picture()))
+            return Shown(self._key.frame(len(self._steps)), len(self._steps), self._stimulus())
         except (Exception, SystemExit) as error:  # noqa: BLE001 - as above
             self.end("error", _words(error))
             return None
@@ -161,8 +163,7 @@ class _Ride:
         """Close the world and make the record."""
         digest = ""
         if self._drive is not None:
-            with suppress(Exception):
-                digest = hashlib.sha256(self._drive.state()).hexdigest()
+            digest = _digest(self._drive) or ""
             with suppress(Exception):
                 self._drive.close()
         self._drive = None
@@ -187,6 +188,7 @@ class _Ride:
                 crashed=moved.crashed,
                 facts=rounded_truth(moved.facts, self._key.frame(number)),
                 error=error,
+                rounded_state_sha256=_digest(self._drive, 3),
             )
         )
         if moved.ended is not None:
@@ -200,17 +202,46 @@ class _Ride:
         assert self._drive is not None
         self._truth = rounded_truth(self._drive.truth(), self._key.frame(len(self._steps)))
 
-    def _picture(self) -> RGB:
+    def _stimulus(self) -> Stimulus:
+        """Return what the episode's condition shows of this moment."""
         assert self._drive is not None
-        drive, frame = self._drive, self._key.frame(len(self._steps))
-        view = View(
-            real=lambda: _checked(drive.picture()) if self._steps else self._first,
-            first=self._first,
-            pool=lambda: self._pool.pictures(self._key.scenario, self._key.seed),
-            mirror_axis=self._simulator.declared.mirror_axis,
-            seed=key_seed("stimulus", self._setup.seed, self._key.condition, frame),
-        )
-        return SHOWN[self._key.condition](view)
+        key, drive, step = self._key, self._drive, len(self._steps)
+        cameras = alone(self._simulator.declared.mirror_axis)
+        now = Frame(key.frame(step), key.scenario, key.world, step, cameras, {MAIN: "the camera's picture"})
+        real = drive.picture if step else lambda: self._first
+        return show(key.condition, now, _Moment(now, real, self._first, self._pool, key), self._setup.seed)
+
+    def _pixels(self) -> RGB | None:
+        """Return the picture of this moment as a policy gets it, or None where the condition shows none."""
+        image = self._stimulus().images.get(MAIN)
+        return None if image is None else decode(image, "the camera's picture")
+
+
+@dataclass(frozen=True)
+class _Moment:
+    """One moment of a drive as a source of pictures: now, the first one, and those of other worlds of the scenario."""
+
+    now: Frame
+    real: Callable[[], RGB]
+    first: RGB
+    pool: "_Pool"
+    key: EpisodeKey
+    frames: tuple[Frame, ...] = ()
+    said: tuple[str, ...] = ()
+
+    @property
+    def scenarios(self) -> Mapping[str, tuple[Frame, ...]]:
+        others = range(len(self.pool.pictures(self.key.scenario, self.key.seed)))
+        return {self.now.scenario: (*(replace(self.now, id=str(other), step=other) for other in others), self.now)}
+
+    def images(self, frame: Frame, counterfactual: str | None = None) -> Mapping[str, bytes]:
+        if frame.id != self.now.id:
+            return {MAIN: self.pool.pictures(self.key.scenario, self.key.seed)[frame.step]}
+        return {MAIN: encode(self.first if counterfactual else _checked(self.real()))}
+
+    def shapes(self, frame: Frame) -> Mapping[str, tuple[int, ...]]:
+        del frame
+        return {MAIN: self.first.shape}
 
 
 class _Pool:
@@ -220,10 +251,9 @@ class _Pool:
         self._simulator, self._seed = simulator, seed
         self._driven = lru_cache(maxsize=None)(self._drive)
 
-    def pictures(self, scenario: str, seed: int) -> Sequence[Callable[[], RGB]]:
+    def pictures(self, scenario: str, seed: int) -> Sequence[bytes]:
         """Return the pool of a scenario without the world of this seed."""
-        worlds = [self._driven(scenario, other) for other in POOL_SEEDS if other != seed]
-        return [partial(decode, picture, "a pool's picture") for world in worlds for picture in world]
+        return [picture for other in POOL_SEEDS if other != seed for picture in self._driven(scenario, other)]
 
     def _drive(self, scenario: str, seed: int) -> tuple[bytes, ...]:
         drive = self._simulator.drive(scenario, seed)
@@ -259,6 +289,12 @@ def _checked(picture: object, *, first: bool = False) -> RGB:
     if first and (picture == picture[0, 0]).all():
         raise SpecError(f"the camera shows one colour only, {picture[0, 0].tolist()}: its renderer draws nothing")
     return picture
+
+
+def _digest(drive: Drive, decimals: int | None = None) -> str | None:
+    with suppress(Exception):
+        return hashlib.sha256(drive.state(decimals)).hexdigest()
+    return None
 
 
 def _require_finite(moved: Moved) -> None:

@@ -3,32 +3,51 @@
 from eyechart.frames.nouns import (
     IMPORTED,
     LEAD_GAP,
+    MAIN,
     BankManifest,
+    Camera,
     Frame,
     FrameBank,
     Gap,
     MirrorAxis,
     Scalar,
+    Stimulus,
+    alone,
     is_reserved,
     rounded_truth,
 )
-from eyechart.frames.pictures import MAX_IMAGE_BYTES, MAX_PIXELS, RGB, decode, encode, inside, read_bounded, size_of
+from eyechart.frames.pictures import (
+    MAX_IMAGE_BYTES,
+    MAX_PIXELS,
+    RGB,
+    beside,
+    decode,
+    encode,
+    inside,
+    read_bounded,
+    size_of,
+)
 from eyechart.frames.reading import check, open_bank, open_unchecked, read_axis, read_metadata
 from eyechart.frames.writing import BankWriter
 
 __all__ = [
     "IMPORTED",
     "LEAD_GAP",
+    "MAIN",
     "MAX_IMAGE_BYTES",
     "MAX_PIXELS",
     "RGB",
     "BankManifest",
     "BankWriter",
+    "Camera",
     "Frame",
     "FrameBank",
     "Gap",
     "MirrorAxis",
     "Scalar",
+    "Stimulus",
+    "alone",
+    "beside",
     "check",
     "decode",
     "encode",

@@ -3,21 +3,25 @@
 import hashlib
 import json
 import math
+import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from eyechart.errors import BankError
-from eyechart.frames.pictures import read_bounded
+from eyechart.frames.pictures import read_bounded, size_of
 from eyechart.spaces.discrete import Discrete
 
 MirrorAxis = Literal["vertical", "horizontal", "none"]
 """The flip that exchanges left and right: vertical for a top-down horizontal road, horizontal for a forward camera."""
 
 Scalar = str | int | float | bool | None
+MAIN = "main"
+"""The name of the camera where there is one alone."""
 IMPORTED = "import"
 """The simulator's name in a bank whose pictures were taken from elsewhere."""
 
@@ -41,23 +45,57 @@ LEAD_GAP = Gap(column="lead_gap_m", threshold=18.0, unit="m")
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
-    """A rendered image with its place in the bank and its ground truth, which no model sees.
+class Camera:
+    """A camera: the axis of its reflection, and the other camera with which it exchanges there ("" for none).
 
-    ``truth`` maps a name with its unit (``lead_gap_m``) to a number, a flag, a word, or None for "there is
-    none" (no lead). ``file`` and ``counterfactuals`` are paths inside the bank. ``fields`` maps the bank's prompt
-    columns to what a prompt may say of the frame; they are no ground truth.
+    A picture of a left wrist's camera, flipped, is what the reflected world shows in the right wrist's.
+    """
+
+    name: str
+    mirror_axis: MirrorAxis = "none"
+    mirrors: str = ""
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r"[\w-]+", self.name):
+            raise BankError(f"a camera's name has letters, digits, '_' and '-'; got {self.name!r}")
+
+
+@cache
+def alone(axis: MirrorAxis) -> tuple[Camera, ...]:
+    """Return the camera of frames that have one alone."""
+    return (Camera(MAIN, axis),)
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """A moment as cameras saw it, with its place in the bank and its ground truth, which no model sees.
+
+    ``pictures`` maps each of its ``cameras`` to a file inside the bank, ``counterfactuals`` a name to the same.
+    ``truth`` maps a name with its unit (``lead_gap_m``) to a number, a flag, a word, or None for "there is none" (no
+    lead). ``fields`` maps the bank's prompt columns to what a prompt may say of the frame, ``state`` a name to numbers
+    that a controller may see, such as the angles of its joints; neither is ground truth.
     """
 
     id: str
     scenario: str
     episode: str
     step: int
-    mirror_axis: MirrorAxis
-    file: str
+    cameras: tuple[Camera, ...]
+    pictures: Mapping[str, str]
     truth: Mapping[str, Scalar] = field(default_factory=dict)
-    counterfactuals: Mapping[str, str] = field(default_factory=dict)
+    counterfactuals: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     fields: Mapping[str, Scalar] = field(default_factory=dict)
+    state: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+
+    @property
+    def file(self) -> str:
+        """Return the file of the first camera's picture."""
+        return self.pictures[self.cameras[0].name]
+
+    @property
+    def mirror_axis(self) -> MirrorAxis:
+        """Return the axis of the first camera; none where any camera has none: the frame cannot be mirrored."""
+        return "none" if any(one.mirror_axis == "none" for one in self.cameras) else self.cameras[0].mirror_axis
 
     def geometry(self) -> str:
         """Return the digest of the frame's identity and its ground truth to 3 decimals (docs/decisions/0007)."""
@@ -65,7 +103,25 @@ class Frame:
         parts = [self.id, self.scenario, self.episode, self.step, self.mirror_axis, truth]
         if self.fields:
             parts.append({name: _canonical(self.fields[name]) for name in sorted(self.fields)})
+        if self.cameras != alone(self.cameras[0].mirror_axis):
+            parts.append(["cameras", *([one.name, one.mirror_axis, one.mirrors] for one in self.cameras)])
+        if self.state:
+            parts.append(["state", {name: [*map(_canonical, self.state[name])] for name in sorted(self.state)}])
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
+
+
+@dataclass(frozen=True, slots=True)
+class Stimulus:
+    """All that a condition may change of a query: encoded pictures by camera, what a prompt may say, and the state."""
+
+    images: Mapping[str, bytes] = field(default_factory=dict)
+    fields: Mapping[str, Scalar] = field(default_factory=dict)
+    state: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, image: bytes | None) -> "Stimulus":
+        """Return the stimulus of one picture and nothing else, or of none."""
+        return cls({} if image is None else {MAIN: image})
 
 
 def _canonical(value: Scalar) -> Scalar | list[str]:
@@ -107,7 +163,8 @@ class BankManifest:
     ``picture`` is the kind of picture in words, for the scope of every verdict. ``geometry`` maps a frame id
     to its digest, ``images`` a file to its SHA-256. ``prompt_columns`` are the columns that prompts may say,
     ``absent`` the places that the source did not record (scenario, episode, step), and ``independent`` its
-    owner's word that the frames are independent draws; a bank that says none of these is as it always was.
+    owner's word that the frames are independent draws. ``cameras`` are those of every frame where there are several,
+    ``state`` the columns of numbers that a controller may see; a bank that says none of these is as it always was.
     """
 
     simulator: str
@@ -122,6 +179,16 @@ class BankManifest:
     prompt_columns: tuple[str, ...] = ()
     absent: tuple[str, ...] = ()
     independent: bool = False
+    cameras: tuple[Camera, ...] = ()
+    state: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        by_name = {one.name: one for one in self.cameras}
+        if len(by_name) < len(self.cameras):
+            raise BankError(f"two cameras have one name: {', '.join(one.name for one in self.cameras)}")
+        for one in self.cameras:
+            if one.mirrors and (one.mirrors not in by_name or by_name[one.mirrors].mirrors != one.name):
+                raise BankError(f"camera '{one.name}' mirrors '{one.mirrors}', which must be there and mirror it too")
 
     @property
     def fingerprint(self) -> str:
@@ -161,6 +228,8 @@ class BankManifest:
             **({"prompt_columns": list(self.prompt_columns)} if self.prompt_columns else {}),
             **({"absent": list(self.absent)} if self.absent else {}),
             **({"independent": True} if self.independent else {}),
+            **({"cameras": [asdict(one) for one in self.cameras]} if self.cameras else {}),
+            **({"state": list(self.state)} if self.state else {}),
             "settings": dict(self.settings),
             "versions": dict(self.versions),
         }
@@ -168,11 +237,15 @@ class BankManifest:
 
 @dataclass(frozen=True)
 class FrameBank:
-    """Frames on disk with their manifest. Opening one reads text only; pictures are read when asked for."""
+    """Frames on disk with their manifest. Opening one reads text only; pictures are read when asked for.
+
+    ``said`` are the prompt columns that the prompt of a run says of its frames.
+    """
 
     root: Path
     frames: tuple[Frame, ...]
     manifest: BankManifest
+    said: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_by_id", {frame.id: frame for frame in self.frames})
@@ -198,16 +271,28 @@ class FrameBank:
             raise BankError(f"the bank {self.root} has no frame '{frame_id}'")
         return by_id[frame_id]
 
-    def image(self, frame: Frame, counterfactual: str | None = None) -> bytes:
-        """Return the encoded picture of a frame, or of one of its counterfactuals.
+    def images(self, frame: Frame, counterfactual: str | None = None) -> dict[str, bytes]:
+        """Return the encoded pictures of a frame by camera, or those of one of its counterfactuals.
 
         Raises BankError for a missing counterfactual, a file outside the bank, or one that is too large.
         """
-        if counterfactual is None:
-            return read_bounded(self.root, frame.file)
-        if counterfactual not in frame.counterfactuals:
+        files = frame.pictures if counterfactual is None else frame.counterfactuals.get(counterfactual)
+        if files is None:
             raise BankError(f"frame '{frame.id}' has no counterfactual picture '{counterfactual}'")
-        return read_bounded(self.root, frame.counterfactuals[counterfactual])
+        return {camera: self.read(file) for camera, file in files.items()}
+
+    def image(self, frame: Frame, counterfactual: str | None = None) -> bytes:
+        """Return the encoded picture of a frame's first camera, or that of one of its counterfactuals."""
+        return self.images(frame, counterfactual)[frame.cameras[0].name]
+
+    def read(self, file: str) -> bytes:
+        """Return an encoded picture, read from disk."""
+        return read_bounded(self.root, file)
+
+    def shapes(self, frame: Frame) -> dict[str, tuple[int, int, int]]:
+        """Return the shape (h, w, 3) of a frame's pictures by camera, as their headers say."""
+        sizes = {camera: size_of(self.read(file), file) for camera, file in frame.pictures.items()}
+        return {camera: (high, wide, 3) for camera, (wide, high) in sizes.items()}
 
     def recorded(self, frame: Frame) -> bytes:
         """Return the encoded picture of a frame; raises BankError where it is not the one that was recorded."""
@@ -233,4 +318,5 @@ class FrameBank:
 
 def files_of(frame: Frame) -> list[str]:
     """Return a frame's files in the order in which a manifest lists them."""
-    return [frame.file, *(frame.counterfactuals[name] for name in sorted(frame.counterfactuals))]
+    drawn = (frame.counterfactuals[name] for name in sorted(frame.counterfactuals))
+    return [file for files in (frame.pictures, *drawn) for file in files.values()]

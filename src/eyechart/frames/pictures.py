@@ -2,7 +2,7 @@
 
 import io
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
@@ -85,6 +85,15 @@ def _opened(picture: bytes, name: str) -> Iterator[Image.Image]:
         raise BankError(f"'{name}' has more than {MAX_PIXELS // 1_000_000} megapixels") from error
     except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as error:
         raise BankError(f"'{name}' is damaged or no picture: {error}") from error
+
+
+def beside(images: Mapping[str, bytes], name: str) -> bytes | None:
+    """Return the encoded pictures of several cameras as one, side by side; the one alone, and None of none."""
+    if len(images) < 2:
+        return next(iter(images.values()), None)
+    seen = [decode(image, f"{name}, {camera}") for camera, image in images.items()]
+    high = max(one.shape[0] for one in seen)
+    return encode(np.hstack([np.pad(one, ((0, high - one.shape[0]), (0, 0), (0, 0))) for one in seen]))
 
 
 def encode(rgb: RGB) -> bytes:

@@ -12,14 +12,16 @@ from eyechart.errors import BankError, SpecError
 from eyechart.frames.nouns import (
     FILE_SUFFIX,
     FORMAT,
-    RESERVED,
     BankManifest,
+    Camera,
     Frame,
     FrameBank,
     Gap,
     MirrorAxis,
     Scalar,
+    alone,
     files_of,
+    is_reserved,
     rounded_truth,
 )
 from eyechart.frames.pictures import decode, inside, read_bounded
@@ -32,13 +34,12 @@ def open_bank(root: Path) -> FrameBank:
     Only text is read. The geometry is checked against the manifest's fingerprint here, the pictures by ``check``.
     """
     manifest = _read_manifest(root / "manifest.json")
-    frames = read_metadata(root / "metadata.jsonl", manifest.prompt_columns)
-    bank = FrameBank(root=root, frames=frames, manifest=manifest)
+    bank = FrameBank(root=root, frames=read_metadata(root / "metadata.jsonl", manifest), manifest=manifest)
     problems = _geometry_problems(bank)
     if problems:
         raise BankError("; ".join(problems[:3]))
-    for frame in frames:
-        for file in (frame.file, *frame.counterfactuals.values()):
+    for frame in bank:
+        for file in files_of(frame):
             inside(root, file)
     return bank
 
@@ -61,6 +62,8 @@ def _read_manifest(path: Path) -> BankManifest:
             prompt_columns=tuple(map(str, _listed(raw, "prompt_columns"))),
             absent=tuple(map(str, _listed(raw, "absent"))),
             independent=_flag(raw, "independent"),
+            cameras=tuple(_camera(one) for one in _listed(raw, "cameras")),
+            state=tuple(map(str, _listed(raw, "state"))),
         )
         recorded, declared = raw["fingerprint"], raw["declaration"]
     except FileNotFoundError as error:
@@ -95,6 +98,12 @@ def _gap(raw: Mapping[str, object]) -> Gap:
     return Gap(str(raw["column"]), float(threshold), str(raw["unit"]))
 
 
+def _camera(raw: object) -> Camera:
+    if not isinstance(raw, dict):
+        raise TypeError(f"a camera is {raw!r}, not an object")
+    return Camera(str(raw["name"]), read_axis(raw["mirror_axis"]), str(raw["mirrors"]))
+
+
 def _listed(raw: Mapping[str, object], name: str) -> list[object]:
     value = raw.get(name, [])
     if not isinstance(value, list):
@@ -116,7 +125,7 @@ def _words(raw: Mapping[str, object]) -> dict[str, str]:
     return {name: str(value) for name, value in raw.items()}
 
 
-def read_metadata(path: Path, prompt_columns: tuple[str, ...] = ()) -> tuple[Frame, ...]:
+def read_metadata(path: Path, manifest: BankManifest) -> tuple[Frame, ...]:
     """Read a bank's ``metadata.jsonl``; raises BankError with the line at fault."""
     frames: list[Frame] = []
     try:
@@ -125,7 +134,7 @@ def read_metadata(path: Path, prompt_columns: tuple[str, ...] = ()) -> tuple[Fra
         raise BankError(f"{path} cannot be read: {error.strerror}") from error
     for number, line in enumerate(lines, 1):
         try:
-            frames.append(_frame_from_row(_plain(line.decode()), prompt_columns))
+            frames.append(_frame_from_row(_plain(line.decode()), manifest))
         except BankError as error:
             raise BankError(f"{path}, line {number}: {error}") from error
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
@@ -146,25 +155,41 @@ def read_axis(value: Scalar) -> MirrorAxis:
     raise ValueError(f"mirror_axis is {value!r}, not vertical, horizontal or none")
 
 
-def _frame_from_row(row: dict[str, Scalar], prompt_columns: tuple[str, ...]) -> Frame:
-    axis = read_axis(row["mirror_axis"])
-    pictures = {
-        name.removesuffix(FILE_SUFFIX): str(row[name]) for name in row if name.endswith(FILE_SUFFIX) and row[name]
-    }
-    truth = {name: row[name] for name in row if name not in RESERVED and not name.endswith(FILE_SUFFIX)}
+def _frame_from_row(row: dict[str, Any], manifest: BankManifest) -> Frame:
+    cameras = manifest.cameras or alone(read_axis(row["mirror_axis"]))
+    first, *others = (one.name for one in cameras)
+    pictures = {first: str(row["file_name"]), **{name: str(row[f"{name}{FILE_SUFFIX}"]) for name in others}}
+    drawn: dict[str, dict[str, str]] = {}
+    for column, file in row.items():
+        name, over, camera = column.removesuffix(FILE_SUFFIX).partition("@")
+        if column.endswith(FILE_SUFFIX) and file and name not in others:
+            drawn.setdefault(name, {})[camera if over else first] = str(file)
+    truth = {name: row[name] for name in row if not is_reserved(name)}
     frame_id = str(row["frame_id"])
-    fields = {name: truth.pop(name) for name in prompt_columns}
+    state = {name: read_state(truth.pop(name), f"the state '{name}'") for name in manifest.state}
+    fields = {name: truth.pop(name) for name in manifest.prompt_columns}
     return Frame(
         id=frame_id,
         scenario=str(row["scenario"]),
         episode=str(row["episode"]),
         step=int(str(row["step"])),
-        mirror_axis=axis,
-        file=str(row["file_name"]),
+        cameras=cameras,
+        pictures=pictures,
         truth=rounded_truth(truth, frame_id),
-        counterfactuals=pictures,
+        counterfactuals=drawn,
         fields=rounded_truth(fields, frame_id),
+        state=state,
     )
+
+
+def read_state(value: object, what: str) -> tuple[float, ...]:
+    """Return a list of numbers that a controller may see; raises ValueError, beginning with ``what``, for any other."""
+    if not isinstance(value, list | tuple) or not value:
+        raise ValueError(f"{what} is {value!r}, not a list of numbers")
+    for one in value:
+        if isinstance(one, bool) or not isinstance(one, int | float) or not math.isfinite(one):
+            raise ValueError(f"{what} has {one!r}, not a finite number")
+    return tuple(map(float, value))
 
 
 def _geometry_problems(bank: FrameBank) -> list[str]:
@@ -185,8 +210,7 @@ def _geometry_problems(bank: FrameBank) -> list[str]:
 def open_unchecked(root: Path) -> FrameBank:
     """Open a bank whose ground truth may differ from what its manifest recorded; ``check`` says how."""
     manifest = _read_manifest(root / "manifest.json")
-    frames = read_metadata(root / "metadata.jsonl", manifest.prompt_columns)
-    return FrameBank(root=root, frames=frames, manifest=manifest)
+    return FrameBank(root=root, frames=read_metadata(root / "metadata.jsonl", manifest), manifest=manifest)
 
 
 def check(root: Path, files: Collection[str] | None = None) -> list[str]:

@@ -4,14 +4,14 @@ import hashlib
 import json
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from eyechart.errors import BankError
-from eyechart.frames.nouns import FILE_SUFFIX, BankManifest, Frame, Scalar, files_of, is_reserved, rounded_truth
+from eyechart.frames.nouns import FILE_SUFFIX, BankManifest, Frame, alone, is_reserved, rounded_truth
 from eyechart.frames.pictures import inside
 from eyechart.frames.reading import open_bank
 
@@ -36,8 +36,10 @@ class BankWriter:
         self._work = Path(tempfile.mkdtemp(prefix=f".{self._out.name}-", dir=self._out.parent))
         return self
 
-    def add(self, frame: Frame, picture: bytes, counterfactuals: Mapping[str, bytes]) -> None:
-        """Add a frame with its encoded pictures; ``frame.file`` and ``frame.counterfactuals`` name where they go.
+    def add(
+        self, frame: Frame, pictures: Mapping[str, bytes], counterfactuals: Mapping[str, Mapping[str, bytes]]
+    ) -> None:
+        """Add a frame with its encoded pictures by camera; the frame's own mappings name the files where they go.
 
         Raises BankError, naming the frame, where an id or a file is given twice, a picture is missing or leads out of
         the bank, or the truth could not be read back as it is.
@@ -50,14 +52,15 @@ class BankWriter:
                 f"{sorted(self._manifest.prompt_columns)}; each is given once, and none is ground truth"
             )
         truth = rounded_truth({**frame.truth, **frame.fields}, frame.id)
-        if clash := sorted(name for name in truth if is_reserved(name)):
+        if clash := sorted(name for name in (*truth, *frame.state) if is_reserved(name)):
             raise BankError(f"frame '{frame.id}': truth may not use the reserved names {clash}")
         if frame.counterfactuals.keys() != counterfactuals.keys():
             raise BankError(
                 f"frame '{frame.id}' names the counterfactuals {sorted(frame.counterfactuals)}, "
                 f"but the pictures given are {sorted(counterfactuals)}"
             )
-        row: dict[str, Scalar] = {
+        self._check_cameras(frame, [pictures, *counterfactuals.values()])
+        row: dict[str, object] = {
             "file_name": frame.file,
             "frame_id": frame.id,
             "scenario": frame.scenario,
@@ -65,13 +68,33 @@ class BankWriter:
             "step": frame.step,
             "mirror_axis": frame.mirror_axis,
             **truth,
+            **{name: list(numbers) for name, numbers in frame.state.items()},
         }
-        pictures = [picture, *(counterfactuals[name] for name in sorted(counterfactuals))]
-        for file, one in zip(files_of(frame), pictures, strict=True):
-            self._store(file, one)
-        row |= {f"{name}{FILE_SUFFIX}": file for name, file in frame.counterfactuals.items()}
+        sides = [(frame.pictures, pictures)]
+        sides += [(frame.counterfactuals[name], counterfactuals[name]) for name in sorted(counterfactuals)]
+        for files, encoded in sides:
+            for camera, file in files.items():
+                self._store(file, encoded[camera])
+        first, *others = frame.pictures
+        row |= {f"{name}{FILE_SUFFIX}": frame.pictures[name] for name in others}
+        for name, files in frame.counterfactuals.items():
+            row |= {f"{name if one == first else f'{name}@{one}'}{FILE_SUFFIX}": file for one, file in files.items()}
         self._rows.append(json.dumps(row, ensure_ascii=False))
         self._geometry[frame.id] = frame.geometry()
+
+    def _check_cameras(self, frame: Frame, given: Sequence[Mapping[str, bytes]]) -> None:
+        """Raise BankError unless a frame has the cameras and the state that its manifest declares, and all pictures."""
+        declared = self._manifest.cameras or alone(frame.cameras[0].mirror_axis)
+        names = [one.name for one in declared]
+        told = frame.truth.keys() | frame.fields
+        if frame.cameras != declared or frame.state.keys() != set(self._manifest.state) or frame.state.keys() & told:
+            raise BankError(
+                f"frame '{frame.id}' has the cameras {[one.name for one in frame.cameras]} and the state "
+                f"{sorted(frame.state)}, the manifest declares {names} and {sorted(self._manifest.state)}"
+            )
+        for one in (frame.pictures, *frame.counterfactuals.values(), *given):
+            if list(one) != names:
+                raise BankError(f"frame '{frame.id}' has pictures of {list(one)}; its cameras are {names}")
 
     def _store(self, file: str, picture: bytes) -> None:
         if file in self._images:

@@ -7,9 +7,8 @@ from typing import Literal
 from eyechart.calls import Query, Reply
 from eyechart.conditions import flip
 from eyechart.errors import GuardianError
-from eyechart.frames import decode, encode
+from eyechart.frames import Stimulus, decode, encode
 from eyechart.perception.view import find_view
-from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.scene import SCENE_READER, SCENES, SceneSpace
 from eyechart.studies.guardian import VIEWS, Frozen
 
@@ -82,7 +81,6 @@ def interface_of(frozen: Frozen) -> Interface:
     axis = view.axis if view is not None else axis
     if axis not in {"vertical", "horizontal"}:
         raise GuardianError(f"this guardian's pictures have the mirror axis {axis!r}, so they cannot be reflected")
-    words = prompt.render({}, DRIVING)
 
     def views(picture: bytes) -> Pictures:
         pixels = decode(picture, _PICTURE)
@@ -92,7 +90,7 @@ def interface_of(frozen: Frozen) -> Interface:
         return encode(view.show(pixels, _PICTURE)), encode(view.show(reflected, _PICTURE))
 
     def query(picture: bytes, seed: int) -> Query:
-        return Query(*words, picture, seed, form=SCENES.schema())
+        return prompt.query(Stimulus.of(picture), seed, SCENES)
 
     return Interface(about.view, prompt.key, SCENE_READER, views, query, read_vote)
 

@@ -10,6 +10,7 @@ from eyechart.report.charts import BLUE, INK, MUTED, VERMILLION, Drawing, canvas
 from eyechart.report.page import Page, fill
 from eyechart.report.table import Cell, Column, Mark, Table, columns, number, p_value
 from eyechart.stats.committee import ABSTAIN, answers
+from eyechart.stats.paired import Discordant
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.album import view_uri
 from eyechart.studies.guardian import VIEWS, Bound, Frozen, GuardianScore, Nested, Replay
@@ -201,12 +202,12 @@ def choice_lines(frozen: Frozen) -> Iterator[str]:
 
 def score_lines(found: GuardianScore, *, bounds: bool = True) -> Iterator[str]:
     """Yield in words what stands beside the table: intervals, test, curve, misses, and the ``bounds``."""
-    detail = found.mcnemar.detail or {"b": 0, "c": 0}
+    corrected, made = (found.mcnemar.b, found.mcnemar.c) if isinstance(found.mcnemar, Discordant) else (0, 0)
     p, whole = found.mcnemar.p, found.over_episodes
     exact = f" ({p:.3g})" if p is not None and p < 0.0001 else ""
     yield f"* the guardian's own operating point; intervals: {_method(found)}"
     yield (
-        f"Two-way against the single model: {detail['b']} errors corrected, {detail['c']} made; exact McNemar p "
+        f"Two-way against the single model: {corrected} errors corrected, {made} made; exact McNemar p "
         f"{p_value(p)}{exact}, frames taken as independent"
     )
     yield f"The same by flipping the signs of whole episodes' differences: p {p_value(whole.p)} (n {whole.n})"

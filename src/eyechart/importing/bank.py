@@ -7,6 +7,7 @@ from pathlib import Path
 from eyechart.errors import SourceError
 from eyechart.frames import (
     IMPORTED,
+    MAIN,
     BankManifest,
     BankWriter,
     Frame,
@@ -14,6 +15,7 @@ from eyechart.frames import (
     Gap,
     MirrorAxis,
     Scalar,
+    alone,
     is_reserved,
     open_bank,
 )
@@ -188,8 +190,8 @@ def frames_of(kept: Kept, choices: Choices, locate: Callable[[str, str], str]) -
             scenario=scenarios[place],
             episode=episodes[place],
             step=steps[place],
-            mirror_axis=choices.mirror,
-            file=f"images/{file}",
+            cameras=alone(choices.mirror),
+            pictures={MAIN: f"images/{file}"},
             truth={name: column[place] for name, column in truth.items()},
             fields={name: column[place] for name, column in said.items()},
         )
@@ -289,7 +291,7 @@ def write(
     )
     with BankWriter(out, manifest) as writer:
         for done, (frame, picture) in enumerate(pictures(frames), 1):
-            writer.add(frame, picture, {})
+            writer.add(frame, {MAIN: picture}, {})
             if progress is not None:
                 progress(done, len(frames))
     return open_bank(out)

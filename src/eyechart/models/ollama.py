@@ -219,8 +219,8 @@ def _text(values: Mapping[str, object], name: str) -> str:
 
 def _asked(name: str, query: Query, mode: RequestMode) -> dict[str, object]:
     user: dict[str, object] = {"role": "user", "content": query.user}
-    if query.image is not None:
-        user["images"] = [base64.b64encode(query.image).decode()]
+    if query.images:
+        user["images"] = [base64.b64encode(image).decode() for image in query.images]
     options: dict[str, object] = {"num_predict": mode.max_tokens}
     if mode.temperature is not None:
         options["temperature"] = mode.temperature
@@ -238,7 +238,7 @@ def _asked(name: str, query: Query, mode: RequestMode) -> dict[str, object]:
     }
     asked |= {option: mode.options[option] for option in ("think", "keep_alive") if option in mode.options}
     if mode.structured != "none":
-        asked["format"] = "json" if mode.structured == "json_object" else query.schema()
+        asked["format"] = "json" if mode.structured == "json_object" else query.schema
     return asked | given
 
 

@@ -116,10 +116,9 @@ def _in_the_clear(base_url: str, key: str) -> list[str]:
 
 def _asked(query: Query, mode: RequestMode) -> dict[str, object]:
     """Return the part of a request that differs by query."""
-    content: list[dict[str, object]] = [{"type": "text", "text": query.user}]
-    if query.image is not None:
-        url = f"data:{media_type(query.image)};base64,{base64.b64encode(query.image).decode()}"
-        content.insert(0, {"type": "image_url", "image_url": {"url": url}})
+    urls = [f"data:{media_type(image)};base64,{base64.b64encode(image).decode()}" for image in query.images]
+    content: list[dict[str, object]] = [{"type": "image_url", "image_url": {"url": url}} for url in urls]
+    content.append({"type": "text", "text": query.user})
     system = [{"role": "system", "content": query.system}] if query.system else []
     asked: dict[str, object] = {"messages": [*system, {"role": "user", "content": content}]}
     if mode.seed:
@@ -127,7 +126,7 @@ def _asked(query: Query, mode: RequestMode) -> dict[str, object]:
     if mode.structured == "json_object":
         asked["response_format"] = {"type": "json_object"}
     elif mode.structured == "json_schema":
-        schema = {"name": "decision", "strict": True, "schema": query.schema()}
+        schema = {"name": "decision", "strict": True, "schema": query.schema}
         asked["response_format"] = {"type": "json_schema", "json_schema": schema}
     return asked
 

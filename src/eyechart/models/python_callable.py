@@ -1,9 +1,9 @@
 """``python:MODULE:FUNCTION``: any callable from words and picture to text, for a stack of one's own.
 
-The callable takes ``(prompt: str, image: bytes | None)``, the picture as encoded PNG or JPEG bytes or None, and returns
-the answer as text, or a Reply where it knows more (tokens, finish reason). It may be asynchronous; a synchronous one
-runs in a thread, several at once up to the run's concurrency; while 16 of those that were given up have not returned,
-no further call is begun.
+The callable takes ``(prompt: str, image: bytes | None)``, the picture as encoded PNG or JPEG bytes or None, or
+``(prompt, images, state)``, the pictures by camera and numbers by name. It returns the answer as text, or a Reply where
+it knows more (tokens, finish reason). It may be asynchronous; a synchronous one runs in a thread, several at once up to
+the run's concurrency; while 16 of those that were given up have not returned, no further call is begun.
 """
 
 import asyncio
@@ -13,6 +13,7 @@ import sys
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
@@ -24,7 +25,7 @@ from eyechart.modes import RequestMode, without_secrets
 
 OPTIONS = {"energy": "true measures this machine's energy during a call, for a model that runs here"}
 
-Ask = Callable[[str, bytes | None], object]
+Ask = Callable[..., object]
 
 LEFT_AT_MOST = 16
 """Calls that were given up and have not returned; while there are so many no further one is begun."""
@@ -38,6 +39,8 @@ class PythonCallable:
     mode: RequestMode
     version: str
     facts: Mapping[str, str]
+    whole: bool = False
+    """Whether it takes all pictures and the state, and not one picture alone."""
     left: set[threading.Thread] = field(default_factory=set)
 
     async def answer(self, query: Query) -> Reply:
@@ -49,7 +52,7 @@ class PythonCallable:
         prompt = f"{query.system}\n\n{query.user}" if query.system else query.user
         try:
             async with asyncio.timeout(self.mode.timeout_s) as limit:
-                said = await self._ask(prompt, query.image)
+                said = await self._ask(prompt, *self._seen(query))
         except Exception as error:  # noqa: BLE001 - whatever a callable raises is a row, not the end of the run
             if isinstance(error, TimeoutError) and limit.expired():
                 return Reply(error="timeout", error_detail=f"no answer within {self.mode.timeout_s:g} s")
@@ -62,19 +65,28 @@ class PythonCallable:
         words = f"the callable returned a {type(said).__name__}, not a text or a Reply"
         return Reply(error="exception", error_detail=words)
 
-    async def _ask(self, prompt: str, image: bytes | None) -> object:
+    def _seen(self, query: Query) -> tuple[object, ...]:
+        """Return what the callable takes beside the prompt; raises TypeError where that would hide a camera."""
+        if self.whole:
+            return query.stimulus.images, query.stimulus.state
+        if len(query.images) > 1:
+            cameras = ", ".join(query.stimulus.images)
+            raise TypeError(f"it takes one image and the frame has {cameras}; let it take (prompt, images, state)")
+        return (query.image,)
+
+    async def _ask(self, *given: object) -> object:
         if inspect.iscoroutinefunction(self.ask) or inspect.iscoroutinefunction(type(self.ask).__call__):
-            return await self.ask(prompt, image)  # type: ignore[misc]
+            return await self.ask(*given)  # type: ignore[misc]
         self.left -= {thread for thread in self.left if not thread.is_alive()}
         if len(self.left) >= LEFT_AT_MOST:
             raise RuntimeError(f"not called: {len(self.left)} earlier calls have not returned")
-        return await _in_thread(self.ask, prompt, image, self.left.add)
+        return await _in_thread(partial(self.ask, *given), self.left.add)
 
     async def close(self) -> None:
         """Hold nothing, so let go of nothing."""
 
 
-async def _in_thread(ask: Ask, prompt: str, image: bytes | None, leave: Callable[[threading.Thread], None]) -> object:
+async def _in_thread(ask: Callable[[], object], leave: Callable[[threading.Thread], None]) -> object:
     """Call in a thread that nobody waits for at the end of the program, should it never return.
 
     ``leave`` is told the thread where the call is given up.
@@ -90,7 +102,7 @@ async def _in_thread(ask: Ask, prompt: str, image: bytes | None, leave: Callable
         value: object = None
         error: Exception | None = None
         try:
-            value = ask(prompt, image)
+            value = ask()
         except StopIteration as stop:  # a Future cannot carry it
             error = RuntimeError(f"StopIteration: {stop}")
         except BaseException as raised:  # noqa: BLE001 - it must reach the caller, or he waits for ever
@@ -126,19 +138,25 @@ def open_model(name: str, mode: RequestMode) -> PythonCallable:
     ask = getattr(module, function, None)
     if not callable(ask):
         raise SpecError(f"'python:{name}': module '{module_name}' has no callable '{function}'")
-    _require_two(ask, name)
+    whole = _takes_all(ask, name)
     file = getattr(module, "__file__", None)
     digest = hashlib.sha256(Path(file).read_bytes()).hexdigest() if file and Path(file).is_file() else ""
-    return PythonCallable(ask, mode, digest[:12] or "no file", {"file_sha256": digest} if digest else {})
+    return PythonCallable(ask, mode, digest[:12] or "no file", {"file_sha256": digest} if digest else {}, whole)
 
 
-def _require_two(ask: Ask, name: str) -> None:
+def _takes_all(ask: Ask, name: str) -> bool:
+    """Return whether a callable takes (prompt, images, state); raises SpecError where it takes no image either."""
     try:
-        inspect.signature(ask).bind("", None)
+        signature = inspect.signature(ask)
+    except (TypeError, ValueError):
+        return False  # a builtin without a signature
+    if [*signature.parameters][2:3] == ["state"]:
+        return True
+    try:
+        signature.bind("", None)
     except TypeError as error:
-        raise SpecError(f"'python:{name}' must take (prompt, image): {error}") from error
-    except ValueError:
-        return  # a builtin without a signature
+        raise SpecError(f"'python:{name}' must take (prompt, image) or (prompt, images, state): {error}") from error
+    return False
 
 
 def names() -> dict[str, str]:

@@ -8,13 +8,13 @@ import asyncio
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 
-from eyechart.calls import Query, Reply
+from eyechart.calls import Reply
 from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import RequestMode
 from eyechart.probe.asking import Asker, LimitReachedError, Tell
 from eyechart.probe.causes import likely_causes
 from eyechart.probe.found import Found, ProbeError, measured_of, names_of
-from eyechart.probe.sample import Sample, default_sample, is_served, json_binds, schema_binds
+from eyechart.probe.sample import Sample, default_sample, is_served, json_binds, plain, schema_binds
 from eyechart.probe.sight import Sight, look
 from eyechart.seeds import key_seed
 
@@ -170,7 +170,7 @@ class _Probe:
         The budget grows until none is cut off.
         """
         came: list[Reply] = []
-        count = max(_SAMPLES, len(self._sample.words))
+        count = max(_SAMPLES, len(self._sample.asked))
         while len(came) <= count:
             query = self._sample.query(len(came)) if len(came) < count else self._sample.query(0, picture=False)
             reply = await self._asker.ask(query)
@@ -202,17 +202,17 @@ class _Probe:
 
         A model that gives its ``usual`` reply to this too says nothing about either.
         """
-        one, other = (Query("", _SENTENCE, None, key_seed("sentence", number)) for number in (1, 2))
-        plain = replace(roomy, structured="none")
-        high = plain if plain.temperature is None else replace(plain, temperature=1.0)
+        one, other = (plain(_SENTENCE, key_seed("sentence", number)) for number in (1, 2))
+        free = replace(roomy, structured="none")
+        high = free if free.temperature is None else replace(free, temperature=1.0)
         drawn = [await self._asker.ask(query, replace(high, seed=self._served)) for query in (one, one, other)]
         seed_refused = any(reply.error == "bad_request" for reply in drawn) and self._served
         if seed_refused:
             drawn = [await self._asker.ask(query, high) for query in (one, other)]
         seed = None if not self._served else False if seed_refused else _seed_matters(drawn)
-        if plain.temperature is None:
+        if free.temperature is None:
             return None, seed
-        low = [await self._asker.ask(query, replace(plain, temperature=0.0)) for query in (one, other)]
+        low = [await self._asker.ask(query, replace(free, temperature=0.0)) for query in (one, other)]
         says_one_thing = {reply.text for reply in (*low, *drawn)} == {usual}
         return None if says_one_thing else _temperature_matters(low, drawn), seed
 
@@ -221,7 +221,7 @@ class _Probe:
         if not self._served:
             return None
         asked = replace(roomy, structured="none", body={**roomy.body, "eyechart_unknown": True})
-        reply = await self._asker.ask(Query("", _SENTENCE, None, key_seed("unknown")), asked)
+        reply = await self._asker.ask(plain(_SENTENCE, key_seed("unknown")), asked)
         return True if reply.error is None else False if reply.error == "bad_request" else None
 
 

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from eyechart.calls import Query, Reply
+from eyechart.frames import Stimulus
 from eyechart.modes import RequestMode
 from eyechart.probe.asking import Asker
 from eyechart.probe.pictures import road
-from eyechart.prompts import find_prompt
+from eyechart.prompts import Prompt, find_prompt
 from eyechart.seeds import key_seed
-from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.discrete import DRIVING, Discrete
 from eyechart.spaces.space import AnySpace
 
 SERVED = ("openai", "ollama")
@@ -23,23 +24,21 @@ _PLAIN = "Reply with the word YES and nothing else: one plain word, no JSON, no 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """What a run will ask: a few pairs of words (system, user) and picture (PNG or JPEG bytes), and its space."""
+    """What a run will ask: a few pairs of a prompt and what it is asked of, and the space of the answers."""
 
-    words: Sequence[tuple[str, str]]
-    pictures: Sequence[bytes]
+    asked: Sequence[tuple[Prompt, Stimulus]]
     space: AnySpace = DRIVING
 
     def query(self, number: int, *, picture: bool = True) -> Query:
         """Return one query of it, with or without its picture."""
-        image = self.pictures[number % len(self.pictures)] if picture else None
-        system, user = self.words[number % len(self.words)]
-        form = None if self.space.actions else self.space.schema()
-        return Query(system, user, image, key_seed("sample", number), self.space.actions, form)
+        prompt, seen = self.asked[number % len(self.asked)]
+        return prompt.query(seen if picture else replace(seen, images={}), key_seed("sample", number), self.space)
 
     @property
     def wants_json(self) -> bool:
         """Return whether all of its words ask for JSON."""
-        return all(re.search(r"\bjson\b", " ".join(words), re.IGNORECASE) for words in self.words)
+        asked = (self.query(number) for number in range(len(self.asked)))
+        return all(re.search(r"\bjson\b", f"{one.system} {one.user}", re.IGNORECASE) for one in asked)
 
     def decided(self, reply: Reply) -> bool:
         """Return whether a reply holds a decision."""
@@ -51,7 +50,12 @@ def default_sample(prompt: str = "baseline") -> Sample:
     found = find_prompt(prompt)
     space = found.asks(DRIVING)
     said = dict.fromkeys(found.fields, "unknown")
-    return Sample([found.render(said, space)], [road(number) for number in range(3)], space)
+    return Sample([(found, replace(Stimulus.of(road(number)), fields=said)) for number in range(3)], space)
+
+
+def plain(words: str, seed: int, picture: bytes | None = None) -> Query:
+    """Return a probe's own question: these words, and a picture if there is one."""
+    return Prompt("probe", "", words).query(Stimulus.of(picture), seed)
 
 
 def is_served(mode: RequestMode) -> bool:
@@ -61,7 +65,7 @@ def is_served(mode: RequestMode) -> bool:
 
 async def schema_binds(asker: Asker, mode: RequestMode) -> tuple[bool | None, str]:
     """Ask for one plain word under a schema that allows two others: whether one of those comes, and what came."""
-    query = Query("", _PLAIN, None, key_seed("schema"), _ACTIONS)
+    query = Prompt("probe", "", _PLAIN).query(Stimulus(), key_seed("schema"), Discrete("probe", _ACTIONS, (), (), ()))
     reply = await asker.ask(query, replace(mode, structured="json_schema"))
     if reply.error is not None:
         refused = False if reply.error == "bad_request" else None
@@ -75,7 +79,7 @@ async def schema_binds(asker: Asker, mode: RequestMode) -> tuple[bool | None, st
 
 async def json_binds(asker: Asker, mode: RequestMode) -> tuple[bool | None, str]:
     """Ask for one plain word in JSON mode: whether an object comes, and what came."""
-    query = Query("", _PLAIN, None, key_seed("json"))
+    query = plain(_PLAIN, key_seed("json"))
     reply = await asker.ask(query, replace(mode, structured="json_object"))
     if reply.error is not None or reply.finish_reason == "length":
         return (False if reply.error == "bad_request" else None), reply.error_detail[:120] or "cut off"

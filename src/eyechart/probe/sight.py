@@ -15,9 +15,10 @@ from eyechart.calls import HOPELESS, Query, Reply
 from eyechart.modes import FEWEST_TOKENS
 from eyechart.probe.asking import Asker, LimitReachedError
 from eyechart.probe.pictures import CHOICES, COUNTS, NONE, Kind, Question, questions, words
+from eyechart.probe.sample import plain
 from eyechart.seeds import key_seed
 from eyechart.spaces.discrete import Discrete
-from eyechart.stats.guessing import Block, right
+from eyechart.stats.guessing import Answered, Block, right
 from eyechart.stats.statistic import Statistic
 
 ALPHA = 0.01
@@ -167,14 +168,14 @@ class Sight:
         if self.takes_no_pictures:
             return f"all {len(self.shots)} requests with a picture were refused, and the same words alone were answered"
         every, bound = self.score(), self.bound()
-        if every.detail is None:
+        if not isinstance(every, Answered):
             return "no question was answered"
-        counted = f"{every.detail['right']} of {every.n} right, where guessing gives {every.detail['expected']:.1f}"
+        counted = f"{every.right} of {every.n} right, where guessing gives {every.expected:.1f}"
         if self.cached_by_words:
             return f"different pictures got the identical reply whenever the words were the same ({counted})"
         if self.outcome == "sees":
             return f"{counted} (p {_p(self.p)})"
-        if bound.ci is None or bound.detail is None:
+        if bound.ci is None:
             return f"none of {every.n} replies names any of the choices"
         answered = "" if bound.n == every.n else f", {bound.n} of {every.n} replies name one of the choices"
         return f"{counted} (p {_p(self.p)}){answered}; its rate is below {bound.ci[1]:.2f} (95 %)"
@@ -254,7 +255,7 @@ def _failing(shots: Sequence[Shot]) -> bool:
 
 
 def _query(asked: str, picture: bytes | None, seed: int, number: int) -> Query:
-    return Query("", asked, picture, key_seed("probe", seed, number))
+    return plain(asked, key_seed("probe", seed, number), picture=picture)
 
 
 def picture_counts(tokens: int | None) -> bool | None:

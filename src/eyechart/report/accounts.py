@@ -7,6 +7,7 @@ from rich.text import Text
 from eyechart.costs import ALL, Account
 from eyechart.probe import Diagnosis, Found
 from eyechart.report.table import Cell, Column, Table, columns
+from eyechart.stats.guessing import Answered
 
 WORDS = {"sees": "it sees", "blind": "it is blind", "cannot_say": "cannot say"}
 _COLOUR = {"sees": "bold green", "blind": "bold red", "cannot_say": "bold yellow"}
@@ -17,10 +18,8 @@ def doctor_table(found: Diagnosis) -> Table:
     """Return one row a check: how often it was right with n and p, and what else was tried."""
     rows: list[tuple[Cell, ...]] = []
     for name, score in found.scores().items():
-        detail = score.detail or {}
-        guess = detail.get("expected")
-        counted = f"{detail.get('right', 0)} right" if score.n else "—"
-        expected = guess if isinstance(guess, float) else None
+        answered = score if isinstance(score, Answered) else None
+        counted, expected = (f"{answered.right} right", answered.expected) if answered else ("—", None)
         rows.append((name if name == "all questions" else f"  {name}", counted, score.n, expected, score.p))
     (same, of), adds = found.sight.same, found.sight.image_tokens
     bare = ", ".join(repr(reply.text.strip()[:20]) for _, reply in found.sight.bare if reply.error is None)

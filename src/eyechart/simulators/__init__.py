@@ -47,8 +47,11 @@ class Drive(Protocol):
         """Drive on for one decision's time with this action; raises ValueError after the end."""
         ...
 
-    def state(self) -> bytes:
-        """Return the world's state as bytes, equal for equal worlds on one machine, for a digest."""
+    def state(self, decimals: int | None = None) -> bytes:
+        """Return the world's state as bytes, equal for equal worlds on one machine, for a digest.
+
+        With ``decimals`` its numbers are rounded, so that worlds that differ by an error of rounding are equal.
+        """
         ...
 
     def close(self) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from eyechart.errors import SpecError
 from eyechart.frames import (
+    MAIN,
     RGB,
     BankManifest,
     BankWriter,
@@ -18,6 +19,7 @@ from eyechart.frames import (
     Gap,
     MirrorAxis,
     Scalar,
+    alone,
     encode,
     open_bank,
 )
@@ -136,10 +138,10 @@ def _write(writer: BankWriter, moment: Moment, *, scenario: str, episode: str, s
         scenario=scenario,
         episode=episode,
         step=step,
-        mirror_axis=axis,
-        file=f"images/{frame_id}.png",
+        cameras=alone(axis),
+        pictures={MAIN: f"images/{frame_id}.png"},
         truth=moment.truth,
-        counterfactuals={name: f"counterfactuals/{frame_id}-{name}.png" for name in moment.counterfactuals},
+        counterfactuals={name: {MAIN: f"counterfactuals/{frame_id}-{name}.png"} for name in moment.counterfactuals},
     )
-    pictures = {name: encode(picture) for name, picture in moment.counterfactuals.items()}
-    writer.add(frame, encode(moment.picture), pictures)
+    drawn = {name: {MAIN: encode(picture)} for name, picture in moment.counterfactuals.items()}
+    writer.add(frame, {MAIN: encode(moment.picture)}, drawn)

@@ -124,6 +124,10 @@ class Discrete:
         """Return the action, which is its own name."""
         return action
 
+    def role(self, symbol: str) -> str:
+        """Return what an action is to the gap tests: brake, proceed, or other."""
+        return "brake" if symbol in self.brake else "proceed" if symbol in self.proceed else "other"
+
     def reflect(self, action: str) -> str:
         """Return the action that the reflected world calls for."""
         for one, other in self.mirror_pairs:

@@ -7,7 +7,7 @@ Constructive renderer-calibrated controller.
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from typing import ClassVar, Literal
@@ -212,6 +212,10 @@ class SceneSpace:
         """Return the safe action of an estimate."""
         return action.act(self.distances)
 
+    def role(self, symbol: str) -> str:
+        """Return what a safe action is to the gap tests."""
+        return DRIVING.role(symbol)
+
 
 SCENES = SceneSpace()
 
@@ -255,6 +259,26 @@ def _only_one(text: str, repairs: dict[Repair, None]) -> dict[str, object]:
         raise _Unreadable("malformed" if "{" in text else "no_object")
     if len(spans) > _OBJECTS_AT_MOST:
         raise _Unreadable("several_objects")
+    _note_around(text, spans, repairs)
+    loaded = [_loaded(text[start:end], repairs) for start, end in spans]
+    objects = [one for one in loaded if one is not None]
+    broken = [text[start:end] for (start, end), one in zip(spans, loaded, strict=True) if one is None]
+    broken += text[spans[-1][1] :].partition("{")[2:]
+    if not objects or any(name in part for part in broken for name in FIELDS):
+        raise _Unreadable("malformed")  # beside a broken estimate a whole one may be the one that was taken back
+    return _agreed(objects)
+
+
+def _agreed(objects: Sequence[dict[str, object]]) -> dict[str, object]:
+    """Return the first estimate among some objects, or the first object; raises _Unreadable where two differ."""
+    answers = [one for one in objects if any(name in one for name in FIELDS)] or objects[:1]
+    if any(_differ(answers[0].get(name), one.get(name)) for one in answers[1:] for name in FIELDS):
+        raise _Unreadable("several_objects")
+    return answers[0]
+
+
+def _note_around(text: str, spans: Sequence[tuple[int, int]], repairs: dict[Repair, None]) -> None:
+    """Note code fences and words around the objects of a text."""
     around = "".join(
         text[end:start] for (_, end), (start, _) in zip([(0, 0), *spans], [*spans, (None, 0)], strict=True)
     )
@@ -262,16 +286,6 @@ def _only_one(text: str, repairs: dict[Repair, None]) -> dict[str, object]:
         repairs["code_fence"] = None
     if _FENCE.sub("", around).strip():
         repairs["text_around"] = None
-    loaded = [_loaded(text[start:end], repairs) for start, end in spans]
-    objects = [one for one in loaded if one is not None]
-    broken = [text[start:end] for (start, end), one in zip(spans, loaded, strict=True) if one is None]
-    broken += text[spans[-1][1] :].partition("{")[2:]
-    if not objects or any(name in part for part in broken for name in FIELDS):
-        raise _Unreadable("malformed")  # beside a broken estimate a whole one may be the one that was taken back
-    answers = [one for one in objects if any(name in one for name in FIELDS)] or objects[:1]
-    if any(_differ(answers[0].get(name), one.get(name)) for one in answers[1:] for name in FIELDS):
-        raise _Unreadable("several_objects")
-    return answers[0]
 
 
 def _spans(text: str) -> Iterator[tuple[int, int]]:

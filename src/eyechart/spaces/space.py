@@ -83,8 +83,8 @@ class Space(Protocol[A]):
         """The names that an answer may give."""
         ...
 
-    def schema(self) -> Mapping[str, object] | None:
-        """Return the JSON schema of an answer; None where any of ``actions`` is one."""
+    def schema(self) -> Mapping[str, object]:
+        """Return the JSON schema of an answer."""
         ...
 
     def read(self, reply: Answer) -> Decision[A]:
@@ -105,6 +105,10 @@ class Space(Protocol[A]):
 
     def symbol(self, action: A) -> str:
         """Return an action's name, for a table and for the world that executes it."""
+        ...
+
+    def role(self, symbol: str) -> str:
+        """Return what an action of this name is to the gap tests: brake, proceed, or other."""
         ...
 
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass
 from functools import lru_cache
 from statistics import NormalDist
 
@@ -122,6 +122,13 @@ def _pairs_within(columns: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.float6
     return pairs, hits, expected
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SwapRate(Statistic):
+    """A mirror swap rate with the rate that the marginals give by chance, None without a directional decision."""
+
+    chance: float | None = None
+
+
 def swap_test(
     real: npt.ArrayLike,
     mirrored: npt.ArrayLike,
@@ -130,14 +137,14 @@ def swap_test(
     seed: int,
     resamples: int = 5000,
     level: float = 0.95,
-) -> Statistic:
+) -> SwapRate:
     """Return the mirror swap rate, tested against its chance given the marginals.
 
     ``real`` and ``mirrored`` are string arrays of one length, frame by frame (a missing mirrored answer as a
     label of its own); ``partner`` maps each directional label to its mirror label and only frames whose real
     label is in it count; an unparsed mirrored reply is no swap. ``p`` is one-sided, (k+1)/(B+1), from re-pairing the
-    real directional decisions with their mirrored decisions at random. ``detail``: the expected rate ``chance``, its
-    exact one-sided ``binomial_p``, ``resample_mean`` and ``directions``, the number of each real direction.
+    real directional decisions with their mirrored decisions at random. ``chance`` is the expected rate;
+    ``detail``: its exact one-sided ``binomial_p``, ``resample_mean`` and ``directions``, the number of each real one.
     """
     a, b = _label_pair(real, mirrored)
     directional = np.isin(a, list(partner))
@@ -145,7 +152,8 @@ def swap_test(
     result = rate(int(np.count_nonzero(_partners(a, partner) == b)), len(a), level=level)
     directions = {name: int(np.count_nonzero(a == name)) for name in partner}
     if result.value is None:
-        return replace(result, note="no directional decisions", detail={"directions": directions})
+        note = "no directional decisions"
+        return SwapRate(None, 0, method=result.method, note=note, detail={"directions": directions}, level=level)
     wanted = _partners(a, partner)
     chance = sum(float(np.mean(wanted == name) * np.mean(b == name)) for name in set(partner.values()))
     swaps = int(np.count_nonzero(wanted == b))
@@ -153,13 +161,12 @@ def swap_test(
     p = (int(np.count_nonzero(resampled >= swaps)) + 1) / (resamples + 1)
     detail = {
         "k": swaps,
-        "chance": chance,
         "binomial_p": binomial_tail(swaps, len(a), chance),
         "resample_mean": float(resampled.mean()),
         "directions": directions,
     }
     method = f"{result.method}; one-sided permutation of the pairing, B={resamples}"
-    return replace(result, p=p, method=method, detail=detail)
+    return SwapRate(result.value, result.n, result.ci, p, method=method, detail=detail, level=level, chance=chance)
 
 
 def binomial_tail(k: int, n: int, chance: float) -> float:

@@ -9,7 +9,10 @@ Balakrishnan (2020), Universal inference; Krichevsky & Trofimov (1981).
 import math
 from collections import Counter
 from collections.abc import Hashable
+from dataclasses import dataclass, field
 from typing import Protocol
+
+from eyechart.stats.statistic import Statistic
 
 BETS: tuple[tuple[float, float], ...] = ((1.0, 0.5), (0.7, 0.2), (0.4, 0.15), (0.15, 0.15))
 """(share of the largest bet that cannot ruin, weight): a mixture, so that no bet has to be chosen by looking.
@@ -18,6 +21,16 @@ Half of the stake is bet whole, because the clearest controllers never contradic
 """
 
 _CERTAIN = 1e-9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EValue(Statistic):
+    """The e-value of a claim, ``says``, that is settled once it reaches ``threshold``, which is 1 / ``alpha``."""
+
+    threshold: float
+    alpha: float
+    settled: bool
+    says: str = field(repr=False)
 
 
 class EProcess(Protocol):

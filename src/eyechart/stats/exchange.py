@@ -61,6 +61,14 @@ class _Layout:
         }
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trend(Statistic):
+    """What was compared with its own null, and the mean and deviation of that."""
+
+    null_mean: float
+    null_sd: float
+
+
 def exchange_test(
     level: npt.ArrayLike,
     gap_rank: npt.ArrayLike,
@@ -170,8 +178,9 @@ def iid_trend_test(
             shuffled = rng.permuted(np.tile(ranks[inside], (rows.stop - rows.start, 1)), axis=1)
             trend[rows] += shuffled @ braking
     k = int(np.count_nonzero(trend <= observed + TIE * max(1.0, abs(observed))))
-    detail = {"null_mean": float(trend.mean()), "null_sd": float(trend.std())}
-    return Statistic(observed, n, p=(k + 1) / (resamples + 1), method=method, detail=detail)
+    null_mean, null_sd = float(trend.mean()), float(trend.std())
+    p = (k + 1) / (resamples + 1)
+    return Trend(observed, n, p=p, method=method, null_mean=null_mean, null_sd=null_sd)
 
 
 def smallest_p(episodes: int | Sequence[int]) -> float:
@@ -332,10 +341,11 @@ def _result(
         p, smallest, how = k / resamples, 1 / resamples, f"all {resamples} arrangements"
     else:
         p, smallest, how = (k + 1) / (resamples + 1), 1 / (resamples + 1), f"B={resamples}"
-    spread = {"null_mean": float(null.mean()), "null_sd": float(null.std())}
-    detail = {**layout.detail(), "smallest_p": smallest, **spread}
+    detail = {**layout.detail(), "smallest_p": smallest}
     notes = list(layout.excluded)
     if layout.shifted:
         notes.append(f"{layout.shifted} frames are aligned with another step: mark missing decisions, drop none")
     note = "; ".join(notes)
-    return Statistic(observed, n, p=p, method=f"{method}, {how}", note=note, detail=detail)
+    null_mean, null_sd = float(null.mean()), float(null.std())
+    method = f"{method}, {how}"
+    return Trend(observed, n, p=p, method=method, note=note, detail=detail, null_mean=null_mean, null_sd=null_sd)

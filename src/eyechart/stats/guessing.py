@@ -14,6 +14,14 @@ LEVEL = 0.95
 """The one-sided level of each end of the interval."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answered(Statistic):
+    """How many questions were answered right, and how many guessing would be ``expected`` to get right."""
+
+    right: int
+    expected: float
+
+
 @dataclass(frozen=True, slots=True)
 class Block:
     """Questions of one kind: ``choices`` answers, of which ``dealt`` are right, one a question, no two the same.
@@ -60,7 +68,7 @@ def right(blocks: Iterable[Block]) -> Statistic:
     p is the share of all deals of the right answers to the questions under which these very replies are right at least
     as often: whatever a guesser does, it cannot know the deal (Fisher's randomisation test). Each end of the interval
     is a one-sided bound of 95 %; binomial bounds hold for questions that differ in difficulty too (Hoeffding 1956).
-    The value is None without questions. ``detail`` holds ``right`` and what guessing would ``expect``.
+    The value is None without questions.
     """
     held = tuple(blocks)
     method = "share right; exact randomisation p; Clopper–Pearson, 95 % at each end"
@@ -73,7 +81,7 @@ def right(blocks: Iterable[Block]) -> Statistic:
         chances = np.convolve(chances, one.chances())
     expected = float(chances @ np.arange(len(chances)))
     p = min(1.0, float(chances[k:].sum()))
-    return Statistic(k / n, n, bounds(k, n), p, method, detail={"right": k, "expected": expected}, level=2 * LEVEL - 1)
+    return Answered(k / n, n, bounds(k, n), p, method, level=2 * LEVEL - 1, right=k, expected=expected)
 
 
 def bounds(k: int, n: int) -> tuple[float, float]:

@@ -1,7 +1,7 @@
 """Did the same frames get other answers: exact tests and intervals on pairs within a frame."""
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from statistics import NormalDist
 
 import numpy as np
@@ -13,30 +13,63 @@ ENUMERATED_STATES = 20_000
 """Up to so many distinct outcomes a null distribution is enumerated instead of sampled."""
 
 
-def sign_test(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SignTest(Statistic):
+    """A sign test with its counts of frames in which the first is larger, smaller, and the same."""
+
+    wins: int
+    losses: int
+    ties: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Discordant(Statistic):
+    """A comparison of paired 0/1 outcomes: ``b`` pairs have only the first outcome, ``c`` only the second."""
+
+    b: int
+    c: int
+
+    @property
+    def discordant(self) -> int:
+        """Return how many pairs differ."""
+        return self.b + self.c
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabelSwap(Statistic):
+    """A label swap test with how often each label came under either condition."""
+
+    first: tuple[int, ...]
+    second: tuple[int, ...]
+
+
+def sign_test(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 0.95) -> SignTest:
     """Test exactly and one-sidedly whether ``first`` exceeds ``second`` within frames.
 
     Two numeric arrays of one length, paired by frame (braking levels, or 0/1 agreements). ``value`` is the
     share of the discordant pairs in which the first is larger, with its Clopper-Pearson interval; ``n``
     counts the discordant pairs; ``p`` is P(Bin(n, 1/2) >= wins), which is 1 when no pair is discordant (the
-    value is then None). ``detail``: wins, losses, ties and the mean difference over all pairs.
+    value is then None). ``detail``: the mean difference over all pairs.
     Equals R ``binom.test(wins, n, alternative = "greater")``.
     """
     a, b = _numbers(first, "first"), _numbers(second, "second")
     _same_length(len(a), len(b))
     wins, losses = int(np.count_nonzero(a > b)), int(np.count_nonzero(a < b))
     n = wins + losses
-    detail = {
-        "wins": wins,
-        "losses": losses,
-        "ties": len(a) - n,
-        "mean_difference": float(np.mean(a - b)) if len(a) else None,
-    }
-    method = f"one-sided exact sign test, {100 * level:g}% Clopper-Pearson interval"
+    found = SignTest(
+        None,
+        n,
+        p=1.0,
+        method=f"one-sided exact sign test, {100 * level:g}% Clopper-Pearson interval",
+        detail={"mean_difference": float(np.mean(a - b)) if len(a) else None},
+        level=level,
+        wins=wins,
+        losses=losses,
+        ties=len(a) - n,
+    )
     if n == 0:
-        return Statistic(None, 0, p=1.0, method=method, note="no discordant pairs", detail=detail)
-    p = _fair_coin_tail(wins, n)
-    return Statistic(wins / n, n, clopper_pearson(wins, n, level), p, method, detail=detail, level=level)
+        return replace(found, note="no discordant pairs")
+    return replace(found, value=wins / n, ci=clopper_pearson(wins, n, level), p=_fair_coin_tail(wins, n))
 
 
 def mcnemar_exact(b: int, c: int) -> Statistic:
@@ -52,7 +85,7 @@ def mcnemar_exact(b: int, c: int) -> Statistic:
     if n == 0:
         return Statistic(None, 0, p=1.0, method=method, note="no discordant pairs")
     p = min(1.0, 2 * _fair_coin_tail(max(b, c), n))
-    return Statistic(b / n, n, p=p, method=method, detail={"b": b, "c": c})
+    return Discordant(b / n, n, p=p, method=method, b=b, c=c)
 
 
 def label_swap_test(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, resamples: int = 5000) -> Statistic:
@@ -71,8 +104,6 @@ def label_swap_test(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, r
     moves = _moves(counts)
     detail = {
         "labels": names,
-        "first": counts.sum(axis=1).tolist(),
-        "second": counts.sum(axis=0).tolist(),
         "discordant": n - int(np.trace(counts)),
     }
     net = np.array([forward - back for _, _, forward, back in moves], dtype=np.int64)
@@ -89,7 +120,9 @@ def label_swap_test(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, r
         spread = _squared_difference(nets, moves, labels)
         p = (int(np.count_nonzero(spread >= observed)) + 1) / (resamples + 1)
         how = f"B={resamples}"
-    return Statistic(float(observed), n, p=p, method=f"within-frame label swap, {how}", detail=detail)
+    first, second = (tuple(counts.sum(axis=axis).tolist()) for axis in (1, 0))
+    method = f"within-frame label swap, {how}"
+    return LabelSwap(float(observed), n, p=p, method=method, detail=detail, first=first, second=second)
 
 
 def paired_difference(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
@@ -116,7 +149,7 @@ def paired_difference_from_counts(b: int, c: int, n: int, *, level: float = 0.95
         return cannot_say("no pairs", method=method)
     z = NormalDist().inv_cdf(0.5 + level / 2)
     ci = (_tango_bound(b, c, n, z), _tango_bound(b, c, n, -z))
-    return Statistic((b - c) / n, n, ci, method=method, detail={"b": b, "c": c}, level=level)
+    return Discordant((b - c) / n, n, ci, method=method, level=level, b=b, c=c)
 
 
 def bounded_below(
@@ -136,7 +169,7 @@ def bounded_below(
     if difference.value is None:
         return difference
     p = NormalDist().cdf(_tango_score(b, c, n, margin))
-    detail = {"b": b, "c": c, "margin": margin, "alpha": alpha, "bounded": p < alpha}
+    detail = {"margin": margin, "alpha": alpha, "bounded": p < alpha}
     return replace(difference, p=p, detail=detail)
 
 

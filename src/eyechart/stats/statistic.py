@@ -1,7 +1,7 @@
 """A statistic is a number that travels with its n, its interval and its p; the number may be None."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 
 @dataclass(frozen=True, slots=True)
@@ -11,7 +11,8 @@ class Statistic:
     ``value`` is None when the data cannot say (never a stand-in 0); ``note`` then says why. ``n`` counts
     the observations that the value rests on. ``ci`` is a two-sided interval of this ``level``. ``p`` is None where
     no test was made. ``unit`` is that of the value, empty for a share or another pure number. ``detail`` holds further
-    plain numbers (a table, bin sizes, a rival variant) for whoever audits the value.
+    plain numbers (a table, bin sizes, a rival variant) for whoever audits the value; numbers that are read by a rule
+    are fields of a kind of Statistic, and stand in the JSON of ``detail`` too.
     """
 
     value: float | None
@@ -26,6 +27,8 @@ class Statistic:
 
     def as_dict(self) -> dict[str, object]:
         """Return the statistic as plain JSON values, with every key always present."""
+        further = {one.name: getattr(self, one.name) for one in fields(self)[len(fields(Statistic)) :] if one.repr}
+        detail = further | dict(self.detail or {})
         return {
             "value": self.value,
             "n": self.n,
@@ -33,7 +36,7 @@ class Statistic:
             "p": self.p,
             "method": self.method,
             "note": self.note,
-            "detail": None if self.detail is None else dict(self.detail),
+            "detail": detail or None,
         }
 
 

@@ -162,4 +162,4 @@ def manifest_of(run: Path) -> RunManifest | EpisodesManifest:
 
 def is_episodes(path: Path) -> bool:
     """Return whether a folder is a run of episodes, by the format of its ``run.json``."""
-    return run_json(path).get("format") == episodes.FORMAT
+    return run_json(path).get("format") == episodes.EpisodesManifest.FORMAT

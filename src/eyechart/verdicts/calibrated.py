@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping
 
-from eyechart.stats.agreement import trials_needed
-from eyechart.stats.paired import pairs_to_bound
+from eyechart.stats.agreement import SwapRate, trials_needed
+from eyechart.stats.paired import Discordant, pairs_to_bound
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.labels import ALPHA, FLOOR, MARGIN, SWAP_RATE, UNPARSED_CUT
-from eyechart.verdicts.ruling import Ruling, decided, number
+from eyechart.verdicts.ruling import Ruling, decided
 
 POSITIVE_CLAIMS = 6
 """depth, self_inconsistent, content (Holm over two tests), scene_cue, presence_only, refusal_effect."""
@@ -18,9 +18,10 @@ def calibrated_rules(found: Mapping[str, Statistic], *, swaps: bool) -> tuple[Ru
     name, evidence = _depth_test(found)
     unparsed, depth = found["unparsed_reference"], found[name]
     if unparsed.value is None:
-        return Ruling("undecided", "unparsed_reference", "no call with the real picture has come back"), evidence
+        words = "no call with the real picture has come back"
+        return decided("undecided", "unparsed_reference", None, words), evidence
     if unparsed.value > UNPARSED_CUT:
-        return decided("not_scorable", "unparsed_reference", unparsed, f"above {UNPARSED_CUT}"), evidence
+        return decided("not_scorable", "unparsed_reference", unparsed, "above {cut}", cut=UNPARSED_CUT), evidence
     if depth.p is not None and depth.p < ALPHA:
         label = "depth_lateral" if swaps else "depth"
         return decided(label, name, depth, "it brakes harder where the lead is nearer"), evidence
@@ -43,8 +44,8 @@ def _self_inconsistent(found: Mapping[str, Statistic]) -> Ruling | None:
         return None
     if pooled.p is None or pooled.p >= ALPHA:
         return None
-    words = f"it disagrees with itself on the same picture (s = {number(differs)}), about as often as chance would"
-    return decided("self_inconsistent", "kappa_pooled", pooled, words)
+    words = "it disagrees with itself on the same picture (s = {s}), about as often as chance would"
+    return decided("self_inconsistent", "kappa_pooled", pooled, words, s=differs)
 
 
 def _content(found: Mapping[str, Statistic]) -> Ruling | None:
@@ -54,7 +55,7 @@ def _content(found: Mapping[str, Statistic]) -> Ruling | None:
             what = (
                 "another frame of the scenario" if name == "content_shuffled" else "only the paint of the own vehicle"
             )
-            return decided("content", name, found[name], f"{what} changes its answer more than a repeat does")
+            return decided("content", name, found[name], "{what} changes its answer more than a repeat does", what=what)
     return None
 
 
@@ -78,8 +79,8 @@ def _presence(found: Mapping[str, Statistic]) -> Ruling | None:
     presence = found["presence"]
     if presence.p is None or presence.p >= ALPHA or not _bounds(found):
         return None
-    words = f"real and blank differ, and the effect of content is below {MARGIN}"
-    return decided("presence_only", "presence", presence, words)
+    words = "real and blank differ, and the effect of content is below {margin}"
+    return decided("presence_only", "presence", presence, words, margin=MARGIN)
 
 
 def _refusal(found: Mapping[str, Statistic]) -> Ruling | None:
@@ -97,8 +98,8 @@ def _invariant(found: Mapping[str, Statistic]) -> Ruling | None:
     blank = found["bound_blank"]
     if blank.p is None or blank.p >= ALPHA or not _bounds(found):
         return None
-    words = f"the effects of a blank picture and of content are both below {MARGIN}"
-    return decided("image_invariant", "bound_blank", blank, words)
+    words = "the effects of a blank picture and of content are both below {margin}"
+    return decided("image_invariant", "bound_blank", blank, words, margin=MARGIN)
 
 
 def _undecided(found: Mapping[str, Statistic]) -> Ruling:
@@ -106,20 +107,19 @@ def _undecided(found: Mapping[str, Statistic]) -> Ruling:
     bounds = {name: found[f"bound_{name}"] for name in ("content_shuffled", "blank", "content_recoloured", "scene")}
     for condition, name in (("shuffled", "content_shuffled"), ("blank", "blank")):
         if bounds[name].p is None:
-            words = f"no frame has decisions on real, real_repeat and {condition}, so no absence can be bounded"
-            return Ruling("undecided", f"bound_{name}", words)
+            words = "no frame has decisions on real, real_repeat and {condition}, so no absence can be bounded"
+            return decided("undecided", f"bound_{name}", None, words, condition=condition)
     presence = found["presence"].p
     if presence is not None and presence < ALPHA:
         bounds.pop("blank")  # the effect of a blank is shown; what is open is the effect of content
     open_ones = {name: bound for name, bound in bounds.items() if bound.p is not None and bound.p >= ALPHA}
     if not open_ones:
-        return Ruling("undecided", "presence", f"no rule's test decided at alpha {ALPHA}")
+        return decided("undecided", "presence", None, "no rule's test decided at alpha {alpha}", alpha=ALPHA)
     name, bound = max(open_ones.items(), key=lambda item: item[1].p or 0.0)
-    detail = bound.detail or {}
-    discordant = (float(str(detail.get("b", 0))) + float(str(detail.get("c", 0)))) / max(bound.n, 1)
+    discordant = bound.discordant / max(bound.n, 1) if isinstance(bound, Discordant) else 0.0
     need = pairs_to_bound(min(discordant, 0.9), margin=MARGIN, alpha=ALPHA)
-    words = f"no test decided; an effect of {MARGIN} is not excluded (were there none, about {need} frames would)"
-    return decided("undecided", f"bound_{name}", bound, words)
+    words = "no test decided; an effect of {margin} is not excluded (were there none, about {need} frames would)"
+    return decided("undecided", f"bound_{name}", bound, words, margin=MARGIN, need=need)
 
 
 def lateral_rules(found: Mapping[str, Statistic], seen: Mapping[str, int]) -> Ruling:
@@ -128,19 +128,22 @@ def lateral_rules(found: Mapping[str, Statistic], seen: Mapping[str, int]) -> Ru
     ``seen`` counts each direction over the decisions on pictures and on their reflections.
     """
     swap, name = found["mirror_swap_rate"], "mirror_swap_rate"
-    if swap.detail is None:
-        return Ruling("not_tested", name, swap.note)
+    if not isinstance(swap, SwapRate):
+        return decided("not_tested", name, None, "{note}", note=swap.note)
     if sum(seen.values()) >= 8 and sum(count > 0 for count in seen.values()) == 1:
         only = next(direction for direction, count in seen.items() if count)
-        return decided("one_sided", name, swap, f"{only} is the only direction it ever gives, mirrored or not")
-    if swap.value is None or swap.ci is None or swap.p is None:
+        return decided(
+            "one_sided", name, swap, "{only} is the only direction it ever gives, mirrored or not", only=only
+        )
+    if swap.value is None or swap.ci is None or swap.p is None or swap.chance is None:
         need = trials_needed(0.65, 0.5, alpha=ALPHA)
-        return Ruling("no_power", name, f"no directional decision; up to {need} are needed")
-    chance = float(str(swap.detail["chance"]))
+        return decided("no_power", name, None, "no directional decision; up to {need} are needed", need=need)
     both = all(count > 0 for count in seen.values())
-    if both and swap.value >= SWAP_RATE and swap.ci[0] > chance and swap.p < ALPHA:
-        return decided("swaps", name, swap, f"directions are exchanged, chance is {chance:.2f}")
+    if both and swap.value >= SWAP_RATE and swap.ci[0] > swap.chance and swap.p < ALPHA:
+        return decided("swaps", name, swap, "directions are exchanged, chance is {chance:.2f}", chance=swap.chance)
     if swap.ci[1] < SWAP_RATE:
-        return decided("does_not_swap", name, swap, f"directions are exchanged in less than {SWAP_RATE} of the cases")
-    need = trials_needed(0.65, min(chance, 0.5), alpha=ALPHA)
-    return decided("no_power", name, swap, f"{need} directional decisions would tell a rate of .65 from chance")
+        words = "directions are exchanged in less than {share} of the cases"
+        return decided("does_not_swap", name, swap, words, share=SWAP_RATE)
+    words = "{need} directional decisions would tell a rate of .65 from chance"
+    need = trials_needed(0.65, min(swap.chance, 0.5), alpha=ALPHA)
+    return decided("no_power", name, swap, words, need=need)

@@ -1,11 +1,12 @@
 """A verdict that was settled early rests on the e-values that stopped its run, and on nothing computed after."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from eyechart.stats.evalues import EValue
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.labels import ALPHA, LABELS, NOT_JUDGED
-from eyechart.verdicts.ruling import Ruling
+from eyechart.verdicts.ruling import Ruling, decided
 
 PREFIX = "early."
 """What the names of e-values begin with among the statistics of a model."""
@@ -77,27 +78,24 @@ def early_rules(found: Mapping[str, Statistic], stopped: Stopped, lateral: Rulin
     """Return the calibrated label of a run that stopped, and how the question of distance was put."""
     label = "depth_lateral" if stopped.label == "depth" and lateral.label == "swaps" else stopped.label
     evidence = "interventional" if stopped.interventional else "none"
-    because = _because(found, stopped.decided_by, stopped.words())
-    if stopped.with_it:
-        because += f"; so are {', '.join(stopped.with_it)}"
-    return Ruling(label, stopped.decided_by, because), evidence
+    ruling = _settled(found, label, stopped.decided_by, stopped.words())
+    return replace(ruling, with_it=stopped.with_it), evidence
 
 
 def early_lateral(found: Mapping[str, Statistic], stopped: Stopped) -> Ruling | None:
     """Return the lateral label of a run that stopped; None where the ordinary rules apply."""
     if stopped.lateral is None:
         return None
-    return Ruling(stopped.lateral, stopped.lateral_by, _because(found, stopped.lateral_by, "stopped early"))
+    return _settled(found, stopped.lateral, stopped.lateral_by, "stopped early")
 
 
 def early_paper(stopped: Stopped) -> Ruling:
     """Return what stands for the paper's label of a run that stopped."""
-    return Ruling(NOT_JUDGED, stopped.decided_by, f"{stopped.words()}: the paper's tests need the whole run")
+    words = "{stopped}: the paper's tests need the whole run"
+    return decided(NOT_JUDGED, stopped.decided_by, None, words, stopped=stopped.words())
 
 
-def _because(found: Mapping[str, Statistic], name: str, how: str) -> str:
-    evidence = found[name]
-    threshold = float(str((evidence.detail or {})["threshold"]))
-    says = evidence.note.partition(": ")[2]
-    e = f"{name} = {evidence.value:.4g}"
-    return f"{how}: {says}: settled by {e}, at least {threshold:g}, after {evidence.n} frames"
+def _settled(found: Mapping[str, Statistic], label: str, name: str, how: str) -> Ruling:
+    e = found[name]
+    assert isinstance(e, EValue)
+    return decided(label, name, e, "{how}: {claim}", how=how, claim=e.says)

@@ -26,17 +26,18 @@ def paper_rules(found: Mapping[str, Statistic], corrected: Mapping[str, float | 
 def _paper_blind(found: Mapping[str, Statistic], corrected: Mapping[str, float | None]) -> Ruling | None:
     unparsed = found["unparsed_rate"]
     if unparsed.value is None or unparsed.value > PAPER_UNPARSED:
-        return decided("not_scorable", "unparsed_rate", unparsed, f"above {PAPER_UNPARSED}")
+        return decided("not_scorable", "unparsed_rate", unparsed, "above {cut}", cut=PAPER_UNPARSED)
     response, decision = corrected["cramers_v"], found["cramers_v.decision"]
     if len(_asked(found["cramers_v"])) < 2:
-        return Ruling("not_scorable", "cramers_v", "fewer than two conditions were asked: there is nothing to compare")
+        words = "fewer than two conditions were asked: there is nothing to compare"
+        return decided("not_scorable", "cramers_v", None, words)
     if response is None or response >= PAPER_ALPHA:
         return decided("image_invariant", "cramers_v", found["cramers_v"], "no answer depends on the condition")
     if decision.p is None or decision.p >= PAPER_ALPHA:
         return decided("refusal_effect", "cramers_v.decision", decision, "only outputs differ")
     if found["clears_floor"].value != 1.0:
-        idi, floor = found["idi"], found["noise_floor"]
-        return Ruling("self_inconsistent", "clears_floor", f"IDI {number(idi)} is not above 1.5 s, s = {number(floor)}")
+        words = "IDI {idi} is not above 1.5 s, s = {s}"
+        return decided("self_inconsistent", "clears_floor", None, words, idi=found["idi"], s=found["noise_floor"])
     return None
 
 

@@ -1,34 +1,58 @@
-"""A ruling is a label with the statistic that decided it."""
+"""A ruling is a label with the statistic that decided it and the reason, which are put into words when printed."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
+from eyechart.stats.evalues import EValue
 from eyechart.stats.statistic import Statistic
 
 
 @dataclass(frozen=True, slots=True)
-class Ruling:
-    """A label with the name of the statistic that decided it, and the reason in words.
+class Reason:
+    """Why a rule gave its label: a sentence with places, and the numbers that are written there."""
 
-    ``statistic`` is that statistic, None where there was nothing to measure; ``because`` ends in its numbers.
+    says: str
+    numbers: Mapping[str, object] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        if not self.numbers:
+            return self.says
+        shown = {name: number(one) if isinstance(one, Statistic) else one for name, one in self.numbers.items()}
+        return self.says.format(**shown)
+
+
+@dataclass(frozen=True, slots=True)
+class Ruling:
+    """A label with the name of the statistic that decided it, and the reason.
+
+    ``statistic`` is that statistic, None where there was nothing to measure; ``with_it`` names e-values that settled
+    the label besides.
     """
 
     label: str
     decided_by: str
-    because: str
+    reason: Reason
     statistic: Statistic | None = None
+    with_it: tuple[str, ...] = ()
 
     @property
-    def words(self) -> str:
-        """Return the reason without its numbers."""
-        return self.because.partition(f": {self.decided_by} = ")[0]
+    def because(self) -> str:
+        """Return the reason and the numbers that decided, in words."""
+        one = self.statistic
+        if isinstance(one, EValue):
+            settled = f"{self.decided_by} = {one.value:.4g}, at least {one.threshold:g}, after {one.n} frames"
+            so_are = f"; so are {', '.join(self.with_it)}" if self.with_it else ""
+            return f"{self.reason}: settled by {settled}{so_are}"
+        if one is None:
+            return str(self.reason)
+        interval = "" if one.ci is None else f" [{one.ci[0]:.3f}, {one.ci[1]:.3f}]"
+        p = "" if one.p is None else f", p = {p_value(one.p)}"
+        return f"{self.reason}: {self.decided_by} = {number(one)}{interval}, n = {one.n}{p}"
 
 
-def decided(label: str, name: str, statistic: Statistic, words: str) -> Ruling:
-    """Return the ruling that a statistic decided, its numbers behind the words."""
-    interval = "" if statistic.ci is None else f" [{statistic.ci[0]:.3f}, {statistic.ci[1]:.3f}]"
-    p = "" if statistic.p is None else f", p = {p_value(statistic.p)}"
-    because = f"{words}: {name} = {number(statistic)}{interval}, n = {statistic.n}{p}"
-    return Ruling(label, name, because, statistic)
+def decided(label: str, name: str, statistic: Statistic | None, says: str, **numbers: object) -> Ruling:
+    """Return the ruling that a statistic decided, None where none did; ``numbers`` fill the places of ``says``."""
+    return Ruling(label, name, Reason(says, numbers), statistic)
 
 
 def number(statistic: Statistic) -> str:

@@ -50,7 +50,12 @@ class Verdict:
     @property
     def state(self) -> str:
         """Return in words how far a run is that is not finished; empty where it is, and where it stopped early."""
-        return "" if self.unfinished is None else "unfinished: {} of {} calls".format(*self.unfinished)
+        return f"unfinished: {self.progress}" if self.progress else ""
+
+    @property
+    def progress(self) -> str:
+        """Return how many calls of a run that is not finished there are; empty where it is, and where it stopped."""
+        return "" if self.unfinished is None else "{} of {} calls".format(*self.unfinished)
 
     @property
     def headline(self) -> str:
@@ -102,7 +107,7 @@ class Verdict:
             label=self.headline,
             sentence=self.trust,
             rows=(
-                ("because", ruling.words),
+                ("because", str(ruling.reason)),
                 ("decided by", numbers(ruling.decided_by, ruling.statistic)),
                 ("distance asked by", _ASKED.get(self.evidence, self.evidence)),
                 ("lateral", f"{self.lateral.label}: {self.lateral.because}"),

@@ -117,9 +117,9 @@ class HuggingFaceModel:
             await asyncio.sleep(_LINGER_S)
 
     def _next_batch(self) -> list[_Waiting]:
-        """Take the oldest query and those like it: with a picture, or without one."""
+        """Take the oldest query and those like it: with as many pictures."""
         waiting = [one for one in self._waiting if not one[1].done()]
-        batch = [one for one in waiting if (one[0].image is None) == (waiting[0][0].image is None)][: self._batch]
+        batch = [one for one in waiting if len(one[0].images) == len(waiting[0][0].images)][: self._batch]
         taken = {id(future) for _, future in batch}
         self._waiting = deque(one for one in waiting if id(one[1]) not in taken)
         return batch

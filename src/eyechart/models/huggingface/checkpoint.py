@@ -180,12 +180,12 @@ def first_line(error: BaseException) -> str:
     return f"{type(error).__name__}: {lines[0] if lines else ''}"[:300]
 
 
-def conversation(system: str, user: str, *, picture: bool) -> list[dict[str, object]]:
-    """Return the messages of a query: the picture stands before the words, as in the checkpoints' own examples."""
+def conversation(system: str, user: str, *, pictures: int) -> list[dict[str, object]]:
+    """Return the messages of a query: the pictures stand before the words, as in the checkpoints' own examples."""
     messages: list[dict[str, object]] = []
     if system:
         messages.append({"role": "system", "content": [{"type": "text", "text": system}]})
-    messages.append({"role": "user", "content": [{"type": "image"}] * picture + [{"type": "text", "text": user}]})
+    messages.append({"role": "user", "content": [{"type": "image"}] * pictures + [{"type": "text", "text": user}]})
     return messages
 
 
@@ -199,9 +199,9 @@ def _require_image_slot(processor: Processor, spec: str) -> str:
     try:
         seen, unseen = (
             processor.apply_chat_template(
-                conversation("", "?", picture=picture), add_generation_prompt=True, tokenize=False
+                conversation("", "?", pictures=picture), add_generation_prompt=True, tokenize=False
             )
-            for picture in (True, False)
+            for picture in (1, 0)
         )
     except Exception as error:
         raise SpecError(f"the chat template of '{spec}' takes no picture: {first_line(error)}") from error

@@ -132,16 +132,16 @@ class Speaker:
         processor = self._checkpoint.processor
         texts = [
             processor.apply_chat_template(
-                conversation(query.system, query.user, picture=query.image is not None),
+                conversation(query.system, query.user, pictures=len(query.images)),
                 add_generation_prompt=True,
                 tokenize=False,
             )
             for query in queries
         ]
         pictures = [
-            [Image.fromarray(decode(query.image, "the query's picture"))]
+            [Image.fromarray(decode(image, "the query's picture")) for image in query.images]
             for query in queries
-            if query.image is not None
+            if query.images
         ]
         begins = processor.tokenizer.bos_token
         return processor(

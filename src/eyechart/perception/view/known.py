@@ -1,8 +1,10 @@
 """The views that there are, by simulator, and how a run finds its own again."""
 
+from dataclasses import replace
+
 from eyechart.cameras import FORWARD
 from eyechart.errors import SpecError
-from eyechart.frames import RGB, decode, encode
+from eyechart.frames import RGB, Stimulus, decode, encode
 from eyechart.perception.view.drawing import NONE, View
 from eyechart.perception.view.forward import forward
 from eyechart.perception.view.highway import highway
@@ -38,11 +40,12 @@ def find_view(key: str) -> View | None:
     return known[key]
 
 
-def through(view: View | None, picture: bytes | None, name: str = "picture") -> bytes | None:
-    """Return an encoded picture as a view shows it; itself without a view, and nothing of no picture."""
-    if view is None or picture is None:
-        return picture
-    return encode(view.show(decode(picture, name), name))
+def through(view: View | None, seen: Stimulus, name: str = "picture") -> Stimulus:
+    """Return a stimulus with its pictures as a view shows them; itself without a view."""
+    if view is None:
+        return seen
+    shown = {camera: encode(view.show(decode(image, name), name)) for camera, image in seen.images.items()}
+    return replace(seen, images=shown)
 
 
 def scene_of(pixels: RGB) -> RGB:

@@ -99,10 +99,11 @@ class Aviary:
         )
         return np.ascontiguousarray(np.reshape(pixels, (view.height, view.width, 4))[:, :, :3], dtype=np.uint8)
 
-    def state(self) -> bytes:
-        """Return position, attitude and both velocities as raw 64-bit floats."""
+    def state(self, decimals: int | None = None) -> bytes:
+        """Return position, attitude and both velocities as raw 64-bit floats, rounded where it is asked for."""
         env = self._env
-        return np.concatenate([env.pos[0], env.quat[0], env.vel[0], env.ang_v[0]]).astype(np.float64).tobytes()
+        numbers = np.concatenate([env.pos[0], env.quat[0], env.vel[0], env.ang_v[0]]).astype(np.float64)
+        return (numbers if decimals is None else numbers.round(decimals) + 0.0).tobytes()
 
     def close(self) -> None:
         """Disconnect from PyBullet."""

@@ -49,9 +49,9 @@ class PybulletDrive(RoadDrive[World]):
         """Return what PyBullet's camera shows, shape (180, 320, 3), uint8."""
         return self._aviary.draw()
 
-    def state(self) -> bytes:
-        """Return the drone's state and the obstacles as raw 64-bit floats."""
-        return super().state() + self._aviary.state()
+    def state(self, decimals: int | None = None) -> bytes:
+        """Return the drone's state and the obstacles as raw 64-bit floats, rounded where it is asked for."""
+        return super().state(decimals) + self._aviary.state(decimals)
 
     def close(self) -> None:
         """Disconnect from PyBullet."""

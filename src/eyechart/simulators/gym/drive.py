@@ -123,12 +123,12 @@ class GymnasiumDrive:
             ended=self._ended,
         )
 
-    def state(self) -> bytes:
+    def state(self, decimals: int | None = None) -> bytes:
         """Return a digest of what the environment shows of its state: observation, truth and random numbers."""
         generator = getattr(self._env.unwrapped, "np_random", None)
         random = None if generator is None else generator.bit_generator.state
         digest = sha256()
-        _feed(digest.update, (self._steps, self._observation, self._truth, random))
+        _feed(digest.update, (self._steps, self._observation, self._truth, random), decimals)
         return digest.digest()
 
     def close(self) -> None:
@@ -204,18 +204,22 @@ def _words(error: BaseException) -> str:
     return " ".join(f"{type(error).__name__}: {error}".split())[:_LONGEST_WORDS]
 
 
-def _feed(update: Callable[[bytes], object], value: object) -> None:
-    """Feed plain values and arrays, however nested, to a digest."""
+def _feed(update: Callable[[bytes], object], value: object, decimals: int | None) -> None:
+    """Feed plain values and arrays, however nested, to a digest; floats rounded to so many decimals."""
+    if decimals is not None and (
+        isinstance(value, float) or (isinstance(value, np.ndarray) and value.dtype.kind == "f")
+    ):
+        value = np.round(value, decimals) + 0.0  # no sign of zero
     if isinstance(value, np.ndarray):
         update(f"{value.dtype.str}{value.shape}".encode())
         update(np.ascontiguousarray(value).tobytes())
     elif isinstance(value, Mapping):
         for key in sorted(value, key=str):
-            _feed(update, key)
-            _feed(update, value[key])
+            _feed(update, key, decimals)
+            _feed(update, value[key], decimals)
     elif isinstance(value, Sequence) and not isinstance(value, str | bytes):
         update(f"[{len(value)}".encode())
         for one in value:
-            _feed(update, one)
+            _feed(update, one, decimals)
     else:
         update(f"{type(value).__name__}:{value!r}\n".encode())

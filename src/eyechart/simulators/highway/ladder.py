@@ -87,10 +87,11 @@ class LadderDrive:
             ended=ended,
         )
 
-    def state(self) -> bytes:
-        """Return every vehicle's position, heading and speed as raw 64-bit floats."""
+    def state(self, decimals: int | None = None) -> bytes:
+        """Return every vehicle's position, heading and speed as raw 64-bit floats, rounded where it is asked for."""
         rows = [[*vehicle.position, vehicle.heading, vehicle.speed] for vehicle in self._world.road.vehicles]
-        return np.array(rows, dtype=np.float64).tobytes()
+        numbers = np.array(rows, dtype=np.float64)
+        return (numbers if decimals is None else numbers.round(decimals) + 0.0).tobytes()
 
     def close(self) -> None:
         """Let go of the world."""

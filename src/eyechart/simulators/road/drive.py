@@ -60,9 +60,9 @@ class RoadDrive(Generic[W]):
             ended=after.ended,
         )
 
-    def state(self) -> bytes:
-        """Return the vehicle's state and the obstacles as raw 64-bit floats."""
-        return self._world.as_bytes()
+    def state(self, decimals: int | None = None) -> bytes:
+        """Return the vehicle's state and the obstacles as raw 64-bit floats, rounded where it is asked for."""
+        return self._world.as_bytes(decimals)
 
     def close(self) -> None:
         """Hold nothing, so let go of nothing."""

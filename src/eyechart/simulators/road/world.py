@@ -85,11 +85,13 @@ class World(Generic[S_co]):
             track=len(TRACKS_M) - 1 - self.track,
         )
 
-    def as_bytes(self) -> bytes:
-        """Return the state of the world as bytes: numbers as they are, obstacles too."""
+    def as_bytes(self, decimals: int | None = None) -> bytes:
+        """Return the state of the world as bytes: numbers as they are or rounded, obstacles too."""
         numbers = [*self.state.numbers(), self.seconds, float(self.track), float(self.crashed)]
         for one in self.layout.obstacles:
             numbers += [one.x, one.y, one.radius, one.height]
+        if decimals is not None:
+            numbers = [round(number, decimals) for number in numbers]
         return struct.pack(f"<{len(numbers)}d", *(number + 0.0 for number in numbers))
 
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 
 from PIL import Image
 
-from eyechart.conditions import available, show
+from eyechart.conditions import OVER, available, show
 from eyechart.errors import BankError
-from eyechart.frames import RGB, Frame, FrameBank, decode
+from eyechart.frames import RGB, Frame, FrameBank, beside, decode
 from eyechart.studies.battery.subjects import Evidence, Tell
 
 NO_PICTURE = -1
@@ -127,8 +127,8 @@ class _Binder:
         if not available(condition, frame):
             return LEFT_OUT
         try:
-            picture = show(condition, frame, bank, seed)
-            return NO_PICTURE if picture is None else self._keep(picture, noise=condition == "noise")
+            seen = beside(show(condition, frame, bank, seed).images, frame.id)
+            return NO_PICTURE if seen is None else self._keep(seen, noise=condition.partition(OVER)[0] == "noise")
         except BankError:
             return LEFT_OUT
 

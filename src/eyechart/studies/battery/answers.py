@@ -5,19 +5,23 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.errors import BankError
-from eyechart.frames import Frame, FrameBank, Gap
-from eyechart.spaces.discrete import Discrete
-from eyechart.spaces.space import Decision
+from eyechart.frames import Frame, Gap
+from eyechart.run import Plan
+from eyechart.spaces.space import UNPARSED, AnySpace, Decision
 from eyechart.verdicts import DECIDED
 
 Symbols = NDArray[np.str_]
 Mask = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+Codes = NDArray[np.int64]
+Paired = tuple[Floats, Mask]
 
 ABSENT = ""
 """The symbol of a call that was not planned or has not come back."""
@@ -36,9 +40,9 @@ class Answers:
 
     model: str
     frames: tuple[Frame, ...]
-    space: Discrete
+    space: AnySpace
     gap: Gap | None
-    decisions: Mapping[str, tuple[Decision[str] | None, ...]]
+    decisions: Mapping[str, tuple[Decision[Any] | None, ...]]
     finished: int = 0
     no_gap: str = NO_GAP
     told: bool = False
@@ -54,9 +58,9 @@ class Answers:
     def symbols(self, condition: str, level: str) -> Symbols:
         """Return the symbols of a condition at level ``response`` or ``decision``; they are not to be written to."""
         if (condition, level) not in self._symbols:
-            given = self.decisions.get(condition, (None,) * len(self.frames))
-            symbol = _response if level == "response" else _action
-            made = np.array([symbol(one) for one in given], dtype=np.str_)
+            names = [self.space.symbol(action) for action in self._coded[0]]
+            none = UNPARSED if level == "response" else ABSENT
+            made = np.array([ABSENT, none, *names], dtype=np.str_)[self._column(condition) + 2]
             made.flags.writeable = False
             self._symbols[condition, level] = made
         return self._symbols[condition, level]
@@ -65,23 +69,68 @@ class Answers:
     def _symbols(self) -> dict[tuple[str, str], Symbols]:
         return {}
 
+    @cached_property
+    def _coded(self) -> tuple[tuple[Any, ...], dict[str, Codes]]:
+        """Return the different actions, and each condition's decisions by their place: -1 for none, -2 for no reply."""
+        actions: dict[Any, int] = {}
+
+        def code(one: Decision[Any] | None) -> int:
+            if one is None or one.action is None:
+                return -2 if one is None else -1
+            return actions.setdefault(one.action, len(actions))
+
+        columns = {name: np.array([code(one) for one in column], np.int64) for name, column in self.decisions.items()}
+        return tuple(actions), columns
+
+    def _column(self, condition: str) -> Codes:
+        columns = self._coded[1]
+        return columns[condition] if condition in columns else np.full(len(self.frames), -2)
+
+    def distance(self, first: str, second: str, level: str = "decision", *, reflect: bool = False) -> Paired:
+        """Return how far two conditions' answers differ on the frames that have both, and which frames these are.
+
+        At level ``response`` a reply without a decision is one, and 1 apart from every action. ``reflect`` compares
+        with what the reflected world calls for; frames for which the space cannot say that are left out.
+        """
+        one, other = self._column(first), self._column(second)
+        least = -1 if level == "response" else 0
+        have = (one >= least) & (other >= least)
+        actions, count = self._coded[0], len(self._coded[0]) + 1
+
+        def apart(pair: int) -> float:
+            here, there = pair // count - 1, pair % count - 1
+            if here < 0 or there < 0:
+                return float(here != there)
+            action = self.space.reflect(actions[here]) if reflect else actions[here]
+            return math.nan if action is None else self.space.distance(action, actions[there])
+
+        pairs, place = np.unique((one[have] + 1) * count + other[have] + 1, return_inverse=True)
+        found = np.array([apart(int(pair)) for pair in pairs], dtype=np.float64)[place]
+        have[have] = ~np.isnan(found)
+        return found[~np.isnan(found)], have
+
+    def projection(self, condition: str, axis: str) -> Floats | None:
+        """Return how much of each decision is along an axis, NaN where there is none; None where the space has none."""
+        found = [self.space.project(action, axis) for action in self._coded[0]]
+        if None in found:
+            return None
+        return np.array([math.nan, math.nan, *found], dtype=np.float64)[self._column(condition) + 2]
+
     def both(self, first: str, second: str, level: str) -> tuple[Symbols, Symbols, Mask]:
         """Return two conditions' symbols on the frames that have both, and which frames these are."""
         one, other = self.symbols(first, level), self.symbols(second, level)
         have = (one != ABSENT) & (other != ABSENT)
         return one[have], other[have], have
 
-    def levels(self, actions: Symbols) -> NDArray[np.int64]:
-        """Return the braking level of each symbol of an array: 0 where it does not brake, -1 for no decision."""
-        levels = np.full(len(actions), -1, dtype=np.int64)
-        for action in self.space.actions:
-            levels[actions == action] = self.space.project(action, "brake") or 0
-        return levels
+    @cached_property
+    def partners(self) -> dict[str, str]:
+        """Return the named actions that a reflection exchanges, each with its partner."""
+        return {name: str(other) for name in self.space.actions if (other := self.space.reflect(name)) != name}
 
     def directions(self) -> dict[str, int]:
         """Return how often each direction was given to real pictures and to their reflections."""
-        given = [*self.actions("real"), *self.actions("mirrored")]
-        return {direction: sum(one == direction for one in given) for direction in self.space.directional}
+        given = Counter([*self.actions("real"), *self.actions("mirrored")])
+        return {name: given[name] for name in self.partners}
 
     def counts(self) -> dict[str, Counter[str]]:
         """Return, by condition, how many replies hold a decision, and how many none, by the reason."""
@@ -124,19 +173,10 @@ class Answers:
         return np.array(values, dtype=np.float64)
 
 
-def _response(decision: Decision[str] | None) -> str:
-    return ABSENT if decision is None else decision.symbol
-
-
-def _action(decision: Decision[str] | None) -> str:
-    return ABSENT if decision is None or decision.action is None else decision.action
-
-
 def read_answers(
     model: str,
     replies: Iterable[tuple[CallKey, Reply]],
-    bank: FrameBank,
-    frames: tuple[Frame, ...],
+    plan: Plan,
     *,
     independent: bool = False,
     told: bool = False,
@@ -145,9 +185,9 @@ def read_answers(
 
     Where the bank records no episodes, its gap is read only if the frames were declared ``independent``.
     """
+    frames, space, bank = plan.frames, plan.space, plan.bank.manifest
     place = {frame.id: index for index, frame in enumerate(frames)}
-    space = bank.manifest.action_space
-    decisions: dict[str, list[Decision[str] | None]] = {}
+    decisions: dict[str, list[Decision[Any] | None]] = {}
     finished = 0
     for key, reply in replies:
         if key.frame in place:
@@ -155,7 +195,7 @@ def read_answers(
                 decisions[key.condition] = [None] * len(frames)
             decisions[key.condition][place[key.frame]] = space.read(reply)
             finished += reply.error not in UNFINISHED
-    gap, silent = bank.manifest.gap, "episode" in bank.manifest.absent and not independent
+    gap, silent = bank.gap, "episode" in bank.absent and not independent
     return Answers(
         model=model,
         frames=frames,

@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from eyechart.calls import Reply
-from eyechart.conditions import CONDITIONS, speaker
+from eyechart.conditions import find_condition, seed_of, speaker
 from eyechart.frames import Frame, Scalar
 from eyechart.run import spread
 from eyechart.spaces.space import Decision
@@ -127,7 +127,7 @@ def _run(
     return {
         "name": run.name,
         "conditions": [
-            {"name": name, "image": CONDITIONS[name].image, "asks": CONDITIONS[name].asks} for name in run.conditions
+            {"name": one.name, "image": one.image, "asks": one.asks} for one in map(find_condition, run.conditions)
         ],
         "actions": list(space.actions),
         "roles": roles,
@@ -164,8 +164,8 @@ def _said(run: Evidence, frame: Frame) -> dict[str, object]:
         return {}
     told: dict[str, object] = {"said": _words({name: frame.fields[name] for name in fields})}
     for name in run.conditions:
-        if CONDITIONS[name].swaps_text:
-            other = speaker(name, frame, run.score.bank, run.score.manifest.seed, fields)
+        if "text" in find_condition(name).needs:
+            other = speaker(frame, run.score.bank, seed_of(name, frame, run.score.manifest.seed))
             told["told"] = {name: [other.id, _words({field: other.fields[field] for field in fields})]}
     return told
 

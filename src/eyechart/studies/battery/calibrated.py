@@ -4,7 +4,6 @@ Positive claims are tested at alpha .01; absences are bounded below a margin of 
 docs/decisions/0006-two-sets-of-rules.md.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,8 +11,8 @@ from numpy.typing import NDArray
 
 from eyechart.stats.agreement import cohens_kappa, pooled_kappa, rate
 from eyechart.stats.association import quantile_bins
-from eyechart.stats.exchange import exchange_mi_test, exchange_test, iid_trend_test
-from eyechart.stats.paired import bounded_below, label_swap_test, paired_difference, sign_test
+from eyechart.stats.exchange import Trend, exchange_mi_test, exchange_test, iid_trend_test
+from eyechart.stats.paired import LabelSwap, bounded_below, label_swap_test, paired_difference, sign_test
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.answers import ABSENT, Answers, Symbols
 from eyechart.studies.battery.published import Resampling, Statistics
@@ -27,6 +26,8 @@ FEWEST_PAIRS = 7
 
 SAME = ("real", "real_repeat", "mirrored", "recoloured")
 """Pictures of a frame that call for one answer: the reflection for the mirrored one, and paint for none."""
+
+NO_BRAKE = "this space has no axis 'brake'"
 
 COUNTERFACTUAL_TESTS = ("depth_interventional", "content_recoloured", "bound_content_recoloured")
 """The tests that a bank without counterfactual pictures cannot make; of the others only ``kappa_pooled`` reads some."""
@@ -74,8 +75,8 @@ class Calibrated:
         return rate(sum(one.action is None for one in given), len(given), level=LEVEL)
 
     def _self_disagreement(self) -> Statistic:
-        real, repeat, _ = self.answers.both("real", "real_repeat", "decision")
-        return rate(int((real != repeat).sum()), len(real), level=LEVEL)
+        apart, _ = self.answers.distance("real", "real_repeat")
+        return rate(int((apart > 0).sum()), len(apart), level=LEVEL)
 
     def _kappa(self) -> Statistic:
         real, repeat, _ = self.answers.both("real", "real_repeat", "decision")
@@ -83,22 +84,25 @@ class Calibrated:
 
     def kappa_pooled(self) -> Statistic:
         """Bound the agreement beyond chance of the answers to all pictures of a frame that call for one answer."""
-        space = self.answers.space
+        partners = self.answers.partners
         codes = np.full((len(self.answers.frames), len(SAME)), -1, dtype=np.int64)
         for place, name in enumerate(SAME):
             given = self.answers.actions(name)
-            for code, action in enumerate(space.actions):
-                codes[given == (space.reflect(action) if name == "mirrored" else action), place] = code
+            for code, action in enumerate(self.answers.space.actions):
+                codes[given == (partners.get(action, action) if name == "mirrored" else action), place] = code
         found = pooled_kappa(codes, margin=MARGIN, alpha=ALPHA)
         return replace(found, method=f"{', '.join(SAME)}: {found.method}")
 
     def _interventional(self) -> Statistic:
-        near, far, _ = self.answers.both("lead_near", "lead_far", "decision")
-        if len(near) < FEWEST_PAIRS:
-            why = f"{len(near)} counterfactual pairs with two decisions; {FEWEST_PAIRS} are needed"
-            return cannot_say(why, len(near), "sign test of the braking level, lead_near over lead_far")
-        found = sign_test(self.answers.levels(near), self.answers.levels(far), level=LEVEL)
-        detail = {**(found.detail or {}), "pairs": len(near)}
+        near, far = (self.answers.projection(name, "brake") for name in ("lead_near", "lead_far"))
+        if near is None or far is None:
+            return cannot_say(NO_BRAKE)
+        have = ~np.isnan(near + far)
+        if (pairs := int(have.sum())) < FEWEST_PAIRS:
+            why = f"{pairs} counterfactual pairs with two decisions; {FEWEST_PAIRS} are needed"
+            return cannot_say(why, pairs, "sign test of the braking level, lead_near over lead_far")
+        found = sign_test(near[have], far[have], level=LEVEL)
+        detail = {**(found.detail or {}), "pairs": pairs}
         return replace(found, method=f"braking level, lead_near over lead_far: {found.method}", detail=detail)
 
     def _observational(self) -> Statistic:
@@ -122,7 +126,10 @@ class Calibrated:
         gaps = self.answers.gaps
         if gaps is None:
             return cannot_say(self.answers.no_gap)
-        levels, ranks = self.answers.levels(self.answers.actions(condition)), _ranks(gaps)
+        braking, ranks = self.answers.projection(condition, "brake"), _ranks(gaps)
+        if braking is None:
+            return cannot_say(NO_BRAKE)
+        levels = np.where(np.isnan(braking), -1, braking).astype(np.int64)
         decided = levels[levels >= 0]
         if not len(decided):
             return cannot_say(f"no decisions on {condition} pictures")
@@ -149,34 +156,30 @@ class Calibrated:
     def _layout(self) -> tuple[Symbols, Symbols, NDArray[np.int64]]:
         return self.answers.scenarios, self.answers.episodes, self.answers.steps
 
-    def _triple(self, first: str, second: str) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return, on the frames with all three decisions, whether each of two conditions agrees with ``real``."""
-        real, one, other = (self.answers.actions(name) for name in ("real", first, second))
-        have = (real != ABSENT) & (one != ABSENT) & (other != ABSENT)
-        return one[have] == real[have], other[have] == real[have]
+    def _alike(self, first: str, second: str, level: str = "decision") -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return, on the frames with all three answers, whether each of two conditions agrees with ``real``."""
+        (one, has_one), (other, has_other) = (self.answers.distance("real", name, level) for name in (first, second))
+        return one[has_other[has_one]] == 0, other[has_one[has_other]] == 0
 
     def _content(self, other: str) -> Statistic:
-        repeat, changed = self._triple("real_repeat", other)
+        repeat, changed = self._alike("real_repeat", other)
         return _named(sign_test(repeat, changed, level=LEVEL), f"agreement with real, real_repeat over {other}", repeat)
 
     def _scene_cue(self) -> Statistic:
-        shuffled, cross = self._triple("shuffled", "cross_scenario")
+        shuffled, cross = self._alike("shuffled", "cross_scenario")
         what = "agreement with real, shuffled over cross_scenario"
         return _named(sign_test(shuffled, cross, level=LEVEL), what, shuffled)
 
     def _bound(self, other: str) -> Statistic:
-        repeat, changed = self._triple("real_repeat", other)
+        repeat, changed = self._alike("real_repeat", other)
         found = bounded_below(repeat, changed, margin=MARGIN, alpha=ALPHA)
         return replace(found, method=f"agreement with real, real_repeat minus {other}: {found.method}")
 
     def _image_token(self, level: str) -> Statistic:
         """Compare, frame by frame, how often a grey picture and no picture get the answer of the real one."""
-        real, grey, none = (self.answers.symbols(name, level) for name in ("real", "blank", "text_only"))
-        have = (real != ABSENT) & (grey != ABSENT) & (none != ABSENT)
-        what = "agreement with real, blank minus text_only"
-        if not have.any():
+        alike, what = self._alike("blank", "text_only", level), "agreement with real, blank minus text_only"
+        if not len(alike[0]):
             return cannot_say("no frame has answers to real, blank and text_only", method=what)
-        alike = grey[have] == real[have], none[have] == real[have]
         apart, test = paired_difference(*alike, level=LEVEL), sign_test(*alike, level=LEVEL)
         return replace(apart, p=test.p, method=f"{what}: {apart.method}; p: one-sided exact sign test")
 
@@ -184,10 +187,10 @@ class Calibrated:
         real, blank, _ = self.answers.both("real", "blank", level)
         seed = self.how.seed_of(f"presence.{level}")
         found = label_swap_test(real, blank, seed=seed, resamples=self.how.resamples)
-        if found.value is None or found.detail is None:
+        if not isinstance(found, LabelSwap):
             return found
-        apart = sum(abs(one - other) for one, other in zip(*_marginals(found.detail), strict=True)) / (2 * found.n)
-        detail = {**found.detail, "sum_of_squared_differences": found.value}
+        apart = sum(abs(one - other) for one, other in zip(found.first, found.second, strict=True)) / (2 * found.n)
+        detail = {**(found.detail or {}), "sum_of_squared_differences": found.value}
         method = f"total variation between the answers to real and to blank; p: {found.method}"
         return replace(found, value=apart, method=method, detail=detail)
 
@@ -200,21 +203,13 @@ def _named(found: Statistic, what: str, pairs: NDArray[np.bool_]) -> Statistic:
 
 def _standardised(found: Statistic) -> Statistic:
     """Return the trend in standard deviations of its null; negative where braking falls on nearer gaps."""
-    detail = found.detail or {}
-    mean, deviation = (float(str(detail.get(name, 0.0))) for name in ("null_mean", "null_sd"))
-    if found.value is None or deviation == 0:
+    if not isinstance(found, Trend) or found.value is None or found.null_sd == 0:
         return found
     method = f"standard deviations from the null; {found.method}"
     note = "; ".join(filter(None, (found.note, "no interval: it counts deviations of its own null")))
-    value, detail = (found.value - mean) / deviation, {**detail, "trend": found.value}
+    value = (found.value - found.null_mean) / found.null_sd
+    detail = {**(found.detail or {}), "trend": found.value}
     return replace(found, value=value, method=method, note=note, detail=detail)
-
-
-def _marginals(detail: Mapping[str, object]) -> tuple[list[int], list[int]]:
-    first, second = detail["first"], detail["second"]
-    assert isinstance(first, list)
-    assert isinstance(second, list)
-    return first, second
 
 
 def _ranks(gaps: NDArray[np.float64]) -> NDArray[np.float64]:

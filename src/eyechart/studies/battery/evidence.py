@@ -11,8 +11,7 @@ from functools import cached_property
 
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.space import Decision
-from eyechart.stats.evalues import EProcess, MeanProcess, PairingProcess, SymmetryProcess
-from eyechart.stats.statistic import Statistic
+from eyechart.stats.evalues import EProcess, EValue, MeanProcess, PairingProcess, SymmetryProcess
 from eyechart.verdicts import ALPHA, FLOOR, FORECAST_ALPHA, MARGIN, UNPARSED_CUT
 
 E_MOST = 1e9
@@ -79,17 +78,20 @@ class Claim:
         self.most = max(self.most, self.process.log_e)
         self.settled = self.process.log_e >= -math.log(self.alpha)
 
-    def statistic(self) -> Statistic:
+    def statistic(self) -> EValue:
         """Return the e-value, with the anytime-valid p that it amounts to (1 over the largest so far)."""
         value = min(math.exp(min(self.process.log_e, 50.0)), E_MOST)
         threshold = 1 / self.alpha
-        return Statistic(
+        return EValue(
             value,
             self.frames,
             p=min(1.0, math.exp(-min(self.most, math.log(E_MOST)))),
             method=f"e-process against: {self.against}; settled at {threshold:g}, p is anytime-valid",
             note=f"{'settled' if self.settled else 'open'} after {self.frames} frames: {self.says}",
-            detail={"threshold": threshold, "alpha": self.alpha, "settled": self.settled},
+            threshold=threshold,
+            alpha=self.alpha,
+            settled=self.settled,
+            says=self.says,
         )
 
 

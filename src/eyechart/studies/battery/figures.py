@@ -29,8 +29,7 @@ from eyechart.report.charts import (
     style,
 )
 from eyechart.report.table import number
-from eyechart.spaces.discrete import Discrete
-from eyechart.spaces.space import UNPARSED
+from eyechart.spaces.space import UNPARSED, AnySpace
 from eyechart.studies.battery.answers import Symbols
 from eyechart.studies.battery.subjects import Subject
 
@@ -67,8 +66,8 @@ def agreement(everyone: Sequence[Subject]) -> Drawing:
 
 def _agree(who: Subject, condition: str) -> float | None:
     """Return the share of frames with the response that the real frame got."""
-    real, other, _ = who.model.answers.both("real", condition, "response")
-    return float((real == other).mean()) if len(real) else None
+    apart, _ = who.model.answers.distance("real", condition, "response")
+    return float((apart == 0).mean()) if len(apart) else None
 
 
 def information(everyone: Sequence[Subject]) -> list[Drawing]:
@@ -134,9 +133,10 @@ def _bar(axes: Axes, place: tuple[float, float, int], count: int, colour: str, h
 
 def pair_counts(who: Subject) -> tuple[int, int, int]:
     """Return how many counterfactual pairs were braked harder near, alike, and harder far."""
-    answers = who.model.answers
-    near, far, _ = answers.both("lead_near", "lead_far", "decision")
-    apart = answers.levels(near) - answers.levels(far)
+    near, far = (who.model.answers.projection(name, "brake") for name in ("lead_near", "lead_far"))
+    if near is None or far is None:
+        return 0, 0, 0
+    apart = near - far
     return int((apart > 0).sum()), int((apart == 0).sum()), int((apart < 0).sum())
 
 
@@ -215,7 +215,7 @@ def gap_by_action(who: Subject, place: int) -> list[Drawing]:
     for y, action in enumerate(actions):
         mine = gaps[real == action]
         some = mine[:: 1 + len(mine) // MOST_MARKS]
-        mark, colour = _MARKS[role(answers.space, action)]
+        mark, colour = _MARKS[answers.space.role(action)]
         shown = np.where(np.isfinite(some), some, nowhere)
         jitter = 0.26 * np.sin(np.arange(len(some)) * 2.399963)  # the golden angle: even, and the same every time
         axes.scatter(shown, y + jitter, s=9, marker=mark, color=colour, alpha=0.55, linewidths=0)
@@ -248,19 +248,14 @@ def _strip_axes(axes: Axes, names: Sequence[str], nowhere: float, *, leadless: b
     axes.spines["left"].set_visible(False)
 
 
-def role(space: Discrete, action: str) -> str:
-    """Return what an action is to the gap tests: brake, proceed, or other."""
-    return "brake" if action in space.brake else "proceed" if action in space.proceed else "other"
-
-
 def mirror(who: Subject, place: int) -> list[Drawing]:
     """Draw which action a reflection turns each action into; a frame marks where it should go."""
     answers = who.model.answers
     real, mirrored, _ = answers.both("real", "mirrored", "response")
-    if not len(real) or not answers.space.mirror_pairs:
+    if not len(real) or not answers.partners:
         return []
     names = ("real frame", "mirrored frame")
-    expected = {(action, answers.space.reflect(action)) for action in answers.space.actions}
+    expected = {(action, answers.partners.get(action, action)) for action in answers.space.actions}
     title = f"Under reflection, {who.label}"
     note = "framed: the action that the reflected world calls for"
     return [
@@ -286,7 +281,7 @@ def _transitions(
     words: tuple[str, str, str],
     pair: tuple[Symbols, Symbols],
     names: tuple[str, str],
-    space: Discrete,
+    space: AnySpace,
     marked: set[tuple[str, str]],
     note: str,
 ) -> Drawing:

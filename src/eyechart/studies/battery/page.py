@@ -2,11 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 
-from eyechart.conditions import CONDITIONS
+from eyechart.conditions import CONDITIONS, OF_BANKS
 from eyechart.costs import ALL
 from eyechart.report.page import Page, fill
 from eyechart.report.table import Column, level, number, p_value
 from eyechart.spaces.space import MISSING
+from eyechart.stats.evalues import EValue
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.album import Album, make_album
 from eyechart.studies.battery.browser import Texts, browser_data, collect_texts, frames_shown
@@ -47,7 +48,7 @@ def make_page(evidence: Sequence[Evidence], *, tell: Tell = lambda _: None) -> P
         ],
         statistics=list(statistics_table(judged).split()),
         tables=[verdict_table(judged), frontier_table(judged)],
-        conditions=list(CONDITIONS.values()),
+        conditions=[CONDITIONS[name] for name in OF_BANKS],
         stopped=any(who.model.stopped for who in everyone),
         accounting=[_accounting(who) for who in everyone],
         reasons=MISSING,
@@ -86,7 +87,7 @@ def _card(who: Subject, shared: Mapping[str, str]) -> dict[str, object]:
         "verdict": verdict,
         "notes": [note for note in verdict.notes if note not in shared],
         "numbers": _numbers(deciding, verdict.stopped),
-        "because": verdict.calibrated.words.partition(": settled by ")[0],
+        "because": str(verdict.calibrated.reason),
     }
 
 
@@ -104,7 +105,7 @@ def _numbers(one: Statistic, stopped: Stopped | None) -> list[tuple[str, str]]:
 
 
 def _threshold(one: Statistic) -> str:
-    return f"{(one.detail or {}).get('threshold', '—'):g}"
+    return f"{one.threshold:g}" if isinstance(one, EValue) else "—"
 
 
 def _run(run: Evidence) -> dict[str, object]:

@@ -8,7 +8,17 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from eyechart.calls import CallKey
-from eyechart.conditions import BATTERY, CONDITIONS, available, find_condition, require_partners
+from eyechart.conditions import (
+    BATTERY,
+    CONDITIONS,
+    OF_BANKS,
+    OVER,
+    available,
+    find_condition,
+    require_camera,
+    require_partners,
+    show,
+)
 from eyechart.costs import Estimate, estimate
 from eyechart.errors import BankError, LedgerError, SpecError
 from eyechart.frames import IMPORTED, FrameBank, check, open_bank
@@ -122,8 +132,9 @@ def plan(  # noqa: PLR0913 - what a battery can be asked for
     chosen = tuple(dict.fromkeys(conditions)) if conditions else supplied
     for name in chosen:
         find_condition(name)
-        if name in left_out:
-            raise BankError(f"condition '{name}' cannot be shown: {left_out[name]}")
+        require_camera(name, bank.frames[0].cameras)
+        if (base := name.partition(OVER)[0]) not in supplied:
+            raise BankError(f"condition '{name}' cannot be shown: {left_out.get(base, 'a bank is no drive')}")
     if stop_early:
         _require_stoppable(chosen, shard)
     manifest = RunManifest(
@@ -197,25 +208,25 @@ def _expected(left_out: Mapping[str, str], prompt: Prompt) -> dict[str, str]:
     return {
         name: why
         for name, why in left_out.items()
-        if name in BATTERY or (CONDITIONS[name].swaps_text and prompt.fields)
+        if name in BATTERY or ("text" in CONDITIONS[name].needs and prompt.fields)
     }
 
 
 def conditions_of(bank: FrameBank, prompt: Prompt) -> tuple[tuple[str, ...], dict[str, str]]:
     """Return the conditions that the bank can supply, and why it cannot supply the others."""
     left_out: dict[str, str] = {}
-    for name, one in CONDITIONS.items():
-        if one.swaps_text and not prompt.fields:
+    for name in OF_BANKS:
+        needs = CONDITIONS[name].needs
+        if "text" in needs and not prompt.fields:
             left_out[name] = f"prompt '{prompt.name}' says nothing of a frame"
-        elif one.counterfactual or name == "mirrored":
-            if not any(available(name, frame) for frame in bank):
-                left_out[name] = "no frame has a mirror axis" if name == "mirrored" else "no frame has its picture"
+        elif not any(available(name, frame) for frame in bank):
+            left_out[name] = "no frame has a mirror axis" if "axis" in needs else "no frame has its picture"
         else:
             try:
-                require_partners((name,), bank, prompt.fields)
+                require_partners((name,), bank)
             except BankError as error:
                 left_out[name] = str(error)
-    return tuple(name for name in CONDITIONS if name not in left_out), left_out
+    return tuple(name for name in OF_BANKS if name not in left_out), left_out
 
 
 def resumed(out: Path, manifest: RunManifest, bank: FrameBank) -> RunManifest:
@@ -279,18 +290,17 @@ def plan_of(
 
 
 def sample_of(planned: Iterable[Battery]) -> Sample:
-    """Return what batteries of one bank will ask: a few of their pictures, with the words of each battery in turn.
+    """Return what batteries of one bank will ask: a few of their frames, with the prompt of each battery in turn.
 
     Pictures are shown through the view of the first, and an answer has its form.
     """
     held = list(planned)
     plan = held[0].plan
-    words, pictures = [], []
+    asked = []
     for number, frame in enumerate(spread(plan.frames, max(_PICTURES, len(held)))):
-        mine = held[number % len(held)].plan
-        words.append(mine.words(CallKey(mine.study, "", mine.prompt.key, frame.id, "real")))
-        pictures.append(through(plan.view, plan.bank.image(frame), frame.id) or b"")
-    return Sample(tuple(words), tuple(pictures), plan.space)
+        seen = through(plan.view, show("real", frame, plan.bank, plan.seed), frame.id)
+        asked.append((held[number % len(held)].plan.prompt, seen))
+    return Sample(asked, plan.space)
 
 
 def expected(battery: Battery, prices: Prices, *, concurrency: int) -> tuple[Estimate, ...]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eyechart.conditions import CONDITIONS, available
+from eyechart.conditions import CONDITIONS, OF_BANKS, available
 from eyechart.frames import FrameBank
 from eyechart.stats.agreement import detectable_share, trials_needed
 from eyechart.stats.exchange import exchange_test
@@ -178,8 +178,8 @@ def _calls(bank: FrameBank) -> dict[str, int]:
     """Return how many frames can be shown under each condition that needs no prompt with fields."""
     of_scenario = Counter(frame.scenario for frame in bank)
     calls = {}
-    for name, condition in CONDITIONS.items():
-        if condition.swaps_text:
+    for name in OF_BANKS:
+        if "text" in CONDITIONS[name].needs:
             continue
         shown = [frame for frame in bank if available(name, frame)]
         if (name == "shuffled" and min(of_scenario.values()) < 2) or (

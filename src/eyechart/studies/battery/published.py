@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eyechart.conditions import BATTERY, CONDITIONS
+from eyechart.conditions import BATTERY, CONDITIONS, COUNTERFACTUALS
 from eyechart.seeds import key_seed
 from eyechart.spaces.space import UNPARSED
 from eyechart.stats.agreement import clears_floor, rate, swap_test
@@ -46,8 +46,6 @@ Codes = NDArray[np.int64]
 
 ALPHA = 0.05
 """The paper's level of significance."""
-
-"""The response-level symbol of a reply without a decision."""
 
 ENUMERATE = 30_000
 """Up to so many multisets of episodes (9 episodes) the bootstrap is enumerated; beyond, resamples are drawn."""
@@ -102,9 +100,9 @@ class Published:
         differ: dict[str, tuple[Floats, Mask]] = {}
         found: Statistics = {}
         for name in (*BATTERY[1:], *self._further()):
-            real, other, have = self.answers.both("real", name, level)
-            differ[name] = ((real != other).astype(np.float64), have)
-            found[f"agree.{name}"] = self._share((real == other).astype(np.float64), have, f"agree.{name}.{level}")
+            apart, have = self.answers.distance("real", name, level)
+            differ[name] = ((apart > 0).astype(np.float64), have)
+            found[f"agree.{name}"] = self._share((apart == 0).astype(np.float64), have, f"agree.{name}.{level}")
         found["noise_floor"] = self._share(*differ["real_repeat"], f"noise_floor.{level}")
         found["idi"] = self._share(*differ["blank"], f"idi.{level}")
         found["idi_adj"] = self._difference(*differ["blank"], *differ["real_repeat"], f"idi_adj.{level}")
@@ -114,8 +112,8 @@ class Published:
     def _further(self) -> tuple[str, ...]:
         """Return the conditions asked beside the eight, without counterfactuals, which are compared in pairs."""
         asked = self.answers.decisions
-        others = (name for name, one in CONDITIONS.items() if name not in BATTERY and not one.counterfactual)
-        return tuple(name for name in others if name in asked)
+        every = (*CONDITIONS, *(name for name in asked if name not in CONDITIONS))
+        return tuple(name for name in every if name in asked and name not in (*BATTERY, *COUNTERFACTUALS))
 
     def _dependence(self, level: str) -> Statistics:
         every = {name: self.answers.symbols(name, level) for name in BATTERY}
@@ -190,8 +188,8 @@ class Published:
         return replace(found, ci=interval.ci, method=f"{found.method}; {interval.method}", detail=detail)
 
     def _swap(self) -> Statistic:
-        space = self.answers.space
-        if not space.mirror_pairs:
+        partner = self.answers.partners
+        if not partner:
             return cannot_say("no action of this space exchanges under reflection")
         if all(frame.mirror_axis == "none" for frame in self.answers.frames):
             return cannot_say("no frame of the bank has a mirror axis")
@@ -199,7 +197,6 @@ class Published:
         have = (real != ABSENT) & (mirrored != ABSENT)
         if not have.any():
             return cannot_say("no frame has an answer both to its real and to its mirrored picture")
-        partner = {action: space.reflect(action) for action in space.directional}
         seed = self.how.seed_of("mirror_swap_rate")
         return swap_test(real[have], mirrored[have], partner, seed=seed, resamples=self.how.resamples)
 
@@ -210,7 +207,7 @@ class Published:
         real = self.answers.actions("real")
         finite = gaps[np.isfinite(gaps)]
         capped = np.where(np.isfinite(gaps), gaps, finite.max() if finite.size else 0.0)
-        role = np.where(np.isin(real, space.brake), "brake", np.where(np.isin(real, space.proceed), "proceed", ABSENT))
+        role = np.array([ABSENT if action == ABSENT else space.role(action) for action in real])
         medians = {str(action): float(np.median(capped[real == action])) for action in np.unique(real[real != ABSENT])}
         detail: dict[str, object] = {"median_by_action": medians, "no_lead_counts_as": "the farthest gap"}
         n = int(np.count_nonzero(role != ABSENT))

@@ -30,6 +30,14 @@ _CHUNK_BYTES = 64_000_000
 _METHOD = "second run minus first; two-sided randomisation test that exchanges the runs within a frame"
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Difference(Statistic):
+    """The difference of a statistic between two runs, with its value in each."""
+
+    first: float
+    second: float
+
+
 def differences(first: Answers, second: Answers, *, seed: int = 0, resamples: int = 2000) -> dict[str, Statistic]:
     """Return how much each statistic of one model differs between two runs, by the statistic's name.
 
@@ -120,11 +128,11 @@ class _Pair:
             resamples=self.resamples,
             enumerate_up_to=0,
         )
-        detail = {"first": first, "second": second}
         p = self._p(codes, measure, second - first, name)
         ci = None if interval.ci is None or interval.ci[0] == interval.ci[1] else interval.ci
         note = "" if ci else "alike in every episode: no interval"
-        return Statistic(second - first, n, ci, p, f"{_METHOD}, B={self.resamples}; {interval.method}", note, detail)
+        method = f"{_METHOD}, B={self.resamples}; {interval.method}"
+        return Difference(second - first, n, ci, p, method, note, first=first, second=second)
 
     def _resampled(self, codes: Codes, measure: Measure, counts: Floats) -> Floats:
         parts = []
@@ -212,9 +220,9 @@ class _Pair:
 
     def swaps(self, codes: Codes, weights: Floats) -> Floats:
         """Return the mirror swap rate: of the directional answers to real pictures, those that the reflection swaps."""
-        space = self.first.space
-        partner = np.array([self._names.index(space.reflect(action)) for action in space.actions] + [-2, -3])
-        directional = [self._names.index(action) for action in space.directional]
+        partners = self.first.partners
+        partner = np.array([self._names.index(partners.get(name, name)) for name in self._names[:-1]] + [-2, -3])
+        directional = [self._names.index(name) for name in partners]
         real, mirrored = codes[:, self._row["real"]], codes[:, self._row["mirrored"]]
         asked = np.isin(real, directional) & (mirrored >= 0)
         swapped = asked & (partner[real] == mirrored)

@@ -177,7 +177,7 @@ def score_run(
     plan, told = plan_of(manifest, bank), bool(manifest.prompt.fields)
     with Ledger(ledger_path) as ledger:
         answers = {
-            spec: read_answers(spec, ledger.replies(spec), bank, plan.frames, independent=independent, told=told)
+            spec: read_answers(spec, ledger.replies(spec), plan, independent=independent, told=told)
             for spec in manifest.models
         }
         finished = _finished(ledger, manifest.models) if manifest.stop_early else {}

@@ -3,13 +3,12 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from eyechart.conditions import CONDITIONS
+from eyechart.conditions import OF_BANKS
 from eyechart.integrity import Guard
 from eyechart.report.charts import Drawing
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.space import MISSING
 from eyechart.studies.battery.album import NO_PICTURE, Album
-from eyechart.studies.battery.figures import role
 from eyechart.studies.battery.planning import conditions_of, plan_of
 from eyechart.studies.battery.subjects import Evidence, Subject, subjects
 
@@ -89,7 +88,7 @@ def _word(who: Subject, condition: str, place: int, space: Discrete) -> tuple[st
         return "", "—"
     if decision.action is None:
         return "none", f"({decision.missing})"
-    return role(space, decision.action), decision.action
+    return space.role(decision.action), decision.action
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +158,7 @@ def _unasked(run: Evidence) -> list[str]:
     _, why = conditions_of(bank, manifest.prompt)
     lines = [
         f"condition {name} was not asked: {why.get(name, 'it was not chosen')}"
-        for name in CONDITIONS
+        for name in OF_BANKS
         if name not in manifest.conditions
     ]
     if len(run.frames) < len(bank):

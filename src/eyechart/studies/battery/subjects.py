@@ -6,11 +6,11 @@ from functools import cached_property
 from pathlib import Path
 
 from eyechart.calls import Reply
-from eyechart.conditions import source
+from eyechart.conditions import sources
 from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank, check, open_bank
 from eyechart.ledger import Ledger
-from eyechart.manifest import BANK, LEDGER, RunManifest
+from eyechart.manifest import BANK, LEDGER, RunManifest, asked_of
 from eyechart.spaces.space import Decision
 from eyechart.studies import battery as study
 from eyechart.studies.battery import BatteryScore, ModelScore
@@ -116,8 +116,7 @@ def used_pictures(manifest: RunManifest, bank: FrameBank) -> set[str]:
     """Return the files of the bank's pictures that the planned calls show, or are made of."""
     plan = plan_of(manifest, bank)
     shown = {(key.condition, key.frame) for key in plan.keys()}  # noqa: SIM118 - a plan is no mapping
-    found = {source(name, bank.frame(frame), bank, plan.seed) for name, frame in shown}
-    return {file for file in found if file is not None}
+    return {file for name, frame in shown for file in sources(name, bank.frame(frame), bank, plan.seed)}
 
 
 def subjects(evidence: Sequence[Evidence]) -> list[Subject]:
@@ -149,7 +148,7 @@ def find_pictures(
         except BankError:
             problem = f"the bank '{place.name}' is not there or cannot be opened"
         if problem is None:
-            return bank, SHOWN
+            return asked_of(bank, manifest.prompt), SHOWN
         why = problem
     return None, why
 

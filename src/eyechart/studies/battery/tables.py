@@ -116,7 +116,7 @@ def frontier_table(everyone: Sequence[Judged]) -> Table:
         rows.append(("stopped early", *told))
     verdicts = [verdict for _, _, verdict in everyone]
     if any(one.state for one in verdicts):
-        rows.append(("unfinished", *(one.state.removeprefix("unfinished: ") or None for one in verdicts)))
+        rows.append(("unfinished", *(one.progress or None for one in verdicts)))
     rows.append(("verdict (paper)", *(Mark(one.paper.label, "", MARK if one.failed else "") for one in verdicts)))
     rows.append(("verdict (calibrated)", *map(_label, verdicts)))
     named = (Column("metric", "word"), *columns("word", *(label for label, _, _ in everyone)))

@@ -11,7 +11,6 @@ from PIL import Image
 from eyechart.episodes import Episode
 from eyechart.errors import EyechartError
 from eyechart.frames import RGB
-from eyechart.spaces.discrete import Discrete
 from eyechart.studies.closed_loop import ClosedLoopScore, Drives
 from eyechart.studies.closed_loop.replaying import decided, episode_id, replay
 
@@ -55,7 +54,7 @@ def drives_data(score: ClosedLoopScore, *, pictured: int = PICTURED, tell: Tell 
     episodes = [_episode(one, episode, album, texts) for one, episode in listed]
     if texts.cut:
         notes.append(f"{texts.cut} replies are cut or left out; the ledger has all of them.")
-    roles = {action: _role(one.space, action) for one in score.drives for action in one.space.actions}
+    roles = {action: one.space.role(action) for one in score.drives for action in one.space.actions}
     data = {"episodes": episodes, "pictures": album.uris, "texts": texts.kept, "roles": roles}
     return Shown(data, tuple(notes))
 
@@ -181,7 +180,3 @@ def _episode(drives: Drives, episode: Episode, album: _Album, texts: _Texts) -> 
 
 def _rounded(value: float | None, digits: int) -> float | None:
     return None if value is None else round(value, digits)
-
-
-def _role(space: Discrete, action: str) -> str:
-    return "brake" if action in space.brake else "proceed" if action in space.proceed else "other"

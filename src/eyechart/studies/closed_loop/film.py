@@ -104,15 +104,11 @@ class _Film:
 
     def drawn(self) -> Iterator[Image.Image]:
         """Yield each moment with its words under it."""
-        roles = [self._role(step.executed_action) for step in self.episode.steps]
+        roles = [self.drives.space.role(step.executed_action) for step in self.episode.steps]
         planning = False
         for number, (shot, line) in enumerate(self.moments()):
             planning = planning or shot.sketch is not None
             yield draw(shot, line, roles, number, planning=planning)
-
-    def _role(self, action: str) -> str:
-        space = self.drives.space
-        return "brake" if action in space.brake else "proceed" if action in space.proceed else ""
 
 
 def draw(shot: Shot, line: Line, roles: Sequence[str], now: int, *, planning: bool = False) -> Image.Image:

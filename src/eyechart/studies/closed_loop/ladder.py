@@ -14,7 +14,7 @@ from eyechart.seeds import key_seed
 from eyechart.simulators import declared_by
 from eyechart.stats.agreement import rate
 from eyechart.stats.flips import sign_flip_test
-from eyechart.stats.paired import clopper_pearson, mcnemar_exact, paired_difference
+from eyechart.stats.paired import Discordant, clopper_pearson, mcnemar_exact, paired_difference
 from eyechart.stats.resampling import cluster_bootstrap, holm
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.closed_loop.reading import Driver, Drives
@@ -173,9 +173,9 @@ def _binary(one: Sequence[bool], other: Sequence[bool]) -> Statistic:
     if not one:
         return cannot_say("no world was driven by both")
     found = paired_difference(np.array(one, dtype=int), np.array(other, dtype=int))
-    b, c = (int(str((found.detail or {}).get(name, 0))) for name in "bc")
-    tested = mcnemar_exact(b, c)
-    return replace(found, p=tested.p, method=f"{found.method}; {tested.method}", detail={"b": b, "c": c})
+    assert isinstance(found, Discordant)  # there is a pair
+    tested = mcnemar_exact(found.b, found.c)
+    return replace(found, p=tested.p, method=f"{found.method}; {tested.method}")
 
 
 def corrected(family: Sequence[Paired]) -> list[Paired]:

@@ -1,11 +1,11 @@
 """The ladder's episodes: every constant action, random and the scripted controller, in every scenario and seed."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from eyechart.episodes import ACTION_MAP, Episodes, plan
+from eyechart.episodes import ACTION_MAP, Episodes, Setup, plan
 from eyechart.errors import SpecError
-from eyechart.limits import Spent
 from eyechart.modes import RequestMode
 from eyechart.policies import open_policy
 from eyechart.simulators import open_simulator
@@ -27,7 +27,7 @@ def ladder_policies(space: Discrete) -> tuple[str, ...]:
     return (*policies, "oracle")
 
 
-def plan_ladder(  # noqa: PLR0913 - what a ladder can be asked for
+def plan_ladder(
     out: Path,
     *,
     simulator: str = "highway",
@@ -37,7 +37,6 @@ def plan_ladder(  # noqa: PLR0913 - what a ladder can be asked for
     prompt: str | None = None,
     seed: int = 0,
     again: bool = False,
-    probes: Mapping[str, Spent] | None = None,
 ) -> Episodes:
     """Plan the ladder, or the rest of what ``out`` holds of it: 7 policies × 4 scenarios × 8 seeds in the highway.
 
@@ -46,17 +45,8 @@ def plan_ladder(  # noqa: PLR0913 - what a ladder can be asked for
     """
     actions = actions or (out / ACTION_MAP if (out / ACTION_MAP).is_file() else None)
     space = open_simulator(simulator, actions=actions).declared.action_space
-    return plan(
-        simulator,
-        (*ladder_policies(space), *further),
-        out,
-        seeds=range(seeds),
-        actions=actions,
-        prompt=prompt,
-        seed=seed,
-        again=again,
-        probes=probes,
-    )
+    worlds, drivers = Setup(simulator, seed, actions=actions), (*ladder_policies(space), *further)
+    return replace(plan(worlds, drivers, out, seeds=range(seeds), prompt=prompt), again=again)
 
 
 def require_reference(planned: Episodes, against: str | None) -> None:

@@ -3,11 +3,11 @@
 The identity of a call is its key, never its content (docs/decisions/0001): what answers by content cannot be measured.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from statistics import median
 
-from eyechart.ledger import Sent
+from eyechart.calls import Reply
 from eyechart.studies.closed_loop.reading import Driver, Drives
 
 FEWEST_REPEATS = 5
@@ -53,22 +53,20 @@ def repeated_requests(drives: Drives) -> Repeats | None:
     A request is the same where its text and picture are. Suspect: the first replies vary, every repeat has the text of
     the first, and repeats come in less than a tenth of the time.
     """
-    first: dict[str, Sent] = {}
-    again: list[tuple[Sent, Sent]] = []
+    first: dict[str, Reply] = {}
+    again: list[tuple[Reply, Reply]] = []
     for sent in drives.replies:
-        if not sent.request_sha256 or sent.reply is None or sent.reply.error is not None:
+        if sent.reply is None or sent.reply.error is not None or not sent.request_sha256:
             continue
-        before = first.setdefault(sent.request_sha256, sent)
-        if before is not sent:
-            again.append((before, sent))
+        before = first.setdefault(sent.request_sha256, sent.reply)
+        if before is not sent.reply:
+            again.append((before, sent.reply))
     if len(again) < FEWEST_REPEATS:
         return None
-    same = sum(
-        one.reply is not None and two.reply is not None and one.reply.text == two.reply.text for one, two in again
-    )
-    slow, fast = seconds(list(first.values())), seconds([two for _, two in again])
-    ratio = fast / slow if slow and any(two.reply and two.reply.seconds is not None for _, two in again) else None
-    varies = len({one.reply.text for one in first.values() if one.reply is not None}) > 1
+    same = sum(one.text == two.text for one, two in again)
+    slow, fast = seconds(first.values()), seconds(two for _, two in again)
+    ratio = fast / slow if slow and any(two.seconds is not None for _, two in again) else None
+    varies = len({one.text for one in first.values()}) > 1
     suspect = varies and same == len(again) and ratio is not None and ratio < IMPLAUSIBLE and slow >= SLOW_S
     words = f"{len(again)} requests came again, {same} got the text of the first"
     if ratio is not None:
@@ -78,7 +76,7 @@ def repeated_requests(drives: Drives) -> Repeats | None:
     return Repeats(drives.driver, len(again), same, ratio, suspect, words)
 
 
-def seconds(calls: Sequence[Sent]) -> float:
-    """Return the median seconds of some calls, 0 where none was measured."""
-    given = [one.reply.seconds for one in calls if one.reply is not None and one.reply.seconds is not None]
+def seconds(replies: Iterable[Reply]) -> float:
+    """Return the median seconds of some replies, 0 where none was measured."""
+    given = [one.seconds for one in replies if one.seconds is not None]
     return median(given) if given else 0.0

@@ -46,7 +46,7 @@ def wording(one: Drives, other: Drives, worlds: Sequence[str]) -> Wording:
     mine, theirs = (_replies(each, set(worlds)) for each in (one, other))
     both = sorted(mine.keys() & theirs.keys())
     same = [frame for frame in both if _text(mine[frame]) == _text(theirs[frame])]
-    took = [seconds(list(each.values())) for each in (mine, theirs)]
+    took = [seconds(sent.reply for sent in each.values() if sent.reply is not None) for each in (mine, theirs)]
     quick = max(took) >= SLOW_S and 0 < min(took) < IMPLAUSIBLE * max(took)
     other_picture = sum(mine[frame].request_sha256 != theirs[frame].request_sha256 for frame in both)
     said = [f"{len(same)} of {len(both)} replies are word for word the same"]

@@ -1,12 +1,15 @@
 """The votes of an admission or structured run: a model votes hazard where its scene estimate says close."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
+from eyechart.calls import CallKey, Reply
 from eyechart.errors import VoteError
-from eyechart.frames import FrameBank
+from eyechart.frames import Frame, FrameBank
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, read_run
 from eyechart.perception.forward import distances_of
@@ -34,27 +37,16 @@ def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = Fals
             f"{path} was begun under version {manifest.reader} of the reader of scenes; this is version "
             f"{SCENE_READER}: its votes may differ from those seen before; read its replies anew with --reread"
         )
-    plan = plan_of(manifest, bank)
-    frames = plan.frames
-    place = {frame.id: number for number, frame in enumerate(frames)}
-    models = tuple(sorted(manifest.models))
-    served: dict[str, set[str | None]] = {model: set() for model in models}
+    plan = replace(plan_of(manifest, bank), shard=None)  # a shard lacks the votes of the others
+    frames, models = plan.frames, tuple(sorted(manifest.models))
     votes = np.full((len(models), len(frames), 2), MISSING, dtype=np.int8)
     contradicting, nearest = np.zeros(votes.shape, dtype=np.bool_), _close_m(bank)
-    plan = replace(plan, shard=None)  # a shard lacks the votes of the others
     with Ledger(path / LEDGER) as ledger:
         finished = ledger.finished()
-        for number, model in enumerate(models):
-            for key, reply in ledger.replies(model):
-                if key.frame in place and key.condition in CONDITIONS:
-                    if reply.error is None:
-                        served[model].add(reply.served)
-                    found = SCENES.read(reply).action
-                    vote = MISSING if found is None else int(found.close)
-                    at = number, place[key.frame], CONDITIONS.index(key.condition)
-                    votes[at] = vote
-                    near = found is not None and found.gap_m is not None and found.gap_m < nearest
-                    contradicting[at] = near and not vote
+        served = {
+            model: _cast(ledger.replies(model), frames, votes[number], contradicting[number], nearest)
+            for number, model in enumerate(models)
+        }
     truth, axes = hazards_of(bank, hazard), {frame.mirror_axis for frame in frames}
     about = About(
         bank=bank.manifest.fingerprint,
@@ -85,6 +77,27 @@ def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = Fals
         },
         contradicting=contradicting,
     )
+
+
+def _cast(
+    replies: Iterable[tuple[CallKey, Reply]],
+    frames: Sequence[Frame],
+    votes: npt.NDArray[np.int8],
+    contradicting: npt.NDArray[np.bool_],
+    close_m: float,
+) -> set[str | None]:
+    """Fill in a model's votes and which contradict its own gap, both (frames, 2); return the names it served as."""
+    place = {frame.id: number for number, frame in enumerate(frames)}
+    served = set[str | None]()
+    for key, reply in replies:
+        if key.frame in place and key.condition in CONDITIONS:
+            if reply.error is None:
+                served.add(reply.served)
+            found, at = SCENES.read(reply).action, (place[key.frame], CONDITIONS.index(key.condition))
+            votes[at] = MISSING if found is None else int(found.close)
+            near = found is not None and found.gap_m is not None and found.gap_m < close_m
+            contradicting[at] = near and not votes[at]
+    return served
 
 
 def _close_m(bank: FrameBank) -> float:

@@ -1,10 +1,10 @@
 """Which sources of intent drive which arm of the hierarchy, and where: up to seven runs of episodes in one folder."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from eyechart.episodes import Episodes
+from eyechart.episodes import Episodes, Setup
 from eyechart.episodes import plan as plan_episodes
 from eyechart.limits import Spent
 from eyechart.modes import RequestMode
@@ -106,18 +106,15 @@ def plan(
     for name, part in PARTS.items():
         drivers: list[str | RequestMode] = [*part.policies, *(models if part.models else ())]
         if drivers:
-            planned[name] = plan_episodes(
-                part.simulator,
+            made = plan_episodes(
+                Setup(part.simulator, seed, silence=silence),
                 drivers,
                 out / name,
                 scenarios=part.scenarios,
                 seeds=range(part.seeds),
                 conditions=part.conditions,
                 prompt=prompt,
-                seed=seed,
-                silence=silence,
-                again=again,
-                probes=probes if part.models else None,
             )
+            planned[name] = replace(made, again=again).counting(probes or {} if part.models else {})
             probes = None if part.models else probes
     return planned

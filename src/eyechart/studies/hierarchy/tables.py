@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from eyechart.report.table import Cell, Column, Table, columns
+from eyechart.report.table import Cell, Column, Mark, Table, columns
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.closed_loop import Paired
 from eyechart.studies.closed_loop.tables import DIFFERENCES, difference_cells, differences_table
@@ -32,18 +32,18 @@ def of_ablation(sources: Sequence[Source], ablation: str) -> list[Source]:
 def source_table(sources: Sequence[Source], ablation: str) -> Table:
     """Return the rows of one ablation: goals and crashes with exact 95 % intervals, the paper's beside them.
 
-    Episodes that ended in an error stand in their own column, and count in no rate.
+    Episodes that ended in an error stand beside the name, and count in no rate.
     """
     rows = []
     for one in of_ablation(sources, ablation):
         goals, crashes, distance, _ = PUBLISHED.get(one.name, UNPUBLISHED)
         own = (goals_of(one), one.goals.ci, goals, _of(one.crashes), one.crashes.ci, crashes, one.distance_m, distance)
-        rows.append((one.name, *own, one.errors or ""))
+        rows.append((Mark(one.name, "", f"+ {one.errors} in error" if one.errors else ""), *own))
     named = (
         Column("intent source"),
         *(Column("goal", "count"), Column("goal 95 %", "interval", 2), Column("paper's goal", "count")),
         *(Column("crash", "count"), Column("crash 95 %", "interval", 2), Column("paper's crash", "count")),
-        *(Column("dist. m", "estimate", 1), Column("paper's dist.", "number", 1), Column("in error", "word")),
+        *(Column("dist. m", "estimate", 1), Column("paper's dist.", "number", 1)),
     )
     return Table(f"sources_{ablation}", TITLES[ablation], named, tuple(rows), "95 %: exact intervals")
 
@@ -118,7 +118,7 @@ def blind_table(score: HierarchyScore) -> Table:
 
 def long_tables(score: HierarchyScore) -> tuple[Table, ...]:
     """Return every source's rates and every paired difference, a row each."""
-    actions = next(iter(score.sources)).intents
+    actions = score.sources[0].intents if score.sources else ()
     counted = ("fail-safe steps", "solver failures", "episodes in error", *actions)
     named = (
         *columns("text", "part", "name", "simulator", "source", "condition"),

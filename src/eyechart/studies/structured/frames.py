@@ -182,7 +182,6 @@ def _views(run: Estimates, frame: Frame) -> list[tuple[str, str]]:
         view = None
     found = []
     for condition, words in _VIEWS.items():
-        picture = through(view, show(condition, run.pictures.frame(frame.id), run.pictures, manifest.seed), frame.id)
-        if picture is not None:
-            found.append((words, view_uri(picture)))
+        seen = through(view, show(condition, run.pictures.frame(frame.id), run.pictures, manifest.seed), frame.id)
+        found += [(words, view_uri(picture)) for picture in seen.images.values()]
     return found

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from eyechart import episodes as closed_loop
-from eyechart.episodes import Bounds, Episode, Episodes, EpisodesManifest, read_episodes, read_manifest
+from eyechart.episodes import Bounds, Episode, Episodes, EpisodesManifest, Setup, read_episodes, read_manifest
 from eyechart.errors import LedgerError, SpecError
 from eyechart.limits import Outcome, Spent
 from eyechart.modes import RequestMode
@@ -35,8 +35,12 @@ class Online:
     episodes: Episodes
     vetted: tuple[Vetted, ...]
 
+    def counting(self, probes: Mapping[str, Spent]) -> "Online":
+        """Return the plan with what was spent on probing models for it."""
+        return replace(self, episodes=self.episodes.counting(probes))
 
-def plan(  # noqa: PLR0913 - what an online run can be asked for
+
+def plan(
     simulator: str,
     specs: Sequence[str | RequestMode],
     out: Path,
@@ -46,13 +50,12 @@ def plan(  # noqa: PLR0913 - what an online run can be asked for
     seed: int = 0,
     progress: Progress | None = None,
     vetted: tuple[Vetted, ...] | None = None,
-    probes: Mapping[str, Spent] | None = None,
 ) -> Online:
     """Vet worlds, or read which ones ``out`` holds already, and plan an episode of each model in each that passed.
 
     Nothing is written or asked yet. ``progress`` gets (worlds passed, of how many). ``vetted`` is how the worlds of
-    this plan were vetted before, ``probes`` what was spent on probing models for this run. Raises SpecError and
-    LedgerError as a closed loop's plan does, and SpecError where too few worlds pass.
+    this plan were vetted before. Raises SpecError and LedgerError as a closed loop's plan does, and SpecError where too
+    few worlds pass.
     """
     if episodes < 1:
         raise SpecError(f"an online run needs at least 1 episode, got {episodes}")
@@ -62,7 +65,7 @@ def plan(  # noqa: PLR0913 - what an online run can be asked for
     prompt = scene_prompt(world.picture, distances_of(world.camera), shown)
 
     def planned(seeds: Sequence[int]) -> Episodes:
-        return closed_loop.plan(simulator, specs, out, seeds=seeds, prompt=prompt, view=shown, seed=seed, probes=probes)
+        return closed_loop.plan(Setup(simulator, seed), specs, out, seeds=seeds, prompt=prompt, view=shown)
 
     planned((0,))  # what is wrong with the models or the folder is said before the worlds are driven
     kept = read_vetting(out)

@@ -1,0 +1,95 @@
+"""Plain values, as JSON and TOML give them, become records: strictly, or with an error that names the place."""
+
+import json
+import re
+from typing import Annotated, Any, TypeVar
+
+import msgspec
+
+T = TypeVar("T")
+Name = Annotated[str, msgspec.Meta(min_length=1)]
+Count = Annotated[int, msgspec.Meta(ge=0)]
+Amount = Annotated[float, msgspec.Meta(ge=0)]
+
+_LONGEST = 60
+_SAID = re.compile(
+    r"(?:Expected `(?P<kind>[^`]*)`(?P<bound>.*?)(?:, got `(?P<got>\w+)`)?|(?P<other>.*?))(?: - at `\$(?P<at>.*)`)?"
+)
+_KINDS = {
+    "float": "a number",
+    "int": "a whole number",
+    "str": "text",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "an object",
+    "null": "null",
+}
+"""What a place wants, in words, by msgspec's name of it."""
+_JSON = {"array": list, "object": dict, "str": str, "bool": bool, "int": int, "float": float, "null": type(None)}
+
+
+def build(kind: type[T], raw: object, where: str = "it") -> T:
+    """Return the record of plain values; raises ValueError naming the place, what stands there and what should.
+
+    A field that the record does not have is an error; ``where`` names the whole.
+    """
+    try:
+        made = msgspec.convert(raw, kind)
+    except msgspec.ValidationError as error:
+        raise ValueError(_sentence(str(error), raw, where)) from error
+    _refuse_strange(raw, msgspec.to_builtins(made), where)
+    return made
+
+
+def shown(value: object) -> str:
+    """Return a value as one short line of JSON."""
+    try:
+        text = json.dumps(value, ensure_ascii=True)
+    except (ValueError, TypeError, RecursionError):
+        text = f"a {type(value).__name__}"
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+
+
+def _sentence(said: str, raw: object, where: str) -> str:
+    found = _SAID.fullmatch(said)
+    assert found is not None
+    at, value = _place(raw, found["at"] or "", found["got"])
+    place = at.removeprefix(".") or where
+    if found["kind"] is None:
+        lacking = re.fullmatch(r"Object missing required field `(.*)`", found["other"])
+        if found["other"].startswith("Invalid enum value"):
+            return f"{place} is {shown(value)}, which is none of its values"
+        return f"{place} has no {lacking[1]}" if lacking else f"{place}: {found['other']}"
+    kinds = set(found["kind"].split(" | ")) - ({"int"} if "float" in found["kind"] else set())
+    wanted = " or ".join(words for kind, words in _KINDS.items() if kind in kinds) or found["kind"]
+    return f"{place} is {shown(value)}, not {wanted}{found['bound']}"
+
+
+def _place(raw: object, path: str, got: str | None) -> tuple[str, object]:
+    """Return the name and the value of a place; where msgspec does not say which of a mapping's, the one it is."""
+    at, value = "", raw
+    for name, index in re.findall(r"\.(\w+)|\[(\d+|\.\.\.)\]", path):
+        if name:
+            value = value[name] if isinstance(value, dict) else None
+            at += f".{name}"
+        elif index == "...":
+            pairs: list[tuple[Any, Any]] = list(value.items()) if isinstance(value, dict) else []
+            key, value = next(((key, one) for key, one in pairs if type(one) is _JSON.get(got or "")), ("…", None))
+            at += f".{key}"
+        else:
+            value = value[int(index)] if isinstance(value, list | tuple) else None
+            at += f"[{index}]"
+    return at, value
+
+
+def _refuse_strange(raw: object, made: object, where: str) -> None:
+    if isinstance(raw, dict) and isinstance(made, dict):
+        for name, value in raw.items():
+            if name not in made:
+                raise ValueError(f"{where} has a field {shown(name)}, which this eyechart does not know")
+            _refuse_strange(value, made[name], name if where == "it" else f"{where}.{name}")
+    elif isinstance(raw, int) and abs(raw) >= 2**63:
+        raise ValueError(f"{where} is {shown(raw)}, not a number of at most 63 bits")
+    elif isinstance(raw, list) and isinstance(made, list | tuple):
+        for place, (one, other) in enumerate(zip(raw, made, strict=True)):
+            _refuse_strange(one, other, f"{where}[{place}]")
