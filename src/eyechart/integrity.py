@@ -51,13 +51,13 @@ def guards(
 
     With a ``space``, decisions that never differ are found too, whatever words are around them.
     """
-    watch = Watch(mode, space)
+    checks = GuardChecks(mode, space)
     for one in sent:
-        watch.add(one)
-    return watch.guards(planned, fingerprint)
+        checks.add(one)
+    return checks.guards(planned, fingerprint)
 
 
-class Watch:
+class GuardChecks:
     """Looks at attempts one by one, in the order of sending, without keeping them; the ``space`` reads replies."""
 
     def __init__(self, mode: RequestMode, space: AnySpace | None = None) -> None:

@@ -24,8 +24,10 @@ SILENT = "python:tiny_worlds:silent"
 
 
 def planned(out: Path, *specs: str, seeds: int = 2, **asked: object) -> Episodes:
-    """Plan these drivers in the whole tiny world."""
-    return study.plan("tiny", specs, out, **{"scenarios": ["whole"], "seeds": range(seeds), **asked})  # type: ignore[arg-type]
+    """Plan these drivers in the whole tiny world; what is asked goes to its worlds or to the plan."""
+    worlds = {name: asked.pop(name) for name in ("seed", "max_steps") if name in asked}
+    asked = {"scenarios": ["whole"], "seeds": range(seeds), **asked}
+    return study.plan(study.Setup("tiny", **worlds), specs, out, **asked)  # type: ignore[arg-type]
 
 
 def by_key(out: Path) -> dict[tuple[str, int, str], Episode]:
