@@ -24,7 +24,7 @@ Progress = Callable[[int, int], None]
 """Called with (calls finished, calls planned) whenever a call ends."""
 
 
-class Watch(Protocol):
+class EarlyStopping(Protocol):
     """Decides, as calls finish, which of those that remain are made at all, and in which order."""
 
     def queue(self, model: str, todo: Sequence[CallKey]) -> Iterator[CallKey]:
@@ -111,11 +111,11 @@ def execute(
     attempts: int = 5,
     limits: Limits | None = None,
     progress: Progress | None = None,
-    watch: Watch | None = None,
+    early: EarlyStopping | None = None,
 ) -> Outcome:
     """Make every planned call that the ledger does not hold finished, in seeded random order.
 
-    A ``watch`` may choose another order and leave calls out.
+    ``early`` may choose another order and leave calls out.
 
     A call whose error is transient is tried up to ``attempts`` times, with backoff. An interrupt leaves the
     ledger whole: what was under way stands as sent with its outcome unknown, and the same plan resumes it.
@@ -126,7 +126,7 @@ def execute(
     random.Random(plan.seed).shuffle(todo)  # noqa: S311 - an order of calls, no secret
     budget = budget_of(limits, plan.models, ledger)
     caller = Caller(ledger, budget, attempts=attempts)
-    execution = _Execution(plan, models, caller, progress=progress, watch=watch)
+    execution = _Execution(plan, models, caller, progress=progress, early=early)
     try:
         asyncio.run(execution.run(todo, len(keys), concurrency))
     except BaseExceptionGroup as group:
@@ -144,9 +144,9 @@ class _Execution:
         caller: Caller,
         *,
         progress: Progress | None,
-        watch: Watch | None,
+        early: EarlyStopping | None,
     ) -> None:
-        self._watch = watch
+        self._early = early
         self._plan = plan
         self._models = models
         self._caller = caller
@@ -161,7 +161,7 @@ class _Execution:
             async with asyncio.TaskGroup() as group:
                 for spec in self._plan.models:
                     mine, pace = [key for key in todo if key.model == spec], Pace(concurrency)
-                    queue = iter(mine) if self._watch is None else self._watch.queue(spec, mine)
+                    queue = iter(mine) if self._early is None else self._early.queue(spec, mine)
                     for _ in range(concurrency):
                         group.create_task(self._work(queue, self._models[spec], pace))
         finally:
@@ -173,8 +173,8 @@ class _Execution:
             made = await self._caller.call(key, self._query(key), model, pace)
             if made is None:
                 return
-            if self._watch is not None and made.finished:
-                self._watch.finished(key, made.reply)
+            if self._early is not None and made.finished:
+                self._early.finished(key, made.reply)
             self._done += made.finished  # after the await: other workers count meanwhile
             self._report()
             await asyncio.sleep(0)  # lets the other models' calls, and an interrupt, come in between

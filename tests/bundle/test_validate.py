@@ -289,8 +289,8 @@ def _number_after(name: str, marker: str, digits: int = 3) -> Change:
             rf"report\.html, verdicts, verdict card of {MODEL}, value:",
         ),
         (
-            _number_after("report.html", "<code>idi</code>"),
-            rf"report\.html, statistics, table 'Statistics of {MODEL}', idi",
+            _number_after("report.html", "<bdi>idi</bdi>"),
+            rf"report\.html, statistics, table '{MODEL}', idi",
         ),
         (_number_after("report.html", 'id="agreement-text_'), r"report\.html, agreement, figure 'Agreement with the"),
         (

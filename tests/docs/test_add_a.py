@@ -1,4 +1,4 @@
-"""The four "add a …" pages end in a passing test: each is followed to the letter on a copy of the tree."""
+"""The "add a …" pages end in a passing test: each is followed to the letter on a copy of the tree."""
 
 import re
 import subprocess
@@ -11,7 +11,7 @@ import pages
 import test_layers
 
 DOCS = Path(__file__).parents[2] / "docs"
-PAGES = ("add-a-condition.md", "add-a-model.md", "add-a-simulator.md", "add-a-statistic.md")
+PAGES = ("add-a-condition.md", "add-a-model.md", "add-a-simulator.md", "add-a-statistic.md", "add-a-verdict.md")
 
 
 @pytest.mark.parametrize("name", PAGES)

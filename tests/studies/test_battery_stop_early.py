@@ -29,7 +29,7 @@ from eyechart.manifest import LEDGER, read_run
 from eyechart.models import ADAPTERS
 from eyechart.spaces.space import Decision
 from eyechart.studies import battery as study
-from eyechart.studies.battery.watching import EarlyStop
+from eyechart.studies.battery.stopping import EarlyStop
 from eyechart.verdicts import NOT_JUDGED, judge
 from known import Demo
 

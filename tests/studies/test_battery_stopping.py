@@ -12,8 +12,7 @@ from eyechart.spaces.discrete import DRIVING, Discrete
 from eyechart.spaces.space import Decision
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.evidence import Row, claims, fewest_turns
-from eyechart.studies.battery.stopping import LATERAL_RULES, RULES, Course, Layout, layout_of
-from eyechart.studies.battery.watching import typical
+from eyechart.studies.battery.stopping import LATERAL_RULES, RULES, Course, Layout, layout_of, typical
 from eyechart.verdicts import Stopped
 
 Given = dict[tuple[str, str], Decision[str]]

@@ -1,10 +1,11 @@
-"""Comparing two report pages element by element, so that a difference can be named by the figure that it is in."""
+"""Comparing two report pages tag by tag, so that a difference can be named by the figure that it is in."""
 
 import json
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass, field
-from html.parser import HTMLParser
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from html import unescape
+from typing import Any
 
 from eyechart.bundle.comparing import (
     Difference,
@@ -18,131 +19,118 @@ from eyechart.bundle.comparing import (
 from eyechart.report.page import embedded_json
 
 _DATA = re.compile(r'(<script type="application/json" id="data">)(.*?)(</script>)', re.DOTALL)
-_VOID = {"meta", "img", "input", "br", "link", "hr"}
-_DRAWN = {"d", "x", "y", "width", "height", "transform", "style", "points", "viewbox"}
-_LABELS = {"caption", "h2", "h3", "h4", "title", "summary", "dt", "th"}
-_HELD = "data:image/"
+_TOKEN = re.compile(r"<!--.*?-->|<[!?/]?[a-zA-Z][^>]*>|[^<]+|<", re.DOTALL)
+_TAG = re.compile(r"</?([\w:-]+)")
+_ATTRIBUTE = re.compile(r'([^\s"=<>/]+)(?:="([^"]*)")?')
+_PICTURE = re.compile(r'"data:image/[^"]*"')
+_DRAWN = {"d", "x", "y", "width", "height", "transform", "style", "points", "viewBox"}
+_LABELS = {"caption", "h3", "title", "dt", "th"}
 
 
 @dataclass(frozen=True, slots=True)
-class Leaf:
-    """One thing in a page: a piece of text, an opening element with its attributes, a closing one, or a remark."""
+class Token:
+    """A tag, a remark or a text of a page, and where it stands; ``drawn`` is what stands in a drawing."""
 
+    text: str
     where: str
-    kind: str
-    what: str
-    attributes: tuple[tuple[str, str], ...] = ()
-    drawn: bool = False
+    drawn: bool
+
+    @property
+    def shape(self) -> str:
+        """Return what has to be the same in two pages that are built alike: of a text only that it is one."""
+        if self.text.startswith("<!--"):
+            return f"comment {self.text[4:-3].strip()}"
+        tag = _TAG.match(self.text)
+        if tag is None:
+            return self.text if self.text.startswith("<") else ""
+        return f"{'end' if self.text.startswith('</') else 'element'} {tag[1]}"
+
+    @property
+    def words(self) -> str:
+        """Return what it is in words."""
+        return self.shape or unescape(self.text).strip()
+
+    @property
+    def attributes(self) -> list[tuple[str, str]]:
+        """Return a tag's attributes in order."""
+        return [(name, unescape(value)) for name, value in _ATTRIBUTE.findall(self.text.partition(" ")[2])]
 
 
-@dataclass
-class _Reader(HTMLParser):
-    """Reads a page into leaves, and keeps in mind the section, figure, table, row and column that it is in."""
+class _Place:
+    """The section, card, figure, table, row and column that a page is read at."""
 
-    leaves: list[Leaf] = field(default_factory=list)
+    def __init__(self) -> None:
+        self.section = self.card = self.figure = self.caption = self.row = self.term = self.inside = ""
+        self.columns: list[str] = []
+        self.column, self.head, self.drawn = -1, False, False
 
-    def __post_init__(self) -> None:
-        super().__init__(convert_charrefs=True)
-        self._open: list[str] = []
-        self._section = self._card = self._caption = self._drawing = self._row = self._term = ""
-        self._columns: list[str] = []
-        self._column = -1
+    def read(self, text: str) -> None:
+        """Go on by a token."""
+        tag = _TAG.match(text)
+        if tag is None:
+            self._name(" ".join(unescape(text).split()))
+        elif text.startswith("</"):
+            self._close(tag[1])
+        else:
+            self._open(tag[1], text)
 
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Keep an opening element."""
-        given = tuple((name, value or "") for name, value in attrs)
-        if tag not in _VOID:
-            self._open.append(tag)
-        self._place(tag, dict(given))
-        self.leaves.append(Leaf(self._where(), "element", tag, given, "svg" in self._open))
-
-    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Keep an element without content."""
-        given = tuple((name, value or "") for name, value in attrs)
-        self.leaves.append(Leaf(self._where(), "element", tag, given, "svg" in self._open))
-
-    def _place(self, tag: str, attributes: dict[str, str]) -> None:
+    def _open(self, tag: str, text: str) -> None:
+        identity = re.search(r' id="([^"]*)"', text)
         if tag == "section":
-            self._section, self._card = attributes.get("id", ""), ""
-        elif tag in {"article", "div"} and "card" in attributes.get("class", "").split():
-            self._card = attributes.get("id", "")
+            self.section, self.card = identity[1] if identity else "", ""
+        elif tag == "article":
+            self.card = identity[1] if identity else ""
         elif tag == "svg":
-            self._drawing = ""
+            self.figure, self.drawn = "", True
         elif tag == "table":
-            self._caption, self._columns = "", []
+            self.caption, self.columns = "", []
         elif tag == "tr":
-            self._row, self._column = "", -1
-        elif tag in {"td", "th"}:
-            self._column += 1
+            self.row, self.column = "", -1
+        self.column += tag in {"td", "th"}
+        self.head = self.head or tag == "thead"
+        self.inside = tag if tag in _LABELS else self.inside
 
-    def handle_endtag(self, tag: str) -> None:
-        """Keep a closing element."""
-        self.leaves.append(Leaf(self._where(), "end", tag, (), "svg" in self._open))
-        if tag in self._open:
-            while self._open and self._open.pop() != tag:
-                pass
+    def _close(self, tag: str) -> None:
         if tag == "svg":
-            self._drawing = ""
-        if tag == "table":
-            self._caption = self._row = ""
-            self._columns, self._column = [], -1
-        if tag == "dd":
-            self._term = ""
-        if tag == "article":
-            self._card = ""
+            self.figure, self.drawn = "", False
+        elif tag == "table":
+            self.caption, self.row, self.columns, self.column = "", "", [], -1
+        elif tag == "dd":
+            self.term = ""
+        elif tag == "article":
+            self.card = ""
+        self.head = self.head and tag != "thead"
+        self.inside = "" if tag == self.inside else self.inside
 
-    def handle_data(self, data: str) -> None:
-        """Keep a text, and what it names for those after it."""
-        around = next((tag for tag in reversed(self._open) if tag in _LABELS), "")
-        text = " ".join(data.split())
-        if text:
-            self._name(around, text)
-        self.leaves.append(Leaf(self._where(), "text", data, (), "svg" in self._open))
+    def _name(self, words: str) -> None:
+        """Keep a text that names those after it."""
+        if self.inside == "title" and self.drawn:
+            self.figure = words
+        elif self.inside == "caption":
+            self.caption = f"{self.caption} {words}".strip()
+        elif self.inside == "th" and self.head and words:
+            self.columns.append(words)
+        elif self.inside == "th":
+            self.row = f"{self.row} {words}".strip()
+        elif self.inside == "dt" and words:
+            self.term = words
+        elif self.inside == "h3" and self.card and words:
+            self.card = f"verdict card of {words}"
 
-    def _name(self, around: str, text: str) -> None:
-        if around == "title" and "svg" in self._open:
-            self._drawing = text
-        elif around == "caption":
-            self._caption = f"{self._caption} {text}".strip()
-        elif around == "th" and "thead" in self._open:
-            self._columns.append(text)
-        elif around == "th":
-            self._row = f"{self._row} {text}".strip()
-        elif around == "dt":
-            self._term = text
-        elif around == "h3" and self._card:
-            self._card = f"verdict card of {text}"
-
-    def handle_comment(self, data: str) -> None:
-        """Keep a comment."""
-        self.leaves.append(Leaf(self._where(), "comment", data))
-
-    def handle_decl(self, decl: str) -> None:
-        """Keep a declaration."""
-        self.leaves.append(Leaf(self._where(), "declaration", decl))
-
-    def unknown_decl(self, data: str) -> None:
-        """Keep a declaration that is none."""
-        self.leaves.append(Leaf(self._where(), "declaration", data))
-
-    def handle_pi(self, data: str) -> None:
-        """Keep a processing instruction."""
-        self.leaves.append(Leaf(self._where(), "instruction", data))
-
-    def _where(self) -> str:
-        column = self._columns[self._column] if 0 <= self._column < len(self._columns) else ""
-        figure = f"figure '{self._drawing}'" if self._drawing else ""
-        table = f"table '{self._caption}'" if self._caption else ""
-        parts = ["report.html", self._section, self._card, figure, table, self._row, column, self._term]
+    def __str__(self) -> str:
+        column = self.columns[self.column] if 0 <= self.column < len(self.columns) else ""
+        figure = f"figure '{self.figure}'" if self.figure else ""
+        table = f"table '{self.caption}'" if self.caption else ""
+        parts = ["report.html", self.section, self.card, figure, table, self.row, column, self.term]
         return ", ".join(part for part in parts if part)
 
 
-def leaves_of(html: str) -> list[Leaf]:
-    """Return what stands in a page, without the data of its browser of frames."""
-    reader = _Reader()
-    reader.feed(_DATA.sub(r"\1\3", html, count=1))
-    reader.close()
-    return reader.leaves
+def tokens_of(html: str) -> Iterator[Token]:
+    """Yield all that stands in a page, without the data of its browser of frames."""
+    place = _Place()
+    for found in _TOKEN.finditer(_DATA.sub(r"\1\3", html, count=1)):
+        place.read(found.group())
+        yield Token(found.group(), str(place), place.drawn)
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,73 +140,53 @@ class Strictness:
     drawings: bool
     pictures: bool
 
+    def kept(self, html: str) -> list[Token]:
+        """Return what of a page is compared: without comparable drawings, of a drawing only its words."""
+        every = tokens_of(html if self.pictures else _PICTURE.sub('""', html))
+        return [one for one in every if self.drawings or not one.drawn or (not one.shape and one.text.strip())]
+
 
 def compare_pages(printed: str, recomputed: str, rounding: Rounding, how: Strictness) -> Iterator[Difference]:
     """Yield where two pages differ, each difference with the section, figure, table, row and column it is in."""
     if printed == recomputed:
         return
-    found = [*_compare_data(printed, recomputed, rounding, how), *_compare_leaves(printed, recomputed, rounding, how)]
-    yield from found
-    if not found and _skeleton(printed, how) != _skeleton(recomputed, how):
-        # Browsers read what this parser overlooks, so that equal leaves are not enough.
+    yield from _compare_data(printed, recomputed, rounding, how)
+    mine, theirs = how.kept(printed), how.kept(recomputed)
+    shapes = [[one.shape for one in side] for side in (mine, theirs)]
+    if shapes[0] != shapes[1]:
+        place = first_difference(*shapes)
+        end = Token("", "report.html", drawn=False)
+        ends = [side[place] if place < len(side) else end for side in (mine, theirs)]
+        yield Difference(ends[1].where, *(one.words for one in ends))
+        mine, theirs = mine[:place], theirs[:place]
+    for one, other in zip(mine, theirs, strict=True):
+        if one.text != other.text:
+            yield from _compare_tokens(one, other, rounding, how)
+
+
+def _compare_tokens(one: Token, other: Token, rounding: Rounding, how: Strictness) -> Iterator[Difference]:
+    if not other.shape:
+        weighed = " MB before base64" in other.text and not how.pictures
+        if not rounding.same(one.text, other.text) and not weighed:
+            yield Difference(other.where, one.words, other.words)
+        return
+    mine, theirs = dict(one.attributes), dict(other.attributes)
+    unlike = [
+        name
+        for name in [*theirs, *(name for name in mine if name not in theirs)]
+        if not _same_attribute(name, mine.get(name), theirs.get(name), rounding, drawn=other.drawn)
+    ]
+    for name in unlike:
+        words = f"{other.where}, {other.shape.partition(' ')[2]} {name}"
+        yield Difference(words, str(mine.get(name)), str(theirs.get(name)))
+    if not unlike and (skeleton(one.text) != skeleton(other.text) or len(one.attributes) != len(other.attributes)):
         yield Difference("report.html, its markup", "written in another way", "as a report is written")
 
 
-def _skeleton(html: str, how: Strictness) -> str:
-    html = _DATA.sub(r"\1\3", html, count=1)
-    if not how.drawings:
-        html = re.sub(r"<svg[ >].*?</svg>", "", html, flags=re.DOTALL)
-    if not how.pictures:
-        html = re.sub(r'"data:image/[^"]*"', '""', html)
-    return skeleton(html)
-
-
-def _compare_leaves(printed: str, recomputed: str, rounding: Rounding, how: Strictness) -> Iterator[Difference]:
-    mine, theirs = (_kept(leaves_of(html), how) for html in (printed, recomputed))
-    shapes = [[(leaf.kind, leaf.what if leaf.kind != "text" else "") for leaf in leaves] for leaves in (mine, theirs)]
-    if shapes[0] != shapes[1]:
-        place = first_difference(*shapes)
-        ends = [
-            leaves[place] if place < len(leaves) else Leaf("report.html", "end", "nothing") for leaves in (mine, theirs)
-        ]
-        yield Difference(ends[1].where, *(f"{leaf.kind} {leaf.what.strip()}" for leaf in ends))
-        mine, theirs = mine[:place], theirs[:place]
-    for one, other in zip(mine, theirs, strict=True):
-        yield from _compare_leaf(one, other, rounding, how)
-
-
-def _kept(leaves: list[Leaf], how: Strictness) -> list[Leaf]:
-    """Return the leaves that are compared: without comparable drawings, of a drawing only its words."""
-    if how.drawings:
-        return leaves
-    return [leaf for leaf in leaves if not leaf.drawn or (leaf.kind == "text" and leaf.what.strip())]
-
-
-def _compare_leaf(one: Leaf, other: Leaf, rounding: Rounding, how: Strictness) -> Iterator[Difference]:
-    if one.kind == "text":
-        weighed = " MB before base64" in other.what and not how.pictures
-        if not rounding.same(one.what, other.what) and not weighed:
-            yield Difference(other.where, one.what.strip(), other.what.strip())
-        return
-    mine, theirs = dict(one.attributes), dict(other.attributes)
-    for name in [*theirs, *(name for name in mine if name not in theirs)]:
-        printed, recomputed = mine.get(name), theirs.get(name)
-        if not _same_attribute(name, printed, recomputed, other, rounding, how):
-            yield Difference(f"{other.where}, {other.what} {name}", str(printed), str(recomputed))
-    if [name for name, _ in one.attributes] != [name for name, _ in other.attributes] and mine.keys() == theirs.keys():
-        yield Difference(f"{other.where}, {other.what}", "an attribute twice", "each once")
-
-
-def _same_attribute(
-    name: str, printed: str | None, recomputed: str | None, leaf: Leaf, rounding: Rounding, how: Strictness
-) -> bool:
-    if printed is None or recomputed is None:
+def _same_attribute(name: str, mine: str | None, theirs: str | None, rounding: Rounding, *, drawn: bool) -> bool:
+    if mine is None or theirs is None:
         return False
-    if not how.pictures and printed.startswith(_HELD) and recomputed.startswith(_HELD):
-        return True
-    if leaf.drawn and name in _DRAWN:
-        return same_drawing(printed, recomputed)
-    return rounding.same(printed, recomputed)
+    return same_drawing(mine, theirs) if drawn and name in _DRAWN else rounding.same(mine, theirs)
 
 
 def _compare_data(printed: str, recomputed: str, rounding: Rounding, how: Strictness) -> Iterator[Difference]:
@@ -236,8 +204,7 @@ def _compare_data(printed: str, recomputed: str, rounding: Rounding, how: Strict
         for side in (mine, theirs):
             if isinstance(side, dict):
                 side.pop("pictures", None)
-    names = _Names(theirs)
-    yield from compare_values(mine, theirs, rounding, names)
+    yield from compare_values(mine, theirs, rounding, lambda path: f"report.html, frames, {_named(theirs, path)}")
 
 
 def _as_written(data: object, text: str) -> bool:
@@ -247,47 +214,29 @@ def _as_written(data: object, text: str) -> bool:
         return False
 
 
-@dataclass(frozen=True)
-class _Names:
-    """Puts a place in the data of the browser of frames into words."""
+def _named(data: Mapping[str, Any], path: Path) -> str:
+    """Return a place in the data of the browser of frames in words: the call, the frame, or the picture."""
+    used = next((words for kind, number, words in _used(data) if (kind, number) == path[:2]), None)
+    if used is not None:
+        return used
+    if path[0] != "runs" or len(path) < 4:
+        return " ".join(map(str, path))
+    run, (part, place, *more) = data["runs"][path[1]], path[2:]
+    if part == "models" and len(more) > 2 and more[0] == "calls":
+        return f"{run['models'][place]['name']}, {more[1]}, frame {run['frames'][more[2]]['id']}"
+    if part == "frames":
+        return f"frame {run['frames'][place]['id']}, {' '.join(map(str, more))}"
+    return " ".join(map(str, path[2:]))
 
-    data: dict[str, list[dict[str, object]]]
 
-    def __call__(self, path: Path) -> str:
-        words = ["report.html, frames"]
-        if path[:1] == ("texts",) and len(path) > 1:
-            words.append(self._call_of(0, path[1]) or "a reply")
-        elif path[:1] == ("pictures",) and len(path) > 1:
-            words.append(self._picture(path[1]))
-        elif path[:1] == ("runs",) and len(path) > 2:
-            words.append(self._in_run(path))
-        else:
-            words.append(" ".join(map(str, path)))
-        return ", ".join(words)
-
-    def _in_run(self, path: Path) -> str:
-        run = self.data["runs"][int(path[1])]
-        frames: list[dict[str, str]] = run["frames"]  # type: ignore[assignment]
-        models: list[dict[str, str]] = run["models"]  # type: ignore[assignment]
-        if path[2] == "models" and len(path) > 6 and path[4] == "calls":
-            return f"{models[int(path[3])]['name']}, {path[5]}, frame {frames[int(path[6])]['id']}"
-        if path[2] == "frames" and len(path) > 3:
-            return f"frame {frames[int(path[3])]['id']}, {' '.join(map(str, path[4:]))}"
-        return " ".join(map(str, path[2:]))
-
-    def _call_of(self, place: int, number: str | int) -> str:
-        """Return in words the first call whose reply has this number."""
-        for run in self.data["runs"]:
-            for model in run["models"]:  # type: ignore[attr-defined]
-                for condition, calls in model["calls"].items():
-                    for frame, call in enumerate(calls):
-                        if call is not None and call[place] == number:
-                            return f"{model['name']}, {condition}, frame {run['frames'][frame]['id']}, reply"  # type: ignore[index]
-        return ""
-
-    def _picture(self, number: str | int) -> str:
-        for run in self.data["runs"]:
-            for condition, numbers in run["pictures"].items():  # type: ignore[attr-defined]
-                if number in numbers:
-                    return f"picture of frame {run['frames'][numbers.index(number)]['id']} under {condition}"  # type: ignore[index]
-        return "a picture"
+def _used(data: Mapping[str, Any]) -> Iterator[tuple[str, int, str]]:
+    """Yield every use of a picture or a text by a frame, with its number and in words."""
+    for run in data["runs"]:
+        ids = [frame["id"] for frame in run["frames"]]
+        for name, numbers in run["pictures"].items():
+            for number, frame in zip(numbers, ids, strict=True):
+                yield "pictures", number, f"picture of frame {frame} under {name}"
+        for model in run["models"]:
+            for name, calls in model["calls"].items():
+                where = [f"{model['name']}, {name}, frame {one}, reply" for one in ids]
+                yield from (("texts", call[0], words) for call, words in zip(calls, where, strict=True) if call)

@@ -1,7 +1,7 @@
 """Counting what many replications said: how often right, how often false, how often each test rejected."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -271,43 +271,63 @@ def tally(
     resamples: int,
 ) -> Calibration:
     """Count the outcomes of every setting; the order in which they come has no effect."""
-    labels = {s: {variant: {name: Counter[str]() for name in KNOWN} for variant in VARIANTS} for s in settings}
-    paper = {s: {name: Counter[str]() for name in KNOWN} for s in settings}
-    lateral = {s: {name: Counter[str]() for name in KNOWN} for s in settings}
-    rights = {s: {variant: Counter[str]() for variant in VARIANTS} for s in settings}
-    falses = {s: {variant: {name: Counter[str]() for name in KNOWN} for variant in VARIANTS} for s in settings}
-    tests = {s: {test: dict.fromkeys(KNOWN, (0, 0)) for test in NULLS} for s in settings}
-    early: dict[str, dict[str, dict[str, Sums]]] = {}
+    by: dict[str, dict[str, list[Outcome]]] = {s: {name: [] for name in KNOWN} for s in settings}
     for setting, outcomes in found:
         for one in outcomes:
-            for variant, stop in zip(VARIANTS, one.early, strict=False):
-                by = early.setdefault(setting, {}).setdefault(variant, {})
-                by[one.controller] = stopping.add(by.get(one.controller, stopping.EMPTY), stop)
-            for variant, ruled in zip(VARIANTS, one.rulings, strict=True):
-                labels[setting][variant][one.controller][ruled.label] += 1
-                rights[setting][variant][one.controller] += ruled.label == ruled.deserved
-                if ruled.false:
-                    falses[setting][variant][one.controller][ruled.label] += 1
-            paper[setting][one.controller][one.paper] += 1
-            lateral[setting][one.controller][one.lateral] += 1
-            for test, p in one.p_values.items():
-                made, rejected = tests[setting][test][one.controller]
-                if p is not None:
-                    tests[setting][test][one.controller] = (made + 1, rejected + (p < NULLS[test][0]))
+            by[setting][one.controller].append(one)
+
+    def each(says: Callable[[Outcome], str]) -> dict[str, dict[str, dict[str, int]]]:
+        return {s: {name: _counts(map(says, ones)) for name, ones in of.items()} for s, of in by.items()}
+
+    def ruled(keep: Callable[[Ruled], bool]) -> dict[str, dict[str, dict[str, dict[str, int]]]]:
+        return {
+            s: {v: {name: _labels(ones, v, keep) for name, ones in of.items()} for v in VARIANTS}
+            for s, of in by.items()
+        }
+
+    rights = ruled(lambda one: one.label == one.deserved)
     return Calibration(
         replications=replications,
         seed=seed,
         resamples=resamples,
         settings=settings,
-        labels={s: {v: _sorted(by) for v, by in variants.items()} for s, variants in labels.items()},
-        paper={s: _sorted(by) for s, by in paper.items()},
-        lateral={s: _sorted(by) for s, by in lateral.items()},
-        rights={s: {v: dict(sorted(by.items())) for v, by in variants.items()} for s, variants in rights.items()},
-        falses={s: {v: _sorted(by) for v, by in variants.items()} for s, variants in falses.items()},
-        tests=tests,
-        early=early,
+        labels=ruled(lambda _: True),
+        paper=each(lambda one: one.paper),
+        lateral=each(lambda one: one.lateral),
+        rights={
+            s: {v: {name: sum(of[name].values()) for name in sorted(of) if by[s][name]} for v, of in found.items()}
+            for s, found in rights.items()
+        },
+        falses=ruled(lambda one: one.false),
+        tests={
+            s: {test: {name: _rejected(ones, test) for name, ones in of.items()} for test in NULLS}
+            for s, of in by.items()
+        },
+        early={s: stops for s, of in by.items() if (stops := _stops(of))},
     )
 
 
-def _sorted(counts: Mapping[str, Counter[str]]) -> dict[str, dict[str, int]]:
-    return {name: dict(sorted(one.items())) for name, one in counts.items()}
+def _labels(outcomes: Sequence[Outcome], variant: str, keep: Callable[[Ruled], bool]) -> dict[str, int]:
+    ruled = (one.rulings[VARIANTS.index(variant)] for one in outcomes)
+    return _counts(one.label for one in ruled if keep(one))
+
+
+def _counts(words: Iterable[str]) -> dict[str, int]:
+    return dict(sorted(Counter(words).items()))
+
+
+def _rejected(outcomes: Sequence[Outcome], test: str) -> tuple[int, int]:
+    """Return how often a test was made, and how often it rejected."""
+    ps = [p for one in outcomes if (p := one.p_values.get(test)) is not None]
+    return len(ps), sum(p < NULLS[test][0] for p in ps)
+
+
+def _stops(by: Mapping[str, Sequence[Outcome]]) -> dict[str, dict[str, Sums]]:
+    """Return what stopping early made of each controller's runs, by variant, where it was measured."""
+    found: dict[str, dict[str, Sums]] = {}
+    for name, outcomes in by.items():
+        for one in outcomes:
+            for variant, stop in zip(VARIANTS, one.early, strict=False):
+                sums = found.setdefault(variant, {})
+                sums[name] = stopping.add(sums.get(name, stopping.EMPTY), stop)
+    return found

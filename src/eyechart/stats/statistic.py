@@ -27,8 +27,8 @@ class Statistic:
 
     def as_dict(self) -> dict[str, object]:
         """Return the statistic as plain JSON values, with every key always present."""
-        further = {one.name: getattr(self, one.name) for one in fields(self)[len(fields(Statistic)) :] if one.repr}
-        detail = further | dict(self.detail or {})
+        own = {one.name: getattr(self, one.name) for one in fields(self)[len(fields(Statistic)) :] if one.repr}
+        detail = {name: one for name, one in own.items() if one is not None} | dict(self.detail or {})
         return {
             "value": self.value,
             "n": self.n,

@@ -9,9 +9,6 @@ from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.labels import ALPHA, FLOOR, MARGIN, SWAP_RATE, UNPARSED_CUT
 from eyechart.verdicts.ruling import Ruling, decided
 
-POSITIVE_CLAIMS = 6
-"""depth, self_inconsistent, content (Holm over two tests), scene_cue, presence_only, refusal_effect."""
-
 
 def calibrated_rules(found: Mapping[str, Statistic], *, swaps: bool) -> tuple[Ruling, str]:
     """Return the calibrated label and how the question of distance was put (interventional, observational, none)."""
@@ -25,7 +22,7 @@ def calibrated_rules(found: Mapping[str, Statistic], *, swaps: bool) -> tuple[Ru
     if depth.p is not None and depth.p < ALPHA:
         label = "depth_lateral" if swaps else "depth"
         return decided(label, name, depth, "it brakes harder where the lead is nearer"), evidence
-    for rule in (_self_inconsistent, _content, _scene_cue, _presence, _refusal, _invariant):
+    for rule in (*POSITIVE, _invariant):
         ruling = rule(found)
         if ruling is not None:
             return ruling, evidence
@@ -92,6 +89,10 @@ def _refusal(found: Mapping[str, Statistic]) -> Ruling | None:
     return decided(
         "refusal_effect", "presence_response", response, "real and blank differ in outputs, not in decisions"
     )
+
+
+POSITIVE = (_self_inconsistent, _content, _scene_cue, _presence, _refusal)
+"""The rules of positive claims below depth, in the order in which they are tried; of ``content``, Holm over two."""
 
 
 def _invariant(found: Mapping[str, Statistic]) -> Ruling | None:

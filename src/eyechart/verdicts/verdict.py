@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from eyechart.conditions import BATTERY
 from eyechart.integrity import Guard
 from eyechart.stats.exchange import episodes_needed
-from eyechart.verdicts.calibrated import POSITIVE_CLAIMS, calibrated_rules, lateral_rules
+from eyechart.verdicts.calibrated import POSITIVE, calibrated_rules, lateral_rules
 from eyechart.verdicts.card import card, numbers
 from eyechart.verdicts.early import GUARANTEE, PREFIX, Stopped, early_lateral, early_paper, early_rules
 from eyechart.verdicts.evidence import Evidence, Scored
@@ -193,9 +193,10 @@ def notes(evidence: Evidence) -> tuple[str, ...]:
             said.append(f"{need} episodes in each scenario, or counterfactual pictures, would test it")
     if found["bound_scene"].p is None:
         said.append("whether a picture of another scenario changes its answer was not tested")
-    most = POSITIVE_CLAIMS * ALPHA
+    claims = 1 + len(POSITIVE)
+    most = claims * ALPHA
     said.append(
-        f"up to {POSITIVE_CLAIMS} positive claims are tested in order, each at alpha {ALPHA}: a false one has a chance "
+        f"up to {claims} positive claims are tested in order, each at alpha {ALPHA}: a false one has a chance "
         f"of at most {most:.2f}, which adds up over the models and prompts that are tried on one bank"
     )
     return tuple(said)

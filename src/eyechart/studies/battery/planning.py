@@ -43,9 +43,8 @@ from eyechart.perception.view import View, through
 from eyechart.probe import Sample
 from eyechart.prompts import Prompt, find_prompt, neutral, require_sayable
 from eyechart.run import Plan, Progress, execute, spread
-from eyechart.studies.battery.stopping import NEEDED
-from eyechart.studies.battery.watching import EarlyStop, layout_for, typical
-from eyechart.studies.battery.watching import Progress as HowFar
+from eyechart.studies.battery.stopping import NEEDED, EarlyStop, layout_for, typical
+from eyechart.studies.battery.stopping import Progress as HowFar
 
 STUDY = "battery"
 
@@ -91,8 +90,8 @@ class Battery:
         if not (self.out / LEDGER).is_file():
             return {model: HowFar(None, sum(1 for _ in self.plan.keys_of(model))) for model in self.plan.models}
         with Ledger(self.out / LEDGER) as ledger:
-            watch = EarlyStop(self.plan, ledger)
-        return {model: watch.progress(model) for model in self.plan.models}
+            early = EarlyStop(self.plan, ledger)
+        return {model: early.progress(model) for model in self.plan.models}
 
     def typical(self) -> dict[str, int]:
         """Return how many calls a clear controller of each kind takes where the run stops early."""
@@ -382,7 +381,7 @@ def _ask(
 ) -> Outcome:
     """Make the calls; where all frames were asked for some conditions and it settled nothing, those left out too."""
     for again in (True, False):
-        watch = EarlyStop(battery.plan, ledger) if manifest.stop_early else None
+        early = EarlyStop(battery.plan, ledger) if manifest.stop_early else None
         outcome = execute(
             battery.plan,
             battery.models,
@@ -391,8 +390,8 @@ def _ask(
             attempts=attempts,
             limits=limits,
             progress=progress,
-            watch=watch,
+            early=early,
         )
-        if watch is None or not watch.exhausted or outcome.stopped or not again:
+        if early is None or not early.exhausted or outcome.stopped or not again:
             break
     return outcome

@@ -12,8 +12,7 @@ from eyechart.stats.agreement import detectable_share, trials_needed
 from eyechart.stats.exchange import exchange_test
 from eyechart.stats.paired import bounded_below, pairs_to_bound
 from eyechart.studies.battery.calibrated import FEWEST_PAIRS
-from eyechart.studies.battery.stopping import layout_of
-from eyechart.studies.battery.watching import typical
+from eyechart.studies.battery.stopping import layout_of, typical
 from eyechart.verdicts import ALPHA, MARGIN
 
 POWER = 0.80

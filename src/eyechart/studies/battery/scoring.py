@@ -8,7 +8,7 @@ from pathlib import Path
 from eyechart.costs import Account, Book
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank
-from eyechart.integrity import Guard, Watch
+from eyechart.integrity import Guard, GuardChecks
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
 from eyechart.models.prices import Prices, read_prices
@@ -20,8 +20,7 @@ from eyechart.studies.battery.answers import Answers, read_answers
 from eyechart.studies.battery.calibrated import Calibrated
 from eyechart.studies.battery.planning import STUDY, plan_of
 from eyechart.studies.battery.published import Published, Resampling
-from eyechart.studies.battery.stopping import Course
-from eyechart.studies.battery.watching import EarlyStop, layout_for
+from eyechart.studies.battery.stopping import Course, EarlyStop, layout_for
 from eyechart.verdicts import Evidence, Stopped
 
 Took = tuple[dict[str, dict[str, Account]], dict[str, tuple[Guard, ...]]]
@@ -224,13 +223,13 @@ def _took(ledger: Ledger, manifest: RunManifest, plan: Plan, prices: Prices, cou
     kept: dict[str, tuple[Guard, ...]] = {}
     for spec in manifest.models:
         mode, space = manifest.mode(spec), plan.space
-        book, watch = Book(mode, space, prices), Watch(mode, space)
+        book, checks = Book(mode, space, prices), GuardChecks(mode, space)
         for one in ledger.attempts(spec):
             book.add(one)
-            watch.add(one)
+            checks.add(one)
         course = courses.get(spec)
         asked = (key for key in plan.keys_of(spec) if course is None or key.condition in course.wanted(key.frame))
-        spent[spec], kept[spec] = book.accounts(), watch.guards(asked, manifest.fingerprint)
+        spent[spec], kept[spec] = book.accounts(), checks.guards(asked, manifest.fingerprint)
     return spent, kept
 
 
