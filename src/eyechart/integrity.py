@@ -39,28 +39,13 @@ class Guard:
         return {**asdict(self), "outcome": outcome}
 
 
-def guards(
-    sent: Iterable[Sent],
-    planned: Iterable[CallKey],
-    mode: RequestMode,
-    fingerprint: str,
-    *,
-    space: AnySpace | None = None,
-) -> tuple[Guard, ...]:
-    """Return every guard of one model's calls; ``fingerprint`` is that of the bank's geometry, which was checked.
-
-    With a ``space``, decisions that never differ are found too, whatever words are around them.
-    """
-    checks = GuardChecks(mode, space)
-    for one in sent:
-        checks.add(one)
-    return checks.guards(planned, fingerprint)
-
-
 class GuardChecks:
-    """Looks at attempts one by one, in the order of sending, without keeping them; the ``space`` reads replies."""
+    """Looks at attempts one by one, in the order of sending, without keeping them.
 
-    def __init__(self, mode: RequestMode, space: AnySpace | None = None) -> None:
+    The ``space`` reads replies: decisions that never differ are found too, whatever words are around them.
+    """
+
+    def __init__(self, mode: RequestMode, space: AnySpace) -> None:
         self._mode = mode
         self._space = space
         self._decided: Counter[str] = Counter()
@@ -80,7 +65,7 @@ class GuardChecks:
         if len(self._texts) < _TEXTS_KEPT:
             self._texts.add(reply.text.strip())
         if len(self._decided) < 2:  # two that differ are enough to know
-            found = None if self._space is None else self._space.read(reply).action
+            found = self._space.read(reply).action
             self._decided.update([] if found is None else [str(found)])
         if one.key.condition in self._tokens and reply.prompt_tokens:
             self._tokens[one.key.condition].append(reply.prompt_tokens)
@@ -88,7 +73,7 @@ class GuardChecks:
             self._repeats.add(one.key.frame, reply)
 
     def guards(self, planned: Iterable[CallKey], fingerprint: str) -> tuple[Guard, ...]:
-        """Return every guard, now that all attempts were looked at."""
+        """Return every guard; ``fingerprint`` is that of the bank's geometry, which was checked."""
         same = f"the frames have the geometry that the run was made on ({fingerprint[:8]})"
         return (
             _picture(self._tokens["real"], self._tokens["text_only"], self._mode),
