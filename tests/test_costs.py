@@ -3,7 +3,7 @@ from dataclasses import replace
 import pytest
 
 from eyechart.calls import CallKey, Reply
-from eyechart.costs import ALL, accounts, estimate
+from eyechart.costs import ALL, Account, Book, estimate
 from eyechart.ledger import UNKNOWN, Sent
 from eyechart.models.prices import Price, Prices, read_prices
 from eyechart.modes import Measured, RequestMode
@@ -27,6 +27,14 @@ def reply(text: str = "SLOW", **fields: object) -> Reply:
     return Reply(text, **{**counted, **fields})  # type: ignore[arg-type]
 
 
+def accounts(sent: list[Sent], prices: Prices = PRICES) -> dict[str, Account]:
+    """Return the accounts of these attempts."""
+    book = Book(MODE, DRIVING, prices)
+    for one in sent:
+        book.add(one)
+    return book.accounts()
+
+
 def frame(name: str, condition: str = "real") -> CallKey:
     """Return the call about a frame."""
     return replace(KEY, frame=name, condition=condition)
@@ -43,7 +51,7 @@ def test_every_attempt_is_counted_where_it_belongs() -> None:
         Sent(frame("d", "blank"), 1, None, Reply(error="wrong_json")),
         Sent(frame("e", "blank"), 1, None, reply("", prompt_tokens=None)),
     ]
-    found = accounts(sent, MODE, DRIVING, PRICES)
+    found = accounts(sent)
     assert list(found) == [ALL, "blank", "real"]
     whole = found[ALL]
     assert (whole.calls, whole.attempts, whole.unknown) == (5, 7, 1)
@@ -61,10 +69,10 @@ def test_every_attempt_is_counted_where_it_belongs() -> None:
 
 def test_what_nobody_reports_is_none_and_not_nothing() -> None:
     """Tokens, cost, latency, energy of a model that says only text."""
-    found = accounts([Sent(KEY, 1, None, Reply("SLOW"))], MODE, DRIVING, Prices(()))[ALL]
+    found = accounts([Sent(KEY, 1, None, Reply("SLOW"))], Prices(()))[ALL]
     assert (found.prompt_tokens, found.completion_tokens, found.cost_usd) == (None, None, None)
     assert (found.latency_median_s, found.energy_j, found.cost_from) == (None, None, {"unknown": 1})
-    empty = accounts([], MODE, DRIVING, PRICES)[ALL]
+    empty = accounts([])[ALL]
     assert (empty.calls, empty.attempts, empty.cost_usd, empty.seconds) == (0, 0, None, 0)
 
 
@@ -73,7 +81,7 @@ def test_energy_adds_up_where_it_was_measured() -> None:
     sent = [
         Sent(frame(name), 1, None, reply(energy_j=joules)) for name, joules in (("a", 1.5), ("b", None), ("c", 2.0))
     ]
-    found = accounts(sent, MODE, DRIVING, PRICES)[ALL]
+    found = accounts(sent)[ALL]
     assert (found.energy_j, found.energy_measured) == (3.5, 2)
 
 

@@ -7,7 +7,7 @@ from eyechart.calls import CallKey, Reply
 from eyechart.integrity import Guard, GuardChecks
 from eyechart.ledger import Sent
 from eyechart.modes import Measured, RequestMode
-from eyechart.spaces.discrete import DRIVING, Discrete
+from eyechart.spaces.discrete import DRIVING
 
 KEY = CallKey("battery", "openai:m", "p", "f", "real")
 MODE = RequestMode("openai:m")
@@ -35,26 +35,24 @@ def sent_with(say: Say = fine, frames: int = 10) -> list[Sent]:
     return [Sent(key, 1, None, say(int(key.frame[1:]), key.condition)) for key in keys(frames)]
 
 
-def guards(
-    sent: list[Sent], planned: list[CallKey], mode: RequestMode, fingerprint: str, space: Discrete | None = None
-) -> tuple[Guard, ...]:
+def guards(sent: list[Sent], planned: list[CallKey], mode: RequestMode) -> tuple[Guard, ...]:
     """Return every guard of these attempts."""
-    checks = GuardChecks(mode, space)
+    checks = GuardChecks(mode, DRIVING)
     for one in sent:
         checks.add(one)
-    return checks.guards(planned, fingerprint)
+    return checks.guards(planned, "abcdef0123")
 
 
 def guard(name: str, sent: list[Sent], mode: RequestMode = MODE, planned: list[CallKey] | None = None) -> Guard:
     """Return one guard of these attempts."""
-    found = {one.name: one for one in guards(sent, keys() if planned is None else planned, mode, "abcdef0123")}
+    found = {one.name: one for one in guards(sent, keys() if planned is None else planned, mode)}
     assert list(found) == ["picture", "outcomes", "geometry", "degeneracy", "cache"]
     return found[name]
 
 
 def test_a_run_without_fault_keeps_every_guard() -> None:
     """Each says why."""
-    for one in guards(sent_with(), keys(), MODE, "abcdef0123"):
+    for one in guards(sent_with(), keys(), MODE):
         assert one.holds is True, one
         assert one.because
 
@@ -94,7 +92,7 @@ def test_one_decision_in_ever_other_words_is_degenerate() -> None:
         return replace(fine(at, name), text=f'{{"action": "SLOW", "reason": "{name} {at}"}}')
 
     def found(say: Say) -> Guard:
-        return {one.name: one for one in guards(sent_with(say), keys(), MODE, "", space=DRIVING)}["degeneracy"]
+        return {one.name: one for one in guards(sent_with(say), keys(), MODE)}["degeneracy"]
 
     assert (found(constant).holds, found(constant).because) == (False, "all 30 decisions are the same: SLOW")
     assert found(fine).holds is True
@@ -148,7 +146,7 @@ def test_repeats_that_come_at_once_are_suspected_of_a_cache() -> None:
     assert guard("cache", sent_with(cached(0.2))).holds is True
     assert guard("cache", sent_with(cached(0.01, "RIGHT"))).holds is True
     assert guard("cache", sent_with(cached(0.01), frames=5)).holds is None
-    scripted = guards(sent_with(cached(0.01)), keys(), RequestMode("scripted:depth"), "")
+    scripted = guards(sent_with(cached(0.01)), keys(), RequestMode("scripted:depth"))
     assert scripted[-1].holds is True
 
 

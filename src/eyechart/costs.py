@@ -2,7 +2,7 @@
 
 from array import array
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
@@ -55,14 +55,6 @@ class Account:
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
         return asdict(self)
-
-
-def accounts(sent: Iterable[Sent], mode: RequestMode, space: AnySpace, prices: Prices) -> dict[str, Account]:
-    """Return the account of a model's attempts, all of them first, and then by condition."""
-    book = Book(mode, space, prices)
-    for one in sent:
-        book.add(one)
-    return book.accounts()
 
 
 class Book:

@@ -40,9 +40,12 @@ class Guard:
 
 
 class GuardChecks:
-    """Looks at attempts one by one, in the order of sending, without keeping them; the ``space`` reads replies."""
+    """Looks at attempts one by one, in the order of sending, without keeping them.
 
-    def __init__(self, mode: RequestMode, space: AnySpace | None = None) -> None:
+    The ``space`` reads replies: decisions that never differ are found too, whatever words are around them.
+    """
+
+    def __init__(self, mode: RequestMode, space: AnySpace) -> None:
         self._mode = mode
         self._space = space
         self._decided: Counter[str] = Counter()
@@ -62,7 +65,7 @@ class GuardChecks:
         if len(self._texts) < _TEXTS_KEPT:
             self._texts.add(reply.text.strip())
         if len(self._decided) < 2:  # two that differ are enough to know
-            found = None if self._space is None else self._space.read(reply).action
+            found = self._space.read(reply).action
             self._decided.update([] if found is None else [str(found)])
         if one.key.condition in self._tokens and reply.prompt_tokens:
             self._tokens[one.key.condition].append(reply.prompt_tokens)
@@ -70,7 +73,7 @@ class GuardChecks:
             self._repeats.add(one.key.frame, reply)
 
     def guards(self, planned: Iterable[CallKey], fingerprint: str) -> tuple[Guard, ...]:
-        """Return every guard, now that all attempts were looked at."""
+        """Return every guard; ``fingerprint`` is that of the bank's geometry, which was checked."""
         same = f"the frames have the geometry that the run was made on ({fingerprint[:8]})"
         return (
             _picture(self._tokens["real"], self._tokens["text_only"], self._mode),

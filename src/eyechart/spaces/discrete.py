@@ -6,13 +6,16 @@ The decision is found in a reply's verbatim text: strictly, the same way every t
 import json
 import re
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import ClassVar, Literal
 
+import msgspec
+
 from eyechart.errors import SpecError
+from eyechart.records import build
 from eyechart.spaces.space import (
     READ_AT_MOST,
     UNPARSED,
@@ -139,27 +142,14 @@ class Discrete:
 
     def as_dict(self) -> dict[str, object]:
         """Return the space as plain JSON values."""
-        return {
-            "name": self.name,
-            "actions": list(self.actions),
-            "mirror_pairs": [list(pair) for pair in self.mirror_pairs],
-            "brake": list(self.brake),
-            "proceed": list(self.proceed),
-        }
+        return dict(msgspec.json.decode(msgspec.json.encode(self)))
 
     @classmethod
-    def from_dict(cls, values: dict[str, object]) -> "Discrete":
+    def from_dict(cls, values: object) -> "Discrete":
         """Build a space from plain values; raises SpecError naming what is wrong."""
         try:
-            pairs = [tuple(map(str, pair)) for pair in _list(values["mirror_pairs"])]
-            return cls(
-                name=str(values["name"]),
-                actions=tuple(map(str, _list(values["actions"]))),
-                mirror_pairs=tuple((one, other) for one, other in pairs),
-                brake=tuple(map(str, _list(values["brake"]))),
-                proceed=tuple(map(str, _list(values["proceed"]))),
-            )
-        except (KeyError, TypeError, ValueError) as error:
+            return build(cls, values)
+        except ValueError as error:
             raise SpecError(f"an action space needs name, actions, mirror_pairs, brake and proceed: {error}") from error
 
 
@@ -200,12 +190,6 @@ def read_toml(path: Path) -> dict[str, object]:
         raise SpecError(f"{path} cannot be read: {error.strerror}") from error
     except (ValueError, RecursionError) as error:
         raise SpecError(f"{path} is no TOML file: {error}") from error
-
-
-def _list(value: object) -> list[Sequence[object]]:
-    if not isinstance(value, list | tuple):
-        raise TypeError(f"expected a list, got {value!r}")
-    return list(value)
 
 
 DRIVING = Discrete(

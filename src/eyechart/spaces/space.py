@@ -51,65 +51,49 @@ class Answer(Protocol):
     @property
     def text(self) -> str:
         """The verbatim text."""
-        ...
 
     @property
     def finish_reason(self) -> str | None:
         """Why the text ended."""
-        ...
 
     @property
     def error(self) -> str | None:
         """The kind of the failure, None where something came back."""
-        ...
 
 
 class Space(Protocol[A]):
     """What an action is. Statistics ask it for three numbers, and know nothing else of an action.
 
-    ``name`` is the space's; ``reader`` the version of its rules of reading, which a run records; ``actions`` the names
-    that an answer may give, none where an answer is no name.
+    Actions are hashable. ``reader`` is the version of the rules of reading, which a run records; ``actions`` are the
+    names that an answer may give, none where an answer is no name.
     """
 
     reader: ClassVar[int]
 
     @property
-    def name(self) -> str:
-        """The space's name."""
-        ...
-
-    @property
     def actions(self) -> tuple[str, ...]:
         """The names that an answer may give."""
-        ...
 
     def schema(self) -> Mapping[str, object]:
         """Return the JSON schema of an answer."""
-        ...
 
     def read(self, reply: Answer) -> Decision[A]:
         """Return the decision that a reply holds: strict, the same every time, and never guessing."""
-        ...
 
     def distance(self, one: A, other: A) -> float:
         """Return how far two actions differ: 0 where they are the same."""
-        ...
 
     def project(self, action: A, axis: str) -> float | None:
         """Return how much of an action is along an axis, such as ``brake``; None where the space has no such axis."""
-        ...
 
     def reflect(self, action: A) -> A | None:
         """Return the action that the reflected world calls for; None where nobody can say."""
-        ...
 
     def symbol(self, action: A) -> str:
         """Return an action's name, for a table and for the world that executes it."""
-        ...
 
     def role(self, symbol: str) -> str:
         """Return what an action of this name is to the gap tests: brake, proceed, or other."""
-        ...
 
 
 AnySpace = Space[Any]

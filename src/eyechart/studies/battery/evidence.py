@@ -189,7 +189,9 @@ def _excess(condition: str, level: str) -> Callable[[Row], float | None]:
     def excess(row: Row) -> float | None:
         read = row.action if level == "action" else row.symbol
         real, repeat, other = read("real"), read("real_repeat"), read(condition)
-        return None if real is None or repeat is None or other is None else float((real != other) - (real != repeat))
+        if real is None or repeat is None or other is None:
+            return None
+        return float((row.space.distance(real, other) > 0) - (row.space.distance(real, repeat) > 0))
 
     return excess
 
