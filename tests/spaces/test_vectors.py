@@ -1,9 +1,13 @@
-"""A space that nobody named: chunks of 8 × 3 numbers go from a run through its ledger to what statistics ask for."""
+"""A space that nobody named goes from a run through its ledger to what statistics ask for.
+
+Its actions are chunks of 8 × 3 numbers, chosen by the pictures of two wrists' cameras and a state.
+"""
 
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -11,6 +15,7 @@ import pytest
 
 import banks
 from eyechart.calls import Query, Reply
+from eyechart.frames import BankWriter, Camera, FrameBank, encode, open_bank
 from eyechart.ledger import Ledger
 from eyechart.prompts import Prompt
 from eyechart.run import Plan, execute
@@ -22,7 +27,8 @@ from stand_ins import StandIn
 
 STEPS, PARTS = 8, ("steer", "go", "brake")
 SCALE = (1.0, 1.0, 2.0)
-CONDITIONS = ("real", "real_repeat", "mirrored", "blank")
+CONDITIONS = ("real", "real_repeat", "mirrored", "blank", "blank@right")
+WRISTS = (Camera("left", "horizontal", mirrors="right"), Camera("right", "horizontal", mirrors="left"))
 Chunk = tuple[tuple[float, ...], ...]
 
 
@@ -70,6 +76,17 @@ class Chunks:
         return "other"
 
 
+def build_bank(out: Path) -> FrameBank:
+    """Write a bank of two wrists' cameras, each with a picture of its own, and the angles of three joints."""
+    with BankWriter(out, replace(banks.manifest(), cameras=WRISTS, state=("joints",))) as writer:
+        for code, frame in enumerate(banks.frames_of(("shelf", "bin"), 2, 4, "horizontal", drawn=False)):
+            files = {one.name: f"images/{one.name}/{frame.id}.png" for one in WRISTS}
+            shown = {one.name: encode(banks.draw(8.0, 2 * code + place)) for place, one in enumerate(WRISTS)}
+            state = {"joints": (0.1 * code, -0.2, 1.5)}
+            writer.add(replace(frame, cameras=WRISTS, pictures=files, state=state), shown, {})
+    return open_bank(out)
+
+
 def respond(query: Query) -> Reply:
     """Answer with a chunk that follows from what was shown and asked, and now and then with one that is too short."""
     dice = np.random.default_rng(int(query.sha256()[:12], 16))
@@ -82,12 +99,16 @@ def respond(query: Query) -> Reply:
 def answered(tmp_path_factory: pytest.TempPathFactory) -> tuple[Answers, Mapping[tuple[str, str], Decision[Chunk]]]:
     """Return what a run's ledger gives, and the same decisions read one by one."""
     folder = tmp_path_factory.mktemp("chunks")
-    bank = banks.build_bank(folder / "bank")
-    prompt = Prompt("chunks", "", "Give the next eight commands.", space=Chunks())
+    bank = build_bank(folder / "bank")
+    prompt = Prompt(
+        "chunks", "", "The joints are at {joints}. Give the next eight commands.", template=True, space=Chunks()
+    )
     plan = Plan("battery", bank, prompt, ("m",), CONDITIONS, bank.frames, seed=3)
     with Ledger(folder / "ledger.sqlite", create=True) as ledger:
-        execute(plan, {"m": StandIn(respond)}, ledger)
+        execute(plan, {"m": (model := StandIn(respond))}, ledger)
         replies = list(ledger.replies("m"))
+    assert {len(query.stimulus.images) for query in model.queries} == {2}
+    assert all(query.stimulus.state["joints"][2] == 1.5 for query in model.queries)
     read = {(key.frame, key.condition): Chunks().read(reply) for key, reply in replies}
     return read_answers("m", replies, plan), read
 
@@ -111,6 +132,13 @@ def test_the_distance_of_two_conditions_is_that_of_the_space(answered: Answered)
     assert answered[0].distance("real", "real_repeat")[0].tolist() == [0.0] * len(
         pairs(answered, "real", "real_repeat")
     )
+
+
+def test_what_one_camera_decides_is_told_from_what_both_do(answered: Answered) -> None:
+    """A condition over one camera leaves the other's picture and the state as they are."""
+    one, _ = answered[0].distance("real", "blank@right")
+    assert one.tolist() == [Chunks().distance(*pair) for pair in pairs(answered, "real", "blank@right")]
+    assert (one > 0).all()
 
 
 def test_a_reply_without_a_chunk_is_one_apart_from_every_chunk(answered: Answered) -> None:
