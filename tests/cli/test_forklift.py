@@ -1,16 +1,15 @@
-"""Another trade in one file of actions and one bank: a forklift, which has no lanes, from pictures to bundle."""
+"""Another trade in one file of actions and one bank: a forklift, which has no lanes, from its bank to its bundle."""
 
-import csv
 import json
 import sys
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from eyechart import cli
-from eyechart.frames import open_bank
+from eyechart.frames import IMPORTED, BankManifest, BankWriter, Camera, Frame, Gap, encode
 from eyechart.spaces.discrete import read_space
 
 SPACE = """
@@ -20,19 +19,23 @@ brake = ["HALT", "CREEP"]
 proceed = ["ROLL", "SWING PORT", "SWING STARBOARD"]
 """
 FORKLIFT = '''
-"""Halts before a pallet, creeps towards one, and swings to the open side where it has room."""
+"""Halts before a pallet, creeps towards one, and swings to the side that the mast's camera shows open."""
 import io
 
 import numpy as np
 from PIL import Image
 
 
-def decide(prompt, image):
-    if image is None:
+def seen(image):
+    return np.asarray(Image.open(io.BytesIO(image)).convert("RGB")).astype(int)
+
+
+def decide(prompt, images, state):
+    if not images:
         return "LIFT"
-    pixels = np.asarray(Image.open(io.BytesIO(image)).convert("RGB")).astype(int)
-    red = int(((pixels[..., 0] > 150) & (pixels[..., 1] < 60)).any(axis=1).sum())
-    open_ = (pixels[..., 1] > 150) & (pixels[..., 0] < 60)
+    forks, mast = seen(images["forks"]), seen(images["mast"])
+    red = int(((forks[..., 0] > 150) & (forks[..., 1] < 60)).any(axis=1).sum())
+    open_ = (mast[..., 1] > 150) & (mast[..., 0] < 60)
     if not red and not open_.any():
         return "LIFT"
     if red > 24:
@@ -42,34 +45,31 @@ def decide(prompt, image):
     columns = np.flatnonzero(open_.any(axis=0))
     return "ROLL" if not len(columns) else "SWING PORT" if columns.mean() < 28 else "SWING STARBOARD"
 '''
-AISLES, TRIPS, TICKS = ("cold store", "dock"), 4, 9
+AISLES, TRIPS, TICKS = ("cold-store", "dock"), 4, 9
+CAMERAS = (Camera("forks", "horizontal"), Camera("mast", "horizontal"))
+GAP = Gap("pallet_m", 3.0, "m")
 
 
-def warehouse(folder: Path) -> None:
-    """Write the pictures of a forklift's camera with their table: a pallet ahead, and an open side, left or right."""
-    dice = np.random.default_rng(4)
-    rows = []
-    for aisle in AISLES:
-        for trip in range(TRIPS):
-            for tick in range(TICKS):
-                pallet_m = round(float(dice.uniform(0.5, 8)), 2)
-                pixels = np.full((40, 56, 3), 90, dtype=np.uint8)
-                pixels[2 : 2 + round(34 - 4 * pallet_m), 20:36] = (200, 0, 0)
-                side = dice.choice([-1, 1])
-                pixels[36:39, slice(2, 10) if side < 0 else slice(46, 54)] = (0, 200, 0)
-                name = f"{aisle} {trip}-{tick}.png"
-                Image.fromarray(pixels).save(folder / name)
-                rows.append({"file": name, "scenario": aisle, "episode": trip, "step": tick, "pallet_m": pallet_m})
-    with (folder / "table.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
+def warehouse(out: Path) -> None:
+    """Write the bank of a forklift: a pallet before its forks, and an open side that its mast's camera shows."""
+    dice, space = np.random.default_rng(4), read_space(out.parent / "forklift.toml")
+    made = BankManifest(IMPORTED, "trips", "two cameras of a forklift", space, GAP, {}, {}, cameras=CAMERAS)
+    with BankWriter(out, made) as writer:
+        for aisle, trip, tick in product(AISLES, range(TRIPS), range(TICKS)):
+            pallet_m = round(float(dice.uniform(0.5, 8)), 2)
+            forks, mast = np.full((2, 40, 56, 3), 90, dtype=np.uint8)
+            forks[2 : 2 + round(34 - 4 * pallet_m), 20:36] = (200, 0, 0)
+            mast[36:39, slice(2, 10) if dice.random() < 0.5 else slice(46, 54)] = (0, 200, 0)
+            shown = {"forks": encode(forks), "mast": encode(mast)}
+            name = f"{aisle}-{trip}-{tick}"
+            files = {camera: f"images/{camera}/{name}.png" for camera in shown}
+            writer.add(Frame(name, aisle, str(trip), tick, CAMERAS, files, {GAP.column: pallet_m}), shown, {})
 
 
-def test_a_forklift_goes_from_its_pictures_to_its_bundle(
+def test_a_forklift_goes_from_its_bank_to_its_bundle(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Import, battery, score, verdict, gate, report, bundle and validate, with nothing said of it in the house."""
+    """Battery, score, verdict, gate, report, bundle and validate, with nothing said of it in the house."""
 
     def eyechart(*words: object) -> object:
         monkeypatch.setattr(sys, "argv", ["eyechart", *map(str, words)])
@@ -82,12 +82,7 @@ def test_a_forklift_goes_from_its_pictures_to_its_bundle(
     monkeypatch.syspath_prepend(str(tmp_path))
     (tmp_path / "forklift.toml").write_text(SPACE)
     (tmp_path / "forklift.py").write_text(FORKLIFT)
-    (tmp_path / "photos").mkdir()
-    warehouse(tmp_path / "photos")
-    table = ("--table", "photos/table.csv", "--map", "gap=pallet_m", "--threshold", 3, "--unit", "m")
-    words = ("--mirror", "horizontal", "--actions", "forklift.toml", "--picture", "mast camera of a forklift")
-    assert not eyechart("frames", "import", "photos", *table, *words, "--out", "bank")
-    assert open_bank(tmp_path / "bank").manifest.action_space == read_space(tmp_path / "forklift.toml")
+    warehouse(tmp_path / "bank")
     model = "python:forklift:decide"
     assert not eyechart("run", "battery", "--model", model, "--frames", "bank", "--out", "run")
     assert not eyechart("verdict", "run", "--json")
