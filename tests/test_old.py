@@ -6,6 +6,7 @@ what is answered otherwise on purpose. The commands that read write nothing.
 
 import contextlib
 import hashlib
+import importlib.util
 import json
 import shlex
 import shutil
@@ -13,6 +14,7 @@ import sqlite3
 import sys
 from functools import cache
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -98,6 +100,28 @@ def test_every_listed_difference_is_one(entry: Expected, found) -> None:  # noqa
     assert any(entry.covers(path.stem, one) for path in ANSWERS for one in found(path)), (
         "it does not differ: take it out"
     )
+
+
+@pytest.mark.parametrize("path", sorted(OLD.glob("*/surface.json")), ids=lambda path: path.parent.name)
+def test_what_was_promised_to_callers_is_still_there(path: Path) -> None:
+    """Commands, options with their defaults, and what api and testing take; what came since is no breach."""
+    then, now = kept(path), load_make().surface()
+    broken = [one for one in differences(then, now) if one.kind != "added" or now_required(one)]
+    assert not unexpected("surface", broken, EXPECTED)
+
+
+def now_required(found: Difference) -> bool:
+    """Return whether what came since must be given, so that an older call fails."""
+    option = isinstance(found.new, dict) and found.new.get("required") is True
+    return option or (isinstance(found.new, str) and found.new.endswith("required"))
+
+
+def load_make() -> ModuleType:
+    """Return the program that makes what is kept."""
+    spec = importlib.util.spec_from_file_location("make_old", OLD / "make.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def rows(ledger: Path) -> list[tuple[object, ...]]:

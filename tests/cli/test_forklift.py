@@ -1,15 +1,17 @@
-"""Another trade in one file of actions and one bank: a forklift, which has no lanes, from its bank to its bundle."""
+"""Another trade in one file of actions and one bank: a forklift, which has no lanes, from pictures to bundle."""
 
+import csv
 import json
 import sys
-from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from eyechart import cli
-from eyechart.frames import IMPORTED, BankManifest, BankWriter, Camera, Frame, Gap, encode
+from eyechart.conditions import BATTERY
+from eyechart.frames import open_bank
 from eyechart.spaces.discrete import read_space
 
 SPACE = """
@@ -18,24 +20,34 @@ mirror_pairs = [["SWING PORT", "SWING STARBOARD"]]
 brake = ["HALT", "CREEP"]
 proceed = ["ROLL", "SWING PORT", "SWING STARBOARD"]
 """
+RIG = """
+[[camera]]
+name = "mast"
+column = "file"
+mirror_axis = "horizontal"
+
+[[camera]]
+name = "rear"
+column = "behind"
+mirror_axis = "horizontal"
+
+[state]
+fork = ["height_m", "tilt"]
+"""
 FORKLIFT = '''
-"""Halts before a pallet, creeps towards one, and swings to the side that the mast's camera shows open."""
+"""Halts before a pallet, creeps towards one, and swings to the open side where it has room."""
 import io
 
 import numpy as np
 from PIL import Image
 
 
-def seen(image):
-    return np.asarray(Image.open(io.BytesIO(image)).convert("RGB")).astype(int)
-
-
 def decide(prompt, images, state):
-    if not images:
+    if "mast" not in images or not state:
         return "LIFT"
-    forks, mast = seen(images["forks"]), seen(images["mast"])
-    red = int(((forks[..., 0] > 150) & (forks[..., 1] < 60)).any(axis=1).sum())
-    open_ = (mast[..., 1] > 150) & (mast[..., 0] < 60)
+    pixels = np.asarray(Image.open(io.BytesIO(images["mast"])).convert("RGB")).astype(int)
+    red = int(((pixels[..., 0] > 150) & (pixels[..., 1] < 60)).any(axis=1).sum())
+    open_ = (pixels[..., 1] > 150) & (pixels[..., 0] < 60)
     if not red and not open_.any():
         return "LIFT"
     if red > 24:
@@ -45,31 +57,37 @@ def decide(prompt, images, state):
     columns = np.flatnonzero(open_.any(axis=0))
     return "ROLL" if not len(columns) else "SWING PORT" if columns.mean() < 28 else "SWING STARBOARD"
 '''
-AISLES, TRIPS, TICKS = ("cold-store", "dock"), 4, 9
-CAMERAS = (Camera("forks", "horizontal"), Camera("mast", "horizontal"))
-GAP = Gap("pallet_m", 3.0, "m")
+AISLES, TRIPS, TICKS = ("cold store", "dock"), 4, 9
 
 
-def warehouse(out: Path) -> None:
-    """Write the bank of a forklift: a pallet before its forks, and an open side that its mast's camera shows."""
-    dice, space = np.random.default_rng(4), read_space(out.parent / "forklift.toml")
-    made = BankManifest(IMPORTED, "trips", "two cameras of a forklift", space, GAP, {}, {}, cameras=CAMERAS)
-    with BankWriter(out, made) as writer:
-        for aisle, trip, tick in product(AISLES, range(TRIPS), range(TICKS)):
-            pallet_m = round(float(dice.uniform(0.5, 8)), 2)
-            forks, mast = np.full((2, 40, 56, 3), 90, dtype=np.uint8)
-            forks[2 : 2 + round(34 - 4 * pallet_m), 20:36] = (200, 0, 0)
-            mast[36:39, slice(2, 10) if dice.random() < 0.5 else slice(46, 54)] = (0, 200, 0)
-            shown = {"forks": encode(forks), "mast": encode(mast)}
-            name = f"{aisle}-{trip}-{tick}"
-            files = {camera: f"images/{camera}/{name}.png" for camera in shown}
-            writer.add(Frame(name, aisle, str(trip), tick, CAMERAS, files, {GAP.column: pallet_m}), shown, {})
+def warehouse(folder: Path) -> None:
+    """Write the pictures of a forklift's two cameras with their table: a pallet ahead, and an open side."""
+    dice = np.random.default_rng(4)
+    rows = []
+    for aisle in AISLES:
+        for trip in range(TRIPS):
+            for tick in range(TICKS):
+                pallet_m = round(float(dice.uniform(0.5, 8)), 2)
+                pixels = np.full((40, 56, 3), 90, dtype=np.uint8)
+                pixels[2 : 2 + round(34 - 4 * pallet_m), 20:36] = (200, 0, 0)
+                side = dice.choice([-1, 1])
+                pixels[36:39, slice(2, 10) if side < 0 else slice(46, 54)] = (0, 200, 0)
+                name = f"{aisle} {trip}-{tick}.png"
+                Image.fromarray(pixels).save(folder / name)
+                behind = f"behind {name}"
+                Image.fromarray(dice.integers(0, 90, (20, 30, 3), dtype=np.uint8)).save(folder / behind)
+                row = {"file": name, "scenario": aisle, "episode": trip, "step": tick, "pallet_m": pallet_m}
+                rows.append({**row, "behind": behind, "height_m": tick / 10, "tilt": -0.125})
+    with (folder / "table.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
 
 
-def test_a_forklift_goes_from_its_bank_to_its_bundle(
+def test_a_forklift_goes_from_its_pictures_to_its_bundle(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Battery, score, verdict, gate, report, bundle and validate, with nothing said of it in the house."""
+    """Import, battery, score, verdict, gate, report, bundle and validate, with nothing said of it in the house."""
 
     def eyechart(*words: object) -> object:
         monkeypatch.setattr(sys, "argv", ["eyechart", *map(str, words)])
@@ -81,10 +99,19 @@ def test_a_forklift_goes_from_its_bank_to_its_bundle(
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     (tmp_path / "forklift.toml").write_text(SPACE)
+    (tmp_path / "rig.toml").write_text(RIG)
     (tmp_path / "forklift.py").write_text(FORKLIFT)
-    warehouse(tmp_path / "bank")
+    (tmp_path / "photos").mkdir()
+    warehouse(tmp_path / "photos")
+    table = ("--table", "photos/table.csv", "--map", "gap=pallet_m", "--threshold", 3, "--unit", "m")
+    words = ("--rig", "rig.toml", "--actions", "forklift.toml", "--picture", "mast and rear camera of a forklift")
+    assert not eyechart("frames", "import", "photos", *table, *words, "--out", "bank")
+    assert open_bank(tmp_path / "bank").manifest.action_space == read_space(tmp_path / "forklift.toml")
     model = "python:forklift:decide"
-    assert not eyechart("run", "battery", "--model", model, "--frames", "bank", "--out", "run")
+    frame = open_bank(tmp_path / "bank").frames[3]
+    assert (list(frame.pictures), frame.state) == (["mast", "rear"], {"fork": (0.3, -0.125)})
+    asked = f"{','.join(BATTERY)},blank@mast,blank@rear,text_only@rear,shuffled@rear"
+    assert not eyechart("run", "battery", "--model", model, "--frames", "bank", "--conditions", asked, "--out", "run")
     assert not eyechart("verdict", "run", "--json")
     verdict = json.loads(capsys.readouterr().out)["models"][model]
     assert (verdict["calibrated"], verdict["lateral"]) == ("depth_lateral", "swaps")
@@ -92,6 +119,8 @@ def test_a_forklift_goes_from_its_bank_to_its_bundle(
     found = json.loads(capsys.readouterr().out)["models"][model]["statistics"]
     assert found["mirror_swap_rate"]["value"] == found["agree.real_repeat"]["value"] == 1.0
     assert found["noise_floor"]["value"] == 0.0
+    assert found["agree.blank@mast"] == found["agree.blank"]
+    assert {found[f"agree.{name}@rear"]["value"] for name in ("blank", "text_only", "shuffled")} == {1.0}
     assert not eyechart("gate", "run", "--require", "depth_lateral,swaps")
     assert not eyechart("report", "run", "--out", "report.html")
     page = (tmp_path / "report.html").read_text(encoding="utf-8")

@@ -3,24 +3,31 @@
     /elsewhere/.venv/bin/python tests/old/make.py tests/old/0.1.0
 
 The Python is one in which that version is installed. ``made/`` holds banks, runs, guardians and bundles; ``answers/``
-holds what each command in `ANSWERS` answered about them. `tests/test_old.py` holds today's code to both.
+holds what each command in `ANSWERS` answered about them, ``surface.json`` what commands, api and testing take.
+`tests/test_old.py` holds today's code to all three.
 """
 
 import contextlib
+import inspect
 import io
 import json
 import os
 import shlex
 import sqlite3
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import numpy as np
 from PIL import Image
+from typer.main import get_command
 
+from eyechart import api, testing
 from eyechart.cli import main as eyechart
+from eyechart.cli.app import app
 
 CONTROLLERS = '''"""A controller of one's own that fails, declines and answers nothing now and then."""
 
@@ -169,6 +176,42 @@ def answer(line: str) -> dict[str, object]:
     return {"command": line, "exit": code, "json": json.loads(out) if out.strip() else None}
 
 
+def surface() -> dict[str, object]:
+    """Return what is promised to those who call: commands with their options, and what api and testing offer."""
+    commands = dict(_commands(get_command(app), "eyechart"))
+    return {"commands": commands, **{module.__name__: _offered(module) for module in (api, testing)}}
+
+
+def _commands(command: Any, name: str) -> Iterator[tuple[str, object]]:  # noqa: ANN401 - click exports no type of it
+    if hasattr(command, "commands"):
+        for word, found in command.commands.items():
+            yield from _commands(found, f"{name} {word}")
+        return
+    yield (
+        name,
+        {
+            one.opts[0]: {"default": str(one.default), "required": one.required, "again": one.multiple}
+            for one in command.params
+        },
+    )
+
+
+def _offered(module: ModuleType) -> dict[str, object]:
+    return {
+        name: _parameters(one) | {f".{word}": "member" for word in vars(one) if inspect.isclass(one) and word[0] != "_"}
+        for name, one in vars(module).items()
+        if callable(one) and one.__module__ == module.__name__ and not name.startswith("_")
+    }
+
+
+def _parameters(one: Callable[..., object]) -> dict[str, object]:
+    return {
+        name: f"{'by name' if found.kind is found.KEYWORD_ONLY else 'by place'}, "
+        f"{'required' if found.default is found.empty else repr(found.default)}"
+        for name, found in inspect.signature(one).parameters.items()
+    }
+
+
 def settle(made: Path) -> None:
     """Make what a command left fit to keep: a ledger is one file, and a bank is named from the folder of all."""
     for ledger in made.rglob("ledger.sqlite"):
@@ -210,6 +253,7 @@ def main() -> int:
         (root / "answers" / f"{name}.json").write_text(text + "\n", encoding="utf-8")
         print(f"{found['exit']} {line}", flush=True)
     settle(Path())
+    (root / "surface.json").write_text(json.dumps(surface(), indent=1, sort_keys=True) + "\n", encoding="utf-8")
     return 0
 
 

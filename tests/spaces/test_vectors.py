@@ -1,13 +1,9 @@
-"""A space that nobody named goes from a run through its ledger to what statistics ask for.
-
-Its actions are chunks of 8 × 3 numbers, chosen by the pictures of two wrists' cameras and a state.
-"""
+"""A space that nobody named: chunks of 8 × 3 numbers go from a run through its ledger to what statistics ask for."""
 
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -15,7 +11,6 @@ import pytest
 
 import banks
 from eyechart.calls import Query, Reply
-from eyechart.frames import BankWriter, Camera, FrameBank, encode, open_bank
 from eyechart.ledger import Ledger
 from eyechart.prompts import Prompt
 from eyechart.run import Plan, execute
@@ -28,7 +23,6 @@ from stand_ins import StandIn
 STEPS, PARTS = 8, ("steer", "go", "brake")
 SCALE = (1.0, 1.0, 2.0)
 CONDITIONS = ("real", "real_repeat", "mirrored", "blank", "blank@right")
-WRISTS = (Camera("left", "horizontal", mirrors="right"), Camera("right", "horizontal", mirrors="left"))
 Chunk = tuple[tuple[float, ...], ...]
 
 
@@ -76,19 +70,10 @@ class Chunks:
         return "other"
 
 
-def build_bank(out: Path) -> FrameBank:
-    """Write a bank of two wrists' cameras, each with a picture of its own, and the angles of three joints."""
-    with BankWriter(out, replace(banks.manifest(), cameras=WRISTS, state=("joints",))) as writer:
-        for code, frame in enumerate(banks.frames_of(("shelf", "bin"), 2, 4, "horizontal", drawn=False)):
-            files = {one.name: f"images/{one.name}/{frame.id}.png" for one in WRISTS}
-            shown = {one.name: encode(banks.draw(8.0, 2 * code + place)) for place, one in enumerate(WRISTS)}
-            state = {"joints": (0.1 * code, -0.2, 1.5)}
-            writer.add(replace(frame, cameras=WRISTS, pictures=files, state=state), shown, {})
-    return open_bank(out)
-
-
 def respond(query: Query) -> Reply:
     """Answer with a chunk that follows from what was shown and asked, and now and then with one that is too short."""
+    assert list(query.stimulus.images) == ["left", "right"]
+    assert f"At {query.stimulus.state['joints'][0]:g}, 0.25, " in query.user
     dice = np.random.default_rng(int(query.sha256()[:12], 16))
     rows = np.round(dice.uniform(-1, 1, (STEPS, len(PARTS))), 3)
     cut = np.random.default_rng(query.seed).random() < 0.2
@@ -99,16 +84,12 @@ def respond(query: Query) -> Reply:
 def answered(tmp_path_factory: pytest.TempPathFactory) -> tuple[Answers, Mapping[tuple[str, str], Decision[Chunk]]]:
     """Return what a run's ledger gives, and the same decisions read one by one."""
     folder = tmp_path_factory.mktemp("chunks")
-    bank = build_bank(folder / "bank")
-    prompt = Prompt(
-        "chunks", "", "The joints are at {joints}. Give the next eight commands.", template=True, space=Chunks()
-    )
+    bank = banks.build_rig(folder / "bank", frames=18)
+    prompt = Prompt("chunks", "", "At {joints}, give the next eight commands.", template=True, space=Chunks())
     plan = Plan("battery", bank, prompt, ("m",), CONDITIONS, bank.frames, seed=3)
     with Ledger(folder / "ledger.sqlite", create=True) as ledger:
-        execute(plan, {"m": (model := StandIn(respond))}, ledger)
+        execute(plan, {"m": StandIn(respond)}, ledger)
         replies = list(ledger.replies("m"))
-    assert {len(query.stimulus.images) for query in model.queries} == {2}
-    assert all(query.stimulus.state["joints"][2] == 1.5 for query in model.queries)
     read = {(key.frame, key.condition): Chunks().read(reply) for key, reply in replies}
     return read_answers("m", replies, plan), read
 

@@ -2,12 +2,14 @@
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import Annotated
 
 import matplotlib as mpl
 import PIL
+from msgspec import Meta
 from PIL import features
 
 from eyechart import __version__
@@ -15,21 +17,13 @@ from eyechart.errors import BundleError
 from eyechart.frames import FrameBank
 from eyechart.ledger import SINCE_FORMAT_3, Ledger
 from eyechart.manifest import LEDGER, RunManifest
-from eyechart.report.page import Page
-from eyechart.report.table import Table, files_of
+from eyechart.records import build
+from eyechart.report.table import files_of
 from eyechart.spaces.discrete import READER
 from eyechart.spaces.scene import SCENE_READER
-from eyechart.studies import structured
+from eyechart.studies import Packed, Reading, Tell, study_of
 from eyechart.studies.battery import BatteryScore
-from eyechart.studies.battery.page import make_page
-from eyechart.studies.battery.scoring import score_run
-from eyechart.studies.battery.subjects import SHOWN, Tell, evidence_of, subjects
-from eyechart.studies.battery.tables import judged_of, tables_of
 from eyechart.studies.structured import StructuredScore
-from eyechart.studies.structured.estimates import estimates_of, estimators
-from eyechart.studies.structured.page import make_estimates_page
-from eyechart.studies.structured.tables import scored_of
-from eyechart.studies.structured.tables import tables_of as tables_of_estimates
 
 FORMAT = "eyechart-bundle/1"
 INDEX = "bundle.json"
@@ -62,7 +56,7 @@ class Recipe:
     """
 
     name: str
-    resamples: int
+    resamples: Annotated[int, Meta(ge=RESAMPLES[0], le=RESAMPLES[1])]
     independent: bool
     eyechart: str
     reader: int
@@ -75,24 +69,21 @@ class Recipe:
 
     @classmethod
     def from_dict(cls, raw: Mapping[str, object]) -> "Recipe":
-        """Read a recipe; raises BundleError where it is none, or is of another eyechart."""
-        name, resamples, independent, drawn = (
-            raw.get(key) for key in ("name", "resamples", "independent", "drawn_with")
+        """Read a recipe, also one of another eyechart; raises BundleError where it is none."""
+        try:
+            return build(cls, {one.name: raw.get(one.name) for one in fields(cls)}, INDEX)
+        except ValueError as error:
+            raise BundleError(f"{INDEX} does not say how its results were made: {error}") from error
+
+    @property
+    def elsewhere(self) -> str | None:
+        """Return in words which other eyechart or reader of replies made the results; None where it was this one."""
+        if self.eyechart == __version__ and self.reader in {READER, SCENE_READER}:
+            return None
+        return (
+            f"made by eyechart {self.eyechart!r} with version {self.reader} of the reader of replies, and this is "
+            f"{__version__} with {READER}, of scenes {SCENE_READER}"
         )
-        reader = raw.get("reader")
-        if raw.get("eyechart") != __version__ or reader not in {READER, SCENE_READER}:
-            raise BundleError(
-                f"this bundle was made by eyechart {raw.get('eyechart')!r} with version {reader!r} of the reader of "
-                f"replies, and this is {__version__} with {READER}, of scenes {SCENE_READER}; validate it with the "
-                "one that made it"
-            )
-        if not isinstance(name, str) or not isinstance(independent, bool) or not isinstance(drawn, dict):
-            raise BundleError(f"{INDEX} does not say how its results were made")
-        if type(resamples) is not int or not RESAMPLES[0] <= resamples <= RESAMPLES[1]:
-            raise BundleError(
-                f"{INDEX}: resamples is {resamples!r}, not a number from {RESAMPLES[0]} to {RESAMPLES[1]}"
-            )
-        return cls(name, resamples, independent, __version__, reader, {str(k): str(v) for k, v in drawn.items()})
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
@@ -122,38 +113,18 @@ def derive(
     run: Path, manifest: RunManifest, banks: tuple[FrameBank, FrameBank], recipe: Recipe, tell: Tell = lambda _: None
 ) -> Derived:
     """Compute results, report and tables from the ledger in a run's folder, its bank, and the bank with pictures."""
-    ledger_path = run / LEDGER
     tell("scoring")
-    if manifest.study in structured.STUDIES:
-        told = structured.score_run(manifest, banks[0], ledger_path, resamples=recipe.resamples)
-        estimates = estimates_of(recipe.name, told, ledger_path, banks[1], SHOWN)
-        results = _results(told, ledger_path, {})
-        tables = tables_of_estimates(scored_of(estimators([estimates])))
-        return _derived(told, results, make_estimates_page([estimates], tell=tell), tables)
-    scored = score_run(manifest, banks[0], ledger_path, resamples=recipe.resamples, independent=recipe.independent)
-    evidence = evidence_of(recipe.name, scored, ledger_path, banks[1], SHOWN)
-    results = _results(scored, ledger_path, {spec: one.as_dict() for spec, one in evidence.verdicts.items()})
-    return _derived(scored, results, make_page([evidence], tell=tell), tables_of(judged_of(subjects([evidence]))))
-
-
-def _derived(
-    score: BatteryScore | StructuredScore, results: dict[str, object], page: Page, tables: Sequence[Table]
-) -> Derived:
-    sheets = {f"{TABLES}{name}": content for name, content in files_of(tables).items()}
-    return Derived(score, results, {RESULTS: as_json(results), REPORT: page.html, README: _HOW.encode(), **sheets})
-
-
-def _results(
-    score: BatteryScore | StructuredScore, ledger_path: Path, verdicts: Mapping[str, object]
-) -> dict[str, object]:
-    """Return a score as plain values, with a digest of all replies; what has no verdict says nothing of one."""
+    study, reading = study_of(run, "bundle"), Reading(recipe.independent, resamples=recipe.resamples)
+    score, made = study.derive(Packed(recipe.name, manifest, banks[0], run / LEDGER, banks[1]), reading, tell)
+    verdicts = {spec: one.as_dict() for spec, one in study.verdicts(score).items()}
     results: dict[str, object] = {
         "score": score.as_dict(),
-        **({"verdicts": dict(verdicts)} if verdicts else {}),
-        "replies_sha256": {spec: _digests(ledger_path, spec) for spec in score.models},
+        **({"verdicts": verdicts} if verdicts else {}),
+        "replies_sha256": {spec: _digests(run / LEDGER, spec) for spec in score.models},
     }
-    found: dict[str, object] = json.loads(as_json(results))
-    return found
+    tables = {f"{TABLES}{name}": content for name, content in files_of(made.tables).items()}
+    files = {RESULTS: as_json(results), REPORT: made.page.html, README: _HOW.encode(), **tables}
+    return Derived(score, json.loads(files[RESULTS]), files)
 
 
 def _digests(ledger_path: Path, spec: str) -> dict[str, str]:

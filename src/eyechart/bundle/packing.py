@@ -15,8 +15,7 @@ from eyechart.errors import BundleError
 from eyechart.frames import FrameBank, inside, open_bank, read_bounded
 from eyechart.ledger import Ledger
 from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, RunManifest, asked_of, read_run
-from eyechart.studies import structured
-from eyechart.studies.battery.scoring import require_scorable
+from eyechart.studies import Reading, study_of
 from eyechart.studies.battery.subjects import Tell, find_pictures, used_pictures
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)
@@ -41,10 +40,7 @@ def write_bundle(
     """
     require_free(out, "bundle")
     manifest, bank = read_run(run)
-    if manifest.study in structured.STUDIES:
-        structured.require_scorable(run, manifest, reread=reread)
-    else:
-        require_scorable(run, manifest, bank, independent=independent, reread=reread)
+    study_of(run, "bundle").require_scorable(run, Reading(independent, reread))
     tell("looking for the pictures")
     pictures, about = find_pictures(manifest, bank, run, banks)
     if pictures is None:

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eyechart.cli.options import Json
-from eyechart.cli.score import print_table
-from eyechart.cli.terminal import print_json, progress, resumable, say
+from eyechart.cli.terminal import print_each, print_json, progress, resumable, say
 
 if TYPE_CHECKING:
     from eyechart.modes import RequestMode
@@ -31,6 +30,7 @@ def demo(
     """
     from eyechart.simulators import open_bank_simulator
     from eyechart.studies import battery as study
+    from eyechart.studies.battery.tables import verdicts_printed
     from eyechart.verdicts import judge
 
     declared = _organisms() if vlm else _scripted()
@@ -43,7 +43,7 @@ def demo(
         study.run(planned, concurrency=_AT_ONCE if vlm else 8, progress=move)
     scored = study.score(run)
     verdicts = judge(scored)
-    print_table(scored, verdicts)
+    print_each(verdicts_printed(scored, verdicts))
     if vlm:
         _print_training()
     wrong = [spec for spec, one in verdicts.items() if one.calibrated.label != declared[spec]]

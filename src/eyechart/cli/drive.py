@@ -28,7 +28,7 @@ from eyechart.cli.options import (
 )
 from eyechart.cli.probe import plan_probed, say_aside, tell_none
 from eyechart.cli.run import View, bound
-from eyechart.cli.terminal import patience, print_json, progress, resumable, say, table_console
+from eyechart.cli.terminal import patience, print_each, print_json, progress, resumable, say, table_console
 
 if TYPE_CHECKING:
     from eyechart.episodes import Bounds, Row
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from eyechart.models.prices import Prices
     from eyechart.modes import RequestMode
     from eyechart.studies.closed_loop import ClosedLoopScore
-    from eyechart.studies.hierarchy import HierarchyScore
 
 _Simulator = Annotated[str, typer.Option(help="See 'eyechart list simulators'; or gym:ENV_ID.")]
 _Actions = Annotated[Path | None, typer.Option(help="FILE.toml: the action map of gym:ENV_ID.")]
@@ -48,9 +47,6 @@ MOST_SEEDS = 100_000
 """So many worlds of a scenario may be asked for."""
 
 KEPT = "finished episodes and calls are kept; the same command resumes"
-
-DOCS = "docs/reading-drives.md, 'The ladder beside the paper's'"
-"""Where it is explained what differs from the paper, and why."""
 
 
 @expanded
@@ -161,6 +157,7 @@ def hierarchy(
     """
     from eyechart import episodes as study
     from eyechart.studies.hierarchy import PARTS, plan, run, score
+    from eyechart.studies.hierarchy.study import Hierarchy
     from eyechart.studies.probed import Probing
 
     allowed = spending.allowed(no_probe=no_probe, dry_run=dry_run)
@@ -192,10 +189,7 @@ def hierarchy(
         watch=_watched,
     )
     found = score(out)
-    if json:
-        print_json(found.as_dict())
-    else:
-        print_hierarchy(found)
+    print_json(found.as_dict()) if json else print_each(Hierarchy().printed(found), 160)
     tell_left(planned, outcome, failed)
     tell_errors(planned, bound="")
 
@@ -300,6 +294,7 @@ def ladder(
     from eyechart.limits import Outcome
     from eyechart.studies.closed_loop import score
     from eyechart.studies.closed_loop.laddering import plan_ladder, require_reference
+    from eyechart.studies.closed_loop.tables import ladder_printed
 
     def planned_for(drivers: "Sequence[str | RequestMode]", probes: "Mapping[str, Spent]") -> "Drives":
         made = plan_ladder(
@@ -328,7 +323,7 @@ def ladder(
     if planned.unfinished():
         tell_left({"": planned}, outcome, failed)
     scored = score(out, against_policy=against)
-    print_json(ladder_dict(scored)) if json else print_ladder(scored)
+    print_json(ladder_dict(scored)) if json else print_each(ladder_printed(scored), 160)
     tell_left({"": planned}, outcome, failed)
     tell_errors({"": planned})
 
@@ -342,20 +337,14 @@ def audit(
     Exit 1 where a cache is suspected. Example: eyechart audit run-a run-b --json
     """
     from eyechart.studies.closed_loop import score
-    from eyechart.studies.closed_loop.tables import degeneracy_table, degeneracy_words, replay_table
+    from eyechart.studies.closed_loop.tables import audit_printed
 
     require_drives(runs)
     scored = score(runs)
     if json:
         print_json({"study": "closed_loop", **scored.audit_dict()})
     else:
-        console = table_console(160)
-        console.print(degeneracy_table(scored.audit))
-        for line in degeneracy_words(scored.audit):
-            console.print(line, markup=False)
-        if scored.replays:
-            console.print(replay_table(scored.replays))
-        print_twins(scored)
+        print_each(audit_printed(scored, twins=True), 160)
     if scored.suspect:
         raise typer.Exit(1)
 
@@ -510,12 +499,12 @@ def tell_errors(parts: "Mapping[str, Drives]", bound: str = "--max-steps") -> No
 def require_drives(runs: Sequence[Path]) -> None:
     """Raise SpecError that names the runs of a study where one of these folders holds several."""
     from eyechart.errors import SpecError
-    from eyechart.studies import hierarchy
+    from eyechart.studies import study_of
 
     for run in runs:
-        if parts := hierarchy.runs_of(run):
+        if "" not in (parts := study_of(run).runs(run)):
             named = ", ".join(map(str, parts.values()))
-            raise SpecError(f"{run} is a study of the hierarchy, not one run: name one of its runs: {named}")
+            raise SpecError(f"{run} is a study, not one run: name one of its runs: {named}")
 
 
 def _named(part: str) -> str:
@@ -608,26 +597,6 @@ def _watched(part: str) -> "Iterator[Callable[[int, int], None]]":
         yield move
 
 
-def print_hierarchy(found: "HierarchyScore") -> None:
-    """Print both ablations, the tests against the controller alone, the positive control, and the words."""
-    from eyechart.studies.closed_loop.tables import unfinished_words
-    from eyechart.studies.hierarchy.tables import tables_of
-
-    console = table_console(160)
-    for table in tables_of(found):
-        console.print(table)
-    if found.oracle_mirrored is not None:
-        goals = found.oracle_mirrored.differences["success_rate"]
-        shown = "—" if goals.value is None else f"{100 * goals.value:+.0f} points"
-        console.print(
-            f"Positive control: the oracle's lateral intent less the same one mirrored: goals {shown}, "
-            f"p {'—' if goals.p is None else f'{goals.p:.2g}'}, {found.oracle_mirrored.worlds} worlds.",
-            markup=False,
-        )
-    for line in (*found.words, *unfinished_words(found.unfinished)):
-        console.print(line, markup=False)
-
-
 def ladder_dict(scored: "ClosedLoopScore") -> dict[str, object]:
     """Return the ladder's part of a score as plain JSON values, the paper's rows beside it."""
     from eyechart.studies.closed_loop.published import beside_paper
@@ -638,58 +607,3 @@ def ladder_dict(scored: "ClosedLoopScore") -> dict[str, object]:
         for name in ("study", "references", "references_chosen_on_these_data", "ladder", "paired", "identical")
     }
     return {**kept, "beside_paper": [one.as_dict() for one in beside_paper(scored.ladder)]}
-
-
-def print_ladder(scored: "ClosedLoopScore") -> None:
-    """Print the ladder, the paper's beside it, what differs, the paired differences and the identical rows."""
-    from eyechart.studies.closed_loop.published import beside_paper
-    from eyechart.studies.closed_loop.tables import ladder_table, paper_table, paper_words, reference_tables
-
-    console = table_console(160)
-    console.print(ladder_table(scored.ladder, scored.references))
-    if beside := beside_paper(scored.ladder):
-        console.print(paper_table(beside))
-        for line in paper_words(beside, scored.ladder):
-            console.print(line, markup=False)
-        console.print(f"Why, row by row: {DOCS}.", markup=False)
-    for table in reference_tables(scored):
-        console.print(table)
-    print_twins(scored)
-
-
-def print_twins(scored: "ClosedLoopScore") -> None:
-    """Print which drivers have identical drives, and what repeated requests tell."""
-    console = table_console(160)
-    for one in scored.twins:
-        names = ", ".join(driver.label for driver in one.drivers)
-        console.print(f"{one.kind}: {names}: identical in {one.same} of {one.worlds} worlds: {one.words}", markup=False)
-    for two in scored.repeats:
-        console.print(f"{'suspect caching: ' if two.suspect else ''}{two.driver.label}: {two.words}", markup=False)
-
-
-def print_drives(scored: "ClosedLoopScore") -> None:
-    """Print all that ``eyechart score`` prints of a run of episodes."""
-    from eyechart.studies.closed_loop.tables import (
-        blind_table,
-        degeneracy_table,
-        degeneracy_words,
-        long_tables,
-        replay_table,
-        unfinished_words,
-    )
-
-    print_ladder(scored)
-    console = table_console(160)
-    for line in unfinished_words(scored.unfinished):
-        console.print(line, markup=False)
-    if scored.blind:
-        console.print(blind_table(scored.blind))
-        for one in scored.blind:
-            console.print(one.sentence, markup=False)
-    console.print(degeneracy_table(scored.audit))
-    for line in degeneracy_words(scored.audit):
-        console.print(line, markup=False)
-    if scored.replays:
-        console.print(replay_table(scored.replays))
-    for table in long_tables(scored):
-        console.print(table)

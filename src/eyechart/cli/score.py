@@ -1,22 +1,12 @@
 """``eyechart score``, ``verdict``, ``costs``, ``gate``, ``compare`` and ``transfer`` read runs and change nothing."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from eyechart.cli.drive import print_drives, print_hierarchy
 from eyechart.cli.options import Against, Independent, Json, PriceFile, Reread
-from eyechart.cli.terminal import print_json, table_console
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from eyechart.studies.battery import BatteryScore
-    from eyechart.studies.prompts import CellScore
-    from eyechart.studies.structured import StructuredScore
-    from eyechart.studies.structured.online import OnlineScore
-    from eyechart.verdicts import Verdict
+from eyechart.cli.terminal import print_each, print_json, table_console
 
 _Run = Annotated[Path, typer.Argument(help="Folder of the run.")]
 
@@ -31,144 +21,30 @@ def score(
     """Print every statistic of a run with its interval, n and p. Example: eyechart score run --json."""
     from eyechart.studies import Reading, study_of
 
-    study = study_of(run, "score" if against is None else "against")
+    study = study_of(run, "score" if against is None else "score --against")
     scored = study.score(run, Reading(independent, reread, against))
-    print_json(scored.as_dict()) if json else print_score(scored)
-
-
-def print_score(scored: object) -> None:
-    """Print every statistic of a run of any study."""
-    from eyechart.studies import battery, closed_loop, hierarchy, prompts, structured
-
-    match scored:
-        case battery.BatteryScore():
-            print_battery(scored)
-        case closed_loop.ClosedLoopScore():
-            print_drives(scored)
-        case structured.StructuredScore():
-            print_estimators(scored)
-        case structured.online.OnlineScore():
-            print_online(scored)
-        case hierarchy.HierarchyScore():
-            print_hierarchy(scored)
-        case prompts.PromptsScore():
-            print_cells(scored.cells)
-
-
-def print_battery(scored: "BatteryScore") -> None:
-    """Print a battery's statistics, the paper's table, its verdicts, and what its calls took."""
-    from eyechart.report.accounts import costs_table
-    from eyechart.studies.battery.tables import frontier_table, judged, statistics_table, verdict_table
-    from eyechart.verdicts import judge
-
-    console = table_console(160)
-    verdicts = judge(scored)
-    everyone = judged(scored, verdicts)
-    for table in (*statistics_table(everyone).split(), frontier_table(everyone), verdict_table(everyone)):
-        console.print(table)
-    print_marks(verdicts)
-    console.print(costs_table(scored.accounting, every=False))
-
-
-def print_cells(cells: "Sequence[CellScore]") -> None:
-    """Print the score of a prompt study: a table a model, the marks of its cells, and what each took."""
-    from eyechart.costs import ALL
-    from eyechart.report.accounts import costs_table
-    from eyechart.studies.prompts import prompts_table
-
-    console = table_console()
-    for table in prompts_table(cells).split():
-        console.print(table)
-    for cell in cells:
-        print_each_mark(f"{cell.model} in {cell.name}", (*filter(None, [cell.state]), *cell.marks))
-    took = {f"{cell.model} in {cell.name}": {ALL: cell.took} for cell in cells}
-    table_console(160).print(costs_table(took, every=False))
-
-
-def print_estimators(scored: "StructuredScore") -> None:
-    """Print the score of an admission or a structured run: Table t:controller-local, the clauses, and every figure."""
-    from eyechart.report.table import MARK
-    from eyechart.studies.structured.tables import (
-        clauses_table,
-        controller_table,
-        figures_table,
-        marks,
-        models_in,
-        reading_words,
-    )
-
-    console = table_console(140)
-    everyone = models_in(scored)
-    console.print(controller_table(everyone))
-    for spec in scored.models:
-        for words in marks(scored, spec):
-            console.print(f"{MARK} {spec}: {words}", markup=False)
-    for table in clauses_table(everyone).split():
-        console.print(table)
-        for line in reading_words(scored.models[table.caption]):
-            console.print(line, markup=False)
-    for table in figures_table(everyone).split():
-        console.print(table)
-
-
-def print_online(scored: "OnlineScore") -> None:
-    """Print the score of an online run: crash rates, decisions and fail-safes."""
-    from eyechart.studies.structured.tables import online_table
-
-    console = table_console(140)
-    console.print(online_table(scored))
-    for one in scored.vetted:
-        if one.why is not None:
-            console.print(f"refused: {one.scenario}/{one.seed}: {one.why}", markup=False)
+    print_json(scored.as_dict()) if json else print_each(study.printed(scored), 160)
 
 
 def verdict(run: _Run, json: Json = False, independent: Independent = False, reread: Reread = False) -> None:
     """Print the verdict on every model of a run, and what decided it. Example: eyechart verdict run."""
     from eyechart.studies import Reading, study_of
-    from eyechart.verdicts import judge, words_of
+    from eyechart.studies.battery.tables import verdicts_printed
+    from eyechart.verdicts import words_of
 
-    scored = study_of(run, "verdict").score(run, Reading(independent, reread))
-    verdicts = judge(scored)
+    study = study_of(run, "verdict")
+    scored = study.score(run, Reading(independent, reread))
+    verdicts = study.verdicts(scored)
     if json:
         print_json({"models": {spec: one.as_dict() for spec, one in verdicts.items()}})
         return
-    print_table(scored, verdicts)
+    print_each(verdicts_printed(scored, verdicts))
     console = table_console()
     for part in filter(None, words_of(verdicts).split("\n\n")):
         title, *lines = part.split("\n")
         console.print(title, style="bold", markup=False)
         for line in lines:
             console.print(line, markup=False)
-
-
-def print_table(scored: "BatteryScore", verdicts: "Mapping[str, Verdict]") -> None:
-    """Print the table of verdicts, what each verdict in it means, and the scope of all of them."""
-    from eyechart.studies.battery.tables import glance_table, judged
-    from eyechart.verdicts import LABELS
-
-    console = table_console()
-    console.print(glance_table(judged(scored, verdicts)))
-    print_marks(verdicts)
-    for label in dict.fromkeys(one.calibrated.label for one in verdicts.values()):
-        console.print(f"{label}: {LABELS[label].says}", markup=False)
-    if any(one.stopped for one in verdicts.values()):
-        console.print("e (n/N): stopped early after n of N calls, by evidence that may be looked at after every call.")
-    console.print(f"Scope: {scored.scope()}", markup=False)
-
-
-def print_marks(verdicts: "Mapping[str, Verdict]") -> None:
-    """Print in words what the mark behind a verdict stands for."""
-    for spec, one in verdicts.items():
-        print_each_mark(spec, one.marks)
-
-
-def print_each_mark(name: str, marks: "Sequence[str]") -> None:
-    """Print what the mark behind a name stands for, a line a guard."""
-    from eyechart.report.table import MARK
-
-    console = table_console()
-    for words in marks:
-        console.print(f"{MARK} {name}: {words}", markup=False)
 
 
 def costs(

@@ -2,12 +2,14 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+    from eyechart.report.table import Table
 
 
 def print_json(values: object) -> None:
@@ -105,6 +107,13 @@ def _lines(what: str, unit: str) -> Callable[[int, int], None]:
         say(f"{what}: {done}/{total} {unit}, {rate:.1f}/s{left}")
 
     return move
+
+
+def print_each(what: "Iterable[Table | str]", width: int | None = None) -> None:
+    """Print tables and lines on standard output."""
+    console = table_console(width)
+    for one in what:
+        console.print(one, markup=False)
 
 
 def table_console(width: int | None = None) -> "Console":

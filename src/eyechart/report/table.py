@@ -4,7 +4,7 @@ import csv
 import io
 import re
 import unicodedata
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
@@ -267,6 +267,11 @@ def write_tables(tables: Sequence[Table], folder: Path) -> list[Path]:
     for path, content in made.items():
         path.write_bytes(content)
     return list(made)
+
+
+def marked(name: str, marks: Iterable[str]) -> Iterator[str]:
+    """Yield what the mark behind a name stands for, a line a guard."""
+    yield from (f"{MARK} {name}: {words}" for words in marks)
 
 
 def number(value: float | None, digits: int = 3) -> str:

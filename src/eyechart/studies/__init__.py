@@ -2,19 +2,28 @@
 
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import Any, ClassVar, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
 
 from eyechart.costs import Account
 from eyechart.errors import SpecError
+from eyechart.frames import FrameBank
 from eyechart.gate import Gate
 from eyechart.integrity import Guard
 from eyechart.limits import Spent, added
-from eyechart.manifest import RUN
+from eyechart.manifest import RUN, RunManifest
 from eyechart.models.prices import Prices
+from eyechart.verdicts import Verdict
+
+if TYPE_CHECKING:  # a score needs no terminal and no figures
+    from eyechart.report.page import Page
+    from eyechart.report.table import Table
+
+Tell = Callable[[str], None]
+"""Is told in words what is under way, for whoever waits."""
 
 
 class Score(Protocol):
@@ -35,6 +44,7 @@ class Reading:
     independent: bool = False
     reread: bool = False
     against: str | None = None
+    resamples: int = 5000
 
 
 @dataclass
@@ -63,12 +73,34 @@ class Took:
         }
 
 
-class Study(ABC, Generic[S]):
-    """A kind of run. ``refuses`` says of each thing that it cannot do why, in words that follow a run's name.
+@dataclass(frozen=True)
+class Packed:
+    """A run in a bundle: its name, what its manifest, its bank and its ledger say, and the bank with its pictures."""
 
-    ``requirements`` are what a gate may ask of its models, with what each means, ``required`` the one that it does.
+    name: str
+    manifest: RunManifest
+    bank: FrameBank
+    ledger: Path
+    pictures: FrameBank
+
+
+@dataclass(frozen=True)
+class Made:
+    """A report: its page, its tables, and what is to be said of it."""
+
+    page: "Page"
+    tables: "Sequence[Table]"
+    lines: Sequence[str]
+
+
+class Study(ABC, Generic[S]):
+    """A kind of run, of which a report speaks as ``runs_are``.
+
+    ``refuses`` says of each thing that it cannot do why, in words that follow a run's name. ``requirements`` are what a
+    gate may ask of its models, with what each means, ``required`` the one that it does ask.
     """
 
+    runs_are: ClassVar[str] = ""
     refuses: ClassVar[Mapping[str, str]] = {}
     requirements: ClassVar[Mapping[str, str]] = {}
     required: ClassVar[str] = ""
@@ -80,6 +112,10 @@ class Study(ABC, Generic[S]):
     @abstractmethod
     def score(self, folder: Path, reading: Reading) -> S:
         """Score a run, finished or not; raises LedgerError, BankError or SpecError where it cannot be."""
+
+    @abstractmethod
+    def printed(self, score: S) -> "Iterator[Table | str]":
+        """Yield the tables and lines that ``eyechart score`` prints."""
 
     @abstractmethod
     def took_run(self, run: Path, prices: Prices) -> Took:
@@ -96,8 +132,25 @@ class Study(ABC, Generic[S]):
             found.add(name, self.took_run(run, prices))
         return found
 
+    def verdicts(self, score: S) -> Mapping[str, Verdict]:
+        """Return the verdict on each model, none where a study has none."""
+        del score
+        return {}
+
     def gate(self, score: S, require: Sequence[str], max_unparsed: float | None) -> Gate:
-        """Hold a score to some of the ``requirements``; a study without any refuses before it is asked."""
+        """Hold a score to some of the ``requirements``; a study without any refuses before it is asked, as below."""
+        raise NotImplementedError
+
+    def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:
+        """Return the report of runs, whose pictures are in ``banks`` or where they were."""
+        raise NotImplementedError
+
+    def require_scorable(self, run: Path, reading: Reading) -> None:
+        """Raise LedgerError or SpecError where a run that is to be bundled may not be read so."""
+        raise NotImplementedError
+
+    def derive(self, run: Packed, reading: Reading, tell: Tell) -> tuple[S, Made]:
+        """Return the score and the report of a run in a bundle."""
         raise NotImplementedError
 
 

@@ -4,7 +4,7 @@ A cell is a battery of its own, of real and blank pictures, so that it resumes, 
 Source: paper, section Prompt formulation gates measured grounding and Table t:prompts.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
@@ -19,7 +19,8 @@ from eyechart.manifest import is_run
 from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import Measured, RequestMode
 from eyechart.prompts import PROMPTS
-from eyechart.report.table import MARK, Column, Mark, Table, columns
+from eyechart.report.accounts import costs_table
+from eyechart.report.table import MARK, Column, Mark, Table, columns, marked
 from eyechart.run import Progress
 from eyechart.stats.agreement import rate
 from eyechart.stats.resampling import holm
@@ -287,6 +288,33 @@ def _statistics(score: battery.ModelScore) -> dict[str, Statistic]:
     }
 
 
+def prompts_table(cells: Sequence[CellScore]) -> Table:
+    """Return Table t:prompts: diversity, and beside it what the answers hold of the scene."""
+    note = (
+        "n_a: distinct outputs, UNPARSED among them. Diversity is not scene dependence, which V (real against blank), "
+        "I(A;g) in bits and its p, corrected by Holm over these cells, look at. — cannot say"
+    )
+    rows = []
+    for cell in cells:
+        found = cell.statistics
+        who = (cell.model, Mark(cell.name, "", MARK if cell.marks else ""))
+        numbers = [found[name].value for name in ("unparsed_rate", "cramers_v_real_blank", "mutual_information")]
+        diversity = (found["modal_share"], found["distinct_outputs"].value, found["idi"])
+        p, calls = cell.holm["mutual_information"], f"{cell.answered}/{cell.planned}"
+        rows.append((*who, *diversity, *numbers, p, calls))
+    named = (
+        Column("model"),
+        Column("cell", "word"),
+        Column("modal share", "estimate", 2),
+        Column("n_a", "number", 0),
+        Column("IDI", "estimate", 2),
+        *columns("number", "unparsed", "V", "I(A;g)"),
+        Column("p", "p"),
+        Column("calls", "count"),
+    )
+    return Table("prompts", "Table t:prompts", named, tuple(rows), note)
+
+
 @dataclass(frozen=True)
 class PromptsScore:
     """Every cell of a prompt study, by model."""
@@ -320,31 +348,11 @@ class Prompts(OfFrames[PromptsScore]):
 
     def score(self, folder: Path, reading: Reading) -> PromptsScore:
         """Score every cell."""
-        return PromptsScore(score(folder, reread=reading.reread))
+        return PromptsScore(score(folder, reread=reading.reread, resamples=reading.resamples))
 
-
-def prompts_table(cells: Sequence[CellScore]) -> Table:
-    """Return Table t:prompts: diversity, and beside it what the answers hold of the scene."""
-    note = (
-        "n_a: distinct outputs, UNPARSED among them. Diversity is not scene dependence, which V (real against blank), "
-        "I(A;g) in bits and its p, corrected by Holm over these cells, look at. — cannot say"
-    )
-    rows = []
-    for cell in cells:
-        found = cell.statistics
-        who = (cell.model, Mark(cell.name, "", MARK if cell.marks else ""))
-        numbers = [found[name].value for name in ("unparsed_rate", "cramers_v_real_blank", "mutual_information")]
-        diversity = (found["modal_share"], found["distinct_outputs"].value, found["idi"])
-        p, calls = cell.holm["mutual_information"], f"{cell.answered}/{cell.planned}"
-        rows.append((*who, *diversity, *numbers, p, calls))
-    named = (
-        Column("model"),
-        Column("cell", "word"),
-        Column("modal share", "estimate", 2),
-        Column("n_a", "number", 0),
-        Column("IDI", "estimate", 2),
-        *columns("number", "unparsed", "V", "I(A;g)"),
-        Column("p", "p"),
-        Column("calls", "count"),
-    )
-    return Table("prompts", "Table t:prompts", named, tuple(rows), note)
+    def printed(self, score: PromptsScore) -> Iterator[Table | str]:
+        """Yield a table a model, the marks of its cells, and what each took."""
+        yield from prompts_table(score.cells).split()
+        for cell in score.cells:
+            yield from marked(f"{cell.model} in {cell.name}", (*filter(None, [cell.state]), *cell.marks))
+        yield costs_table({f"{cell.model} in {cell.name}": {ALL: cell.took} for cell in score.cells}, every=False)

@@ -1,17 +1,24 @@
 """The battery as a study, and what studies of the frames of a bank share."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from eyechart.gate import REQUIREMENTS, Gate, hold
-from eyechart.manifest import read_manifest
+from eyechart.manifest import read_manifest, read_run
 from eyechart.models.prices import Prices
-from eyechart.studies import Reading, S, Study, Took, run_json
+from eyechart.studies import Made, Packed, Reading, S, Study, Tell, Took, run_json
 from eyechart.studies.battery.planning import STUDY
-from eyechart.studies.battery.scoring import BatteryScore, score, took
+from eyechart.studies.battery.scoring import BatteryScore, require_scorable, score, score_run, took
+from eyechart.verdicts import Verdict, judge
 
-NO_DRIVES = {"against": "is no run of drives, and --against names a policy of one"}
+if TYPE_CHECKING:
+    from eyechart.report.table import Table
+    from eyechart.studies.battery.subjects import Evidence
+
+NO_DRIVES = dict.fromkeys(
+    ("score --against", "report --against"), "is no run of drives, and --against names a policy of one"
+)
 
 
 class OfFrames(Study[S]):
@@ -31,11 +38,56 @@ class BatteryStudy(OfFrames[BatteryScore]):
     """The input-ablation battery."""
 
     names = (STUDY,)
+    runs_are = "batteries"
     requirements = REQUIREMENTS
     required = "depth"
 
     def score(self, folder: Path, reading: Reading) -> BatteryScore:
-        return score(folder, independent=reading.independent, reread=reading.reread)
+        return score(folder, independent=reading.independent, reread=reading.reread, resamples=reading.resamples)
+
+    def verdicts(self, score: BatteryScore) -> Mapping[str, Verdict]:
+        return judge(score)
+
+    def printed(self, score: BatteryScore) -> "Iterator[Table | str]":
+        from eyechart.report.accounts import costs_table
+        from eyechart.report.table import marked
+        from eyechart.studies.battery.tables import frontier_table, judged, statistics_table, verdict_table
+
+        verdicts = judge(score)
+        everyone = judged(score, verdicts)
+        yield from (*statistics_table(everyone).split(), frontier_table(everyone), verdict_table(everyone))
+        yield from (line for spec, one in verdicts.items() for line in marked(spec, one.marks))
+        yield costs_table(score.accounting, every=False)
 
     def gate(self, score: BatteryScore, require: Sequence[str], max_unparsed: float | None) -> Gate:
         return hold(score, require, max_unparsed=max_unparsed)
+
+    def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:
+        from eyechart.studies.battery.subjects import read_evidence
+
+        return _made(
+            read_evidence(runs, banks, independent=reading.independent, reread=reading.reread, tell=tell), tell
+        )
+
+    def require_scorable(self, run: Path, reading: Reading) -> None:
+        require_scorable(run, *read_run(run), independent=reading.independent, reread=reading.reread)
+
+    def derive(self, run: Packed, reading: Reading, tell: Tell) -> tuple[BatteryScore, Made]:
+        from eyechart.studies.battery.subjects import SHOWN, evidence_of
+
+        resamples, independent = reading.resamples, reading.independent
+        found = score_run(run.manifest, run.bank, run.ledger, resamples=resamples, independent=independent)
+        return found, _made([evidence_of(run.name, found, run.ledger, run.pictures, SHOWN)], tell)
+
+
+def _made(evidence: "Sequence[Evidence]", tell: Tell) -> Made:
+    from eyechart.studies.battery.page import make_page
+    from eyechart.studies.battery.subjects import subjects
+    from eyechart.studies.battery.tables import judged_of, tables_of
+
+    lacking = [
+        f"{run.name}: without pictures, because {run.about_pictures}; give the bank with --frames"
+        for run in evidence
+        if run.pictures is None
+    ]
+    return Made(make_page(evidence, tell=tell), tables_of(judged_of(subjects(evidence))), lacking)

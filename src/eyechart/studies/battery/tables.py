@@ -1,6 +1,6 @@
 """Tables of a battery: verdicts, Table t:frontier of the paper, and every statistic."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from eyechart.report.table import (
     MARK,
@@ -10,6 +10,7 @@ from eyechart.report.table import (
     Mark,
     Table,
     columns,
+    marked,
     number,
     p_value,
     statistic_cells,
@@ -132,3 +133,14 @@ def statistics_table(everyone: Sequence[Judged]) -> Table:
     named = (Column("model"), Column("statistic", "word"), *STATISTIC, Column("Holm p", "p"))
     caption = "Every statistic with its interval, n and p"
     return Table("statistics", caption, (*named, *columns("text", "method", "note", "unit")), rows)
+
+
+def verdicts_printed(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> Iterator[Table | str]:
+    """Yield the table of verdicts, what each verdict in it means, and the scope of all of them."""
+    yield glance_table(judged(score, verdicts))
+    yield from (line for spec, one in verdicts.items() for line in marked(spec, one.marks))
+    for label in dict.fromkeys(one.calibrated.label for one in verdicts.values()):
+        yield f"{label}: {LABELS[label].says}"
+    if any(one.stopped for one in verdicts.values()):
+        yield "e (n/N): stopped early after n of N calls, by evidence that may be looked at after every call."
+    yield f"Scope: {score.scope()}"

@@ -1,6 +1,6 @@
 """Tables of what drove: the ladder, the paper's beside it, paired differences, the audit, replayed decisions."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from eyechart.episodes import Unfinished
@@ -26,6 +26,8 @@ DIFFERENCES = (
 """The columns of the differences of a pair, whose cells ``difference_cells`` returns."""
 FINDINGS = {"differs": "sees", "no_difference_found": "open", "identical": "blind", "cannot_say": "open"}
 """The tone of what a comparison with other pictures finds."""
+DOCS = "docs/reading-drives.md, 'The ladder beside the paper's'"
+"""Where it is explained what differs from the paper, and why."""
 _SIMULATOR = Column("simulator", "word", varies=True)
 _WHO = (_SIMULATOR, Column("policy"), *columns("text", "condition", "run", varies=True))
 
@@ -252,3 +254,33 @@ def replay_table(found: Sequence[Replay]) -> Table:
         Column("p", "p"),
     )
     return Table("replay", "Decision-level replay: agreement with a scripted controller", named, rows)
+
+
+def ladder_printed(score: ClosedLoopScore) -> Iterator[Table | str]:
+    """Yield the ladder, the paper's beside it, what differs, the paired differences and the identical rows."""
+    yield ladder_table(score.ladder, score.references)
+    if beside := beside_paper(score.ladder):
+        yield paper_table(beside)
+        yield from paper_words(beside, score.ladder)
+        yield f"Why, row by row: {DOCS}."
+    yield from reference_tables(score)
+    yield from _twins_printed(score)
+
+
+def audit_printed(score: ClosedLoopScore, *, twins: bool = False) -> Iterator[Table | str]:
+    """Yield the degeneracy audit and decision-level replay, with ``twins`` the identical drives too."""
+    yield degeneracy_table(score.audit)
+    yield from degeneracy_words(score.audit)
+    if score.replays:
+        yield replay_table(score.replays)
+    if twins:
+        yield from _twins_printed(score)
+
+
+def _twins_printed(score: ClosedLoopScore) -> Iterator[str]:
+    """Yield which drivers have identical drives, and what repeated requests tell."""
+    for one in score.twins:
+        names = ", ".join(driver.label for driver in one.drivers)
+        yield f"{one.kind}: {names}: identical in {one.same} of {one.worlds} worlds: {one.words}"
+    for two in score.repeats:
+        yield f"{'suspect caching: ' if two.suspect else ''}{two.driver.label}: {two.words}"

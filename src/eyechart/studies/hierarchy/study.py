@@ -1,18 +1,23 @@
 """The hierarchy as a study."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
-from eyechart.studies import Reading
+from eyechart.errors import SpecError
+from eyechart.studies import Made, Reading, Tell
 from eyechart.studies.battery import NO_DRIVES
 from eyechart.studies.closed_loop import NO_LEDGER, OfEpisodes
 from eyechart.studies.hierarchy.scoring import HierarchyScore, runs_of, score
+
+if TYPE_CHECKING:
+    from eyechart.report.table import Table
 
 
 class Hierarchy(OfEpisodes[HierarchyScore]):
     """Sources of intent above a controller: up to seven runs of drives in one folder."""
 
+    runs_are = "hierarchy"
     refuses: ClassVar = {**NO_LEDGER, **NO_DRIVES}
 
     def holds(self, folder: Path) -> bool:
@@ -24,3 +29,29 @@ class Hierarchy(OfEpisodes[HierarchyScore]):
     def score(self, folder: Path, reading: Reading) -> HierarchyScore:
         del reading
         return score(folder)
+
+    def printed(self, score: HierarchyScore) -> "Iterator[Table | str]":
+        from eyechart.studies.closed_loop.tables import unfinished_words
+        from eyechart.studies.hierarchy.tables import tables_of
+
+        yield from tables_of(score)
+        if score.oracle_mirrored is not None:
+            goals = score.oracle_mirrored.differences["success_rate"]
+            shown = "—" if goals.value is None else f"{100 * goals.value:+.0f} points"
+            yield (
+                f"Positive control: the oracle's lateral intent less the same one mirrored: goals {shown}, "
+                f"p {'—' if goals.p is None else f'{goals.p:.2g}'}, {score.oracle_mirrored.worlds} worlds."
+            )
+        yield from (*score.words, *unfinished_words(score.unfinished))
+
+    def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:
+        from eyechart.studies.hierarchy.page import make_hierarchy_page
+        from eyechart.studies.hierarchy.tables import tables_of
+
+        del banks, reading
+        if len(runs) > 1:
+            raise SpecError("a report is about one hierarchy: make one of each study")
+        tell("scoring")
+        scored = score(runs[0])
+        page = make_hierarchy_page(runs[0], scored, tell=tell)
+        return Made(page, tables_of(scored), page.notes)

@@ -1,17 +1,22 @@
 """Admission and structured runs, and the online run, as studies."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from eyechart.gate import ADMISSION, Gate, hold_admission
-from eyechart.studies import Reading
+from eyechart.manifest import read_manifest
+from eyechart.studies import Made, Packed, Reading, Tell
 from eyechart.studies.battery import NO_DRIVES, OfFrames
 from eyechart.studies.closed_loop import NO_LEDGER, OfEpisodes
 from eyechart.studies.structured import online
 from eyechart.studies.structured.planning import STUDIES
-from eyechart.studies.structured.scoring import StructuredScore, score
+from eyechart.studies.structured.scoring import StructuredScore, require_scorable, score, score_run
 from eyechart.studies.structured.vetting import VETTING
+
+if TYPE_CHECKING:
+    from eyechart.report.table import Table
+    from eyechart.studies.structured.estimates import Estimates
 
 _NO_VERDICT = "is a run of scene estimates, which are held to clauses instead: use 'eyechart score' or 'eyechart gate'"
 
@@ -20,23 +25,60 @@ class Structured(OfFrames[StructuredScore]):
     """Scene estimates of frames and of their reflections."""
 
     names = STUDIES
+    runs_are = "estimates"
     requirements = ADMISSION
     required = "admission"
     refuses: ClassVar = {**NO_DRIVES, **dict.fromkeys(("verdict", "compare", "transfer"), _NO_VERDICT)}
 
     def score(self, folder: Path, reading: Reading) -> StructuredScore:
-        return score(folder, reread=reading.reread)
+        return score(folder, reread=reading.reread, resamples=reading.resamples)
+
+    def printed(self, score: StructuredScore) -> "Iterator[Table | str]":
+        from eyechart.report.table import marked
+        from eyechart.studies.structured import tables
+
+        everyone = tables.models_in(score)
+        yield tables.controller_table(everyone)
+        yield from (line for spec in score.models for line in marked(spec, tables.marks(score, spec)))
+        for table in tables.clauses_table(everyone).split():
+            yield table
+            yield from tables.reading_words(score.models[table.caption])
+        yield from tables.figures_table(everyone).split()
 
     def gate(self, score: StructuredScore, require: Sequence[str], max_unparsed: float | None) -> Gate:
         return hold_admission(score, require, max_unparsed=max_unparsed)
 
+    def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:
+        from eyechart.studies.structured.estimates import read_estimates
+
+        return _made(read_estimates(runs, banks, reread=reading.reread, tell=tell), tell)
+
+    def require_scorable(self, run: Path, reading: Reading) -> None:
+        require_scorable(run, read_manifest(run), reread=reading.reread)
+
+    def derive(self, run: Packed, reading: Reading, tell: Tell) -> tuple[StructuredScore, Made]:
+        from eyechart.studies.battery.subjects import SHOWN
+        from eyechart.studies.structured.estimates import estimates_of
+
+        found = score_run(run.manifest, run.bank, run.ledger, resamples=reading.resamples)
+        return found, _made([estimates_of(run.name, found, run.ledger, run.pictures, SHOWN)], tell)
+
+
+def _made(evidence: "Sequence[Estimates]", tell: Tell) -> Made:
+    from eyechart.studies.structured.estimates import estimators
+    from eyechart.studies.structured.page import make_estimates_page
+    from eyechart.studies.structured.tables import scored_of, tables_of
+
+    page = make_estimates_page(evidence, tell=tell)
+    return Made(page, tables_of(scored_of(estimators(evidence))), page.notes)
+
 
 class OnlineStudy(OfEpisodes[online.OnlineScore]):
-    """Estimators that drive through the safety policy."""
+    """Estimators that drive through the safety policy; a report shows their drives."""
 
     refuses: ClassVar = {
         **NO_LEDGER,
-        **NO_DRIVES,
+        "score --against": NO_DRIVES["score --against"],
         "gate": "is an online run, which bounds no claim: hold an admission or structured run to one",
     }
 
@@ -46,3 +88,9 @@ class OnlineStudy(OfEpisodes[online.OnlineScore]):
     def score(self, folder: Path, reading: Reading) -> online.OnlineScore:
         del reading
         return online.score(folder)
+
+    def printed(self, score: online.OnlineScore) -> "Iterator[Table | str]":
+        from eyechart.studies.structured.tables import online_table
+
+        yield online_table(score)
+        yield from (f"refused: {one.scenario}/{one.seed}: {one.why}" for one in score.vetted if one.why is not None)
