@@ -1,6 +1,7 @@
 """Tiny synthetic banks that need no simulator: a green box, a red one ahead of it, and a code in the top row."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from eyechart.frames import (
     RGB,
     BankManifest,
     BankWriter,
+    Camera,
     Frame,
     FrameBank,
     MirrorAxis,
@@ -23,6 +25,7 @@ from eyechart.frames import (
 from eyechart.spaces.discrete import DRIVING
 
 SCENARIOS = ("light", "dense", "merge")
+WRISTS = (Camera("left", "horizontal", "right"), Camera("right", "horizontal", "left"))
 _GAPS_M = (6.0, 14.0, 25.0, 38.0, None)
 
 
@@ -75,6 +78,18 @@ def pictures_of(frame: Frame, code: int) -> tuple[dict[str, bytes], dict[str, di
     }
     real = {MAIN: encode(draw(gap_m, code, lane=lane))}
     return real, {name: {MAIN: encode(drawn[name])} for name in frame.counterfactuals}
+
+
+def build_rig(out: Path, *, cameras: tuple[Camera, ...] = WRISTS, frames: int = 12) -> FrameBank:
+    """Write a bank of several cameras, whose pictures differ, and of a state of three numbers."""
+    with BankWriter(out, replace(manifest(), cameras=cameras, state=("joints",))) as writer:
+        for step in range(frames):
+            place, seen = ("light" if step % 2 else "dense", f"e{step % 4}", step), {one.name: step for one in cameras}
+            files = {name: f"images/{name}/{step}.png" for name in seen}
+            truth, state = {"lead_gap_m": float(step)}, {"joints": (step / 10, 0.25, -step / 7)}
+            images = {name: encode(draw(step, 16 * step + code)) for code, name in enumerate(seen)}
+            writer.add(Frame(f"f{step}", *place, cameras, files, truth, state=state), images, {})
+    return open_bank(out)
 
 
 def build_bank(

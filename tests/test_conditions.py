@@ -179,6 +179,35 @@ def test_a_frame_without_an_axis_is_not_mirrored(tmp_path: Path) -> None:
     assert all(available(name, frame) for name in BATTERY if name != "mirrored")
 
 
+def test_cameras_that_mirror_each_other_exchange_their_pictures(tmp_path: Path) -> None:
+    """What the left wrist sees in the reflected world is what the right one sees here, flipped; the state stays."""
+    rig = banks.build_rig(tmp_path / "rig")
+    for frame in rig:
+        seen = {name: decode(image, name) for name, image in rig.images(frame).items()}
+        made = show("mirrored", frame, rig, 0)
+        assert list(made.images) == ["left", "right"]
+        assert np.array_equal(decode(made.images["left"], "left"), seen["right"][:, ::-1])
+        assert np.array_equal(decode(made.images["right"], "right"), seen["left"][:, ::-1])
+        assert made.state == frame.state == show("blank", frame, rig, 0).state
+
+
+@pytest.mark.parametrize("name", [name for name in OF_BANKS if not CONDITIONS[name].needs & {"counterfactual", "text"}])
+def test_a_condition_over_one_camera_leaves_the_others_as_they_are(name: str, tmp_path: Path) -> None:
+    """It changes that camera's picture as it does over all, or takes it away."""
+    rig = banks.build_rig(tmp_path / "rig")
+    for frame in rig:
+        real, over = rig.images(frame), show(f"{name}@right", frame, rig, 0)
+        assert over.images["left"] == real["left"]
+        assert (over.images.get("right") == real["right"]) == (name in {"real", "real_repeat"})
+        assert ("right" in over.images) == (name != "text_only")
+        assert available(f"{name}@right", frame)
+        assert set(sources(f"{name}@right", frame, rig, 0)) >= set(frame.pictures.values())
+    if name in {"blank", "mirrored"}:
+        assert over.images["right"] == show(name, frame, rig, 0).images["right"]
+    with pytest.raises(BankError, match="has no camera 'wrist'; it has left, right"):
+        show(f"{name}@wrist", frame, rig, 0)
+
+
 def test_an_unknown_condition_lists_the_known() -> None:
     """So that the next try succeeds."""
     with pytest.raises(SpecError) as refused:

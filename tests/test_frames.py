@@ -454,6 +454,35 @@ def write(out: Path, *frames: Frame, then: Callable[[], None] = lambda: None) ->
         then()
 
 
+def test_a_bank_of_several_cameras_and_a_state_reads_back_as_it_was_given(tmp_path: Path) -> None:
+    """Its pictures are columns of their own, its geometry tells cameras and state, and check finds nothing."""
+    rig = banks.build_rig(tmp_path / "rig")
+    assert rig.manifest.cameras == banks.WRISTS
+    assert rig.frames[3].state == {"joints": (0.3, 0.25, -3 / 7)}
+    assert check(rig.root) == []
+    row = json.loads((rig.root / "metadata.jsonl").read_text().splitlines()[3])
+    assert (row["file_name"], row["right_file_name"]) == ("images/left/3.png", "images/right/3.png")
+    moved = {replace(rig.frames[3], state={"joints": (0.3, 0.25, angle)}).geometry() for angle in (0.0, 0.001, 0.0011)}
+    assert len(moved) == 2
+    assert replace(rig.frames[3], cameras=rig.frames[3].cameras[:1]).geometry() != rig.frames[3].geometry()
+
+
+@pytest.mark.parametrize(
+    ("cameras", "named"),
+    [
+        ((Camera("a"), Camera("a")), "two cameras have one name"),
+        ((Camera("a", mirrors="b"), Camera("b")), "camera 'a' mirrors 'b', which must be there and mirror it too"),
+    ],
+)
+def test_cameras_that_cannot_be_are_refused(cameras: tuple[Camera, ...], named: str, tmp_path: Path) -> None:
+    """Whoever declares them; a name is one that a column and a condition can have."""
+    with pytest.raises(BankError, match=named):
+        banks.build_rig(tmp_path / "rig", cameras=cameras)
+    with pytest.raises(BankError, match="a camera's name has letters"):
+        Camera("left@wrist")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_failed_writer_leaves_nothing(tmp_path: Path) -> None:
     """Whatever raises in its body, neither the bank nor its working folder stays."""
 

@@ -72,6 +72,8 @@ class Chunks:
 
 def respond(query: Query) -> Reply:
     """Answer with a chunk that follows from what was shown and asked, and now and then with one that is too short."""
+    assert list(query.stimulus.images) == ["left", "right"]
+    assert f"At {query.stimulus.state['joints'][0]:g}, 0.25, " in query.user
     dice = np.random.default_rng(int(query.sha256()[:12], 16))
     rows = np.round(dice.uniform(-1, 1, (STEPS, len(PARTS))), 3)
     cut = np.random.default_rng(query.seed).random() < 0.2
@@ -82,8 +84,8 @@ def respond(query: Query) -> Reply:
 def answered(tmp_path_factory: pytest.TempPathFactory) -> tuple[Answers, Mapping[tuple[str, str], Decision[Chunk]]]:
     """Return what a run's ledger gives, and the same decisions read one by one."""
     folder = tmp_path_factory.mktemp("chunks")
-    bank = banks.build_bank(folder / "bank")
-    prompt = Prompt("chunks", "", "Give the next eight commands.", space=Chunks())
+    bank = banks.build_rig(folder / "bank", frames=18)
+    prompt = Prompt("chunks", "", "At {joints}, give the next eight commands.", template=True, space=Chunks())
     plan = Plan("battery", bank, prompt, ("m",), CONDITIONS, bank.frames, seed=3)
     with Ledger(folder / "ledger.sqlite", create=True) as ledger:
         execute(plan, {"m": StandIn(respond)}, ledger)

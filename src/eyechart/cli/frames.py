@@ -57,16 +57,20 @@ def import_(
     independent: Annotated[bool, typer.Option("--independent", help="Declare the frames independent draws.")] = False,
     format_: Annotated[str, typer.Option("--format", help="table or lerobot.")] = "table",
     camera: Annotated[str | None, typer.Option(help="Camera of a LeRobotDataset.")] = None,
+    rig: Annotated[
+        Path | None, typer.Option(help="TOML file of several cameras: the column and mirror axis of each; state.")
+    ] = None,
     every: Annotated[int, typer.Option(min=1, help="Take every Nth frame of an episode.")] = 1,
 ) -> None:
     """Make a bank of pictures of your own; says what the columns that are missing cost."""
     from eyechart.errors import SpecError
-    from eyechart.importing import Choices, costs, import_lerobot, import_table
+    from eyechart.importing import Choices, costs, import_lerobot, import_table, read_rig
     from eyechart.spaces.discrete import DRIVING, read_space
 
     choices = Choices(
         columns=_places(map_ or []),
         mirror=_axis(mirror),
+        rig=None if rig is None else read_rig(rig),
         space=DRIVING if actions is None else read_space(actions),
         threshold=threshold,
         unit=unit,
@@ -79,6 +83,8 @@ def import_(
         raise SpecError(f"--format takes table or lerobot, not '{format_}'")
     if (format_ == "table") != (table is not None):
         raise SpecError("give --table FILE of the pictures, or --format lerobot, and not both")
+    if rig is not None and (table is None or mirror != "none"):
+        raise SpecError("--rig is for --table, and says the mirror axis of each camera: leave out --mirror")
     with progress("import", "rows and frames") as move:
         if table is None:
             bank = import_lerobot(folder, out, choices, camera=camera, reads=move, progress=move)

@@ -7,7 +7,6 @@ from pathlib import Path
 from eyechart.errors import SourceError
 from eyechart.frames import (
     IMPORTED,
-    MAIN,
     BankManifest,
     BankWriter,
     Frame,
@@ -31,21 +30,23 @@ MOST_TEXT = 400_000_000
 ALL = "all"
 """The name of the one scenario, and of the one episode, of a bank whose source records none."""
 
-Pictures = Callable[[Sequence[Frame]], Iterator[tuple[Frame, bytes]]]
-"""Yields every frame with its encoded picture, in any order."""
+Pictures = Callable[[Sequence[Frame]], Iterator[tuple[Frame, Mapping[str, bytes]]]]
+"""Yields every frame with its encoded pictures by camera, in any order."""
 
 
 @dataclass(frozen=True)
 class Choices:
     """What the owner of the pictures says of them.
 
-    ``columns`` maps a place (file, gap, episode, step, scenario) to a column, an empty name to none. ``threshold``
-    and ``unit`` belong to the gap. ``independent`` declares frames without episodes to be independent draws, and
+    ``columns`` maps a place (file, gap, episode, step, scenario) to a column, an empty name to none; ``rig`` says which
+    are of several cameras and of the state, and else ``mirror`` is the axis of the one. ``threshold`` and ``unit``
+    belong to the gap. ``independent`` declares frames without episodes to be independent draws, and
     ``prompt_columns`` what a prompt may say. Every ``every``-th frame of an episode is taken.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
     mirror: MirrorAxis = "none"
+    rig: reading.Rig | None = None
     space: Discrete = DRIVING
     threshold: float | None = None
     unit: str | None = None
@@ -83,9 +84,11 @@ def import_table(
         raise SourceError(f"{folder} is no folder; the first argument is the folder of the pictures")
     kept = keep(open_table(table, reads), choices)
 
-    def pictures(frames: Sequence[Frame]) -> Iterator[tuple[Frame, bytes]]:
+    def pictures(frames: Sequence[Frame]) -> Iterator[tuple[Frame, Mapping[str, bytes]]]:
         for frame, number in zip(frames, kept.numbers, strict=True):
-            yield frame, read_picture(folder, frame.id, f"{kept.table.name}, row {number}")
+            what = f"{kept.table.name}, row {number}"
+            files = {name: file.removeprefix(_under(choices, name)) for name, file in frame.pictures.items()}
+            yield frame, {name: read_picture(folder, file, what) for name, file in files.items()}
 
     frames = frames_of(kept, choices, lambda name, what: place_of(folder, name, what))
     return write(out, folder, frames, pictures, kept=kept, choices=choices, progress=progress)
@@ -93,7 +96,7 @@ def import_table(
 
 def keep(table: Table, choices: Choices) -> Kept:
     """Read the rows that become frames; raises SourceError where they are none, or too many to keep."""
-    places = reading.places(choices.columns, table.columns, table.name)
+    places = reading.places(choices.columns, table.columns, table.name, choices.rig)
     _check_choices(choices, places, table)
     rows: list[Row] = []
     numbers: list[int] = []
@@ -167,18 +170,14 @@ def frames_of(kept: Kept, choices: Choices, locate: Callable[[str, str], str]) -
         name: reading.read_truth(columns[name], name, typed=kept.table.typed) for name in truth_names
     }
     whats = [f"{kept.table.name}, row {number}" for number in kept.numbers]
-    files = _files(kept, columns, whats, locate)
+    roles = ("file", *(role for role in kept.places if role.startswith("camera ")))
+    files = [_files(kept, role, columns, whats, locate) for role in roles]
+    state = {} if choices.rig is None else _states(choices.rig, columns, whats)
+    if clash := sorted(state.keys() & {*truth, *choices.prompt_columns}):
+        raise SourceError(f"--rig: the state '{clash[0]}' has the name of a column that is kept; give it another name")
+    cameras = alone(choices.mirror) if choices.rig is None else choices.rig.cameras
     if "gap" in kept.places:
-        name = kept.places["gap"]
-        gaps = [
-            reading.read_number(cell, f"{what}: the gap '{name}'")
-            for cell, what in zip(columns[name], whats, strict=True)
-        ]
-        if all(gap is None for gap in gaps):
-            raise SourceError(
-                f"{kept.table.name}: the gap '{name}' is empty in every row; leave it out with --map gap="
-            )
-        truth[name] = list(gaps)
+        truth[kept.places["gap"]] = _gaps(kept, columns[kept.places["gap"]], whats)
     scenarios, episodes, steps = _placed(kept, columns, whats, independent=choices.independent)
     said = {
         name: [reading.read_said(cell, f"{what}: '{name}'") for cell, what in zip(columns[name], whats, strict=True)]
@@ -190,23 +189,56 @@ def frames_of(kept: Kept, choices: Choices, locate: Callable[[str, str], str]) -
             scenario=scenarios[place],
             episode=episodes[place],
             step=steps[place],
-            cameras=alone(choices.mirror),
-            pictures={MAIN: f"images/{file}"},
+            cameras=cameras,
+            pictures={
+                one.name: f"{_under(choices, one.name)}{many[place]}" for one, many in zip(cameras, files, strict=True)
+            },
             truth={name: column[place] for name, column in truth.items()},
             fields={name: column[place] for name, column in said.items()},
+            state={name: column[place] for name, column in state.items()},
         )
-        for place, file in enumerate(files)
+        for place, file in enumerate(files[0])
     ]
 
 
+def _gaps(kept: Kept, cells: Sequence[Cell], whats: Sequence[str]) -> list[Scalar]:
+    """Return every row's gap; raises SourceError where no row has one."""
+    name = kept.places["gap"]
+    gaps = [reading.read_number(cell, f"{what}: the gap '{name}'") for cell, what in zip(cells, whats, strict=True)]
+    if all(gap is None for gap in gaps):
+        raise SourceError(f"{kept.table.name}: the gap '{name}' is empty in every row; leave it out with --map gap=")
+    return list(gaps)
+
+
+def _states(
+    rig: reading.Rig, columns: Mapping[str, Sequence[Cell]], whats: Sequence[str]
+) -> dict[str, list[tuple[float, ...]]]:
+    """Return every state of a rig by its name, for each row."""
+
+    def numbers(name: str, column: str) -> list[float]:
+        cells = zip(columns[column], whats, strict=True)
+        return [reading.read_part(cell, f"{what}: '{column}' of the state '{name}'") for cell, what in cells]
+
+    return {name: list(zip(*(numbers(name, one) for one in parts), strict=True)) for name, parts in rig.state.items()}
+
+
+def _under(choices: Choices, camera: str) -> str:
+    """Return the folder of the bank in which a camera's pictures lie, as they lie in their own."""
+    return "images/" if choices.rig is None else f"images/{camera}/"
+
+
 def _files(
-    kept: Kept, columns: Mapping[str, Sequence[Cell]], whats: Sequence[str], locate: Callable[[str, str], str]
+    kept: Kept,
+    role: str,
+    columns: Mapping[str, Sequence[Cell]],
+    whats: Sequence[str],
+    locate: Callable[[str, str], str],
 ) -> list[str]:
-    name = kept.places["file"]
+    name = kept.places[role]
     first: dict[str, int] = {}
     files = []
     for cell, what, number in zip(columns[name], whats, kept.numbers, strict=True):
-        file = locate(reading.read_label(cell, f"{what}: the file '{name}'"), f"{what}: the file '{name}'")
+        file = locate(reading.read_label(cell, f"{what}: the {role} '{name}'"), f"{what}: the {role} '{name}'")
         if file in first:
             raise SourceError(f"{what}: '{file}' stands in row {first[file]} already; a picture is one frame")
         first[file] = number
@@ -288,10 +320,12 @@ def write(
         prompt_columns=choices.prompt_columns,
         absent=tuple(place for place in ("scenario", "episode", "step") if place not in kept.places),
         independent=choices.independent,
+        cameras=() if choices.rig is None else choices.rig.cameras,
+        state=() if choices.rig is None else tuple(choices.rig.state),
     )
     with BankWriter(out, manifest) as writer:
-        for done, (frame, picture) in enumerate(pictures(frames), 1):
-            writer.add(frame, {MAIN: picture}, {})
+        for done, (frame, images) in enumerate(pictures(frames), 1):
+            writer.add(frame, images, {})
             if progress is not None:
                 progress(done, len(frames))
     return open_bank(out)

@@ -5,10 +5,15 @@ import math
 import re
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
 
-from eyechart.errors import SourceError
-from eyechart.frames import Scalar, is_reserved
+import msgspec
+
+from eyechart.errors import BankError, SourceError, SpecError
+from eyechart.frames import Camera, MirrorAxis, Scalar, is_reserved
 from eyechart.importing.tables import Cell
+from eyechart.spaces.discrete import read_toml
 
 ROLES: dict[str, tuple[str, ...]] = {
     "file": ("file", "file_name"),
@@ -26,8 +31,53 @@ _WHOLE = re.compile(r"[+-]?(0|[1-9]\d*)")
 _EXACT = 2**53
 
 
-def places(asked: Mapping[str, str], columns: Sequence[str], table: str) -> dict[str, str]:
-    """Return the column of each place that has one; an empty name leaves a place without.
+@dataclass(frozen=True)
+class Rig:
+    """The cameras of a table with the column of each, and the columns of each state's numbers."""
+
+    cameras: tuple[Camera, ...]
+    columns: Mapping[str, str] = field(default_factory=dict)
+    state: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    def places(self) -> dict[str, str]:
+        """Return the columns that it takes by what they are; the first camera's is the file."""
+        first, *others = self.columns
+        taken = {"file": self.columns[first], **{f"camera {name}": self.columns[name] for name in others}}
+        numbered = (
+            (f"state {name} {place}", one) for name, many in self.state.items() for place, one in enumerate(many)
+        )
+        return taken | dict(numbered)
+
+
+class _RigCamera(msgspec.Struct, forbid_unknown_fields=True):
+    name: str
+    column: str
+    mirror_axis: MirrorAxis = "none"
+    mirrors: str = ""
+
+
+class _RigFile(msgspec.Struct, forbid_unknown_fields=True):
+    camera: list[_RigCamera]
+    state: dict[str, tuple[str, ...]] = {}
+
+
+def read_rig(path: Path) -> Rig:
+    """Read a rig from a TOML file: a ``[[camera]]`` each, with name, column, mirror_axis and mirrors, and ``[state]``.
+
+    Raises SpecError naming the file and what is wrong in it.
+    """
+    try:
+        found = msgspec.convert(read_toml(path), _RigFile)
+        cameras = tuple(Camera(one.name, one.mirror_axis, one.mirrors) for one in found.camera)
+    except (msgspec.ValidationError, BankError) as error:
+        raise SpecError(f"{path} is no rig of cameras: {error}") from error
+    if not cameras:
+        raise SpecError(f"{path} is no rig of cameras: it lists no [[camera]]")
+    return Rig(cameras, {one.name: one.column for one in found.camera}, found.state)
+
+
+def places(asked: Mapping[str, str], columns: Sequence[str], table: str, rig: Rig | None = None) -> dict[str, str]:
+    """Return the column of each place that has one, and those that a rig takes; an empty name leaves a place without.
 
     Raises SourceError for an unknown place, and for a column that the table has not, with the nearest that it has.
     """
@@ -36,10 +86,13 @@ def places(asked: Mapping[str, str], columns: Sequence[str], table: str) -> dict
             raise SourceError(f"--map {place}={column}: there is no place '{place}'; places are {', '.join(ROLES)}")
         if column and column not in columns:
             raise SourceError(f"--map {place}={column}: {no_column(column, columns, table)}")
-    found = {}
+    found = {} if rig is None else rig.places()
+    if lacking := [(place, column) for place, column in found.items() if column not in columns]:
+        place, column = lacking[0]
+        raise SourceError(f"--rig: the {place} is to be in column '{column}'; {no_column(column, columns, table)}")
     for place, names in ROLES.items():
         column = asked.get(place, next((name for name in names if name in columns), ""))
-        if column:
+        if column and place not in found:
             found[place] = column
     if "file" not in found:
         raise SourceError(
@@ -79,6 +132,14 @@ def read_number(cell: Cell, what: str) -> float | None:
     number = _number(cell)
     if number is None:
         raise SourceError(f"{what} is {_quoted(cell)}, not a number; leave the cell empty where there is none")
+    return number
+
+
+def read_part(cell: Cell, what: str) -> float:
+    """Return a cell as one number of a state; raises SourceError, beginning with ``what``, where it is none."""
+    number = _number(cell)
+    if number is None:
+        raise SourceError(f"{what} is {_quoted(cell)}, not a number; every row needs all numbers of a state")
     return number
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from eyechart.errors import BankError, SourceError
-from eyechart.frames import MAX_PIXELS, Frame, FrameBank, encode, inside
+from eyechart.frames import MAIN, MAX_PIXELS, Frame, FrameBank, encode, inside
 from eyechart.importing.bank import Choices, frames_of, keep, write
 from eyechart.importing.parquet import MOST_COMPONENTS, ParquetTable, open_parquet, require
 from eyechart.importing.tables import Cell, Progress, Row, Table
@@ -69,8 +69,8 @@ def import_lerobot(
     chosen = replace(choices, columns={**PLACES, **choices.columns})
     kept = keep(_table(data, reads), chosen)
 
-    def pictures(frames: Sequence[Frame]) -> Iterator[tuple[Frame, bytes]]:
-        return _pictures(data, frames)
+    def pictures(frames: Sequence[Frame]) -> Iterator[tuple[Frame, Mapping[str, bytes]]]:
+        return ((frame, {MAIN: picture}) for frame, picture in _pictures(data, frames))
 
     frames = frames_of(kept, chosen, lambda name, what: name)  # noqa: ARG005 - made here, so it leads nowhere else
     settings = {"format": "lerobot v3", "camera": data.camera}
