@@ -1,8 +1,7 @@
 """A gate holds a run to what is required of it: yes, no, or "cannot say"; it never passes for want of evidence."""
 
-import xml.etree.ElementTree as ET
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 from eyechart.errors import SpecError
 from eyechart.stats.paired import SignTest, clopper_pearson
@@ -56,20 +55,15 @@ class Gate:
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
         words = {True: "holds", False: "fails", None: "cannot say"}
-        checks = [
-            {
-                "model": one.model,
-                "requirement": one.requirement,
-                "holds": one.holds,
-                "outcome": words[one.holds],
-                "because": one.because,
-            }
-            for one in self.checks
-        ]
-        return {"exit_code": self.exit_code, "checks": checks}
+        return {
+            "exit_code": self.exit_code,
+            "checks": [{**asdict(one), "outcome": words[one.holds]} for one in self.checks],
+        }
 
     def junit(self) -> bytes:
         """Return the checks as JUnit XML: a failure where one fails, an error where the run cannot say."""
+        import xml.etree.ElementTree as ET  # noqa: PLC0415 - slow to import
+
         count = {
             "tests": str(len(self.checks)),
             "failures": str(sum(check.holds is False for check in self.checks)),

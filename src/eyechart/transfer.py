@@ -4,7 +4,7 @@ import csv
 import io
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import fmean
 
@@ -44,10 +44,7 @@ class Transfer:
         """Return plain JSON values."""
         return {
             "measure": self.measure,
-            "cells": [
-                {"model": one.model, "bank": one.bank, "score": one.score, "measured": one.measured, "runs": one.runs}
-                for one in self.cells
-            ],
+            "cells": [asdict(one) for one in self.cells],
             "pearson": self.pearson.as_dict(),
             "spearman": self.spearman.as_dict(),
             "left_out": list(self.left_out),

@@ -10,6 +10,7 @@ import pytest
 
 import banks
 import stand_ins
+from bundles import repacked
 from eyechart.bundle import unpacking, validate, write_bundle
 from eyechart.bundle.contents import Recipe
 from eyechart.bundle.unpacking import unpack
@@ -165,10 +166,10 @@ def index_of(packed: Path, out: Path, **values: object) -> Path:
     [
         ({"format": "eyechart-bundle/9"}, "is no bundle of the format 'eyechart-bundle/1'"),
         ({"files": []}, "is no bundle of the format"),
-        ({"eyechart": "9.9"}, "was made by eyechart '9.9'"),
-        ({"reader": 99}, "with version 99 of the reader of replies"),
-        ({"resamples": 10**9}, "resamples is 1000000000"),
-        ({"resamples": True}, "resamples is True"),
+        ({"eyechart": 9.9}, "eyechart is 9.9, not text"),
+        ({"reader": "3"}, 'reader is "3", not a whole number'),
+        ({"resamples": 10**9}, "resamples is 1000000000, not a whole number <= 100000"),
+        ({"resamples": True}, "resamples is true"),
         ({"independent": "yes"}, "does not say how its results were made"),
         ({"drawn_with": None}, "does not say how its results were made"),
     ],
@@ -176,9 +177,38 @@ def index_of(packed: Path, out: Path, **values: object) -> Path:
 def test_a_bundle_that_cannot_be_recomputed_here_says_why(
     packed: Path, tmp_path: Path, values: dict[str, object], words: str
 ) -> None:
-    """Another version is no difference, and no reason to hold either."""
+    """It names the value of its index that is none."""
     with pytest.raises(BundleError, match=words):
         validate(index_of(packed, tmp_path / "b.zip", **values))
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"eyechart": "9.9"}, "made by eyechart '9.9' with version 3 of the reader"),
+        ({"reader": 99}, "with version 99 of the reader of replies"),
+    ],
+)
+def test_a_bundle_of_another_version_is_validated_as_far_as_its_figures_are_computed_alike(
+    packed: Path, tmp_path: Path, values: dict[str, object], words: str
+) -> None:
+    """Here all are; a figure and a table that are not are named, and no difference; a reply that is not is one."""
+    found = validate(index_of(packed, tmp_path / "b.zip", **values))
+    assert (found.differences, found.otherwise, found.uncompared) == ((), (), ())
+    assert words in found.notes[-1]
+
+    def change(folder: Path) -> None:
+        results = json.loads((folder / "results.json").read_text())
+        (model,) = results["score"]["models"]
+        results["score"]["models"][model]["answered"] += 1
+        results["replies_sha256"][model]["real"] = "0"
+        (folder / "results.json").write_text(json.dumps(results))
+        (folder / "tables" / "statistics.csv").write_text("")
+
+    found = validate(repacked(tmp_path / "b.zip", tmp_path, change))
+    assert [one.where.rpartition(", ")[2] for one in found.otherwise] == ["answered"]
+    assert [one.where.rpartition(", ")[2] for one in found.differences] == ["real"]
+    assert found.uncompared == ("tables/statistics.csv", "1 figures that this eyechart computes otherwise")
 
 
 def test_a_zip_without_an_index_is_no_bundle(tmp_path: Path) -> None:

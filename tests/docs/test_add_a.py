@@ -11,7 +11,14 @@ import pages
 import test_layers
 
 DOCS = Path(__file__).parents[2] / "docs"
-PAGES = ("add-a-condition.md", "add-a-model.md", "add-a-simulator.md", "add-a-statistic.md", "add-a-verdict.md")
+PAGES = (
+    "add-a-condition.md",
+    "add-a-model.md",
+    "add-a-simulator.md",
+    "add-a-statistic.md",
+    "add-a-study.md",
+    "add-a-verdict.md",
+)
 
 
 @pytest.mark.parametrize("name", PAGES)

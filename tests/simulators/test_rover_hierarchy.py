@@ -11,7 +11,7 @@ from eyechart.simulators import Moved, execute, open_bank_simulator
 from eyechart.simulators.rover.hierarchy import MpcDrive, RoverMpc, RoverMpcLateral, RoverMpcUnaware
 
 ACTIONS = RoverMpc.declared.action_space.actions
-MIRRORED = RoverMpc.declared.action_space.mirror
+MIRRORED = RoverMpc.declared.action_space.reflect
 
 
 def driven(drive: MpcDrive, intents: list[str]) -> list[tuple[Moved, bytes]]:

@@ -22,7 +22,7 @@ from stand_ins import StandIn
 
 STEPS, PARTS = 8, ("steer", "go", "brake")
 SCALE = (1.0, 1.0, 2.0)
-CONDITIONS = ("real", "real_repeat", "mirrored", "blank")
+CONDITIONS = ("real", "real_repeat", "mirrored", "blank", "blank@right")
 Chunk = tuple[tuple[float, ...], ...]
 
 
@@ -113,6 +113,13 @@ def test_the_distance_of_two_conditions_is_that_of_the_space(answered: Answered)
     assert answered[0].distance("real", "real_repeat")[0].tolist() == [0.0] * len(
         pairs(answered, "real", "real_repeat")
     )
+
+
+def test_what_one_camera_decides_is_told_from_what_both_do(answered: Answered) -> None:
+    """A condition over one camera leaves the other's picture and the state as they are."""
+    one, _ = answered[0].distance("real", "blank@right")
+    assert one.tolist() == [Chunks().distance(*pair) for pair in pairs(answered, "real", "blank@right")]
+    assert (one > 0).all()
 
 
 def test_a_reply_without_a_chunk_is_one_apart_from_every_chunk(answered: Answered) -> None:

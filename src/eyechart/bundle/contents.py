@@ -3,11 +3,13 @@
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import Annotated
 
 import matplotlib as mpl
 import PIL
+from msgspec import Meta
 from PIL import features
 
 from eyechart import __version__
@@ -15,6 +17,7 @@ from eyechart.errors import BundleError
 from eyechart.frames import FrameBank
 from eyechart.ledger import SINCE_FORMAT_3, Ledger
 from eyechart.manifest import LEDGER, RunManifest
+from eyechart.records import build
 from eyechart.report.table import files_of
 from eyechart.spaces.discrete import READER
 from eyechart.spaces.scene import SCENE_READER
@@ -53,7 +56,7 @@ class Recipe:
     """
 
     name: str
-    resamples: int
+    resamples: Annotated[int, Meta(ge=RESAMPLES[0], le=RESAMPLES[1])]
     independent: bool
     eyechart: str
     reader: int
@@ -66,24 +69,21 @@ class Recipe:
 
     @classmethod
     def from_dict(cls, raw: Mapping[str, object]) -> "Recipe":
-        """Read a recipe; raises BundleError where it is none, or is of another eyechart."""
-        name, resamples, independent, drawn = (
-            raw.get(key) for key in ("name", "resamples", "independent", "drawn_with")
+        """Read a recipe, also one of another eyechart; raises BundleError where it is none."""
+        try:
+            return build(cls, {one.name: raw.get(one.name) for one in fields(cls)}, INDEX)
+        except ValueError as error:
+            raise BundleError(f"{INDEX} does not say how its results were made: {error}") from error
+
+    @property
+    def elsewhere(self) -> str | None:
+        """Return in words which other eyechart or reader of replies made the results; None where it was this one."""
+        if self.eyechart == __version__ and self.reader in {READER, SCENE_READER}:
+            return None
+        return (
+            f"made by eyechart {self.eyechart!r} with version {self.reader} of the reader of replies, and this is "
+            f"{__version__} with {READER}, of scenes {SCENE_READER}"
         )
-        reader = raw.get("reader")
-        if raw.get("eyechart") != __version__ or reader not in {READER, SCENE_READER}:
-            raise BundleError(
-                f"this bundle was made by eyechart {raw.get('eyechart')!r} with version {reader!r} of the reader of "
-                f"replies, and this is {__version__} with {READER}, of scenes {SCENE_READER}; validate it with the "
-                "one that made it"
-            )
-        if not isinstance(name, str) or not isinstance(independent, bool) or not isinstance(drawn, dict):
-            raise BundleError(f"{INDEX} does not say how its results were made")
-        if type(resamples) is not int or not RESAMPLES[0] <= resamples <= RESAMPLES[1]:
-            raise BundleError(
-                f"{INDEX}: resamples is {resamples!r}, not a number from {RESAMPLES[0]} to {RESAMPLES[1]}"
-            )
-        return cls(name, resamples, independent, __version__, reader, {str(k): str(v) for k, v in drawn.items()})
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""

@@ -5,7 +5,7 @@ import json
 import sqlite3
 import tempfile
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from eyechart.bundle.comparing import Difference, Rounding, compare_tables, compare_values, printable
@@ -40,13 +40,15 @@ _LONGER = 4
 class Validation:
     """What a validation found: every figure that does not follow, what was compared, and what could not be.
 
-    ``uncompared`` are the things that other versions of libraries draw otherwise, by the bundle's own word.
+    ``uncompared`` are the things that other versions of libraries, or of eyechart, draw otherwise, by the bundle's own
+    word; ``otherwise`` the figures of another eyechart that this one computes otherwise.
     """
 
     differences: tuple[Difference, ...]
     compared: Mapping[str, int]
     notes: tuple[str, ...]
     uncompared: tuple[str, ...] = ()
+    otherwise: tuple[Difference, ...] = ()
 
     @property
     def holds(self) -> bool:
@@ -66,6 +68,7 @@ class Validation:
             "holds": self.holds,
             "outcome": self.outcome,
             "uncompared": list(self.uncompared),
+            "otherwise": [one.as_dict() for one in self.otherwise],
             "differences": [one.as_dict() for one in self.differences],
             "compared": dict(self.compared),
             "notes": list(self.notes),
@@ -75,7 +78,8 @@ class Validation:
 def validate(file: Path, *, tell: Tell = lambda _: None) -> Validation:
     """Recompute every figure of a bundle from its ledger and its bank, and compare.
 
-    Raises BundleError where the file is no bundle, damaged, would do harm, or was made by another eyechart.
+    Of a bundle of another eyechart everything that its run says is checked, and the figures as far as this one computes
+    them alike. Raises BundleError where the file is no bundle, damaged, or would do harm.
     """
     if file.exists() and not file.is_file():
         raise BundleError(f"{file} is no bundle file but {'a folder' if file.is_dir() else 'a device or a pipe'}")
@@ -93,7 +97,13 @@ def validate(file: Path, *, tell: Tell = lambda _: None) -> Validation:
         except (EyechartError, sqlite3.Error, RecursionError) as error:
             words = str(error).replace(f"{work}/", "")
             found.differences.append(Difference("everything that follows from the run", "results", words))
-        return Validation(tuple(found.differences), found.compared, tuple(found.notes), tuple(found.uncompared))
+        return Validation(
+            tuple(found.differences),
+            found.compared,
+            tuple(found.notes),
+            tuple(found.uncompared),
+            tuple(found.otherwise),
+        )
 
 
 @dataclass(frozen=True)
@@ -104,6 +114,7 @@ class _Found:
     compared: dict[str, int]
     notes: list[str]
     uncompared: list[str]
+    otherwise: list[Difference] = field(default_factory=list)
 
 
 def _read_index(file: Path, folder: Path) -> dict[str, object]:
@@ -144,12 +155,15 @@ def _recompute(folder: Path, names: list[str], recipe: Recipe, found: _Found, te
     run = folder / RUN_FOLDER
     manifest, bank = read_manifest(run), open_unchecked(run / BANK)
     asked = asked_of(bank, manifest.prompt)
-    if (run / RUN).read_bytes() != manifest.as_text().encode():
+    if not recipe.elsewhere and (run / RUN).read_bytes() != manifest.as_text().encode():
         differences.append(Difference(f"{RUN_FOLDER}/{RUN}", "written in another way", "as a run is written"))
     tell("checking the bank")
     differences += check_bank(manifest, asked)
     with Ledger(run / LEDGER) as ledger:
         ledger.require_plain()
+        for key in ledger.damaged():
+            place = f"{key.model}, {key.frame}, {key.condition}"
+            differences.append(Difference(f"{LEDGER}, {place}", "a reply", "another than its checksum says"))
         tell("checking the requests")
         requests, count, unlike = check_requests(ledger, manifest, asked, same_encoder=_same(recipe, "pillow", "zlib"))
     differences += requests
@@ -160,9 +174,12 @@ def _recompute(folder: Path, names: list[str], recipe: Recipe, found: _Found, te
         found.uncompared.append(f"requests of {', '.join(unlike)}")
     derived = derive(run, manifest, (asked, bank), recipe, tell)
     tell("comparing")
-    differences += _compare(folder, recipe, derived)
-    differences += _check_foreign(names, manifest, asked, derived)
+    differences += _check_foreign(names, manifest, asked, derived, recipe)
     compared |= _counted(manifest, asked, derived)
+    if recipe.elsewhere:
+        _compare_elsewhere(folder, recipe.elsewhere, derived, found)
+        return
+    differences += _compare(folder, recipe, derived)
     strict = _strictness(recipe)
     if not strict.drawings:
         notes.append("of the drawings only the words were compared")
@@ -172,12 +189,44 @@ def _recompute(folder: Path, names: list[str], recipe: Recipe, found: _Found, te
         found.uncompared.append("pictures")
 
 
-def _check_foreign(names: list[str], manifest: RunManifest, asked: FrameBank, derived: Derived) -> Iterator[Difference]:
-    """Yield every file that is neither part of the run nor made from it."""
+def _compare_elsewhere(folder: Path, made: str, derived: Derived, found: _Found) -> None:
+    """Compare what another eyechart printed: the replies as ever, the figures one by one, a file where it is the same.
+
+    Whether a figure that differs was computed by other rules or changed by somebody, nobody can say from the file.
+    """
+    found.notes.append(made)
+    for name, content in derived.files.items():
+        if name != RESULTS and (not (folder / name).is_file() or (folder / name).read_bytes() != content):
+            found.uncompared.append(name)
+    printed, rounding = _read_results(folder), Rounding.of(derived.results)
+    for replies, into in ((True, found.differences), (False, found.otherwise)):
+        one, other = (
+            {name: value for name, value in values.items() if (name == "replies_sha256") == replies}
+            for values in (printed, derived.results)
+        )
+        into.extend(compare_values(one, other, rounding, _result_name))
+    if found.otherwise:
+        found.uncompared.append(f"{len(found.otherwise)} figures that this eyechart computes otherwise")
+
+
+def _read_results(folder: Path) -> dict[str, object]:
+    try:
+        printed = json.loads((folder / RESULTS).read_bytes())
+    except (OSError, ValueError, RecursionError) as error:
+        raise BundleError(f"{RESULTS} cannot be read: {error}") from error
+    if not isinstance(printed, dict):
+        raise BundleError(f"{RESULTS} holds no results")
+    return printed
+
+
+def _check_foreign(
+    names: list[str], manifest: RunManifest, asked: FrameBank, derived: Derived, recipe: Recipe
+) -> Iterator[Difference]:
+    """Yield every file that is neither part of the run nor made from it; another eyechart may make other tables."""
     bank = {f"{RUN_FOLDER}/{BANK}/{name}" for name in (*BANK_TEXT, *used_pictures(manifest, asked))}
     known = {INDEX, f"{RUN_FOLDER}/{RUN}", f"{RUN_FOLDER}/{LEDGER}", *derived.files, *bank}
     for name in names:
-        if name not in known:
+        if name not in known and not (recipe.elsewhere and name.startswith(TABLES)):
             yield Difference(f"file {name}", "in the bundle", "neither used by the run nor made from it")
 
 

@@ -38,13 +38,13 @@ def validate(
     json: Annotated[bool, typer.Option("--json", help="Print JSON, with every difference.")] = False,
     allow_uncompared: Annotated[
         bool,
-        typer.Option("--allow-uncompared", help="Exit 0 too where pictures or drawings could not be compared."),
+        typer.Option("--allow-uncompared", help="Exit 0 too where not all could be compared."),
     ] = False,
 ) -> None:
     """Recompute every figure of a bundle from its ledger and its bank, without trusting what it prints.
 
-    Exit 0: everything follows; 1: something differs, by name; 2: no bundle, damaged, harmful, of another version, or
-    drawn with other libraries, so that pictures or drawings could not be compared. Numbers are the same within 1e-9 of
+    Exit 0: everything follows; 1: something differs, by name; 2: no bundle, damaged, harmful, or of another version or
+    drawn with other libraries, so that not all could be compared, which is said. Numbers are the same within 1e-9 of
     the larger of them; a printed number must have the same digits, but for a tie of rounding; places in drawings may be
     0.02 points apart. Example: eyechart validate run.zip
     """
@@ -59,6 +59,8 @@ def validate(
             typer.echo(f"differs: {one}")
         if len(found.differences) > _SHOWN:
             typer.echo(f"and {len(found.differences) - _SHOWN} more differences (--json prints all)")
+        for one in found.otherwise[:_SHOWN]:
+            typer.echo(f"computed otherwise here: {one}")
         for note in found.notes:
             typer.echo(f"note: {note}")
         compared = ", ".join(f"{count} {name}" for name, count in found.compared.items())

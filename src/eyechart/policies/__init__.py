@@ -1,6 +1,6 @@
 """Policies that need no model: one module a kind, one door for all, from an observation to an action."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -54,6 +54,16 @@ how to read a run's decisions. Any other SPEC is a model's.
 """
 
 
+BARE = ("random", "oracle", "route", "positive_control")
+"""The policies after which nothing may stand."""
+
+
+def require_actions(kind: str, needed: Sequence[str], space: Discrete) -> None:
+    """Raise SpecError where a policy drives with actions that a space does not have."""
+    if lacking := [action for action in needed if action not in space.actions]:
+        raise SpecError(f"'{kind}' drives with {', '.join(lacking)}, which action space '{space.name}' does not have")
+
+
 def is_policy(spec: str) -> bool:
     """Return whether a SPEC names a policy that is no model."""
     return spec.partition(":")[0] in POLICIES
@@ -67,6 +77,8 @@ def open_policy(spec: str, space: Discrete, recorded: Recorded) -> Policy:
     kind, _, name = spec.partition(":")
     if kind not in POLICIES:
         raise SpecError(f"unknown policy '{spec}'; known are {', '.join(POLICIES)}, and any model's SPEC")
+    if name and kind in BARE:
+        raise SpecError(f"'{spec}': policy '{kind}' stands alone")
     module, _, function = POLICIES[kind].partition(":")
     policy: Policy = getattr(import_module(module), function)(name, space, recorded)
     return policy

@@ -57,8 +57,7 @@ def constant(name: str, space: Discrete, recorded: Recorded) -> Constant:
 
 def uniform(name: str, space: Discrete, recorded: Recorded) -> Uniform:
     """Open ``random``."""
-    del space, recorded
-    _require_bare("random", name)
+    del name, space, recorded
     return Uniform()
 
 
@@ -72,8 +71,3 @@ def marginal(name: str, space: Discrete, recorded: Recorded) -> Marginal:
     if not counts:
         raise SpecError(f"{name} holds no decision, so there is nothing to sample from")
     return Marginal({action: counts[action] for action in space.actions if action in counts})
-
-
-def _require_bare(kind: str, name: str) -> None:
-    if name:
-        raise SpecError(f"'{kind}:{name}': policy '{kind}' stands alone")

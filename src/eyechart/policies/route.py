@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from eyechart.errors import SpecError
-from eyechart.policies import Observation, Policy, Recorded, open_policy
+from eyechart.policies import Observation, Policy, Recorded, open_policy, require_actions
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.space import Decision
 
@@ -54,11 +54,8 @@ class Mirrored:
 
 def route(name: str, space: Discrete, recorded: Recorded) -> Route:
     """Open ``route``."""
-    del recorded
-    if name:
-        raise SpecError(f"'route:{name}': policy 'route' stands alone")
-    if lacking := [one for one in ("STOP", "SLOW", "STRAIGHT", "LEFT", "RIGHT") if one not in space.actions]:
-        raise SpecError(f"'route' drives with {', '.join(lacking)}, which action space '{space.name}' does not have")
+    del name, recorded
+    require_actions("route", ("STOP", "SLOW", "STRAIGHT", "LEFT", "RIGHT"), space)
     return Route()
 
 

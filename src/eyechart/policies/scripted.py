@@ -6,11 +6,12 @@ from eyechart.errors import SpecError
 from eyechart.frames import RGB
 from eyechart.perception.forward import read_forward, view_of
 from eyechart.perception.renderer import read_picture
-from eyechart.policies import Observation, Recorded
+from eyechart.policies import Observation, Recorded, require_actions
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.scene import Scene, safe_action
 from eyechart.spaces.space import Decision
 
+ACTIONS = ("SLOW", "STRAIGHT", "LEFT", "RIGHT")
 NEEDS = ("demand", "left_clear", "right_clear")
 """The columns of ground truth that the oracle reads."""
 
@@ -55,20 +56,13 @@ def read_scene(picture: RGB) -> Scene | None:
 
 def oracle(name: str, space: Discrete, recorded: Recorded) -> Oracle:
     """Open ``oracle``."""
-    del recorded
-    _require("oracle", name, space)
+    del name, recorded
+    require_actions("oracle", ACTIONS, space)
     return Oracle()
 
 
 def positive_control(name: str, space: Discrete, recorded: Recorded) -> PositiveControl:
     """Open ``positive_control``."""
-    del recorded
-    _require("positive_control", name, space)
+    del name, recorded
+    require_actions("positive_control", ACTIONS, space)
     return PositiveControl()
-
-
-def _require(kind: str, name: str, space: Discrete) -> None:
-    if name:
-        raise SpecError(f"'{kind}:{name}': policy '{kind}' stands alone")
-    if lacking := [action for action in ("SLOW", "STRAIGHT", "LEFT", "RIGHT") if action not in space.actions]:
-        raise SpecError(f"'{kind}' drives with {', '.join(lacking)}, which action space '{space.name}' does not have")

@@ -17,6 +17,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.transforms import Bbox
 
+from eyechart.stats.statistic import Statistic
+
 INK = "#1c1f23"
 MUTED = "#5a616c"
 LINE = "#d9d6cf"
@@ -198,6 +200,32 @@ def room(labels: Sequence[str]) -> float:
 
 Box = tuple[float, float, float, float]
 """Left, bottom, right and top, in pixels."""
+
+
+def dots(rows: Sequence[tuple[str, Statistic, str, bool]], x_name: str, scale: float, *, zero: bool = False) -> Figure:
+    """Return named statistics as dots with intervals, each in its colour, some hollow; ``zero`` draws the line of 0."""
+    left = room([label for label, *_ in rows])
+    figure, axes = canvas(left + 3.4, 0.7 + 0.27 * len(rows), (left, 0.2, 0.5, 0.05))
+    if zero:
+        axes.axvline(0, color=INK, linewidth=0.9, zorder=1)
+    for y, (_, one, colour, hollow) in enumerate(rows):
+        axes.axhline(y, color=LINE, linewidth=0.6, zorder=0)
+        if one.ci is not None and one.value is not None:
+            axes.plot([scale * end for end in one.ci], [y, y], color=colour, lw=1.6, solid_capstyle="butt", zorder=2)
+        if one.value is not None:
+            face = PAPER if hollow else colour
+            axes.scatter([scale * one.value], [y], s=34, facecolors=face, edgecolors=colour, linewidths=1.4, zorder=3)
+    named_rows(axes, [label for label, *_ in rows], 0.5)
+    axes.set_xlabel(x_name, fontsize=8.5)
+    return figure
+
+
+def named_rows(axes: Axes, labels: Sequence[str], below: float) -> None:
+    """Name rows from the top; the last has so much room ``below``."""
+    axes.set_ylim(max(1, len(labels)) - below, -0.5 if below == 0.5 else -0.6)
+    axes.set_yticks(range(len(labels)), [plain(label, 34) for label in labels])
+    axes.tick_params(axis="y", length=0)
+    axes.spines["left"].set_visible(False)
 
 
 def scattered(points: Sequence[tuple[str, float, float]], x_name: str, y_name: str, corner: str) -> Figure:

@@ -129,8 +129,7 @@ class Camera:
         span = slice(int(columns[0]), int(columns[-1]) + 1)
         root = np.sqrt(inside[span])
         near = np.maximum((along[span] - root) / length[span], LEAST_DEPTH_M)
-        rows = _Rows(view, eye)
-        top, foot = rows.of(body.base + body.height, near), rows.of(body.base, near)
+        top, foot = _rows(view, eye, body.base + body.height, near), _rows(view, eye, body.base, near)
         # Light comes along the road from behind the eye and is as bright on the left of a body as on its right.
         facing = np.clip((to_x - near * ahead[span]) / body.radius, 0.0, 1.0)
         paint = np.multiply.outer(_SHADE + _LIT * facing, np.asarray(body.colour, np.float64))
@@ -138,21 +137,14 @@ class Camera:
         if eye.height > body.base + body.height:
             far = (along[span] + root) / length[span]
             cap = np.minimum(np.asarray(body.colour, np.float64) * _CAP, 255.0)
-            back = rows.of(body.base + body.height, far)
+            back = _rows(view, eye, body.base + body.height, far)
             _paint(canvas[:, span], back, top, _hazed(np.broadcast_to(cap, paint.shape), near))
 
 
-@dataclass(frozen=True, slots=True)
-class _Rows:
-    """From a height above the ground and a depth to a row of the picture, in pixels from its upper edge."""
-
-    view: ForwardView
-    eye: Eye
-
-    def of(self, height: float, depth: _Doubles) -> _Doubles:
-        """Return the row of each column, shape as ``depth``, within the picture."""
-        row = self.view.horizon + self.view.focal_px * (self.eye.height - height) / depth
-        return np.clip(row, 0.0, self.view.height)
+def _rows(view: ForwardView, eye: Eye, height: float, depth: _Doubles) -> _Doubles:
+    """Return the row of a height above the ground at each column's depth, shape as ``depth``, within the picture."""
+    row = view.horizon + view.focal_px * (eye.height - height) / depth
+    return np.clip(row, 0.0, view.height)
 
 
 def _order(body: Cylinder, eye: Eye) -> tuple[float, float, float, Colour]:

@@ -24,6 +24,7 @@ _MIDDLE = {"left": (True, False), "right": (False, True), "slow": (False, False)
 _SIDES_OF_ALL = tuple(kind for kind in _MIDDLE for _ in range(_KINDS[kind]))
 _BEYOND_THE_EDGE = 0.5
 _CLOSE_SHARE = 0.4
+_LEAST_MOVE_M = 0.6
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +76,14 @@ def make_plan(lanes: Lanes, bands: Bands, steps: int, rng: np.random.Generator) 
         order = rng.permutation(steps)
         if abs(trend(gaps[order])) <= MOST_TREND:
             return [wishes[place] for place in order]
+
+
+def other_gap(gap_m: float | None, bounds: tuple[float, float], rng: np.random.Generator) -> float:
+    """Return a gap within bounds that differs visibly from the one there is, None where there is none."""
+    while True:
+        other_m = float(rng.uniform(*bounds))
+        if gap_m is None or abs(other_m - gap_m) >= _LEAST_MOVE_M:
+            return other_m
 
 
 def share(steps: int, rng: np.random.Generator) -> dict[str, int]:

@@ -9,6 +9,7 @@ from statistics import NormalDist
 import numpy as np
 import numpy.typing as npt
 
+from eyechart.stats.association import labels_of
 from eyechart.stats.statistic import Statistic, cannot_say
 
 
@@ -249,20 +250,8 @@ def selective_metrics(*, tp: int, fn: int, tn: int, fp: int, n: int) -> dict[str
     return {"coverage": rate(tp + fn + tn + fp, n), **binary_metrics(tp=tp, fn=fn, tn=tn, fp=fp)}
 
 
-def _labels(values: npt.ArrayLike, which: str) -> npt.NDArray[np.generic]:
-    array = np.asarray(values)
-    if array.ndim != 1:
-        raise ValueError(f"the {which} labels have shape {array.shape}: give one label per frame")
-    if array.size and array.dtype.kind not in "iubU":
-        raise ValueError(
-            f"the {which} labels are of type {array.dtype}: give strings or integers, "
-            f"a missing answer as a label of its own"
-        )
-    return array
-
-
 def _label_pair(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[npt.NDArray[np.generic], npt.NDArray[np.generic]]:
-    a, b = _labels(first, "first"), _labels(second, "second")
+    a, b = labels_of(first, "first"), labels_of(second, "second")
     if len(a) != len(b):
         raise ValueError(f"{len(a)} labels against {len(b)}: give both for the same frames")
     if a.size and (a.dtype.kind == "U") != (b.dtype.kind == "U"):

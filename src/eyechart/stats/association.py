@@ -41,7 +41,7 @@ def contingency(first: npt.ArrayLike, second: npt.ArrayLike) -> Contingency:
     One-dimensional string or integer arrays of one length, paired by position. ValueError on anything else:
     a missing label must be dropped or encoded before.
     """
-    a, b = _labels(first, "first"), _labels(second, "second")
+    a, b = labels_of(first, "first"), labels_of(second, "second")
     if len(a) != len(b):
         raise ValueError(f"{len(a)} labels against {len(b)}: give both for the same frames")
     rows, i = np.unique(a, return_inverse=True)
@@ -95,7 +95,7 @@ def entropy_bits(labels: npt.ArrayLike) -> Statistic:
 
     ``labels`` is a one-dimensional string or integer array. ``detail["labels"]`` is how many occur.
     """
-    names, counts = np.unique(_labels(labels, "given"), return_counts=True)
+    names, counts = np.unique(labels_of(labels, "given"), return_counts=True)
     n, method = int(counts.sum()), "plug-in entropy, bits"
     if n == 0:
         return cannot_say("no observations", method=method)
@@ -108,7 +108,7 @@ def modal_share(labels: npt.ArrayLike) -> Statistic:
     ``labels`` as for `entropy_bits`. ``detail["mode"]`` is that label, the first in sorted order in a tie.
     It carries no interval: which label is the mode is itself chosen from the data.
     """
-    names, counts = np.unique(_labels(labels, "given"), return_counts=True)
+    names, counts = np.unique(labels_of(labels, "given"), return_counts=True)
     n, method = int(counts.sum()), "share of the most frequent label"
     if n == 0:
         return cannot_say("no observations", method=method)
@@ -174,7 +174,8 @@ def _xlogx(counts: Floats) -> Floats:
     return np.asarray(counts * np.log2(np.maximum(counts, 1.0)))
 
 
-def _labels(values: npt.ArrayLike, which: str) -> npt.NDArray[np.generic]:
+def labels_of(values: npt.ArrayLike, which: str) -> npt.NDArray[np.generic]:
+    """Return one label per frame; ValueError where these are no strings or integers of one dimension."""
     array = np.asarray(values)
     if array.ndim != 1:
         raise ValueError(f"the {which} labels have shape {array.shape}: give one label per frame")

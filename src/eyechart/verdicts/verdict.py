@@ -1,18 +1,19 @@
 """A verdict puts the rulings of both sets of rules together, with what it may be trusted with and its scope."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
+from html import escape
 
 from eyechart.conditions import BATTERY
 from eyechart.integrity import Guard
 from eyechart.stats.exchange import episodes_needed
+from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.calibrated import POSITIVE, calibrated_rules, lateral_rules
-from eyechart.verdicts.card import card, numbers
 from eyechart.verdicts.early import GUARANTEE, PREFIX, Stopped, early_lateral, early_paper, early_rules
 from eyechart.verdicts.evidence import Evidence, Scored
 from eyechart.verdicts.labels import ALPHA, LABELS
 from eyechart.verdicts.paper import findings, paper_rules
-from eyechart.verdicts.ruling import Ruling, number
+from eyechart.verdicts.ruling import Ruling, number, p_value
 
 _ASKED = {
     "interventional": "intervention: the same moment with the lead vehicle near and far",
@@ -21,6 +22,13 @@ _ASKED = {
 }
 
 _COUNTED = ("finished", "planned")
+
+_CARD = (
+    "border:1px solid rgba(128,128,128,.4);border-radius:8px;padding:.9em 1.1em;margin:.6em 0;max-width:46em;"
+    "text-align:left;overflow-wrap:anywhere"
+)
+_SOFT = "opacity:.75;font-size:.9em"
+_CELL = "text-align:left;vertical-align:top;padding:.15em .9em .15em 0;background:none;white-space:normal"
 
 
 @dataclass(frozen=True)
@@ -102,13 +110,13 @@ class Verdict:
 
     def _repr_html_(self) -> str:
         ruling = self.calibrated
-        return card(
+        return _card(
             model=self.model,
             label=self.headline,
             sentence=self.trust,
             rows=(
                 ("because", str(ruling.reason)),
-                ("decided by", numbers(ruling.decided_by, ruling.statistic)),
+                ("decided by", _numbers(ruling.decided_by, ruling.statistic)),
                 ("distance asked by", _ASKED.get(self.evidence, self.evidence)),
                 ("lateral", f"{self.lateral.label}: {self.lateral.because}"),
                 ("paper's rules", f"{self.paper.label}: {self.paper.because}"),
@@ -205,3 +213,31 @@ def notes(evidence: Evidence) -> tuple[str, ...]:
 def _how_stopped(stopped: Stopped) -> str:
     note = f"{stopped.words()}, after {stopped.frames} frames; {stopped.saved} calls saved"
     return f"{note}; {stopped.beyond} ended after the stop and do not count" if stopped.beyond else note
+
+
+def _card(*, model: str, label: str, sentence: str, rows: Iterable[tuple[str, str]], small: Iterable[str]) -> str:
+    """Return a verdict as HTML: whose it is, the label, the sentence, a row a fact, and the small print.
+
+    The arguments are plain text; tags in them come out as text. The colours are the notebook's own.
+    """
+    facts = "".join(
+        f'<tr style="background:none"><th scope="row" style="{_CELL};font-weight:600;white-space:nowrap">'
+        f'{escape(name)}</th><td style="{_CELL}">{escape(text)}</td></tr>'
+        for name, text in rows
+    )
+    print_small = "".join(f'<p style="{_SOFT};margin:.4em 0 0">{escape(line)}</p>' for line in small)
+    return (
+        f'<div style="{_CARD}"><p style="{_SOFT};margin:0">{escape(model)}</p>'
+        f'<p style="font-size:1.5em;font-weight:650;line-height:1.3;margin:0">{escape(label)}</p>'
+        f'<p style="margin:.3em 0 .6em">{escape(sentence)}</p>'
+        f'<table style="border-collapse:collapse;border:0;margin:0"><tbody>{facts}</tbody></table>{print_small}</div>'
+    )
+
+
+def _numbers(name: str, statistic: Statistic | None) -> str:
+    """Return a statistic's name with its value, interval, n and p; what there is none of is a dash."""
+    if statistic is None:
+        return name
+    interval = "—" if statistic.ci is None else f"[{statistic.ci[0]:.3f}, {statistic.ci[1]:.3f}]"
+    p = "—" if statistic.p is None else p_value(statistic.p)
+    return f"{name} = {number(statistic)}, interval {interval}, n = {statistic.n}, p = {p}"

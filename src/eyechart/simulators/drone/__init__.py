@@ -6,10 +6,10 @@ from eyechart.cameras import DRONE
 from eyechart.simulators import Declaration
 from eyechart.simulators.banks import versions_of
 from eyechart.simulators.drone.aviary import require
-from eyechart.simulators.drone.drive import DroneDrive, PybulletDrive
+from eyechart.simulators.drone.drive import PybulletDrive
 from eyechart.simulators.drone.flight import INTENTS, Velocity
-from eyechart.simulators.drone.world import RAISED, Flight, World
-from eyechart.simulators.road import FAMILIES, Layout, RoadBanks, Vehicle
+from eyechart.simulators.drone.world import RAISED, Flight, World, decide, start
+from eyechart.simulators.road import FAMILIES, Layout, RoadBanks, RoadDrive, Vehicle, make_layout
 from eyechart.spaces.discrete import DRIVING
 
 
@@ -41,9 +41,10 @@ class Drone(RoadBanks):
     )
     vehicle = Vehicle("drone", _place, most_yaw=0.0, most_mps=INTENTS["STRAIGHT"].speed)
 
-    def drive(self, scenario: str, seed: int, *, mirrored: bool = False) -> DroneDrive:
+    def drive(self, scenario: str, seed: int, *, mirrored: bool = False) -> RoadDrive[World]:
         """Open a world at its beginning, or its mirror image; raises SpecError for an unknown scenario or seed."""
-        return DroneDrive(scenario, seed, mirrored=mirrored)
+        world = start(make_layout(scenario, seed, simulator="drone", mirrored=mirrored))
+        return RoadDrive(world, decide, actions=INTENTS, top_mps=INTENTS["STRAIGHT"].speed)
 
 
 class PybulletDrone:

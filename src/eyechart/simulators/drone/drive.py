@@ -1,12 +1,11 @@
-"""A drone's drives: in our own world, and in gym-pybullet-drones, through the same layouts and by the same commands."""
+"""A drone's drive in gym-pybullet-drones, through the layouts of our own world and by the same commands."""
 
 from dataclasses import replace
 
 from eyechart.frames import RGB
-from eyechart.simulators.banks import check_seed
 from eyechart.simulators.drone.aviary import HZ, Aviary
-from eyechart.simulators.drone.flight import INTENTS, Velocity, next_track
-from eyechart.simulators.drone.world import RAISED, Flight, World, decide, start
+from eyechart.simulators.drone.flight import INTENTS, Velocity
+from eyechart.simulators.drone.world import Flight, World, start
 from eyechart.simulators.road import (
     DECISION_S,
     GOAL_M,
@@ -14,20 +13,9 @@ from eyechart.simulators.road import (
     RoadDrive,
     cylinders,
     make_layout,
+    next_track,
     verge_of,
 )
-
-_TOP_MPS = INTENTS["STRAIGHT"].speed
-
-
-class DroneDrive(RoadDrive[World]):
-    """One of the drone's worlds under way; ``mirrored`` exchanges left and right in all of it.
-
-    Raises SpecError for an unknown scenario or a seed out of range.
-    """
-
-    def __init__(self, scenario: str, seed: int, *, mirrored: bool = False) -> None:
-        super().__init__(_begin("drone", scenario, seed, mirrored=mirrored), decide, actions=INTENTS, top_mps=_TOP_MPS)
 
 
 class PybulletDrive(RoadDrive[World]):
@@ -39,8 +27,9 @@ class PybulletDrive(RoadDrive[World]):
     """
 
     def __init__(self, scenario: str, seed: int, *, mirrored: bool = False) -> None:
-        world = _begin("drone-pybullet", scenario, seed, mirrored=mirrored)
-        super().__init__(world, self._fly, actions=INTENTS, top_mps=_TOP_MPS)
+        layout = make_layout(scenario, seed, simulator="drone-pybullet", mirrored=mirrored)
+        super().__init__(start(layout), self._fly, actions=INTENTS, top_mps=INTENTS["STRAIGHT"].speed)
+        world = self.world
         verge = verge_of(scenario, world.view)
         self._aviary = Aviary(cylinders(world.layout), world.view, verge, y=world.state.y)
         self._command = Velocity()
@@ -59,7 +48,7 @@ class PybulletDrive(RoadDrive[World]):
 
     def _fly(self, world: World, action: str) -> World:
         intent, aviary = INTENTS[action], self._aviary
-        track = next_track(world.track, intent)
+        track = next_track(world.track, intent.tracks)
         steps = round(DECISION_S * HZ)
         for number in range(1, steps + 1):
             x, y = aviary.position
@@ -75,9 +64,3 @@ class PybulletDrive(RoadDrive[World]):
             seconds=world.seconds + number / HZ,
             crashed=aviary.touched,
         )
-
-
-def _begin(simulator: str, scenario: str, seed: int, *, mirrored: bool) -> World:
-    check_seed(seed)
-    layout = make_layout(scenario, seed, simulator=simulator).raised(RAISED)
-    return start(layout.mirrored() if mirrored else layout)

@@ -13,8 +13,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from eyechart.simulators.road import TRACKS_M
-
 MOST_SPEED_MPS = 30 / 3.6
 GRAVITY = 9.81
 MOST_ACCELERATION_MPS2 = GRAVITY * math.tan(math.radians(20.0))
@@ -42,11 +40,6 @@ INTENTS: Mapping[str, Intent] = {
     "LEFT": Intent(4.0, tracks=1),
     "RIGHT": Intent(4.0, tracks=-1),
 }
-
-
-def next_track(track: int, intent: Intent) -> int:
-    """Return the number of the track that is asked for after an action, as far as there is one."""
-    return min(max(track + intent.tracks, 0), len(TRACKS_M) - 1)
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from eyechart.simulators import road
-from eyechart.simulators.drone.flight import BODY_RADIUS_M, INTENTS, Velocity, next_track
-from eyechart.simulators.road import DECISION_S, GOAL_M, TRACKS_M, Layout
+from eyechart.simulators.drone.flight import BODY_RADIUS_M, INTENTS, Velocity
+from eyechart.simulators.road import DECISION_S, GOAL_M, TRACKS_M, Layout, next_track
 
 HZ = 48
 """Steps a second; in one of them a drone at full speed makes 17 cm, and obstacles are a metre wide."""
@@ -53,14 +53,14 @@ class World(road.World[Flight]):
 
 
 def start(layout: Layout) -> World:
-    """Return the world of a layout at its beginning: the drone hovers over the middle of the road."""
-    return World(layout, Flight(0.0, 0.0, Velocity()))
+    """Return the world of a layout at its beginning, with pillars: the drone hovers over the middle of the road."""
+    return World(layout.raised(RAISED), Flight(0.0, 0.0, Velocity()))
 
 
 def decide(world: World, action: str) -> World:
     """Return the world one decision later, or where the drive ended before."""
     intent = INTENTS[action]
-    track, state, crashed = next_track(world.track, intent), world.state, False
+    track, state, crashed = next_track(world.track, intent.tracks), world.state, False
     steps = round(DECISION_S * HZ)
     for number in range(1, steps + 1):
         velocity = state.velocity.after(intent, TRACKS_M[track] - state.y, 1 / HZ)

@@ -8,12 +8,12 @@ from eyechart.frames import RGB
 from eyechart.simulators.banks import Moment
 from eyechart.simulators.highway.truth import find_lead, gap_to, others, read_truth
 from eyechart.simulators.highway.world import LANE_M, Camera, World, moved, recoloured
+from eyechart.simulators.plan import other_gap
 
 NEAR_M = (7.0, 9.0)
 FAR_M = (50.0, 60.0)
 """Where ``lead_near`` and ``lead_far`` put the lead, centre to centre."""
 
-_LEAST_MOVE_M = 0.6
 _CAR_M = 5.0
 _BUMPER_M = 1.0
 
@@ -23,7 +23,9 @@ def record(world: World, camera: Camera, rng: np.random.Generator) -> Moment:
 
     The lead is moved only along a lane that is free from where it was to where it goes.
     """
-    near_m, far_m = _other_gap(world, NEAR_M, rng), _other_gap(world, FAR_M, rng)
+    lead = find_lead(world)
+    gap_m = None if lead is None else gap_to(world.vehicle, lead)
+    near_m, far_m = other_gap(gap_m, NEAR_M, rng), other_gap(gap_m, FAR_M, rng)
     pictures: dict[str, RGB | None] = {}
     if not world.vehicle.crashed:
         pictures["lead_near"] = _draw_with_lead_at(world, camera, near_m)
@@ -32,15 +34,6 @@ def record(world: World, camera: Camera, rng: np.random.Generator) -> Moment:
             pictures["recoloured"] = camera.draw()
     drawn = {name: picture for name, picture in pictures.items() if picture is not None}
     return Moment(truth=read_truth(world), picture=camera.draw(), counterfactuals=drawn)
-
-
-def _other_gap(world: World, bounds: tuple[float, float], rng: np.random.Generator) -> float:
-    """Return a gap within bounds that differs visibly from the one there is."""
-    lead = find_lead(world)
-    while True:
-        gap_m = float(rng.uniform(*bounds))
-        if lead is None or abs(gap_m - gap_to(world.vehicle, lead)) >= _LEAST_MOVE_M:
-            return gap_m
 
 
 def _draw_with_lead_at(world: World, camera: Camera, gap_m: float) -> RGB | None:

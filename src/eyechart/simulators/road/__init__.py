@@ -6,7 +6,7 @@ from eyechart.simulators.road.layout import FAMILIES, GOAL_M, ROAD_HALF_M, TRACK
 from eyechart.simulators.road.picture import SCENERY, cylinders, draw, eye_of, verge_of
 from eyechart.simulators.road.staging import Vehicle, stage
 from eyechart.simulators.road.truth import find_lead, free_tracks, gap_to, read_scene, read_truth
-from eyechart.simulators.road.world import DECISION_S, MIDDLE, TIME_S, AnyWorld, World
+from eyechart.simulators.road.world import DECISION_S, MIDDLE, TIME_S, AnyWorld, World, next_track
 
 __all__ = [
     "DECISION_S",
@@ -31,6 +31,7 @@ __all__ = [
     "free_tracks",
     "gap_to",
     "make_layout",
+    "next_track",
     "read_scene",
     "read_truth",
     "stage",

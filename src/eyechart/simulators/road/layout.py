@@ -13,6 +13,7 @@ import numpy as np
 from eyechart.cameras import ROVER
 from eyechart.errors import SpecError
 from eyechart.seeds import key_seed
+from eyechart.simulators.banks import check_seed
 
 TRACKS_M = ROVER.tracks_m
 """The tracks' middles across the road, from the right to the left."""
@@ -63,8 +64,17 @@ class Layout:
 _Rng = np.random.Generator
 
 
-def make_layout(family: str, seed: int, *, simulator: str = "rover") -> Layout:
-    """Return what stands on the road of a simulator, a family and a seed; raises SpecError for an unknown family."""
+def make_layout(family: str, seed: int, *, simulator: str = "rover", mirrored: bool = False) -> Layout:
+    """Return what stands on the road of a simulator, a family and a seed, or its mirror image.
+
+    Raises SpecError for an unknown family or a seed out of range.
+    """
+    check_seed(seed)
+    layout = _make_layout(family, seed, simulator)
+    return layout.mirrored() if mirrored else layout
+
+
+def _make_layout(family: str, seed: int, simulator: str) -> Layout:
     if family not in FAMILIES:
         raise SpecError(f"simulator '{simulator}' has no scenario '{family}'; known: {', '.join(FAMILIES)}")
     rng = np.random.default_rng(key_seed("rover", "layout", family, seed))

@@ -13,7 +13,7 @@ from eyechart.errors import BankError
 from eyechart.frames import RGB
 from eyechart.seeds import key_seed
 from eyechart.simulators.banks import Moment
-from eyechart.simulators.plan import Bands, Lanes, Wish, make_plan
+from eyechart.simulators.plan import Bands, Lanes, Wish, make_plan, other_gap
 from eyechart.simulators.road.layout import GOAL_M, TRACKS_M, Layout, Obstacle, new_obstacle
 from eyechart.simulators.road.picture import draw
 from eyechart.simulators.road.truth import find_lead, gap_to, read_scene, read_truth
@@ -27,7 +27,6 @@ FAR_M = (18.0, 27.0)
 """Where ``lead_near`` and ``lead_far`` put the lead, from the vehicle's middle to the lead's near side."""
 
 _LANES = Lanes(count=len(TRACKS_M), ego=tuple(range(len(TRACKS_M))))
-_LEAST_MOVE_M = 0.6
 _OFF_TRACK_M = 0.2
 _LEAN_M = 0.35
 _BESIDE_M = (3.0, 14.0)
@@ -64,22 +63,15 @@ def stage(vehicle: Vehicle, scenario: str, seed: int, steps: int) -> Iterator[Mo
 
 def record(world: AnyWorld, rng: np.random.Generator) -> Moment:
     """Return a world's moment with the lead near, the lead far, and the own hood repainted."""
+    lead = find_lead(world)
+    gap_m = None if lead is None else gap_to(world, lead)
     pictures = {
-        "lead_near": _draw_with_lead_at(world, _other_gap(world, NEAR_M, rng)),
-        "lead_far": _draw_with_lead_at(world, _other_gap(world, FAR_M, rng)),
+        "lead_near": _draw_with_lead_at(world, other_gap(gap_m, NEAR_M, rng)),
+        "lead_far": _draw_with_lead_at(world, other_gap(gap_m, FAR_M, rng)),
         "recoloured": draw(world, red=True),
     }
     drawn = {name: picture for name, picture in pictures.items() if picture is not None}
     return Moment(truth=read_truth(world), picture=draw(world), counterfactuals=drawn)
-
-
-def _other_gap(world: AnyWorld, bounds: tuple[float, float], rng: np.random.Generator) -> float:
-    """Return a gap within bounds that differs visibly from the one there is."""
-    lead = find_lead(world)
-    while True:
-        gap_m = float(rng.uniform(*bounds))
-        if lead is None or abs(gap_m - gap_to(world, lead)) >= _LEAST_MOVE_M:
-            return gap_m
 
 
 def _draw_with_lead_at(world: AnyWorld, gap_m: float) -> RGB | None:

@@ -95,5 +95,10 @@ class World(Generic[S_co]):
         return struct.pack(f"<{len(numbers)}d", *(number + 0.0 for number in numbers))
 
 
+def next_track(track: int, to_left: int) -> int:
+    """Return the number of the track so many to the left, as far as there is one."""
+    return min(max(track + to_left, 0), len(TRACKS_M) - 1)
+
+
 AnyWorld = World[State]
 """The world of any vehicle."""

@@ -2,11 +2,10 @@
 
 from eyechart.cameras import ROVER
 from eyechart.simulators import Declaration
-from eyechart.simulators.road import FAMILIES, Layout, RoadBanks, Vehicle
+from eyechart.simulators.road import FAMILIES, Layout, RoadBanks, RoadDrive, Vehicle, make_layout
 from eyechart.simulators.rover.bicycle import State
-from eyechart.simulators.rover.drive import RoverDrive
 from eyechart.simulators.rover.tracking import INTENTS
-from eyechart.simulators.rover.world import World
+from eyechart.simulators.rover.world import World, decide, start
 from eyechart.spaces.discrete import DRIVING
 
 
@@ -37,6 +36,7 @@ class Rover(RoadBanks):
     )
     vehicle = Vehicle("rover", _place, most_yaw=0.04, most_mps=INTENTS["STRAIGHT"].speed)
 
-    def drive(self, scenario: str, seed: int, *, mirrored: bool = False) -> RoverDrive:
+    def drive(self, scenario: str, seed: int, *, mirrored: bool = False) -> RoadDrive[World]:
         """Open a world at its beginning, or its mirror image; raises SpecError for an unknown scenario or seed."""
-        return RoverDrive(scenario, seed, mirrored=mirrored)
+        world = start(make_layout(scenario, seed, mirrored=mirrored))
+        return RoadDrive(world, decide, actions=INTENTS, top_mps=INTENTS["STRAIGHT"].speed)

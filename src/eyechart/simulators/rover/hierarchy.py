@@ -14,7 +14,7 @@ import numpy.typing as npt
 from eyechart.frames import Scalar
 from eyechart.mpc import STEP_S, Bicycle, Mpc, Plan, Road, State, Target
 from eyechart.simulators import Moved, Sketch
-from eyechart.simulators.banks import check_seed, versions_of
+from eyechart.simulators.banks import versions_of
 from eyechart.simulators.road import (
     ROAD_HALF_M,
     TRACKS_M,
@@ -85,9 +85,7 @@ class MpcDrive(RoadDrive[World]):
     """
 
     def __init__(self, scenario: str, seed: int, arm: Arm, *, mirrored: bool = False) -> None:
-        check_seed(seed)
-        layout = make_layout(scenario, seed)
-        world = start(layout.mirrored() if mirrored else layout)
+        world = start(make_layout(scenario, seed, mirrored=mirrored))
         super().__init__(world, self._plan, actions=INTENTS, top_mps=CRUISE_MPS)
         self._arm = arm
         self._before, self._last, self._halts = world, "", False

@@ -40,11 +40,6 @@ INTENTS: Mapping[str, Intent] = {
 }
 
 
-def next_track(track: int, intent: Intent) -> int:
-    """Return the number of the track that is asked for after an action."""
-    return min(max(track + intent.tracks, 0), len(TRACKS_M) - 1)
-
-
 def control(state: State, intent: Intent, track: int) -> tuple[float, float]:
     """Return acceleration (m/s²) and steering angle (rad) towards the intent's speed and the middle of a track.
 

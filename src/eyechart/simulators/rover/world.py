@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from eyechart.simulators import road
-from eyechart.simulators.road import DECISION_S, GOAL_M, ROAD_HALF_M, Layout, Obstacle
+from eyechart.simulators.road import DECISION_S, GOAL_M, ROAD_HALF_M, Layout, Obstacle, next_track
 from eyechart.simulators.rover.bicycle import RADIUS_M, State, advance
-from eyechart.simulators.rover.tracking import INNER_S, INTENTS, Intent, control, next_track
+from eyechart.simulators.rover.tracking import INNER_S, INTENTS, Intent, control
 
 START_SPEED_MPS = 1.0
 
@@ -31,7 +31,7 @@ def start(layout: Layout) -> World:
 def decide(world: World, action: str, law: Law = control) -> World:
     """Return the world one decision later, or where the drive ended before."""
     intent = INTENTS[action]
-    track, state, crashed = next_track(world.track, intent), world.state, False
+    track, state, crashed = next_track(world.track, intent.tracks), world.state, False
     steps = round(DECISION_S / INNER_S)
     for number in range(1, steps + 1):
         acceleration, steering = law(state, intent, track)

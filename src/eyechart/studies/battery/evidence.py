@@ -126,13 +126,22 @@ def claims(frames: int, space: Discrete, conditions: Collection[str], *, mirrore
     return {one.name: one for one in made}
 
 
-def _mean(process: MeanProcess, payoff: Callable[[Row], float], *, failed: float = 0.0) -> Callable[[Row], None]:
-    """Return what adds a frame's payoff; of a frame with an error, ``failed``."""
+def _mean(
+    name: str,
+    says: str,
+    against: str,
+    process: MeanProcess,
+    payoff: Callable[[Row], float],
+    *,
+    failed: float = 0.0,
+    alpha: float = ALPHA,
+) -> Claim:
+    """Return a claim about the mean of a payoff, a frame each; that of a frame with an error is ``failed``."""
 
     def observe(row: Row) -> None:
         process.add(failed if row.failed else payoff(row))
 
-    return observe
+    return Claim(name, says, against, process, observe, alpha)
 
 
 def _cut(frames: int) -> int:
@@ -147,26 +156,19 @@ def _lost(row: Row) -> float:
 
 def _unscorable(frames: int) -> Claim:
     most = (_cut(frames) - 1) / (2 * frames)
+    says = f"more than {UNPARSED_CUT} of the whole run's real and real_repeat calls hold no decision"
+    against = f"at most {UNPARSED_CUT} of this run's real and real_repeat calls hold no decision"
     process = MeanProcess(frames, -most, bank=True)
-    return Claim(
-        "unscorable",
-        f"more than {UNPARSED_CUT} of the whole run's real and real_repeat calls hold no decision",
-        f"at most {UNPARSED_CUT} of this run's real and real_repeat calls hold no decision",
-        process,
-        _mean(process, lambda row: _lost(row) - most, failed=-most),
-    )
+    return _mean("unscorable", says, against, process, lambda row: _lost(row) - most, failed=-most)
 
 
 def _scorable(frames: int) -> Claim:
     least = _cut(frames) / (2 * frames)
-    process = MeanProcess(frames, least - 1, bank=True)
-    return Claim(
-        "scorable",
-        f"at most {UNPARSED_CUT} of the whole run's real and real_repeat calls hold no decision",
-        f"more than {UNPARSED_CUT} of this run's real and real_repeat calls hold no decision",
-        process,
-        _mean(process, lambda row: least - _lost(row), failed=least - 1),
-        alpha=FORECAST_ALPHA,
+    says = f"at most {UNPARSED_CUT} of the whole run's real and real_repeat calls hold no decision"
+    against = f"more than {UNPARSED_CUT} of this run's real and real_repeat calls hold no decision"
+    process, failed = MeanProcess(frames, least - 1, bank=True), least - 1
+    return _mean(
+        "scorable", says, against, process, lambda row: least - _lost(row), failed=failed, alpha=FORECAST_ALPHA
     )
 
 
@@ -175,9 +177,10 @@ def _steady(frames: int) -> Claim:
         real, repeat = row.action("real"), row.action("real_repeat")
         return 0.0 if real is None or repeat is None else FLOOR - (real != repeat)
 
-    process = MeanProcess(frames, FLOOR - 1)
     against = f"it disagrees with itself on {FLOOR} of the frames or more"
-    return Claim("steady", f"it disagrees with itself on less than {FLOOR}", against, process, _mean(process, payoff))
+    return _mean(
+        "steady", f"it disagrees with itself on less than {FLOOR}", against, MeanProcess(frames, FLOOR - 1), payoff
+    )
 
 
 def _excess(condition: str, level: str) -> Callable[[Row], float | None]:
@@ -200,8 +203,7 @@ def _bound(name: str, says: str, frames: int, excess: Callable[[Row], float | No
         found = excess(row)
         return 0.0 if found is None else MARGIN - found
 
-    process = MeanProcess(frames, MARGIN - 1)
-    return Claim(name, says, f"the mean excess is {MARGIN} or more", process, _mean(process, payoff))
+    return _mean(name, says, f"the mean excess is {MARGIN} or more", MeanProcess(frames, MARGIN - 1), payoff)
 
 
 def _blank(frames: int, level: str) -> Claim:
@@ -246,20 +248,15 @@ def _braking(row: Row) -> int | None:
 
 
 def _near_far(frames: int) -> Claim:
-    process = MeanProcess(frames, -1.0)
     says = "it brakes harder with the lead near than with the lead far"
     against = "within every frame, or on average over the bank, it brakes no harder with the lead near"
-    return Claim("near_far", says, against, process, _mean(process, lambda row: float(_braking(row) or 0)))
+    return _mean("near_far", says, against, MeanProcess(frames, -1.0), lambda row: float(_braking(row) or 0))
 
 
 def _no_near_far(frames: int) -> Claim:
     says = f"with the lead near it brakes harder on less than {MARGIN} of the frames more than less hard"
 
-    def excess(row: Row) -> float | None:
-        found = _braking(row)
-        return None if found is None else float(found)
-
-    return _bound("bound_near_far", says, frames, excess)
+    return _bound("bound_near_far", says, frames, _braking)
 
 
 def _swap(row: Row) -> float:
@@ -269,7 +266,6 @@ def _swap(row: Row) -> float:
 
 
 def _swaps(frames: int, space: Discrete) -> tuple[Claim, Claim]:
-    rate = MeanProcess(frames, -1.0)
     pairing = PairingProcess(len(space.directional))
 
     def observe(row: Row) -> None:
@@ -278,34 +274,25 @@ def _swaps(frames: int, space: Discrete) -> tuple[Claim, Claim]:
             pairing.add(space.reflect(turn[0]), turn[1])
 
     says = "it exchanges more than half of its turns under reflection"
-    return (
-        Claim("swaps_rate", says, "it exchanges half of its turns or fewer", rate, _mean(rate, _swap)),
-        Claim(
-            "swaps_pairing",
-            "which way it turns in the mirror depends on which way it turned",
-            "which way it turns in the mirror does not depend on which way it turned",
-            pairing,
-            observe,
-        ),
-    )
+    rate = _mean("swaps_rate", says, "it exchanges half of its turns or fewer", MeanProcess(frames, -1.0), _swap)
+    says = "which way it turns in the mirror depends on which way it turned"
+    against = "which way it turns in the mirror does not depend on which way it turned"
+    return rate, Claim("swaps_pairing", says, against, pairing, observe)
 
 
 def _no_swaps(frames: int) -> Claim:
-    process = MeanProcess(frames, -1.0)
     says = "it exchanges less than half of its turns under reflection"
     against = "it exchanges half of its turns or more"
-    return Claim("no_swaps", says, against, process, _mean(process, lambda row: -_swap(row)))
+    return _mean("no_swaps", says, against, MeanProcess(frames, -1.0), lambda row: -_swap(row))
 
 
 def _few_turns(frames: int, space: Discrete) -> Claim:
     need = fewest_turns(len(space.directional))
     least = need / frames
-    process = MeanProcess(frames, least - 1, bank=True)
-    return Claim(
-        "few_turns",
-        f"the whole run would hold fewer than {need} turns, too few to show exchange",
-        f"this run holds {need} turns or more",
-        process,
-        _mean(process, lambda row: least - (row.turn() is not None), failed=least - 1),
-        alpha=FORECAST_ALPHA,
-    )
+    says = f"the whole run would hold fewer than {need} turns, too few to show exchange"
+    process, against = MeanProcess(frames, least - 1, bank=True), f"this run holds {need} turns or more"
+
+    def payoff(row: Row) -> float:
+        return least - (row.turn() is not None)
+
+    return _mean("few_turns", says, against, process, payoff, failed=least - 1, alpha=FORECAST_ALPHA)

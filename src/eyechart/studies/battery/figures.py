@@ -23,6 +23,7 @@ from eyechart.report.charts import (
     canvas,
     cell,
     grid,
+    named_rows,
     plain,
     room,
     scattered,
@@ -105,11 +106,8 @@ def pairs(everyone: Sequence[Subject]) -> list[Drawing]:
             _bar(axes, (start, count / total, y), count, colour, hatch)
             start += count / total
         told.append(f"{who.label}: {pair_words(counts)}")
-    axes.set_ylim(len(counted) - 0.4, -0.6)
     axes.set_xlim(0, 1)
-    axes.set_yticks(range(len(counted)), [plain(who.label, 34) for who, _ in counted])
-    axes.tick_params(axis="y", length=0)
-    axes.spines["left"].set_visible(False)
+    named_rows(axes, [who.label for who, _ in counted], 0.4)
     axes.set_xlabel("share of pairs with two decisions")
     for words, colour, hatch in _OUTCOMES:
         axes.add_patch(
@@ -167,11 +165,8 @@ def noise_floor(everyone: Sequence[Subject]) -> Drawing:
         word = "cannot say" if clears is None else "clears" if clears else "does not clear"
         axes.text(1.56, y, word, va="center", fontsize=8.5, color=INK if clears else MUTED)
         told.append(f"{who.label}: s {number(floor)}, IDI {number(idi)}, {word}")
-    axes.set_ylim(max(1, len(everyone)) - 0.4, -0.6)
     axes.set_xlim(-0.02, 1.52)
-    axes.set_yticks(range(len(everyone)), [plain(who.label, 34) for who in everyone])
-    axes.tick_params(axis="y", length=0)
-    axes.spines["left"].set_visible(False)
+    named_rows(axes, [who.label for who in everyone], 0.4)
     axes.set_xlabel("share of frames with another answer")
     _key(axes)
     return Drawing(

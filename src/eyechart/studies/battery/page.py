@@ -109,26 +109,11 @@ def _threshold(one: Statistic) -> str:
 
 
 def _run(run: Evidence) -> dict[str, object]:
-    manifest, bank = run.score.manifest, run.score.bank
     rows = [counts(who) for who in subjects([run])]
     return {
-        "name": run.name,
-        "bank": bank.name,
-        "picture": bank.manifest.picture,
-        "frames": len(run.frames),
-        "models": len(run.score.models),
-        "fingerprint": manifest.fingerprint,
-        "created": manifest.created,
-        "seed": manifest.seed,
-        "prompt": manifest.prompt,
-        "versions": manifest.versions,
-        "conditions": manifest.conditions,
-        "shard": manifest.shard,
-        "limit": manifest.limit,
-        "gap": bank.manifest.gap,
-        "space": bank.manifest.action_space,
-        "has_pictures": run.pictures is not None,
-        "about_pictures": run.about_pictures,
+        "evidence": run,
+        "manifest": run.score.manifest,
+        "bank": run.score.bank,
         "counts": summed(rows),
         "counts_by_model": list(zip(run.score.models, rows, strict=True)),
         "guards": guards(run),
@@ -138,12 +123,6 @@ def _run(run: Evidence) -> dict[str, object]:
 
 def _accounting(who: Subject) -> dict[str, object]:
     given = [one for column in who.model.answers.decisions.values() for one in column if one is not None]
-    return {
-        "model": who.label,
-        "planned": who.model.planned,
-        "answered": who.model.answered,
-        "stopped": who.model.stopped is not None,
-        "unknown": who.run.unknown[who.spec],
-        "took": who.run.score.accounting[who.spec][ALL],
-        "missing": [sum(one.missing == reason for one in given) for reason in MISSING],
-    }
+    missing = [sum(one.missing == reason for one in given) for reason in MISSING]
+    took = who.run.score.accounting[who.spec][ALL]
+    return {"who": who, "model": who.model, "unknown": who.run.unknown[who.spec], "took": took, "missing": missing}

@@ -110,6 +110,7 @@ def plan(  # noqa: PLR0913 - what a battery can be asked for
     shard: tuple[int, int] | None = None,
     stop_early: bool = False,
     probes: Mapping[str, Spent] | None = None,
+    study: str = STUDY,
 ) -> Battery:
     """Plan a battery, or the rest of one that ``out`` holds already; nothing is written or asked yet.
 
@@ -118,9 +119,9 @@ def plan(  # noqa: PLR0913 - what a battery can be asked for
     and text_swapped where the prompt has fields. ``prompt`` is a name or a TOML file; it defaults to ``baseline``, and
     to a plain one for imported frames. With ``stop_early`` a model is no longer asked once its verdict is settled; it
     needs whole frames and the conditions real, real_repeat and blank. ``probes`` says what was spent on probing models
-    for this run. Raises BankError where a picture is not the one that the bank's manifest recorded, SpecError for an
-    unknown name or for what cannot be stopped early, and LedgerError where ``out`` holds another run, or one that stops
-    early and was begun with other frames or conditions.
+    for this run; ``study`` is the study that asks so. Raises BankError where a picture is not the one that the bank's
+    manifest recorded, SpecError for an unknown name or for what cannot be stopped early, and LedgerError where ``out``
+    holds another run, or one that stops early and was begun with other frames or conditions.
     """
     asked, models = open_models(specs)
     bank = open_whole(bank_path)
@@ -137,7 +138,7 @@ def plan(  # noqa: PLR0913 - what a battery can be asked for
     if stop_early:
         _require_stoppable(chosen, shard)
     manifest = RunManifest(
-        study=STUDY,
+        study=study,
         created=today(),
         seed=seed,
         prompt=formulation,

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
+from eyechart.errors import LedgerError
 from eyechart.gate import REQUIREMENTS, Gate, hold
 from eyechart.manifest import read_manifest, read_run
 from eyechart.models.prices import Prices
@@ -32,6 +33,15 @@ class OfFrames(Study[S]):
 
     def took_run(self, run: Path, prices: Prices) -> Took:
         return Took(*took(run, prices=prices), probes=dict(read_manifest(run).probes))
+
+    def require_scorable(self, run: Path, reading: Reading) -> None:
+        manifest, bank = read_run(run)
+        reader = manifest.prompt.asks(bank.manifest.action_space).reader
+        if manifest.reader != reader and not reading.reread:
+            raise LedgerError(
+                f"{run} was begun under version {manifest.reader} of the reader of its replies, and this is version "
+                f"{reader}: read its replies anew with --reread"
+            )
 
 
 class BatteryStudy(OfFrames[BatteryScore]):

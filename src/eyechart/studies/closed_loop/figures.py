@@ -5,22 +5,7 @@ Source: paper, Table t:baselines and figure fgr:mi.
 
 from collections.abc import Sequence
 
-from matplotlib.axes import Axes
-
-from eyechart.report.charts import (
-    BLUE,
-    INK,
-    LINE,
-    MUTED,
-    PAPER,
-    VERMILLION,
-    Drawing,
-    canvas,
-    plain,
-    room,
-    scattered,
-    style,
-)
+from eyechart.report.charts import BLUE, MUTED, VERMILLION, Drawing, dots, scattered, style
 from eyechart.studies.closed_loop import Blind, ClosedLoopScore, Degeneracy, Rung
 from eyechart.studies.closed_loop.tables import MEASURES, NAMES, SIGNED
 
@@ -43,57 +28,24 @@ def drives_figures(score: ClosedLoopScore) -> dict[str, list[Drawing]]:
 
 
 def _dots(rungs: Sequence[Rung], name: str) -> Drawing:
-    labels = [one.driver.label for one in rungs]
-    left = room(labels)
-    figure, axes = canvas(left + 3.4, 0.7 + 0.27 * len(rungs), (left, 0.2, 0.5, 0.05))
-    scale = 100.0 if name.endswith("_rate") else 1.0
-    told = []
-    for y, one in enumerate(rungs):
-        found = one.statistics[name]
-        axes.axhline(y, color=LINE, linewidth=0.6, zorder=0)
-        if found.value is not None:
-            constant = one.driver.policy.startswith("constant:")
-            _dot(axes, y, scale * found.value, found.ci and (scale * found.ci[0], scale * found.ci[1]), hollow=constant)
-        told.append(f"{one.driver.label}: {MEASURES[name].shown(found)}")
-    _rows(axes, labels)
-    title = NAMES[name] if scale == 1.0 else f"{NAMES[name]} (%)"
-    axes.set_xlabel(f"{title}; {_BEST[name]}", fontsize=8.5)
-    says = f"Dots with 95 % intervals over episodes; hollow: constant policies. {'; '.join(told)}"
+    form, found = MEASURES[name], [(one.driver, one.statistics[name]) for one in rungs]
+    rows = [(who.label, one, BLUE, who.policy.startswith("constant:")) for who, one in found]
+    title = NAMES[name] if form.scale == 1.0 else f"{NAMES[name]} (%)"
+    figure = dots(rows, f"{title}; {_BEST[name]}", form.scale)
+    told = "; ".join(f"{who.label}: {form.shown(one)}" for who, one in found)
+    says = f"Dots with 95 % intervals over episodes; hollow: constant policies. {told}"
     return Drawing(f"ladder-{name}", f"The ladder: {title}", says, figure)
 
 
-def _dot(axes: Axes, y: int, value: float, ci: tuple[float, float] | None, *, hollow: bool, colour: str = BLUE) -> None:
-    if ci is not None:
-        axes.plot(ci, [y, y], color=colour, linewidth=1.6, solid_capstyle="butt", zorder=2)
-    axes.scatter(
-        [value], [y], s=34, facecolors=PAPER if hollow else colour, edgecolors=colour, linewidths=1.4, zorder=3
-    )
-
-
-def _rows(axes: Axes, labels: Sequence[str]) -> None:
-    axes.set_ylim(max(1, len(labels)) - 0.5, -0.5)
-    axes.set_yticks(range(len(labels)), [plain(label, 34) for label in labels])
-    axes.tick_params(axis="y", length=0)
-    axes.spines["left"].set_visible(False)
-
-
 def _paired(found: Sequence[Blind], name: str) -> Drawing:
-    labels = [f"{one.driver.label} less {one.condition}" for one in found]
-    left = room(labels)
-    figure, axes = canvas(left + 3.4, 0.7 + 0.27 * len(found), (left, 0.2, 0.5, 0.05))
-    scale, told = 100.0 if name.endswith("_rate") else 1.0, []
-    axes.axvline(0, color=INK, linewidth=0.9, zorder=1)
-    for y, one in enumerate(found):
-        value = one.paired.differences[name]
-        axes.axhline(y, color=LINE, linewidth=0.6, zorder=0)
+    form, rows, told = SIGNED[name], [], []
+    for one in found:
+        label, value = f"{one.driver.label} less {one.condition}", one.paired.differences[name]
         differs = name in one.paired.changed
-        if value.value is not None:
-            ci = value.ci and (scale * value.ci[0], scale * value.ci[1])
-            _dot(axes, y, scale * value.value, ci, hollow=not differs, colour=VERMILLION if differs else MUTED)
-        told.append(f"{labels[y]}: {SIGNED[name].shown(value)}{', significant' if differs else ''}")
-    _rows(axes, labels)
+        rows.append((label, value, VERMILLION if differs else MUTED, not differs))
+        told.append(f"{label}: {form.shown(value)}{', significant' if differs else ''}")
     what = NAMES[name].partition(" (")[0]
-    axes.set_xlabel(f"{what}, real less other{_UNITS[name]}", fontsize=8.5)
+    figure = dots(rows, f"{what}, real less other{_UNITS[name]}", form.scale, zero=True)
     says = f"Differences in the same worlds with 95 % intervals; filled: significant after Holm. {'; '.join(told)}"
     return Drawing(f"blind-{name}", f"Real pictures less others: {NAMES[name]}", says, figure)
 

@@ -40,7 +40,7 @@ def make_estimates_page(evidence: Sequence[Estimates], *, tell: Tell = lambda _:
         drawings=drawn,
         frames=frames,
         listed=listed,
-        accounting=[_accounting(who) for who in everyone],
+        accounting=[(who, who.run.score.accounting[who.spec][ALL]) for who in everyone],
         notes=notes,
     )
     return Page(html, {"gaps": drawn}, tuple(notes))
@@ -77,26 +77,11 @@ def _studies(evidence: Sequence[Estimates]) -> str:
 
 
 def _run(run: Estimates) -> dict[str, object]:
-    manifest, bank = run.score.manifest, run.score.bank
-    guards = [(spec, guard) for spec, many in run.score.guards.items() for guard in many]
     return {
-        "name": run.name,
-        "study": manifest.study,
-        "bank": bank.name,
-        "pairs": run.score.pairs,
-        "view": manifest.view,
-        "fingerprint": manifest.fingerprint,
-        "created": manifest.created,
-        "seed": manifest.seed,
-        "reader": manifest.reader,
-        "prompt": manifest.prompt,
-        "versions": manifest.versions,
-        "limit": manifest.limit,
-        "shard": manifest.shard,
-        "gap": bank.manifest.gap,
-        "has_pictures": run.pictures is not None,
-        "about_pictures": run.about_pictures,
-        "guards": guards,
+        "evidence": run,
+        "manifest": run.score.manifest,
+        "bank": run.score.bank,
+        "guards": [(spec, guard) for spec, many in run.score.guards.items() for guard in many],
         "unfinished": [
             f"{spec}: {one.answered} of {one.planned} calls are answered; the rest is missing from every figure"
             for spec, one in run.score.models.items()
@@ -125,8 +110,3 @@ def _card(who: Estimator) -> dict[str, object]:
         "reasons": list(told.reasons.items()),
         "repairs": list(told.repairs.items()),
     }
-
-
-def _accounting(who: Estimator) -> dict[str, object]:
-    took = who.run.score.accounting[who.spec][ALL]
-    return {"model": who.label, "planned": who.score.planned, "answered": who.score.answered, "took": took}
