@@ -562,30 +562,22 @@ def _show(rows: "Sequence[Row]", planned: "Drives", *, json: bool) -> None:
         told = {"run": str(planned.out), "left": len(left), "unfinished": why}
         print_json({**told, "rows": [row.as_dict() for row in rows]})
         return
-    from rich.table import Table
+    from eyechart.report.table import Column, Table
 
-    table = Table(title=f"{planned.manifest.simulator}: means over episodes")
-    for name in ("policy", "condition"):
-        table.add_column(name, no_wrap=True)
-    for name in ("episodes", "distance m", "reward", "speed m/s", "crashed", "no decision", "errors"):
-        table.add_column(name, justify="right")
-    for row in rows:
-        table.add_row(
-            row.policy,
-            row.condition,
-            str(row.episodes),
-            _number(row.distance_m, ".1f"),
-            _number(row.reward, ".2f"),
-            _number(row.speed_mps, ".1f"),
-            _number(row.crash_rate, ".1%"),
-            _number(row.without_decision, ".1%"),
-            str(row.errors),
+    named = (
+        *(Column("policy", "word"), Column("condition", "word"), Column("episodes", "count")),
+        *(Column("distance m", "number", 1), Column("reward", "number", 2), Column("speed m/s", "number", 1)),
+        *(Column("crashed", "number", 1, 100, "%"), Column("no decision", "number", 1, 100, "%")),
+        Column("errors", "count"),
+    )
+    cells = tuple(
+        (
+            *(row.policy, row.condition, row.episodes, row.distance_m, row.reward, row.speed_mps),
+            *(row.crash_rate, row.without_decision, row.errors),
         )
-    table_console().print(table)
-
-
-def _number(value: float | None, form: str) -> str:
-    return "—" if value is None else format(value, form)
+        for row in rows
+    )
+    table_console().print(Table("means", f"{planned.manifest.simulator}: means over episodes", named, cells))
 
 
 @contextmanager
