@@ -28,7 +28,7 @@ from eyechart.cli.options import (
 )
 from eyechart.cli.probe import plan_probed, say_aside, tell_none
 from eyechart.cli.run import View, bound
-from eyechart.cli.terminal import patience, print_each, print_json, progress, resumable, say, table_console
+from eyechart.cli.terminal import patience, print_each, print_json, progress, resumable, say
 
 if TYPE_CHECKING:
     from eyechart.episodes import Bounds, Row
@@ -562,30 +562,20 @@ def _show(rows: "Sequence[Row]", planned: "Drives", *, json: bool) -> None:
         told = {"run": str(planned.out), "left": len(left), "unfinished": why}
         print_json({**told, "rows": [row.as_dict() for row in rows]})
         return
-    from rich.table import Table
+    from eyechart.report.table import Column, Table, columns
 
-    table = Table(title=f"{planned.manifest.simulator}: means over episodes")
-    for name in ("policy", "condition"):
-        table.add_column(name, no_wrap=True)
-    for name in ("episodes", "distance m", "reward", "speed m/s", "crashed", "no decision", "errors"):
-        table.add_column(name, justify="right")
-    for row in rows:
-        table.add_row(
-            row.policy,
-            row.condition,
-            str(row.episodes),
-            _number(row.distance_m, ".1f"),
-            _number(row.reward, ".2f"),
-            _number(row.speed_mps, ".1f"),
-            _number(row.crash_rate, ".1%"),
-            _number(row.without_decision, ".1%"),
-            str(row.errors),
-        )
-    table_console().print(table)
-
-
-def _number(value: float | None, form: str) -> str:
-    return "—" if value is None else format(value, form)
+    named = (
+        *columns("word", "policy", "condition"),
+        Column("episodes", "count"),
+        Column("distance m", "number", 1),
+        Column("reward", "number", 2),
+        Column("speed m/s", "number", 1),
+        *columns("number", "crashed", "no decision", digits=1, scale=100.0, unit="%"),
+        Column("errors", "count"),
+    )
+    shares = ("policy", "condition", "episodes", "distance_m", "reward", "speed_mps", "crash_rate", "without_decision")
+    cells = tuple(tuple(getattr(row, name) for name in (*shares, "errors")) for row in rows)
+    print_each([Table("means", f"{planned.manifest.simulator}: means over episodes", named, cells)])
 
 
 @contextmanager
