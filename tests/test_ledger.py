@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from eyechart.attempts import budget_of
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.errors import LedgerError
-from eyechart.ledger import _APPEND_ONLY, _SCHEMA, UNKNOWN, Ledger
+from eyechart.ledger import _APPEND_ONLY, _SCHEMA, UNKNOWN, Ledger, damage
 from eyechart.limits import Limits
 
 MODEL = "standin:steady"
@@ -290,6 +290,8 @@ def test_a_row_that_is_not_what_its_checksum_says_is_named(path: Path) -> None:
         sql.executescript("DROP TRIGGER replies_UPDATE; UPDATE replies SET text = 'STOP' WHERE attempt = 2;")
     with Ledger(path) as ledger:
         assert ledger.damaged() == [OTHER]
+    (words,) = damage(path.parent)
+    assert words.startswith(f"1 replies in {path} are not what their checksums say, first {MODEL}'s to f2 under real")
 
 
 def test_a_merged_ledger_keeps_its_checksums(path: Path, tmp_path: Path) -> None:

@@ -353,6 +353,18 @@ class Ledger:
         return new
 
 
+def damage(run: Path) -> Iterator[str]:
+    """Yield in words, for every ledger in a run's folder, which replies are not what their checksums say."""
+    for path in sorted(run.rglob("ledger.sqlite")):
+        with Ledger(path) as ledger:
+            if found := ledger.damaged():
+                first = f"{found[0].model}'s to {found[0].frame} under {found[0].condition}"
+                yield (
+                    f"{len(found)} replies in {path} are not what their checksums say, first {first}; restore the "
+                    "ledger from a copy"
+                )
+
+
 def _attempts_after(base: int, other: sqlite3.Connection) -> Iterator[tuple[object, ...]]:
     rows = other.execute(
         f"SELECT a.id, a.number, a.reason, a.request_sha256, a.sent_at, {_KEY_OF_CALL} "

@@ -151,3 +151,19 @@ def test_a_score_is_plain_json(bank: FrameBank, tmp_path: Path) -> None:
     again = json.loads(json.dumps([cell.as_dict() for cell in cells], allow_nan=False))
     assert again[0]["statistics"]["modal_share"]["n"] == 6
     assert set(again[0]["holm"]) == {"mutual_information", "obstacle", "cramers_v_real_blank"}
+
+
+def test_a_report_holds_what_score_prints(bank: FrameBank, tmp_path: Path) -> None:
+    """As a page and as files, the table of each model in a file of its own."""
+    run(bank, tmp_path / "run")
+    told = CliRunner().invoke(
+        app, ["report", str(tmp_path / "run"), "--out", str(tmp_path / "p.html"), "--tables", str(tmp_path / "t")]
+    )
+    assert told.exit_code == 0, told.output
+    html = (tmp_path / "p.html").read_text()
+    assert html.count("<table") == 2
+    assert all(f"<bdi>{name}</bdi>" in html for name in PROMPTS)
+    assert "default-src &#39;none&#39;" in html
+    assert {one.name for one in (tmp_path / "t").iterdir()} == {
+        f"{name}.{kind}" for name in ("prompts", "costs") for kind in ("csv", "md", "tex")
+    }

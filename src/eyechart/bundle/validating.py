@@ -161,6 +161,9 @@ def _recompute(folder: Path, names: list[str], recipe: Recipe, found: _Found, te
     differences += check_bank(manifest, asked)
     with Ledger(run / LEDGER) as ledger:
         ledger.require_plain()
+        for key in ledger.damaged():
+            place = f"{key.model}, {key.frame}, {key.condition}"
+            differences.append(Difference(f"{LEDGER}, {place}", "a reply", "another than its checksum says"))
         tell("checking the requests")
         requests, count, unlike = check_requests(ledger, manifest, asked, same_encoder=_same(recipe, "pillow", "zlib"))
     differences += requests

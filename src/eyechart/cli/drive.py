@@ -562,19 +562,21 @@ def _show(rows: "Sequence[Row]", planned: "Drives", *, json: bool) -> None:
         told = {"run": str(planned.out), "left": len(left), "unfinished": why}
         print_json({**told, "rows": [row.as_dict() for row in rows]})
         return
-    from eyechart.report.table import Column, Table, columns
+    from eyechart.report.table import Column, Table
 
     named = (
-        *columns("word", "policy", "condition"),
-        Column("episodes", "count"),
-        Column("distance m", "number", 1),
-        Column("reward", "number", 2),
-        Column("speed m/s", "number", 1),
-        *columns("number", "crashed", "no decision", digits=1, scale=100.0, unit="%"),
+        *(Column("policy", "word"), Column("condition", "word"), Column("episodes", "count")),
+        *(Column("distance m", "number", 1), Column("reward", "number", 2), Column("speed m/s", "number", 1)),
+        *(Column("crashed", "number", 1, 100, "%"), Column("no decision", "number", 1, 100, "%")),
         Column("errors", "count"),
     )
-    shares = ("policy", "condition", "episodes", "distance_m", "reward", "speed_mps", "crash_rate", "without_decision")
-    cells = tuple(tuple(getattr(row, name) for name in (*shares, "errors")) for row in rows)
+    cells = tuple(
+        (
+            *(row.policy, row.condition, row.episodes, row.distance_m, row.reward, row.speed_mps),
+            *(row.crash_rate, row.without_decision, row.errors),
+        )
+        for row in rows
+    )
     print_each([Table("means", f"{planned.manifest.simulator}: means over episodes", named, cells)])
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
+from typing import TypeVar
 
 import jinja2
 from markupsafe import Markup
@@ -18,6 +19,8 @@ from eyechart.report.charts import Drawing
 from eyechart.report.table import Table
 
 _ESCAPES = {ord(sign): f"\\u{ord(sign):04x}" for sign in "<>&\u2028\u2029"}
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -63,6 +66,11 @@ def write_figures(drawn: Mapping[str, Sequence[Drawing]], folder: Path) -> list[
             path.write_bytes(content)
             written.append(path)
     return written
+
+
+def evenly(every: Sequence[T], count: int) -> list[T]:
+    """Return so many of a sequence, evenly taken; all of it where there are no more."""
+    return [every[turn * len(every) // count] for turn in range(count)] if count < len(every) else list(every)
 
 
 def fill(

@@ -48,7 +48,7 @@ class Column:
     One that ``varies`` is left out for people where all its cells are the same.
     """
 
-    name: str
+    name: str = ""
     kind: Kind = "text"
     digits: int = 3
     scale: float = 1.0
@@ -252,11 +252,12 @@ class Table:
 
 
 def files_of(tables: Sequence[Table]) -> dict[str, bytes]:
-    """Return tables as CSV, Markdown and LaTeX, by their files' names."""
-    made = {}
-    for one in tables:
+    """Return tables as CSV, Markdown and LaTeX, by their files' names, numbered from the second of one name on."""
+    made, names = {}, [one.name for one in tables]
+    for place, one in enumerate(tables):
+        stem = f"{one.name}_{again + 1}" if (again := names[:place].count(one.name)) else one.name
         for suffix, text in (("csv", one.csv()), ("md", one.markdown()), ("tex", one.latex())):
-            made[f"{one.name}.{suffix}"] = text.encode("utf-8", "backslashreplace")
+            made[f"{stem}.{suffix}"] = text.encode("utf-8", "backslashreplace")
     return made
 
 

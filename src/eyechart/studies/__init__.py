@@ -142,8 +142,19 @@ class Study(ABC, Generic[S]):
         raise NotImplementedError
 
     def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:
-        """Return the report of runs, whose pictures are in ``banks`` or where they were."""
-        raise NotImplementedError
+        """Return the report of runs: what ``score`` prints. Pictures, if any, are in ``banks`` or where they were."""
+        from eyechart.report.page import Section, page_of  # noqa: PLC0415 - a score needs no templates
+
+        del banks
+        sections = []
+        for run in runs:
+            tell(f"scoring {run.name}")
+            parts = list(self.printed(self.score(run, reading)))
+            lines = [one for one in parts if isinstance(one, str)]
+            sections.append(Section(run.name, tables=[one for one in parts if not isinstance(one, str)], lines=lines))
+        title = ", ".join(run.name for run in runs)
+        page = page_of(f"What came of these {self.runs_are}?", title, sections)
+        return Made(page, [table for one in sections for table in one.tables], page.notes)
 
     def require_scorable(self, run: Path, reading: Reading) -> None:
         """Raise LedgerError or SpecError where a run that is to be bundled may not be read so."""

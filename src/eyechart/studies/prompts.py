@@ -333,9 +333,10 @@ class Prompts(OfFrames[PromptsScore]):
     """A battery a prompt and setting, in the folders of one."""
 
     names = ()
+    runs_are = "prompts"
     refuses: ClassVar = {
         **NO_DRIVES,
-        **dict.fromkeys(("verdict", "gate", "report", "bundle", "compare", "transfer"), _CELLS),
+        **dict.fromkeys(("verdict", "gate", "bundle", "compare", "transfer"), _CELLS),
     }
 
     def holds(self, folder: Path) -> bool:

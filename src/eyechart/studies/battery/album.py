@@ -11,6 +11,7 @@ from PIL import Image
 from eyechart.conditions import OVER, available, show
 from eyechart.errors import BankError
 from eyechart.frames import RGB, Frame, FrameBank, beside, decode
+from eyechart.report.page import evenly
 from eyechart.studies.battery.subjects import Evidence, Tell
 
 NO_PICTURE = -1
@@ -65,7 +66,7 @@ def make_album(
         if room >= sum(map(len, shown)):
             break
     part = min(1.0, room / max(1, sum(map(len, shown))))
-    taken = [_evenly(places, round(part * len(places))) for places in shown]
+    taken = [evenly(places, round(part * len(places))) for places in shown]
     binder = _Binder(*rung, budget, codes, tell=tell)
     bound = tuple(binder.places(run, places) for run, places in zip(evidence, taken, strict=True))
     pictured = [run.pictures is not None for run in evidence]
@@ -83,17 +84,10 @@ def _cost(
     binder, frames = _Binder(*rung, budget=1 << 62, codes=codes), 0
     for run, places in zip(evidence, shown, strict=True):
         if run.pictures is not None:
-            sample = _evenly(places, _SAMPLE)
+            sample = evenly(places, _SAMPLE)
             binder.places(run, sample, own=True)
             frames += len(sample)
     return binder.spent / frames if frames else 0.0
-
-
-def _evenly(places: Sequence[int], count: int) -> tuple[int, ...]:
-    """Return so many of the places, evenly taken; all of them where there are no more."""
-    if count >= len(places):
-        return tuple(places)
-    return tuple(places[turn * len(places) // count] for turn in range(count))
 
 
 @dataclass

@@ -11,6 +11,7 @@ from PIL import Image
 from eyechart.episodes import Episode
 from eyechart.errors import EyechartError
 from eyechart.frames import RGB
+from eyechart.report.page import evenly
 from eyechart.studies.closed_loop import ClosedLoopScore, Drives
 from eyechart.studies.closed_loop.replaying import decided, episode_id, replay
 
@@ -63,16 +64,15 @@ def _evenly(every: Sequence[tuple[Drives, Episode]]) -> list[tuple[Drives, Episo
     steps = sum(len(episode.steps) for _, episode in every)
     part = min(1.0, MOST_EPISODES / max(1, len(every)), MOST_STEPS / max(1, steps))
     count = max(1, int(part * len(every)))
-    return [every[turn * len(every) // count] for turn in range(count)] if count < len(every) else list(every)
+    return evenly(every, count)
 
 
 def _chosen(
     drives: Sequence[Drives], listed: Sequence[tuple[Drives, Episode]], count: int
 ) -> list[tuple[Drives, Episode]]:
     """Return episodes to be shown with pictures: one a driver, drivers evenly taken, each in another world."""
-    some = [drives[turn * len(drives) // count] for turn in range(count)] if count < len(drives) else drives
     found = []
-    for turn, one in enumerate(some):
+    for turn, one in enumerate(evenly(drives, count)):
         mine = [episode for other, episode in listed if other is one and episode.steps and episode.ended != "error"]
         if mine:
             found.append((one, mine[(7 * turn) % len(mine)]))

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from eyechart.manifest import RUN
 from eyechart.report.page import Page, fill
+from eyechart.report.table import Table
 from eyechart.studies.closed_loop import ClosedLoopScore
 from eyechart.studies.closed_loop.browser import PICTURED, Tell, drives_data
 from eyechart.studies.closed_loop.figures import drives_figures
@@ -29,9 +30,17 @@ _FINDINGS = {"no_difference_found": "no difference found", "identical": "identic
 
 
 def make_drives_page(
-    runs: Sequence[Path], score: ClosedLoopScore, *, pictured: int = PICTURED, tell: Tell = lambda _: None
+    runs: Sequence[Path],
+    score: ClosedLoopScore,
+    more: Sequence[Table] = (),
+    *,
+    pictured: int = PICTURED,
+    tell: Tell = lambda _: None,
 ) -> Page:
-    """Return the report of runs of episodes; the same runs give the same bytes. ``tell`` is told what is under way."""
+    """Return the report of runs of episodes; the same runs give the same bytes.
+
+    ``more`` tables stand with its numbers; ``tell`` is told what is under way.
+    """
     tell("figures")
     drawn = drives_figures(score)
     browser = drives_data(score, pictured=pictured, tell=tell)
@@ -61,7 +70,7 @@ def make_drives_page(
         audit=degeneracy_table(score.audit),
         audit_words=degeneracy_words(score.audit),
         replays=replay_table(score.replays) if score.replays else None,
-        numbers=long_tables(score),
+        numbers=[*more, *long_tables(score)],
         twins=score.twins,
         repeats=score.repeats,
         made=[(path.resolve().name, made(path)) for path in runs],

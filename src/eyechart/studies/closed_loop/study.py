@@ -51,8 +51,14 @@ class OfEpisodes(Study[S]):
         del banks
         tell("scoring")
         scored = score(runs, against_policy=reading.against)
-        page = make_drives_page(runs, scored, tell=tell)
-        return Made(page, tables_of(scored), page.notes)
+        more = self.beside_drives(runs)
+        page = make_drives_page(runs, scored, more, tell=tell)
+        return Made(page, [*tables_of(scored), *more], page.notes)
+
+    def beside_drives(self, runs: Sequence[Path]) -> "Sequence[Table]":
+        """Return what a study tells of its runs beside the drives; nothing where they are all."""
+        del runs
+        return ()
 
 
 class ClosedLoop(OfEpisodes[ClosedLoopScore]):

@@ -6,6 +6,7 @@ from matplotlib.axes import Axes
 
 from eyechart.episodes import Episode
 from eyechart.report.charts import BLUE, INK, LINE, MUTED, PAPER, VERMILLION, Drawing, canvas, plain, style
+from eyechart.report.page import evenly
 from eyechart.studies.hierarchy import HierarchyScore, Source
 from eyechart.studies.hierarchy.scoring import PUBLISHED, UNPUBLISHED
 from eyechart.studies.hierarchy.tables import goals_of
@@ -24,9 +25,7 @@ def outcomes(score: HierarchyScore, ablation: str) -> Drawing | None:
         return None
     ended = [_ended(score, one) for one in rows]
     every = in_order({world for one in ended for world in one})
-    worlds = [
-        every[turn * len(every) // min(len(every), MOST_COLUMNS)] for turn in range(min(len(every), MOST_COLUMNS))
-    ]
+    worlds = evenly(every, MOST_COLUMNS)
     with style():
         labels = [plain(one.name, 46) for one in rows]
         left, wide = 0.3 + 0.066 * max(map(len, labels)), min(0.36, 5.4 / len(worlds)) * len(worlds)

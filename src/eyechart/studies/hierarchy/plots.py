@@ -10,6 +10,7 @@ from matplotlib.path import Path as Way
 
 from eyechart.cameras import ROVER
 from eyechart.report.charts import INK, LINE, MUTED, PAPER, SOFT, WAYS, Drawing, canvas, plain, style
+from eyechart.report.page import evenly
 from eyechart.simulators.road import GOAL_M, ROAD_HALF_M
 from eyechart.studies.closed_loop import Drives
 from eyechart.studies.hierarchy import HierarchyScore
@@ -152,10 +153,11 @@ def _few(notes: Sequence[str]) -> list[str]:
 
 def _group(key: str, ablation: str, title: str, lines: Sequence[Line]) -> tuple[Group, list[str]]:
     worlds, notes = paired_worlds([one.drives for one in lines])
-    count = min(MOST_WORLDS, len(worlds))
-    shown = [worlds[turn * len(worlds) // count] for turn in range(count)]
-    if count < len(worlds):
-        notes.append(f"{count} of {len(worlds)} worlds are drawn from above, evenly taken; every number counts all.")
+    shown = evenly(worlds, MOST_WORLDS)
+    if len(shown) < len(worlds):
+        notes.append(
+            f"{len(shown)} of {len(worlds)} worlds are drawn from above, evenly taken; every number counts all."
+        )
     drawings = tuple(_strip(key, world, lines) for world in shown)
     return Group(key, ablation, title, tuple(lines), drawings, len(worlds)), notes
 

@@ -89,6 +89,11 @@ class OnlineStudy(OfEpisodes[online.OnlineScore]):
         del reading
         return online.score(folder)
 
+    def beside_drives(self, runs: Sequence[Path]) -> "Sequence[Table]":
+        from eyechart.studies.structured.tables import online_table
+
+        return [online_table(online.score(run)) for run in runs]
+
     def printed(self, score: online.OnlineScore) -> "Iterator[Table | str]":
         from eyechart.studies.structured.tables import online_table
 
