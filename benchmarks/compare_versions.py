@@ -12,6 +12,7 @@ change of the source begins anew. Writes ``benchmarks/results/compare.json``; ex
 
 import argparse
 import contextlib
+import csv
 import datetime as dt
 import hashlib
 import importlib.util
@@ -20,6 +21,7 @@ import os
 import sqlite3
 import subprocess
 import sys
+import tomllib
 import traceback
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -134,6 +136,15 @@ def without(value: object, names: frozenset[str]) -> object:
     return [without(one, names) for one in value] if isinstance(value, list) else value
 
 
+def unversioned(value: object, version: str) -> object:
+    """Return a JSON value in which the version that wrote it is called VERSION, in words too."""
+    if isinstance(value, dict):
+        return {key: unversioned(one, version) for key, one in value.items()}
+    if isinstance(value, list):
+        return [unversioned(one, version) for one in value]
+    return value.replace(version, "VERSION") if isinstance(value, str) else value
+
+
 def ledger_rows(path: Path, columns: Mapping[str, list[str]]) -> dict[str, object]:
     """Return a ledger's attempts by the key of their call and their number, with the columns that are named."""
     named = [f"a.{name}" for name in columns["attempts"]] + [f"r.{name}" for name in columns["replies"]]
@@ -169,17 +180,23 @@ def contents(path: Path, old: Path) -> object:
         if path.name == "episodes.jsonl":  # in the order in which they ended
             lines.sort(key=lambda one: json.dumps(one.get("key"), sort_keys=True))
         return without(lines, CLOCKS)
+    if path.suffix == ".csv":
+        with path.open(encoding="utf-8", newline="") as file:
+            return list(csv.DictReader(file))
+    if path.suffix == ".toml":
+        return without(tomllib.loads(path.read_text(encoding="utf-8")), CLOCKS)
     if path.suffix == ".json":
         return without(json.loads(path.read_text(encoding="utf-8")), CLOCKS)
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-KEPT = ("ledger.sqlite", ".jsonl", ".json", ".png", ".csv", ".md", ".tex", ".toml")
-"""Endings of the files that are compared; a bundle and a page are compared by what validate and the tables say."""
+KEPT = ("ledger.sqlite", ".jsonl", ".json", ".png", ".csv", ".toml")
+"""Endings of the files that are compared. A bundle and a page are compared by what validate and the tables say, and a
+table by its CSV, whose rows the other forms hold too."""
 
 
 def pairs(old: Path, new: Path) -> Iterator[tuple[str, object, object]]:
-    """Yield the name of everything that either side has, with what each has; None where it lacks it."""
+    """Yield the name of everything that either side has, with what each has; nothing in braces where it lacks it."""
     for side, pattern in (("answers", "*.json"), ("made", "**/*")):
         names = {
             path.relative_to(root / side)
@@ -189,11 +206,11 @@ def pairs(old: Path, new: Path) -> Iterator[tuple[str, object, object]]:
         }
         for name in sorted(names):
             first, second = old / side / name, new / side / name
-            yield (
-                f"{side}/{name.as_posix()}",
-                contents(first, first) if first.is_file() else None,
-                contents(second, first if first.is_file() else second) if second.is_file() else None,
-            )
+            if first.is_file() and second.is_file():
+                yield f"{side}/{name.as_posix()}", contents(first, first), contents(second, first)
+            else:
+                here = [{"file": path.parent.name} if path.is_file() else {} for path in (first, second)]
+                yield f"{side}/{name.as_posix()}", *here
 
 
 def digest_of(folder: Path) -> str:
@@ -242,7 +259,8 @@ def compare(old: tuple[str, Path], new: tuple[str, Path]) -> int:
     compared: Counter[str] = Counter()
     on_purpose: Counter[str] = Counter()
     unexpected: list[str] = []
-    for name, first, second in pairs(old[1], new[1]):
+    for name, *both in pairs(old[1], new[1]):
+        first, second = (unversioned(one, side[0]) for one, side in zip(both, (old, new), strict=True))
         kind = name.split("/")[0] if name.startswith("answers") else Path(name).suffix
         compared[kind] += 1
         compared["rows of ledgers"] += len(first) if name.endswith("ledger.sqlite") and isinstance(first, dict) else 0
@@ -261,7 +279,7 @@ def compare(old: tuple[str, Path], new: tuple[str, Path]) -> int:
         "date": dt.datetime.now(dt.UTC).date().isoformat(),
         "python": sys.version.split()[0],
         "compared": dict(sorted(compared.items())),
-        "left out": {"keys": sorted(CLOCKS), "columns": sorted(TIMES)},
+        "left out": {"keys": sorted(CLOCKS), "columns": sorted(TIMES), "in words": "the version itself"},
         "on purpose": dict(sorted(on_purpose.items())),
         "unexpected": unexpected,
     }

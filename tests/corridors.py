@@ -10,7 +10,7 @@ from drives import add_replies, always, drive, make_run
 from eyechart.calls import Reply
 from eyechart.episodes import Episode, EpisodeKey, Step
 from eyechart.frames import RGB, Scalar
-from eyechart.simulators import Declaration, Moved
+from eyechart.simulators import Declaration, StepResult
 from eyechart.spaces.discrete import DRIVING
 from report_runs import HOSTILE
 
@@ -31,12 +31,12 @@ class Corridor:
         """Return a gap."""
         return {"lead_gap_m": 50.0 - len(self.done)}
 
-    def step(self, action: str) -> Moved:
+    def step(self, action: str) -> StepResult:
         """Remember; ValueError from the seventh step on."""
         if len(self.done) > 6:
             raise ValueError("this drive is over")
         self.done.append(action)
-        return Moved(1.0, 20.0, 20.0 * len(self.done), crashed=False, ended="time" if len(self.done) > 6 else None)
+        return StepResult(1.0, 20.0, 20.0 * len(self.done), crashed=False, ended="time" if len(self.done) > 6 else None)
 
     def state(self, decimals: int | None = None) -> bytes:  # noqa: ARG002 - whole already
         """Return all that was done."""

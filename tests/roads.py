@@ -10,8 +10,8 @@ from eyechart.frames import MAIN, BankWriter, FrameBank, Gap, encode, open_bank
 from eyechart.simulators.road.layout import Layout, Obstacle
 from eyechart.simulators.road.picture import draw
 from eyechart.simulators.road.truth import read_truth
-from eyechart.simulators.rover.bicycle import State
-from eyechart.simulators.rover.world import World
+from eyechart.simulators.rover.bicycle import RoverState
+from eyechart.simulators.rover.world import RoverWorld
 
 GAPS_M = (3.0, 4.5, 6.0, 7.5, 9.0, 12.0, 16.0, 24.0)
 
@@ -23,7 +23,9 @@ def build_bank(out: Path, gaps_m: Sequence[float] = GAPS_M) -> FrameBank:
     with BankWriter(out, said) as writer:
         for step, gap_m in enumerate(gaps_m):
             ahead, beside = Obstacle(gap_m + 0.6, 0.0, 0.6, 1.0, 0), Obstacle(6.0, 2.0, 0.6, 1.0, 1)
-            world = World(Layout("single", (ahead, beside) if step % 2 else (ahead,)), State(0.0, 0.0, 0.0, 1.0), 1)
+            world = RoverWorld(
+                Layout("single", (ahead, beside) if step % 2 else (ahead,)), RoverState(0.0, 0.0, 0.0, 1.0), 1
+            )
             place = "single", "single-0", step
             frame = banks.one(f"single-0-{step}", place, "horizontal", f"images/{step}.png", truth=read_truth(world))
             writer.add(frame, {MAIN: encode(draw(world))}, {})

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from eyechart.frames import RGB, Scalar
-from eyechart.simulators import Drive, Moved
+from eyechart.simulators import Drive, StepResult
 from eyechart.simulators.highway import Highway
 
 
@@ -27,7 +27,7 @@ class Faulty:
         gap = told["lead_gap_m"]
         return {**told, "lead_gap_m": gap + self._off_m if isinstance(gap, float) else gap}
 
-    def step(self, action: str) -> Moved:
+    def step(self, action: str) -> StepResult:
         """Drive on."""
         self._frame += 1
         return self._inside.step(action)

@@ -17,7 +17,7 @@ from eyechart.calls import Query, Reply
 from eyechart.errors import GuardianError
 from eyechart.frames import encode
 from eyechart.guardian import Guardian, interface_of
-from eyechart.serve import Limits, serve
+from eyechart.serve import ServerLimits, serve
 from eyechart.serve.openapi import openapi
 from eyechart.studies.guardian import Frozen, write_frozen
 from stand_ins import Held
@@ -68,7 +68,7 @@ def guardian_of(seer: Seer | None = None, deadline_s: float = 20.0) -> Guardian:
 Ask = Callable[[aiohttp.ClientSession, str], Awaitable[None]]
 
 
-def served(ask: Ask, guardian: Guardian, limits: Limits | None = None) -> None:
+def served(ask: Ask, guardian: Guardian, limits: ServerLimits | None = None) -> None:
     """Serve a guardian on a free port as long as ``ask`` takes."""
 
     async def run() -> None:
@@ -142,7 +142,7 @@ def test_bad_input_is_refused_in_one_line() -> None:
             async with session.request(method, url + path) as came:
                 assert (came.status, "/openapi.json" in (await came.json())["error"]) == (status, True)
 
-    served(ask, guardian_of(), Limits(most_bytes=2000))
+    served(ask, guardian_of(), ServerLimits(most_bytes=2000))
 
 
 def test_too_much_is_refused_at_once_with_when_to_come_back() -> None:
@@ -161,7 +161,7 @@ def test_too_much_is_refused_at_once_with_when_to_come_back() -> None:
 
         await asyncio.gather(*(one() for _ in range(6)))
 
-    served(ask, guardian_of(seer), Limits(concurrency=1, queue=1))
+    served(ask, guardian_of(seer), ServerLimits(concurrency=1, queue=1))
     assert ended == [503, 503, 503, 503, 200, 200]
 
 
@@ -175,7 +175,7 @@ def test_a_slow_sender_is_cut_off() -> None:
             assert found.status == status
             assert found.seconds < 15.0
 
-    served(ask, guardian_of(deadline_s=0.3), Limits(idle_s=0.4))
+    served(ask, guardian_of(deadline_s=0.3), ServerLimits(idle_s=0.4))
 
 
 def test_a_request_under_way_is_answered_before_the_server_ends() -> None:
@@ -217,9 +217,9 @@ def test_an_address_that_is_taken_is_said_and_limits_must_be_limits() -> None:
     guardian = guardian_of()
     served(ask, guardian)
     with pytest.raises(GuardianError, match=r"^concurrency must be at least 1, got 0$"):
-        Limits(concurrency=0)
+        ServerLimits(concurrency=0)
     with pytest.raises(GuardianError, match="at most 64 pictures at a time, got concurrency=65"):
-        Limits(concurrency=65)
+        ServerLimits(concurrency=65)
 
 
 def test_under_load_everything_is_answered_and_a_dead_model_makes_nothing_clear(tmp_path: Path) -> None:
@@ -243,7 +243,7 @@ def test_under_load_everything_is_answered_and_a_dead_model_makes_nothing_clear(
             await killer
             found.append(BENCH.judged(offered, died_s=seconds / 2, deadline_s=deadline_s, grace_s=10.0))
 
-        limits = Limits(most_bytes=BENCH.MOST_BYTES, idle_s=10.0)
+        limits = ServerLimits(most_bytes=BENCH.MOST_BYTES, idle_s=10.0)
         with Guardian.load(path, deadline_s=deadline_s) as guardian:
             await serve(guardian, port=0, limits=limits, started=address.set_result, until=until)
         await endpoints[0][0].cleanup()
@@ -277,7 +277,7 @@ def test_a_body_that_is_not_encoded_as_it_says_is_refused_and_leaves_no_tracebac
 
 def test_latency_is_described_as_it_is_measured() -> None:
     """From when the guardian was asked, views included."""
-    assert "from when the guardian was asked" in json.dumps(openapi(Limits(), 1.0))
+    assert "from when the guardian was asked" in json.dumps(openapi(ServerLimits(), 1.0))
 
 
 class Broken(Held):
@@ -332,7 +332,7 @@ def test_a_picture_of_too_many_pixels_is_refused_before_it_is_decoded(monkeypatc
         go_on.set()
 
     monkeypatch.setattr(guardian, "show", show)
-    served(ask, guardian, Limits(concurrency=2))
+    served(ask, guardian, ServerLimits(concurrency=2))
 
 
 def test_each_model_is_asked_once_before_the_server_says_that_it_is_started() -> None:

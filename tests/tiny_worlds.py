@@ -20,7 +20,7 @@ from typing import NoReturn
 import numpy as np
 
 from eyechart.frames import RGB, Scalar
-from eyechart.simulators import Declaration, Drive, Moved
+from eyechart.simulators import Declaration, Drive, StepResult
 from eyechart.spaces.discrete import DRIVING
 
 LENGTH = 10
@@ -55,7 +55,7 @@ class Corridor:
         demand = "LEFT" if self.blocked else "STRAIGHT"
         return {"lead_gap_m": 1.0 if self.blocked else None, "left_clear": True, "right_clear": False, "demand": demand}
 
-    def step(self, action: str) -> Moved:
+    def step(self, action: str) -> StepResult:
         """Move, and crash where STRAIGHT meets a block."""
         if self.over:
             raise ValueError("this drive is over")
@@ -65,7 +65,9 @@ class Corridor:
         self.log.append(action)
         ended = "crash" if crashed else "goal" if self.at >= LENGTH else "time" if self.steps >= STEPS else None
         self.over = ended is not None
-        return Moved(reward=float(not crashed), speed_mps=1.0, distance_m=float(self.at), crashed=crashed, ended=ended)
+        return StepResult(
+            reward=float(not crashed), speed_mps=1.0, distance_m=float(self.at), crashed=crashed, ended=ended
+        )
 
     def state(self, decimals: int | None = None) -> bytes:  # noqa: ARG002 - whole already
         """Return the whole history."""
@@ -86,16 +88,16 @@ class Black(Corridor):
 class Endless(Corridor):
     """A world that never ends."""
 
-    def step(self, action: str) -> Moved:
+    def step(self, action: str) -> StepResult:
         """Stand still for ever."""
         del action
-        return Moved(reward=0.0, speed_mps=0.0, distance_m=0.0, crashed=False, ended=None)
+        return StepResult(reward=0.0, speed_mps=0.0, distance_m=0.0, crashed=False, ended=None)
 
 
 class Raising(Corridor):
     """A world that fails at its third step."""
 
-    def step(self, action: str) -> Moved:
+    def step(self, action: str) -> StepResult:
         """Raise."""
         if self.steps == 2:
             raise RuntimeError("the physics engine diverged")
@@ -105,16 +107,16 @@ class Raising(Corridor):
 class Nonsense(Corridor):
     """A world whose reward is no number."""
 
-    def step(self, action: str) -> Moved:
+    def step(self, action: str) -> StepResult:
         """Give NaN."""
         super().step(action)
-        return Moved(reward=float("nan"), speed_mps=0.0, distance_m=0.0, crashed=False, ended=None)
+        return StepResult(reward=float("nan"), speed_mps=0.0, distance_m=0.0, crashed=False, ended=None)
 
 
 class Fatal(Corridor):
     """A world that takes its process down."""
 
-    def step(self, action: str) -> Moved:
+    def step(self, action: str) -> StepResult:
         """End the process as a segmentation fault does."""
         del action
         os.kill(os.getpid(), signal.SIGKILL)
@@ -124,7 +126,7 @@ class Fatal(Corridor):
 class FatalOnce(Corridor):
     """A world that takes its process down the first time that it is driven."""
 
-    def step(self, action: str) -> Moved:
+    def step(self, action: str) -> StepResult:
         """End the process, and leave a mark that it has."""
         mark = Path(os.environ["TINY_MARK"])
         if not mark.exists():
@@ -136,7 +138,7 @@ class FatalOnce(Corridor):
 class Hanging(Corridor):
     """A world whose step never returns."""
 
-    def step(self, action: str) -> Moved:
+    def step(self, action: str) -> StepResult:
         """Wait."""
         del action
         time.sleep(600)

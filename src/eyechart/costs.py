@@ -172,7 +172,7 @@ def _percentile(values: "array[float]", percent: float) -> float | None:
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
+class CostEstimate:
     """What calls that are still to be made are expected to take; None is "cannot say", because nothing was measured.
 
     Failures and retries come on top. ``sampled`` says that the number of calls is itself known from a sample only.
@@ -203,8 +203,8 @@ class Estimate:
         return f"{self.model}: {about}{self.calls} calls, {tokens}, {cost} ({self.cost_from}), {time}"
 
 
-def estimate(mode: RequestMode, calls: int, prices: Prices, *, concurrency: int, sampled: bool = False) -> Estimate:
-    """Estimate what so many calls of a model take, from what a probe measured of it and the table of prices.
+def estimate(mode: RequestMode, calls: int, prices: Prices, *, concurrency: int, sampled: bool = False) -> CostEstimate:
+    """CostEstimate what so many calls of a model take, from what a probe measured of it and the table of prices.
 
     ``sampled`` says that there may be more calls, or fewer.
     """
@@ -219,7 +219,7 @@ def estimate(mode: RequestMode, calls: int, prices: Prices, *, concurrency: int,
         elif each_in is not None and each_out is not None:
             cost = calls * (price.input * each_in + price.output * each_out) / 1e6
     seconds = None if found is None or found.seconds is None else found.seconds * -(-calls // concurrency)
-    return Estimate(
+    return CostEstimate(
         model=mode.spec,
         calls=calls,
         prompt_tokens=None if each_in is None else calls * each_in,

@@ -13,7 +13,7 @@ from eyechart.errors import SpecError
 from eyechart.frames import FrameBank, decode
 from eyechart.models.scripted import CONTROLLERS
 from eyechart.perception.forward import read_forward, view_of
-from eyechart.simulators import Drive, Moved
+from eyechart.simulators import Drive, StepResult
 from eyechart.simulators.drone import Drone
 from eyechart.simulators.drone.flight import (
     BODY_RADIUS_M,
@@ -23,7 +23,7 @@ from eyechart.simulators.drone.flight import (
     MOST_SPEED_MPS,
     Velocity,
 )
-from eyechart.simulators.drone.world import HZ, World, decide, start
+from eyechart.simulators.drone.world import HZ, DroneWorld, decide, start
 from eyechart.simulators.road import FAMILIES, TRACKS_M, Layout, make_layout
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.scene import safe_action
@@ -34,16 +34,16 @@ IN_SIGHT_M = (2.6, 29.0)
 EMPTY = start(Layout("single", ()))
 
 
-def flown(*actions: str, world: World = EMPTY) -> World:
+def flown(*actions: str, world: DroneWorld = EMPTY) -> DroneWorld:
     """Return the world after these decisions."""
     for action in actions:
         world = decide(world, action)
     return world
 
 
-def drive_by(drive: Drive, choose: str | None = None) -> list[Moved]:
+def drive_by(drive: Drive, choose: str | None = None) -> list[StepResult]:
     """Drive to the end by one action, or by what is demanded, changing over to a clear side where it says SLOW."""
-    moves: list[Moved] = []
+    moves: list[StepResult] = []
     while not moves or moves[-1].ended is None:
         truth = drive.truth()
         side = "LEFT" if truth["left_clear"] else "RIGHT" if truth["right_clear"] else "SLOW"

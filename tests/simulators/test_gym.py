@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from eyechart.errors import DriveError, SpecError
-from eyechart.simulators import Drive, Moved, Simulator, open_simulator
+from eyechart.simulators import Drive, Simulator, StepResult, open_simulator
 from eyechart.simulators.gym.action_map import read_map
 
 CORRIDOR = """
@@ -139,9 +139,9 @@ def test_an_environment_is_driven_in_the_words_of_its_map(tmp_path: Path) -> Non
         "distance_m": 10,
     }
     moves = [drive.step("STRAIGHT"), drive.step("STOP"), drive.step("RIGHT")]
-    assert moves[2] == Moved(1.0, 1.5, 2.0, crashed=False, ended=None)
+    assert moves[2] == StepResult(1.0, 1.5, 2.0, crashed=False, ended=None)
     assert (drive.picture() == 255).all(axis=2).sum() == 1
-    assert drive.step("STRAIGHT") == Moved(1.0, 1.5, 3.0, crashed=False, ended="goal")
+    assert drive.step("STRAIGHT") == StepResult(1.0, 1.5, 3.0, crashed=False, ended="goal")
     with pytest.raises(ValueError, match="'SLOW' is none of STOP, STRAIGHT, LEFT, RIGHT"):
         again.step("SLOW")
     with pytest.raises(ValueError, match="the drive is over: goal"):
@@ -157,7 +157,7 @@ def test_an_environment_is_driven_in_the_words_of_its_map(tmp_path: Path) -> Non
 def test_a_crash_ends_the_drive_and_so_does_the_map_s_time_limit(tmp_path: Path) -> None:
     """An environment that never terminates is bounded by the map."""
     simulator = opened(tmp_path)
-    assert simulator.drive("short", 0).step("LEFT") == Moved(1.0, 1.5, 1.0, crashed=True, ended="crash")
+    assert simulator.drive("short", 0).step("LEFT") == StepResult(1.0, 1.5, 1.0, crashed=True, ended="crash")
     endless = simulator.drive("endless", 0)
     assert [endless.step("STRAIGHT").ended for _ in range(6)] == [None] * 5 + ["time"]
 
@@ -165,8 +165,8 @@ def test_a_crash_ends_the_drive_and_so_does_the_map_s_time_limit(tmp_path: Path)
 def test_a_decision_may_last_several_steps_of_the_environment(tmp_path: Path) -> None:
     """Their rewards add up, and the end comes when it comes."""
     drive = opened(tmp_path, CORRIDOR.replace("most_steps", "repeat = 2\nmost_steps")).drive("short", 0)
-    assert drive.step("RIGHT") == Moved(2.0, 1.5, 2.0, crashed=False, ended=None)
-    assert drive.step("RIGHT") == Moved(1.0, 1.5, 3.0, crashed=False, ended="goal")
+    assert drive.step("RIGHT") == StepResult(2.0, 1.5, 2.0, crashed=False, ended=None)
+    assert drive.step("RIGHT") == StepResult(1.0, 1.5, 3.0, crashed=False, ended="goal")
 
 
 @pytest.mark.parametrize(

@@ -23,9 +23,9 @@ from eyechart.simulators.road.picture import camera_of, draw
 from eyechart.simulators.road.staging import FAR_M, NEAR_M
 from eyechart.simulators.road.truth import read_truth, unseen_sides
 from eyechart.simulators.rover import Rover
-from eyechart.simulators.rover.bicycle import RADIUS_M, WHEELBASE_M, State, advance
+from eyechart.simulators.rover.bicycle import RADIUS_M, WHEELBASE_M, RoverState, advance
 from eyechart.simulators.rover.tracking import INNER_S, INTENTS
-from eyechart.simulators.rover.world import World, decide, start
+from eyechart.simulators.rover.world import RoverWorld, decide, start
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.scene import safe_action
 from eyechart.studies import battery
@@ -40,10 +40,10 @@ def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
     return Rover().build(tmp_path_factory.mktemp("rover") / "bank", seeds=(0, 1))
 
 
-def world_of(*obstacles: tuple[float, float], y: float = 0.0, track: int = 1) -> World:
+def world_of(*obstacles: tuple[float, float], y: float = 0.0, track: int = 1) -> RoverWorld:
     """Return a rover at the beginning of a road with obstacles of radius 0.6 m at these places."""
     placed = tuple(Obstacle(x, across, 0.6, 1.0, 0) for x, across in obstacles)
-    return World(Layout("single", placed), State(0.0, y, 0.0, 1.0), track)
+    return RoverWorld(Layout("single", placed), RoverState(0.0, y, 0.0, 1.0), track)
 
 
 # ---- the plant
@@ -51,7 +51,7 @@ def world_of(*obstacles: tuple[float, float], y: float = 0.0, track: int = 1) ->
 
 def test_the_plant_drives_the_circle_of_its_steering_angle() -> None:
     """At a constant angle the rear axle's middle stays on a circle of radius wheelbase over tangent."""
-    angle, state = 0.2, State(0.0, 0.0, 0.0, 3.0)
+    angle, state = 0.2, RoverState(0.0, 0.0, 0.0, 3.0)
     radius = WHEELBASE_M / math.tan(angle)
     for _ in range(400):
         state = advance(state, 0.0, angle, 0.05)
@@ -60,12 +60,12 @@ def test_the_plant_drives_the_circle_of_its_steering_angle() -> None:
 
 def test_the_plant_accelerates_evenly_and_never_goes_backwards() -> None:
     """Speed and way are those of uniform acceleration; braking ends at a standstill; limits hold."""
-    state = State(0.0, 0.0, 0.0, 1.0)
+    state = RoverState(0.0, 0.0, 0.0, 1.0)
     for _ in range(20):
         state = advance(state, 1.5, 0.0, 0.05)
     assert (state.x, state.speed) == pytest.approx((1.75, 2.5))
-    assert advance(State(0, 0, 0, 1.0), -99.0, 0.0, 0.1).speed == pytest.approx(0.5)
-    assert advance(State(0, 0, 0, 0.1), -99.0, 0.0, 0.1).speed == 0.0
+    assert advance(RoverState(0, 0, 0, 1.0), -99.0, 0.0, 0.1).speed == pytest.approx(0.5)
+    assert advance(RoverState(0, 0, 0, 0.1), -99.0, 0.0, 0.1).speed == 0.0
     assert advance(state, 0.0, 9.0, 0.05) == advance(state, 0.0, 0.5, 0.05)
 
 
@@ -115,7 +115,7 @@ def test_stop_brings_the_fastest_rover_to_rest_before_a_near_obstacle() -> None:
     """From full speed within the distance at which the safety policy demands it, with room to spare."""
     for gap_m in (ROVER.distances.stop_m, 4.0, 3.0):
         world = world_of((gap_m + 0.6, 0.0))
-        world = World(world.layout, State(0.0, 0.0, 0.0, INTENTS["STRAIGHT"].speed))
+        world = RoverWorld(world.layout, RoverState(0.0, 0.0, 0.0, INTENTS["STRAIGHT"].speed))
         assert read_truth(world)["lead_gap_m"] == pytest.approx(gap_m)
         for _ in range(3):
             world = decide(world, "STOP")
@@ -276,7 +276,7 @@ def test_a_layout_leaves_a_way_through_unless_a_wall_closes_it(family: str) -> N
         ),
     ],
 )
-def test_truth_is_read_from_the_geometry(world: World, truth: dict[str, object]) -> None:
+def test_truth_is_read_from_the_geometry(world: RoverWorld, truth: dict[str, object]) -> None:
     """Gap, sides, demand and side of the nearest obstacle, by their stated bounds; tracks count from the left."""
     found = read_truth(world)
     assert {name: found[name] for name in truth} == pytest.approx(truth)
@@ -406,7 +406,7 @@ def test_the_inner_loop_is_fine_enough_for_another_law() -> None:
     """A law in the place of the tracking law is asked every inner step, with state, intent and track."""
     asked: list[tuple[float, int]] = []
 
-    def law(state: State, intent: object, track: int) -> tuple[float, float]:
+    def law(state: RoverState, intent: object, track: int) -> tuple[float, float]:
         assert intent is INTENTS["LEFT"]
         asked.append((state.x, track))
         return 0.0, 0.0

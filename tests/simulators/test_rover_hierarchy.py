@@ -7,14 +7,14 @@ import pytest
 
 from eyechart.errors import SpecError
 from eyechart.mpc import Plan
-from eyechart.simulators import Moved, execute, open_bank_simulator
+from eyechart.simulators import StepResult, execute, open_bank_simulator
 from eyechart.simulators.rover.hierarchy import MpcDrive, RoverMpc, RoverMpcLateral, RoverMpcUnaware
 
 ACTIONS = RoverMpc.declared.action_space.actions
 MIRRORED = RoverMpc.declared.action_space.reflect
 
 
-def driven(drive: MpcDrive, intents: list[str]) -> list[tuple[Moved, bytes]]:
+def driven(drive: MpcDrive, intents: list[str]) -> list[tuple[StepResult, bytes]]:
     """Drive by a list of intents; return each move with the state after it."""
     moves = []
     for intent in intents:
@@ -25,7 +25,7 @@ def driven(drive: MpcDrive, intents: list[str]) -> list[tuple[Moved, bytes]]:
     return moves
 
 
-def reflected(moved: Moved) -> Moved:
+def reflected(moved: StepResult) -> StepResult:
     """Return the move in the mirrored world: where it ended across the road, and how it was turned, change sign."""
     sides = {name: -float(moved.facts[name] or 0.0) for name in ("y_m", "yaw")}
     return replace(moved, facts={**moved.facts, **sides})

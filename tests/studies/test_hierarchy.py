@@ -19,8 +19,9 @@ from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import RequestMode
 from eyechart.report.table import Table
 from eyechart.studies import hierarchy
-from eyechart.studies.hierarchy import HierarchyScore, Part, Source, planning, running, score, scoring
+from eyechart.studies.hierarchy import HierarchyScore, Part, Source, planning, score, scoring
 from eyechart.studies.hierarchy.tables import TITLES, against_table, completion_table, intent_table, source_table
+from eyechart.studies.probed import spent_on
 from faults import FaultServer
 
 MPC_ONLY = "constant:STRAIGHT"
@@ -303,7 +304,7 @@ def test_a_limit_bounds_the_whole_study(
         outcome = hierarchy.run(planned, FREE, bounds=ONE, **limits)  # type: ignore[arg-type]
         assert outcome.stopped is not None
         assert len(planned["lateral-models"].left()) == 1
-        calls = [running.spent(part, FREE).calls for part in planned.values()]
+        calls = [spent_on([part.out], FREE).calls for part in planned.values()]
         assert min(calls) >= 3
         assert sum(calls) == 10
 

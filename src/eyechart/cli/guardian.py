@@ -277,11 +277,11 @@ def serve(
 
     from eyechart.guardian import Guardian
     from eyechart.modes import read_mode
-    from eyechart.serve import Limits
+    from eyechart.serve import ServerLimits
     from eyechart.serve import serve as run
 
     modes = {one.spec: one for one in map(read_mode, mode or ())}
-    limits = Limits(concurrency=concurrency, queue=queue, most_bytes=max_bytes, most_pixels=max_pixels)
+    limits = ServerLimits(concurrency=concurrency, queue=queue, most_bytes=max_bytes, most_pixels=max_pixels)
     with Guardian.load(guardian, deadline_s=deadline, modes=modes) as loaded:
         served = run(
             loaded,

@@ -4,12 +4,12 @@ import asyncio
 from collections.abc import Sequence
 from dataclasses import replace
 
-from eyechart.costs import Estimate, estimate
-from eyechart.episodes.hosts import HostDiedError, LocalHost
+from eyechart.costs import CostEstimate, estimate
 from eyechart.episodes.nouns import Episode, EpisodeKey
 from eyechart.episodes.planning import Episodes
 from eyechart.episodes.recorded import recorded
 from eyechart.episodes.running import calls_of
+from eyechart.episodes.workers import LocalWorker, WorkerDiedError
 from eyechart.episodes.worlds import Setup, Shown
 from eyechart.errors import DriveError, EyechartError, SpecError, printable
 from eyechart.frames import Stimulus
@@ -32,7 +32,7 @@ _LONGEST_SAMPLE = 200
 _PICTURES = 3
 
 
-def expected(planned: Episodes, prices: Prices, *, concurrency: int) -> tuple[Estimate, ...]:
+def expected(planned: Episodes, prices: Prices, *, concurrency: int) -> tuple[CostEstimate, ...]:
     """Return what the calls that are still to be made are expected to take, by model.
 
     An episode counts as long as one that brakes all the way, in the first of the seeds, and where that crashes as the
@@ -71,13 +71,13 @@ async def _lengths(setup: Setup, keys: Sequence[EpisodeKey], policies: Sequence[
 
     Raises DriveError that names the world that fails.
     """
-    host, found, world = LocalHost(setup, patience_s=PATIENCE_S), list[Episode](), ""
+    worker, found, world = LocalWorker(setup, patience_s=PATIENCE_S), list[Episode](), ""
     try:
         async with asyncio.timeout(ALTOGETHER_S):
             for key in keys:
                 world = key.world
                 for policy in policies:
-                    over = await host.ask("drive", key, policy)
+                    over = await worker.ask("drive", key, policy)
                     assert isinstance(over, Episode)
                     found.append(over)
                     if not over.crashed and policy is policies[0]:
@@ -87,7 +87,7 @@ async def _lengths(setup: Setup, keys: Sequence[EpisodeKey], policies: Sequence[
     except EyechartError as error:
         raise DriveError(f"{world}: {printable(str(error))}") from error
     finally:
-        host.close()
+        worker.close()
     for one in found:
         if one.ended == "error" and len(one.steps) < setup.max_steps:
             raise DriveError(f"{one.key.world}: {printable(one.detail)}")
@@ -124,21 +124,21 @@ def sample_of(planned: Episodes, most: int = _PICTURES) -> Sample:
 async def _shown(setup: Setup, keys: Sequence[EpisodeKey]) -> list[Shown | str]:
     """Return what each world shows first, or in words why it shows nothing."""
     found: list[Shown | str] = []
-    host = LocalHost(setup, patience_s=PATIENCE_S)
+    worker = LocalWorker(setup, patience_s=PATIENCE_S)
     try:
         for key in keys:
-            if host.dead:
-                host.close()
-                host = LocalHost(setup, patience_s=PATIENCE_S)
+            if worker.dead:
+                worker.close()
+                worker = LocalWorker(setup, patience_s=PATIENCE_S)
             try:
-                shown = await host.ask("open", key)
-                await host.ask("close", key)
-            except HostDiedError as error:
+                shown = await worker.ask("open", key)
+                await worker.ask("close", key)
+            except WorkerDiedError as error:
                 shown = Episode(key, (), "error", "", str(error))
             assert isinstance(shown, Shown | Episode)
             found.append(shown if isinstance(shown, Shown) else printable(shown.detail))
     finally:
-        host.close()
+        worker.close()
     return found
 
 

@@ -11,11 +11,11 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from eyechart.conditions import require_shown
-from eyechart.episodes.hosts import Host, LocalHost
 from eyechart.episodes.nouns import SILENCES, Episode, EpisodeKey
 from eyechart.episodes.recorded import recorded
 from eyechart.episodes.records import EPISODES, mend_episodes, read_episodes, write_episodes
 from eyechart.episodes.running import USUAL, Bounds, Drivers, Progress, drive
+from eyechart.episodes.workers import LocalWorker, Worker
 from eyechart.episodes.worlds import Setup
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import alone
@@ -204,7 +204,7 @@ def run(
     ``engine`` is where the worlds are: ``local`` processes, or actors on a ``ray`` cluster. Raises LedgerError where
     another process is writing to the same run, or the ledger cannot be written.
     """
-    open_host = _engine(engine, planned.setup)
+    open_worker = _engine(engine, planned.setup)
     planned.out.mkdir(parents=True, exist_ok=True)
     try:
         with _alone(planned.out), ExitStack() as opened:
@@ -213,7 +213,7 @@ def run(
             keep, ledger = _keeper(planned, len(left), progress), None
             if any(key.policy in planned.drivers.models for key in left):
                 ledger = opened.enter_context(Ledger(planned.out / LEDGER, create=True))
-            return drive(left, planned.drivers, open_host, keep, ledger=ledger, bounds=bounds)
+            return drive(left, planned.drivers, open_worker, keep, ledger=ledger, bounds=bounds)
     except sqlite3.Error as error:
         raise LedgerError(f"{planned.out / LEDGER} cannot be written: {error}; the same command resumes") from error
 
@@ -248,18 +248,18 @@ def require_engine(engine: str) -> None:
     if engine not in ENGINES:
         raise SpecError(f"unknown engine '{engine}'; known are {', '.join(ENGINES)}")
     if engine == "ray":
-        from eyechart.episodes.ray_hosts import join  # noqa: PLC0415 - an extra
+        from eyechart.episodes.ray_workers import join  # noqa: PLC0415 - an extra
 
         join()
 
 
-def _engine(engine: str, setup: Setup) -> Callable[[], Host]:
+def _engine(engine: str, setup: Setup) -> Callable[[], Worker]:
     require_engine(engine)
     if engine == "ray":
-        from eyechart.episodes.ray_hosts import RayHost  # noqa: PLC0415 - an extra
+        from eyechart.episodes.ray_workers import RayWorker  # noqa: PLC0415 - an extra
 
-        return partial(RayHost, setup)
-    return partial(LocalHost, setup)
+        return partial(RayWorker, setup)
+    return partial(LocalWorker, setup)
 
 
 def _begin(planned: Episodes) -> None:

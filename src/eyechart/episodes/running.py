@@ -1,4 +1,4 @@
-"""The coordinator holds the models, the ledger and the bounds, and lets hosts drive the worlds."""
+"""The coordinator holds the models, the ledger and the bounds, and lets workers drive the worlds."""
 
 import asyncio
 import random
@@ -11,8 +11,8 @@ from functools import partial
 
 from eyechart.attempts import Caller, budget_of, close, first_error
 from eyechart.calls import CallKey, Reply
-from eyechart.episodes.hosts import Host, HostDiedError
 from eyechart.episodes.nouns import Episode, EpisodeKey
+from eyechart.episodes.workers import Worker, WorkerDiedError
 from eyechart.episodes.worlds import Shown
 from eyechart.errors import EyechartError
 from eyechart.ledger import Ledger
@@ -67,7 +67,7 @@ USUAL = Bounds()
 def drive(
     todo: Sequence[EpisodeKey],
     drivers: Drivers,
-    open_host: Callable[[], Host],
+    open_worker: Callable[[], Worker],
     keep: Callable[[Episode], None],
     *,
     ledger: Ledger | None = None,
@@ -75,12 +75,12 @@ def drive(
 ) -> Outcome:
     """Drive episodes, in seeded random order, and ``keep`` each when it is over.
 
-    ``open_host`` starts a worker; models need a ``ledger``. A call that it holds finished is not made again. An episode
-    that a limit or a passing error cuts is not kept: driven again, its finished calls are replayed.
+    ``open_worker`` starts a worker; models need a ``ledger``. A call that it holds finished is not made again. An
+    episode that a limit or a passing error cuts is not kept: driven again, its finished calls are replayed.
     """
     todo = sorted(todo)
     random.Random(drivers.seed).shuffle(todo)  # noqa: S311 - an order, no secret
-    coordinator = _Coordinator(drivers, open_host, keep, calls_of(todo, drivers, ledger))
+    coordinator = _Coordinator(drivers, open_worker, keep, calls_of(todo, drivers, ledger))
     try:
         return asyncio.run(coordinator.run(todo, ledger, bounds))
     except asyncio.CancelledError:
@@ -119,31 +119,31 @@ class _NotRepeatedError(EyechartError):
 
 
 class _Slot:
-    """The place of one host, where another takes over when it dies."""
+    """The place of one worker, where another takes over when it dies."""
 
-    def __init__(self, open_host: Callable[[], Host]) -> None:
-        self._open_host = open_host
-        self.host = open_host()
+    def __init__(self, open_worker: Callable[[], Worker]) -> None:
+        self._open_worker = open_worker
+        self.worker = open_worker()
         self.worlds = 0
 
     def renew(self) -> None:
-        """Start another host where this one is dead."""
-        if self.host.dead:
-            self.host.close()
-            self.host = self._open_host()
+        """Start another worker where this one is dead."""
+        if self.worker.dead:
+            self.worker.close()
+            self.worker = self._open_worker()
 
 
 class _Coordinator:
-    """One event loop over the episodes that remain; worlds are driven in their hosts, models asked here."""
+    """One event loop over the episodes that remain; worlds are driven in their workers, models asked here."""
 
     def __init__(
         self,
         drivers: Drivers,
-        open_host: Callable[[], Host],
+        open_worker: Callable[[], Worker],
         keep: Callable[[Episode], None],
         finished: dict[EpisodeKey, dict[CallKey, tuple[Reply, str]]],
     ) -> None:
-        self._drivers, self._open_host, self._keep, self._finished = drivers, open_host, keep, finished
+        self._drivers, self._open_worker, self._keep, self._finished = drivers, open_worker, keep, finished
         self._slots: list[_Slot] = []
         self._alone = asyncio.Lock()
         self._paces: dict[str, Pace] = {}
@@ -159,7 +159,7 @@ class _Coordinator:
         with _terminated_as_interrupted():
             try:
                 for _ in range(min(bounds.processes, len(todo))):
-                    self._slots.append(_Slot(self._open_host))
+                    self._slots.append(_Slot(self._open_worker))
                 async with asyncio.TaskGroup() as group:
                     queue = iter(own)
                     for slot in self._slots:
@@ -171,23 +171,23 @@ class _Coordinator:
                             group.create_task(self._model(waiting))
             finally:
                 for slot in self._slots:
-                    slot.host.close()
+                    slot.worker.close()
                 for model in models.values():
                     await close(model)
         return Outcome({}) if budget is None else Outcome(dict(budget.set_aside), budget.stopped, budget.uncounted)
 
     async def _policies(self, queue: Iterator[EpisodeKey], slot: _Slot) -> None:
-        """Let one host drive one episode after another, none of whose steps comes here."""
+        """Let one worker drive one episode after another, none of whose steps comes here."""
         for key in queue:
             self._keep(await self._survive(key, slot, partial(self._drive_alone, key)))
 
-    async def _drive_alone(self, key: EpisodeKey, host: Host) -> Episode:
-        episode = await host.ask("drive", key, self._drivers.policies[key.policy])
+    async def _drive_alone(self, key: EpisodeKey, worker: Worker) -> Episode:
+        episode = await worker.ask("drive", key, self._drivers.policies[key.policy])
         assert isinstance(episode, Episode)
         return episode
 
     async def _model(self, queue: Iterator[EpisodeKey]) -> None:
-        """Drive one episode of a model after another, each in the host with the fewest of them."""
+        """Drive one episode of a model after another, each in the worker with the fewest of them."""
         for key in queue:
             slot = min(self._slots, key=lambda one: one.worlds)
             slot.worlds += 1
@@ -201,34 +201,34 @@ class _Coordinator:
                 slot.worlds -= 1
             self._finished.pop(key, None)
 
-    async def _survive(self, key: EpisodeKey, slot: _Slot, drive: Callable[[Host], Awaitable[Episode]]) -> Episode:
-        """Drive an episode; where its host dies, once more in a host of its own, and then it is an error."""
+    async def _survive(self, key: EpisodeKey, slot: _Slot, drive: Callable[[Worker], Awaitable[Episode]]) -> Episode:
+        """Drive an episode; where its worker dies, once more in a worker of its own, and then it is an error."""
         try:
-            return await drive(slot.host)
-        except HostDiedError:
+            return await drive(slot.worker)
+        except WorkerDiedError:
             slot.renew()
         async with self._alone:
-            host = self._open_host()
+            worker = self._open_worker()
             try:
-                return await drive(host)
-            except HostDiedError as error:
+                return await drive(worker)
+            except WorkerDiedError as error:
                 return Episode(key, (), "error", "", f"its world took its process down, twice: {error}")
             finally:
-                host.close()
+                worker.close()
 
-    async def _ask_through(self, key: EpisodeKey, host: Host) -> Episode:
+    async def _ask_through(self, key: EpisodeKey, worker: Worker) -> Episode:
         """Drive an episode of a model: a picture comes, is asked about, and the decision goes back."""
-        shown = await host.ask("open", key)
+        shown = await worker.ask("open", key)
         while isinstance(shown, Shown):
             try:
                 reply = await self._reply(key, shown)
             except _NotRepeatedError as error:
-                shown = await host.ask("fail", key, str(error))
+                shown = await worker.ask("fail", key, str(error))
             except (_CutError, _StoppedError):
-                await host.ask("close", key)
+                await worker.ask("close", key)
                 raise
             else:
-                shown = await host.ask("act", key, decide(reply, self._drivers), reply.error or "")
+                shown = await worker.ask("act", key, decide(reply, self._drivers), reply.error or "")
         assert isinstance(shown, Episode)
         return shown
 
@@ -265,7 +265,7 @@ def decide(reply: Reply, drivers: Drivers) -> Decision[str]:
 
 @contextmanager
 def _terminated_as_interrupted() -> Iterator[None]:
-    """Let SIGTERM end the run as SIGINT does: hosts are closed, and what is finished is kept."""
+    """Let SIGTERM end the run as SIGINT does: workers are closed, and what is finished is kept."""
     loop, here = asyncio.get_running_loop(), threading.current_thread() is threading.main_thread()
     task = asyncio.current_task()
     if here and task is not None:

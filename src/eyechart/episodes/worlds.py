@@ -17,7 +17,7 @@ from eyechart.frames import MAIN, RGB, Frame, Scalar, Stimulus, alone, decode, e
 from eyechart.modes import without_secrets
 from eyechart.policies import Observation, Policy, open_policy
 from eyechart.seeds import key_seed
-from eyechart.simulators import SIMULATORS, Drive, Moved, Simulator, execute, open_simulator
+from eyechart.simulators import SIMULATORS, Drive, Simulator, StepResult, execute, open_simulator
 from eyechart.spaces.space import Decision
 
 MAX_STEPS = 1000
@@ -61,20 +61,20 @@ class Worlds:
         SIMULATORS.update(setup.simulators)
         self._setup = setup
         self._simulator = open_simulator(setup.simulator, actions=setup.actions)
-        self._rides: dict[EpisodeKey, _Ride] = {}
+        self._rollouts: dict[EpisodeKey, _Rollout] = {}
         self._pool = _Pool(self._simulator, setup.seed)
 
     def drive(self, key: EpisodeKey, policy: Policy, alive: Callable[[], None] = lambda: None) -> Episode:
         """Let a policy that is no model drive an episode to its end; ``alive`` is called at every step."""
-        ride = self._begin(key)
-        while ride.over is None:
+        rollout = self._begin(key)
+        while rollout.over is None:
             alive()
-            ride.decide(lambda: policy.decide(ride.observe()))
-        return ride.over
+            rollout.decide(lambda: policy.decide(rollout.observe()))
+        return rollout.over
 
     def open(self, key: EpisodeKey) -> Shown | Episode:
         """Begin an episode whose decisions come from elsewhere; return the first picture, or how it failed."""
-        self._rides[key] = self._begin(key)
+        self._rollouts[key] = self._begin(key)
         return self._shown(key)
 
     def act(self, key: EpisodeKey, decision: Decision[str], error: str = "") -> Shown | Episode:
@@ -82,36 +82,36 @@ class Worlds:
 
         ``error`` is the kind of failure of the call that brought no decision.
         """
-        self._rides[key].decide(lambda: decision, error)
+        self._rollouts[key].decide(lambda: decision, error)
         return self._shown(key)
 
     def fail(self, key: EpisodeKey, detail: str) -> Episode:
         """End an episode as an error that arose elsewhere."""
-        ride = self._rides.pop(key)
-        ride.end("error", detail)
-        assert ride.over is not None
-        return ride.over
+        rollout = self._rollouts.pop(key)
+        rollout.end("error", detail)
+        assert rollout.over is not None
+        return rollout.over
 
     def close(self, key: EpisodeKey) -> None:
         """Leave an episode that is not to be driven on; one that is not under way is none."""
-        ride = self._rides.pop(key, None)
-        if ride is not None:
-            ride.end("error", "left")
+        rollout = self._rollouts.pop(key, None)
+        if rollout is not None:
+            rollout.end("error", "left")
 
-    def _begin(self, key: EpisodeKey) -> "_Ride":
-        return _Ride(key, self._simulator, self._pool, self._setup)
+    def _begin(self, key: EpisodeKey) -> "_Rollout":
+        return _Rollout(key, self._simulator, self._pool, self._setup)
 
     def _shown(self, key: EpisodeKey) -> Shown | Episode:
-        ride = self._rides[key]
-        shown = ride.shown()
+        rollout = self._rollouts[key]
+        shown = rollout.shown()
         if shown is not None:
             return shown
-        del self._rides[key]
-        assert ride.over is not None
-        return ride.over
+        del self._rollouts[key]
+        assert rollout.over is not None
+        return rollout.over
 
 
-class _Ride:
+class _Rollout:
     """An episode under way. Whatever its world or its policy raises ends it as an error, and nothing else."""
 
     def __init__(self, key: EpisodeKey, simulator: Simulator, pool: "_Pool", setup: Setup) -> None:
@@ -297,7 +297,7 @@ def _digest(drive: Drive, decimals: int | None = None) -> str | None:
     return None
 
 
-def _require_finite(moved: Moved) -> None:
+def _require_finite(moved: StepResult) -> None:
     for name in ("reward", "speed_mps", "distance_m"):
         value = getattr(moved, name)
         if not (value is None and name != "reward") and not math.isfinite(value):

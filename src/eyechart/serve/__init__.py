@@ -1,6 +1,6 @@
 """A guardian over HTTP."""
 
-from eyechart.serve.limits import Limits
+from eyechart.serve.limits import ServerLimits
 from eyechart.serve.server import application, serve
 
-__all__ = ["Limits", "application", "serve"]
+__all__ = ["ServerLimits", "application", "serve"]

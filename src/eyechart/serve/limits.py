@@ -10,7 +10,7 @@ TYPES = ("image/png", "image/jpeg", "image/webp", "image/bmp", "application/octe
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class ServerLimits:
     """What bounds the server; raises GuardianError, in the words of the command, for what is no limit.
 
     ``concurrency`` pictures are asked about at a time, ``queue`` more may wait, and ``uploads`` be read; what comes

@@ -1,11 +1,11 @@
 """The OpenAPI document of a served guardian."""
 
 from eyechart import __version__
-from eyechart.serve.limits import TYPES, Limits
+from eyechart.serve.limits import TYPES, ServerLimits
 from eyechart.studies.guardian import VIEWS
 
 
-def openapi(limits: Limits, deadline_s: float) -> dict[str, object]:
+def openapi(limits: ServerLimits, deadline_s: float) -> dict[str, object]:
     """Return the OpenAPI document of the server."""
     vote = {"type": ["boolean", "null"], "description": "true: hazard, false: clear, null: missing"}
     assessment = {

@@ -25,7 +25,7 @@ from eyechart import __version__
 from eyechart.errors import BankError, GuardianError
 from eyechart.frames import size_of
 from eyechart.guardian import Assessment, Guardian, Pictures, encodable
-from eyechart.serve.limits import TYPES, Limits
+from eyechart.serve.limits import TYPES, ServerLimits
 from eyechart.serve.metrics import Metrics
 from eyechart.serve.openapi import openapi
 
@@ -48,7 +48,7 @@ class Server:
     """A guardian with the state of its server: how many pictures it reads, holds and asks about."""
 
     guardian: Guardian
-    limits: Limits
+    limits: ServerLimits
     metrics: Metrics = field(default_factory=Metrics)
     turns: asyncio.Semaphore = field(init=False)
     decoding: ThreadPoolExecutor = field(init=False)
@@ -246,9 +246,9 @@ class _Refused(Exception):  # noqa: N818 - an answer, and no error of the server
         self.status, self.why = status, why
 
 
-def application(guardian: Guardian, limits: Limits | None = None) -> tuple[web.Application, Server]:
+def application(guardian: Guardian, limits: ServerLimits | None = None) -> tuple[web.Application, Server]:
     """Return the application that serves a guardian, and its state; it is to be made in the loop that runs it."""
-    server = Server(guardian, limits or Limits())
+    server = Server(guardian, limits or ServerLimits())
     app = web.Application(middlewares=[server.watch], client_max_size=server.limits.most_bytes)
     app.on_cleanup.append(server.close)
     app.router.add_post("/assess", server.assess)
@@ -263,7 +263,7 @@ async def serve(
     *,
     host: str = "127.0.0.1",
     port: int = 8600,
-    limits: Limits | None = None,
+    limits: ServerLimits | None = None,
     warm_up_s: float = 0.0,
     tell: Callable[[str], None] = lambda _: None,
     started: Callable[[str], None] = lambda _: None,

@@ -15,7 +15,7 @@ from eyechart.spaces.discrete import Discrete
 
 
 @dataclass(frozen=True, slots=True)
-class Moved:
+class StepResult:
     """What one decision's worth of driving brought about.
 
     ``reward`` is the simulator's own. ``distance_m`` is what the vehicle has covered since the drive began, as the
@@ -43,7 +43,7 @@ class Drive(Protocol):
         """Return the ground truth of this moment, the columns that the simulator's banks have, None for "none"."""
         ...
 
-    def step(self, action: str) -> Moved:
+    def step(self, action: str) -> StepResult:
         """Drive on for one decision's time with this action; raises ValueError after the end."""
         ...
 
@@ -87,7 +87,7 @@ class Planning(Protocol):
 class Halting(Protocol):
     """A drive that knows how to stop, where the fail-safe action alone might mean less than that."""
 
-    def halt(self) -> Moved:
+    def halt(self) -> StepResult:
         """Drive on for one decision's time, and stop; raises ValueError after the end."""
         ...
 
@@ -101,7 +101,7 @@ class HalfBlind(Protocol):
         ...
 
 
-def execute(drive: Drive, action: str, *, decided: bool) -> Moved:
+def execute(drive: Drive, action: str, *, decided: bool) -> StepResult:
     """Drive on with an action that was decided, or with the fail-safe where nothing was."""
     return drive.halt() if isinstance(drive, Halting) and not decided else drive.step(action)
 

@@ -8,14 +8,14 @@ from eyechart.simulators.banks import versions_of
 from eyechart.simulators.drone.aviary import require
 from eyechart.simulators.drone.drive import PybulletDrive
 from eyechart.simulators.drone.flight import INTENTS, Velocity
-from eyechart.simulators.drone.world import RAISED, Flight, World, decide, start
+from eyechart.simulators.drone.world import RAISED, DroneWorld, Flight, decide, start
 from eyechart.simulators.road import FAMILIES, Layout, RoadBanks, RoadDrive, Vehicle, make_layout
 from eyechart.spaces.discrete import DRIVING
 
 
-def _place(layout: Layout, pose: tuple[float, float, float], speed: float, track: int) -> World:
+def _place(layout: Layout, pose: tuple[float, float, float], speed: float, track: int) -> DroneWorld:
     x, y, _ = pose
-    return World(layout.raised(RAISED), Flight(x, y, Velocity(speed)), track)
+    return DroneWorld(layout.raised(RAISED), Flight(x, y, Velocity(speed)), track)
 
 
 class Drone(RoadBanks):
@@ -41,7 +41,7 @@ class Drone(RoadBanks):
     )
     vehicle = Vehicle("drone", _place, most_yaw=0.0, most_mps=INTENTS["STRAIGHT"].speed)
 
-    def drive(self, scenario: str, seed: int, *, mirrored: bool = False) -> RoadDrive[World]:
+    def drive(self, scenario: str, seed: int, *, mirrored: bool = False) -> RoadDrive[DroneWorld]:
         """Open a world at its beginning, or its mirror image; raises SpecError for an unknown scenario or seed."""
         world = start(make_layout(scenario, seed, simulator="drone", mirrored=mirrored))
         return RoadDrive(world, decide, actions=INTENTS, top_mps=INTENTS["STRAIGHT"].speed)

@@ -5,7 +5,7 @@ from dataclasses import replace
 from eyechart.frames import RGB
 from eyechart.simulators.drone.aviary import HZ, Aviary
 from eyechart.simulators.drone.flight import INTENTS, Velocity
-from eyechart.simulators.drone.world import Flight, World, start
+from eyechart.simulators.drone.world import DroneWorld, Flight, start
 from eyechart.simulators.road import (
     DECISION_S,
     GOAL_M,
@@ -18,7 +18,7 @@ from eyechart.simulators.road import (
 )
 
 
-class PybulletDrive(RoadDrive[World]):
+class PybulletDrive(RoadDrive[DroneWorld]):
     """One of the drone's worlds in gym-pybullet-drones.
 
     The commands are those of our own drone, and the Crazyflie's controller and physics follow them as they can. Any
@@ -46,7 +46,7 @@ class PybulletDrive(RoadDrive[World]):
         """Disconnect from PyBullet."""
         self._aviary.close()
 
-    def _fly(self, world: World, action: str) -> World:
+    def _fly(self, world: DroneWorld, action: str) -> DroneWorld:
         intent, aviary = INTENTS[action], self._aviary
         track = next_track(world.track, intent.tracks)
         steps = round(DECISION_S * HZ)

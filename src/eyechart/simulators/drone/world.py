@@ -7,9 +7,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from eyechart.simulators import road
 from eyechart.simulators.drone.flight import BODY_RADIUS_M, INTENTS, Velocity
-from eyechart.simulators.road import DECISION_S, GOAL_M, TRACKS_M, Layout, next_track
+from eyechart.simulators.road import DECISION_S, GOAL_M, TRACKS_M, Layout, RoadWorld, next_track
 
 HZ = 48
 """Steps a second; in one of them a drone at full speed makes 17 cm, and obstacles are a metre wide."""
@@ -46,18 +45,18 @@ class Flight:
 
 
 @dataclass(frozen=True)
-class World(road.World[Flight]):
+class DroneWorld(RoadWorld[Flight]):
     """A drone under way."""
 
     vehicle: ClassVar[str] = "drone"
 
 
-def start(layout: Layout) -> World:
+def start(layout: Layout) -> DroneWorld:
     """Return the world of a layout at its beginning, with pillars: the drone hovers over the middle of the road."""
-    return World(layout.raised(RAISED), Flight(0.0, 0.0, Velocity()))
+    return DroneWorld(layout.raised(RAISED), Flight(0.0, 0.0, Velocity()))
 
 
-def decide(world: World, action: str) -> World:
+def decide(world: DroneWorld, action: str) -> DroneWorld:
     """Return the world one decision later, or where the drive ended before."""
     intent = INTENTS[action]
     track, state, crashed = next_track(world.track, intent.tracks), world.state, False

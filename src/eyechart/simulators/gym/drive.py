@@ -13,7 +13,7 @@ import numpy as np
 
 from eyechart.errors import DriveError, SpecError
 from eyechart.frames import RGB, Scalar
-from eyechart.simulators import Moved
+from eyechart.simulators import StepResult
 from eyechart.simulators.gym.action_map import ActionMap
 
 Env = gymnasium.Env[Any, Any]
@@ -92,7 +92,7 @@ class GymnasiumDrive:
         """Return what the environment's info says of this moment, None for what the map names no key for."""
         return dict(self._truth)
 
-    def step(self, action: str) -> Moved:
+    def step(self, action: str) -> StepResult:
         """Repeat this action's number as often as the map says, or until the environment ends."""
         if self._ended is not None:
             raise ValueError(f"the drive is over: {self._ended}")
@@ -115,7 +115,7 @@ class GymnasiumDrive:
         self._ended = self._end(crashed=crashed, terminated=bool(terminated), truncated=bool(truncated))
         self._truth["crashed"] = crashed
         covered = _number(self._truth.get("distance_m"))
-        return Moved(
+        return StepResult(
             reward=reward,
             speed_mps=_number(self._truth["speed_mps"]),
             distance_m=None if covered is None else covered - self._start_m,

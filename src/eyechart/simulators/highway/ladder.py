@@ -12,7 +12,7 @@ import numpy as np
 
 from eyechart.errors import SpecError
 from eyechart.frames import RGB, Scalar
-from eyechart.simulators import Moved
+from eyechart.simulators import StepResult
 from eyechart.simulators.banks import check_seed
 from eyechart.simulators.highway.speedups import speedups
 from eyechart.simulators.highway.truth import read_truth
@@ -61,7 +61,7 @@ class LadderDrive:
         """Return the columns of the banks."""
         return read_truth(self._world)
 
-    def step(self, action: str) -> Moved:
+    def step(self, action: str) -> StepResult:
         """Drive on for a second; ``distance_m`` counts from the end of the first one.
 
         Raises ValueError for an action that is none, and after the end.
@@ -79,7 +79,7 @@ class LadderDrive:
         out_of_time = timed_out or world.time >= DURATION_S
         ended = "crash" if crashed else "goal" if over else "time" if out_of_time else None
         self._ended = ended is not None
-        return Moved(
+        return StepResult(
             reward=float(reward),
             speed_mps=float(world.vehicle.speed),
             distance_m=x - self._from_m,

@@ -6,7 +6,7 @@ from eyechart.simulators.road.layout import FAMILIES, GOAL_M, ROAD_HALF_M, TRACK
 from eyechart.simulators.road.picture import SCENERY, cylinders, draw, eye_of, verge_of
 from eyechart.simulators.road.staging import Vehicle, stage
 from eyechart.simulators.road.truth import find_lead, free_tracks, gap_to, read_scene, read_truth
-from eyechart.simulators.road.world import DECISION_S, MIDDLE, TIME_S, AnyWorld, World, next_track
+from eyechart.simulators.road.world import DECISION_S, MIDDLE, TIME_S, AnyWorld, RoadWorld, next_track
 
 __all__ = [
     "DECISION_S",
@@ -22,8 +22,8 @@ __all__ = [
     "Obstacle",
     "RoadBanks",
     "RoadDrive",
+    "RoadWorld",
     "Vehicle",
-    "World",
     "cylinders",
     "draw",
     "eye_of",

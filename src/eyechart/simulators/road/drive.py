@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Mapping
 from typing import Generic, TypeVar
 
 from eyechart.frames import RGB, Scalar
-from eyechart.simulators import Moved
+from eyechart.simulators import StepResult
 from eyechart.simulators.road.picture import draw
 from eyechart.simulators.road.truth import read_truth, unseen_sides
 from eyechart.simulators.road.world import DECISION_S, AnyWorld
@@ -43,7 +43,7 @@ class RoadDrive(Generic[W]):
         """Return the sides, left and right, that are closed by nothing that the picture shows."""
         return unseen_sides(self._world)
 
-    def step(self, action: str) -> Moved:
+    def step(self, action: str) -> StepResult:
         """Drive on for a second; raises ValueError for an action that is none, and after the end."""
         if self._world.ended is not None:
             raise ValueError("this drive is over")
@@ -52,7 +52,7 @@ class RoadDrive(Generic[W]):
         before = self._world
         self._world = after = self._decide(before, action)
         made = (after.state.x - before.state.x) / (self._top_mps * DECISION_S)
-        return Moved(
+        return StepResult(
             reward=CRASH_REWARD if after.crashed else made,
             speed_mps=after.state.speed,
             distance_m=after.state.x,

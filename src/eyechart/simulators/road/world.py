@@ -12,7 +12,7 @@ TIME_S = 40.0
 MIDDLE = len(TRACKS_M) // 2
 
 
-class State(Protocol):
+class VehicleState(Protocol):
     """Where a vehicle is, how it is turned, and how fast it goes, in m, rad and m/s."""
 
     @property
@@ -44,11 +44,11 @@ class State(Protocol):
         ...
 
 
-S_co = TypeVar("S_co", bound=State, covariant=True)
+S_co = TypeVar("S_co", bound=VehicleState, covariant=True)
 
 
 @dataclass(frozen=True)
-class World(Generic[S_co]):
+class RoadWorld(Generic[S_co]):
     """A vehicle's state in a layout, the track it was last asked to follow, and how many seconds have passed.
 
     ``vehicle`` names the view of the vehicle's camera.
@@ -100,5 +100,5 @@ def next_track(track: int, to_left: int) -> int:
     return min(max(track + to_left, 0), len(TRACKS_M) - 1)
 
 
-AnyWorld = World[State]
+AnyWorld = RoadWorld[VehicleState]
 """The world of any vehicle."""

@@ -3,14 +3,14 @@
 from eyechart.cameras import ROVER
 from eyechart.simulators import Declaration
 from eyechart.simulators.road import FAMILIES, Layout, RoadBanks, RoadDrive, Vehicle, make_layout
-from eyechart.simulators.rover.bicycle import State
+from eyechart.simulators.rover.bicycle import RoverState
 from eyechart.simulators.rover.tracking import INTENTS
-from eyechart.simulators.rover.world import World, decide, start
+from eyechart.simulators.rover.world import RoverWorld, decide, start
 from eyechart.spaces.discrete import DRIVING
 
 
-def _place(layout: Layout, pose: tuple[float, float, float], speed: float, track: int) -> World:
-    return World(layout, State(*pose, speed), track)
+def _place(layout: Layout, pose: tuple[float, float, float], speed: float, track: int) -> RoverWorld:
+    return RoverWorld(layout, RoverState(*pose, speed), track)
 
 
 class Rover(RoadBanks):
@@ -36,7 +36,7 @@ class Rover(RoadBanks):
     )
     vehicle = Vehicle("rover", _place, most_yaw=0.04, most_mps=INTENTS["STRAIGHT"].speed)
 
-    def drive(self, scenario: str, seed: int, *, mirrored: bool = False) -> RoadDrive[World]:
+    def drive(self, scenario: str, seed: int, *, mirrored: bool = False) -> RoadDrive[RoverWorld]:
         """Open a world at its beginning, or its mirror image; raises SpecError for an unknown scenario or seed."""
         world = start(make_layout(scenario, seed, mirrored=mirrored))
         return RoadDrive(world, decide, actions=INTENTS, top_mps=INTENTS["STRAIGHT"].speed)

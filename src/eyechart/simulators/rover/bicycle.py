@@ -21,7 +21,7 @@ MOST_BRAKING_MPS2 = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class State:
+class RoverState:
     """Where the rover is, how it is turned, and how fast it goes, in m, rad and m/s; it does not go backwards."""
 
     x: float
@@ -29,7 +29,7 @@ class State:
     yaw: float
     speed: float
 
-    def mirrored(self) -> "State":
+    def mirrored(self) -> "RoverState":
         """Return the state in the mirrored world."""
         return replace(self, y=-self.y, yaw=-self.yaw)
 
@@ -38,7 +38,7 @@ class State:
         return self.x, self.y, self.yaw, self.speed
 
 
-def advance(state: State, acceleration: float, steering: float, seconds: float) -> State:
+def advance(state: RoverState, acceleration: float, steering: float, seconds: float) -> RoverState:
     """Return the state after so many seconds under one acceleration (m/s²) and one steering angle (rad, left positive).
 
     Both are limited to what the rover can do. The pose is integrated by the midpoint rule.
@@ -49,7 +49,7 @@ def advance(state: State, acceleration: float, steering: float, seconds: float) 
     moved = (state.speed + speed) / 2 * seconds
     turned = moved * math.tan(steering) / WHEELBASE_M
     middle = state.yaw + turned / 2
-    return State(
+    return RoverState(
         x=state.x + moved * math.cos(middle),
         y=state.y + moved * math.sin(middle),
         yaw=state.yaw + turned,

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from eyechart.frames import Scalar
 from eyechart.mpc import STEP_S, Bicycle, Mpc, Plan, Road, State, Target
-from eyechart.simulators import Moved, Sketch
+from eyechart.simulators import Sketch, StepResult
 from eyechart.simulators.banks import versions_of
 from eyechart.simulators.road import (
     ROAD_HALF_M,
@@ -26,7 +26,7 @@ from eyechart.simulators.road import (
 )
 from eyechart.simulators.rover import Rover, bicycle
 from eyechart.simulators.rover.tracking import INNER_S, INTENTS, Intent
-from eyechart.simulators.rover.world import World, decide, start
+from eyechart.simulators.rover.world import RoverWorld, decide, start
 
 MARGIN_M = 0.25
 """How far the controller keeps the rover's disc from an obstacle and from the road's edge."""
@@ -68,7 +68,7 @@ class Law:
         self.plans: list[Plan] = []
         self.places: list[tuple[float, float]] = []
 
-    def __call__(self, state: bicycle.State, intent: Intent, track: int) -> tuple[float, float]:
+    def __call__(self, state: bicycle.RoverState, intent: Intent, track: int) -> tuple[float, float]:
         """Return acceleration (m/s²) and steering angle (rad)."""
         if self._calls % round(STEP_S / INNER_S) == 0:
             now = State(state.x, state.y, state.yaw, state.speed)
@@ -78,7 +78,7 @@ class Law:
         return self.plans[-1].accel_mps2, self.plans[-1].steer_rad
 
 
-class MpcDrive(RoadDrive[World]):
+class MpcDrive(RoadDrive[RoverWorld]):
     """A rover's world in which the controller drives and decisions are intents.
 
     ``plans`` are the last decision's, and ``driven`` its way: x and y in metres, every 0.05 s and at its end.
@@ -97,7 +97,7 @@ class MpcDrive(RoadDrive[World]):
         left, middle, right = reversed(free_tracks(self.world))
         return {**super().truth(), "free_left_m": left, "free_middle_m": middle, "free_right_m": right}
 
-    def step(self, action: str) -> Moved:
+    def step(self, action: str) -> StepResult:
         """Drive on for a second.
 
         ``facts`` of the move say how many plans the solver failed at, its last code, and where across the road the
@@ -106,12 +106,12 @@ class MpcDrive(RoadDrive[World]):
         self._before, self._last, self._halts = self.world, action, False
         return self._told(super().step(action))
 
-    def halt(self) -> Moved:
+    def halt(self) -> StepResult:
         """Drive on for a second, and stop, in every arm; a STOP that was decided leaves the lateral arm its cruise."""
         self._before, self._last, self._halts = self.world, "STOP", True
         return self._told(super().step("STOP"))
 
-    def _told(self, moved: Moved) -> Moved:
+    def _told(self, moved: StepResult) -> StepResult:
         failed = sum(not plan.solved for plan in self.plans)
         told = {"plans": len(self.plans), "solver_failures": failed, "solver_flag": self.plans[-1].flag}
         return replace(moved, facts={**told, "y_m": self.world.state.y, "yaw": self.world.state.yaw})
@@ -131,7 +131,7 @@ class MpcDrive(RoadDrive[World]):
         name = ("right", "middle", "left")[track]
         return Sketch(plan, aim, driven, f"{target.speed_mps:g} m/s on the {name} track")
 
-    def _plan(self, world: World, action: str) -> World:
+    def _plan(self, world: RoverWorld, action: str) -> RoverWorld:
         law = Law(self._arm, world.layout, halts=self._halts)
         after = decide(world, action, law)
         self.plans = tuple(law.plans)

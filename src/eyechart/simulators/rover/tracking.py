@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from eyechart.simulators.road import TRACKS_M
-from eyechart.simulators.rover.bicycle import MOST_ACCELERATION_MPS2, MOST_BRAKING_MPS2, WHEELBASE_M, State
+from eyechart.simulators.rover.bicycle import MOST_ACCELERATION_MPS2, MOST_BRAKING_MPS2, WHEELBASE_M, RoverState
 
 INNER_S = 0.05
 """The law's own period, and the plant's."""
@@ -40,7 +40,7 @@ INTENTS: Mapping[str, Intent] = {
 }
 
 
-def control(state: State, intent: Intent, track: int) -> tuple[float, float]:
+def control(state: RoverState, intent: Intent, track: int) -> tuple[float, float]:
     """Return acceleration (m/s²) and steering angle (rad) towards the intent's speed and the middle of a track.
 
     The yaw aimed at grows with the distance from the track; the yaw rate is bounded by what the tyres give sideways.

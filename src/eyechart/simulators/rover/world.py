@@ -5,30 +5,29 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from eyechart.simulators import road
-from eyechart.simulators.road import DECISION_S, GOAL_M, ROAD_HALF_M, Layout, Obstacle, next_track
-from eyechart.simulators.rover.bicycle import RADIUS_M, State, advance
+from eyechart.simulators.road import DECISION_S, GOAL_M, ROAD_HALF_M, Layout, Obstacle, RoadWorld, next_track
+from eyechart.simulators.rover.bicycle import RADIUS_M, RoverState, advance
 from eyechart.simulators.rover.tracking import INNER_S, INTENTS, Intent, control
 
 START_SPEED_MPS = 1.0
 
-Law = Callable[[State, Intent, int], tuple[float, float]]
+Law = Callable[[RoverState, Intent, int], tuple[float, float]]
 """From the state, the intent and the track to acceleration and steering, every ``INNER_S``."""
 
 
 @dataclass(frozen=True)
-class World(road.World[State]):
+class RoverWorld(RoadWorld[RoverState]):
     """A rover under way."""
 
     vehicle: ClassVar[str] = "rover"
 
 
-def start(layout: Layout) -> World:
+def start(layout: Layout) -> RoverWorld:
     """Return the world of a layout at its beginning: the rover in the middle of the road, at 1 m/s."""
-    return World(layout, State(0.0, 0.0, 0.0, START_SPEED_MPS))
+    return RoverWorld(layout, RoverState(0.0, 0.0, 0.0, START_SPEED_MPS))
 
 
-def decide(world: World, action: str, law: Law = control) -> World:
+def decide(world: RoverWorld, action: str, law: Law = control) -> RoverWorld:
     """Return the world one decision later, or where the drive ended before."""
     intent = INTENTS[action]
     track, state, crashed = next_track(world.track, intent.tracks), world.state, False
@@ -42,12 +41,12 @@ def decide(world: World, action: str, law: Law = control) -> World:
     return replace(world, state=state, track=track, seconds=world.seconds + number * INNER_S, crashed=crashed)
 
 
-def touches(state: State, layout: Layout) -> bool:
+def touches(state: RoverState, layout: Layout) -> bool:
     """Return whether the rover touches an obstacle or leaves the road."""
     if abs(state.y) + RADIUS_M > ROAD_HALF_M:
         return True
     return any(_distance(state, one) < one.radius + RADIUS_M for one in layout.obstacles)
 
 
-def _distance(state: State, obstacle: Obstacle) -> float:
+def _distance(state: RoverState, obstacle: Obstacle) -> float:
     return math.hypot(obstacle.x - state.x, obstacle.y - state.y)

@@ -19,7 +19,7 @@ from eyechart.conditions import (
     require_partners,
     show,
 )
-from eyechart.costs import Estimate, estimate
+from eyechart.costs import CostEstimate, estimate
 from eyechart.errors import BankError, LedgerError, SpecError
 from eyechart.frames import IMPORTED, FrameBank, check, open_bank
 from eyechart.ledger import Ledger
@@ -303,7 +303,7 @@ def sample_of(planned: Iterable[Battery]) -> Sample:
     return Sample(asked, plan.space)
 
 
-def expected(battery: Battery, prices: Prices, *, concurrency: int) -> tuple[Estimate, ...]:
+def expected(battery: Battery, prices: Prices, *, concurrency: int) -> tuple[CostEstimate, ...]:
     """Return what the calls that are still to be made are expected to take, by model."""
     return tuple(
         estimate(battery.manifest.mode(spec), calls, prices, concurrency=concurrency)

@@ -1,15 +1,15 @@
-"""Hosts on a Ray cluster: the same worlds, each set of them an actor, spread over the nodes (extra ``ray``)."""
+"""Workers on a Ray cluster: the same worlds, each set of them an actor, spread over the nodes (extra ``ray``)."""
 
 import asyncio
 import logging
 import os
 
-from eyechart.episodes.hosts import HostDiedError
+from eyechart.episodes.workers import WorkerDiedError
 from eyechart.episodes.worlds import Setup, Worlds
 from eyechart.errors import EyechartError, SpecError
 
 
-class RayHost:
+class RayWorker:
     """An actor on one of the nodes in turn.
 
     It claims no processor, because an actor that waits for a free one would hang the run: how many there are at once is
@@ -31,7 +31,7 @@ class RayHost:
                 kind, value = await self._actor.answer.remote(method, given)
             except self._ray.exceptions.RayActorError as error:
                 self.dead = True
-                raise HostDiedError(f"its actor died: {str(error).splitlines()[0]}") from error
+                raise WorkerDiedError(f"its actor died: {str(error).splitlines()[0]}") from error
         if kind == "failed":
             raise EyechartError(str(value))
         return value

@@ -1,44 +1,50 @@
-"""A host holds worlds in a process of its own; the coordinator asks it, and learns when it has died."""
+"""A worker holds worlds in a process of its own; the coordinator asks it, and learns when it has died.
+
+Both ends stand here: what the coordinator asks, and the program that answers until nobody asks any more.
+"""
 
 import asyncio
 import os
 import socket
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
-from eyechart.episodes.worlds import Setup
+from eyechart.episodes.worlds import Setup, Worlds
 from eyechart.errors import EyechartError
 
 PATIENCE_S = 300.0
 """A world that takes longer for one step, or to begin, counts as dead."""
 
 _DYING_S = 5.0
-_PROGRAM = "from eyechart.episodes.worker import main; main()"
+ALIVE_EVERY_S = 1.0
+_PROGRAM = "from eyechart.episodes.workers import main; main()"
 
 
-class HostDiedError(EyechartError):
+class WorkerDiedError(EyechartError):
     """The process that held a world ended, or did not answer in time; with it went every world that it held."""
 
 
-class Host(Protocol):
+class Worker(Protocol):
     """The door to a worker that holds worlds, wherever it is."""
 
     dead: bool
 
     async def ask(self, method: str, *given: object) -> object:
-        """Call a method of the host's ``Worlds``; raises HostDiedError, and EyechartError for what it raised."""
+        """Call a method of the worker's ``Worlds``; raises WorkerDiedError, and EyechartError for what it raised."""
         ...
 
     def close(self) -> None:
-        """End the host and what it holds, whatever it is doing."""
+        """End the worker and what it holds, whatever it is doing."""
         ...
 
 
-class LocalHost:
+class LocalWorker:
     """A process of this machine, which ends with this one.
 
     It is a new interpreter, not a fork: it shares no locks, threads or open files, and runs none of the program that
@@ -66,11 +72,11 @@ class LocalHost:
     async def ask(self, method: str, *given: object) -> object:
         """Ask, one question after another."""
         if self.dead:
-            raise HostDiedError("its process had ended")
+            raise WorkerDiedError("its process had ended")
         kind, value = await asyncio.get_running_loop().run_in_executor(self._thread, self._exchange, method, given)
         if kind == "died":
             self.dead = True
-            raise HostDiedError(str(value))
+            raise WorkerDiedError(str(value))
         if kind == "failed":
             raise EyechartError(str(value))
         return value
@@ -98,3 +104,54 @@ class LocalHost:
             return "died", f"its process ended with exit code {self._process.returncode}"
         self._process.kill()
         return "died", f"it did not answer for {self._patience_s:g} s"
+
+
+def serve(connection: "Connection[Any, Any]") -> None:
+    """Say "alive" and answer: first comes the setup, then a method's name with what it is given, again and again."""
+    _send(connection, ("alive", None))
+    setup = connection.recv()
+    assert isinstance(setup, Setup)
+    worlds: Worlds | None = None
+    alive = _every(ALIVE_EVERY_S, lambda: _send(connection, ("alive", None)))
+    while True:
+        method, given = connection.recv()
+        try:
+            worlds = worlds or Worlds(setup)
+            answer = "ok", getattr(worlds, method)(*given, *((alive,) if method == "drive" else ()))
+        except _GoneError:
+            raise
+        except Exception as error:  # noqa: BLE001 - the coordinator must hear of it, or it waits for ever
+            answer = "failed", f"{type(error).__name__}: {error}"
+        _send(connection, answer)
+
+
+class _GoneError(Exception):
+    """Nobody is at the other end any more."""
+
+
+def _send(connection: "Connection[Any, Any]", answer: tuple[str, object]) -> None:
+    try:
+        connection.send(answer)
+    except OSError as error:
+        raise _GoneError from error
+
+
+def _every(seconds: float, tell: Callable[[], None]) -> Callable[[], None]:
+    """Return a function that tells at most once in so many seconds, however often it is called."""
+    last = time.monotonic()
+
+    def maybe() -> None:
+        nonlocal last
+        if time.monotonic() - last >= seconds:
+            last = time.monotonic()
+            tell()
+
+    return maybe
+
+
+def main() -> None:
+    """Serve the socket whose number is the only argument; the coordinator's end is an end like any other."""
+    try:
+        serve(Connection(int(sys.argv[1])))
+    except (EOFError, OSError, _GoneError):
+        return
