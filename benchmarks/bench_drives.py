@@ -25,18 +25,19 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from eyechart.simulators.highway.declared import MEANS
 
 from eyechart.episodes import Bounds, run
 from eyechart.policies import Observation, open_policy
 from eyechart.seeds import key_seed
 from eyechart.simulators import open_simulator
+from eyechart.simulators.highway import Highway
 from eyechart.simulators.highway.ladder import LADDER
 from eyechart.simulators.highway.world import SIMULATION_HZ
 from eyechart.studies.closed_loop.laddering import plan_ladder
 
 BOUND = 3.0
 OVERHEAD = 1.15
+MEANS = Highway.declared.commands
 POLICIES = (*(f"constant:{action}" for action in MEANS), "random", "oracle")
 
 Actions = dict[tuple[str, str, int], list[str]]

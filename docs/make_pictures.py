@@ -13,7 +13,7 @@ from eyechart.calls import Query
 from eyechart.conditions import CONDITIONS, OF_BANKS, show
 from eyechart.frames import MAIN, Frame, FrameBank, Stimulus, decode, open_bank
 from eyechart.models import open_model
-from eyechart.spaces.discrete import DRIVING, read_decision
+from eyechart.spaces.discrete import DRIVING
 
 CONTROLLERS = ("constant", "presence", "scene_only", "crash_colour", "depth", "depth_lateral")
 CELL, PICTURE_W, PICTURE_H, LABEL_W, ROW, TOP = 104, 400, 100, 132, 112, 40
@@ -32,7 +32,7 @@ def chosen(bank: FrameBank) -> Frame:
 def answer(controller: str, picture: bytes | None) -> str:
     """Return a controller's decision on a picture."""
     reply = asyncio.run(open_model(f"scripted:{controller}").answer(Query("", "", Stimulus.of(picture), 0)))
-    decision = read_decision(reply.text, reply.finish_reason, reply.error, DRIVING)
+    decision = DRIVING.read(reply)
     return decision.action or str(decision.missing)
 
 

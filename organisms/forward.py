@@ -16,8 +16,8 @@ from eyechart.simulators.road import FAMILIES, TRACKS_M, Layout, make_layout
 from eyechart.simulators.road.layout import new_obstacle
 from eyechart.simulators.road.picture import draw
 from eyechart.simulators.road.truth import read_scene
-from eyechart.simulators.rover.bicycle import State
-from eyechart.simulators.rover.world import World, touches
+from eyechart.simulators.rover.bicycle import RoverState
+from eyechart.simulators.rover.world import RoverWorld, touches
 
 SIDE = 64
 FIRST_SEED = 2**31
@@ -58,7 +58,7 @@ def take(count: int, seed: int) -> Moments:
     return Moments(pictures, bits)
 
 
-def _moment(rng: np.random.Generator) -> World:
+def _moment(rng: np.random.Generator) -> RoverWorld:
     """Return the rover somewhere on a road, on a track or on its way to one, touching nothing."""
     while True:
         family = str(rng.choice(list(FAMILIES)))
@@ -71,9 +71,9 @@ def _moment(rng: np.random.Generator) -> World:
         if rng.random() < 0.4:
             off = float(rng.uniform(-1, 1))
             yaw = float(np.clip(-0.4 * off + rng.normal(0, 0.08), -0.5, 0.5))
-        state = State(x, TRACKS_M[track] + off, yaw, float(rng.uniform(1, 4.5)))
+        state = RoverState(x, TRACKS_M[track] + off, yaw, float(rng.uniform(1, 4.5)))
         if not touches(state, layout):
-            return World(layout, state, track)
+            return RoverWorld(layout, state, track)
 
 
 def _scattered(family: str, x: float, rng: np.random.Generator) -> Layout:

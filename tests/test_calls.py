@@ -67,6 +67,28 @@ def test_the_digest_of_a_query_tells_no_picture_from_an_empty_one() -> None:
     assert replace(queries[0], seed=5).sha256() == queries[0].sha256()
 
 
+def test_the_digest_of_one_picture_is_that_of_0_1_0() -> None:
+    """Whatever its camera is called; so the requests of old ledgers can be compared."""
+    one = Query("You drive.", "Which?", Stimulus.of(b"picture"), 3, TWO.schema())
+    assert one.sha256() == "4834713d43179aaf9026848a36280deaa35489b5c236c2b9320db5d82d8ddc18"
+    assert replace(one, stimulus=Stimulus({"wrist": b"picture"})).sha256() == one.sha256()
+    assert (
+        Query("", "", Stimulus(), 3, {"type": "object"}).sha256()
+        == "9e4d89ce3eae1dc8a28dcd8b854b9fc35fe0ec3d5013706579ee9393ee24ed4f"
+    )
+
+
+def test_the_digest_of_several_pictures_tells_them_apart() -> None:
+    """By camera and order, and from one picture; the state has a part in it, what a prompt says only by its words."""
+    images = [{"a": b"1", "b": b"2"}, {"a": b"2", "b": b"1"}, {"b": b"2", "a": b"1"}, {"a": b"1"}, {"a": b"12"}, {}]
+    seen = [Stimulus(one) for one in images] + [
+        Stimulus({}, {}, {"joints": (1.0,)}),
+        Stimulus({}, {}, {"joints": (2.0,)}),
+    ]
+    assert len({Query("", "", one, 0).sha256() for one in seen}) == len(seen)
+    assert Query("", "", Stimulus({}, {"speed": 5}), 0).sha256() == Query("", "", Stimulus(), 0).sha256()
+
+
 def test_a_query_binds_the_form_of_its_answer_where_it_asks_for_no_action() -> None:
     """The schema is of any form; without one it is that of an action."""
     assert Query("", "", Stimulus(), 0, schema={"type": "array"}).schema == {"type": "array"}

@@ -74,6 +74,13 @@ def test_the_request_is_as_the_api_has_it(server: StandIn) -> None:
     }
 
 
+def test_several_cameras_are_sent_in_their_order(server: StandIn) -> None:
+    """As one list of the message."""
+    ask(server, query=Query("", "Which?", Stimulus({"wrist": PICTURE[::-1], "front": PICTURE}), 1))
+    sent = server.asked[0]["messages"][0]["images"]  # type: ignore[index]
+    assert sent == [base64.b64encode(one).decode() for one in (PICTURE[::-1], PICTURE)]
+
+
 def test_options_and_formats_go_where_the_api_wants_them(server: StandIn) -> None:
     """A schema binds the action to the query's actions, or the scene; without a picture there is no list of them."""
     ask(

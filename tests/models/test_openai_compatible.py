@@ -137,6 +137,17 @@ def test_a_jpeg_is_sent_as_a_jpeg() -> None:
     assert "data:image/jpeg;base64," in str(server.asked[0])
 
 
+def test_several_cameras_are_sent_in_their_order_before_the_words() -> None:
+    """As parts of one message."""
+    two = Stimulus({"wrist": b"\xff\xd8\xff\xe0", "front": PICTURE})
+    with FaultServer() as server:
+        ask(server, query=Query("", "Which?", two, 1))
+    parts = server.asked[0]["messages"][0]["content"]  # type: ignore[index]
+    assert [part["type"] for part in parts] == ["image_url", "image_url", "text"]
+    kinds = [part["image_url"]["url"].partition(";")[0] for part in parts[:2]]
+    assert kinds == ["data:image/jpeg", "data:image/png"]
+
+
 def test_what_is_thought_stands_apart_from_what_is_said() -> None:
     """Under both names that servers give it, in parts too; with the tokens, the upstream and the cost reported."""
     usage = {

@@ -55,6 +55,12 @@ def waits(prompt, image, go_on=threading.Event()):
 def narrow(prompt):
     return "GO"
 
+def whole(prompt, images, state):
+    return f"{list(images)} {state['joints']}"
+
+def waiting_whole(prompt, images, state=None):
+    return f"{list(images)} {state}"
+
 number = 5
 """
 PICTURE = encode(np.zeros((4, 4, 3), dtype=np.uint8))
@@ -147,6 +153,17 @@ def test_calls_that_never_return_are_bounded(module: str) -> None:
     for thread in tuple(model.left):  # type: ignore[attr-defined]
         thread.join(10)
     assert ask(model).text == "GO"
+
+
+def test_a_callable_may_take_all_cameras_and_the_state(module: str) -> None:
+    """By the name of its third parameter; one that takes an image is not called where that would hide a camera."""
+    two = Stimulus({"front": PICTURE, "wrist": PICTURE}, {}, {"joints": (0.5, 1.0)})
+    query = Query("", "Which?", two, 1)
+    assert ask(opened(module, "whole"), query).text == "['front', 'wrist'] (0.5, 1.0)"
+    assert ask(opened(module, "waiting_whole"), QUERY).text == "['main'] {}"
+    refused = ask(opened(module, "decide"), query)
+    assert refused.error == "exception"
+    assert "takes one image and the frame has front, wrist; let it take (prompt, images, state)" in refused.error_detail
 
 
 def test_the_version_is_that_of_the_file(module: str, tmp_path: Path) -> None:

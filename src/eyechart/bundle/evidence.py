@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 from eyechart.bundle.comparing import Difference
 from eyechart.calls import CallKey
-from eyechart.conditions import show, sources
+from eyechart.conditions import available, show, sources
 from eyechart.errors import EyechartError
 from eyechart.frames import FrameBank, read_bounded
 from eyechart.ledger import Ledger
@@ -13,12 +13,6 @@ from eyechart.manifest import RunManifest
 from eyechart.perception.view import find_view, through
 from eyechart.run import Plan
 from eyechart.studies.battery.planning import plan_of
-
-MADE = ("blank", "noise", "mirrored")
-"""Conditions whose pictures are encoded when they are shown, which another library may do to other bytes.
-
-Through a view all are.
-"""
 
 
 def check_bank(manifest: RunManifest, bank: FrameBank) -> Iterator[Difference]:
@@ -72,7 +66,6 @@ def check_requests(
     to other bytes, of which none could be compared; with the ``same_encoder`` there are none of those.
     """
     plan, requests = plan_of(manifest, bank, view=find_view(manifest.view)), dict[tuple[str, str], str]()
-    made = MADE if plan.view is None else plan.conditions
     differs: dict[str, list[Difference]] = {}
     alike: dict[str, int] = {}
     for model in manifest.models:
@@ -86,9 +79,21 @@ def check_requests(
             else:
                 where = f"ledger, request of {model} about frame '{key.frame}' under {key.condition}"
                 differs.setdefault(key.condition, []).append(Difference(where, digest, requests[shown]))
-    unlike = [name for name in made if not same_encoder and name in differs and name not in alike]
+    unlike = [name for name in differs if not same_encoder and name not in alike and _is_encoded(plan, name)]
     found = [one for name, many in differs.items() if name not in unlike for one in many]
     return found, sum(alike.values()) + len(found), unlike
+
+
+def _is_encoded(plan: Plan, condition: str) -> bool:
+    """Return whether a condition's pictures are encoded when they are shown, which another library does otherwise."""
+    if plan.view is not None:
+        return True
+    frame = next(frame for frame in plan.frames if available(condition, frame))
+    try:
+        files = [plan.bank.read(file) for file in sources(condition, frame, plan.bank, plan.seed)]
+        return not all(image in files for image in show(condition, frame, plan.bank, plan.seed).images.values())
+    except EyechartError:
+        return False
 
 
 def _request(plan: Plan, condition: str, frame_id: str) -> str:

@@ -28,7 +28,7 @@ from eyechart.cli.options import (
 )
 from eyechart.cli.probe import plan_probed, say_aside, tell_none
 from eyechart.cli.run import View, bound
-from eyechart.cli.terminal import patience, print_each, print_json, progress, resumable, say, table_console
+from eyechart.cli.terminal import patience, print_each, print_json, progress, resumable, say
 
 if TYPE_CHECKING:
     from eyechart.episodes import Bounds, Row
@@ -577,7 +577,7 @@ def _show(rows: "Sequence[Row]", planned: "Drives", *, json: bool) -> None:
         )
         for row in rows
     )
-    table_console().print(Table("means", f"{planned.manifest.simulator}: means over episodes", named, cells))
+    print_each([Table("means", f"{planned.manifest.simulator}: means over episodes", named, cells)])
 
 
 @contextmanager

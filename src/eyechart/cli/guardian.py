@@ -1,15 +1,16 @@
 """``eyechart guardian`` chooses a committee, freezes and scores it on unseen frames; ``eyechart serve`` offers it."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eyechart.cli.options import Json, Reread
-from eyechart.cli.terminal import print_json, say, table_console
+from eyechart.cli.options import Json, Reread, expanded
+from eyechart.cli.terminal import print_each, print_json, say
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
 
     from eyechart.stats.committee import Costs, Point
     from eyechart.studies.guardian import Frozen, GuardianScore, VoteTable
@@ -28,35 +29,103 @@ _Votes = Annotated[
 ]
 _Guardian = Annotated[Path, typer.Argument(help="File of a guardian, as 'fit' writes it.", metavar="GUARDIAN")]
 _Frames = Annotated[Path | None, typer.Option(help="The bank; truth and episodes are then its own.")]
-_Hazard = Annotated[str, typer.Option(help="The bank's column of hazards; without it, a gap below its threshold.")]
-_About = Annotated[Path | None, typer.Option(help="FILE.toml: bank, prompt, view and the models' versions.")]
-_Map = Annotated[list[str] | None, typer.Option("--map", help="ROLE=COLUMN for frame, episode, hazard, split.")]
 _Size = Annotated[int, typer.Option(help="Models of the committee, 1 to 4.")]
 _Models = Annotated[list[str] | None, typer.Option("--model", help="Choose among these only; repeat it.")]
-_Miss = Annotated[float | None, typer.Option(help="Cost of a missed hazard; with --cost-false-alarm.")]
-_Alarm = Annotated[float | None, typer.Option(help="Cost of a false alarm; with --cost-miss.")]
-_Abstain = Annotated[float | None, typer.Option(help="Cost of no answer: the operating point is then chosen too.")]
-_Rate = Annotated[float | None, typer.Option(help="How often frames are hazardous in use; default: as in VOTES.")]
 _Unseen = Annotated[bool, typer.Option("--unseen", help="Leave out the frames that chose the guardian.")]
 
 
+@dataclass(frozen=True)
+class HowTold:
+    """How votes came about, and what is to be known of their frames."""
+
+    hazard: Annotated[
+        str, typer.Option(help="The bank's column of hazards; without it, a gap below its threshold.")
+    ] = "hazard"
+    about: Annotated[Path | None, typer.Option(help="FILE.toml: bank, prompt, view and the models' versions.")] = None
+    columns: Annotated[
+        list[str] | None, typer.Option("--map", help="ROLE=COLUMN for frame, episode, hazard, split.")
+    ] = None
+    reread: Reread = False
+
+    def read(self, votes: "Sequence[Path]", frames: Path | None) -> "VoteTable":
+        """Read the votes of runs and tables as one table; ``frames`` is their bank."""
+        from eyechart.studies.guardian import join
+
+        return join([self._read(one, frames) for one in votes])
+
+    def _read(self, votes: Path, frames: Path | None) -> "VoteTable":
+        from eyechart.errors import VoteError
+        from eyechart.frames import open_bank
+        from eyechart.studies.guardian import read_votes, votes_of_run
+
+        if not votes.exists():
+            raise VoteError(f"{votes} does not exist: give the folder of a run of scene estimates, or a table of votes")
+        bank = None if frames is None else open_bank(frames)
+        if votes.is_dir():
+            if self.about is not None or self.columns:
+                raise VoteError(
+                    f"{votes} is a run, which says itself how its votes came about: leave out --about and --map"
+                )
+            _require_run(votes)
+            table = votes_of_run(votes, hazard=self.hazard, reread=self.reread)
+            if bank is not None and bank.manifest.fingerprint != table.about.bank:
+                raise VoteError(
+                    f"{votes} is a run on the bank {table.about.bank_name}, and {frames} is another one: the bank "
+                    "differs; give its own to --frames, or leave that out"
+                )
+            return table
+        named = {}
+        for one in self.columns or ():
+            role, sign, column = one.partition("=")
+            if not sign or not column:
+                raise VoteError(f"--map is given as ROLE=COLUMN; got '{one[:40]}'")
+            named[role] = column
+        return read_votes(votes, bank=bank, about=self.about, columns=named, hazard=self.hazard)
+
+
+@dataclass(frozen=True)
+class Costing:
+    """What a wrong answer and none at all cost, in any unit."""
+
+    cost_miss: Annotated[float | None, typer.Option(help="Cost of a missed hazard; with --cost-false-alarm.")] = None
+    cost_false_alarm: Annotated[float | None, typer.Option(help="Cost of a false alarm; with --cost-miss.")] = None
+    cost_abstain: Annotated[
+        float | None, typer.Option(help="Cost of no answer: the operating point is then chosen too.")
+    ] = None
+    hazard_rate: Annotated[
+        float | None, typer.Option(help="How often frames are hazardous in use; default: as in VOTES.")
+    ] = None
+
+    def made(self) -> "Costs | None":
+        """Return the costs, None where none is given; raises GuardianError where some are missing."""
+        from eyechart.errors import GuardianError
+        from eyechart.stats.committee import Costs
+
+        if (self.cost_miss, self.cost_false_alarm, self.cost_abstain, self.hazard_rate) == (None,) * 4:
+            return None
+        if self.cost_miss is None or self.cost_false_alarm is None:
+            raise GuardianError("costs are given with both --cost-miss and --cost-false-alarm")
+        try:
+            return Costs(self.cost_miss, self.cost_false_alarm, self.cost_abstain, self.hazard_rate)
+        except ValueError as error:
+            raise GuardianError(str(error)) from error
+
+
+AS_TOLD, NO_COSTS = HowTold(), Costing()
+
+
 @app.command()
+@expanded
 def fit(
     votes: _Votes,
     out: Annotated[Path, typer.Option(help="File to write, guardian.json.")],
     calibration: Annotated[Path | None, typer.Option(help="Text file of frame ids, one a line.")] = None,
     frames: _Frames = None,
-    hazard: _Hazard = "hazard",
-    about: _About = None,
-    columns: _Map = None,
-    reread: Reread = False,
+    how: HowTold = AS_TOLD,
     size: _Size = 2,
     models: _Models = None,
     point: Annotated[str | None, typer.Option(help="two_way (default), abstain or unanimous.")] = None,
-    cost_miss: _Miss = None,
-    cost_false_alarm: _Alarm = None,
-    cost_abstain: _Abstain = None,
-    hazard_rate: _Rate = None,
+    costing: Costing = NO_COSTS,
     json: Json = False,
 ) -> None:
     """Choose committee and threshold on calibration frames alone, and freeze them.
@@ -71,19 +140,17 @@ def fit(
     from eyechart.studies import guardian as study
 
     require_free(out, "guardian")
-    table = _read_votes(votes, frames, hazard, about, columns, reread=reread)
+    table = how.read(votes, frames)
     table = table.keep(_ids_of(calibration)) if calibration is not None else _part(table, "calibration")
-    costs = _costs(cost_miss, cost_false_alarm, cost_abstain, hazard_rate)
-    frozen = study.fit(table, size=size, models=tuple(models or ()), point=_point(point), costs=costs)
+    frozen = study.fit(table, size=size, models=tuple(models or ()), point=_point(point), costs=costing.made())
     study.require_own(out, frozen)
     with whole(out, "guardian") as partial:
         study.write_frozen(partial, frozen)
-    members = members_of(frozen.committee, table, votes, reread=reread)
+    members = members_of(frozen.committee, table, votes, reread=how.reread)
     if json:
         print_json({**frozen.as_dict(), "members": [one.as_dict() for one in members]})
     else:
-        _print(choice_lines(frozen))
-        _print(one.words for one in members if not one.doubtful)
+        print_each([*choice_lines(frozen), *(one.words for one in members if not one.doubtful)])
     for one in members:
         if one.doubtful:
             say(f"warning: {one.words}")
@@ -91,6 +158,7 @@ def fit(
 
 
 @app.command()
+@expanded
 def score(
     guardian: _Guardian,
     votes: _Votes,
@@ -103,10 +171,7 @@ def score(
         Path | None, typer.Option(help="Write a page: votes, curve, and with --frames what it missed.")
     ] = None,
     frames: _Frames = None,
-    hazard: _Hazard = "hazard",
-    about: _About = None,
-    columns: _Map = None,
-    reread: Reread = False,
+    how: HowTold = AS_TOLD,
     json: Json = False,
 ) -> None:
     """Score a guardian on frames that it never saw, and bound how often it misses.
@@ -124,10 +189,10 @@ def score(
     if html is not None:
         require_free(html, "report")
     frozen = study.read_frozen(guardian)
-    table = _left(_read_votes(votes, frames, hazard, about, columns, reread=reread), frozen, unseen=unseen)
+    table = _left(how.read(votes, frames), frozen, unseen=unseen)
     fresh = None
     if bound is not None:
-        fresh = _part(_read_votes([bound], frames, hazard, about, columns, reread=reread), "bound")
+        fresh = _part(how.read([bound], frames), "bound")
     elif bound_episodes is not None:
         names = [name.strip() for name in bound_episodes.split(",") if name.strip()]
         fresh = table.of_episodes(names)
@@ -139,35 +204,29 @@ def score(
     if fresh is not None:
         bounded = study.bound(frozen, fresh, scored=table, confidence=confidence, risk=risk)
     found = replace(study.score(frozen, table), bound=bounded)
-    members = members_of(frozen.committee, table, votes, reread=reread)
+    members = members_of(frozen.committee, table, votes, reread=how.reread)
     found = replace(found, warnings=(*found.warnings, *(one.words for one in members if one.doubtful)))
     if html is not None:
         _write_page(found, frames, html)
     if json:
         print_json({**found.as_dict(), "members": [one.as_dict() for one in members]})
         return
-    _print([f"{len(table.frames)} frames of {len(set(table.episodes))} episodes, bank {frozen.about.bank_name or '—'}"])
-    table_console().print(guardian_table(found))
-    _print(score_lines(found))
-    _print(one.words for one in members if not one.doubtful)
+    named = f"{len(table.frames)} frames of {len(set(table.episodes))} episodes, bank {frozen.about.bank_name or '—'}"
+    sound = (one.words for one in members if not one.doubtful)
+    print_each([named, guardian_table(found), *score_lines(found), *sound])
     for line in found.warnings:
         say(f"warning: {line}")
 
 
 @app.command()
+@expanded
 def nested(
     votes: _Votes,
     frames: _Frames = None,
-    hazard: _Hazard = "hazard",
-    about: _About = None,
-    columns: _Map = None,
-    reread: Reread = False,
+    how: HowTold = AS_TOLD,
     size: _Size = 2,
     models: _Models = None,
-    cost_miss: _Miss = None,
-    cost_false_alarm: _Alarm = None,
-    cost_abstain: _Abstain = None,
-    hazard_rate: _Rate = None,
+    costing: Costing = NO_COSTS,
     json: Json = False,
 ) -> None:
     """Judge every episode by a guardian that was chosen on all the others, selection inside every fold.
@@ -177,30 +236,26 @@ def nested(
     from eyechart.guardian.page import nested_lines, nested_table
     from eyechart.studies import guardian as study
 
-    costs = _costs(cost_miss, cost_false_alarm, cost_abstain, hazard_rate)
-    table = _read_votes(votes, frames, hazard, about, columns, reread=reread)
+    table = how.read(votes, frames)
     if table.split is not None and "bound" in table.split:
         left_out = len(table.part("bound").frames)
         table = table.part("calibration", "score")
         say(f"left out: {left_out} frames whose column split is bound, which serve for nothing else")
-    found = study.nested(table, size=size, models=tuple(models or ()), costs=costs)
+    found = study.nested(table, size=size, models=tuple(models or ()), costs=costing.made())
     if json:
         print_json(found.as_dict())
         return
-    table_console().print(nested_table(found))
-    _print(nested_lines(found))
+    print_each([nested_table(found), *nested_lines(found)])
 
 
 @app.command()
+@expanded
 def modular(
     guardian: _Guardian,
     votes: _Votes,
     frames: Annotated[Path, typer.Option(help="The bank, with its pictures.")],
     unseen: _Unseen = False,
-    hazard: _Hazard = "hazard",
-    about: _About = None,
-    columns: _Map = None,
-    reread: Reread = False,
+    how: HowTold = AS_TOLD,
     json: Json = False,
 ) -> None:
     """Replay a guardian that brakes, while a deterministic reader of the picture keeps collision and sides.
@@ -213,7 +268,7 @@ def modular(
     from eyechart.studies import guardian as study
 
     frozen = study.read_frozen(guardian)
-    table = _left(_read_votes(votes, frames, hazard, about, columns, reread=reread), frozen, unseen=unseen)
+    table = _left(how.read(votes, frames), frozen, unseen=unseen)
     table = _part(table, "score")
     bank = open_bank(frames)
     frozen.may_show(bank)
@@ -221,7 +276,7 @@ def modular(
     if json:
         print_json(found.as_dict())
         return
-    _print(replay_lines(found))
+    print_each(replay_lines(found))
     for line in found.warnings:
         say(f"warning: {line}")
 
@@ -296,53 +351,6 @@ def serve(
     say("stopped")
 
 
-def _read_votes(
-    votes: "Sequence[Path]",
-    frames: Path | None,
-    hazard: str,
-    about: Path | None,
-    columns: list[str] | None,
-    *,
-    reread: bool = False,
-) -> "VoteTable":
-    """Read the votes of runs and tables as one table; ``frames`` is their bank."""
-    from eyechart.studies.guardian import join
-
-    return join([_read_one(one, frames, hazard, about, columns, reread=reread) for one in votes])
-
-
-def _read_one(
-    votes: Path, frames: Path | None, hazard: str, about: Path | None, columns: list[str] | None, *, reread: bool
-) -> "VoteTable":
-    from eyechart.errors import VoteError
-    from eyechart.frames import open_bank
-    from eyechart.studies.guardian import read_votes, votes_of_run
-
-    if not votes.exists():
-        raise VoteError(f"{votes} does not exist: give the folder of a run of scene estimates, or a table of votes")
-    bank = None if frames is None else open_bank(frames)
-    if votes.is_dir():
-        if about is not None or columns:
-            raise VoteError(
-                f"{votes} is a run, which says itself how its votes came about: leave out --about and --map"
-            )
-        _require_run(votes)
-        table = votes_of_run(votes, hazard=hazard, reread=reread)
-        if bank is not None and bank.manifest.fingerprint != table.about.bank:
-            raise VoteError(
-                f"{votes} is a run on the bank {table.about.bank_name}, and {frames} is another one: the bank differs; "
-                "give its own to --frames, or leave that out"
-            )
-        return table
-    named = {}
-    for one in columns or ():
-        role, sign, column = one.partition("=")
-        if not sign or not column:
-            raise VoteError(f"--map is given as ROLE=COLUMN; got '{one[:40]}'")
-        named[role] = column
-    return read_votes(votes, bank=bank, about=about, columns=named, hazard=hazard)
-
-
 def _require_run(folder: Path) -> None:
     """Raise VoteError where a folder is no run, and say what is missing where it is a bank."""
     from eyechart.errors import BankError, VoteError
@@ -403,20 +411,6 @@ def _write_page(found: "GuardianScore", frames: Path | None, out: Path) -> None:
     say(f"wrote {out}, {out.stat().st_size / 1e6:.1f} MB")
 
 
-def _costs(miss: float | None, alarm: float | None, abstain: float | None, rate: float | None) -> "Costs | None":
-    from eyechart.errors import GuardianError
-    from eyechart.stats.committee import Costs
-
-    if miss is None and alarm is None and abstain is None and rate is None:
-        return None
-    if miss is None or alarm is None:
-        raise GuardianError("costs are given with both --cost-miss and --cost-false-alarm")
-    try:
-        return Costs(miss, alarm, abstain, rate)
-    except ValueError as error:
-        raise GuardianError(str(error)) from error
-
-
 def _point(name: str | None) -> "Point | None":
     from eyechart.errors import GuardianError
     from eyechart.stats.committee import POINTS
@@ -424,9 +418,3 @@ def _point(name: str | None) -> "Point | None":
     if name is not None and name not in POINTS:
         raise GuardianError(f"--point is one of {', '.join(POINTS)}, not '{name}'")
     return next((point for point in POINTS if point == name), None)
-
-
-def _print(lines: "Iterable[str]") -> None:
-    console = table_console()
-    for line in lines:
-        console.print(line, markup=False)
