@@ -32,7 +32,6 @@ def score(
 def verdict(run: _Run, json: Json = False, independent: Independent = False, reread: Reread = False) -> None:
     """Print the verdict on every model of a run, and what decided it. Example: eyechart verdict run."""
     from eyechart.studies import Reading, study_of
-    from eyechart.studies.battery.tables import verdicts_printed
     from eyechart.verdicts import words_of
 
     study = study_of(run, "verdict")
@@ -41,6 +40,8 @@ def verdict(run: _Run, json: Json = False, independent: Independent = False, rer
     if json:
         print_json({"models": {spec: one.as_dict() for spec, one in verdicts.items()}})
         return
+    from eyechart.studies.battery.tables import verdicts_printed
+
     print_each(verdicts_printed(scored, verdicts))
     console = table_console()
     for part in filter(None, words_of(verdicts).split("\n\n")):
