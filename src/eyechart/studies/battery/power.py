@@ -79,8 +79,8 @@ class BankPower:
             f"calls a model: {sum(self.calls.values())} ({calls})",
             (
                 f"distance by intervention: {self.counterfactual_pairs} counterfactual pairs; smallest win share found "
-                f"with power {POWER}: {_number(self.smallest_win_share)}, of pairs whose braking level differs, were all "
-                "to differ"
+                f"with power {POWER}: {_number(self.smallest_win_share)}, of pairs whose braking level differs, were "
+                "all to differ"
             ),
             f"distance by observation: smallest p when episodes are exchanged: {_number(self.smallest_p_exchange)}",
             (
