@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, replace
 from eyechart.errors import SpecError
 from eyechart.stats.paired import SignTest, clopper_pearson
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts import ALPHA, LABELS, LATERAL, MARGIN, Evidence, Label, Scored, Verdict, judge
+from eyechart.verdicts import ALPHA, LABELS, LATERAL, MARGIN, Evidence, Label, Scored, Verdict, judge_one
 from eyechart.verdicts.admission import CLAUSES, Held
 from eyechart.verdicts.admission import hold as hold_clauses
 
@@ -144,17 +144,16 @@ def hold(score: Scored, require: Sequence[str], *, max_unparsed: float | None = 
     """
     wanted = read_requirements(",".join(require))
     _require_rate(max_unparsed)
-    verdicts = judge(score)
     checks: list[Check] = []
     for spec, one in score.evidence().items():
-        reason, mine = _no_evidence(one), []
+        reason, verdict, mine = _no_evidence(one), judge_one(one), []
         for requirement in wanted:
             distance = one.statistics["depth_interventional"]
-            holds, because = (None, reason) if reason else _claim(requirement, verdicts[spec], distance)
+            holds, because = (None, reason) if reason else _claim(requirement, verdict, distance)
             mine.append(Check(spec, requirement, holds, because))
         if max_unparsed is not None:
             mine.append(_unparsed(one, max_unparsed, reason))
-        checks += [_marked(check, verdicts[spec].marks) for check in mine]
+        checks += [_marked(check, verdict.marks) for check in mine]
     return Gate(tuple(checks))
 
 

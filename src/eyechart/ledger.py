@@ -11,13 +11,15 @@ import os
 import shutil
 import sqlite3
 import tempfile
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from operator import attrgetter
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 from msgspec import msgpack
 
@@ -117,8 +119,7 @@ _SNAPSHOTS = 20
 """Copies of a ledger that is written meanwhile, until one is whole; then it is read where it is, beside its writer."""
 
 
-@dataclass(frozen=True, slots=True)
-class Attempt:
+class Attempt(NamedTuple):
     """An attempt that was written and not yet closed: row ids of the attempt and of its call, and what was asked.
 
     ``reason`` says why it is made where it is not the first: the error of the attempt before it, or ``UNKNOWN``.
@@ -260,7 +261,7 @@ class Ledger:
         """
         final = int(silence or reply.error not in UNFINISHED)
         values = zip(_PUT, _reply_values(reply), strict=True)
-        came = [None if one is None else put(one) for put, one in values]
+        came = [one if one is None or (type(one) is str and one.isascii()) else put(one) for put, one in values]
         row = (final, _now(), *came)
         digest = _row_sha256((*_key_values(attempt.key), attempt.request_sha256, *row))
         self._sql.execute(_ADD_REPLY, (attempt.id, attempt.call, *row, digest))
@@ -383,7 +384,7 @@ def _replies_after(base: int, other: sqlite3.Connection) -> Iterator[tuple[objec
 
 def _storable(text: str) -> str:
     """Return the text with a lone surrogate, which is no Unicode and no file can hold, written as its escape."""
-    return text if type(text) is str and text.isascii() else text.encode("utf-8", "backslashreplace").decode()
+    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def _real(number: float) -> float | None:
@@ -438,4 +439,10 @@ def _connect(path: Path, mode: str) -> sqlite3.Connection:
 
 
 def _now() -> str:
-    return dt.datetime.now(dt.UTC).isoformat(timespec="milliseconds")
+    second, millisecond = divmod(time.time_ns() // 1_000_000, 1000)
+    return f"{_moment(second)}.{millisecond:03d}+00:00"
+
+
+@lru_cache(maxsize=2)
+def _moment(second: int) -> str:
+    return dt.datetime.fromtimestamp(second, dt.UTC).isoformat()[:19]

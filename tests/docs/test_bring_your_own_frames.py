@@ -9,7 +9,7 @@ from typer.main import get_command
 import photographs
 from eyechart.cli.app import app
 from eyechart.frames import open_bank
-from eyechart.importing.columns import ROLES
+from eyechart.importing.columns import ROLES, read_rig
 from eyechart.prompts import read_prompt
 from eyechart.spaces.discrete import read_space
 
@@ -34,8 +34,11 @@ def test_its_commands_and_options_exist() -> None:
 
 
 def test_its_example_runs_as_it_stands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The two TOML files are read, and the Python makes a bank with nothing missing."""
-    space, prompt = blocks("toml")
+    """The TOML files are read, and the Python makes a bank with nothing missing."""
+    rig, space, prompt = blocks("toml")
+    (tmp_path / "rig.toml").write_text(rig)
+    left, right = read_rig(tmp_path / "rig.toml").cameras
+    assert (left.name, left.mirrors) == ("left_wrist", right.name)
     (tmp_path / "rover.toml").write_text(space)
     (tmp_path / "ask.toml").write_text(prompt)
     assert read_space(tmp_path / "rover.toml").brake == ("HALT", "CRAWL")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from eyechart.frames import Frame
+from banks import one
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import Decision
 from eyechart.stats import agreement, association, correlation, paired, resampling
@@ -25,7 +25,7 @@ def in_order(names: str, metrics: dict) -> list[float]:
 
 def scored(**columns: list[str]) -> dict[str, Statistic]:
     """Return the paper's statistics of a battery with these decisions, a list a condition, a decision a frame."""
-    frames = tuple(Frame(f"f{i}", "s", f"e{i}", 0, "vertical", "-", {}) for i in range(len(columns["real"])))
+    frames = tuple(one(f"f{i}", ("s", f"e{i}", 0), "vertical", "-") for i in range(len(columns["real"])))
     given = {name: tuple(map(Decision, column)) for name, column in columns.items()}
     return Published(Answers("m", frames, DRIVING, None, given), Resampling(intervals=False)).statistics()
 

@@ -5,8 +5,10 @@ import io
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
-from eyechart.report.table import Column, Table, write_tables
+from eyechart.report.table import Column, Table, columns, write_tables
+from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.subjects import read_evidence, subjects
 from eyechart.studies.battery.tables import (
     Judged,
@@ -108,3 +110,45 @@ def test_sheets_are_written_in_three_formats(everyone: list[Judged], tmp_path: P
     }
     again = write_tables(tables_of(everyone), tmp_path / "b")
     assert [path.read_bytes() for path in written] == [path.read_bytes() for path in again]
+
+
+def printed(table: Table, width: int) -> str:
+    """Return what a terminal of so many columns shows."""
+    out = io.StringIO()
+    Console(file=out, width=width).print(table)
+    return out.getvalue()
+
+
+WIDE = Table(
+    "wide",
+    "caption",
+    (Column("policy"), Column("run", varies=True), Column("note"), *columns("estimate", *"abcdef", digits=1)),
+    (("oracle", "r", "", *(Statistic(1.0, 9, (-100.0, 100.0)),) * 6),),
+)
+
+
+@pytest.mark.parametrize(("width", "lines"), [(180, 1), (130, 2), (40, 7)])
+def test_a_wide_table_is_stacked_or_printed_row_by_row_and_never_cut(width: int, lines: int) -> None:
+    """An interval stands below its value, then a line a cell; columns that tell people nothing are left out."""
+    text = printed(WIDE, width)
+    assert text.count("[-100.0, 100.0]") == 6
+    assert "…" not in text
+    assert "run" not in text
+    assert "note" not in text
+    body = text[text.index("oracle") :].rstrip()
+    assert body.count("\n") == lines - 1
+    assert WIDE.csv().startswith("policy,run,note,a,a low,a high,")
+
+
+def test_html_holds_no_markup_but_its_own() -> None:
+    """Names, words and captions are text."""
+    html = sheet("<script>alert(1)</script>").html()
+    assert "<script" not in html
+    assert "&lt;script&gt;" in html
+    assert '<td class="interval">[-0.500, 0.250]</td>' in html
+
+
+def test_tables_of_one_name_have_files_of_their_own(tmp_path: Path) -> None:
+    """The second is numbered."""
+    written = write_tables([sheet("a"), sheet("b")], tmp_path)
+    assert [path.name for path in written if path.suffix == ".csv"] == ["s.csv", "s_2.csv"]

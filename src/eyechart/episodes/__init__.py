@@ -2,7 +2,7 @@
 
 from eyechart.episodes.expecting import expected, sample_of, within
 from eyechart.episodes.nouns import SILENCES, STUDY, Episode, EpisodeKey, Step
-from eyechart.episodes.planning import ACTION_MAP, ENGINES, Episodes, keep_probes, plan, require_engine, run
+from eyechart.episodes.planning import ACTION_MAP, Episodes, keep_probes, plan, require_engine, run
 from eyechart.episodes.records import EPISODES, read_episodes, write_episodes
 from eyechart.episodes.running import Bounds
 from eyechart.episodes.summary import Row, summarise
@@ -13,7 +13,6 @@ from eyechart.manifest import read_episodes_manifest as read_manifest
 
 __all__ = [
     "ACTION_MAP",
-    "ENGINES",
     "EPISODES",
     "SILENCES",
     "STUDY",

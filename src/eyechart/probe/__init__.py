@@ -1,6 +1,5 @@
 """What a model does with a picture, and how it is best asked: a doctor in twenty calls, a probe that pins a mode."""
 
-from eyechart.probe.asking import LimitReachedError
 from eyechart.probe.doctor import Diagnosis, doctor
 from eyechart.probe.found import Found, ProbeError
 from eyechart.probe.pinning import probe
@@ -9,7 +8,6 @@ from eyechart.probe.sample import Sample, default_sample, is_served
 __all__ = [
     "Diagnosis",
     "Found",
-    "LimitReachedError",
     "ProbeError",
     "Sample",
     "default_sample",

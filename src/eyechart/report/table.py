@@ -294,7 +294,7 @@ def estimate(one: Statistic, digits: int = 3) -> str:
 
 def _stack(text: str, *, stacked: bool) -> str:
     """Return an estimate with its interval below it, and a list with an item a line."""
-    return re.sub(r" (?=[\[(])|(?<=,) ", "\n", text) if stacked else text
+    return re.sub(r" (?=[\[(])|(?<=,) (?![-+.0-9]+\])", "\n", text) if stacked else text
 
 
 def _raw(cell: Cell) -> str:

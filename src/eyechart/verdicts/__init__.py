@@ -21,7 +21,7 @@ from eyechart.verdicts.labels import (
 )
 from eyechart.verdicts.paper import paper_rules
 from eyechart.verdicts.ruling import Reason, Ruling
-from eyechart.verdicts.verdict import Verdict, judge, notes, shared_notes, words_of
+from eyechart.verdicts.verdict import Verdict, judge, judge_one, notes, shared_notes, words_of
 
 __all__ = [
     "ALPHA",
@@ -46,6 +46,7 @@ __all__ = [
     "Verdict",
     "calibrated_rules",
     "judge",
+    "judge_one",
     "lateral_rules",
     "notes",
     "paper_rules",

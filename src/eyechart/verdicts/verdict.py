@@ -127,10 +127,11 @@ class Verdict:
 
 def judge(score: Scored) -> dict[str, Verdict]:
     """Return the verdict of every model of a scored battery."""
-    return {spec: _judge_one(one) for spec, one in score.evidence().items()}
+    return {spec: judge_one(one) for spec, one in score.evidence().items()}
 
 
-def _judge_one(evidence: Evidence) -> Verdict:
+def judge_one(evidence: Evidence) -> Verdict:
+    """Return the verdict that the evidence on one model supports."""
     found, stopped = evidence.statistics, evidence.stopped
     settled = early_lateral(found, stopped) if stopped else None
     lateral = settled or lateral_rules(found, evidence.directions)

@@ -20,7 +20,7 @@ from eyechart.studies.battery.planning import (
     within,
 )
 from eyechart.studies.battery.replication import differences
-from eyechart.studies.battery.scoring import BatteryScore, ModelScore, Took, score, took, took_run
+from eyechart.studies.battery.scoring import BatteryScore, ModelScore, score, took, took_run
 from eyechart.studies.battery.study import NO_DRIVES, OfFrames
 
 __all__ = [
@@ -29,7 +29,6 @@ __all__ = [
     "BatteryScore",
     "ModelScore",
     "OfFrames",
-    "Took",
     "differences",
     "expected",
     "keep_probes",

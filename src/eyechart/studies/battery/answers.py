@@ -26,6 +26,9 @@ Paired = tuple[Floats, Mask]
 ABSENT = ""
 """The symbol of a call that was not planned or has not come back."""
 
+_FEW = 100
+"""With fewer actions, counting the pairs of a column is quicker than sorting them."""
+
 NO_GAP = "the bank records no gap"
 NO_EPISODES = "the bank records no episodes, and nobody declared its frames independent (--independent)"
 
@@ -72,15 +75,12 @@ class Answers:
     @cached_property
     def _coded(self) -> tuple[tuple[Any, ...], dict[str, Codes]]:
         """Return the different actions, and each condition's decisions by their place: -1 for none, -2 for no reply."""
-        actions: dict[Any, int] = {}
-
-        def code(one: Decision[Any] | None) -> int:
-            if one is None or one.action is None:
-                return -2 if one is None else -1
-            return actions.setdefault(one.action, len(actions))
-
-        columns = {name: np.array([code(one) for one in column], np.int64) for name, column in self.decisions.items()}
-        return tuple(actions), columns
+        codes: dict[Any, int] = {None: -1}
+        columns = {
+            name: np.array([-2 if one is None else codes.setdefault(one.action, len(codes) - 1) for one in column], int)
+            for name, column in self.decisions.items()
+        }
+        return tuple(codes)[1:], columns
 
     def _column(self, condition: str) -> Codes:
         columns = self._coded[1]
@@ -104,8 +104,9 @@ class Answers:
             action = self.space.reflect(actions[here]) if reflect else actions[here]
             return math.nan if action is None else self.space.distance(action, actions[there])
 
-        pairs, place = np.unique((one[have] + 1) * count + other[have] + 1, return_inverse=True)
-        found = np.array([apart(int(pair)) for pair in pairs], dtype=np.float64)[place]
+        keys = (one[have] + 1) * count + other[have] + 1
+        pairs = np.flatnonzero(np.bincount(keys)) if count < _FEW else np.unique(keys)
+        found = np.array([apart(int(pair)) for pair in pairs], dtype=np.float64)[np.searchsorted(pairs, keys)]
         have[have] = ~np.isnan(found)
         return found[~np.isnan(found)], have
 

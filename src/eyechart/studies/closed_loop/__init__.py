@@ -4,9 +4,8 @@ Source: paper, Tables t:baselines and t:degeneracy.
 """
 
 from eyechart.studies.closed_loop.agreement import Replay
-from eyechart.studies.closed_loop.blind import DIFFERS, OUTCOMES, Blind, blind_baselines
+from eyechart.studies.closed_loop.blind import DIFFERS, Blind, blind_baselines
 from eyechart.studies.closed_loop.degeneracy import Degeneracy
-from eyechart.studies.closed_loop.identical import Twins, same_drive
 from eyechart.studies.closed_loop.ladder import (
     LEVEL,
     Outcomes,
@@ -18,7 +17,6 @@ from eyechart.studies.closed_loop.ladder import (
     paired,
 )
 from eyechart.studies.closed_loop.reading import Driver, Drives, read_drives
-from eyechart.studies.closed_loop.repeated import Repeats
 from eyechart.studies.closed_loop.replaying import verify
 from eyechart.studies.closed_loop.scoring import ClosedLoopScore, score, unfinished_of
 from eyechart.studies.closed_loop.study import NO_LEDGER, OfEpisodes
@@ -27,7 +25,6 @@ __all__ = [
     "DIFFERS",
     "LEVEL",
     "NO_LEDGER",
-    "OUTCOMES",
     "Blind",
     "ClosedLoopScore",
     "Degeneracy",
@@ -36,17 +33,14 @@ __all__ = [
     "OfEpisodes",
     "Outcomes",
     "Paired",
-    "Repeats",
     "Replay",
     "Rung",
-    "Twins",
     "blind_baselines",
     "corrected",
     "exact_rate",
     "outcomes_of",
     "paired",
     "read_drives",
-    "same_drive",
     "score",
     "unfinished_of",
     "verify",

@@ -5,14 +5,14 @@ Source: section Symmetry-consensus longitudinal guardian.
 
 from eyechart.studies.guardian.bounding import Bound, bound
 from eyechart.studies.guardian.fitting import fit
-from eyechart.studies.guardian.frozen import Frozen, Selection, read_frozen, require_own, write_frozen
+from eyechart.studies.guardian.frozen import Frozen, read_frozen, require_own, write_frozen
 from eyechart.studies.guardian.joining import join
-from eyechart.studies.guardian.modular import Replay, modular_action, reader_of, replay
+from eyechart.studies.guardian.modular import Replay, reader_of, replay
 from eyechart.studies.guardian.nesting import Nested, nested
 from eyechart.studies.guardian.runs import votes_of_run
 from eyechart.studies.guardian.scoring import GuardianScore, score
 from eyechart.studies.guardian.tables import read_votes
-from eyechart.studies.guardian.truth import episode_of, hazards_of, pictures_of
+from eyechart.studies.guardian.truth import hazards_of, pictures_of
 from eyechart.studies.guardian.votes import VIEWS, About, VoteTable
 
 __all__ = [
@@ -23,14 +23,11 @@ __all__ = [
     "GuardianScore",
     "Nested",
     "Replay",
-    "Selection",
     "VoteTable",
     "bound",
-    "episode_of",
     "fit",
     "hazards_of",
     "join",
-    "modular_action",
     "nested",
     "pictures_of",
     "read_frozen",

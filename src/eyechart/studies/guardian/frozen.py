@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import cast, get_args
 
+import msgspec
+
 from eyechart import __version__
 from eyechart.errors import EyechartError, GuardianError, OutputError
 from eyechart.frames import FrameBank, MirrorAxis
@@ -31,11 +33,14 @@ NAME, PICTURE, SPELLING = "is", "shows the very picture of", "has the name of"
 """By what a frame is known as another one, in words."""
 _MORE = {PICTURE: "", SPELLING: ", but for its spelling or its ending"}
 
+_NAMES = {"single": "best_single_model"}
+"""What a field of a selection is called in the file, where it has another name there."""
+_IN_WORDS = ("rule", "tie_breaks")
+"""What a file says of a selection besides, for people."""
 _ENDING = re.compile(r"\.(?:png|jpe?g|webp|bmp|gif|tiff?)$")
 
 
-@dataclass(frozen=True, slots=True)
-class Selection:
+class Selection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, rename=_NAMES):
     """What chose a guardian: the frames and episodes that it saw, and how.
 
     ``worth`` is the balanced accuracy on those frames, or with ``costs`` minus the expected cost; ``candidates``
@@ -44,12 +49,12 @@ class Selection:
     records them.
     """
 
-    frames: tuple[str, ...]
-    episodes: tuple[str, ...]
+    costs: Costs | None = None
     candidates: int
     worth: float
     single: str
-    costs: Costs | None = None
+    frames: tuple[str, ...]
+    episodes: tuple[str, ...]
     pictures: tuple[str, ...] = ()
 
     @property
@@ -179,9 +184,15 @@ class Frozen:
             "mirror_axis": self.about.axis,
             "reader": self.about.reader,
             "bank": {"name": self.about.bank_name, "fingerprint": self.about.bank},
-            **({"selection": _selection(self.selection)} if self.selection else {"chosen_as": self.chosen_as}),
+            **self._chosen(),
             "eyechart": self.made_by,
         }
+
+    def _chosen(self) -> dict[str, object]:
+        if self.selection is None:
+            return {"chosen_as": self.chosen_as}
+        words = {"rule": self.selection.rule, "tie_breaks": TIE_BREAKS}
+        return {"selection": {**words, **msgspec.to_builtins(self.selection)}}
 
 
 def write_frozen(path: Path, frozen: Frozen) -> None:
@@ -253,23 +264,6 @@ def _read(path: Path) -> dict[str, object]:
     return raw
 
 
-def _selection(chosen: Selection) -> dict[str, object]:
-    costs = chosen.costs
-    return {
-        "rule": chosen.rule,
-        "tie_breaks": TIE_BREAKS,
-        "costs": None
-        if costs is None
-        else {name: getattr(costs, name) for name in ("miss", "false_alarm", "abstention", "hazard_rate")},
-        "candidates": chosen.candidates,
-        "worth": chosen.worth,
-        "best_single_model": chosen.single,
-        "frames": list(chosen.frames),
-        "episodes": list(chosen.episodes),
-        "pictures": list(chosen.pictures),
-    }
-
-
 def _frozen(raw: Mapping[str, object]) -> Frozen:
     models = cast("dict[str, dict[str, object]]", raw["models"])
     prompt, bank = cast("dict[str, object]", raw["prompt"]), cast("dict[str, str]", raw["bank"])
@@ -292,7 +286,9 @@ def _frozen(raw: Mapping[str, object]) -> Frozen:
         axis=cast("MirrorAxis | None", raw["mirror_axis"]),
         reader=cast("int | None", raw["reader"]),
     )
-    selection = raw.get("selection")
+    chosen = cast("dict[str, object] | None", raw.get("selection"))
+    if chosen is not None:
+        chosen = {name: value for name, value in chosen.items() if name not in _IN_WORDS}
     committee, threshold = tuple(map(str, cast("list[str]", raw["committee"]))), int(cast("int", raw["threshold"]))
     if len(set(committee)) != len(committee) or not set(committee) <= set(models):
         raise ValueError(f"its committee is no list of different models: {', '.join(committee)[:200]}")
@@ -307,22 +303,9 @@ def _frozen(raw: Mapping[str, object]) -> Frozen:
         threshold=threshold,
         point=cast("Point", point),
         about=about,
-        selection=_read_selection(selection) if isinstance(selection, dict) else None,
+        selection=msgspec.convert(chosen, Selection | None),
         chosen_as=str(raw.get("chosen_as", "")),
         made_by=str(raw["eyechart"]),
-    )
-
-
-def _read_selection(raw: Mapping[str, object]) -> Selection:
-    costs = cast("dict[str, float] | None", raw["costs"])
-    return Selection(
-        frames=tuple(map(str, cast("list[str]", raw["frames"]))),
-        episodes=tuple(map(str, cast("list[str]", raw["episodes"]))),
-        candidates=int(cast("int", raw["candidates"])),
-        worth=float(cast("float", raw["worth"])),
-        single=str(raw["best_single_model"]),
-        costs=None if costs is None else Costs(**costs),
-        pictures=tuple(map(str, cast("list[str]", raw.get("pictures", [])))),
     )
 
 

@@ -4,20 +4,18 @@ Source: paper, sections Hierarchical VLM-MPC Diagnostic and MPC cannot repair an
 mpc_intent_ablation.
 """
 
-from eyechart.studies.hierarchy.planning import PARTS, SCRIPTED, SILENCE, Part, plan
+from eyechart.studies.hierarchy.planning import PARTS, SCRIPTED, Part, plan
 from eyechart.studies.hierarchy.running import run
-from eyechart.studies.hierarchy.scoring import Completion, HierarchyScore, Source, runs_of, score
+from eyechart.studies.hierarchy.scoring import Completion, HierarchyScore, Source, score
 
 __all__ = [
     "PARTS",
     "SCRIPTED",
-    "SILENCE",
     "Completion",
     "HierarchyScore",
     "Part",
     "Source",
     "plan",
     "run",
-    "runs_of",
     "score",
 ]

@@ -4,20 +4,18 @@ Source: paper, sections Constructive renderer-calibrated controller, Structured 
 """
 
 from eyechart.studies.structured import online
-from eyechart.studies.structured.planning import ADMISSION, STRUCTURED, STUDIES, plan
+from eyechart.studies.structured.planning import ADMISSION, STRUCTURED, plan
 from eyechart.studies.structured.scoring import (
     EstimatorScore,
     StructuredScore,
     require_scorable,
     score,
-    score_run,
 )
 from eyechart.studies.structured.told import Told, read_told
 
 __all__ = [
     "ADMISSION",
     "STRUCTURED",
-    "STUDIES",
     "EstimatorScore",
     "StructuredScore",
     "Told",
@@ -26,5 +24,4 @@ __all__ = [
     "read_told",
     "require_scorable",
     "score",
-    "score_run",
 ]
