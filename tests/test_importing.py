@@ -15,7 +15,7 @@ import photographs
 from eyechart import cli
 from eyechart.errors import EyechartError, SourceError, SpecError
 from eyechart.frames import FrameBank, check, open_bank
-from eyechart.importing import Choices, costs, import_lerobot, import_table, parquet, tables
+from eyechart.importing import Choices, costs, import_lerobot, import_table, parquet, read_rig, tables
 from eyechart.importing import bank as making
 from eyechart.models import ADAPTERS
 from eyechart.run import Plan
@@ -472,3 +472,47 @@ def test_the_bank_declares_independence_so_that_scoring_needs_no_flag(imported: 
     assert bank.manifest.independent
     assert verdict_of(bank, tmp_path / "run").calibrated.label == "depth"
     assert isinstance(battery.plan(bank.root, ["driver:looks"], tmp_path / "run").plan, Plan)
+
+
+RIG = '[[camera]]\nname = "front"\ncolumn = "photo"\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("", "missing required field `camera`"),
+        ("camera = []", "Expected `array` of length >= 1"),
+        (RIG + 'axis = "horizontal"', "unknown field `axis`"),
+        (RIG + 'mirror_axis = "diagonal"', "Invalid enum value 'diagonal'"),
+        (RIG + 'mirrors = "rear"', "camera 'front' mirrors 'rear', which must be there"),
+        (RIG + RIG, "two cameras have one name: front, front"),
+        (RIG.replace("front", "a b"), "a camera's name has letters"),
+        (RIG + '[state]\njoints = "speed"', r"Expected `array`, got `str` - at `\$\.state"),
+    ],
+)
+def test_a_rig_that_is_none_says_why(tmp_path: Path, text: str, named: str) -> None:
+    """The file is named, and what is wrong in it."""
+    (tmp_path / "rig.toml").write_text(text)
+    with pytest.raises(SpecError, match=rf"rig\.toml is no rig of cameras: .*{named}"):
+        read_rig(tmp_path / "rig.toml")
+
+
+@pytest.mark.parametrize(
+    ("rig", "named"),
+    [
+        (RIG.replace("photo", "phoot"), "the file is to be in column 'phoot'; .* did you mean 'photo'"),
+        (RIG + '[[camera]]\nname = "rear"\ncolumn = "photo"', "column 'photo' cannot be file and something else"),
+        (RIG + '[state]\nspeed = ["tick"]', "the state 'speed' has the name of a column that is kept"),
+        (RIG + '[state]\npose = ["tick", "place"]', "'place' of the state 'pose' is .*, not a number"),
+    ],
+)
+def test_a_rig_that_does_not_fit_its_table_says_why(tmp_path: Path, rig: str, named: str) -> None:
+    """And leaves nothing."""
+    rows = photographs.rows(drives=2, ticks=2)
+    photographs.take(tmp_path / "photos", rows)
+    (tmp_path / "t.csv").write_text(photographs.as_csv(rows))
+    (tmp_path / "rig.toml").write_text(rig)
+    choices = Choices(rig=read_rig(tmp_path / "rig.toml"))
+    with pytest.raises(SourceError, match=named):
+        import_table(tmp_path / "photos", tmp_path / "t.csv", tmp_path / "bank", choices)
+    assert not (tmp_path / "bank").exists()

@@ -55,9 +55,9 @@ FLOORS = {
         "eyechart.studies.probed",
     ),
 }
-"""Inside a package whose modules are peers, only its floor is shared: for models, a request and its energy; for
-simulators, the forward camera, how a balanced bank is planned and written, and the road of rover and drone; for
-studies, the battery, the drives that others are scored with, and what a probe before a run needs of each."""
+"""Inside a package whose modules are peers, only its floor is shared: for statistics, tables of counts; for models, a
+request and its energy; for simulators, the forward camera, how a balanced bank is planned and written, and the road of
+rover and drone; for studies, the battery, the drives that others are scored with, and what a probe needs of each."""
 
 ASSEMBLED = {
     "bundle",

@@ -268,6 +268,42 @@ def test_a_migration_that_was_cut_begins_anew(tmp_path: Path, monkeypatch: pytes
     assert sorted(files(tmp_path)) == ["ledger.sqlite", "ledger.sqlite.format2.bak"]
 
 
+KILLED = {
+    "while its copy is written": "ledger.os.fsync = lambda _: die()",
+    "before its copy is in place": "ledger.Path.replace = lambda *_: die()",
+    "in the change": "ledger._MIGRATION = ledger._MIGRATION.replace('DROP INDEX', 'SELECT die(); DROP INDEX')",
+    "before the change counts": "ledger._MIGRATION += 'SELECT die();'",
+}
+
+
+@pytest.mark.parametrize("when", KILLED)
+def test_a_migration_that_is_killed_loses_nothing(tmp_path: Path, when: str) -> None:
+    """The ledger is then still of format 2, is read with every row, and the next run migrates it."""
+    path = tmp_path / "ledger.sqlite"
+    older(path, 2, EVERY, FULL)
+    says = f"""
+import os, signal
+from pathlib import Path
+from eyechart import ledger
+die, connect = lambda: os.kill(os.getpid(), signal.SIGKILL), ledger._connect
+def connected(path, mode):
+    opened = connect(path, mode)
+    opened.create_function("die", 0, die)
+    return opened
+ledger._connect = connected
+{KILLED[when]}
+ledger.Ledger(Path({str(path)!r}), create=True)
+"""
+    assert subprocess.run([sys.executable, "-c", says], check=False).returncode == -signal.SIGKILL
+    with Ledger(path) as ledger:
+        assert ledger._format == 2
+        assert [reply.text for _, reply in ledger.replies(MODEL)] == ["GO", "STOP"]
+    with Ledger(path, create=True) as ledger:
+        ledger.require_plain()
+        assert [reply.text for _, reply in ledger.replies(MODEL)] == ["GO", "STOP"]
+    assert sorted(files(tmp_path)) == ["ledger.sqlite", "ledger.sqlite.format2.bak"]
+
+
 def test_only_a_plain_ledger_is_migrated(tmp_path: Path) -> None:
     """One of format 1, and a database that only says that it is one, are left as they are."""
     for version, words in ((1, "format 1, which is read and not appended to"), (2, "no plain ledger: attempts")):

@@ -12,6 +12,7 @@ import shlex
 import shutil
 import sqlite3
 import sys
+from fnmatch import fnmatchcase
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -97,9 +98,8 @@ def test_todays_code_answers_as_the_version_that_made_it(path: Path, found) -> N
 @pytest.mark.parametrize("entry", EXPECTED, ids=lambda one: f"{one.answer} {' > '.join(one.key)}")
 def test_every_listed_difference_is_one(entry: Expected, found) -> None:  # noqa: ANN001
     """An entry of differences.toml that no answer shows any more is to be taken out."""
-    assert any(entry.covers(path.stem, one) for path in ANSWERS for one in found(path)), (
-        "it does not differ: take it out"
-    )
+    named = [path for path in ANSWERS if fnmatchcase(path.stem, entry.answer)]
+    assert any(entry.covers(path.stem, one) for path in named for one in found(path)), "it does not differ: take it out"
 
 
 @pytest.mark.parametrize("path", sorted(OLD.glob("*/surface.json")), ids=lambda path: path.parent.name)

@@ -114,7 +114,7 @@ def test_a_server_that_minds_whether_there_is_a_picture_and_hardly_which(ask: As
     assert [found[f"agree.{name}"].detail["k"] for name in ("blank", "text_only")] == [130, 14]
     assert [round(found[f"agree.{name}"].value, 3) for name in ("blank", "text_only")] == [0.903, 0.097]
     assert found["image_token"].value == pytest.approx(116 / 144)
-    assert found["image_token.decision"].detail == {"b": 130, "c": 14}
+    assert found["image_token.decision"].as_dict()["detail"] == {"b": 130, "c": 14}
     assert (verdict.calibrated.label, verdict.paper.label) == ("content", "presence_only")
     words = note(verdict, "image token: agree(blank) = 0.903 with agree(text_only) = 0.097: ")
     assert "that there is a picture matters more than what it shows (difference 0.806 [" in words

@@ -44,16 +44,16 @@ def test_a_large_bank_can_say_everything(bank: FrameBank) -> None:
     """With ten times the episodes no test is left without an answer."""
     found = power_of(repeated(bank, 10))
     assert found.cannot_say == {}
-    assert (found.frames, found.pairs) == (180, 150)
+    assert (found.frames, found.counterfactual_pairs) == (180, 150)
     assert found.episodes == {"dense": 20, "light": 20, "merge": 20}
-    assert found.smallest_p == pytest.approx(1 / 5001)
+    assert found.smallest_p_exchange == pytest.approx(1 / 5001)
     assert found.smallest_bound == pytest.approx(0.0292, abs=0.001)
 
 
 def test_two_episodes_a_scenario_cannot_be_exchanged(bank: FrameBank) -> None:
     """Eight arrangements give a p of .125 at best, and the tests that need it are named with the reason."""
     found = power_of(bank)
-    assert found.smallest_p == pytest.approx(1 / 8)
+    assert found.smallest_p_exchange == pytest.approx(1 / 8)
     assert set(found.cannot_say) == {
         "depth_observational",
         "depth_information",
@@ -87,7 +87,7 @@ def test_a_bank_without_anything_extra_names_every_silent_test(bank: FrameBank) 
         "mirror_swap_rate",
     }
     assert "content_shuffled" not in found.cannot_say
-    assert (found.pairs, found.smallest_win_share, found.directional) == (0, None, None)
+    assert (found.counterfactual_pairs, found.smallest_win_share, found.directional_frames) == (0, None, None)
     assert found.cannot_say["depth_observational"] == "the bank records no gap"
 
 
@@ -101,7 +101,7 @@ def test_one_frame_of_a_scenario_leaves_shuffled_without_pictures(bank: FrameBan
 def test_steps_that_repeat_in_an_episode_are_named(bank: FrameBank) -> None:
     """A bank whose steps cannot be put in order says so instead of failing."""
     found = power_of(replace(bank, frames=tuple(replace(frame, step=0) for frame in bank.frames)))
-    assert found.smallest_p is None
+    assert found.smallest_p_exchange is None
     assert "occurs twice in one episode" in found.cannot_say["depth_observational"]
 
 
@@ -110,7 +110,7 @@ def test_an_action_space_without_directions_has_no_mirror_test(bank: FrameBank) 
     space = Discrete("speed", ("STOP", "STRAIGHT"), (), ("STOP",), ("STRAIGHT",))
     found = power_of(replace(bank, manifest=replace(bank.manifest, action_space=space)))
     assert found.cannot_say["mirror_swap_rate"] == "no action of this space exchanges under reflection"
-    assert found.directional == 0
+    assert found.directional_frames == 0
 
 
 @pytest.mark.parametrize("n", [7, 15, 50, 144])

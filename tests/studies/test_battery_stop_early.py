@@ -376,7 +376,7 @@ def test_the_manifest_says_that_stopping_early_was_asked_for(stopped: Path, tmp_
     (copy / "run.json").write_text(json.dumps(raw))
     assert not read_run(copy)[0].stop_early
     (copy / "run.json").write_text(json.dumps({**raw, "stop_early": "no"}))
-    with pytest.raises(LedgerError, match="stop_early is 'no', neither true nor false"):
+    with pytest.raises(LedgerError, match='stop_early is "no", not true or false'):
         read_run(copy)
 
 

@@ -14,7 +14,7 @@ from eyechart.api import build_bank
 from eyechart.calls import Query, Reply
 from eyechart.conditions import show
 from eyechart.errors import BankError, LedgerError, SpecError
-from eyechart.frames import MAIN, FrameBank, decode
+from eyechart.frames import MAIN, FrameBank, Stimulus, decode
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, read_run
 from eyechart.models import ADAPTERS
@@ -315,9 +315,8 @@ def test_a_mode_without_a_schema_is_read_strictly_and_with_one_binds_it(bank: Fr
     """The plan's queries carry the form; the mode decides whether the server is told."""
     planned = structured.plan("admission", bank.root, [RequestMode(CONTROL)], tmp_path / "run")
     key = planned.plan.keys()[0]
-    query = planned.plan.query(key, None)
-    assert query.actions == ()
-    assert query.schema()["required"] == ["lead_gap_m", "close", "left_clear", "right_clear", "confidence"]
+    query = planned.plan.query(key, Stimulus())
+    assert query.schema["required"] == ["lead_gap_m", "close", "left_clear", "right_clear", "confidence"]
 
 
 def test_forward_cameras_are_asked_through_their_own_view_with_their_own_distances(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from eyechart.frames.nouns import (
     Stimulus,
     alone,
     is_reserved,
+    require_exchanged,
     rounded_truth,
 )
 from eyechart.frames.pictures import (
@@ -58,6 +59,7 @@ __all__ = [
     "read_axis",
     "read_bounded",
     "read_metadata",
+    "require_exchanged",
     "rounded_truth",
     "size_of",
 ]

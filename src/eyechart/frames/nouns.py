@@ -4,7 +4,7 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
@@ -58,6 +58,16 @@ class Camera:
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[\w-]+", self.name):
             raise BankError(f"a camera's name has letters, digits, '_' and '-'; got {self.name!r}")
+
+
+def require_exchanged(cameras: Sequence[Camera]) -> None:
+    """Raise BankError where two cameras have one name, or one mirrors a camera that does not mirror it."""
+    by_name = {one.name: one for one in cameras}
+    if len(by_name) < len(cameras):
+        raise BankError(f"two cameras have one name: {', '.join(one.name for one in cameras)}")
+    for one in cameras:
+        if one.mirrors and (one.mirrors not in by_name or by_name[one.mirrors].mirrors != one.name):
+            raise BankError(f"camera '{one.name}' mirrors '{one.mirrors}', which must be there and mirror it too")
 
 
 @cache
@@ -183,12 +193,7 @@ class BankManifest:
     state: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        by_name = {one.name: one for one in self.cameras}
-        if len(by_name) < len(self.cameras):
-            raise BankError(f"two cameras have one name: {', '.join(one.name for one in self.cameras)}")
-        for one in self.cameras:
-            if one.mirrors and (one.mirrors not in by_name or by_name[one.mirrors].mirrors != one.name):
-                raise BankError(f"camera '{one.name}' mirrors '{one.mirrors}', which must be there and mirror it too")
+        require_exchanged(self.cameras)
 
     @property
     def fingerprint(self) -> str:

@@ -5,13 +5,13 @@ import math
 import re
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 import msgspec
 
 from eyechart.errors import BankError, SourceError, SpecError
-from eyechart.frames import Camera, MirrorAxis, Scalar, is_reserved
+from eyechart.frames import Camera, MirrorAxis, Scalar, is_reserved, require_exchanged
 from eyechart.importing.tables import Cell
 from eyechart.spaces.discrete import read_toml
 
@@ -31,34 +31,32 @@ _WHOLE = re.compile(r"[+-]?(0|[1-9]\d*)")
 _EXACT = 2**53
 
 
-@dataclass(frozen=True)
-class Rig:
-    """The cameras of a table with the column of each, and the columns of each state's numbers."""
+class Column(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A camera of a rig, and the column of its pictures."""
 
-    cameras: tuple[Camera, ...]
-    columns: Mapping[str, str] = field(default_factory=dict)
-    state: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-
-    def places(self) -> dict[str, str]:
-        """Return the columns that it takes by what they are; the first camera's is the file."""
-        first, *others = self.columns
-        taken = {"file": self.columns[first], **{f"camera {name}": self.columns[name] for name in others}}
-        numbered = (
-            (f"state {name} {place}", one) for name, many in self.state.items() for place, one in enumerate(many)
-        )
-        return taken | dict(numbered)
-
-
-class _RigCamera(msgspec.Struct, forbid_unknown_fields=True):
     name: str
     column: str
     mirror_axis: MirrorAxis = "none"
     mirrors: str = ""
 
 
-class _RigFile(msgspec.Struct, forbid_unknown_fields=True):
-    camera: list[_RigCamera]
+class Rig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The cameras of a table, and the columns of each state's numbers."""
+
+    camera: Annotated[tuple[Column, ...], msgspec.Meta(min_length=1)]
     state: dict[str, tuple[str, ...]] = {}
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """Return the cameras as frames have them."""
+        return tuple(Camera(one.name, one.mirror_axis, one.mirrors) for one in self.camera)
+
+    def places(self) -> dict[str, str]:
+        """Return the columns that it takes by what they are; the first camera's is the file."""
+        first, *others = self.camera
+        taken = {"file": first.column, **{f"camera {one.name}": one.column for one in others}}
+        numbers = [(name, place, one) for name, many in self.state.items() for place, one in enumerate(many)]
+        return taken | {f"state {name} {place}": one for name, place, one in numbers}
 
 
 def read_rig(path: Path) -> Rig:
@@ -67,13 +65,11 @@ def read_rig(path: Path) -> Rig:
     Raises SpecError naming the file and what is wrong in it.
     """
     try:
-        found = msgspec.convert(read_toml(path), _RigFile)
-        cameras = tuple(Camera(one.name, one.mirror_axis, one.mirrors) for one in found.camera)
+        rig = msgspec.convert(read_toml(path), Rig)
+        require_exchanged(rig.cameras)
     except (msgspec.ValidationError, BankError) as error:
         raise SpecError(f"{path} is no rig of cameras: {error}") from error
-    if not cameras:
-        raise SpecError(f"{path} is no rig of cameras: it lists no [[camera]]")
-    return Rig(cameras, {one.name: one.column for one in found.camera}, found.state)
+    return rig
 
 
 def places(asked: Mapping[str, str], columns: Sequence[str], table: str, rig: Rig | None = None) -> dict[str, str]:

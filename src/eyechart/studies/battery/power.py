@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -35,9 +35,9 @@ class BankPower:
     """What a bank can decide at alpha .01 with power .8.
 
     ``calls`` counts a model's calls by condition. ``smallest_win_share`` is of counterfactual pairs whose braking
-    level differs, were all to differ; None where no share can be found. ``directional`` counts the frames that demand
-    a turn, None where the bank does not say. ``smallest_bound`` is the smallest effect whose absence the frames can
-    show of a model that never disagrees with itself, and ``largest_disagreement`` the self-disagreement up to which
+    level differs, were all to differ; None where no share can be found. ``directional_frames`` counts those that
+    demand a turn, None where the bank does not say. ``smallest_bound`` is the smallest effect whose absence the frames
+    can show of a model that never disagrees with itself, and ``largest_disagreement`` the self-disagreement up to which
     an effect below the margin can be bounded; None where it cannot. ``stopped_early`` counts the calls after which a
     controller that never wavers is settled with --stop-early, by label. ``cannot_say`` maps a test to the reason.
     """
@@ -46,10 +46,10 @@ class BankPower:
     frames: int
     episodes: Mapping[str, int]
     calls: Mapping[str, int]
-    pairs: int
+    counterfactual_pairs: int
     smallest_win_share: float | None
-    smallest_p: float | None
-    directional: int | None
+    smallest_p_exchange: float | None
+    directional_frames: int | None
     directional_needed: Mapping[str, int]
     smallest_swap_rate: float | None
     smallest_bound: float | None
@@ -60,28 +60,9 @@ class BankPower:
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        return {
-            "format": "eyechart-plan/1",
-            "bank": self.bank,
-            "frames": self.frames,
-            "episodes": dict(self.episodes),
-            "calls_per_model": sum(self.calls.values()),
-            "calls": dict(self.calls),
-            "alpha": ALPHA,
-            "power": POWER,
-            "margin": MARGIN,
-            "counterfactual_pairs": self.pairs,
-            "smallest_win_share": self.smallest_win_share,
-            "smallest_p_exchange": self.smallest_p,
-            "directional_frames": self.directional,
-            "directional_needed": dict(self.directional_needed),
-            "smallest_swap_rate": self.smallest_swap_rate,
-            "smallest_bound": self.smallest_bound,
-            "frames_to_bound": self.frames_to_bound,
-            "largest_disagreement": self.largest_disagreement,
-            "stopped_early": dict(self.stopped_early),
-            "cannot_say": dict(self.cannot_say),
-        }
+        levels = {"alpha": ALPHA, "power": POWER, "margin": MARGIN}
+        plan = {"format": "eyechart-plan/1", "calls_per_model": sum(self.calls.values()), **levels}
+        return plan | asdict(self)
 
     def asked(self, spec: str) -> dict[str, object]:
         """Return what asking a model takes; the cost is None where its adapter states no price."""
@@ -97,13 +78,14 @@ class BankPower:
             f"bank {self.bank}: {self.frames} frames; episodes by scenario: {episodes}",
             f"calls a model: {sum(self.calls.values())} ({calls})",
             (
-                f"distance by intervention: {self.pairs} counterfactual pairs; smallest win share found with power "
-                f"{POWER}: {_number(self.smallest_win_share)}, of pairs whose braking level differs, were all to differ"
+                f"distance by intervention: {self.counterfactual_pairs} counterfactual pairs; smallest win share found "
+                f"with power {POWER}: {_number(self.smallest_win_share)}, of pairs whose braking level differs, were "
+                "all to differ"
             ),
-            f"distance by observation: smallest p when episodes are exchanged: {_number(self.smallest_p)}",
+            f"distance by observation: smallest p when episodes are exchanged: {_number(self.smallest_p_exchange)}",
             (
-                f"turns: {_count(self.directional)} frames demand one; to tell a swap rate of {SWAP_RATE} from chance "
-                f"takes {needed}; smallest rate found against .5: {_number(self.smallest_swap_rate)}"
+                f"turns: {_count(self.directional_frames)} frames demand one; to tell a swap rate of {SWAP_RATE} from "
+                f"chance takes {needed}; smallest rate found against .5: {_number(self.smallest_swap_rate)}"
             ),
             (
                 f"absence: the smallest effect that can be bounded is {_number(self.smallest_bound)}; below {MARGIN} "
@@ -141,10 +123,10 @@ def power_of(bank: FrameBank) -> BankPower:
         frames=len(bank),
         episodes=_episodes(bank),
         calls=calls,
-        pairs=pairs,
+        counterfactual_pairs=pairs,
         smallest_win_share=detectable_share(pairs, alpha=ALPHA, power=POWER),
-        smallest_p=smallest,
-        directional=turns,
+        smallest_p_exchange=smallest,
+        directional_frames=turns,
         directional_needed={
             f"{chance:g}": trials_needed(SWAP_RATE, chance, alpha=ALPHA, power=POWER) for chance in CHANCES
         },
@@ -200,7 +182,7 @@ def _smallest_p(bank: FrameBank) -> tuple[float | None, str]:
     except ValueError as error:
         return None, str(error)
     smallest = (found.detail or {}).get("smallest_p")
-    return (None if smallest is None else float(str(smallest))), "" if found.p is not None else found.note
+    return smallest if isinstance(smallest, float) else None, "" if found.p is not None else found.note
 
 
 def _smallest_bound(frames: int) -> float | None:
