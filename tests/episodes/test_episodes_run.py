@@ -10,7 +10,7 @@ import banks
 from eyechart import episodes as study
 from eyechart.calls import CallKey
 from eyechart.episodes import Bounds, Episode, Episodes, read_episodes, read_manifest, write_episodes
-from eyechart.episodes.recorded import recorded
+from eyechart.episodes.records import recorded
 from eyechart.errors import LedgerError, SpecError
 from eyechart.ledger import Ledger
 from eyechart.limits import Limits

@@ -25,8 +25,8 @@ from eyechart.studies.closed_loop.film import write_film
 from eyechart.studies.closed_loop.replaying import find_episode, replay
 from eyechart.studies.hierarchy import plots, score
 from eyechart.studies.hierarchy.page import make_hierarchy_page
+from eyechart.studies.hierarchy.plots import trajectory
 from eyechart.studies.hierarchy.tables import tables_of
-from eyechart.studies.hierarchy.trajectories import trajectory
 
 
 @pytest.fixture(scope="module")

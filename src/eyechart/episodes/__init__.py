@@ -5,8 +5,7 @@ from eyechart.episodes.nouns import SILENCES, STUDY, Episode, EpisodeKey, Step
 from eyechart.episodes.planning import ACTION_MAP, Episodes, keep_probes, plan, require_engine, run
 from eyechart.episodes.records import EPISODES, read_episodes, write_episodes
 from eyechart.episodes.running import Bounds
-from eyechart.episodes.summary import Row, summarise
-from eyechart.episodes.unfinished import Unfinished, every_episode, unfinished
+from eyechart.episodes.summary import Row, Unfinished, every_episode, summarise, unfinished
 from eyechart.episodes.worlds import Setup
 from eyechart.manifest import EpisodesManifest
 from eyechart.manifest import read_episodes_manifest as read_manifest

@@ -7,7 +7,7 @@ from dataclasses import replace
 from eyechart.costs import CostEstimate, estimate
 from eyechart.episodes.nouns import Episode, EpisodeKey
 from eyechart.episodes.planning import Episodes
-from eyechart.episodes.recorded import recorded
+from eyechart.episodes.records import recorded
 from eyechart.episodes.running import calls_of
 from eyechart.episodes.workers import LocalWorker, WorkerDiedError
 from eyechart.episodes.worlds import Setup, Shown

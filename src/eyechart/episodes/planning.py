@@ -12,8 +12,7 @@ from filelock import FileLock, Timeout
 
 from eyechart.conditions import require_shown
 from eyechart.episodes.nouns import SILENCES, Episode, EpisodeKey
-from eyechart.episodes.recorded import recorded
-from eyechart.episodes.records import EPISODES, mend_episodes, read_episodes, write_episodes
+from eyechart.episodes.records import EPISODES, mend_episodes, read_episodes, recorded, write_episodes
 from eyechart.episodes.running import USUAL, Bounds, Drivers, Progress, drive
 from eyechart.episodes.workers import LocalWorker, Worker
 from eyechart.episodes.worlds import Setup

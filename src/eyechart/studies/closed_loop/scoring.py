@@ -12,7 +12,7 @@ from eyechart.studies.closed_loop.degeneracy import Degeneracy, audit
 from eyechart.studies.closed_loop.identical import SUSPECT, Twins, twins
 from eyechart.studies.closed_loop.ladder import Outcomes, Paired, Rung, against, outcomes_of, reference_of, rung
 from eyechart.studies.closed_loop.reading import Driver, Drives, names_of, read_drives
-from eyechart.studies.closed_loop.repeated import Repeats, repeated_requests
+from eyechart.studies.closed_loop.wording import Repeats, repeated_requests
 
 RESAMPLES = 5000
 CHOSEN_HERE = (

@@ -4,8 +4,7 @@ Source: paper, sections Hierarchical VLM-MPC Diagnostic and MPC cannot repair an
 mpc_intent_ablation.
 """
 
-from eyechart.studies.hierarchy.planning import PARTS, SCRIPTED, Part, plan
-from eyechart.studies.hierarchy.running import run
+from eyechart.studies.hierarchy.planning import PARTS, SCRIPTED, Part, plan, run
 from eyechart.studies.hierarchy.scoring import Completion, HierarchyScore, Source, score
 
 __all__ = [

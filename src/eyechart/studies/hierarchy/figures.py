@@ -8,9 +8,9 @@ from eyechart.episodes import Episode
 from eyechart.report.charts import BLUE, INK, LINE, MUTED, PAPER, VERMILLION, Drawing, canvas, plain, style
 from eyechart.report.page import evenly
 from eyechart.studies.hierarchy import HierarchyScore, Source
+from eyechart.studies.hierarchy.plots import in_order
 from eyechart.studies.hierarchy.scoring import PUBLISHED, UNPUBLISHED
 from eyechart.studies.hierarchy.tables import goals_of
-from eyechart.studies.hierarchy.trajectories import in_order
 
 MOST_ROWS = 40
 MOST_COLUMNS = 60
