@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
 
@@ -10,12 +10,13 @@ from eyechart.calls import CallKey
 from eyechart.episodes.nouns import STUDY, Episode, EpisodeKey
 from eyechart.ledger import UNKNOWN, Ledger, Sent
 from eyechart.manifest import LEDGER, EpisodesManifest
+from eyechart.records import Plain
 
 _DETAIL = 160
 
 
 @dataclass(frozen=True, slots=True)
-class Unfinished:
+class Unfinished(Plain):
     """The episodes of one policy that have no record, and what their calls met last.
 
     ``begun`` of them have calls in the ledger; None for a policy that asks no model. ``errors`` counts the calls of
@@ -42,10 +43,6 @@ class Unfinished:
             return f"{count}; every call of these was answered: they were cut between two calls"
         kinds = ", ".join(f"{kind} {times}" for kind, times in self.errors.items())
         return f"{count}; their calls last met: {kinds}{f', as: {self.detail}' if self.detail else ''}"
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        return {**asdict(self), "errors": dict(self.errors)}
 
 
 def unfinished(out: Path, keys: Iterable[EpisodeKey], models: Iterable[str]) -> list[Unfinished]:
@@ -99,7 +96,7 @@ def _told(policy: str, episodes: int, last: Mapping[CallKey, Sent] | None) -> Un
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class Row(Plain):
     """Means over the episodes of one policy under one condition; None where no episode tells the number.
 
     ``episodes`` ended otherwise than in one of the ``errors``, which count in no mean. ``without_decision`` is the
@@ -115,10 +112,6 @@ class Row:
     speed_mps: float | None
     crash_rate: float | None
     without_decision: float | None
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        return asdict(self)
 
 
 def summarise(episodes: Iterable[Episode]) -> list[Row]:
