@@ -14,6 +14,7 @@ from eyechart.conditions import require_shown
 from eyechart.episodes.nouns import SILENCES, Episode, EpisodeKey
 from eyechart.episodes.records import EPISODES, mend_episodes, read_episodes, recorded, write_episodes
 from eyechart.episodes.running import USUAL, Bounds, Drivers, Progress, drive
+from eyechart.episodes.summary import every_episode
 from eyechart.episodes.workers import LocalWorker, Worker
 from eyechart.episodes.worlds import Setup
 from eyechart.errors import LedgerError, SpecError
@@ -58,8 +59,7 @@ class Episodes:
 
     def unfinished(self) -> tuple[EpisodeKey, ...]:
         """Return the episodes that have no record yet, of whatever end."""
-        over = {one.key for one in read_episodes(self.out)}
-        return tuple(key for key in self.keys if key not in over)
+        return replace(self, again=False).left()
 
     def left(self) -> tuple[EpisodeKey, ...]:
         """Return the episodes that are still to be driven."""
@@ -119,14 +119,7 @@ def plan(
         view=NONE if view is None else view.key,
         silence=setup.silence,
     )
-    keys = tuple(
-        EpisodeKey(policy, world.name, scenario, number, condition)
-        for policy in names
-        for condition in manifest.conditions
-        for scenario in chosen
-        for number in manifest.seeds
-    )
-    planned = Episodes(keys, replace(drivers, view=view), manifest, setup, out)
+    planned = Episodes(every_episode(manifest), replace(drivers, view=view), manifest, setup, out)
     return replace(planned, manifest=_resumed(planned))
 
 
@@ -159,13 +152,9 @@ def _require_worlds(world: Declaration, setup: Setup, scenarios: Sequence[str], 
 
 
 def _modes(specs: Sequence[str | RequestMode]) -> dict[str, RequestMode]:
-    modes = {}
-    for one in specs:
-        if isinstance(one, RequestMode):
-            modes[one.spec] = one
-        elif ":" in one and not is_policy(one):
-            modes[one] = RequestMode(one)
-    return modes
+    models = (one for one in specs if isinstance(one, RequestMode) or (":" in one and not is_policy(one)))
+    modes = (one if isinstance(one, RequestMode) else RequestMode(one) for one in models)
+    return {one.spec: one for one in modes}
 
 
 def _version(policy: object) -> str:

@@ -59,18 +59,18 @@ def unfinished(out: Path, keys: Iterable[EpisodeKey], models: Iterable[str]) -> 
     return [_told(policy, len(worlds), last.get(policy)) for policy, worlds in left.items()]
 
 
-def every_episode(manifest: EpisodesManifest) -> list[EpisodeKey]:
+def every_episode(manifest: EpisodesManifest) -> tuple[EpisodeKey, ...]:
     """Return the episodes that a run's policies, scenarios, seeds and conditions make together.
 
     A run that was extended may never have been asked for all of them.
     """
-    return [
+    return tuple(
         EpisodeKey(policy, manifest.simulator, scenario, seed, condition)
         for policy in manifest.policies
         for condition in manifest.conditions
         for scenario in manifest.scenarios
         for seed in manifest.seeds
-    ]
+    )
 
 
 def _of(attempts: Iterable[Sent], left: set[tuple[str, str]]) -> Iterator[tuple[CallKey, Sent]]:

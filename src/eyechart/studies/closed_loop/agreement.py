@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from eyechart.episodes import Step
 from eyechart.policies import Observation
 from eyechart.policies.scripted import NEEDS, Oracle
+from eyechart.records import plain
 from eyechart.seeds import key_seed
 from eyechart.spaces.discrete import DRIVING
 from eyechart.stats.agreement import rate
@@ -69,7 +70,7 @@ class Replay:
             "run": self.driver.run,
             "controller": self.controller,
             "agreement": self.agreement.as_dict(),
-            "constants": {name: one.as_dict() for name, one in self.constants.items()},
+            "constants": plain(self.constants),
             "shuffled": self.shuffled.as_dict(),
         }
 

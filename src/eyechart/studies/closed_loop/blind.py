@@ -141,7 +141,8 @@ def _cannot_say(found: Paired, condition: str, tests: int) -> str:
 
 def _failed(real: Drives, other: Drives) -> str:
     """Return why two drives cannot be held against each other: calls failed, or the fail-safe made them alike."""
-    shares = {one.driver.condition: _share(one, "error") for one in (real, other)}
+    lost = {one.driver.condition: [step.decision.missing == "error" for step in one.steps] for one in (real, other)}
+    shares = {name: sum(mine) / max(1, len(mine)) for name, mine in lost.items()}
     if said := [f"{share:.0%} of them with {name} pictures" for name, share in shares.items() if share > SILENT]:
         return f"cannot say whether the picture matters: calls failed, {' and '.join(said)}, and the fail-safe drove."
     worlds = sorted(real.by_world.keys() & other.by_world.keys())
@@ -164,11 +165,6 @@ def _failed(real: Drives, other: Drives) -> str:
             "nothing at all, and the fail-safe drove."
         )
     return ""
-
-
-def _share(drives: Drives, missing: str) -> float:
-    steps = drives.steps
-    return sum(step.decision.missing == missing for step in steps) / len(steps) if steps else 0.0
 
 
 def _silence(real: Drives, other: Drives) -> str:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from eyechart.records import plain
 from eyechart.seeds import key_seed
 from eyechart.spaces.space import MISSING
 from eyechart.stats.agreement import rate
@@ -97,14 +98,11 @@ class Degeneracy:
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
         return {
-            "simulator": self.driver.simulator,
-            "policy": self.driver.policy,
-            "condition": self.driver.condition,
-            "run": self.driver.run,
+            **plain(self.driver),
             "geometry": self.geometry,
             "constant": self.constant,
             "label": self.label,
-            "statistics": {name: one.as_dict() for name, one in self.statistics.items()},
+            "statistics": plain(self.statistics),
             "missing": dict(self.reasons),
             "holm_naive": self.holm_naive,
             "holm": self.holm,
@@ -197,8 +195,7 @@ def _common_steps(drives: Drives) -> NDArray[np.bool_]:
         least[str(scenario)] = mine[best - 1] if best and mine[best - 1] >= 2 else 0
     cut = np.array([least[str(scenario)] for scenario in drives.scenario_of], dtype=np.int64)
     long = np.array([length[str(world)] for world in drives.world_of], dtype=np.int64)
-    place = np.array([turn for one in drives.episodes for turn in range(len(one.steps))], dtype=np.int64)
-    return (cut > 0) & (long >= cut) & (place < cut)
+    return (cut > 0) & (long >= cut) & (drives.step_of < cut)
 
 
 def _distinct(actions: NDArray[np.str_]) -> Statistic:

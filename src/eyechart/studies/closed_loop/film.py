@@ -3,7 +3,7 @@
 import base64
 import io
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
 from importlib.util import find_spec
 from pathlib import Path
@@ -211,12 +211,7 @@ def _write_html(out: Path, film: _Film) -> int:
         {
             "plan": line.plan,
             "lines": None if shot.sketch is None else lines_of(shot.sketch),
-            "place": line.place,
-            "decision": line.decision,
-            "executed": line.executed,
-            "state": line.state,
-            "reply": line.reply,
-            "substituted": line.substituted,
+            **asdict(line),
         }
         for shot, line in moments
     ]

@@ -7,6 +7,7 @@ import itertools
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from operator import attrgetter, eq
 
 from eyechart.episodes import Episode
 from eyechart.simulators import declared_by
@@ -52,13 +53,9 @@ class Twins:
 
 def same_drive(one: Episode, other: Episode) -> bool:
     """Return whether two episodes of one world went the same way to the last digit, whatever was decided."""
-    if one.key.world != other.key.world or one.state_sha256 != other.state_sha256 or one.ended != other.ended:
-        return False
-    return _course(one) == _course(other)
-
-
-def _course(episode: Episode) -> list[tuple[float | None, ...]]:
-    return [(step.reward, step.speed_mps, step.distance_m, step.crashed) for step in episode.steps]
+    ends = [(each.key.world, each.state_sha256, each.ended, len(each.steps)) for each in (one, other)]
+    course = attrgetter("reward", "speed_mps", "distance_m", "crashed")
+    return ends[0] == ends[1] and all(map(eq, map(course, one.steps), map(course, other.steps)))
 
 
 def commands_of(drives: Drives) -> Mapping[str, str]:

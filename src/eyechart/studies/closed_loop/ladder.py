@@ -3,13 +3,15 @@
 Source: paper, Table t:baselines.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import astuple, dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 
 from eyechart.episodes import Episode
 from eyechart.errors import SpecError
+from eyechart.records import plain
 from eyechart.seeds import key_seed
 from eyechart.simulators import declared_by
 from eyechart.stats.agreement import rate
@@ -23,15 +25,9 @@ CONSTANT = "constant:"
 """How the SPEC of a policy that always says one action begins."""
 
 LEVEL = 0.05
-
-
 UNTOLD = "the simulator does not tell it"
 
-NUMBERS: dict[str, Callable[[Episode], float | None]] = {
-    "distance_m": lambda episode: episode.distance_m,
-    "reward": lambda episode: episode.reward,
-    "speed_mps": lambda episode: episode.speed_mps,
-}
+NUMBERS = {name: attrgetter(name) for name in ("distance_m", "reward", "speed_mps")}
 """What an episode adds up to, each a number, or None where the simulator does not tell it."""
 
 
@@ -54,14 +50,11 @@ class Outcomes:
 
 def outcomes_of(drives: Sequence[Drives]) -> Outcomes:
     """Return what counts as success in the worlds of these drives."""
-    scenarios = set()
     declared = {name: declared_by(name) for name in {one.driver.simulator for one in drives}}
     goals = {name for name, one in declared.items() if one is not None and one.has_goal}
-    for one in drives:
-        for episode in one.episodes:
-            if episode.ended == "goal" or episode.key.simulator in goals:
-                scenarios.add((episode.key.simulator, episode.key.scenario))
-    return Outcomes(frozenset(scenarios))
+    every = [episode for one in drives for episode in one.episodes]
+    reached = (one.key for one in every if one.ended == "goal" or one.key.simulator in goals)
+    return Outcomes(frozenset((key.simulator, key.scenario) for key in reached))
 
 
 @dataclass(frozen=True)
@@ -75,12 +68,9 @@ class Rung:
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
         return {
-            "simulator": self.driver.simulator,
-            "policy": self.driver.policy,
-            "condition": self.driver.condition,
-            "run": self.driver.run,
+            **plain(self.driver),
             "episodes_in_error": self.errors,
-            "statistics": {name: one.as_dict() for name, one in self.statistics.items()},
+            "statistics": plain(self.statistics),
         }
 
 
@@ -109,7 +99,7 @@ class Paired:
             "second": self.second.label,
             "simulator": self.first.simulator,
             "worlds": self.worlds,
-            "differences": {name: one.as_dict() for name, one in self.differences.items()},
+            "differences": plain(self.differences),
             "holm": dict(self.holm),
             "changed": list(self.changed),
         }
@@ -147,7 +137,7 @@ def paired(first: Drives, second: Drives, outcomes: Outcomes, *, resamples: int 
     """
     worlds = sorted(first.by_world.keys() & second.by_world.keys())
     one, other = [first.by_world[name] for name in worlds], [second.by_world[name] for name in worlds]
-    who = (*_key(first.driver), *_key(second.driver))
+    who = (*astuple(first.driver)[:3], *astuple(second.driver)[:3])
     found: dict[str, Statistic] = {}
     for name, measure in NUMBERS.items():
         pairs = [(measure(mine), measure(theirs)) for mine, theirs in zip(one, other, strict=True)]
@@ -216,7 +206,3 @@ def _is_mildest(drives: Drives) -> bool:
 
 def _mean_reward(drives: Drives) -> float:
     return sum(one.reward for one in drives.episodes) / len(drives.episodes)
-
-
-def _key(driver: Driver) -> tuple[str, str, str]:
-    return driver.simulator, driver.policy, driver.condition

@@ -43,7 +43,9 @@ class Beside:
 
 def beside_paper(rungs: Sequence[Rung]) -> list[Beside]:
     """Return the rows that the paper's table has too, in its order: real pictures in the highway only."""
-    mine = {one.driver.policy: one for one in rungs if _comparable(one)}
+    mine = {
+        one.driver.policy: one for one in rungs if (one.driver.simulator, one.driver.condition) == (SIMULATOR, "real")
+    }
     found = []
     for policy, row in PUBLISHED.items():
         if policy in mine:
@@ -55,10 +57,6 @@ def beside_paper(rungs: Sequence[Rung]) -> list[Beside]:
             }
             found.append(Beside(mine[policy], differences))
     return found
-
-
-def _comparable(one: Rung) -> bool:
-    return one.driver.simulator == SIMULATOR and one.driver.condition == "real"
 
 
 def unlike(rows: Sequence[Beside]) -> str:

@@ -1,7 +1,7 @@
 """Tables of what drove: the ladder, the paper's beside it, paired differences, the audit, replayed decisions."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 from eyechart.episodes import Unfinished
 from eyechart.report.table import STATISTIC, Cell, Column, Mark, Table, columns, number, statistic_cells
@@ -62,7 +62,7 @@ def long_tables(score: ClosedLoopScore) -> tuple[Table, ...]:
 
 
 def _numbers(found: Iterable[tuple[Driver, str, Statistic, str]]) -> tuple[tuple[Cell, ...], ...]:
-    return tuple((*_who(driver), name, *statistic_cells(one), last) for driver, name, one, last in found)
+    return tuple((*astuple(driver), name, *statistic_cells(one), last) for driver, name, one, last in found)
 
 
 def differences_table(found: Sequence[tuple[Paired, str]], caption: str) -> Table:
@@ -74,10 +74,6 @@ def differences_table(found: Sequence[tuple[Paired, str]], caption: str) -> Tabl
     )
     named = (*columns("text", "first", "second", "statistic"), *STATISTIC, Column("Holm p", "p"), Column("finding"))
     return Table("paired", caption, named, rows)
-
-
-def _who(driver: Driver) -> tuple[Cell, ...]:
-    return driver.simulator, driver.policy, driver.condition, driver.run
 
 
 def ladder_table(rungs: Sequence[Rung], references: Mapping[str, Driver]) -> Table:
@@ -177,7 +173,7 @@ def degeneracy_table(rows: Sequence[Degeneracy]) -> Table:
     names = ("modal_share", "distinct_actions", "entropy_bits", "information_bits", "information_share")
     made = tuple(
         (
-            *_who(row.driver),
+            *astuple(row.driver),
             row.statistics["modal_share"].n,
             *(row.statistics[name].value for name in names[:3]),
             *(row.statistics[name].value if _varies(row) else None for name in names[3:]),

@@ -9,8 +9,8 @@ from eyechart.report.charts import BLUE, INK, LINE, MUTED, PAPER, VERMILLION, Dr
 from eyechart.report.page import evenly
 from eyechart.studies.hierarchy import HierarchyScore, Source
 from eyechart.studies.hierarchy.plots import in_order
-from eyechart.studies.hierarchy.scoring import PUBLISHED, UNPUBLISHED
-from eyechart.studies.hierarchy.tables import goals_of
+from eyechart.studies.hierarchy.scoring import PUBLISHED, UNPUBLISHED, count_of
+from eyechart.studies.hierarchy.tables import of_ablation
 
 MOST_ROWS = 40
 MOST_COLUMNS = 60
@@ -20,7 +20,7 @@ _ROW_IN = 0.235
 
 def outcomes(score: HierarchyScore, ablation: str) -> Drawing | None:
     """Draw a row a source and a column a world: goal, crash or out of time, and right of it the share of goals."""
-    rows = [one for one in score.sources if one.part.startswith("primary") == (ablation == "primary")][:MOST_ROWS]
+    rows = of_ablation(score.sources, ablation)[:MOST_ROWS]
     if not rows:
         return None
     ended = [_ended(score, one) for one in rows]
@@ -41,7 +41,7 @@ def outcomes(score: HierarchyScore, ablation: str) -> Drawing | None:
             (height - 1.2) / height,
         )
         _shares(figure.add_axes(box), rows)
-    told = "; ".join(f"{label}: {goals_of(one)} goals" for label, one in zip(labels, rows, strict=True))
+    told = "; ".join(f"{label}: {count_of(one.goals)} goals" for label, one in zip(labels, rows, strict=True))
     name = "Primary" if ablation == "primary" else "Second"
     title = f"{name} ablation: what became of each source in the same {len(every)} worlds"
     says = f"Rows are sources, columns worlds: a dot is the goal, a cross a crash, a ring the end of the time. {told}."
@@ -98,17 +98,9 @@ def _shares(axes: Axes, rows: Sequence[Source]) -> None:
             axes.scatter([100 * one.goals.value], [y], s=26, color=BLUE, zorder=3)
         if paper[0]:
             goals, _, of = paper[0].partition("/")
-            axes.scatter(
-                [100 * int(goals) / int(of)],
-                [y],
-                s=34,
-                marker="D",
-                facecolors=PAPER,
-                edgecolors=INK,
-                linewidths=1.0,
-                zorder=2.5,
-            )
-        axes.text(1.06, y, goals_of(one), transform=axes.get_yaxis_transform(), va="center", fontsize=8)
+            at = 100 * int(goals) / int(of)
+            axes.scatter([at], [y], 34, marker="D", facecolors=PAPER, edgecolors=INK, linewidths=1.0, zorder=2.5)
+        axes.text(1.06, y, count_of(one.goals), transform=axes.get_yaxis_transform(), va="center", fontsize=8)
     axes.set_yticks([])
     axes.set_xticks([0, 50, 100])
     axes.set_xlabel("goals (%), 95 %\n◇ the paper's", fontsize=8)

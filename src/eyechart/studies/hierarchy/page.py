@@ -13,13 +13,12 @@ from eyechart.studies.closed_loop.tables import SIGNED, unfinished_words
 from eyechart.studies.hierarchy import PARTS, HierarchyScore
 from eyechart.studies.hierarchy.figures import outcomes
 from eyechart.studies.hierarchy.plots import CONDITION_NAMES, ENDS, SIGNS, groups
-from eyechart.studies.hierarchy.scoring import NOT_PERCEPTION, unless_shown
+from eyechart.studies.hierarchy.scoring import NOT_PERCEPTION, count_of, unless_shown
 from eyechart.studies.hierarchy.tables import (
     TITLES,
     against_table,
     blind_table,
     completion_table,
-    goals_of,
     intent_table,
     long_tables,
     of_ablation,
@@ -94,7 +93,7 @@ def _cards(score: HierarchyScore) -> list[dict[str, object]]:
     pairs: dict[tuple[str, str], list[Blind]] = {}
     for part, one in score.blind:
         pairs.setdefault((part, one.driver.policy), []).append(one)
-    goals = {(one.part, one.driver.policy, one.driver.condition): goals_of(one) for one in score.sources}
+    goals = {(one.part, one.driver.policy, one.driver.condition): count_of(one.goals) for one in score.sources}
     completions = {(one.part, one.policy): one for one in score.completions}
     cards: list[dict[str, object]] = []
     for (part, policy), many in pairs.items():

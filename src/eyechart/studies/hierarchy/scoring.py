@@ -10,6 +10,7 @@ import numpy as np
 
 from eyechart.episodes import Episode, Unfinished, read_episodes
 from eyechart.errors import LedgerError
+from eyechart.records import plain
 from eyechart.seeds import key_seed
 from eyechart.stats.resampling import cluster_bootstrap
 from eyechart.stats.statistic import Statistic
@@ -21,6 +22,7 @@ from eyechart.studies.closed_loop import (
     Drives,
     Outcomes,
     Paired,
+    against,
     blind_baselines,
     corrected,
     exact_rate,
@@ -29,7 +31,7 @@ from eyechart.studies.closed_loop import (
     read_drives,
     unfinished_of,
 )
-from eyechart.studies.hierarchy.planning import MPC_ONLY, PARTS, SCRIPTED, name_of
+from eyechart.studies.hierarchy.planning import MPC_ONLY, ORACLE, ORACLE_MIRRORED, PARTS, SCRIPTED, name_of
 from eyechart.studies.probed import is_episodes
 
 NOT_PERCEPTION = "completion does not show perception"
@@ -91,10 +93,7 @@ class Source:
             "simulator": self.driver.simulator,
             "source": self.driver.policy,
             "condition": self.driver.condition,
-            "goals": self.goals.as_dict(),
-            "crashes": self.crashes.as_dict(),
-            "distance_m": self.distance_m.as_dict(),
-            "stop_share": self.stop_share.as_dict(),
+            **{name: getattr(self, name).as_dict() for name in ("goals", "crashes", "distance_m", "stop_share")},
             "intents": dict(self.intents),
             "intents_emitted": self.emitted,
             "fail_safe_steps": self.fail_safe,
@@ -120,13 +119,13 @@ class Completion:
     @property
     def sentence(self) -> str:
         """Return it in words, which end in what completion does not show."""
-        counts = ", ".join(f"{_WITH[name]} {_of(one)}" for name, one in self.goals.items())
+        counts = ", ".join(f"{_WITH[name]} {count_of(one)}" for name, one in self.goals.items())
         found = "the paired differences exclude zero" if self.shown else NOT_PERCEPTION
         return f"{PARTS[self.part].simulator}, {self.policy}: goals {counts}: {found}."
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        goals = {condition: one.as_dict() for condition, one in self.goals.items()}
+        goals = plain(self.goals)
         return {"part": self.part, "source": self.policy, "goals": goals, "shows_perception": self.shown}
 
 
@@ -158,18 +157,15 @@ class HierarchyScore:
         """Return every source of the primary ablation less MPC-only in the same worlds, Holm over all of them."""
         drives = self._of("primary", "primary-models")
         reference = next((one for one in drives if one.driver.policy == MPC_ONLY), None)
-        if reference is None:
-            return ()
-        others = [one for one in drives if one is not reference]
-        return tuple(corrected([paired(one, reference, self.outcomes, resamples=self.resamples) for one in others]))
+        return () if reference is None else tuple(against(drives, reference, self.outcomes, resamples=self.resamples))
 
     @cached_property
     def oracle_mirrored(self) -> Paired | None:
         """Return the positive control: the oracle's lateral intent less the same one mirrored, None where undriven."""
         drives = {one.driver.policy: one for one in self._of("lateral")}
-        if {"route", "mirrored:route"} - drives.keys():
+        if {ORACLE, ORACLE_MIRRORED} - drives.keys():
             return None
-        found = paired(drives["route"], drives["mirrored:route"], self.outcomes, resamples=self.resamples)
+        found = paired(drives[ORACLE], drives[ORACLE_MIRRORED], self.outcomes, resamples=self.resamples)
         return corrected([found])[0]
 
     @cached_property
@@ -292,7 +288,8 @@ def _stops(episode: Episode) -> tuple[float, float]:
     return said.count("STOP"), len(said)
 
 
-def _of(one: Statistic) -> str:
+def count_of(one: Statistic) -> str:
+    """Return a rate as a count: how many, of how many."""
     return "—" if one.value is None else f"{round(one.value * one.n)}/{one.n}"
 
 

@@ -3,12 +3,11 @@
 from collections.abc import Sequence
 
 from eyechart.report.table import Cell, Column, Mark, Table, columns
-from eyechart.stats.statistic import Statistic
 from eyechart.studies.closed_loop import Paired
 from eyechart.studies.closed_loop.tables import DIFFERENCES, difference_cells, differences_table
 from eyechart.studies.hierarchy import Completion, HierarchyScore, Source
 from eyechart.studies.hierarchy.planning import PARTS, name_of
-from eyechart.studies.hierarchy.scoring import NOT_PERCEPTION, PUBLISHED, UNPUBLISHED
+from eyechart.studies.hierarchy.scoring import NOT_PERCEPTION, PUBLISHED, UNPUBLISHED, count_of
 
 TITLES = {
     "primary": "Primary ablation: the controller knows the obstacles",
@@ -37,8 +36,10 @@ def source_table(sources: Sequence[Source], ablation: str) -> Table:
     rows = []
     for one in of_ablation(sources, ablation):
         goals, crashes, distance, _ = PUBLISHED.get(one.name, UNPUBLISHED)
-        own = (goals_of(one), one.goals.ci, goals, _of(one.crashes), one.crashes.ci, crashes, one.distance_m, distance)
-        rows.append((Mark(one.name, "", f"+ {one.errors} in error" if one.errors else ""), *own))
+        counts = (count_of(one.goals), one.goals.ci, goals, count_of(one.crashes), one.crashes.ci, crashes)
+        rows.append(
+            (Mark(one.name, "", f"+ {one.errors} in error" if one.errors else ""), *counts, one.distance_m, distance)
+        )
     named = (
         Column("intent source"),
         *(Column("goal", "count"), Column("goal 95 %", "interval", 2), Column("paper's goal", "count")),
@@ -84,7 +85,7 @@ def completion_table(completions: Sequence[Completion]) -> Table:
     for one in completions:
         goals = [one.goals.get(name) for name in ("real", "mirrored", "blank", "shuffled")]
         said = "differs from both" if one.shown else NOT_PERCEPTION
-        rows.append((PARTS[one.part].simulator, one.policy, *(each and _of(each) for each in goals), said))
+        rows.append((PARTS[one.part].simulator, one.policy, *(each and count_of(each) for each in goals), said))
     named = (Column("arm", "word"), Column("model"), *columns("count", "real", "mirrored", "blank", "other worlds'"))
     caption = "Goals of a model with its pictures, and of the same model without"
     return Table("completions", caption, (*named, Column("reads as")), tuple(rows))
@@ -146,12 +147,3 @@ def long_tables(score: HierarchyScore) -> tuple[Table, ...]:
         Table("sources", "Sources of intent above the controller (Table t:mpc-intent)", named, tuple(rows)),
         differences_table(pairs, caption),
     )
-
-
-def goals_of(one: Source) -> str:
-    """Return how many episodes reached the goal, of how many."""
-    return _of(one.goals)
-
-
-def _of(one: Statistic) -> str:
-    return "—" if one.value is None else f"{round(one.value * one.n)}/{one.n}"
