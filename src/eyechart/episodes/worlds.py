@@ -87,28 +87,21 @@ class Worlds:
 
     def fail(self, key: EpisodeKey, detail: str) -> Episode:
         """End an episode as an error that arose elsewhere."""
-        rollout = self._rollouts.pop(key)
-        rollout.end("error", detail)
-        assert rollout.over is not None
-        return rollout.over
+        return self._rollouts.pop(key).end("error", detail)
 
     def close(self, key: EpisodeKey) -> None:
         """Leave an episode that is not to be driven on; one that is not under way is none."""
-        rollout = self._rollouts.pop(key, None)
-        if rollout is not None:
-            rollout.end("error", "left")
+        if key in self._rollouts:
+            self.fail(key, "left")
 
     def _begin(self, key: EpisodeKey) -> "_Rollout":
         return _Rollout(key, self._simulator, self._pool, self._setup)
 
     def _shown(self, key: EpisodeKey) -> Shown | Episode:
-        rollout = self._rollouts[key]
-        shown = rollout.shown()
-        if shown is not None:
-            return shown
-        del self._rollouts[key]
-        assert rollout.over is not None
-        return rollout.over
+        shown = self._rollouts[key].shown()
+        if isinstance(shown, Episode):
+            del self._rollouts[key]
+        return shown
 
 
 class _Rollout:
@@ -139,28 +132,26 @@ class _Rollout:
             seed=key_seed("policy", self._setup.seed, self._key.policy, frame),
         )
 
-    def shown(self) -> Shown | None:
-        """Return the moment as a model gets it, or None where the episode is over."""
+    def shown(self) -> Shown | Episode:
+        """Return the moment as a model gets it, or the episode where it is over."""
         if self.over is not None:
-            return None
+            return self.over
         try:
             return Shown(self._key.frame(len(self._steps)), len(self._steps), self._stimulus())
         except (Exception, SystemExit) as error:  # noqa: BLE001 - as above
-            self.end("error", _words(error))
-            return None
+            return self.end("error", _words(error))
 
     def decide(self, decide: Callable[[], Decision[str]], error: str = "") -> None:
         """Take a decision and drive on; the fail-safe is executed where there is none."""
         if self.over is not None:
             return
         try:
-            decision = decide()
-            self._execute(decision, error)
+            self._execute(decide(), error)
         except (Exception, SystemExit) as raised:  # noqa: BLE001 - as above
             self.end("error", _words(raised))
 
-    def end(self, ended: str, detail: str = "") -> None:
-        """Close the world and make the record."""
+    def end(self, ended: str, detail: str = "") -> Episode:
+        """Close the world and return the record."""
         digest = ""
         if self._drive is not None:
             digest = _digest(self._drive) or ""
@@ -168,6 +159,7 @@ class _Rollout:
                 self._drive.close()
         self._drive = None
         self.over = Episode(self._key, tuple(self._steps), ended, digest, detail)
+        return self.over
 
     def _execute(self, decision: Decision[str], error: str) -> None:
         assert self._drive is not None

@@ -90,14 +90,9 @@ def _replay(drives: Drives, name: str, wanted: NDArray[np.str_], resamples: int)
     decided = (drives.actions != "") & (wanted != "")
     actions, asked, worlds = drives.actions[decided], wanted[decided], drives.world_of[decided]
     seed = key_seed("replay", drives.driver.simulator, drives.driver.policy, drives.driver.condition, name)
+    agreement = _agreement(actions == asked, worlds, seed, resamples)
     constants = {one: _agreement(asked == one, worlds, seed, resamples) for one in drives.space.actions}
-    return Replay(
-        driver=drives.driver,
-        controller=name,
-        agreement=_agreement(actions == asked, worlds, seed, resamples),
-        constants=constants,
-        shuffled=_shuffled(actions, asked, seed),
-    )
+    return Replay(drives.driver, name, agreement, constants, _shuffled(actions, asked, seed))
 
 
 def _agreement(hits: NDArray[np.bool_], worlds: NDArray[np.str_], seed: int, resamples: int) -> Statistic:

@@ -48,19 +48,19 @@ class Line:
 def lines(drives: Drives, episode: Episode) -> list[Line]:
     """Return the words of every moment; a model's reply is there as the ledger holds it."""
     replies = {sent.key.frame: sent.reply.text for sent in drives.replies if sent.reply is not None}
-    found, world, count = [], episode.key.world, len(episode.steps)
+    world, count = episode.key.world, len(episode.steps)
     tells = any(gap is not None for gap in drives.truth("lead_gap_m"))
-    for number, step in enumerate(episode.steps, 1):
-        found.append(
-            Line(
-                place=f"{world} · decision {number} of {count} · shown: {episode.key.condition}",
-                decision=decided(step),
-                executed=step.executed_action,
-                state=_state(step.truth.get("lead_gap_m"), step.speed_mps, tells=tells, crashed=step.crashed),
-                reply=replies.get(step.frame, "")[:LONGEST_REPLY],
-                substituted=step.decision.action is None,
-            )
+    found = [
+        Line(
+            place=f"{world} · decision {number} of {count} · shown: {episode.key.condition}",
+            decision=decided(step),
+            executed=step.executed_action,
+            state=_state(step.truth.get("lead_gap_m"), step.speed_mps, tells=tells, crashed=step.crashed),
+            reply=replies.get(step.frame, "")[:LONGEST_REPLY],
+            substituted=step.decision.action is None,
         )
+        for number, step in enumerate(episode.steps, 1)
+    ]
     ended = f"ended: {episode.ended} {episode.detail}".strip()
     return [*found, Line(f"{world} · end", "", "", ended, "", substituted=False)]
 

@@ -68,7 +68,8 @@ def twins(drives: Sequence[Drives]) -> list[Twins]:
     """Return every group of drivers with identical drives: pairs of one kind, in the same worlds, are put together."""
     pairs: dict[str, dict[tuple[str, ...], list[tuple[Drives, Drives]]]] = {kind: {} for kind in KINDS}
     for one, other in itertools.combinations(drives, 2):
-        if one.driver.simulator == other.driver.simulator and (worlds := _same_worlds(one, other)):
+        common = sorted(one.by_world.keys() & other.by_world.keys())
+        if worlds := [world for world in common if same_drive(one.by_world[world], other.by_world[world])]:
             pairs[_kind(one, other, worlds)].setdefault(tuple(worlds), []).append((one, other))
     found = []
     for kind, by_worlds in pairs.items():
@@ -76,11 +77,6 @@ def twins(drives: Sequence[Drives]) -> list[Twins]:
             groups = [list(pair) for pair in many] if kind in {SUSPECT, ALIKE, COINCIDE} else _joined(many)
             found += [_twins(kind, group, same) for group in groups]
     return found
-
-
-def _same_worlds(one: Drives, other: Drives) -> list[str]:
-    common = one.by_world.keys() & other.by_world.keys()
-    return [world for world in sorted(common) if same_drive(one.by_world[world], other.by_world[world])]
 
 
 def _kind(one: Drives, other: Drives, worlds: Sequence[str]) -> str:

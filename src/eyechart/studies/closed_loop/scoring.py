@@ -74,12 +74,9 @@ class ClosedLoopScore:
     @cached_property
     def paired(self) -> tuple[Paired, ...]:
         """Return every other driver less the reference of its simulator, Holm over one simulator's tests."""
-        found: list[Paired] = []
-        for name in self.simulators:
-            if name in self.references:
-                reference = next(one for one in self.drives if one.driver == self.references[name])
-                found += against(self.of(name), reference, self.outcomes, resamples=self.resamples)
-        return tuple(found)
+        by_driver = {one.driver: one for one in self.drives}
+        pairs = ((self.of(name), by_driver[driver]) for name, driver in self.references.items())
+        return tuple(one for pair in pairs for one in against(*pair, self.outcomes, resamples=self.resamples))
 
     @cached_property
     def blind(self) -> tuple[Blind, ...]:

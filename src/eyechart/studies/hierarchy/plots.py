@@ -307,15 +307,11 @@ def _road(axes: Axes, world: PairedWorld) -> None:
     axes.hlines((-1.0, 1.0), -2, GOAL_M, colors=LINE, linewidth=0.8, linestyles=(0, (5, 4)))
     axes.vlines(GOAL_M, -ROAD_HALF_M, ROAD_HALF_M, colors=INK, linewidth=1.0)
     for wider, alpha in ((ROVER.radius_m, 0.3), (0.0, None)):
-        discs = [_disc(one.x, one.y, one.radius + wider) for one in world.layout.obstacles]
+        discs = [Way.circle((one.x, one.y), one.radius + wider) for one in world.layout.obstacles]
         if discs:
             axes.add_patch(PathPatch(Way.make_compound_path(*discs), facecolor=MUTED, edgecolor="none", alpha=alpha))
     for x, word in ((0, "0"), (25, "25"), (50, "50"), (75, "75"), (GOAL_M, "100 m")):
         axes.text(x, -ROAD_HALF_M - 0.5, word, ha="center", va="top", fontsize=7.5, color=MUTED)
-
-
-def _disc(x: float, y: float, radius: float) -> Way:
-    return Way.circle((x, y), radius)
 
 
 def _way(axes: Axes, way: Trajectory, line: Line, width: float, gid: str) -> None:
