@@ -46,7 +46,6 @@ class Choices:
 
     columns: Mapping[str, str] = field(default_factory=dict)
     mirror: MirrorAxis = "none"
-    rig: reading.Rig | None = None
     space: Discrete = DRIVING
     threshold: float | None = None
     unit: str | None = None
@@ -54,6 +53,7 @@ class Choices:
     prompt_columns: tuple[str, ...] = ()
     independent: bool = False
     every: int = 1
+    rig: reading.Rig | None = None
 
 
 @dataclass(frozen=True)
