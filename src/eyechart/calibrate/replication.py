@@ -11,12 +11,10 @@ from functools import cache
 import numpy as np
 
 from eyechart import verdicts
-from eyechart.calibrate.early import MEASURED, stop_early
+from eyechart.calibrate.early import MEASURED, count_rejections, stop_early
 from eyechart.calibrate.known import KNOWN, NULLS, Known, Shows, answer_all, deserved, is_false
-from eyechart.calibrate.nulls import count_rejections
-from eyechart.calibrate.settings import SETTINGS, Setting
 from eyechart.calibrate.tally import Calibration, Outcome, Ruled, tally
-from eyechart.calibrate.world import World, make_world
+from eyechart.calibrate.world import SETTINGS, Setting, World, make_world
 from eyechart.calls import Reply
 from eyechart.conditions import COUNTERFACTUALS
 from eyechart.errors import SpecError

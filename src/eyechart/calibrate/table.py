@@ -2,11 +2,11 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-from eyechart.calibrate import nulls
+from eyechart.calibrate import early
 from eyechart.calibrate.early import EQUAL, SAVED, SAVERS, mean_saved
 from eyechart.calibrate.known import KNOWN, NULLS
-from eyechart.calibrate.settings import POWER, SETTINGS
 from eyechart.calibrate.tally import CLAIMS, FALSE, VARIANTS, WANTED, Calibration
+from eyechart.calibrate.world import POWER, SETTINGS
 from eyechart.stats.agreement import rate
 from eyechart.stats.paired import clopper_pearson
 from eyechart.stats.statistic import Statistic
@@ -159,8 +159,8 @@ def _stopped_elsewhere(found: Calibration) -> str:
 def _ever(found: Calibration) -> str:
     """Return how often each null of early stopping was ever rejected."""
     rows = []
-    n = nulls.DRAWS * found.replications
-    for null, count in zip(nulls.NULLS, found.ever, strict=False):
+    n = early.DRAWS * found.replications
+    for null, count in zip(early.NULLS, found.ever, strict=False):
         low, high = clopper_pearson(count, n)
         rows.append((null.claim, null.says, f"{count / n:.4f} [{low:.4f}, {high:.4f}] of {n}"))
     title = "Stopping early: share of whole runs in which a true null is ever rejected, with Clopper-Pearson's interval"
@@ -179,6 +179,6 @@ def _targets(found: Calibration) -> str:
         says += (
             f" Stopping early, setting default: verdict as in full at least {EQUAL} for every controller, calls saved"
         )
-        says += f" with counterfactuals at least {SAVED} for {', '.join(SAVERS)}, no null rejected above {nulls.EVER}."
+        says += f" with counterfactuals at least {SAVED} for {', '.join(SAVERS)}, no null rejected above {early.EVER}."
     misses = found.misses()
     return "\n".join([says, *(f"missed: {one}" for one in misses)] if misses else [says, "All targets hold."])

@@ -8,7 +8,7 @@ from typing import Any
 from eyechart.calibrate import early as stopping
 from eyechart.calibrate.early import Early, Sums
 from eyechart.calibrate.known import KNOWN, NULLS, is_false
-from eyechart.calibrate.settings import POWER, SETTINGS
+from eyechart.calibrate.world import POWER, SETTINGS
 from eyechart.errors import SpecError
 from eyechart.stats.agreement import rate
 from eyechart.stats.statistic import Statistic

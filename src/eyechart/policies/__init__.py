@@ -45,8 +45,8 @@ POLICIES: dict[str, str] = {
     "random": "eyechart.policies.baselines:uniform",
     "marginal": "eyechart.policies.baselines:marginal",
     "oracle": "eyechart.policies.scripted:oracle",
-    "route": "eyechart.policies.route:route",
-    "mirrored": "eyechart.policies.route:mirrored",
+    "route": "eyechart.policies.scripted:route",
+    "mirrored": "eyechart.policies.scripted:mirrored",
     "positive_control": "eyechart.policies.scripted:positive_control",
 }
 """What a SPEC's first word means: ``module:function``, called with what stands after the colon, the action space and
