@@ -50,12 +50,9 @@ def ever_rejected(null: Null, frames: Sequence[Frame], rng: random.Random) -> bo
     for place in order:
         if one.settled:
             break
-        one.add(Row({name: _decision(column[place]) for name, column in columns.items()}, DRIVING))
+        given = {name: column[place] for name, column in columns.items()}
+        one.add(Row({name: Decision(a) if a else Decision(None, "refused") for name, a in given.items()}, DRIVING))
     return one.settled
-
-
-def _decision(answer: str) -> Decision[str]:
-    return Decision(answer) if answer else Decision(None, "refused")
 
 
 def _steady(frames: Sequence[Frame]) -> Columns:

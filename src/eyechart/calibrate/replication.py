@@ -181,9 +181,5 @@ def _outcome(
 def _varied(answers: Answers, *, counterfactuals: bool) -> bool:
     """Return whether a controller gave more than one answer over all conditions of a bank."""
     first = answers.responses("real")[0]
-    for condition in answers.decisions:
-        if counterfactuals or condition not in COUNTERFACTUALS:
-            given = answers.responses(condition)
-            if ((given != first) & (given != ABSENT)).any():
-                return True
-    return False
+    shown = [name for name in answers.decisions if counterfactuals or name not in COUNTERFACTUALS]
+    return any(bool(((given != first) & (given != ABSENT)).any()) for given in map(answers.responses, shown))

@@ -19,7 +19,7 @@ def tables(found: Calibration) -> str:
     """Return everything that a calibration found, one table below the other."""
     parts = [
         f"{found.replications} replications of each setting, seed {found.seed}, {found.resamples} resamples a test.",
-        _settings(found),
+        _table("Settings", ("setting", "bank"), [(name, SETTINGS[name].says) for name in found.settings]),
     ]
     if "default" in found.settings:
         counts = found.labels["default"][VARIANTS[0]]
@@ -53,10 +53,6 @@ def _share(one: Statistic) -> str:
 
 def _with_interval(one: Statistic) -> str:
     return "—" if one.value is None or one.ci is None else f"{one.value:.4f} [{one.ci[0]:.4f}, {one.ci[1]:.4f}]"
-
-
-def _settings(found: Calibration) -> str:
-    return _table("Settings", ("setting", "bank"), [(name, SETTINGS[name].says) for name in found.settings])
 
 
 def _confusion(
@@ -119,7 +115,7 @@ def _power(found: Calibration) -> str:
     sizes = [name for name in POWER if name in found.settings]
     if len(sizes) < 2:
         return ""
-    head = [f"{_frames(name)} frames" for name in sizes]
+    head = [f"{one.scenarios * one.episodes * one.frames} frames" for one in map(SETTINGS.__getitem__, sizes)]
 
     def cell(name: str) -> Callable[[str], str]:
         return lambda setting: " / ".join(_share(found.right(setting, variant, name)) for variant in VARIANTS)
@@ -165,11 +161,6 @@ def _ever(found: Calibration) -> str:
         rows.append((null.claim, null.says, f"{count / n:.4f} [{low:.4f}, {high:.4f}] of {n}"))
     title = "Stopping early: share of whole runs in which a true null is ever rejected, with Clopper-Pearson's interval"
     return _table(title, ("claim", "its null", "ever rejected"), rows) if rows else ""
-
-
-def _frames(setting: str) -> int:
-    one = SETTINGS[setting]
-    return one.scenarios * one.episodes * one.frames
 
 
 def _targets(found: Calibration) -> str:

@@ -186,11 +186,9 @@ class Calibration:
             for one in self.every_false_claim()
             if not one.holds
         ]
-        return found + stopping.misses(self.early, self.ever, self.replications, strict=self._strict)
-
-    @property
-    def _strict(self) -> bool:
-        return self.replications >= STRICT_FROM
+        return found + stopping.misses(
+            self.early, self.ever, self.replications, strict=self.replications >= STRICT_FROM
+        )
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values: the counts, and what is read from them."""

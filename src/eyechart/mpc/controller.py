@@ -12,8 +12,7 @@ the present place alone, so that equal places give equal choices. Where both sid
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -127,14 +126,11 @@ class Detour:
         first = min(ahead, key=lambda disc: disc[0] - disc[2])
         group = [disc for disc in ahead if abs(disc[0] - first[0]) < first[2] + disc[2]]
         edges = {cy + side * (r + _BERTH_M) for _, cy, r in group for side in (-1.0, 1.0)} | {offset}
-        free = [edge for edge in edges if self._is_free(edge, group)]
+        free = [one for one in edges if abs(one) <= self._half and all(abs(one - cy) >= r for _, cy, r in group)]
         costs = sorted((abs(edge - y) + 0.5 * abs(edge - offset), edge) for edge in free)
         if not costs or (len(costs) > 1 and costs[0][0] == costs[1][0]):
             return offset
         return costs[0][1]
-
-    def _is_free(self, edge: float, group: list[_Disc]) -> bool:
-        return abs(edge) <= self._half and all(abs(edge - cy) >= r for _, cy, r in group)
 
 
 def _between(cy: float, r: float, y: float, offset: float) -> bool:
@@ -358,14 +354,6 @@ def _discs(obstacles: npt.ArrayLike) -> Floats:
 
 
 def _require_finite(state: State, target: Target) -> None:
-    named: Sequence[tuple[str, float]] = (
-        ("x_m", state.x_m),
-        ("y_m", state.y_m),
-        ("heading_rad", state.heading_rad),
-        ("speed_mps", state.speed_mps),
-        ("target speed_mps", target.speed_mps),
-        ("target offset_m", target.offset_m),
-    )
-    for name, value in named:
+    for name, value in {**asdict(state), **{f"target {name}": one for name, one in asdict(target).items()}}.items():
         if not math.isfinite(value):
             raise StateError(f"{name} is {value}: the controller cannot plan from a state that is not finite")

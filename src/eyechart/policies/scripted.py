@@ -9,12 +9,11 @@ from eyechart.errors import SpecError
 from eyechart.frames import RGB
 from eyechart.perception.forward import read_forward, view_of
 from eyechart.perception.renderer import read_picture
-from eyechart.policies import Observation, Policy, Recorded, open_policy, require_actions
+from eyechart.policies import Observation, Policy, Recorded, open_policy
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.scene import Scene, safe_action
 from eyechart.spaces.space import Decision
 
-ACTIONS = ("SLOW", "STRAIGHT", "LEFT", "RIGHT")
 NEEDS = ("demand", "left_clear", "right_clear")
 """The columns of ground truth that the oracle reads."""
 
@@ -55,20 +54,6 @@ def read_scene(picture: RGB) -> Scene | None:
     view = view_of(picture)
     reading = read_picture(picture) if view is None else read_forward(picture, view)
     return None if reading is None else reading.scene
-
-
-def oracle(name: str, space: Discrete, recorded: Recorded) -> Oracle:
-    """Open ``oracle``."""
-    del name, recorded
-    require_actions("oracle", ACTIONS, space)
-    return Oracle()
-
-
-def positive_control(name: str, space: Discrete, recorded: Recorded) -> PositiveControl:
-    """Open ``positive_control``."""
-    del name, recorded
-    require_actions("positive_control", ACTIONS, space)
-    return PositiveControl()
 
 
 TRACKS = ("free_left_m", "free_middle_m", "free_right_m")
@@ -114,13 +99,6 @@ class Mirrored:
         """Return the other side of the policy's action, or the reason why it has none."""
         decision = self.policy.decide(observation)
         return Decision(observation.action_space.reflect(decision.action)) if decision.action else decision
-
-
-def route(name: str, space: Discrete, recorded: Recorded) -> Route:
-    """Open ``route``."""
-    del name, recorded
-    require_actions("route", ("STOP", "SLOW", "STRAIGHT", "LEFT", "RIGHT"), space)
-    return Route()
 
 
 def mirrored(name: str, space: Discrete, recorded: Recorded) -> Mirrored:

@@ -7,6 +7,7 @@ from statistics import NormalDist
 import numpy as np
 import numpy.typing as npt
 
+from eyechart.stats.association import pair_table
 from eyechart.stats.statistic import Statistic, cannot_say
 
 ENUMERATED_STATES = 20_000
@@ -102,10 +103,7 @@ def label_swap_test(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, r
     if n == 0:
         return cannot_say("no pairs", method="within-frame label swap")
     moves = _moves(counts)
-    detail = {
-        "labels": names,
-        "discordant": n - int(np.trace(counts)),
-    }
+    detail = {"labels": names, "discordant": n - int(np.trace(counts))}
     net = np.array([forward - back for _, _, forward, back in moves], dtype=np.int64)
     observed = int(_squared_difference(net[None, :], moves, labels)[0])
     sizes = [forward + back for _, _, forward, back in moves]
@@ -141,7 +139,8 @@ def paired_difference_from_counts(b: int, c: int, n: int, *, level: float = 0.95
     for small n and without any discordant pair: it is then +-z^2/(n + z^2). ``level`` is two-sided; 0.98
     gives two one-sided bounds at .01. The value is None when n is 0; ValueError when b + c exceeds n.
     """
-    _check_discordant(b, c, n)
+    if b < 0 or c < 0 or b + c > n:
+        raise ValueError(f"b={b} and c={c} discordant pairs do not fit into n={n} pairs")
     method = f"paired difference of proportions, {100 * level:g}% Tango score interval"
     if not 0 < level < 1:
         raise ValueError(f"level={level} must lie between 0 and 1, for example 0.95")
@@ -207,11 +206,6 @@ def _discordant(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[int, int, 
     return int(np.count_nonzero(a > b)), int(np.count_nonzero(a < b)), len(a)
 
 
-def _check_discordant(b: int, c: int, n: int) -> None:
-    if b < 0 or c < 0 or b + c > n:
-        raise ValueError(f"b={b} and c={c} discordant pairs do not fit into n={n} pairs")
-
-
 def _fair_coin_tail(k: int, n: int) -> float:
     """Return P(Bin(n, 1/2) >= k) for 0 <= k <= n, exact in integers until the last division.
 
@@ -245,10 +239,7 @@ def _pair_counts(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[list[obje
         if array.ndim != 1 or (array.size and array.dtype.kind not in "iubU"):
             raise ValueError(f"the {which} labels must be one string or integer per frame, got {array.dtype}")
     _same_length(len(a), len(b))
-    names, codes = np.unique(np.concatenate([a, b]), return_inverse=True)
-    flat = codes[: len(a)] * len(names) + codes[len(a) :]
-    counts = np.bincount(flat, minlength=len(names) ** 2).reshape(len(names), len(names))
-    return names.tolist(), counts.astype(np.int64)
+    return pair_table(a, b)
 
 
 def _moves(counts: npt.NDArray[np.int64]) -> list[tuple[int, int, int, int]]:
@@ -296,8 +287,5 @@ def _tango_bound(b: int, c: int, n: int, z: float) -> float:
     low, high = -1.0, 1.0
     while high - low > 1e-12:
         middle = (low + high) / 2
-        if _tango_score(b, c, n, middle) > z:
-            low = middle
-        else:
-            high = middle
+        low, high = (middle, high) if _tango_score(b, c, n, middle) > z else (low, middle)
     return (low + high) / 2

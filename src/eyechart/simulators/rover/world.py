@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from eyechart.cameras import ROVER
-from eyechart.simulators.road import DECISION_S, GOAL_M, ROAD_HALF_M, TRACKS_M, Layout, Obstacle, RoadWorld, next_track
+from eyechart.simulators.road import DECISION_S, GOAL_M, ROAD_HALF_M, TRACKS_M, Layout, RoadWorld, next_track
 
 WHEELBASE_M = 0.6
 RADIUS_M = ROVER.radius_m
@@ -143,8 +143,4 @@ def touches(state: RoverState, layout: Layout) -> bool:
     """Return whether the rover touches an obstacle or leaves the road."""
     if abs(state.y) + RADIUS_M > ROAD_HALF_M:
         return True
-    return any(_distance(state, one) < one.radius + RADIUS_M for one in layout.obstacles)
-
-
-def _distance(state: RoverState, obstacle: Obstacle) -> float:
-    return math.hypot(obstacle.x - state.x, obstacle.y - state.y)
+    return any(math.hypot(one.x - state.x, one.y - state.y) < one.radius + RADIUS_M for one in layout.obstacles)
