@@ -66,13 +66,11 @@ def _shown(frame: Frame, images: Mapping[str, bytes]) -> Stimulus:
     return Stimulus(images, frame.fields, frame.state)
 
 
-def _real(frame: Frame, source: Source, seed: int) -> Stimulus:
-    del seed
+def _real(frame: Frame, source: Source, _: int) -> Stimulus:
     return _shown(frame, source.images(frame))
 
 
-def _blank(frame: Frame, source: Source, seed: int) -> Stimulus:
-    del seed
+def _blank(frame: Frame, source: Source, _: int) -> Stimulus:
     shapes = source.shapes(frame).items()
     return _shown(frame, {name: encode(np.full(shape, MID_GREY, dtype=np.uint8)) for name, shape in shapes})
 
@@ -90,13 +88,11 @@ def _cross_scenario(frame: Frame, source: Source, seed: int) -> Stimulus:
     return _shown(frame, source.images(partner(frame, source, seed, "cross_scenario")))
 
 
-def _text_only(frame: Frame, source: Source, seed: int) -> Stimulus:
-    del source, seed
+def _text_only(frame: Frame, *_: object) -> Stimulus:
     return _shown(frame, {})
 
 
-def _mirrored(frame: Frame, source: Source, seed: int) -> Stimulus:
-    del seed
+def _mirrored(frame: Frame, source: Source, _: int) -> Stimulus:
     if frame.mirror_axis == "none":
         raise BankError(f"frame '{frame.id}' has no mirror axis, so it cannot be shown mirrored")
     seen, axes = source.images(frame), {one.name: one.mirror_axis for one in frame.cameras}
@@ -110,8 +106,7 @@ def _mirrored(frame: Frame, source: Source, seed: int) -> Stimulus:
 def _drawn(name: str) -> Callable[[Frame, Source, int], Stimulus]:
     """Return what makes a counterfactual of this name."""
 
-    def make(frame: Frame, source: Source, seed: int) -> Stimulus:
-        del seed
+    def make(frame: Frame, source: Source, _: int) -> Stimulus:
         return _shown(frame, source.images(frame, name))
 
     return make

@@ -3,7 +3,7 @@
 from array import array
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.ledger import UNKNOWN, Sent
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
+from eyechart.records import Plain
 from eyechart.spaces.space import MISSING, AnySpace
 
 ALL = "all"
@@ -18,7 +19,7 @@ ALL = "all"
 
 
 @dataclass(frozen=True, slots=True)
-class Account:
+class Account(Plain):
     """What the calls of one model under one condition took, or under all of them.
 
     ``calls`` were begun and ``finished`` are over; ``attempts`` are requests, of which ``retries`` counts the repeated
@@ -51,10 +52,6 @@ class Account:
     def failed(self) -> int:
         """Return how many attempts ended in an error."""
         return sum(self.errors.values())
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        return asdict(self)
 
 
 class Book:
@@ -172,7 +169,7 @@ def _percentile(values: "array[float]", percent: float) -> float | None:
 
 
 @dataclass(frozen=True, slots=True)
-class CostEstimate:
+class CostEstimate(Plain):
     """What calls that are still to be made are expected to take; None is "cannot say", because nothing was measured.
 
     Failures and retries come on top. ``sampled`` says that the number of calls is itself known from a sample only.
@@ -186,10 +183,6 @@ class CostEstimate:
     cost_from: str
     seconds: float | None
     sampled: bool = False
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        return asdict(self)
 
     @property
     def words(self) -> str:

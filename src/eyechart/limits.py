@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 
 from eyechart.calls import HOPELESS, TRANSIENT, Reply
-from eyechart.records import Amount, Count
+from eyechart.records import Amount, Count, Plain
 
 LONGEST_WAIT_S = 120.0
 """So long a server's Retry-After is obeyed; a model whose server asks for more is set aside instead."""
@@ -18,7 +18,7 @@ _PERHAPS_ONE = frozenset({403, 404})
 
 
 @dataclass(frozen=True, slots=True)
-class Spent:
+class Spent(Plain):
     """What calls took: how many were sent, tokens in and out as reported, dollars, and seconds.
 
     ``cost_usd`` adds up what is known; ``unknown`` counts the calls whose cost is not.
@@ -56,10 +56,6 @@ class Spent:
             cost = "cost unknown" if self.unknown == self.calls else f"{cost} and {self.unknown} calls of unknown cost"
         tokens = f"{self.prompt_tokens:,} tokens in, {self.completion_tokens:,} out"
         return f"{self.calls} calls, {tokens}, {cost}, {self.seconds:.1f} s"
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        return asdict(self)
 
 
 NOTHING = Spent()

@@ -2,9 +2,12 @@
 
 import json
 import re
-from typing import Annotated, Any, TypeVar
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from typing import Annotated, Any, Protocol, TypeVar, runtime_checkable
 
 import msgspec
+import numpy as np
 
 T = TypeVar("T")
 Name = Annotated[str, msgspec.Meta(min_length=1)]
@@ -39,6 +42,30 @@ def build(kind: type[T], raw: object, where: str = "it") -> T:
         raise ValueError(_sentence(str(error), raw, where)) from error
     _refuse_strange(raw, msgspec.to_builtins(made), where)
     return made
+
+
+@runtime_checkable
+class Plain(Protocol):
+    """What says how it is written; a dataclass that derives from this and says no more is written as its fields."""
+
+    __slots__ = ()
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain JSON values."""
+        return {one.name: plain(getattr(self, one.name)) for one in fields(self)}  # type: ignore[arg-type]
+
+
+def plain(value: object) -> Any:  # noqa: ANN401 - JSON of the same shape
+    """Return the plain JSON values of a record, a number of numpy, or a mapping or sequence of such."""
+    if isinstance(value, Plain):
+        return value.as_dict()
+    if isinstance(value, Mapping):
+        return {key: plain(one) for key, one in value.items()}
+    if isinstance(value, tuple | list):
+        return [plain(one) for one in value]
+    if is_dataclass(value):
+        return {one.name: plain(getattr(value, one.name)) for one in fields(value)}
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def shown(value: object) -> str:

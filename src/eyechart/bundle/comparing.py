@@ -8,6 +8,8 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
+from eyechart.records import Plain
+
 TOLERANCE = 1e-9
 """Two numbers are the same where they differ by no more than this, relative to the larger of them."""
 NOISE = 1e-14
@@ -19,7 +21,7 @@ _SHOWN = 160
 
 
 @dataclass(frozen=True, slots=True)
-class Difference:
+class Difference(Plain):
     """A figure that does not follow from the ledger: where it stands, what is printed, and what was recomputed."""
 
     where: str
@@ -28,10 +30,6 @@ class Difference:
 
     def __str__(self) -> str:
         return f"{printable(self.where)}: printed {_short(self.printed)}, recomputed {_short(self.recomputed)}"
-
-    def as_dict(self) -> dict[str, str]:
-        """Return plain JSON values."""
-        return {"where": self.where, "printed": self.printed, "recomputed": self.recomputed}
 
 
 def printable(text: str) -> str:

@@ -17,7 +17,7 @@ from eyechart.errors import BundleError
 from eyechart.frames import FrameBank
 from eyechart.ledger import SINCE_FORMAT_3, Ledger
 from eyechart.manifest import LEDGER, RunManifest
-from eyechart.records import build
+from eyechart.records import Plain, build
 from eyechart.report.table import files_of
 from eyechart.spaces.discrete import READER
 from eyechart.spaces.scene import SCENE_READER
@@ -49,7 +49,7 @@ RESAMPLES = (100, 100_000)
 
 
 @dataclass(frozen=True)
-class Recipe:
+class Recipe(Plain):
     """How results follow from a run: no number of theirs, only what was chosen when they were made.
 
     ``drawn_with`` are the versions on which the bytes of pictures and drawings depend.
@@ -84,10 +84,6 @@ class Recipe:
             f"made by eyechart {self.eyechart!r} with version {self.reader} of the reader of replies, and this is "
             f"{__version__} with {READER}, of scenes {SCENE_READER}"
         )
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        return asdict(self)
 
 
 def drawn_with() -> dict[str, str]:

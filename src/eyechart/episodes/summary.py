@@ -1,14 +1,15 @@
 """Episodes in one row for each policy under each condition; the means alone, to see that a run came out."""
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from statistics import fmean
 
 from eyechart.episodes.nouns import Episode
+from eyechart.records import Plain
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class Row(Plain):
     """Means over the episodes of one policy under one condition; None where no episode tells the number.
 
     ``episodes`` ended otherwise than in one of the ``errors``, which count in no mean. ``without_decision`` is the
@@ -24,10 +25,6 @@ class Row:
     speed_mps: float | None
     crash_rate: float | None
     without_decision: float | None
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        return asdict(self)
 
 
 def summarise(episodes: Iterable[Episode]) -> list[Row]:

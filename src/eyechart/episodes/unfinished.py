@@ -2,19 +2,20 @@
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from eyechart.calls import CallKey
 from eyechart.episodes.nouns import STUDY, EpisodeKey
 from eyechart.ledger import UNKNOWN, Ledger, Sent
 from eyechart.manifest import LEDGER, EpisodesManifest
+from eyechart.records import Plain
 
 _DETAIL = 160
 
 
 @dataclass(frozen=True, slots=True)
-class Unfinished:
+class Unfinished(Plain):
     """The episodes of one policy that have no record, and what their calls met last.
 
     ``begun`` of them have calls in the ledger; None for a policy that asks no model. ``errors`` counts the calls of
@@ -41,10 +42,6 @@ class Unfinished:
             return f"{count}; every call of these was answered: they were cut between two calls"
         kinds = ", ".join(f"{kind} {times}" for kind, times in self.errors.items())
         return f"{count}; their calls last met: {kinds}{f', as: {self.detail}' if self.detail else ''}"
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        return {**asdict(self), "errors": dict(self.errors)}
 
 
 def unfinished(out: Path, keys: Iterable[EpisodeKey], models: Iterable[str]) -> list[Unfinished]:

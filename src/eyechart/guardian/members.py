@@ -1,9 +1,10 @@
 """What is known against the members of a guardian: votes that are missing, clauses and guards that their run failed."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
+from eyechart.records import Plain
 from eyechart.studies import structured, study_of
 from eyechart.studies.guardian import VIEWS, VoteTable
 from eyechart.studies.structured.study import Structured
@@ -13,7 +14,7 @@ _FEW = 10
 
 
 @dataclass(frozen=True, slots=True)
-class Member:
+class Member(Plain):
     """How a member of a committee did in its run.
 
     ``missing`` of its ``votes`` on the frames in question are missing, and ``contradicting`` say clear and tell a gap
@@ -43,10 +44,6 @@ class Member:
         if self.guards:
             said.append(f"guards failed: {', '.join(self.guards)}")
         return "; ".join(said)
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        return asdict(self)
 
 
 def members_of(

@@ -4,16 +4,13 @@ Source: section Symmetry-consensus longitudinal guardian.
 """
 
 from eyechart.studies.guardian.bounding import Bound, bound
-from eyechart.studies.guardian.fitting import fit
+from eyechart.studies.guardian.fitting import Nested, fit, nested
 from eyechart.studies.guardian.frozen import Frozen, read_frozen, require_own, write_frozen
-from eyechart.studies.guardian.joining import join
 from eyechart.studies.guardian.modular import Replay, reader_of, replay
-from eyechart.studies.guardian.nesting import Nested, nested
 from eyechart.studies.guardian.runs import votes_of_run
 from eyechart.studies.guardian.scoring import GuardianScore, score
 from eyechart.studies.guardian.tables import read_votes
-from eyechart.studies.guardian.truth import hazards_of, pictures_of
-from eyechart.studies.guardian.votes import VIEWS, About, VoteTable
+from eyechart.studies.guardian.votes import VIEWS, About, VoteTable, hazards_of, join, pictures_of
 
 __all__ = [
     "VIEWS",

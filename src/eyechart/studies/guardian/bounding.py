@@ -7,11 +7,11 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.errors import GuardianError
-from eyechart.stats.committee import CLEAR, MISSING, answers
+from eyechart.stats.committee import CLEAR
 from eyechart.stats.guarantees import conformal_threshold, episodes_needed, mean_bound, share_bound
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.guardian.frozen import Frozen, shared_frames
-from eyechart.studies.guardian.votes import VoteTable
+from eyechart.studies.guardian.votes import VoteTable, answered
 
 TARGET = 0.01
 """The rate for which the number of episodes that would be needed is said."""
@@ -112,14 +112,8 @@ def bound(
 
 def _shares(frozen: Frozen, table: VoteTable, threshold: int | None) -> npt.NDArray[np.float64]:
     """Return the share of missed hazards of each episode that has any, at the guardian's rule or two-way at another."""
-    votes = table.of(frozen.committee)
-    answer = answers(
-        (votes == 1).sum(axis=(0, 2)),
-        (votes == MISSING).sum(axis=(0, 2)),
-        voters=frozen.voters,
-        threshold=threshold or frozen.threshold,
-        point="two_way" if threshold else frozen.point,
-    )
+    point = "two_way" if threshold else frozen.point
+    answer = answered(table.of(frozen.committee), threshold or frozen.threshold, point)
     names, group = table.groups()
     hazards = np.bincount(group[table.hazard], minlength=len(names))
     missed = np.bincount(group[table.hazard & (answer == CLEAR)], minlength=len(names))

@@ -1,13 +1,17 @@
-"""A guardian is chosen on calibration frames alone, and frozen."""
+"""A guardian is chosen on calibration frames alone, and frozen; nested, on all episodes but the one that it judges."""
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from eyechart.errors import GuardianError
-from eyechart.stats.committee import MISSING, POINTS, Costs, Point, select, tally
+from eyechart.stats.committee import MISSING, POINTS, Costs, Point, select, select_without_each, tally
+from eyechart.stats.resampling import ENUMERATED_MULTISETS
 from eyechart.studies.guardian.frozen import Frozen, Selection
-from eyechart.studies.guardian.votes import VIEWS, VoteTable
+from eyechart.studies.guardian.measuring import Metrics, measure
+from eyechart.studies.guardian.votes import VIEWS, VoteTable, answered
 
 LARGEST = 4
 """Models of the largest committee."""
@@ -28,14 +32,10 @@ def fit(
     GuardianError where the frames do not hold both classes, there are too few models, their run is not finished, or
     none of them gave a vote.
     """
-    names = tuple(sorted(set(models))) or table.models
-    if not 1 <= size <= LARGEST or size > len(names):
-        raise GuardianError(f"a committee has 1 to {LARGEST} models, of {len(names)} that voted; got {size}")
+    names = _candidates(table, size, models)
     if point is not None and costs is not None and costs.abstention is not None:
         raise GuardianError("with a cost of abstention the operating point is chosen by the costs: leave out --point")
-    require_both(table)
-    require_whole(table, names)
-    require_votes(table, names)
+    _require_ready(table, names)
     votes, whole = table.of(names), np.zeros(len(table.frames), dtype=np.int64)
     found = tally(votes, table.hazard, whole, size=size)
     best = select(found, costs)
@@ -60,14 +60,18 @@ def fit(
     )
 
 
-def require_whole(table: VoteTable, models: Sequence[str]) -> None:
-    """Raise GuardianError where the run of a table has still to ask for votes of these models."""
+def _candidates(table: VoteTable, size: int, models: Sequence[str]) -> tuple[str, ...]:
+    names = tuple(sorted(set(models))) or table.models
+    if not 1 <= size <= LARGEST or size > len(names):
+        raise GuardianError(f"a committee has 1 to {LARGEST} models, of {len(names)} that voted; got {size}")
+    return names
+
+
+def _require_ready(table: VoteTable, models: Sequence[str]) -> None:
+    """Raise GuardianError unless a table has both classes, its run is finished, and one of these models gave a vote."""
+    require_both(table)
     if words := table.unfinished_words(models):
         raise GuardianError(f"{words[0]}; finish it, or name the models that are with --model")
-
-
-def require_votes(table: VoteTable, models: Sequence[str]) -> None:
-    """Raise GuardianError where none of these models gave a vote on any frame, so that every choice is as good."""
     if (table.of(models) == MISSING).all():
         raise GuardianError(
             f"{table.name}: no vote by {', '.join(models)} on any of {len(table.frames)} frames, so there is nothing "
@@ -82,3 +86,69 @@ def require_both(table: VoteTable) -> None:
         raise GuardianError(
             f"{table.name}: {hazards} of {len(table.frames)} frames are hazardous; hazardous and clear ones are needed"
         )
+
+
+@dataclass(frozen=True)
+class Nested:
+    """What nested leave-one-episode-out found: the choice of each fold, and the pooled answers of all folds.
+
+    ``folds`` maps the episode that was left out to the models, threshold and operating point that the others chose.
+    ``agreed`` counts the folds that chose what most of them did.
+    """
+
+    folds: Mapping[str, tuple[tuple[str, ...], int, str]]
+    pooled: Metrics
+    frames: int
+    agreed: int
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the result as plain JSON values."""
+        return {
+            "frames": self.frames,
+            "folds": {
+                episode: {"committee": list(committee), "threshold": threshold, "operating_point": point}
+                for episode, (committee, threshold, point) in self.folds.items()
+            },
+            "folds_that_chose_alike": self.agreed,
+            "pooled": {name: one.as_dict() for name, one in self.pooled.items()},
+        }
+
+
+def nested(
+    table: VoteTable,
+    *,
+    size: int = 2,
+    models: Sequence[str] = (),
+    costs: Costs | None = None,
+    seed: int = 0,
+    enumerate_up_to: int = ENUMERATED_MULTISETS,
+) -> Nested:
+    """Choose a committee on all episodes but one, judge that one, and so for each; selection is inside every fold.
+
+    Raises GuardianError below two episodes, where the others of some episode lack a class, for an unfinished run, and
+    where nobody gave a vote.
+    """
+    names = _candidates(table, size, models)
+    _require_ready(table, names)
+    episodes, group = table.groups()
+    if len(episodes) < 2:
+        raise GuardianError(f"{table.name}: all frames are of one episode; leaving one out needs two or more")
+    votes = table.of(names)
+    try:
+        chosen = select_without_each(tally(votes, table.hazard, group, size=size), costs)
+    except ValueError as error:
+        raise GuardianError(
+            f"{table.name}: without one of its episodes a class is empty, so nothing can be chosen"
+        ) from error
+    said = np.empty(len(table.frames), dtype=np.int64)
+    for fold, choice in enumerate(chosen):
+        held_out = group == fold
+        own = votes[list(choice.committee)][:, held_out]
+        said[held_out] = answered(own, choice.threshold, choice.point)
+    folds = {
+        episode: (tuple(names[place] for place in choice.committee), choice.threshold, str(choice.point))
+        for episode, choice in zip(episodes, chosen, strict=True)
+    }
+    pooled = measure(table, {"nested": said}, seed=seed, enumerate_up_to=enumerate_up_to)["nested"]
+    agreed = Counter(folds.values()).most_common(1)[0][1]
+    return Nested(folds, pooled, len(table.frames), agreed)

@@ -16,8 +16,7 @@ from eyechart.perception.forward import distances_of
 from eyechart.spaces.scene import SCENE_READER, SCENES, SceneSpace
 from eyechart.stats.committee import MISSING
 from eyechart.studies.battery import plan_of
-from eyechart.studies.guardian.truth import HAZARD_COLUMN, episode_of, hazards_of, pictures_of
-from eyechart.studies.guardian.votes import About, VoteTable
+from eyechart.studies.guardian.votes import HAZARD_COLUMN, About, VoteTable, episode_of, hazards_of, pictures_of
 
 CONDITIONS = ("real", "mirrored")
 """What the two votes of a model are replies to, in the order of `VIEWS`."""

@@ -5,17 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eyechart.stats.committee import (
-    ABSTAIN,
-    CLEAR,
-    HAZARD,
-    MISSING,
-    POINTS,
-    CoveragePoint,
-    Point,
-    answers,
-    risk_coverage,
-)
+from eyechart.stats.committee import ABSTAIN, CLEAR, HAZARD, MISSING, POINTS, CoveragePoint, risk_coverage
 from eyechart.stats.flips import sign_flip_test
 from eyechart.stats.paired import mcnemar_exact
 from eyechart.stats.resampling import ENUMERATED_MULTISETS
@@ -24,7 +14,7 @@ from eyechart.studies.guardian.bounding import Bound
 from eyechart.studies.guardian.fitting import require_both
 from eyechart.studies.guardian.frozen import Frozen
 from eyechart.studies.guardian.measuring import Ints, Metrics, measure
-from eyechart.studies.guardian.votes import VoteTable
+from eyechart.studies.guardian.votes import VoteTable, answered
 
 SINGLE = "single"
 
@@ -128,12 +118,7 @@ def score(
 def answer_of(frozen: Frozen, table: VoteTable) -> dict[str, Ints]:
     """Return what the guardian answers to each frame at each operating point."""
     votes = table.of(frozen.committee)
-    hazard, missing = (votes == HAZARD).sum(axis=(0, 2)), (votes == MISSING).sum(axis=(0, 2))
-
-    def at(point: Point) -> Ints:
-        return answers(hazard, missing, voters=frozen.voters, threshold=frozen.threshold, point=point)
-
-    return {point: at(point) for point in POINTS}
+    return {point: answered(votes, frozen.threshold, point) for point in POINTS}
 
 
 def _warnings(frozen: Frozen, table: VoteTable) -> tuple[str, ...]:

@@ -13,8 +13,17 @@ from eyechart.importing.tables import Row, open_table
 from eyechart.modes import RequestMode
 from eyechart.spaces.discrete import read_toml
 from eyechart.stats.committee import MISSING
-from eyechart.studies.guardian.truth import HAZARD_COLUMN, episode_of, flag, hazards_of, pictures_of
-from eyechart.studies.guardian.votes import PARTS, VIEWS, About, VoteTable
+from eyechart.studies.guardian.votes import (
+    HAZARD_COLUMN,
+    PARTS,
+    VIEWS,
+    About,
+    VoteTable,
+    episode_of,
+    flag,
+    hazards_of,
+    pictures_of,
+)
 
 _MOST_FRAMES = 1_000_000
 _WHOLE = re.compile(r"-?(?:0|[1-9][0-9]*)\.0+")

@@ -1,21 +1,29 @@
 """A table of votes: what each model said of each frame, hazard or clear, for the picture and for its reflection."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
 from eyechart.errors import VoteError
-from eyechart.frames import MirrorAxis
+from eyechart.frames import Frame, FrameBank, MirrorAxis
 from eyechart.modes import RequestMode
 from eyechart.prompts import Prompt
+from eyechart.stats.committee import HAZARD, MISSING, Point, answers
 
 VIEWS = ("original", "reflected")
 """The two pictures of a frame that a model votes on, in the order of a table's last axis."""
 
 PARTS = ("calibration", "score", "bound")
 """What a frame may serve for, in a column ``split``."""
+
+HAZARD_COLUMN = "hazard"
+_WORDS: dict[object, bool] = {
+    **dict.fromkeys(("true", "1", "1.0", "yes", "hazard"), True),
+    **dict.fromkeys(("false", "0", "0.0", "no", "clear"), False),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,39 +134,145 @@ class VoteTable:
         asked = set(wanted)
         if unknown := sorted(asked - set(self.frames)):
             raise VoteError(f"{self.name} has no frame '{unknown[0]}'")
-        return self._rows([frame in asked for frame in self.frames])
+        return self.rows(place for place, frame in enumerate(self.frames) if frame in asked)
 
     def without(self, unwanted: Collection[str]) -> "VoteTable":
         """Return the table without these frames."""
         left_out = set(unwanted)
-        return self._rows([frame not in left_out for frame in self.frames])
+        return self.rows(place for place, frame in enumerate(self.frames) if frame not in left_out)
 
     def part(self, *names: str) -> "VoteTable":
         """Return the frames that its column ``split`` gives to these parts; raises VoteError where there is no such."""
         if self.split is None:
             raise VoteError(f"{self.name} has no column 'split', which says what a frame is for: {', '.join(PARTS)}")
-        return self._rows([part in names for part in self.split])
+        return self.rows(place for place, part in enumerate(self.split) if part in names)
 
     def of_episodes(self, names: Collection[str]) -> "VoteTable":
         """Return the frames of these episodes; raises VoteError for an episode that it has not."""
         asked = set(names)
         if unknown := sorted(asked - set(self.episodes)):
             raise VoteError(f"{self.name} has no episode '{unknown[0]}'")
-        return self._rows([episode in asked for episode in self.episodes])
+        return self.rows(place for place, episode in enumerate(self.episodes) if episode in asked)
 
-    def _rows(self, kept: Sequence[bool]) -> "VoteTable":
-        mask = np.array(kept, dtype=np.bool_)
+    def rows(self, places: Iterable[int]) -> "VoteTable":
+        """Return the frames of these numbers, in this order."""
+        order = list(places)
 
         def chosen(values: tuple[str, ...]) -> tuple[str, ...]:
-            return tuple(value for value, keep in zip(values, kept, strict=True) if keep)
+            return tuple(values[place] for place in order)
 
         return replace(
             self,
             frames=chosen(self.frames),
             episodes=chosen(self.episodes),
-            hazard=self.hazard[mask],
-            votes=self.votes[:, mask],
+            hazard=self.hazard[order],
+            votes=self.votes[:, order],
             split=None if self.split is None else chosen(self.split),
             pictures=None if self.pictures is None else chosen(self.pictures),
-            contradicting=None if self.contradicting is None else self.contradicting[:, mask],
+            contradicting=None if self.contradicting is None else self.contradicting[:, order],
         )
+
+
+def answered(votes: npt.NDArray[np.int8], threshold: int, point: Point) -> npt.NDArray[np.int64]:
+    """Return what a committee with these votes, shape (models, frames, 2), answers to each frame."""
+    hazard, missing = ((votes == vote).sum(axis=(0, 2)) for vote in (HAZARD, MISSING))
+    return answers(hazard, missing, voters=len(votes) * len(VIEWS), threshold=threshold, point=point)
+
+
+def join(tables: Sequence[VoteTable]) -> VoteTable:
+    """Return the votes of all models of these tables on their frames, in the first one's order.
+
+    Raises VoteError, naming what it is, where a table has other frames, another truth or part of a frame, votes of a
+    model that another has too, or came about with another bank, prompt, view or reader.
+    """
+    first, *others = tables
+    for other in others:
+        _require_alike(first, other)
+    places = [{frame: place for place, frame in enumerate(other.frames)} for other in others]
+    ordered = [one.rows(map(place.__getitem__, first.frames)) for one, place in zip(others, places, strict=True)]
+    aligned = [first, *ordered]
+    for one in ordered:
+        for what in ("hazard", "episodes", "split"):
+            mine, theirs = (np.array(getattr(table, what)) for table in (first, one))
+            if mine.shape != theirs.shape or (mine != theirs).any():
+                raise VoteError(f"{first.name} and {one.name} say of a frame another {what}")
+    models = sorted((model, table) for table, one in enumerate(aligned) for model in one.models)
+    for (model, table), (again, _) in pairwise(models):
+        if model == again:
+            raise VoteError(f"'{model}' votes in {aligned[table].name} and in another table: give each model once")
+    about = first.about
+    for one in ordered:
+        about = replace(
+            about,
+            versions={**about.versions, **one.about.versions},
+            served={**about.served, **one.about.served},
+            modes={**about.modes, **one.about.modes},
+        )
+    return replace(
+        first,
+        name=" + ".join(one.name for one in aligned),
+        models=tuple(model for model, _ in models),
+        votes=np.concatenate([aligned[table].of([model]) for model, table in models]),
+        about=about,
+        contradicting=_contradicting(aligned, models),
+        unfinished={model: left for one in aligned for model, left in one.unfinished.items()},
+    )
+
+
+def _contradicting(tables: Sequence[VoteTable], models: Sequence[tuple[str, int]]) -> npt.NDArray[np.bool_] | None:
+    """Return which votes contradict themselves, of these models by the numbers of their tables; None of no run."""
+    if all(one.contradicting is None for one in tables):
+        return None
+    known = [np.zeros(one.votes.shape, np.bool_) if one.contradicting is None else one.contradicting for one in tables]
+    return np.stack([known[table][tables[table].models.index(model)] for model, table in models])
+
+
+def _require_alike(first: VoteTable, other: VoteTable) -> None:
+    for what in ("bank", "prompt", "view", "reader"):
+        if getattr(first.about, what) != getattr(other.about, what):
+            raise VoteError(f"the {what} of {other.name} is not that of {first.name}, so their votes make no committee")
+    if apart := sorted(set(first.frames) ^ set(other.frames)):
+        raise VoteError(
+            f"{first.name} and {other.name} are not of the same frames: frame '{apart[0]}' is in one of them only"
+        )
+
+
+def hazards_of(bank: FrameBank, column: str = HAZARD_COLUMN) -> dict[str, bool]:
+    """Return the truth of each frame: the bank's column, or where it has none whether the gap is below its threshold.
+
+    Raises VoteError naming the frame where the column holds neither true nor false.
+    """
+    gap = bank.manifest.gap
+    if any(column in frame.truth for frame in bank):
+        return {frame.id: _truth(frame, column) for frame in bank}
+    if gap is None or column != HAZARD_COLUMN:
+        raise VoteError(f"the bank {bank.name} has no column '{column}' of ground truth, which says what is a hazard")
+    found = {}
+    for frame in bank:
+        value = frame.truth.get(gap.column)
+        found[frame.id] = isinstance(value, int | float) and not isinstance(value, bool) and value < gap.threshold
+    return found
+
+
+def _truth(frame: Frame, column: str) -> bool:
+    value = flag(frame.truth.get(column))
+    if value is None:
+        raise VoteError(f"frame '{frame.id}': '{column}' is {frame.truth.get(column)!r}, neither true nor false")
+    return value
+
+
+def episode_of(frame: Frame) -> str:
+    """Return the name of a frame's episode in a table: names of episodes may recur in another scenario."""
+    return f"{frame.scenario}/{frame.episode}"
+
+
+def pictures_of(bank: FrameBank, frames: Sequence[str]) -> tuple[str, ...] | None:
+    """Return the digests of frames' pictures as a bank recorded them, None where it has not recorded all."""
+    digests = [bank.manifest.images.get(bank.frame(frame).file) for frame in frames]
+    found = tuple(digest for digest in digests if digest)
+    return found if len(found) == len(digests) else None
+
+
+def flag(cell: object) -> bool | None:
+    """Return a cell as true or false (1 and 0, yes and no, hazard and clear), None where it is neither."""
+    return _WORDS.get(str(cell).strip().lower())
