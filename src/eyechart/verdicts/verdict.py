@@ -124,12 +124,12 @@ class Verdict:
             for name, text in rows.items()
         )
         small = (*self.marks, *self.notes, self.scope)
-        print_small = "".join(f'<p style="{_SOFT};margin:.4em 0 0">{escape(line)}</p>' for line in small)
+        fine = "".join(f'<p style="{_SOFT};margin:.4em 0 0">{escape(line)}</p>' for line in small)
         return (
             f'<div style="{_CARD}"><p style="{_SOFT};margin:0">{escape(self.model)}</p>'
             f'<p style="font-size:1.5em;font-weight:650;line-height:1.3;margin:0">{escape(self.headline)}</p>'
             f'<p style="margin:.3em 0 .6em">{escape(self.trust)}</p>'
-            f'<table style="border-collapse:collapse;border:0;margin:0"><tbody>{facts}</tbody></table>{print_small}</div>'
+            f'<table style="border-collapse:collapse;border:0;margin:0"><tbody>{facts}</tbody></table>{fine}</div>'
         )
 
 
