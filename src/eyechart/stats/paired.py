@@ -53,8 +53,7 @@ def sign_test(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 0.9
     value is then None). ``detail``: the mean difference over all pairs.
     Equals R ``binom.test(wins, n, alternative = "greater")``.
     """
-    a, b = _numbers(first, "first"), _numbers(second, "second")
-    _same_length(len(a), len(b))
+    a, b = _pair(first, second)
     wins, losses = int(np.count_nonzero(a > b)), int(np.count_nonzero(a < b))
     n = wins + losses
     found = SignTest(
@@ -186,11 +185,13 @@ def pairs_to_bound(disagreement: float = 0.0, *, margin: float = 0.10, alpha: fl
     return n
 
 
-def _numbers(values: npt.ArrayLike, which: str) -> npt.NDArray[np.float64]:
-    array = np.asarray(values, dtype=np.float64)
-    if array.ndim != 1 or np.isnan(array).any():
-        raise ValueError(f"the {which} values must be one number per frame: drop the frames without one")
-    return array
+def _pair(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    a, b = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
+    for which, array in (("first", a), ("second", b)):
+        if array.ndim != 1 or np.isnan(array).any():
+            raise ValueError(f"the {which} values must be one number per frame: drop the frames without one")
+    _same_length(len(a), len(b))
+    return a, b
 
 
 def _same_length(a: int, b: int) -> None:
@@ -199,8 +200,7 @@ def _same_length(a: int, b: int) -> None:
 
 
 def _discordant(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[int, int, int]:
-    a, b = _numbers(first, "first"), _numbers(second, "second")
-    _same_length(len(a), len(b))
+    a, b = _pair(first, second)
     if not (np.isin(a, (0, 1)).all() and np.isin(b, (0, 1)).all()):
         raise ValueError("a paired difference of proportions needs outcomes 0 or 1")
     return int(np.count_nonzero(a > b)), int(np.count_nonzero(a < b)), len(a)

@@ -2,10 +2,9 @@
 
 from eyechart.simulators.road.drive import RoadDrive
 from eyechart.simulators.road.layout import FAMILIES, GOAL_M, ROAD_HALF_M, TRACKS_M, Layout, Obstacle, make_layout
-from eyechart.simulators.road.picture import cylinders, draw, eye_of, verge_of
 from eyechart.simulators.road.staging import RoadBanks, Vehicle
 from eyechart.simulators.road.truth import free_tracks, read_truth
-from eyechart.simulators.road.world import DECISION_S, RoadWorld, next_track
+from eyechart.simulators.road.world import DECISION_S, RoadWorld, cylinders, draw, eye_of, next_track, verge_of
 
 __all__ = [
     "DECISION_S",

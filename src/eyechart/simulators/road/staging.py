@@ -17,9 +17,8 @@ from eyechart.seeds import key_seed
 from eyechart.simulators.banks import BankMaker, Moment, Preset, versions_of
 from eyechart.simulators.plan import Bands, Lanes, Wish, make_plan, other_gap
 from eyechart.simulators.road.layout import FAMILIES, GOAL_M, TRACKS_M, Layout, Obstacle, new_obstacle
-from eyechart.simulators.road.picture import SCENERY, draw
 from eyechart.simulators.road.truth import find_lead, gap_to, read_scene, read_truth
-from eyechart.simulators.road.world import AnyWorld
+from eyechart.simulators.road.world import SCENERY, AnyWorld, draw
 
 GAPS = Bands(near=(2.6, 2.0), close=(5.4, 2.2), middle=(8.4, 6.2), far=(15.6, 11.0), beyond=(33.0, 12.0))
 """About 5, 8 and 15 m, and what is seen 30 m away."""
