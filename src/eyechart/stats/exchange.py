@@ -17,8 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.stats.association import information_of_tables
-from eyechart.stats.resampling import TIE, chunks
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import TIE, Statistic, cannot_say, chunks
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

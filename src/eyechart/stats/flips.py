@@ -5,8 +5,7 @@ import itertools
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.stats.resampling import TIE, chunks
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import TIE, Statistic, cannot_say, chunks
 
 Floats = npt.NDArray[np.float64]
 

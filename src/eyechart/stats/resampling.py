@@ -8,20 +8,14 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import TIE, Statistic, cannot_say, chunks
 
 Floats = npt.NDArray[np.float64]
 
 ENUMERATED_MULTISETS = 2_000_000
 """Up to so many multisets of episodes the bootstrap is enumerated: 12 episodes have 1 352 078."""
 
-CHUNK_BYTES = 2**24
-"""Resamples are drawn so many bytes at a time; the draws do not depend on it."""
-
 _BINS = 4096
-
-TIE = 1e-9
-"""Resampled statistics this close to the observed one, relatively, are ties that rounding set apart."""
 
 
 def permutation_p(exceedances: int, resamples: int) -> float:
@@ -265,13 +259,6 @@ def _xlogx(n: int) -> Floats:
     """Return k log2 k for k = 0..n."""
     k = np.arange(n + 1, dtype=np.float64)
     return k * np.log2(np.maximum(k, 1.0))
-
-
-def chunks(rows: int, width: int) -> Iterator[slice]:
-    """Yield slices that cover the rows of a matrix so wide, each of at most `CHUNK_BYTES` at 8 bytes an entry."""
-    step = max(1, CHUNK_BYTES // (8 * max(1, width)))
-    for start in range(0, rows, step):
-        yield slice(start, min(start + step, rows))
 
 
 def _drawn(rng: np.random.Generator, resamples: int, episodes: int) -> Iterator[Floats]:
