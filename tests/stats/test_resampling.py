@@ -198,7 +198,7 @@ def test_several_statistics_of_one_set_of_resamples_are_as_one_by_one(enumerate_
     statistics = {"rate": ratio(0, 1), "sparse": ratio(0, 2), "one": ratio(1, 1), "never": ratio(0, 3)}
     how = {"seed": 4, "enumerate_up_to": enumerate_up_to}
     together = resampling.cluster_bootstraps(sums, statistics, **how)
-    for name, statistic in statistics.items():
-        alone = resampling.cluster_bootstrap(sums, statistic, **how)
+    for name, function in statistics.items():
+        alone = resampling.cluster_bootstrap(sums, function, **how)
         assert (together[name].value, together[name].ci, together[name].detail) == (alone.value, alone.ci, alone.detail)
         assert together[name].method.startswith(alone.method)
