@@ -16,6 +16,7 @@ from eyechart.integrity import Guard
 from eyechart.limits import Spent, added
 from eyechart.manifest import RUN, RunManifest
 from eyechart.models.prices import Prices
+from eyechart.records import plain
 from eyechart.verdicts import Verdict
 
 if TYPE_CHECKING:  # a score needs no terminal and no figures
@@ -64,13 +65,7 @@ class Took:
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        return {
-            "accounting": {
-                spec: {name: one.as_dict() for name, one in found.items()} for spec, found in self.accounts.items()
-            },
-            "guards": {spec: [guard.as_dict() for guard in found] for spec, found in self.guards.items()},
-            "probes": {spec: one.as_dict() for spec, one in self.probes.items()},
-        }
+        return {"accounting": plain(self.accounts), "guards": plain(self.guards), "probes": plain(self.probes)}
 
 
 @dataclass(frozen=True)
