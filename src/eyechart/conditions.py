@@ -66,13 +66,11 @@ def _shown(frame: Frame, images: Mapping[str, bytes]) -> Stimulus:
     return Stimulus(images, frame.fields, frame.state)
 
 
-def _real(frame: Frame, source: Source, seed: int) -> Stimulus:
-    del seed
+def _real(frame: Frame, source: Source, _: int) -> Stimulus:
     return _shown(frame, source.images(frame))
 
 
-def _blank(frame: Frame, source: Source, seed: int) -> Stimulus:
-    del seed
+def _blank(frame: Frame, source: Source, _: int) -> Stimulus:
     shapes = source.shapes(frame).items()
     return _shown(frame, {name: encode(np.full(shape, MID_GREY, dtype=np.uint8)) for name, shape in shapes})
 
@@ -82,21 +80,16 @@ def _noise(frame: Frame, source: Source, seed: int) -> Stimulus:
     return _shown(frame, {name: encode(rng.integers(0, 256, shape, dtype=np.uint8)) for name, shape in shapes})
 
 
-def _shuffled(frame: Frame, source: Source, seed: int) -> Stimulus:
-    return _shown(frame, source.images(partner(frame, source, seed, "shuffled")))
+def _other(name: str) -> Callable[[Frame, Source, int], Stimulus]:
+    """Return what shows the picture of a frame's partner under this condition."""
+    return lambda frame, source, seed: _shown(frame, source.images(partner(frame, source, seed, name)))
 
 
-def _cross_scenario(frame: Frame, source: Source, seed: int) -> Stimulus:
-    return _shown(frame, source.images(partner(frame, source, seed, "cross_scenario")))
-
-
-def _text_only(frame: Frame, source: Source, seed: int) -> Stimulus:
-    del source, seed
+def _text_only(frame: Frame, *_: object) -> Stimulus:
     return _shown(frame, {})
 
 
-def _mirrored(frame: Frame, source: Source, seed: int) -> Stimulus:
-    del seed
+def _mirrored(frame: Frame, source: Source, _: int) -> Stimulus:
     if frame.mirror_axis == "none":
         raise BankError(f"frame '{frame.id}' has no mirror axis, so it cannot be shown mirrored")
     seen, axes = source.images(frame), {one.name: one.mirror_axis for one in frame.cameras}
@@ -109,12 +102,7 @@ def _mirrored(frame: Frame, source: Source, seed: int) -> Stimulus:
 
 def _drawn(name: str) -> Callable[[Frame, Source, int], Stimulus]:
     """Return what makes a counterfactual of this name."""
-
-    def make(frame: Frame, source: Source, seed: int) -> Stimulus:
-        del seed
-        return _shown(frame, source.images(frame, name))
-
-    return make
+    return lambda frame, source, _: _shown(frame, source.images(frame, name))
 
 
 def _text_swapped(frame: Frame, source: Source, seed: int) -> Stimulus:
@@ -124,33 +112,38 @@ def _text_swapped(frame: Frame, source: Source, seed: int) -> Stimulus:
 _AXIS, _DRAWN = frozenset({"axis"}), frozenset({"counterfactual"})
 
 CONDITIONS: dict[str, Condition] = {
-    "real": Condition("real", "true frame", "reference", _real),
-    "real_repeat": Condition("real_repeat", "true frame, 2nd call", "noise floor", _real),
-    "blank": Condition("blank", "uniform mid-grey", "is the image read at all?", _blank),
-    "noise": Condition("noise", "uniform random RGB", "is any content used?", _noise),
-    "shuffled": Condition(
-        "shuffled", "other frame, same scenario", "is this frame used?", _shuffled, frozenset({"partner"})
-    ),
-    "cross_scenario": Condition(
-        "cross_scenario", "frame, other scenario", "is scene context used?", _cross_scenario, frozenset({"stranger"})
-    ),
-    "text_only": Condition("text_only", "none", "prompt alone sufficient?", _text_only),
-    "mirrored": Condition("mirrored", "flip across lane axis", "lateral grounding", _mirrored, _AXIS),
-    "lead_near": Condition(
-        "lead_near", "same moment, lead vehicle near", "does distance decide?", _drawn("lead_near"), _DRAWN
-    ),
-    "lead_far": Condition(
-        "lead_far", "same moment, lead vehicle far", "does distance decide?", _drawn("lead_far"), _DRAWN
-    ),
-    "recoloured": Condition(
-        "recoloured", "same moment, ego recoloured", "does paint decide?", _drawn("recoloured"), _DRAWN
-    ),
-    "text_swapped": Condition(
-        "text_swapped", "true frame, other text", "does the text decide?", _text_swapped, frozenset({"text"})
-    ),
-    "frozen": Condition(
-        "frozen", "first picture of the drive", "is the picture of now used?", _drawn("frozen"), frozenset({"drive"})
-    ),
+    one.name: one
+    for one in (
+        Condition("real", "true frame", "reference", _real),
+        Condition("real_repeat", "true frame, 2nd call", "noise floor", _real),
+        Condition("blank", "uniform mid-grey", "is the image read at all?", _blank),
+        Condition("noise", "uniform random RGB", "is any content used?", _noise),
+        Condition(
+            "shuffled", "other frame, same scenario", "is this frame used?", _other("shuffled"), frozenset({"partner"})
+        ),
+        Condition(
+            "cross_scenario",
+            "frame, other scenario",
+            "is scene context used?",
+            _other("cross_scenario"),
+            frozenset({"stranger"}),
+        ),
+        Condition("text_only", "none", "prompt alone sufficient?", _text_only),
+        Condition("mirrored", "flip across lane axis", "lateral grounding", _mirrored, _AXIS),
+        Condition("lead_near", "same moment, lead vehicle near", "does distance decide?", _drawn("lead_near"), _DRAWN),
+        Condition("lead_far", "same moment, lead vehicle far", "does distance decide?", _drawn("lead_far"), _DRAWN),
+        Condition("recoloured", "same moment, ego recoloured", "does paint decide?", _drawn("recoloured"), _DRAWN),
+        Condition(
+            "text_swapped", "true frame, other text", "does the text decide?", _text_swapped, frozenset({"text"})
+        ),
+        Condition(
+            "frozen",
+            "first picture of the drive",
+            "is the picture of now used?",
+            _drawn("frozen"),
+            frozenset({"drive"}),
+        ),
+    )
 }
 """All conditions, of banks and of worlds that are driven."""
 

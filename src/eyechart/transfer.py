@@ -4,11 +4,12 @@ import csv
 import io
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
 
 from eyechart.errors import SpecError
+from eyechart.records import Plain
 from eyechart.stats.correlation import pearson, spearman
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import BatteryScore
@@ -31,7 +32,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Transfer:
+class Transfer(Plain):
     """The cells, both correlations over them, and what was left out, in words."""
 
     measure: str
@@ -39,16 +40,6 @@ class Transfer:
     pearson: Statistic
     spearman: Statistic
     left_out: tuple[str, ...]
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        return {
-            "measure": self.measure,
-            "cells": [asdict(one) for one in self.cells],
-            "pearson": self.pearson.as_dict(),
-            "spearman": self.spearman.as_dict(),
-            "left_out": list(self.left_out),
-        }
 
 
 def read_scores(path: Path) -> dict[str, float]:

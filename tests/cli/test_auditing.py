@@ -1,6 +1,7 @@
 """Runs of episodes from the command line: the ladder, the audit, films, and the commands that are for batteries."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -66,7 +67,8 @@ def test_a_model_on_the_ladder_is_estimated_and_bounded_as_in_a_run(
 ) -> None:
     """A dry run says what it will take and writes nothing; a limit ends it with exit 3, and says what is left."""
     monkeypatch.setitem(SIMULATORS, "tiny", tiny_worlds.SIMULATORS["tiny"])
-    monkeypatch.setattr(tiny_worlds.Tiny, "scenarios", {"whole": "Ten cells."})
+    declared = replace(tiny_worlds.Tiny.declared, scenarios={"whole": "Ten cells."})
+    monkeypatch.setattr(tiny_worlds.Tiny, "declared", declared)
     words = ("ladder", "--simulator", "tiny", "--seeds", 1, "--out", tmp_path / "ladder", "--policy", LOOK)
     dry = say(*words, "--dry-run")
     assert (dry.exit_code, (tmp_path / "ladder").exists()) == (0, False)
@@ -123,10 +125,8 @@ def test_score_reads_a_run_of_episodes(constants: Path) -> None:
 def test_what_is_for_batteries_names_what_is_for_episodes(constants: Path, command: str) -> None:
     """No traceback, and no verdict on what was not asked."""
     told = say(command, constants)
-    assert isinstance(told.exception, LedgerError)
-    assert "is a run of episodes, for 'eyechart score', 'report', 'audit', 'film' and 'costs' to read" in str(
-        told.exception
-    )
+    assert isinstance(told.exception, SpecError)
+    assert "holds drives, which are compared world by world: use 'eyechart score'" in str(told.exception)
 
 
 def test_a_battery_is_no_run_of_episodes(tmp_path: Path, constants: Path) -> None:

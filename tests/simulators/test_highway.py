@@ -193,7 +193,7 @@ def test_a_bank_is_whole_and_named_as_promised(balanced: FrameBank) -> None:
         assert frame.id == f"{frame.episode}-{frame.step:02d}"
         assert frame.file == f"images/{frame.id}.png"
         assert dict(frame.counterfactuals) == {
-            name: f"counterfactuals/{frame.id}-{name}.png" for name in ("lead_near", "lead_far", "recoloured")
+            name: {"main": f"counterfactuals/{frame.id}-{name}.png"} for name in ("lead_near", "lead_far", "recoloured")
         }
         assert frame.mirror_axis == "vertical"
         assert pixels(balanced, frame).shape == (150, 600, 3)

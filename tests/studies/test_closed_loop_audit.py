@@ -164,7 +164,7 @@ def test_what_a_simulator_does_not_tell_is_a_dash_everywhere(tmp_path: Path) -> 
     drives = scored.drives[0]
     assert {line.state for line in lines(drives, drives.episodes[0])[:-1]} == {"gap — · then — m/s"}
     printed = " ".join(CliRunner().invoke(app, ["score", str(run)]).stdout.split())
-    assert " 0.0 " not in printed.partition("Degeneracy")[0]
+    assert " 0.0 " not in printed.partition("Policy degeneracy audit")[0]
     browser = json.loads(json.dumps(drives_data(scored, pictured=0).data["episodes"][0]))  # type: ignore[index]
     assert (browser["distance"], {step[4] for step in browser["steps"]}) == (None, {None})
     assert drives_figures(scored)["ladder"]

@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from eyechart import __version__
-from eyechart.cli import bundle, demo, drive, frames, guardian, probe, report, run, score
+from eyechart.cli import bundle, demo, drive, frames, guardian, probe, run, score
 from eyechart.cli.options import Json
 from eyechart.cli.terminal import print_json
 
@@ -77,24 +77,13 @@ for study in (run.prompts, drive.closed_loop, drive.hierarchy, run.admission, ru
     run.app.command()(study)
 app.add_typer(run.app, name="run")
 app.add_typer(listing, name="list")
-app.command()(demo.demo)
-app.command()(run.merge)
-app.command()(score.score)
-app.command()(score.verdict)
-app.command()(score.costs)
-app.command()(score.gate)
-app.command()(score.compare)
-app.command()(score.transfer)
-app.command()(frames.plan)
-app.command()(demo.calibrate)
+for command in (
+    *(demo.demo, run.merge, score.score, score.verdict, score.costs, score.gate, score.compare, score.transfer),
+    *(frames.plan, demo.calibrate, guardian.serve, bundle.report, drive.ladder, drive.audit, drive.film),
+    *(bundle.bundle, bundle.validate),
+):
+    app.command()(command)
 app.add_typer(guardian.app, name="guardian")
-app.command()(guardian.serve)
-app.command()(report.report)
-app.command()(drive.ladder)
-app.command()(drive.audit)
-app.command()(drive.film)
-app.command()(bundle.bundle)
-app.command()(bundle.validate)
 
 
 def _version(value: bool) -> None:

@@ -19,7 +19,6 @@ from eyechart.cli.options import (
     Json,
     Mode,
     Model,
-    NoProbe,
     Options,
     Out,
     Spending,
@@ -82,7 +81,6 @@ def closed_loop(
     ] = "unfinished",
     spending: Spending = NO_LIMIT,
     again: Again = False,
-    no_probe: NoProbe = False,
     dry_run: DryDrive = False,
     json: Json = False,
 ) -> None:
@@ -111,7 +109,7 @@ def closed_loop(
         )
         return replace(made, again=again).counting(probes)
 
-    planned, failed = plan_drives(Wanted(policy or (), mode, how, spending, no_probe, dry_run), out, planned_for)
+    planned, failed = plan_drives(Wanted(policy or (), mode, how, spending, dry_run), out, planned_for)
     say(_planned(planned))
     say_expected(planned, spending.table(), concurrency)
     if dry_run:
@@ -142,7 +140,6 @@ def hierarchy(
     ] = "fail-safe",
     how: Options = AS_USUAL,
     spending: Spending = NO_LIMIT,
-    no_probe: NoProbe = False,
     again: Again = False,
     dry_run: DryDrive = False,
     json: Json = False,
@@ -160,7 +157,7 @@ def hierarchy(
     from eyechart.studies.hierarchy.study import Hierarchy
     from eyechart.studies.probed import Probing
 
-    allowed = spending.allowed(no_probe=no_probe, dry_run=dry_run)
+    allowed = spending.allowed(dry_run=dry_run)
     table = allowed.prices
     planned, failed = plan_probed(
         Probing(
@@ -206,7 +203,6 @@ def online(
     concurrency: Episodes = 8,
     how: Options = AS_USUAL,
     spending: Spending = NO_LIMIT,
-    no_probe: NoProbe = False,
     dry_run: DryRun = False,
 ) -> None:
     """Let scene estimates drive through the safety policy, in worlds that the positive control has driven first.
@@ -239,7 +235,7 @@ def online(
         vetted.append(made.vetted)
         return made
 
-    allowed = spending.allowed(no_probe=no_probe, dry_run=dry_run)
+    allowed = spending.allowed(dry_run=dry_run)
     probing = Probing(planned_for, lambda one: closed_loop.sample_of(one.episodes), study.keep_probes, [out])
     planned, unprobed = plan_probed(probing, read_modes(model, mode, how.given()), allowed)
     for one in planned.vetted:
@@ -279,7 +275,6 @@ def ladder(
     spending: Spending = NO_LIMIT,
     against: Against = None,
     again: Again = False,
-    no_probe: NoProbe = False,
     dry_run: DryDrive = False,
     json: Json = False,
 ) -> None:
@@ -311,7 +306,7 @@ def ladder(
             require_reference(made, against)
         return made.counting(probes)
 
-    wanted = Wanted(policy or (), mode, how, spending, no_probe, dry_run, alone=False)
+    wanted = Wanted(policy or (), mode, how, spending, dry_run, alone=False)
     planned, failed = plan_drives(wanted, out, planned_for)
     say(f"{len(planned.keys)} episodes, {len(planned.keys) - len(planned.left())} driven already")
     say_expected(planned, spending.table(), concurrency)
@@ -386,7 +381,6 @@ class Wanted:
     mode: Sequence[Path] | None
     how: Options
     spending: Spending
-    no_probe: bool
     dry_run: bool
     alone: bool = True
 
@@ -416,7 +410,7 @@ def plan_drives(
     return plan_probed(
         Probing(planned, sample_of, keep_probes, [out], others=others),
         asked,
-        wanted.spending.allowed(no_probe=wanted.no_probe, dry_run=wanted.dry_run),
+        wanted.spending.allowed(dry_run=wanted.dry_run),
     )
 
 

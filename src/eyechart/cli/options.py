@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 PriceFile = Annotated[Path | None, typer.Option(help="FILE.toml of prices; it comes before the table.")]
 Mode = Annotated[list[Path] | None, typer.Option(help="FILE.toml: a model's request mode; it names its model.")]
-NoProbe = Annotated[bool, typer.Option("--no-probe", help="Ask as the options say, without finding out first.")]
 Model = Annotated[list[str] | None, typer.Option(help="A model's SPEC; give it again for more models.")]
 Frames = Annotated[Path, typer.Option(help="Folder of the frame bank.")]
 Out = Annotated[Path, typer.Option(help="Folder of the run; the same one resumes it.")]
@@ -41,11 +40,14 @@ Against = Annotated[
 
 @dataclass(frozen=True)
 class Spending:
-    """What a run may take."""
+    """What a run may take, and whether it is begun without a probe."""
 
     max_calls: Annotated[int | None, typer.Option(min=1, help="Stop at so many requests, all told.")] = None
     max_cost: Annotated[float | None, typer.Option(min=0, help="Stop at so many US dollars, all told.")] = None
     prices: PriceFile = None
+    no_probe: Annotated[bool, typer.Option("--no-probe", help="Ask as the options say, without finding out first.")] = (
+        False
+    )
 
     def table(self) -> "Prices":
         """Return the table of prices, that of the file before that of the package."""
@@ -53,11 +55,11 @@ class Spending:
 
         return read_prices(self.prices)
 
-    def allowed(self, *, no_probe: bool, dry_run: bool, shard: str | None = None) -> "Allowed":
+    def allowed(self, *, dry_run: bool, shard: str | None = None) -> "Allowed":
         """Return what a command allows before its run."""
         from eyechart.studies.probed import Allowed
 
-        return Allowed(self.table(), no_probe, dry_run, self.max_calls, self.max_cost, shard)
+        return Allowed(self.table(), self.no_probe, dry_run, self.max_calls, self.max_cost, shard)
 
 
 NO_LIMIT = Spending()

@@ -18,7 +18,6 @@ from eyechart.cli.options import (
     Limit,
     Mode,
     Model,
-    NoProbe,
     Options,
     Out,
     Spending,
@@ -69,7 +68,6 @@ def battery(
     stop_early: Annotated[
         bool, typer.Option("--stop-early", help="Ask a model no more once its verdict is settled; see below.")
     ] = False,
-    no_probe: NoProbe = False,
     dry_run: DryRun = False,
 ) -> None:
     """Run the input-ablation battery. Interrupt it at will: the same command goes on where it stopped.
@@ -96,7 +94,7 @@ def battery(
         )
 
     done = f"'eyechart verdict {out}' judges, 'eyechart score {out}' prints every statistic"
-    how_run = _How(concurrency, spending, no_probe, dry_run, shard)
+    how_run = _How(concurrency, spending, dry_run, shard)
     _make_calls(read_modes(model, mode, how.given()), planned_for, out, how_run, sizes, done)
 
 
@@ -119,7 +117,6 @@ def prompts(
     concurrency: Concurrency = 8,
     how: Addressing = ADDRESSED,
     spending: Spending = NO_LIMIT,
-    no_probe: NoProbe = False,
     dry_run: DryRun = False,
 ) -> None:
     """Run the prompt study: diversity, and beside it the scene dependence that diversity is not (Table t:prompts).
@@ -140,7 +137,7 @@ def prompts(
     for one in json_mode or ():
         if one not in STRUCTURED:
             raise SpecError(f"--json-mode '{one}' is none of {', '.join(STRUCTURED)}")
-    asked, allowed = read_modes(model, mode, how.given()), spending.allowed(no_probe=no_probe, dry_run=dry_run)
+    asked, allowed = read_modes(model, mode, how.given()), spending.allowed(dry_run=dry_run)
 
     def planned_for(modes: "Sequence[RequestMode]", probes: "Mapping[str, Spent]") -> "PromptStudy":
         return study.plan(
@@ -200,7 +197,6 @@ def admission(
     concurrency: Concurrency = 8,
     how: Options = AS_USUAL,
     spending: Spending = NO_LIMIT,
-    no_probe: NoProbe = False,
     dry_run: DryRun = False,
 ) -> None:
     """Ask for scene estimates of 16 balanced frame/mirror pairs, and hold them against the clauses of admission.
@@ -214,7 +210,7 @@ def admission(
     def planned_for(modes: "Sequence[RequestMode]", probes: "Mapping[str, Spent]") -> "Battery":
         return study.plan(study.ADMISSION, frames, modes, out, view=view, seed=seed, probes=probes)
 
-    how_run = _How(concurrency, spending, no_probe, dry_run)
+    how_run = _How(concurrency, spending, dry_run)
     _make_calls(read_modes(model, mode, how.given()), planned_for, out, how_run, _of_scenes, _scenes_done(out))
 
 
@@ -230,7 +226,6 @@ def structured(
     concurrency: Concurrency = 8,
     how: Options = AS_USUAL,
     spending: Spending = NO_LIMIT,
-    no_probe: NoProbe = False,
     dry_run: DryRun = False,
 ) -> None:
     """Ask for scene estimates of every frame of a bank and of its reflection (Table t:controller-local).
@@ -244,17 +239,16 @@ def structured(
     def planned_for(modes: "Sequence[RequestMode]", probes: "Mapping[str, Spent]") -> "Battery":
         return study.plan(study.STRUCTURED, frames, modes, out, view=view, seed=seed, limit=limit, probes=probes)
 
-    how_run = _How(concurrency, spending, no_probe, dry_run)
+    how_run = _How(concurrency, spending, dry_run)
     _make_calls(read_modes(model, mode, how.given()), planned_for, out, how_run, _of_scenes, _scenes_done(out))
 
 
 @dataclass(frozen=True)
 class _How:
-    """How much at once and at most, which shard, and whether a run is only planned, or begun without a probe."""
+    """How much at once and at most, which shard, and whether a run is only planned."""
 
     concurrency: int
     spending: Spending
-    no_probe: bool
     dry_run: bool
     shard: str | None = None
 
@@ -272,7 +266,7 @@ def _make_calls(
     from eyechart.studies.probed import Probing
 
     spending = how.spending
-    allowed = spending.allowed(no_probe=how.no_probe, dry_run=how.dry_run, shard=how.shard)
+    allowed = spending.allowed(dry_run=how.dry_run, shard=how.shard)
     probing = Probing(plan, lambda one: study.sample_of([one]), study.keep_probes, [out])
     planned, failed = plan_probed(probing, asked, allowed)
     early = planned.manifest.stop_early

@@ -147,10 +147,7 @@ def compare(
         print_json(found.as_dict())
     else:
         console = table_console()
-        for line in found.apart:
-            console.print(f"not the same: {line}", markup=False)
-        for line in found.marks:
-            console.print(f"{MARK} {line}", markup=False)
+        print_each([*(f"not the same: {line}" for line in found.apart), *(f"{MARK} {line}" for line in found.marks)])
         for one in found.models.values():
             console.print(replication_table(one, every=every))
             changed = f"differs in {', '.join(one.changed)}" if one.changed else "no statistic differs (Holm)"

@@ -5,7 +5,7 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Literal
@@ -14,6 +14,7 @@ import numpy as np
 
 from eyechart.errors import BankError
 from eyechart.frames.pictures import read_bounded, size_of
+from eyechart.records import plain
 from eyechart.spaces.discrete import Discrete
 
 MirrorAxis = Literal["vertical", "horizontal", "none"]
@@ -38,6 +39,10 @@ class Gap:
     column: str
     threshold: float
     unit: str
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.threshold):
+            raise ValueError(f"the gap's threshold is {self.threshold!r}, not a number")
 
 
 LEAD_GAP = Gap(column="lead_gap_m", threshold=18.0, unit="m")
@@ -151,7 +156,7 @@ def rounded_truth(truth: Mapping[str, object], frame_id: str) -> dict[str, Scala
 
     Raises BankError for NaN, infinity, whole numbers above 2**53, and other types.
     """
-    plain: dict[str, Scalar] = {}
+    rounded: dict[str, Scalar] = {}
     for name, raw in truth.items():
         value = raw.item() if isinstance(raw, np.generic) else raw
         if isinstance(value, float):
@@ -162,8 +167,8 @@ def rounded_truth(truth: Mapping[str, object], frame_id: str) -> dict[str, Scala
             raise BankError(f"frame '{frame_id}': truth '{name}' is too large a number to be exact; write it as a word")
         if not isinstance(value, str | int | float | bool | None):
             raise BankError(f"frame '{frame_id}': truth '{name}' is a {type(value).__name__}, not a plain value")
-        plain[name] = value
-    return plain
+        rounded[name] = value
+    return rounded
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,21 +224,16 @@ class BankManifest:
         }
 
     def _declared(self) -> dict[str, object]:
-        gap = (
-            None
-            if self.gap is None
-            else {"column": self.gap.column, "threshold": self.gap.threshold, "unit": self.gap.unit}
-        )
         return {
             "simulator": self.simulator,
             "preset": self.preset,
             "picture": self.picture,
             "action_space": self.action_space.as_dict(),
-            "gap": gap,
+            "gap": plain(self.gap),
             **({"prompt_columns": list(self.prompt_columns)} if self.prompt_columns else {}),
             **({"absent": list(self.absent)} if self.absent else {}),
             **({"independent": True} if self.independent else {}),
-            **({"cameras": [asdict(one) for one in self.cameras]} if self.cameras else {}),
+            **({"cameras": plain(self.cameras)} if self.cameras else {}),
             **({"state": list(self.state)} if self.state else {}),
             "settings": dict(self.settings),
             "versions": dict(self.versions),

@@ -4,7 +4,8 @@ import hashlib
 import json
 import math
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, cast, get_args
 
@@ -13,10 +14,8 @@ from eyechart.frames.nouns import (
     FILE_SUFFIX,
     FORMAT,
     BankManifest,
-    Camera,
     Frame,
     FrameBank,
-    Gap,
     MirrorAxis,
     Scalar,
     alone,
@@ -25,7 +24,7 @@ from eyechart.frames.nouns import (
     rounded_truth,
 )
 from eyechart.frames.pictures import decode, inside, read_bounded
-from eyechart.spaces.discrete import Discrete
+from eyechart.records import build
 
 
 def open_bank(root: Path) -> FrameBank:
@@ -49,22 +48,8 @@ def _read_manifest(path: Path) -> BankManifest:
         raw = _plain(path.read_text(encoding="utf-8"))
         if raw.get("format") != FORMAT:
             raise BankError(f"{path} has format {raw.get('format')!r}; this eyechart reads {FORMAT!r}")
-        manifest = BankManifest(
-            simulator=str(raw["simulator"]),
-            preset=str(raw["preset"]),
-            picture=str(raw["picture"]),
-            action_space=Discrete.from_dict(raw["action_space"]),
-            gap=None if raw["gap"] is None else _gap(raw["gap"]),
-            settings=dict(raw["settings"]),
-            versions=_words(raw["versions"]),
-            geometry=_words(raw["geometry"]),
-            images=_words(raw["images"]),
-            prompt_columns=tuple(map(str, _listed(raw, "prompt_columns"))),
-            absent=tuple(map(str, _listed(raw, "absent"))),
-            independent=_flag(raw, "independent"),
-            cameras=tuple(_camera(one) for one in _listed(raw, "cameras")),
-            state=tuple(map(str, _listed(raw, "state"))),
-        )
+        kept = {one.name: raw[one.name] for one in fields(BankManifest) if one.name in raw}
+        manifest = build(BankManifest, kept)
         recorded, declared = raw["fingerprint"], raw["declaration"]
     except FileNotFoundError as error:
         raise BankError(
@@ -89,40 +74,6 @@ def _plain(text: str) -> Any:  # noqa: ANN401 - whatever stands in the file; its
     value = json.loads(text)
     json.dumps(value, ensure_ascii=False).encode()
     return value
-
-
-def _gap(raw: Mapping[str, object]) -> Gap:
-    threshold = raw["threshold"]
-    if isinstance(threshold, bool) or not isinstance(threshold, int | float) or not math.isfinite(threshold):
-        raise ValueError(f"the gap's threshold is {threshold!r}, not a number")
-    return Gap(str(raw["column"]), float(threshold), str(raw["unit"]))
-
-
-def _camera(raw: object) -> Camera:
-    if not isinstance(raw, dict):
-        raise TypeError(f"a camera is {raw!r}, not an object")
-    return Camera(str(raw["name"]), read_axis(raw["mirror_axis"]), str(raw["mirrors"]))
-
-
-def _listed(raw: Mapping[str, object], name: str) -> list[object]:
-    value = raw.get(name, [])
-    if not isinstance(value, list):
-        raise TypeError(f"{name} is {value!r}, not a list")
-    return value
-
-
-def _flag(raw: Mapping[str, object], name: str) -> bool:
-    value = raw.get(name, False)
-    if not isinstance(value, bool):
-        raise TypeError(f"{name} is {value!r}, neither true nor false")
-    return value
-
-
-def _words(raw: Mapping[str, object]) -> dict[str, str]:
-    for name, value in raw.items():
-        if not isinstance(value, str):
-            raise TypeError(f"{name!r} stands with {value!r}, not with a string")
-    return {name: str(value) for name, value in raw.items()}
 
 
 def read_metadata(path: Path, manifest: BankManifest) -> tuple[Frame, ...]:

@@ -1,6 +1,6 @@
 """Rows and pictures become a bank, or one line that says why not; nothing half-written stays."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -46,7 +46,6 @@ class Choices:
 
     columns: Mapping[str, str] = field(default_factory=dict)
     mirror: MirrorAxis = "none"
-    rig: reading.Rig | None = None
     space: Discrete = DRIVING
     threshold: float | None = None
     unit: str | None = None
@@ -54,6 +53,7 @@ class Choices:
     prompt_columns: tuple[str, ...] = ()
     independent: bool = False
     every: int = 1
+    rig: reading.Rig | None = None
 
 
 @dataclass(frozen=True)
@@ -342,13 +342,9 @@ def costs(bank: FrameBank) -> list[str]:
         lines.append("no scenarios: cross_scenario is not shown (scene_cue cannot say)")
     if "step" in manifest.absent and "episode" not in manifest.absent:
         lines.append("no steps: the rows of an episode count as its steps, in their order")
-    if _all_none(frame.mirror_axis for frame in bank):
+    if all(frame.mirror_axis == "none" for frame in bank):
         lines.append("no mirror axis: mirrored is not shown (lateral is not_tested)")
     left_out = manifest.settings.get("left_out")
     if isinstance(left_out, list) and left_out:
         lines.append(f"left out, because a bank needs these names: {', '.join(map(str, left_out))}")
     return lines
-
-
-def _all_none(axes: Iterable[MirrorAxis]) -> bool:
-    return all(axis == "none" for axis in axes)

@@ -48,11 +48,11 @@ _BOUNDS = {
 """The fields of a reply that a server fills with text, and how long each may be once the secrets are out of it."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Response:
     """What a server sent, or what went wrong: then ``error`` is set, and ``body`` is as far as it came."""
 
-    body: bytes = b""
+    body: bytearray = field(default_factory=bytearray)
     status: int | None = None
     error: ErrorKind | None = None
     detail: str = ""
@@ -96,25 +96,16 @@ class Endpoint:
 
     async def post(self, path: str, payload: bytes) -> Response:
         """Send one request and read its whole body; every failure is a Response with its kind."""
-        start, seen = time.perf_counter(), _Seen()
+        start, seen = time.perf_counter(), Response(scrub=self.scrub, payload=payload)
         try:
             async with self._open().post(self.base_url + path, data=payload, allow_redirects=False) as came:
                 seen.status, seen.retry_after_s = came.status, _retry_after(came.headers)
                 await _read(came, seen, start)
-                error, detail = _judged(came, seen, self.scrub)
+                seen.error, detail = _judged(came, seen)
         except (TimeoutError, aiohttp.ClientError, OSError, ValueError) as failure:
-            error, detail = _failed(failure, seen, self.timeout_s)
-        return Response(
-            bytes(seen.body),
-            seen.status,
-            error,
-            self.scrub(detail),
-            time.perf_counter() - start,
-            seen.first_byte_s,
-            seen.retry_after_s,
-            self.scrub,
-            payload,
-        )
+            seen.error, detail = _failed(failure, seen, self.timeout_s)
+        seen.detail, seen.seconds = self.scrub(detail), time.perf_counter() - start
+        return seen
 
     async def close(self) -> None:
         """Close the session, if one is open in this event loop; the next request opens another."""
@@ -178,41 +169,29 @@ def _in_base64(secret: bytes) -> set[str]:
     return forms
 
 
-@dataclass(slots=True)
-class _Seen:
-    """How far a response came."""
-
-    body: bytearray = field(default_factory=bytearray)
-    status: int | None = None
-    first_byte_s: float | None = None
-    retry_after_s: float | None = None
-    too_large: bool = False
-
-
-async def _read(came: aiohttp.ClientResponse, seen: _Seen, start: float) -> None:
+async def _read(came: aiohttp.ClientResponse, seen: Response, start: float) -> None:
     async for chunk in came.content.iter_any():
         if seen.first_byte_s is None:
             seen.first_byte_s = time.perf_counter() - start
         seen.body += chunk
         if len(seen.body) > MOST_BYTES:
-            seen.too_large = True
             came.close()  # the rest is not read, and the connection not used again
             return
 
 
-def _judged(came: aiohttp.ClientResponse, seen: _Seen, scrub: Callable[[str], str]) -> tuple[ErrorKind | None, str]:
-    if seen.too_large:
+def _judged(came: aiohttp.ClientResponse, seen: Response) -> tuple[ErrorKind | None, str]:
+    if len(seen.body) > MOST_BYTES:
         return "too_large", f"the body has more than {MOST_BYTES} bytes"
     if 300 <= came.status < 400:
         where = came.headers.get("Location", "nowhere")
         return "bad_request", f"HTTP {came.status}: redirected to {where}, which is not followed; give that address"
     if came.status >= 400:
-        message = error_message(bytes(seen.body), scrub)
+        message = error_message(seen.body, seen.scrub)
         return kind_of_status(came.status, message), f"HTTP {came.status}: {message or came.reason}"
     return None, ""
 
 
-def _failed(failure: Exception, seen: _Seen, timeout_s: float) -> tuple[ErrorKind, str]:
+def _failed(failure: Exception, seen: Response, timeout_s: float) -> tuple[ErrorKind, str]:
     words = f"{type(failure).__name__}: {failure}"
     if isinstance(failure, aiohttp.ClientConnectorCertificateError | ssl.SSLCertVerificationError):
         return "bad_request", f"the server's certificate is not trusted: {words}"
@@ -246,7 +225,7 @@ def kind_of_status(status: int, message: str = "") -> ErrorKind:
     return kinds.get(status, "server_error" if status >= 500 else "bad_request")
 
 
-def error_message(body: bytes, scrub: Callable[[str], str] = str) -> str:
+def error_message(body: bytes | bytearray, scrub: Callable[[str], str] = str) -> str:
     """Return what a server says of an error, in one bounded line: the message in its JSON, else the body's text.
 
     ``scrub`` is applied before it is cut.
@@ -258,7 +237,7 @@ def error_message(body: bytes, scrub: Callable[[str], str] = str) -> str:
     return printable(scrub(said))
 
 
-def read_json(body: bytes) -> object:
+def read_json(body: bytes | bytearray) -> object:
     """Return the value of a JSON body, one with half a surrogate pair in a text too; raises ValueError for no JSON."""
     try:
         return orjson.loads(body)

@@ -17,7 +17,7 @@ from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
 from eyechart.frames import RGB, decode
 from eyechart.modes import RequestMode
-from eyechart.perception.estimators import ESTIMATORS, Estimator
+from eyechart.perception.estimators import ESTIMATORS
 from eyechart.perception.forward import read_forward, view_of
 from eyechart.perception.renderer import read_picture
 from eyechart.perception.view import scene_of
@@ -87,21 +87,6 @@ _REFUSAL = Reply(text="I'm sorry, I cannot see a road in this picture.", finish_
 _CUT = Reply(text="The green vehicle is in the", finish_reason="length")
 
 
-def _constant(sight: Sight, rng: random.Random) -> Answer:
-    del sight, rng
-    return "SLOW"
-
-
-def _random(sight: Sight, rng: random.Random) -> Answer:
-    del sight
-    return rng.choice(DRIVING.actions)
-
-
-def _presence(sight: Sight, rng: random.Random) -> Answer:
-    del rng
-    return "SLOW" if sight.reading else "STOP"
-
-
 def _graded(sight: Sight, clear: str) -> Answer:
     """Brake by distance, and answer ``clear`` where the road is free; STOP at anything that is no road."""
     if sight.reading is None:
@@ -110,19 +95,8 @@ def _graded(sight: Sight, clear: str) -> Answer:
     return clear if scene.free else "STOP" if scene.blocked else "SLOW"
 
 
-def _depth(sight: Sight, rng: random.Random) -> Answer:
-    del rng
-    return _graded(sight, "STRAIGHT")
-
-
-def _depth_lateral(sight: Sight, rng: random.Random) -> Answer:
-    del rng
+def _depth_lateral(sight: Sight, _: random.Random) -> Answer:
     return safe_action(sight.reading.scene) if sight.reading else "STOP"
-
-
-def _depth_left(sight: Sight, rng: random.Random) -> Answer:
-    del rng
-    return _graded(sight, "LEFT")
 
 
 def _one_sided(sight: Sight, rng: random.Random) -> Answer:
@@ -130,9 +104,8 @@ def _one_sided(sight: Sight, rng: random.Random) -> Answer:
     return "SLOW" if action == "RIGHT" else action
 
 
-def _clear_side(sight: Sight, rng: random.Random) -> Answer:
+def _clear_side(sight: Sight, _: random.Random) -> Answer:
     """Go round: to the one clear side, to the left where both are, and SLOW where none is; never stop on a road."""
-    del rng
     if sight.reading is None:
         return "STOP"
     scene = sight.reading.scene
@@ -147,59 +120,32 @@ def _left_side(sight: Sight, rng: random.Random) -> Answer:
     return "SLOW" if action == "RIGHT" else action
 
 
-def _stopping(sight: Sight, rng: random.Random) -> Answer:
-    del sight, rng
-    return "STOP"
-
-
-def _noisy_depth(sight: Sight, rng: random.Random) -> Answer:
-    return rng.choice(DRIVING.actions) if rng.random() < 0.6 else _graded(sight, "STRAIGHT")
-
-
 def _self_inconsistent(sight: Sight, rng: random.Random) -> Answer:
     if sight.reading is None and rng.random() < 0.5:
         return "STOP"
     return rng.choice(DRIVING.actions)
 
 
-def _refuse_blank(sight: Sight, rng: random.Random) -> Answer:
-    del rng
-    return _REFUSAL if sight.kind == "uniform" else "SLOW"
-
-
-def _declines_blank_depth(sight: Sight, rng: random.Random) -> Answer:
-    del rng
-    return _graded(sight, "STRAIGHT") if sight.reading else _REFUSAL
-
-
-def _truncating(sight: Sight, rng: random.Random) -> Answer:
-    return _CUT if rng.random() < 0.4 else _graded(sight, "STRAIGHT")
-
-
-def _inverted(sight: Sight, rng: random.Random) -> Answer:
-    del rng
+def _inverted(sight: Sight, _: random.Random) -> Answer:
     if sight.reading is None:
         return "STOP"
     scene = sight.reading.scene
     return "STOP" if scene.free else "STRAIGHT" if scene.blocked else "SLOW"
 
 
-def _nuisance(sight: Sight, rng: random.Random) -> Answer:
-    del rng
+def _nuisance(sight: Sight, _: random.Random) -> Answer:
     if sight.reading is None or sight.reading.stripe_phase is None:
         return "STOP"
     return ("STOP", "SLOW", "STRAIGHT")[int(3 * sight.reading.stripe_phase) % 3]
 
 
-def _crash_colour(sight: Sight, rng: random.Random) -> Answer:
-    del rng
+def _crash_colour(sight: Sight, _: random.Random) -> Answer:
     if sight.reading is None:
         return "SLOW"
     return "STOP" if sight.reading.ego_colour == "red" else "STRAIGHT"
 
 
-def _scene_only(sight: Sight, rng: random.Random) -> Answer:
-    del rng
+def _scene_only(sight: Sight, _: random.Random) -> Answer:
     if sight.reading is None:
         return "STOP"
     return ("STOP", "SLOW", "STRAIGHT")[sight.reading.place % 3]
@@ -208,22 +154,22 @@ def _scene_only(sight: Sight, rng: random.Random) -> Answer:
 CONTROLLERS: dict[str, Controller] = {
     "constant": Controller(
         "answers SLOW, whatever it is shown",
-        _constant,
+        lambda *_: "SLOW",
         Declared("image_invariant", "image_invariant", "no_power"),
     ),
     "random": Controller(
         "tosses a five-sided coin",
-        _random,
+        lambda _, rng: rng.choice(DRIVING.actions),
         Declared("image_invariant", "self_inconsistent", "does_not_swap"),
     ),
     "presence": Controller(
         "SLOW at any road, STOP at anything else",
-        _presence,
+        lambda sight, _: "SLOW" if sight.reading else "STOP",
         Declared("presence_only", "presence_only", "no_power"),
     ),
     "depth": Controller(
         "brakes by the distance of the lead vehicle, never turns",
-        _depth,
+        lambda sight, _: _graded(sight, "STRAIGHT"),
         Declared("depth", "depth", "no_power"),
     ),
     "depth_lateral": Controller(
@@ -233,7 +179,7 @@ CONTROLLERS: dict[str, Controller] = {
     ),
     "depth_left": Controller(
         "brakes by distance and says LEFT for a free road (as the paper's Qwen2.5-VL-72B)",
-        _depth_left,
+        lambda sight, _: _graded(sight, "LEFT"),
         Declared("depth", "depth", "one_sided"),
     ),
     "one_sided": Controller(
@@ -243,7 +189,7 @@ CONTROLLERS: dict[str, Controller] = {
     ),
     "noisy_depth": Controller(
         "brakes by distance in 4 of 10 answers and tosses a coin in the others",
-        _noisy_depth,
+        lambda sight, rng: rng.choice(DRIVING.actions) if rng.random() < 0.6 else _graded(sight, "STRAIGHT"),
         Declared("self_inconsistent", "depth", "does_not_swap"),
     ),
     "self_inconsistent": Controller(
@@ -253,17 +199,17 @@ CONTROLLERS: dict[str, Controller] = {
     ),
     "refuse_blank": Controller(
         "answers SLOW, but refuses a uniform picture",
-        _refuse_blank,
+        lambda sight, _: _REFUSAL if sight.kind == "uniform" else "SLOW",
         Declared("refusal_effect", "refusal_effect", "no_power"),
     ),
     "declines_blank_depth": Controller(
         "brakes by distance, and refuses anything that is no road",
-        _declines_blank_depth,
+        lambda sight, _: _graded(sight, "STRAIGHT") if sight.reading else _REFUSAL,
         Declared("not_scorable", "depth", "no_power"),
     ),
     "truncating": Controller(
         "brakes by distance, but 4 of 10 answers are cut off before the action",
-        _truncating,
+        lambda sight, rng: _CUT if rng.random() < 0.4 else _graded(sight, "STRAIGHT"),
         Declared("not_scorable", "not_scorable", "no_power"),
     ),
     "inverted": Controller(
@@ -301,12 +247,12 @@ PLANNERS: dict[str, Controller] = {
     ),
     "distance": Controller(
         "slows down and stops by the distance of what is in its way, and knows no side",
-        _depth,
+        lambda sight, _: _graded(sight, "STRAIGHT"),
         Declared("depth", "depth", "no_power"),
     ),
     "stopping": Controller(
         "answers STOP, whatever it is shown",
-        _stopping,
+        lambda *_: "STOP",
         Declared("image_invariant", "image_invariant", "no_power"),
     ),
 }
@@ -339,47 +285,31 @@ def _look(pixels: RGB) -> Sight:
 
 @dataclass(frozen=True, slots=True)
 class ScriptedModel:
-    """A known-answer controller behind the door of a model."""
+    """A known-answer controller or estimator behind the door of a model."""
 
-    controller: Controller
+    decide: Decide
     version: str = __version__
     facts: Mapping[str, str] = field(default_factory=dict)
 
     async def answer(self, query: Query) -> Reply:
         """Answer from the query's picture; what the controller leaves to chance is drawn from the query's seed."""
-        answer = self.controller.decide(see(query.image), random.Random(query.seed))  # noqa: S311 - no secret
+        answer = self.decide(see(query.image), random.Random(query.seed))  # noqa: S311 - no secret
         return answer if isinstance(answer, Reply) else Reply(text=answer, finish_reason="stop")
 
     async def close(self) -> None:
         """Hold nothing, so let go of nothing."""
 
 
-@dataclass(frozen=True, slots=True)
-class ScriptedEstimator:
-    """A known-answer estimator behind the same door: it answers with a scene, whatever it is asked."""
-
-    estimator: Estimator
-    version: str = __version__
-    facts: Mapping[str, str] = field(default_factory=dict)
-
-    async def answer(self, query: Query) -> Reply:
-        """Answer from the query's picture alone."""
-        reading = see(query.image).reading
-        return Reply(text=self.estimator.answer(None if reading is None else reading.scene), finish_reason="stop")
-
-    async def close(self) -> None:
-        """Hold nothing, so let go of nothing."""
-
-
-def open_model(name: str, mode: RequestMode) -> ScriptedModel | ScriptedEstimator:
+def open_model(name: str, mode: RequestMode) -> ScriptedModel:
     """Open the controller or estimator of this name, which no mode changes; raises SpecError that lists all."""
     del mode
     if name in ESTIMATORS:
-        return ScriptedEstimator(ESTIMATORS[name])
+        scene = ESTIMATORS[name].answer
+        return ScriptedModel(lambda sight, _: scene(sight.reading.scene if sight.reading else None))
     known = CONTROLLERS | PLANNERS
     if name not in known:
         raise SpecError(f"unknown controller 'scripted:{name}'; known are {', '.join((*known, *ESTIMATORS))}")
-    return ScriptedModel(known[name])
+    return ScriptedModel(known[name].decide)
 
 
 def names() -> dict[str, str]:

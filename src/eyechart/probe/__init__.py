@@ -1,8 +1,7 @@
 """What a model does with a picture, and how it is best asked: a doctor in twenty calls, a probe that pins a mode."""
 
 from eyechart.probe.doctor import Diagnosis, doctor
-from eyechart.probe.found import Found, ProbeError
-from eyechart.probe.pinning import probe
+from eyechart.probe.pinning import Found, ProbeError, probe
 from eyechart.probe.sample import Sample, default_sample, is_served
 
 __all__ = [

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import re
 import time
 from collections.abc import Callable, Collection
 from dataclasses import replace
@@ -11,13 +12,16 @@ from eyechart.errors import EyechartError
 from eyechart.limits import Spent, pause_s
 from eyechart.models import Model, ask, open_model
 from eyechart.models.prices import Prices
-from eyechart.modes import RequestMode
-from eyechart.probe.amending import amended
+from eyechart.modes import RequestMode, TokenField
 
 Tell = Callable[[int, int], None]
 """Called with (calls made, calls at most) after each call."""
 
 _CLOSING_S = 10.0
+_REFUSES = re.compile(
+    r"unsupported|not supported|does not support|only the default|not permitted|unrecogni[sz]ed|unknown",
+    re.IGNORECASE,
+)
 
 
 class LimitReachedError(EyechartError):
@@ -109,3 +113,23 @@ class Asker:
             await self.close()
             self._model, self._opened = open_model(mode.spec, mode), mode
         return self._model
+
+
+def amended(mode: RequestMode, reply: Reply, fixed: Collection[str] = ()) -> tuple[RequestMode, str] | None:
+    """Return a mode that does without what a failed reply refuses, and what was changed in words, or None.
+
+    Fields in ``fixed`` are not changed. Hosted models that think refuse ``max_tokens`` and a temperature of their own.
+    """
+    detail = reply.error_detail
+    if reply.error != "bad_request" or not _REFUSES.search(detail):
+        return None
+    newer: TokenField = "max_completion_tokens"
+    other: TokenField = "max_tokens" if mode.token_field == newer else newer
+    if "token_field" not in fixed and re.search(rf"\b{mode.token_field}\b", detail):
+        return replace(mode, token_field=other), f"{mode.token_field} is refused: asked with --token-field {other}"
+    if "temperature" not in fixed and mode.temperature is not None and "temperature" in detail.lower():
+        words = f"temperature {mode.temperature:g} is refused: asked with --temperature default"
+        return replace(mode, temperature=None), words
+    if "seed" not in fixed and mode.seed and re.search(r"\bseed\b", detail):
+        return replace(mode, seed=False), "a seed is refused: asked without one"
+    return None

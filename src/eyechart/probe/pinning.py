@@ -5,17 +5,21 @@ are complete, and a picture is left out to see what it costs.
 """
 
 import asyncio
+import datetime as dt
+import statistics
 from collections.abc import Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from eyechart.calls import Reply
+from eyechart.errors import EyechartError
+from eyechart.limits import Spent
 from eyechart.models.prices import Prices, read_prices
-from eyechart.modes import RequestMode
+from eyechart.modes import Measured, RequestMode
 from eyechart.probe.asking import Asker, LimitReachedError, Tell
 from eyechart.probe.causes import likely_causes
-from eyechart.probe.found import Found, ProbeError, measured_of, names_of
 from eyechart.probe.sample import Sample, default_sample, is_served, json_binds, plain, schema_binds
 from eyechart.probe.sight import Sight, look
+from eyechart.records import plain as as_plain
 from eyechart.seeds import key_seed
 
 MOST_CALLS = 60
@@ -30,6 +34,37 @@ _SAMPLES = 5
 _LEAST_TOKENS = 256
 """The smallest budget that is pinned: a model that sees no picture may say so in more words than an action takes."""
 _SENTENCE = "Write one sentence of about ten words about anything you like."
+
+
+class ProbeError(EyechartError):
+    """A model cannot be probed; ``spent`` is what was asked until then, ``limit`` whether a limit ended it."""
+
+    def __init__(self, words: str, spent: Spent, *, limit: bool = False) -> None:
+        super().__init__(words)
+        self.spent, self.limit = spent, limit
+
+
+@dataclass(frozen=True)
+class Found:
+    """A model's pinned mode with what was measured in it, what its pictures did, and what else is worth knowing."""
+
+    mode: RequestMode
+    sight: Sight
+    causes: tuple[str, ...]
+    notes: tuple[str, ...]
+    spent: Spent
+
+    @property
+    def measured(self) -> Measured:
+        """Return what was measured."""
+        assert self.mode.measured is not None
+        return self.mode.measured
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        seen = {"outcome": self.sight.outcome, "because": self.sight.because}
+        found = {"mode": self.mode, **seen, "causes": self.causes, "notes": self.notes, "spent": self.spent}
+        return {name: as_plain(value) for name, value in found.items()}
 
 
 def probe(
@@ -246,3 +281,34 @@ def _temperature_matters(low: Sequence[Reply], high: Sequence[Reply]) -> bool | 
     """Return True where replies at 0 are the same and those at 1 differ; False where either is not so."""
     cold, warm = _texts(low), _texts(high)
     return None if cold is None or warm is None else len(set(cold)) == 1 and len(set(warm)) > 1
+
+
+def measured_of(came: Sequence[Reply], bare: Reply) -> Measured:
+    """Return the tokens and seconds of complete replies to the run's own question, and what its picture adds."""
+
+    def known(name: str) -> list[float]:
+        return [value for reply in came if (value := getattr(reply, name)) is not None]
+
+    shown, tokens, thought, seconds = map(known, ("prompt_tokens", "completion_tokens", "reasoning_tokens", "seconds"))
+    adds = None
+    if shown and bare.prompt_tokens is not None and bare.error is None:
+        adds = max(0, round(statistics.median(shown)) - bare.prompt_tokens)
+    return Measured(
+        date=dt.datetime.now(dt.UTC).date().isoformat(),
+        image_tokens=adds,
+        prompt_tokens=round(statistics.median(shown)) if shown else None,
+        completion_tokens=statistics.fmean(tokens) if tokens else None,
+        completion_tokens_max=round(max(tokens)) if tokens else None,
+        reasoning_tokens=statistics.fmean(thought) if thought else None,
+        seconds=round(statistics.median(seconds), 4) if seconds else None,
+        seconds_min=round(min(seconds), 4) if seconds else None,
+    )
+
+
+def names_of(facts: dict[str, str], came: Sequence[Reply], sight: Sight, causes: Sequence[str]) -> dict[str, str]:
+    """Return what names the model, and what its pictures did, in words."""
+    found = {name: text for name, text in facts.items() if name not in {"template", "warning"}}
+    for name in ("served", "provider"):
+        told = sorted({value for reply in came if (value := getattr(reply, name)) is not None})
+        found |= {name: ", ".join(told)} if told else {}
+    return {**found, "picture": causes[0] if sight.outcome == "blind" and causes else sight.because}

@@ -1,6 +1,5 @@
 """A guardian over HTTP."""
 
-from eyechart.serve.limits import ServerLimits
-from eyechart.serve.server import application, serve
+from eyechart.serve.server import ServerLimits, application, serve
 
 __all__ = ["ServerLimits", "application", "serve"]

@@ -18,16 +18,14 @@ from dataclasses import dataclass, field
 import orjson
 from aiohttp import web
 from aiohttp.typedefs import Handler
-from prometheus_client import generate_latest
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, ProcessCollector, generate_latest
 from prometheus_client.exposition import CONTENT_TYPE_LATEST
 
 from eyechart import __version__
 from eyechart.errors import BankError, GuardianError
 from eyechart.frames import size_of
-from eyechart.guardian import Assessment, Guardian, Pictures, encodable
-from eyechart.serve.limits import TYPES, ServerLimits
-from eyechart.serve.metrics import Metrics
-from eyechart.serve.openapi import openapi
+from eyechart.guardian import MOST_AT_ONCE, Assessment, Guardian, Pictures, encodable
+from eyechart.studies.guardian import VIEWS
 
 _QUIET = logging.getLogger("eyechart.serve")
 _QUIET.setLevel(logging.CRITICAL + 1)  # what cannot be understood is answered with 400, and needs no traceback
@@ -41,6 +39,66 @@ _FADING = 0.95
 _TELLING_S = 5.0
 _LINGERING_S = 1.0
 """So long what is left of a refused body is read, for its sender to see the refusal."""
+TYPES = ("image/png", "image/jpeg", "image/webp", "image/bmp", "application/octet-stream")
+"""What a picture may be sent as; what it is, its bytes say."""
+_BUCKETS = (0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0)
+
+
+@dataclass(frozen=True, slots=True)
+class ServerLimits:
+    """What bounds the server; raises GuardianError, in the words of the command, for what is no limit.
+
+    ``concurrency`` pictures are asked about at a time, ``queue`` more may wait, and ``uploads`` be read; what comes
+    then is refused with 503. A picture has at most ``most_bytes``, and ``most_pixels`` by its header, before
+    one is decoded. A connection without a request is closed after
+    ``idle_s``. The deadline, from a request's head to its answer, is the guardian's.
+    """
+
+    concurrency: int = 8
+    queue: int = 32
+    uploads: int = 64
+    most_bytes: int = 4_000_000
+    most_pixels: int = 2_100_000
+    idle_s: float = 10.0
+
+    def __post_init__(self) -> None:
+        for name in ("concurrency", "uploads", "most_bytes", "most_pixels"):
+            if getattr(self, name) < 1:
+                raise GuardianError(f"{name} must be at least 1, got {getattr(self, name)}")
+        if self.queue < 0:
+            raise GuardianError(f"the queue must have 0 places or more, got {self.queue}")
+        if not self.idle_s > 0:
+            raise GuardianError(f"idle_s must be a number of seconds above 0, got {self.idle_s:g}")
+        if self.concurrency > MOST_AT_ONCE:
+            raise GuardianError(
+                f"a guardian takes at most {MOST_AT_ONCE} pictures at a time, got concurrency={self.concurrency}"
+            )
+
+
+class Metrics:
+    """What Prometheus is told."""
+
+    def __init__(self) -> None:
+        self.registry = CollectorRegistry()
+        ProcessCollector(registry=self.registry)
+        self.requests = Counter("eyechart_requests", "Requests by status.", ("status",), registry=self.registry)
+        self.answers = Counter("eyechart_assessments", "Assessments by answer.", ("answer",), registry=self.registry)
+        self.votes = Counter("eyechart_votes", "Votes.", ("model", "view", "vote"), registry=self.registry)
+        self.seconds = Histogram(
+            "eyechart_assessment_seconds",
+            "From a request's head to its assessment.",
+            buckets=_BUCKETS,
+            registry=self.registry,
+        )
+        self.waiting = Gauge("eyechart_waiting", "Pictures that wait or are asked about.", registry=self.registry)
+
+    def note(self, assessment: Assessment) -> None:
+        """Count an assessment and its votes."""
+        self.answers.labels(assessment.answer).inc()
+        words = {True: "hazard", False: "clear", None: "missing"}
+        for model, pair in assessment.votes.items():
+            for view, vote in zip(VIEWS, pair, strict=True):
+                self.votes.labels(model, view, words[vote]).inc()
 
 
 @dataclass(slots=True)
@@ -326,3 +384,66 @@ def _rounded(seconds: float | None) -> float | None:
 
 def _json(values: object, status: int = 200) -> web.Response:
     return web.Response(body=orjson.dumps(values), status=status, content_type="application/json")
+
+
+def openapi(limits: ServerLimits, deadline_s: float) -> dict[str, object]:
+    """Return the OpenAPI document of the server."""
+    vote = {"type": ["boolean", "null"], "description": "true: hazard, false: clear, null: missing"}
+    assessment = {
+        "type": "object",
+        "required": ["answer", "votes", "missing", "latency_s", "why"],
+        "properties": {
+            "answer": {"type": "string", "enum": ["hazard", "clear", "abstain"]},
+            "votes": {
+                "type": "object",
+                "additionalProperties": {"type": "object", "properties": dict.fromkeys(VIEWS, vote)},
+            },
+            "missing": {"type": "object", "additionalProperties": {"type": "string"}},
+            "latency_s": {"type": "number", "description": "seconds from when the guardian was asked to its answer"},
+            "why": {"type": "string"},
+        },
+    }
+    error = {"type": "object", "required": ["error"], "properties": {"error": {"type": "string"}}}
+
+    def said(words: str, schema: object) -> dict[str, object]:
+        return {"description": words, "content": {"application/json": {"schema": schema}}}
+
+    refusals = {
+        "400": "the body is empty",
+        "408": f"the picture was not here within {deadline_s:g} s",
+        "413": f"the picture has more than {limits.most_bytes} bytes",
+        "415": "the body is sent as no picture",
+        "422": f"the body is no picture that can be shown, or one of more than {limits.most_pixels} pixels",
+        "500": "an error inside the server",
+    }
+    full = said("too much to do; ask again after Retry-After seconds", error)
+    full["headers"] = {"Retry-After": {"schema": {"type": "integer"}, "description": "seconds"}}
+    post = {
+        "summary": f"What the committee says of a picture, within {deadline_s:g} s",
+        "requestBody": {
+            "required": True,
+            "content": {kind: {"schema": {"type": "string", "format": "binary"}} for kind in TYPES},
+        },
+        "responses": {
+            "200": said("hazard, clear, or abstain; missing votes never count as clear", assessment),
+            **{status: said(words, error) for status, words in refusals.items()},
+            "503": full,
+        },
+    }
+
+    def get(words: str, kind: str) -> dict[str, object]:
+        return {"get": {"summary": words, "responses": {"200": {"description": words, "content": {kind: {}}}}}}
+
+    return {
+        "openapi": "3.1.0",
+        "info": {"title": "eyechart guardian", "version": __version__},
+        "paths": {
+            "/assess": {"post": post},
+            "/health": get(
+                "that the server is there, with which guardian, and the seconds since each model voted",
+                "application/json",
+            ),
+            "/metrics": get("metrics as Prometheus reads them", "text/plain"),
+            "/openapi.json": get("this document", "application/json"),
+        },
+    }
