@@ -14,10 +14,9 @@ from PIL import Image
 
 from eyechart.simulators.road import FAMILIES, TRACKS_M, Layout, make_layout
 from eyechart.simulators.road.layout import new_obstacle
-from eyechart.simulators.road.picture import draw
 from eyechart.simulators.road.truth import read_scene
-from eyechart.simulators.rover.bicycle import RoverState
-from eyechart.simulators.rover.world import RoverWorld, touches
+from eyechart.simulators.road.world import draw
+from eyechart.simulators.rover.world import RoverState, RoverWorld, touches
 
 SIDE = 64
 FIRST_SEED = 2**31

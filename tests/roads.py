@@ -8,10 +8,9 @@ import banks
 from eyechart.cameras import ROVER
 from eyechart.frames import MAIN, BankWriter, FrameBank, Gap, encode, open_bank
 from eyechart.simulators.road.layout import Layout, Obstacle
-from eyechart.simulators.road.picture import draw
 from eyechart.simulators.road.truth import read_truth
-from eyechart.simulators.rover.bicycle import RoverState
-from eyechart.simulators.rover.world import RoverWorld
+from eyechart.simulators.road.world import draw
+from eyechart.simulators.rover.world import RoverState, RoverWorld
 
 GAPS_M = (3.0, 4.5, 6.0, 7.5, 9.0, 12.0, 16.0, 24.0)
 

@@ -14,10 +14,19 @@ from eyechart import cli, verdicts
 from eyechart.calibrate import SETTINGS, Calibration, calibrate
 from eyechart.calibrate.known import COINS, FOLLOW_GAP, KNOWN, NEVER_LOOK, NULLS, Shows, deserved, is_false
 from eyechart.calibrate.replication import Task, answers_of, replicate, without_counterfactuals
-from eyechart.calibrate.settings import FEWEST_FRAMES, MOST_FRAMES, POWER, ROADS
 from eyechart.calibrate.table import tables
 from eyechart.calibrate.tally import CLAIMS, VARIANTS, WANTED, FalseClaims, Outcome, Ruled, read_calibration, tally
-from eyechart.calibrate.world import FARTHEST_M, GAP_AR, GAP_LOG_SD, NEAREST_M, make_world
+from eyechart.calibrate.world import (
+    FARTHEST_M,
+    FEWEST_FRAMES,
+    GAP_AR,
+    GAP_LOG_SD,
+    MOST_FRAMES,
+    NEAREST_M,
+    POWER,
+    ROADS,
+    make_world,
+)
 from eyechart.errors import SpecError
 from eyechart.models.scripted import CONTROLLERS
 from eyechart.spaces.scene import FREE_GAP_M, STOP_GAP_M

@@ -8,9 +8,8 @@ import pytest
 
 from eyechart.calibrate import SETTINGS, Calibration, calibrate
 from eyechart.calibrate import early as stopping
-from eyechart.calibrate.early import EMPTY, SAVERS, Early, add, mean_saved, misses
+from eyechart.calibrate.early import DRAWS, EMPTY, NULLS, SAVERS, Early, add, ever_rejected, mean_saved, misses
 from eyechart.calibrate.known import KNOWN
-from eyechart.calibrate.nulls import DRAWS, NULLS, ever_rejected
 from eyechart.calibrate.table import tables
 from eyechart.calibrate.tally import VARIANTS, read_calibration
 from eyechart.calibrate.world import World, make_world

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from eyechart.errors import StateError
 from eyechart.mpc import STEP_S, Bicycle, Mpc, Plan, Road, State, Target
-from eyechart.mpc.detour import Detour
+from eyechart.mpc.controller import Detour
 
 CAR, ROAD = Bicycle(), Road()
 STILL = State(0.0, 0.0, 0.0, 0.0)

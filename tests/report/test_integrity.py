@@ -19,8 +19,7 @@ from eyechart.models import ADAPTERS
 from eyechart.spaces.discrete import Discrete
 from eyechart.studies import battery as study
 from eyechart.studies.battery.browser import frames_shown
-from eyechart.studies.battery.page import make_page
-from eyechart.studies.battery.sections import counts, not_covered, summed
+from eyechart.studies.battery.page import counts, make_page, not_covered, summed
 from eyechart.studies.battery.subjects import read_evidence, subjects
 from eyechart.studies.battery.tables import judged_of, verdict_table
 from report_runs import data_of, make_run, report

@@ -15,15 +15,18 @@ from eyechart.models.scripted import CONTROLLERS
 from eyechart.perception.forward import read_forward, view_of
 from eyechart.simulators import Drive, StepResult
 from eyechart.simulators.drone import Drone
-from eyechart.simulators.drone.flight import (
+from eyechart.simulators.drone.world import (
     BODY_RADIUS_M,
+    HZ,
     INTENTS,
     LAG_S,
     MOST_ACCELERATION_MPS2,
     MOST_SPEED_MPS,
+    DroneWorld,
     Velocity,
+    decide,
+    start,
 )
-from eyechart.simulators.drone.world import HZ, DroneWorld, decide, start
 from eyechart.simulators.road import FAMILIES, TRACKS_M, Layout, make_layout
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.scene import safe_action

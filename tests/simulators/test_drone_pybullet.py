@@ -14,7 +14,7 @@ from eyechart.simulators import open_bank_simulator, open_simulator
 from eyechart.simulators.camera import Camera, Cylinder
 from eyechart.simulators.drone import Drone, PybulletDrone
 from eyechart.simulators.drone.aviary import IN_FRONT_M, Aviary
-from eyechart.simulators.drone.flight import BODY_RADIUS_M
+from eyechart.simulators.drone.world import BODY_RADIUS_M
 from eyechart.simulators.road import make_layout
 
 IS_HERE = all(importlib.util.find_spec(name) is not None for name in ("pybullet", "gym_pybullet_drones"))

@@ -19,11 +19,9 @@ from eyechart.frames import Frame, FrameBank, check, decode, open_bank
 from eyechart.perception.renderer import Reading, read_picture
 from eyechart.simulators import SIMULATORS, open_bank_simulator, open_simulator
 from eyechart.simulators.highway import Highway
-from eyechart.simulators.highway.driving import DRIVES, open_drive
-from eyechart.simulators.highway.moment import record
+from eyechart.simulators.highway.driving import DRIVES, open_drive, record
 from eyechart.simulators.highway.speedups import speedups
-from eyechart.simulators.highway.staging import _LANES, GAPS, STAGES, _set_up
-from eyechart.simulators.highway.traffic import drive_naturally
+from eyechart.simulators.highway.staging import _LANES, GAPS, STAGES, _set_up, drive_naturally
 from eyechart.simulators.highway.truth import find_lead, read_truth
 from eyechart.simulators.highway.world import Camera, World
 from eyechart.simulators.plan import Lanes, make_plan, share, trend

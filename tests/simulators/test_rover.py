@@ -19,13 +19,21 @@ from eyechart.models.scripted import CONTROLLERS, PLANNERS, Controller
 from eyechart.perception.forward import ForwardReading, read_forward
 from eyechart.prompts import FORWARD_PROMPTS
 from eyechart.simulators.road.layout import FAMILIES, GOAL_M, TRACKS_M, Layout, Obstacle, make_layout
-from eyechart.simulators.road.picture import camera_of, draw
 from eyechart.simulators.road.staging import FAR_M, NEAR_M
 from eyechart.simulators.road.truth import read_truth, unseen_sides
+from eyechart.simulators.road.world import camera_of, draw
 from eyechart.simulators.rover import Rover
-from eyechart.simulators.rover.bicycle import RADIUS_M, WHEELBASE_M, RoverState, advance
-from eyechart.simulators.rover.tracking import INNER_S, INTENTS
-from eyechart.simulators.rover.world import RoverWorld, decide, start
+from eyechart.simulators.rover.world import (
+    INNER_S,
+    INTENTS,
+    RADIUS_M,
+    WHEELBASE_M,
+    RoverState,
+    RoverWorld,
+    advance,
+    decide,
+    start,
+)
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.scene import safe_action
 from eyechart.studies import battery

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eyechart.stats import association, exchange
+from eyechart.stats import association, exchange, statistic
 
 SCENARIOS, SEEDS, STEPS = 4, 3, 12
 SIMULATIONS = 400
@@ -177,7 +177,7 @@ def test_the_size_of_a_chunk_changes_no_result(monkeypatch: pytest.MonkeyPatch) 
         return [(one.value, one.p) for one in found]
 
     whole = results()
-    monkeypatch.setattr(exchange, "CHUNK_BYTES", 1)
+    monkeypatch.setattr(statistic, "CHUNK_BYTES", 1)
     assert results() == whole
 
 

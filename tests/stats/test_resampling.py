@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from eyechart.stats import association, resampling
+from eyechart.stats import association, resampling, statistic
 
 p_values = st.lists(st.one_of(st.none(), st.floats(0, 1)), max_size=12)
 tables = hnp.arrays(np.int64, st.tuples(st.integers(1, 4), st.integers(1, 4)), elements=st.integers(0, 8))
@@ -117,7 +117,7 @@ def test_the_size_of_a_chunk_changes_no_draw(monkeypatch: pytest.MonkeyPatch) ->
     draws = np.random.default_rng(6).integers(7, size=(50, 7))
     expected = np.array([np.bincount(draw, minlength=7) for draw in draws])
     for size in (1, 3 * 8 * 7, 2**24):
-        monkeypatch.setattr(resampling, "CHUNK_BYTES", size)
+        monkeypatch.setattr(statistic, "CHUNK_BYTES", size)
         assert np.array_equal(np.vstack(list(resampling._drawn(np.random.default_rng(6), 50, 7))), expected)
 
 
@@ -198,7 +198,7 @@ def test_several_statistics_of_one_set_of_resamples_are_as_one_by_one(enumerate_
     statistics = {"rate": ratio(0, 1), "sparse": ratio(0, 2), "one": ratio(1, 1), "never": ratio(0, 3)}
     how = {"seed": 4, "enumerate_up_to": enumerate_up_to}
     together = resampling.cluster_bootstraps(sums, statistics, **how)
-    for name, statistic in statistics.items():
-        alone = resampling.cluster_bootstrap(sums, statistic, **how)
+    for name, function in statistics.items():
+        alone = resampling.cluster_bootstrap(sums, function, **how)
         assert (together[name].value, together[name].ci, together[name].detail) == (alone.value, alone.ci, alone.detail)
         assert together[name].method.startswith(alone.method)

@@ -26,8 +26,8 @@ from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.scene import SCENES, Estimate, Scene, SceneDecision
 from eyechart.studies import battery, structured
 from eyechart.studies.structured import EstimatorScore, StructuredScore
-from eyechart.studies.structured.figures import Figures, How
 from eyechart.studies.structured.planning import choose
+from eyechart.studies.structured.scoring import Figures, How
 from eyechart.studies.structured.study import Structured
 from eyechart.studies.structured.told import is_close
 

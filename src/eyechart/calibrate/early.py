@@ -1,18 +1,213 @@
-"""Stopping early on known answers: what it saves, and whether it changes the verdict."""
+"""Stopping early on known answers: what it saves, whether it changes the verdict, and how often it rejects a true null.
+
+The nulls are drawn at their boundaries, and counted is how often a whole run ever rejects each.
+"""
 
 import math
-from collections.abc import Mapping, Sequence
+import random
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from eyechart.calibrate.known import is_false
-from eyechart.calibrate.nulls import DRAWS, EVER, NULLS
 from eyechart.conditions import COUNTERFACTUALS
+from eyechart.frames import Frame
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import Decision
 from eyechart.stats.agreement import rate
 from eyechart.stats.paired import clopper_pearson
 from eyechart.studies.battery.answers import Answers
+from eyechart.studies.battery.evidence import Row, claims
 from eyechart.studies.battery.stopping import Course, layout_of
+from eyechart.verdicts import FLOOR, MARGIN, UNPARSED_CUT
+
+DRAWS = 10
+"""Draws of each null in one replication of the setting ``default``."""
+
+EVER = 0.05
+"""The largest share of rejections that is wanted."""
+
+Columns = dict[str, list[str]]
+"""Answers by condition, a frame each; an empty one is a reply without a decision."""
+
+Draw = Callable[[Sequence[Frame], random.Random], Columns]
+
+
+@dataclass(frozen=True, slots=True)
+class Null:
+    """A null of early stopping: the claim whose null it is, answers under which it is true, and these in words."""
+
+    claim: str
+    says: str
+    draw: Draw
+
+
+def ever_rejected(null: Null, frames: Sequence[Frame], rng: random.Random) -> bool:
+    """Draw answers under a null, and return whether its claim is ever settled over all frames, in random order."""
+    columns = {**_steady(frames), **null.draw(frames, rng)}
+    one = claims(len(frames), DRIVING, columns, mirrored=True)[null.claim]
+    order = list(range(len(frames)))
+    rng.shuffle(order)
+    for place in order:
+        if one.settled:
+            break
+        given = {name: column[place] for name, column in columns.items()}
+        one.add(Row({name: Decision(a) if a else Decision(None, "refused") for name, a in given.items()}, DRIVING))
+    return one.settled
+
+
+def _steady(frames: Sequence[Frame]) -> Columns:
+    """Return the answers of a controller that never wavers."""
+    names = ("real", "real_repeat", "blank", "shuffled", "recoloured", "cross_scenario", "mirrored")
+    return {name: ["SLOW"] * len(frames) for name in (*names, "lead_near", "lead_far")}
+
+
+def _first(frames: Sequence[Frame], count: int, rng: random.Random) -> list[bool]:
+    """Return which ``count`` frames are marked: whole episodes one after the other, from a random one on."""
+    episodes = list(dict.fromkeys(frame.episode for frame in frames))
+    rng.shuffle(episodes)
+    rank = {name: place for place, name in enumerate(episodes)}
+    marked = set(sorted(range(len(frames)), key=lambda place: (rank[frames[place].episode], place))[:count])
+    return [place in marked for place in range(len(frames))]
+
+
+def _habits(frames: Sequence[Frame], rng: random.Random) -> list[str]:
+    """Return an answer a frame that an episode clings to: with chance .9 the one of the frame before."""
+    found: list[str] = []
+    for place, frame in enumerate(frames):
+        again = place and frames[place - 1].episode == frame.episode and rng.random() < 0.9
+        found.append(found[-1] if again else rng.choice(DRIVING.actions))
+    return found
+
+
+def _of(marks: Sequence[bool], yes: str, no: str = "SLOW") -> list[str]:
+    return [yes if one else no for one in marks]
+
+
+def _at_margin(condition: str, share: float) -> Draw:
+    """Return the null that a condition changes exactly the least share of the frames that is not below a margin."""
+
+    def draw(frames: Sequence[Frame], rng: random.Random) -> Columns:
+        return {condition: _of(_first(frames, math.ceil(share * len(frames) - 1e-9), rng), "STOP")}
+
+    return draw
+
+
+def _noisy_margin(condition: str) -> Draw:
+    """Return the null of a condition that changes the answer by the margin more often than a repeat, frame by frame."""
+
+    def draw(frames: Sequence[Frame], rng: random.Random) -> Columns:
+        def changed(share: float) -> list[str]:
+            return _of([rng.random() < share for _ in frames], "STOP")
+
+        return {"real_repeat": changed(0.2), condition: changed(0.2 + MARGIN)}
+
+    return draw
+
+
+def _coins(first: str, second: str, *, lost: float = 0.0, clings: float = 0.0) -> Draw:
+    """Return the null that two conditions draw from one law in each frame, which an episode's habit may pull."""
+
+    def draw(frames: Sequence[Frame], rng: random.Random) -> Columns:
+        habits = _habits(frames, rng)
+
+        def answer(habit: str) -> str:
+            if rng.random() < lost:
+                return ""
+            return habit if rng.random() < clings else rng.choice(DRIVING.actions)
+
+        return {name: [answer(habit) for habit in habits] for name in (first, second)}
+
+    return draw
+
+
+def _halves(frames: Sequence[Frame], rng: random.Random) -> Columns:
+    half = _first(frames, len(frames) // 2, rng)
+    return {"lead_near": _of(half, "STOP", "STRAIGHT"), "lead_far": _of(half, "STRAIGHT", "STOP")}
+
+
+def _lost(extra: int) -> Draw:
+    """Return the null that so many calls over the cut hold no decision, both of a frame, in neighbouring frames."""
+
+    def draw(frames: Sequence[Frame], rng: random.Random) -> Columns:
+        count = math.floor(UNPARSED_CUT * 2 * len(frames) + 1e-9) + extra
+        marked = _first(frames, (count + 1) // 2, rng)
+        repeat = list(marked)
+        if count % 2:
+            repeat[marked.index(True)] = False
+        return {"real": _of(marked, ""), "real_repeat": _of(repeat, "")}
+
+    return draw
+
+
+def _turning(left_real: float, left_mirrored: float) -> Draw:
+    """Return the null that turns on real and mirrored pictures do not depend on each other."""
+
+    def draw(frames: Sequence[Frame], rng: random.Random) -> Columns:
+        def turns(left: float) -> list[str]:
+            return ["LEFT" if rng.random() < left else "RIGHT" for _ in frames]
+
+        return {"real": turns(left_real), "mirrored": turns(left_mirrored)}
+
+    return draw
+
+
+def _half_swapped(frames: Sequence[Frame], rng: random.Random) -> Columns:
+    half = _first(frames, len(frames) // 2, rng)
+    real = [rng.choice(("LEFT", "RIGHT")) for _ in frames]
+    return {
+        "real": real,
+        "mirrored": [DRIVING.reflect(one) if swap else one for one, swap in zip(real, half, strict=True)],
+    }
+
+
+def _few(frames: Sequence[Frame], rng: random.Random) -> Columns:
+    marked = _first(frames, 9, rng)
+    return {"real": _of(marked, "LEFT"), "mirrored": _of(marked, "RIGHT")}
+
+
+def _wavering(frames: Sequence[Frame], rng: random.Random) -> Columns:
+    return {"real_repeat": _of([rng.random() < FLOOR for _ in frames], "STOP")}
+
+
+_CLUSTER = "in whole episodes"
+
+NULLS: tuple[Null, ...] = (
+    Null("unscorable", f"lost calls just at the cut, {_CLUSTER}", _lost(0)),
+    Null("scorable", f"one lost call above the cut, {_CLUSTER}", _lost(1)),
+    Null("near_far", "a coin for each of the two", _coins("lead_near", "lead_far")),
+    Null("near_far", "both pulled by an episode's habit", _coins("lead_near", "lead_far", clings=0.7)),
+    Null("near_far", "harder near in half of the episodes, harder far in the others", _halves),
+    Null("presence", "a coin for each of the two", _coins("real", "blank")),
+    Null("presence", "both pulled by an episode's habit", _coins("real", "blank", clings=0.7)),
+    Null(
+        "presence_response", "both refused 3 of 10 times, else a habit", _coins("real", "blank", lost=0.3, clings=0.7)
+    ),
+    Null("bound_shuffled", f"changed at the margin, {_CLUSTER}", _at_margin("shuffled", MARGIN)),
+    Null("bound_shuffled", "changed at the margin above a noise of .2", _noisy_margin("shuffled")),
+    Null("bound_recoloured", f"changed at the margin, {_CLUSTER}", _at_margin("recoloured", MARGIN)),
+    Null("bound_scene", f"changed at the margin, {_CLUSTER}", _at_margin("cross_scenario", MARGIN)),
+    Null("bound_blank", f"changed at the margin, {_CLUSTER}", _at_margin("blank", MARGIN)),
+    Null("bound_blank", "changed at the margin above a noise of .2", _noisy_margin("blank")),
+    Null("bound_blank_response", f"changed at the margin, {_CLUSTER}", _at_margin("blank", MARGIN)),
+    Null("bound_blank_kept", f"changed at the margin, {_CLUSTER}", _at_margin("blank", MARGIN)),
+    Null("bound_near_far", f"harder near at the margin, {_CLUSTER}", _at_margin("lead_near", MARGIN)),
+    Null("steady", f"self-disagreement of exactly .2, {_CLUSTER}", _at_margin("real_repeat", FLOOR)),
+    Null("steady", "self-disagreement of .2, frame by frame", _wavering),
+    Null("swaps_rate", "turns that do not depend on each other", _turning(0.5, 0.5)),
+    Null("swaps_rate", f"exactly half of the turns exchanged, {_CLUSTER}", _half_swapped),
+    Null("swaps_pairing", "turns that do not depend on each other", _turning(0.5, 0.5)),
+    Null("swaps_pairing", "mostly left, and mostly right in the mirror, whatever it shows", _turning(0.8, 0.2)),
+    Null("no_swaps", f"exactly half of the turns exchanged, {_CLUSTER}", _half_swapped),
+    Null("no_swaps", "turns that do not depend on each other, either side alike", _turning(0.5, 0.5)),
+    Null("few_turns", f"as few turns as could show exchange, {_CLUSTER}", _few),
+)
+"""Every null is drawn at its boundary where it has one."""
+
+
+def count_rejections(frames: Sequence[Frame], rng: random.Random) -> list[int]:
+    """Return how often each of `NULLS` was rejected in `DRAWS` draws."""
+    return [sum(ever_rejected(null, frames, rng) for _ in range(DRAWS)) for null in NULLS]
+
 
 MEASURED = ("default", "unequal", "ordered", "frames_96", "frames_288")
 """The settings in which stopping early is measured."""

@@ -11,12 +11,10 @@ from functools import cache
 import numpy as np
 
 from eyechart import verdicts
-from eyechart.calibrate.early import MEASURED, stop_early
+from eyechart.calibrate.early import MEASURED, count_rejections, stop_early
 from eyechart.calibrate.known import KNOWN, NULLS, Known, Shows, answer_all, deserved, is_false
-from eyechart.calibrate.nulls import count_rejections
-from eyechart.calibrate.settings import SETTINGS, Setting
 from eyechart.calibrate.tally import Calibration, Outcome, Ruled, tally
-from eyechart.calibrate.world import World, make_world
+from eyechart.calibrate.world import SETTINGS, Setting, World, make_world
 from eyechart.calls import Reply
 from eyechart.conditions import COUNTERFACTUALS
 from eyechart.errors import SpecError
@@ -183,9 +181,5 @@ def _outcome(
 def _varied(answers: Answers, *, counterfactuals: bool) -> bool:
     """Return whether a controller gave more than one answer over all conditions of a bank."""
     first = answers.responses("real")[0]
-    for condition in answers.decisions:
-        if counterfactuals or condition not in COUNTERFACTUALS:
-            given = answers.responses(condition)
-            if ((given != first) & (given != ABSENT)).any():
-                return True
-    return False
+    shown = [name for name in answers.decisions if counterfactuals or name not in COUNTERFACTUALS]
+    return any(bool(((given != first) & (given != ABSENT)).any()) for given in map(answers.responses, shown))

@@ -2,11 +2,11 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-from eyechart.calibrate import nulls
+from eyechart.calibrate import early
 from eyechart.calibrate.early import EQUAL, SAVED, SAVERS, mean_saved
 from eyechart.calibrate.known import KNOWN, NULLS
-from eyechart.calibrate.settings import POWER, SETTINGS
 from eyechart.calibrate.tally import CLAIMS, FALSE, VARIANTS, WANTED, Calibration
+from eyechart.calibrate.world import POWER, SETTINGS
 from eyechart.stats.agreement import rate
 from eyechart.stats.paired import clopper_pearson
 from eyechart.stats.statistic import Statistic
@@ -19,7 +19,7 @@ def tables(found: Calibration) -> str:
     """Return everything that a calibration found, one table below the other."""
     parts = [
         f"{found.replications} replications of each setting, seed {found.seed}, {found.resamples} resamples a test.",
-        _settings(found),
+        _table("Settings", ("setting", "bank"), [(name, SETTINGS[name].says) for name in found.settings]),
     ]
     if "default" in found.settings:
         counts = found.labels["default"][VARIANTS[0]]
@@ -53,10 +53,6 @@ def _share(one: Statistic) -> str:
 
 def _with_interval(one: Statistic) -> str:
     return "—" if one.value is None or one.ci is None else f"{one.value:.4f} [{one.ci[0]:.4f}, {one.ci[1]:.4f}]"
-
-
-def _settings(found: Calibration) -> str:
-    return _table("Settings", ("setting", "bank"), [(name, SETTINGS[name].says) for name in found.settings])
 
 
 def _confusion(
@@ -119,7 +115,7 @@ def _power(found: Calibration) -> str:
     sizes = [name for name in POWER if name in found.settings]
     if len(sizes) < 2:
         return ""
-    head = [f"{_frames(name)} frames" for name in sizes]
+    head = [f"{one.scenarios * one.episodes * one.frames} frames" for one in map(SETTINGS.__getitem__, sizes)]
 
     def cell(name: str) -> Callable[[str], str]:
         return lambda setting: " / ".join(_share(found.right(setting, variant, name)) for variant in VARIANTS)
@@ -159,17 +155,12 @@ def _stopped_elsewhere(found: Calibration) -> str:
 def _ever(found: Calibration) -> str:
     """Return how often each null of early stopping was ever rejected."""
     rows = []
-    n = nulls.DRAWS * found.replications
-    for null, count in zip(nulls.NULLS, found.ever, strict=False):
+    n = early.DRAWS * found.replications
+    for null, count in zip(early.NULLS, found.ever, strict=False):
         low, high = clopper_pearson(count, n)
         rows.append((null.claim, null.says, f"{count / n:.4f} [{low:.4f}, {high:.4f}] of {n}"))
     title = "Stopping early: share of whole runs in which a true null is ever rejected, with Clopper-Pearson's interval"
     return _table(title, ("claim", "its null", "ever rejected"), rows) if rows else ""
-
-
-def _frames(setting: str) -> int:
-    one = SETTINGS[setting]
-    return one.scenarios * one.episodes * one.frames
 
 
 def _targets(found: Calibration) -> str:
@@ -179,6 +170,6 @@ def _targets(found: Calibration) -> str:
         says += (
             f" Stopping early, setting default: verdict as in full at least {EQUAL} for every controller, calls saved"
         )
-        says += f" with counterfactuals at least {SAVED} for {', '.join(SAVERS)}, no null rejected above {nulls.EVER}."
+        says += f" with counterfactuals at least {SAVED} for {', '.join(SAVERS)}, no null rejected above {early.EVER}."
     misses = found.misses()
     return "\n".join([says, *(f"missed: {one}" for one in misses)] if misses else [says, "All targets hold."])

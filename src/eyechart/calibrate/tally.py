@@ -8,7 +8,7 @@ from typing import Any
 from eyechart.calibrate import early as stopping
 from eyechart.calibrate.early import Early, Sums
 from eyechart.calibrate.known import KNOWN, NULLS, is_false
-from eyechart.calibrate.settings import POWER, SETTINGS
+from eyechart.calibrate.world import POWER, SETTINGS
 from eyechart.errors import SpecError
 from eyechart.stats.agreement import rate
 from eyechart.stats.statistic import Statistic
@@ -186,11 +186,9 @@ class Calibration:
             for one in self.every_false_claim()
             if not one.holds
         ]
-        return found + stopping.misses(self.early, self.ever, self.replications, strict=self._strict)
-
-    @property
-    def _strict(self) -> bool:
-        return self.replications >= STRICT_FROM
+        return found + stopping.misses(
+            self.early, self.ever, self.replications, strict=self.replications >= STRICT_FROM
+        )
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values: the counts, and what is read from them."""

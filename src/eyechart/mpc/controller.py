@@ -6,18 +6,137 @@ programme is solved by DAQP (Arnstrom, Bemporad and Axehill 2022).
 Coordinates are the road's: x forward, y to the left, heading counter-clockwise. Reflecting the world (y, heading,
 steering) changes signs only, and a sum of terms whose signs change together rounds alike; so the mirrored input gives
 the mirrored command to the bit, as long as no code here treats left and right by different operations.
+
+A linearised controller improves on a path and does not choose a side; a detour chooses it, anew at each plan and from
+the present place alone, so that equal places give equal choices. Where both sides are equally near it chooses none.
 """
 
 import math
-from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 
 import numpy as np
 import numpy.typing as npt
 from daqp import solve
 
 from eyechart.errors import StateError
-from eyechart.mpc.detour import Detour
-from eyechart.mpc.nouns import Bicycle, Plan, Road, State, Target, Weights
+
+
+@dataclass(frozen=True, slots=True)
+class Bicycle:
+    """A kinematic bicycle, and the bounds of its inputs: metres, seconds, radians.
+
+    ``accel_mps2`` bounds the acceleration, ``brake_mps2`` the deceleration (positive), ``steer_rad`` the steering angle
+    on either side, ``speed_mps`` the speed, which is never negative, ``aside_mps2`` the lateral acceleration.
+    """
+
+    wheelbase_m: float = 0.5
+    accel_mps2: float = 2.0
+    brake_mps2: float = 4.0
+    steer_rad: float = 0.5
+    speed_mps: float = 5.0
+    aside_mps2: float = 4.0
+
+    def most_steer(self, speed_mps: float) -> float:
+        """Return the steering angle that the wheels allow, or at speed the lateral acceleration, in radians."""
+        fast = speed_mps * speed_mps
+        if fast * math.tan(self.steer_rad) <= self.aside_mps2 * self.wheelbase_m:
+            return self.steer_rad
+        return math.atan(self.aside_mps2 * self.wheelbase_m / fast)
+
+
+@dataclass(frozen=True, slots=True)
+class Road:
+    """Half of the road's width that the vehicle's centre may use, in metres."""
+
+    half_width_m: float = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class Weights:
+    """What the cost is made of: squared deviations a stage, squared inputs and their changes, and slack."""
+
+    speed: float = 1.0
+    lateral: float = 1.0
+    heading: float = 2.0
+    accel: float = 0.05
+    steer: float = 1.0
+    accel_change: float = 0.05
+    steer_change: float = 2.0
+    slack: float = 200.0
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """Where a bicycle is: metres, radians, metres a second."""
+
+    x_m: float
+    y_m: float
+    heading_rad: float
+    speed_mps: float
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """What an intent asks of the controller: a speed, and a lateral offset from the road's middle, left positive."""
+
+    speed_mps: float
+    offset_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """The command for the next 0.2 s, and where the controller thinks that it leads.
+
+    ``solved`` is False where the solver found no optimum: then the command is the hardest brake with the wheels
+    straight, ``flag`` says why in the solver's own code, and ``path`` is that of braking. ``path`` has shape (8, 2), in
+    metres.
+    """
+
+    accel_mps2: float
+    steer_rad: float
+    solved: bool
+    flag: int
+    path: npt.NDArray[np.float64]
+
+
+_LOOK_M = 12.0
+_BERTH_M = 0.1
+_REACH_M = 10.0
+"""How far ahead is looked for what is in the way, and how far from its edge it is passed; and how
+far a plan drives at most."""
+
+_Disc = tuple[float, float, float]
+
+
+class Detour:
+    """Which offset to steer for, so as to pass what blocks the way to the target's offset on its free side."""
+
+    def __init__(self, discs: npt.NDArray[np.float64], x: float, half_width: float) -> None:
+        triples: list[_Disc] = discs.tolist()
+        self._discs = [disc for disc in triples if -disc[2] < disc[0] - x < _LOOK_M + _REACH_M]
+        self._half = half_width
+
+    def aim(self, x: float, y: float, offset: float) -> float:
+        """Return the offset to steer for at a place: the target's own where nothing is in the way, or no way free."""
+        if not self._discs:
+            return offset
+        ahead = [disc for disc in self._discs if -disc[2] < disc[0] - x < _LOOK_M]
+        if not ahead or all(abs(offset - cy) >= r and not _between(cy, r, y, offset) for _, cy, r in ahead):
+            return offset
+        first = min(ahead, key=lambda disc: disc[0] - disc[2])
+        group = [disc for disc in ahead if abs(disc[0] - first[0]) < first[2] + disc[2]]
+        edges = {cy + side * (r + _BERTH_M) for _, cy, r in group for side in (-1.0, 1.0)} | {offset}
+        free = [one for one in edges if abs(one) <= self._half and all(abs(one - cy) >= r for _, cy, r in group)]
+        costs = sorted((abs(edge - y) + 0.5 * abs(edge - offset), edge) for edge in free)
+        if not costs or (len(costs) > 1 and costs[0][0] == costs[1][0]):
+            return offset
+        return costs[0][1]
+
+
+def _between(cy: float, r: float, y: float, offset: float) -> bool:
+    """Return whether a disc's edge lies between where the vehicle is and where it should be."""
+    return min(y, offset) - r < cy < max(y, offset) + r
+
 
 Floats = npt.NDArray[np.float64]
 
@@ -235,14 +354,6 @@ def _discs(obstacles: npt.ArrayLike) -> Floats:
 
 
 def _require_finite(state: State, target: Target) -> None:
-    named: Sequence[tuple[str, float]] = (
-        ("x_m", state.x_m),
-        ("y_m", state.y_m),
-        ("heading_rad", state.heading_rad),
-        ("speed_mps", state.speed_mps),
-        ("target speed_mps", target.speed_mps),
-        ("target offset_m", target.offset_m),
-    )
-    for name, value in named:
+    for name, value in {**asdict(state), **{f"target {name}": one for name, one in asdict(target).items()}}.items():
         if not math.isfinite(value):
             raise StateError(f"{name} is {value}: the controller cannot plan from a state that is not finite")

@@ -85,7 +85,8 @@ class ForwardReading:
 def read_forward(rgb: _Pixels, view: ForwardView) -> ForwardReading | None:
     """Return what a picture (h, w, 3) of this view shows, or None where it shows no road with a vehicle on it."""
     ground = np.ascontiguousarray(rgb[view.horizon :].transpose(2, 0, 1)).astype(np.int16)
-    body = _find_body(rgb, view)
+    middle = rgb[-1, view.width // 2 - 1 : view.width // 2 + 1]  # of the lowest row, where the own vehicle is
+    body = next((name for name, colour in view.bodies.items() if (middle == colour).all()), None)
     if body is None:
         return None
     scenery = _find_verge(ground, view)
@@ -140,12 +141,6 @@ class _Contacts:
     y: _Floats
     front: _Floats
     row: npt.NDArray[np.intp]
-
-
-def _find_body(rgb: _Pixels, view: ForwardView) -> str | None:
-    """Return the colour of the own vehicle, at the middle of the lowest row."""
-    middle = rgb[-1, view.width // 2 - 1 : view.width // 2 + 1]
-    return next((name for name, colour in view.bodies.items() if (middle == colour).all()), None)
 
 
 def _find_verge(ground: npt.NDArray[np.int16], view: ForwardView) -> int:

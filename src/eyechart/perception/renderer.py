@@ -7,7 +7,7 @@ picture's rows downwards: a vertical flip then only changes signs, and everythin
 and from its flip agrees exactly.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -87,15 +87,7 @@ class Reading:
 
     def mirrored(self) -> "Reading":
         """Return the reading of the flipped picture."""
-        return Reading(
-            scene=self.scene.mirrored(),
-            ego_colour=self.ego_colour,
-            lanes=self.lanes,
-            lane_from_left=self.lanes - 1 - self.lane_from_left,
-            vehicles=self.vehicles,
-            stripe_phase=self.stripe_phase,
-            ramp=self.ramp,
-        )
+        return replace(self, scene=self.scene.mirrored(), lane_from_left=self.lanes - 1 - self.lane_from_left)
 
 
 class _Body(NamedTuple):

@@ -1,6 +1,6 @@
 """Policies that need no model: one module a kind, one door for all, from an observation to an action."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -42,26 +42,21 @@ Recorded = Callable[[Path], Mapping[str, int]]
 
 POLICIES: dict[str, str] = {
     "constant": "eyechart.policies.baselines:constant",
-    "random": "eyechart.policies.baselines:uniform",
+    "random": "eyechart.policies.baselines:Uniform",
     "marginal": "eyechart.policies.baselines:marginal",
-    "oracle": "eyechart.policies.scripted:oracle",
-    "route": "eyechart.policies.route:route",
-    "mirrored": "eyechart.policies.route:mirrored",
-    "positive_control": "eyechart.policies.scripted:positive_control",
+    "oracle": "eyechart.policies.scripted:Oracle",
+    "route": "eyechart.policies.scripted:Route",
+    "mirrored": "eyechart.policies.scripted:mirrored",
+    "positive_control": "eyechart.policies.scripted:PositiveControl",
 }
 """What a SPEC's first word means: ``module:function``, called with what stands after the colon, the action space and
 how to read a run's decisions. Any other SPEC is a model's.
 """
 
 
-BARE = ("random", "oracle", "route", "positive_control")
-"""The policies after which nothing may stand."""
-
-
-def require_actions(kind: str, needed: Sequence[str], space: Discrete) -> None:
-    """Raise SpecError where a policy drives with actions that a space does not have."""
-    if lacking := [action for action in needed if action not in space.actions]:
-        raise SpecError(f"'{kind}' drives with {', '.join(lacking)}, which action space '{space.name}' does not have")
+_SIDES = ("SLOW", "STRAIGHT", "LEFT", "RIGHT")
+BARE = {"random": (), "oracle": _SIDES, "route": ("STOP", *_SIDES), "positive_control": _SIDES}
+"""The policies after which nothing may stand, with the actions that each needs; these are classes, called bare."""
 
 
 def is_policy(spec: str) -> bool:
@@ -79,6 +74,9 @@ def open_policy(spec: str, space: Discrete, recorded: Recorded) -> Policy:
         raise SpecError(f"unknown policy '{spec}'; known are {', '.join(POLICIES)}, and any model's SPEC")
     if name and kind in BARE:
         raise SpecError(f"'{spec}': policy '{kind}' stands alone")
+    if lacking := [action for action in BARE.get(kind, ()) if action not in space.actions]:
+        raise SpecError(f"'{kind}' drives with {', '.join(lacking)}, which action space '{space.name}' does not have")
     module, _, function = POLICIES[kind].partition(":")
-    policy: Policy = getattr(import_module(module), function)(name, space, recorded)
+    opened = getattr(import_module(module), function)
+    policy: Policy = opened() if kind in BARE else opened(name, space, recorded)
     return policy

@@ -55,12 +55,6 @@ def constant(name: str, space: Discrete, recorded: Recorded) -> Constant:
     return Constant(name)
 
 
-def uniform(name: str, space: Discrete, recorded: Recorded) -> Uniform:
-    """Open ``random``."""
-    del name, space, recorded
-    return Uniform()
-
-
 def marginal(name: str, space: Discrete, recorded: Recorded) -> Marginal:
     """Open ``marginal:RUN``; raises SpecError where the run holds no decision of these actions."""
     if not name:

@@ -1,4 +1,7 @@
-"""Policies that follow the scene: one is told it by the simulator, one reads it from the picture."""
+"""Policies that follow the scene: some are told it by the simulator, one reads it from the picture.
+
+One is told how far each track is free, and any policy can be had with left and right exchanged.
+"""
 
 from dataclasses import dataclass
 
@@ -6,12 +9,11 @@ from eyechart.errors import SpecError
 from eyechart.frames import RGB
 from eyechart.perception.forward import read_forward, view_of
 from eyechart.perception.renderer import read_picture
-from eyechart.policies import Observation, Recorded, require_actions
+from eyechart.policies import Observation, Policy, Recorded, open_policy
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.scene import Scene, safe_action
 from eyechart.spaces.space import Decision
 
-ACTIONS = ("SLOW", "STRAIGHT", "LEFT", "RIGHT")
 NEEDS = ("demand", "left_clear", "right_clear")
 """The columns of ground truth that the oracle reads."""
 
@@ -54,15 +56,51 @@ def read_scene(picture: RGB) -> Scene | None:
     return None if reading is None else reading.scene
 
 
-def oracle(name: str, space: Discrete, recorded: Recorded) -> Oracle:
-    """Open ``oracle``."""
-    del name, recorded
-    require_actions("oracle", ACTIONS, space)
-    return Oracle()
+TRACKS = ("free_left_m", "free_middle_m", "free_right_m")
+"""The columns of ground truth that the route reads: how far each track is free, in metres, from the left."""
+
+_FREE_M = 15.0
+_CLOSED_M = 5.0
+_BETTER_M = 1.0
+"""From where a track needs no change, below which no track leads on, and by how much another has to be freer."""
 
 
-def positive_control(name: str, space: Discrete, recorded: Recorded) -> PositiveControl:
-    """Open ``positive_control``."""
-    del name, recorded
-    require_actions("positive_control", ACTIONS, space)
-    return PositiveControl()
+@dataclass(frozen=True, slots=True)
+class Route:
+    """Keeps a track that is free for 15 m, else goes towards the freest one; STOP where none leads on for 5 m.
+
+    It reads the ground truth and no picture: the oracle of the paper's section Hierarchical VLM-MPC Diagnostic.
+    """
+
+    def decide(self, observation: Observation) -> Decision[str]:
+        """Return the intent; raises SpecError where the simulator does not tell how far its tracks are free."""
+        truth = observation.truth
+        free = [value for name in TRACKS if isinstance(value := truth.get(name), float | int)]
+        own = truth.get("track")
+        if len(free) < len(TRACKS) or not isinstance(own, int):
+            raise SpecError(f"'route' needs a simulator that tells track, {', '.join(TRACKS)}, such as 'rover-mpc'")
+        best = max(range(len(free)), key=lambda track: (free[track], -abs(track - own)))
+        if free[own] >= _FREE_M:
+            return Decision("STRAIGHT")
+        if free[best] < _CLOSED_M:
+            return Decision("STOP")
+        if free[best] < free[own] + _BETTER_M:
+            return Decision("SLOW")
+        return Decision("LEFT" if best < own else "RIGHT")
+
+
+@dataclass(frozen=True, slots=True)
+class Mirrored:
+    """Decides as another policy does, with left and right exchanged: what it does is wrong wherever a side matters."""
+
+    policy: Policy
+
+    def decide(self, observation: Observation) -> Decision[str]:
+        """Return the other side of the policy's action, or the reason why it has none."""
+        decision = self.policy.decide(observation)
+        return Decision(observation.action_space.reflect(decision.action)) if decision.action else decision
+
+
+def mirrored(name: str, space: Discrete, recorded: Recorded) -> Mirrored:
+    """Open ``mirrored:POLICY``."""
+    return Mirrored(open_policy(name, space, recorded))

@@ -6,7 +6,7 @@ from rich.text import Text
 
 from eyechart.costs import ALL, Account
 from eyechart.probe import Diagnosis, Found
-from eyechart.report.table import Cell, Column, Table, columns
+from eyechart.report.table import Cell, Column, Table, columns, number
 from eyechart.stats.guessing import Answered
 
 WORDS = {"sees": "it sees", "blind": "it is blind", "cannot_say": "cannot say"}
@@ -45,26 +45,24 @@ def headline(found: Diagnosis) -> Text:
 def probe_table(found: Found) -> Table:
     """Return one row a finding of a probe, and what follows from it for the mode."""
     mode, measured = found.mode, found.measured
+    seconds = ", ".join(number(one, 2) for one in (measured.seconds, measured.seconds_min))
+    temperature = "default" if mode.temperature is None else f"{mode.temperature:g}"
     rows = (
         ("sees the picture", WORDS[found.sight.outcome], ""),
         ("tokens of a reply, longest", _shown(measured.completion_tokens_max), f"max_tokens = {mode.max_tokens}"),
         ("its field", "", mode.token_field),
         ("a schema binds", _YES[measured.schema_binds], f"structured = {mode.structured}"),
-        ("temperature matters", _YES[measured.temperature_matters], f"temperature = {_temperature(found)}"),
+        ("temperature matters", _YES[measured.temperature_matters], f"temperature = {temperature}"),
         ("seed matters", _YES[measured.seed_matters], f"seed = {str(mode.seed).lower()}"),
         ("unknown fields are ignored", _YES[measured.unknown_fields_ignored], ""),
         ("tokens of a prompt, of its picture", _shown(measured.prompt_tokens, measured.image_tokens), ""),
-        ("seconds of a call, shortest", ", ".join(map(_seconds, (measured.seconds, measured.seconds_min))), ""),
+        (
+            "seconds of a call, shortest",
+            seconds,
+            "",
+        ),
     )
     return Table("probe", "", columns("text", "found", "", "pinned"), rows)
-
-
-def _temperature(found: Found) -> str:
-    return "default" if found.mode.temperature is None else f"{found.mode.temperature:g}"
-
-
-def _seconds(value: float | None) -> str:
-    return "—" if value is None else f"{value:.2f}"
 
 
 def _shown(*values: float | None) -> str:

@@ -278,8 +278,6 @@ def _spots(px: float, py: float, wide: float) -> Iterator[tuple[Box, str]]:
 
 def _free(box: Box, bounds: Bbox, taken: Sequence[Box]) -> bool:
     inside = box[0] > bounds.x0 and box[2] < bounds.x1 + 12 and box[1] > bounds.y0 and box[3] < bounds.y1
-    return inside and not any(_overlap(box, other) for other in taken)
-
-
-def _overlap(one: Box, other: Box) -> bool:
-    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
+    return inside and not any(
+        box[0] < other[2] and other[0] < box[2] and box[1] < other[3] and other[1] < box[3] for other in taken
+    )

@@ -9,7 +9,7 @@ from statistics import NormalDist
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.stats.association import labels_of
+from eyechart.stats.association import labels_of, pair_table
 from eyechart.stats.statistic import Statistic, cannot_say
 
 
@@ -53,7 +53,7 @@ def cohens_kappa(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 
     n = len(a)
     if n == 0:
         return cannot_say("no observations", method="Cohen's kappa")
-    joint = _joint_shares(a, b)
+    joint = pair_table(a, b)[1] / n
     observed = float(np.trace(joint))
     chance = float(joint.sum(axis=1) @ joint.sum(axis=0))
     if np.count_nonzero(joint) == 1 and observed > 0:
@@ -280,13 +280,6 @@ def _repaired(
     margins = stats.random_table(rows[r], columns[c], seed=np.random.default_rng(seed))
     tables = margins.rvs(resamples, method="patefield")
     return np.asarray(tables[:, r[:, None] == c[None, :]].sum(axis=1), dtype=np.int64)
-
-
-def _joint_shares(a: npt.NDArray[np.generic], b: npt.NDArray[np.generic]) -> npt.NDArray[np.float64]:
-    names, codes = np.unique(np.concatenate([a, b]), return_inverse=True)
-    flat = codes[: len(a)] * len(names) + codes[len(a) :]
-    counts = np.bincount(flat, minlength=len(names) ** 2).reshape(len(names), len(names))
-    return np.asarray(counts / len(a), dtype=np.float64)
 
 
 def _kappa_error(joint: npt.NDArray[np.float64], kappa: float, chance: float) -> float:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from eyechart.stats.statistic import Statistic, cannot_say
 
 Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +100,9 @@ def entropy_bits(labels: npt.ArrayLike) -> Statistic:
     n, method = int(counts.sum()), "plug-in entropy, bits"
     if n == 0:
         return cannot_say("no observations", method=method)
-    return Statistic(_entropy(counts), n, method=method, detail={"labels": len(names)}, unit="bits")
+    shares = counts / n
+    entropy = max(0.0, -float((shares * np.log2(shares)).sum()))
+    return Statistic(entropy, n, method=method, detail={"labels": len(names)}, unit="bits")
 
 
 def modal_share(labels: npt.ArrayLike) -> Statistic:
@@ -134,7 +137,8 @@ def quantile_bins(
     none = ~np.isfinite(gap)
     farthest = gap[~none].max() if (~none).any() else 0.0
     gap[none] = farthest + 1.0  # any number beyond the farthest gives the same codes
-    inner = _inner_edges(gap[~none] if no_lead_bin else gap, bins)
+    known = gap[~none] if no_lead_bin else gap
+    inner = np.unique(np.quantile(known, np.linspace(0, 1, bins + 1)))[1:-1] if len(known) else np.zeros(0)
     codes = np.searchsorted(inner, gap, side="left").astype(np.int64)
     last = no_lead_bin and bool(none.any())
     if last:
@@ -197,14 +201,9 @@ def _occupied(table: npt.ArrayLike) -> npt.NDArray[np.int64]:
     return np.asarray(counts[:, counts.sum(axis=0) > 0], dtype=np.int64)
 
 
-def _entropy(counts: npt.NDArray[np.int64]) -> float:
-    shares = counts[counts > 0] / counts.sum()
-    return max(0.0, -float((shares * np.log2(shares)).sum()))
-
-
-def _inner_edges(gap: npt.NDArray[np.float64], bins: int) -> npt.NDArray[np.float64]:
-    """Return the distinct quantiles strictly between the smallest and the largest value."""
-    if len(gap) == 0:
-        return np.zeros(0)
-    edges = np.unique(np.quantile(gap, np.linspace(0, 1, bins + 1)))
-    return np.asarray(edges[1:-1], dtype=np.float64)
+def pair_table(first: npt.NDArray[np.generic], second: npt.NDArray[np.generic]) -> tuple[list[object], Ints]:
+    """Return the labels of two columns of one length, and the square table of their pairs, first by second."""
+    names, codes = np.unique(np.concatenate([first, second]), return_inverse=True)
+    flat = codes[: len(first)] * len(names) + codes[len(first) :]
+    counts = np.bincount(flat, minlength=len(names) ** 2).reshape(len(names), len(names))
+    return names.tolist(), counts.astype(np.int64)

@@ -10,14 +10,14 @@ follower of the step number, exact but for 10 % missing answers, then passes for
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from eyechart.stats.association import information_of_tables
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import TIE, Statistic, cannot_say, chunks
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -26,12 +26,6 @@ Pairs = Floats | Counts
 
 ENUMERATED_ARRANGEMENTS = 20_000
 """Up to so many exchanges of episodes the null distribution is enumerated instead of sampled."""
-
-CHUNK_BYTES = 2**24
-"""Resamples are drawn so many bytes at a time; the draws do not depend on it."""
-
-TIE = 1e-9
-"""Resampled statistics this close to the observed one, relatively, are ties that rounding set apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +168,7 @@ def iid_trend_test(
     for group in range(int(groups.max()) + 1):
         inside = groups == group
         braking = levels[inside].astype(float)
-        for rows in _chunks(resamples, len(braking)):
+        for rows in chunks(resamples, len(braking)):
             shuffled = rng.permuted(np.tile(ranks[inside], (rows.stop - rows.start, 1)), axis=1)
             trend[rows] += shuffled @ braking
     k = int(np.count_nonzero(trend <= observed + TIE * max(1.0, abs(observed))))
@@ -298,17 +292,10 @@ def _null(pairs: Sequence[Pairs], seed: int, resamples: int) -> Floats:
     rng = np.random.default_rng(seed)
     null = np.zeros((resamples, m))
     for each in pairs:
-        for rows in _chunks(resamples, len(each)):
+        for rows in chunks(resamples, len(each)):
             orders = rng.permuted(np.tile(np.arange(len(each)), (rows.stop - rows.start, 1)), axis=1)
             null[rows] += _gather(each, orders)
     return null
-
-
-def _chunks(rows: int, width: int) -> Iterator[slice]:
-    """Yield slices that cover the rows of a matrix so wide, each of at most `CHUNK_BYTES` at 8 bytes an entry."""
-    step = max(1, CHUNK_BYTES // (8 * max(1, width)))
-    for start in range(0, rows, step):
-        yield slice(start, min(start + step, rows))
 
 
 def _gather(pairs: Pairs, orders: Ints) -> Floats:

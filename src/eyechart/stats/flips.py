@@ -1,23 +1,16 @@
 """Do two drivers differ in the same worlds: a test that flips the signs of paired differences."""
 
 import itertools
-from collections.abc import Iterator
 
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import TIE, Statistic, cannot_say, chunks
 
 Floats = npt.NDArray[np.float64]
 
 ENUMERATED_FLIPS = 14
 """Up to so many differences other than 0 all sign patterns are enumerated instead of sampled."""
-
-TIE = 1e-9
-"""Resampled means this close to the observed one, relative to its size, are ties that rounding set apart."""
-
-CHUNK_BYTES = 2**24
-"""Signs are drawn so many bytes at a time; the draws do not depend on it."""
 
 
 def sign_flip_test(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, resamples: int = 5000) -> Statistic:
@@ -56,19 +49,12 @@ def sign_flip_test(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, re
         signs = np.array(list(itertools.product((-1.0, 1.0), repeat=len(moved))))
         p, how = float(np.mean(np.abs(signs @ moved) >= observed)), f"all {len(signs)} patterns"
     else:
-        k = sum(
-            int(np.count_nonzero(np.abs(signs @ moved) >= observed)) for signs in _signs(len(moved), seed, resamples)
-        )
+        rng, k = np.random.default_rng(seed), 0
+        for rows in chunks(resamples, len(moved)):
+            signs = rng.integers(0, 2, size=(rows.stop - rows.start, len(moved))) * 2.0 - 1.0
+            k += int(np.count_nonzero(np.abs(signs @ moved) >= observed))
         p, how = (k + 1) / (resamples + 1), f"B={resamples}"
     return Statistic(value, len(a), p=p, method=f"{method}, {how}", detail=detail)
-
-
-def _signs(pairs: int, seed: int, resamples: int) -> Iterator[Floats]:
-    """Yield random signs, shape (resamples, pairs), in chunks."""
-    rng, step = np.random.default_rng(seed), max(1, CHUNK_BYTES // (8 * pairs))
-    sizes = [min(step, resamples - start) for start in range(0, resamples, step)]
-    for size in sizes:
-        yield np.asarray(rng.integers(0, 2, size=(size, pairs)) * 2.0 - 1.0, dtype=np.float64)
 
 
 def _numbers(values: npt.ArrayLike, which: str) -> Floats:

@@ -7,6 +7,7 @@ from statistics import NormalDist
 import numpy as np
 import numpy.typing as npt
 
+from eyechart.stats.association import pair_table
 from eyechart.stats.statistic import Statistic, cannot_say
 
 ENUMERATED_STATES = 20_000
@@ -52,8 +53,7 @@ def sign_test(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 0.9
     value is then None). ``detail``: the mean difference over all pairs.
     Equals R ``binom.test(wins, n, alternative = "greater")``.
     """
-    a, b = _numbers(first, "first"), _numbers(second, "second")
-    _same_length(len(a), len(b))
+    a, b = _pair(first, second)
     wins, losses = int(np.count_nonzero(a > b)), int(np.count_nonzero(a < b))
     n = wins + losses
     found = SignTest(
@@ -102,10 +102,7 @@ def label_swap_test(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, r
     if n == 0:
         return cannot_say("no pairs", method="within-frame label swap")
     moves = _moves(counts)
-    detail = {
-        "labels": names,
-        "discordant": n - int(np.trace(counts)),
-    }
+    detail = {"labels": names, "discordant": n - int(np.trace(counts))}
     net = np.array([forward - back for _, _, forward, back in moves], dtype=np.int64)
     observed = int(_squared_difference(net[None, :], moves, labels)[0])
     sizes = [forward + back for _, _, forward, back in moves]
@@ -141,7 +138,8 @@ def paired_difference_from_counts(b: int, c: int, n: int, *, level: float = 0.95
     for small n and without any discordant pair: it is then +-z^2/(n + z^2). ``level`` is two-sided; 0.98
     gives two one-sided bounds at .01. The value is None when n is 0; ValueError when b + c exceeds n.
     """
-    _check_discordant(b, c, n)
+    if b < 0 or c < 0 or b + c > n:
+        raise ValueError(f"b={b} and c={c} discordant pairs do not fit into n={n} pairs")
     method = f"paired difference of proportions, {100 * level:g}% Tango score interval"
     if not 0 < level < 1:
         raise ValueError(f"level={level} must lie between 0 and 1, for example 0.95")
@@ -187,11 +185,13 @@ def pairs_to_bound(disagreement: float = 0.0, *, margin: float = 0.10, alpha: fl
     return n
 
 
-def _numbers(values: npt.ArrayLike, which: str) -> npt.NDArray[np.float64]:
-    array = np.asarray(values, dtype=np.float64)
-    if array.ndim != 1 or np.isnan(array).any():
-        raise ValueError(f"the {which} values must be one number per frame: drop the frames without one")
-    return array
+def _pair(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    a, b = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
+    for which, array in (("first", a), ("second", b)):
+        if array.ndim != 1 or np.isnan(array).any():
+            raise ValueError(f"the {which} values must be one number per frame: drop the frames without one")
+    _same_length(len(a), len(b))
+    return a, b
 
 
 def _same_length(a: int, b: int) -> None:
@@ -200,16 +200,10 @@ def _same_length(a: int, b: int) -> None:
 
 
 def _discordant(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[int, int, int]:
-    a, b = _numbers(first, "first"), _numbers(second, "second")
-    _same_length(len(a), len(b))
+    a, b = _pair(first, second)
     if not (np.isin(a, (0, 1)).all() and np.isin(b, (0, 1)).all()):
         raise ValueError("a paired difference of proportions needs outcomes 0 or 1")
     return int(np.count_nonzero(a > b)), int(np.count_nonzero(a < b)), len(a)
-
-
-def _check_discordant(b: int, c: int, n: int) -> None:
-    if b < 0 or c < 0 or b + c > n:
-        raise ValueError(f"b={b} and c={c} discordant pairs do not fit into n={n} pairs")
 
 
 def _fair_coin_tail(k: int, n: int) -> float:
@@ -245,10 +239,7 @@ def _pair_counts(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[list[obje
         if array.ndim != 1 or (array.size and array.dtype.kind not in "iubU"):
             raise ValueError(f"the {which} labels must be one string or integer per frame, got {array.dtype}")
     _same_length(len(a), len(b))
-    names, codes = np.unique(np.concatenate([a, b]), return_inverse=True)
-    flat = codes[: len(a)] * len(names) + codes[len(a) :]
-    counts = np.bincount(flat, minlength=len(names) ** 2).reshape(len(names), len(names))
-    return names.tolist(), counts.astype(np.int64)
+    return pair_table(a, b)
 
 
 def _moves(counts: npt.NDArray[np.int64]) -> list[tuple[int, int, int, int]]:
@@ -296,8 +287,5 @@ def _tango_bound(b: int, c: int, n: int, z: float) -> float:
     low, high = -1.0, 1.0
     while high - low > 1e-12:
         middle = (low + high) / 2
-        if _tango_score(b, c, n, middle) > z:
-            low = middle
-        else:
-            high = middle
+        low, high = (middle, high) if _tango_score(b, c, n, middle) > z else (low, middle)
     return (low + high) / 2

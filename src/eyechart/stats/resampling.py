@@ -8,20 +8,14 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import TIE, Statistic, cannot_say, chunks
 
 Floats = npt.NDArray[np.float64]
 
 ENUMERATED_MULTISETS = 2_000_000
 """Up to so many multisets of episodes the bootstrap is enumerated: 12 episodes have 1 352 078."""
 
-CHUNK_BYTES = 2**24
-"""Resamples are drawn so many bytes at a time; the draws do not depend on it."""
-
 _BINS = 4096
-
-TIE = 1e-9
-"""Resampled statistics this close to the observed one, relatively, are ties that rounding set apart."""
 
 
 def permutation_p(exceedances: int, resamples: int) -> float:
@@ -58,7 +52,8 @@ def permute_mutual_information(tables: npt.ArrayLike, *, seed: int, resamples: i
     observed = float(xlogx[total].sum())
     rows, columns = xlogx[total.sum(axis=1)].sum(), xlogx[total.sum(axis=0)].sum()
     constant = float(xlogx[n] - rows - columns)
-    p = permutation_p(_at_least(resampled, observed), resamples)
+    extreme = int(np.count_nonzero(resampled >= observed - TIE * max(1.0, abs(observed))))
+    p = permutation_p(extreme, resamples)
     detail = {"resample_mean": max(0.0, (float(resampled.mean()) + constant) / n)}
     return Statistic(max(0.0, (observed + constant) / n), n, p=p, method=method, detail=detail, unit="bits")
 
@@ -114,8 +109,6 @@ def cluster_bootstrap(
     given = np.asarray(sums, dtype=np.float64)
     if given.ndim != 2 or not np.isfinite(given).all():
         raise ValueError(f"sums must be finite, one row per episode, got shape {given.shape}")
-    if not 0 < level < 1 or resamples < 1:
-        raise ValueError(f"level={level} must lie in (0, 1) and resamples={resamples} be at least 1")
     return _over_episodes(len(given), given, statistic, _Draws(seed, resamples, level, enumerate_up_to))
 
 
@@ -136,15 +129,15 @@ def cluster_bootstraps(
     multisets = math.comb(2 * episodes - 1, episodes)
     method = f"{100 * level:g}% percentile interval over episodes"
     if multisets <= enumerate_up_to:
-        chunks = ((added, np.exp(log_p)) for added, log_p in _halves(given))
+        drawn = ((added, np.exp(log_p)) for added, log_p in _halves(given))
         method += f", all {multisets} multisets"
     else:
-        drawn = _drawn(np.random.default_rng(seed), resamples, episodes)
-        chunks = ((counts @ given, np.full(len(counts), 1 / resamples)) for counts in drawn)
+        taken = _drawn(np.random.default_rng(seed), resamples, episodes)
+        drawn = ((counts @ given, np.full(len(counts), 1 / resamples)) for counts in taken)
         method += f", B={resamples}"
     parts: dict[str, list[Floats]] = {name: [] for name in names}
     weights: list[Floats] = []
-    for added, weight in chunks:
+    for added, weight in drawn:
         weights.append(weight)
         for name in names:
             parts[name].append(statistics[name](added))
@@ -173,8 +166,6 @@ def episode_bootstrap(
     ``statistic`` maps counts of shape (resamples, episodes), how often each episode was taken, to (resamples,).
     ValueError for a ``level`` outside (0, 1).
     """
-    if not 0 < level < 1 or resamples < 1:
-        raise ValueError(f"level={level} must lie in (0, 1) and resamples={resamples} be at least 1")
     return _over_episodes(episodes, None, statistic, _Draws(seed, resamples, level, enumerate_up_to))
 
 
@@ -190,12 +181,11 @@ def median_by_counts(values: npt.ArrayLike, episode: npt.ArrayLike, counts: npt.
     out = np.full(len(taken), np.nan)
     if not len(ordered):
         return out
-    step = max(1, CHUNK_BYTES // (8 * len(ordered)))
-    for start in range(0, len(taken), step):
-        below = np.cumsum(taken[start : start + step].astype(np.int32)[:, episodes], axis=1, dtype=np.int32)
+    for rows in chunks(len(taken), len(ordered)):
+        below = np.cumsum(taken[rows].astype(np.int32)[:, episodes], axis=1, dtype=np.int32)
         n = below[:, -1:]
         low, high = np.argmax(below >= (n + 1) // 2, axis=1), np.argmax(below >= n // 2 + 1, axis=1)
-        out[start : start + step] = np.where(n[:, 0] > 0, (ordered[low] + ordered[high]) / 2, np.nan)
+        out[rows] = np.where(n[:, 0] > 0, (ordered[low] + ordered[high]) / 2, np.nan)
     return out
 
 
@@ -211,6 +201,8 @@ class _Draws:
 
 def _over_episodes(episodes: int, sums: Floats | None, statistic: Callable[[Floats], Floats], how: _Draws) -> Statistic:
     """Return a statistic of resampled episodes: of what they add up to, or where ``sums`` is None of their counts."""
+    if not 0 < how.level < 1 or how.resamples < 1:
+        raise ValueError(f"level={how.level} must lie in (0, 1) and resamples={how.resamples} be at least 1")
     method = f"{100 * how.level:g}% percentile interval over episodes"
     if episodes == 0:
         return cannot_say("no episodes", method=method)
@@ -222,7 +214,9 @@ def _over_episodes(episodes: int, sums: Floats | None, statistic: Callable[[Floa
         return Statistic(value, 1, method=method, note="one episode cannot be resampled")
     multisets = math.comb(2 * episodes - 1, episodes)
     if multisets <= how.enumerate_up_to:
-        values, weights = _enumerated(np.eye(episodes) if sums is None else sums, statistic)
+        halves = _halves(np.eye(episodes) if sums is None else sums)
+        parts = [(statistic(added), np.exp(log_p)) for added, log_p in halves]
+        values, weights = (np.concatenate(each) for each in zip(*parts, strict=True))
         method += f", all {multisets} multisets"
     else:
         drawn = _drawn(np.random.default_rng(how.seed), how.resamples, episodes)
@@ -267,15 +261,10 @@ def _xlogx(n: int) -> Floats:
     return k * np.log2(np.maximum(k, 1.0))
 
 
-def _at_least(resampled: Floats, observed: float) -> int:
-    return int(np.count_nonzero(resampled >= observed - TIE * max(1.0, abs(observed))))
-
-
 def _drawn(rng: np.random.Generator, resamples: int, episodes: int) -> Iterator[Floats]:
     """Yield how often each resample takes each episode, shape (resamples, episodes), in chunks of `CHUNK_BYTES`."""
-    step = max(1, CHUNK_BYTES // (8 * episodes))
-    for start in range(0, resamples, step):
-        rows = min(step, resamples - start)
+    for part in chunks(resamples, episodes):
+        rows = part.stop - part.start
         draws = rng.integers(episodes, size=(rows, episodes))
         draws += episodes * np.arange(rows)[:, None]
         yield np.bincount(draws.ravel(), minlength=rows * episodes).reshape(rows, episodes).astype(np.float64)
@@ -308,14 +297,6 @@ def _halves(sums: Floats) -> Iterator[tuple[Floats, Floats]]:
         unlikely = log_factorial[left].sum(axis=1)[:, None] + log_factorial[right].sum(axis=1)[None, :]
         log_p = log_factorial[episodes] - unlikely - episodes * math.log(episodes)
         yield added.reshape(-1, sums.shape[1]), log_p.ravel()
-
-
-def _enumerated(sums: Floats, statistic: Callable[[Floats], Floats]) -> tuple[Floats, Floats]:
-    values, weights = [], []
-    for added, log_p in _halves(sums):
-        values.append(statistic(added))
-        weights.append(np.exp(log_p))
-    return np.concatenate(values), np.concatenate(weights)
 
 
 def _weighted_interval(values: Floats, weights: Floats, level: float) -> tuple[tuple[float, float] | None, float]:

@@ -1,7 +1,13 @@
 """A statistic is a number that travels with its n, its interval and its p; the number may be None."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
+
+CHUNK_BYTES = 2**24
+"""Resamples are drawn so many bytes at a time; the draws do not depend on it."""
+
+TIE = 1e-9
+"""Resampled statistics this close to the observed one, relatively, are ties that rounding set apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,3 +54,10 @@ def percent(level: float) -> str:
 def cannot_say(why: str, n: int = 0, method: str = "") -> Statistic:
     """Return the statistic of data that cannot answer, with the reason."""
     return Statistic(value=None, n=n, method=method, note=why)
+
+
+def chunks(rows: int, width: int) -> Iterator[slice]:
+    """Yield slices that cover the rows of a matrix so wide, each of at most `CHUNK_BYTES` at 8 bytes an entry."""
+    step = max(1, CHUNK_BYTES // (8 * max(1, width)))
+    for start in range(0, rows, step):
+        yield slice(start, min(start + step, rows))

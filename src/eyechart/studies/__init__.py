@@ -65,8 +65,7 @@ class Took:
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        found = {"accounting": self.accounts, "guards": self.guards, "probes": self.probes}
-        return {name: plain(one) for name, one in found.items()}
+        return {"accounting": plain(self.accounts), "guards": plain(self.guards), "probes": plain(self.probes)}
 
 
 @dataclass(frozen=True)

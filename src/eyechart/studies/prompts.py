@@ -7,7 +7,7 @@ Source: paper, section Prompt formulation gates measured grounding and Table t:p
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -17,8 +17,9 @@ from eyechart.integrity import Guard
 from eyechart.limits import Outcome, Spent
 from eyechart.manifest import is_run
 from eyechart.models.prices import Prices, read_prices
-from eyechart.modes import Measured, RequestMode
+from eyechart.modes import RequestMode
 from eyechart.prompts import PROMPTS
+from eyechart.records import Plain
 from eyechart.report.accounts import costs_table
 from eyechart.report.table import MARK, Column, Mark, Table, columns, marked
 from eyechart.run import Progress
@@ -69,26 +70,15 @@ class Factor:
     def applied(self, mode: RequestMode) -> RequestMode:
         """Return a model's mode under this setting; what replies took under another is not kept."""
         changed = {name: value for name in self.__slots__ if (value := getattr(self, name)) is not None}
-        return replace(mode, measured=_without_replies(mode.measured), **changed) if changed else mode
+        tokens = ("completion_tokens", "completion_tokens_max", "reasoning_tokens")
+        lost: dict[str, Any] = dict.fromkeys((*tokens, "seconds", "seconds_min"))
+        measured = None if mode.measured is None else replace(mode.measured, **lost)
+        return replace(mode, measured=measured, **changed) if changed else mode
 
     @property
     def suffix(self) -> str:
         """Return what tells the cell's folder from that of the prompt alone."""
         return "".join(f"--{value}" for value in (self.max_tokens, self.structured) if value is not None)
-
-
-def _without_replies(found: Measured | None) -> Measured | None:
-    """Return what was measured but what replies took, which another budget or format changes."""
-    if found is None:
-        return None
-    return replace(
-        found,
-        completion_tokens=None,
-        completion_tokens_max=None,
-        reasoning_tokens=None,
-        seconds=None,
-        seconds_min=None,
-    )
 
 
 def plan(  # noqa: PLR0913 - what a study can be asked for
@@ -181,7 +171,7 @@ def run(
 
 
 @dataclass(frozen=True)
-class CellScore:
+class CellScore(Plain):
     """One model under one prompt and setting. ``holm`` maps a test to its p corrected over the model's cells.
 
     ``took`` says what its calls took, ``guards`` whether they are to be believed.
@@ -211,19 +201,8 @@ class CellScore:
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        return {
-            "cell": self.name,
-            "model": self.model,
-            "prompt": self.prompt,
-            "max_tokens": self.max_tokens,
-            "structured": self.structured,
-            "planned": self.planned,
-            "answered": self.answered,
-            "statistics": {name: value.as_dict() for name, value in self.statistics.items()},
-            "holm": dict(self.holm),
-            "accounting": self.took.as_dict(),
-            "guards": [guard.as_dict() for guard in self.guards],
-        }
+        names = {"name": "cell", "took": "accounting"}
+        return {names.get(name, name): one for name, one in super().as_dict().items()}
 
 
 def score(path: Path, *, resamples: int = 5000, reread: bool = False) -> tuple[CellScore, ...]:

@@ -6,7 +6,7 @@ from eyechart.conditions import BATTERY
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.evidence import DECIDED, Evidence
 from eyechart.verdicts.labels import MARGIN, SWAP_RATE
-from eyechart.verdicts.ruling import Ruling, decided, number, p_value
+from eyechart.verdicts.ruling import Ruling, and_p, decided, number
 
 PAPER_ALPHA = 0.05
 PAPER_UNPARSED = 0.20
@@ -99,7 +99,7 @@ def _refusal(evidence: Evidence) -> list[str]:
         return []
     name, symbol = ("cramers_v_real_blank", "V(real, blank)") if worst == "blank" else ("cramers_v", "V")
     tests = (found[name], found[f"{name}.decision"])
-    outputs, decisions = (f"{symbol} = {number(one)}{_p(one)} over" for one in tests)
+    outputs, decisions = (f"{symbol} = {number(one)}{and_p(one)} over" for one in tests)
     counts = " and ".join(f"{missing[name]} of {asked[name]} to {name}" for name in (worst, "real"))
     says = f"{outputs} outputs, and {decisions} decisions; no decision in {counts}"
     return [f"refusal effect: what it is shown decides whether it answers, not what: {says}"]
@@ -112,7 +112,7 @@ def _noise(found: Mapping[str, Statistic]) -> list[str]:
         return []
     looks = ""
     if association.p is not None and association.p < PAPER_ALPHA:
-        looks = f", whatever Cramér's V says (V = {number(association)}{_p(association)})"
+        looks = f", whatever Cramér's V says (V = {number(association)}{and_p(association)})"
     repeats = f"it repeats its answer on {1 - floor.value:.0%} of identical pictures (s = {number(floor)})"
     flag = f"IDI = {number(idi)} is not above 1.5 s, and IDI_adj = {number(found['idi_adj'])}"
     says = "by the paper's flag, what depends on the picture is not told from its own noise"
@@ -126,9 +126,5 @@ def _image_token(found: Mapping[str, Statistic]) -> list[str]:
         return []
     grey, none = found["agree.blank.decision"], found["agree.text_only.decision"]
     agree = f"agree(blank) = {number(grey)} with agree(text_only) = {number(none)}"
-    tested = f"difference {number(more)} [{more.ci[0]:.3f}, {more.ci[1]:.3f}], n = {more.n}{_p(more)}"
+    tested = f"difference {number(more)} [{more.ci[0]:.3f}, {more.ci[1]:.3f}], n = {more.n}{and_p(more)}"
     return [f"image token: {agree}: that there is a picture matters more than what it shows ({tested})"]
-
-
-def _p(one: Statistic) -> str:
-    return "" if one.p is None else f", p = {p_value(one.p)}"

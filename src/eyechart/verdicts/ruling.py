@@ -46,8 +46,7 @@ class Ruling:
         if one is None:
             return str(self.reason)
         interval = "" if one.ci is None else f" [{one.ci[0]:.3f}, {one.ci[1]:.3f}]"
-        p = "" if one.p is None else f", p = {p_value(one.p)}"
-        return f"{self.reason}: {self.decided_by} = {number(one)}{interval}, n = {one.n}{p}"
+        return f"{self.reason}: {self.decided_by} = {number(one)}{interval}, n = {one.n}{and_p(one)}"
 
 
 def decided(label: str, name: str, statistic: Statistic | None, says: str, **numbers: object) -> Ruling:
@@ -58,6 +57,11 @@ def decided(label: str, name: str, statistic: Statistic | None, says: str, **num
 def number(statistic: Statistic) -> str:
     """Return a statistic's value as text; "cannot say" is a dash."""
     return "—" if statistic.value is None else f"{statistic.value:.3f}"
+
+
+def and_p(one: Statistic) -> str:
+    """Return a statistic's p as what follows its value, empty where there is none."""
+    return "" if one.p is None else f", p = {p_value(one.p)}"
 
 
 def p_value(p: float) -> str:

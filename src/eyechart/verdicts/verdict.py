@@ -1,6 +1,6 @@
 """A verdict puts the rulings of both sets of rules together, with what it may be trusted with and its scope."""
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from html import escape
 
@@ -109,19 +109,27 @@ class Verdict:
         return "\n  ".join([f"{self.model}: {self.headline}, evidence {self.evidence}", *lines])
 
     def _repr_html_(self) -> str:
+        """Return a card: whose it is, the label, the sentence, a row a fact, the small print; tags come out as text."""
         ruling = self.calibrated
-        return _card(
-            model=self.model,
-            label=self.headline,
-            sentence=self.trust,
-            rows=(
-                ("because", str(ruling.reason)),
-                ("decided by", _numbers(ruling.decided_by, ruling.statistic)),
-                ("distance asked by", _ASKED.get(self.evidence, self.evidence)),
-                ("lateral", f"{self.lateral.label}: {self.lateral.because}"),
-                ("paper's rules", f"{self.paper.label}: {self.paper.because}"),
-            ),
-            small=(*self.marks, *self.notes, self.scope),
+        rows = {
+            "because": str(ruling.reason),
+            "decided by": _numbers(ruling.decided_by, ruling.statistic),
+            "distance asked by": _ASKED.get(self.evidence, self.evidence),
+            "lateral": f"{self.lateral.label}: {self.lateral.because}",
+            "paper's rules": f"{self.paper.label}: {self.paper.because}",
+        }
+        facts = "".join(
+            f'<tr style="background:none"><th scope="row" style="{_CELL};font-weight:600;white-space:nowrap">'
+            f'{escape(name)}</th><td style="{_CELL}">{escape(text)}</td></tr>'
+            for name, text in rows.items()
+        )
+        small = (*self.marks, *self.notes, self.scope)
+        fine = "".join(f'<p style="{_SOFT};margin:.4em 0 0">{escape(line)}</p>' for line in small)
+        return (
+            f'<div style="{_CARD}"><p style="{_SOFT};margin:0">{escape(self.model)}</p>'
+            f'<p style="font-size:1.5em;font-weight:650;line-height:1.3;margin:0">{escape(self.headline)}</p>'
+            f'<p style="margin:.3em 0 .6em">{escape(self.trust)}</p>'
+            f'<table style="border-collapse:collapse;border:0;margin:0"><tbody>{facts}</tbody></table>{fine}</div>'
         )
 
 
@@ -181,7 +189,8 @@ def notes(evidence: Evidence) -> tuple[str, ...]:
     """Return what there is to be said beside a verdict, a sentence each."""
     found, said, stopped = evidence.statistics, [], evidence.stopped
     if stopped is not None:
-        said.append(_how_stopped(stopped))
+        ended = f"; {stopped.beyond} ended after the stop and do not count" if stopped.beyond else ""
+        said.append(f"{stopped.words()}, after {stopped.frames} frames; {stopped.saved} calls saved{ended}")
     elif evidence.unfinished:
         unsettled = "; nothing is settled early, and tests of a fixed size hold at the end only"
         early = any(name.startswith(PREFIX) for name in found)
@@ -209,30 +218,6 @@ def notes(evidence: Evidence) -> tuple[str, ...]:
         f"of at most {most:.2f}, which adds up over the models and prompts that are tried on one bank"
     )
     return tuple(said)
-
-
-def _how_stopped(stopped: Stopped) -> str:
-    note = f"{stopped.words()}, after {stopped.frames} frames; {stopped.saved} calls saved"
-    return f"{note}; {stopped.beyond} ended after the stop and do not count" if stopped.beyond else note
-
-
-def _card(*, model: str, label: str, sentence: str, rows: Iterable[tuple[str, str]], small: Iterable[str]) -> str:
-    """Return a verdict as HTML: whose it is, the label, the sentence, a row a fact, and the small print.
-
-    The arguments are plain text; tags in them come out as text. The colours are the notebook's own.
-    """
-    facts = "".join(
-        f'<tr style="background:none"><th scope="row" style="{_CELL};font-weight:600;white-space:nowrap">'
-        f'{escape(name)}</th><td style="{_CELL}">{escape(text)}</td></tr>'
-        for name, text in rows
-    )
-    print_small = "".join(f'<p style="{_SOFT};margin:.4em 0 0">{escape(line)}</p>' for line in small)
-    return (
-        f'<div style="{_CARD}"><p style="{_SOFT};margin:0">{escape(model)}</p>'
-        f'<p style="font-size:1.5em;font-weight:650;line-height:1.3;margin:0">{escape(label)}</p>'
-        f'<p style="margin:.3em 0 .6em">{escape(sentence)}</p>'
-        f'<table style="border-collapse:collapse;border:0;margin:0"><tbody>{facts}</tbody></table>{print_small}</div>'
-    )
 
 
 def _numbers(name: str, statistic: Statistic | None) -> str:

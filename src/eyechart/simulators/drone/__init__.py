@@ -5,10 +5,8 @@ from dataclasses import replace
 from eyechart.cameras import DRONE
 from eyechart.simulators import Declaration
 from eyechart.simulators.banks import versions_of
-from eyechart.simulators.drone.aviary import require
-from eyechart.simulators.drone.drive import PybulletDrive
-from eyechart.simulators.drone.flight import INTENTS, Velocity
-from eyechart.simulators.drone.world import RAISED, DroneWorld, Flight, decide, start
+from eyechart.simulators.drone.aviary import PybulletDrive, require
+from eyechart.simulators.drone.world import INTENTS, RAISED, DroneWorld, Flight, Velocity, decide, start
 from eyechart.simulators.road import FAMILIES, Layout, RoadBanks, RoadDrive, Vehicle, make_layout
 from eyechart.spaces.discrete import DRIVING
 
@@ -21,7 +19,7 @@ def _place(layout: Layout, pose: tuple[float, float, float], speed: float, track
 class Drone(RoadBanks):
     """A quadrotor on a road of 100 m among five families of pillars, seen by a camera of our own; needs no extra.
 
-    Its limits are the Crazyflie's (``flight.py`` names them with their source). The paper's quadrotor (section
+    Its limits are the Crazyflie's (``world.py`` names them with their source). The paper's quadrotor (section
     Experimental Setup) flies in gym-pybullet-drones, as ``drone-pybullet`` does.
     """
 

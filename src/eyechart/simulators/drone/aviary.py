@@ -1,10 +1,10 @@
-"""A Crazyflie of gym-pybullet-drones among cylinders: its own physics, controller and contacts, and our own camera.
+"""gym-pybullet-drones' Crazyflie in the layouts of our own world, by our own commands: its physics and its contacts.
 
-What is set for it here, and why: ``SPEED_LIMIT`` is 0.25 m/s otherwise; the floor's checkerboard is replaced by a plain
-road, which a mirror leaves as it is; contacts are asked for after every step, because no flag tells of them; and the
-picture is taken by a camera call of our own, level and straight ahead, because the stock camera distorts and sees its
-own propellers. It is lit evenly: PyBullet's shading of a cylinder is brighter on one side wherever the light stands, so
-that a flipped picture could not have been drawn.
+The camera is our own. What is set for the drone here, and why: ``SPEED_LIMIT`` is 0.25 m/s otherwise; the floor's
+checkerboard is replaced by a plain road, which a mirror leaves as it is; contacts are asked for after every step,
+because no flag tells of them; and the picture is taken by a camera call of our own, level and straight ahead, because
+the stock camera distorts and sees its own propellers. It is lit evenly: PyBullet's shading of a cylinder is brighter on
+one side wherever the light stands, so that a flipped picture could not have been drawn.
 """
 
 import contextlib
@@ -12,6 +12,7 @@ import io
 import os
 import warnings
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,17 @@ from eyechart.cameras import Colour, ForwardView
 from eyechart.errors import SpecError
 from eyechart.frames import RGB
 from eyechart.simulators.camera import Cylinder
-from eyechart.simulators.drone.flight import MOST_SPEED_MPS, Velocity
+from eyechart.simulators.drone.world import INTENTS, MOST_SPEED_MPS, DroneWorld, Flight, Velocity, start
+from eyechart.simulators.road import (
+    DECISION_S,
+    GOAL_M,
+    TRACKS_M,
+    RoadDrive,
+    cylinders,
+    make_layout,
+    next_track,
+    verge_of,
+)
 
 HZ = 240
 """PyBullet's and the controller's steps a second."""
@@ -175,3 +186,51 @@ def _muted() -> Iterator[None]:
         os.dup2(kept, 2)
         os.close(kept)
         os.close(nowhere)
+
+
+class PybulletDrive(RoadDrive[DroneWorld]):
+    """One of the drone's worlds in gym-pybullet-drones.
+
+    The commands are those of our own drone, and the Crazyflie's controller and physics follow them as they can. Any
+    contact is a crash. Raises SpecError for an unknown scenario, a seed out of range, and where gym-pybullet-drones is
+    not installed.
+    """
+
+    def __init__(self, scenario: str, seed: int, *, mirrored: bool = False) -> None:
+        layout = make_layout(scenario, seed, simulator="drone-pybullet", mirrored=mirrored)
+        super().__init__(start(layout), self._fly, actions=INTENTS, top_mps=INTENTS["STRAIGHT"].speed)
+        world = self.world
+        verge = verge_of(scenario, world.view)
+        self._aviary = Aviary(cylinders(world.layout), world.view, verge, y=world.state.y)
+        self._command = Velocity()
+
+    def picture(self) -> RGB:
+        """Return what PyBullet's camera shows, shape (180, 320, 3), uint8."""
+        return self._aviary.draw()
+
+    def state(self, decimals: int | None = None) -> bytes:
+        """Return the drone's state and the obstacles as raw 64-bit floats, rounded where it is asked for."""
+        return super().state(decimals) + self._aviary.state(decimals)
+
+    def close(self) -> None:
+        """Disconnect from PyBullet."""
+        self._aviary.close()
+
+    def _fly(self, world: DroneWorld, action: str) -> DroneWorld:
+        intent, aviary = INTENTS[action], self._aviary
+        track = next_track(world.track, intent.tracks)
+        steps = round(DECISION_S * HZ)
+        for number in range(1, steps + 1):
+            x, y = aviary.position
+            self._command = self._command.after(intent, TRACKS_M[track] - y, 1 / HZ)
+            aviary.fly(self._command)
+            x, y = aviary.position
+            if aviary.touched or x >= GOAL_M or number == steps:
+                break
+        return replace(
+            world,
+            state=Flight(x, y, aviary.velocity),
+            track=track,
+            seconds=world.seconds + number / HZ,
+            crashed=aviary.touched,
+        )

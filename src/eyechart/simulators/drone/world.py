@@ -1,14 +1,76 @@
 """A quadrotor of our own among a layout's obstacles: its velocity is its command, and contact is a crash.
 
 A mirrored world flown with mirrored actions ends in the mirrored state, bit for bit.
+
+An intent becomes velocity commands that its published limits allow, the Crazyflie 2.1's. Its firmware's velocity loop
+tilts by 25 degrees for each m/s of error, up to 20 degrees, and its position loop asks for 2 m/s a metre (Bitcraze,
+crazyflie-firmware, ``src/platform/interface/platform_defaults_cf2.h``: ``PID_VEL_X_KP``, ``PID_VEL_PITCH_MAX``,
+``PID_POS_X_KP``). At these small angles a tilt is an acceleration, g times its tangent, so velocity answers as a
+first-order lag of 0.23 s whose acceleration is at most 3.6 m/s². Its greatest speed is 30 km/h (gym-pybullet-drones,
+``assets/cf2x.urdf``: ``max_speed_kmh``); cruise stays below half of it. The firmware's position loop asks for no more
+than 1 m/s unless told otherwise (``PID_POS_VEL_X_MAX``); these are velocities asked for, which that does not bound.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from eyechart.simulators.drone.flight import BODY_RADIUS_M, INTENTS, Velocity
 from eyechart.simulators.road import DECISION_S, GOAL_M, TRACKS_M, Layout, RoadWorld, next_track
+
+MOST_SPEED_MPS = 30 / 3.6
+GRAVITY = 9.81
+MOST_ACCELERATION_MPS2 = GRAVITY * math.tan(math.radians(20.0))
+LAG_S = 1 / (GRAVITY * math.radians(25.0))
+POSITION_GAIN = 2.0
+MOST_ASIDE_MPS = 2.0
+"""How fast a change of tracks may be."""
+
+BODY_RADIUS_M = 0.07
+"""From the middle of a Crazyflie to the tip of a propeller: an arm of 46 mm (``ARM_LENGTH``) and a blade of 23 mm."""
+
+
+@dataclass(frozen=True, slots=True)
+class Intent:
+    """What an action means: a speed along the road in m/s, and how many tracks to the left."""
+
+    speed: float
+    tracks: int = 0
+
+
+INTENTS: Mapping[str, Intent] = {
+    "STOP": Intent(0.0),
+    "SLOW": Intent(2.5),
+    "STRAIGHT": Intent(4.0),
+    "LEFT": Intent(4.0, tracks=1),
+    "RIGHT": Intent(4.0, tracks=-1),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Velocity:
+    """A velocity in m/s, along the road and to the left."""
+
+    ahead: float = 0.0
+    left: float = 0.0
+
+    @property
+    def speed(self) -> float:
+        """Return its size."""
+        return math.hypot(self.ahead, self.left)
+
+    def mirrored(self) -> "Velocity":
+        """Return the velocity in the mirrored world."""
+        return replace(self, left=-self.left)
+
+    def after(self, intent: Intent, to_left: float, seconds: float) -> "Velocity":
+        """Return the velocity to command so many seconds later, for an intent whose track lies ``to_left`` m aside."""
+        sideways = min(max(POSITION_GAIN * to_left, -MOST_ASIDE_MPS), MOST_ASIDE_MPS)
+        ahead, left = (intent.speed - self.ahead) / LAG_S, (sideways - self.left) / LAG_S
+        size = math.hypot(ahead, left)
+        share = 1.0 if size <= MOST_ACCELERATION_MPS2 else MOST_ACCELERATION_MPS2 / size
+        return Velocity(self.ahead + share * ahead * seconds, self.left + share * left * seconds)
+
 
 HZ = 48
 """Steps a second; in one of them a drone at full speed makes 17 cm, and obstacles are a metre wide."""

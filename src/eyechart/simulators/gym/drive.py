@@ -111,8 +111,10 @@ class GymnasiumDrive:
                 break
         if not math.isfinite(reward):
             raise DriveError(f"environment '{self._id}' gave the reward {reward} in step {self._steps}")
-        crashed = self._crashed(terminated=bool(terminated))
-        self._ended = self._end(crashed=crashed, terminated=bool(terminated), truncated=bool(truncated))
+        ended_badly = bool(terminated) and self._map.terminated == "crash"
+        crashed = bool(self._truth["crashed"]) if "crashed" in self._map.info else ended_badly
+        out_of_time = truncated or self._steps >= self._map.most_steps
+        self._ended = "crash" if crashed else "goal" if terminated else "time" if out_of_time else None
         self._truth["crashed"] = crashed
         covered = _number(self._truth.get("distance_m"))
         return StepResult(
@@ -135,18 +137,6 @@ class GymnasiumDrive:
         """Close the environment; what it raises then changes nothing."""
         with suppress(Exception):
             self._env.close()
-
-    def _crashed(self, *, terminated: bool) -> bool:
-        if "crashed" in self._map.info:
-            return bool(self._truth["crashed"])
-        return terminated and self._map.terminated == "crash"
-
-    def _end(self, *, crashed: bool, terminated: bool, truncated: bool) -> str | None:
-        if crashed:
-            return "crash"
-        if terminated:
-            return "goal"
-        return "time" if truncated or self._steps >= self._map.most_steps else None
 
     def _ask(self, when: str, ask: Callable[[], Any]) -> Any:  # noqa: ANN401  (whatever the environment gives)
         try:

@@ -51,7 +51,7 @@ class Highway(BankMaker):
 
         Raises SpecError for an unknown scenario or a seed out of range.
         """
-        from eyechart.simulators.highway.ladder import LadderDrive  # noqa: PLC0415  (as above)
+        from eyechart.simulators.highway.driving import LadderDrive  # noqa: PLC0415  (as above)
 
         return LadderDrive(scenario, seed, self.declared.commands)
 

@@ -1,20 +1,80 @@
-"""Drives are what the published bank was made of: the driver idles, and drives on after a crash.
+"""Drives of highway-env: those that the published bank was made of, and the ladder's, in which policies are ranked.
 
-With 3 seeds and 12 steps this yields 76 of 144 frames nearer than 18 m (published: 81) and 61 at 5.0 m, which
-is contact (published: 57); with 24 steps 219 of 288 (published: about 220), 198 of them after a crash.
+In a bank's the driver idles, and drives on after a crash. With 3 seeds and 12 steps this yields 76 of 144 frames nearer
+than 18 m (published: 81) and 61 at 5.0 m, which is contact (published: 57); with 24 steps 219 of 288 (published: about
+220), 198 of them after a crash. A moment is one picture with its truth and the pictures of the same world with one
+thing changed.
+
+The ladder's are 30 seconds, a decision a second. The paper (Table t:baselines) prints no settings. Of those tried,
+these come nearest to its rows: distance counts from the end of the first second, dense traffic is tight enough that the
+slowest policy crashes once in a while, and "blocked" is a close start in traffic, because behind a vehicle that stands
+still SLOW crashes 7 times of 8 and could not head the table.
 """
 
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 from highway_env.vehicle.kinematics import Vehicle
 
-from eyechart.frames import LEAD_GAP
+from eyechart.errors import SpecError
+from eyechart.frames import LEAD_GAP, RGB, Scalar
 from eyechart.seeds import key_seed
-from eyechart.simulators.banks import Moment, Preset
-from eyechart.simulators.highway.moment import record
+from eyechart.simulators import StepResult
+from eyechart.simulators.banks import Moment, Preset, check_seed
 from eyechart.simulators.highway.speedups import speedups
-from eyechart.simulators.highway.world import SIMULATION_HZ, Camera, Setting, World, simulate
+from eyechart.simulators.highway.truth import find_lead, gap_to, others, read_truth
+from eyechart.simulators.highway.world import LANE_M, SIMULATION_HZ, Camera, Setting, World, moved, recoloured, simulate
+from eyechart.simulators.plan import other_gap
+
+NEAR_M = (7.0, 9.0)
+FAR_M = (50.0, 60.0)
+"""Where ``lead_near`` and ``lead_far`` put the lead, centre to centre."""
+
+_CAR_M = 5.0
+_BUMPER_M = 1.0
+
+
+def record(world: World, camera: Camera, rng: np.random.Generator) -> Moment:
+    """Return a world's moment with every counterfactual that can be drawn honestly; none after a crash.
+
+    The lead is moved only along a lane that is free from where it was to where it goes.
+    """
+    lead = find_lead(world)
+    gap_m = None if lead is None else gap_to(world.vehicle, lead)
+    near_m, far_m = other_gap(gap_m, NEAR_M, rng), other_gap(gap_m, FAR_M, rng)
+    pictures: dict[str, RGB | None] = {}
+    if not world.vehicle.crashed:
+        pictures["lead_near"] = _draw_with_lead_at(world, camera, near_m)
+        pictures["lead_far"] = _draw_with_lead_at(world, camera, far_m)
+        with recoloured(world.vehicle):
+            pictures["recoloured"] = camera.draw()
+    drawn = {name: picture for name, picture in pictures.items() if picture is not None}
+    return Moment(truth=read_truth(world), picture=camera.draw(), counterfactuals=drawn)
+
+
+def _draw_with_lead_at(world: World, camera: Camera, gap_m: float) -> RGB | None:
+    """Return the picture with the lead at this gap, or None where it cannot get there."""
+    lead = find_lead(world)
+    if lead is None:
+        return None
+    x = float(world.vehicle.position[0]) + gap_m
+    if not _way_is_free(world, lead, x):
+        return None
+    with moved(lead, x):
+        return camera.draw() if find_lead(world) is lead else None
+
+
+def _way_is_free(world: World, lead: Any, x: float) -> bool:  # noqa: ANN401  (highway-env has no types)
+    reach = _CAR_M + _BUMPER_M
+    low, high = sorted((float(lead.position[0]), x))
+    return not any(
+        low - reach < vehicle.position[0] < high + reach
+        and abs(vehicle.position[1] - lead.position[1]) < LANE_M - _BUMPER_M
+        for vehicle in others(world)
+        if vehicle is not lead
+    )
+
 
 BLOCKER_AHEAD_M = 40.0
 BLOCKED = "blocked"
@@ -65,3 +125,90 @@ def drive_worlds(scenario: str, seed: int, steps: int) -> Iterator[World]:
 
 
 PAPER = Preset({name: one.as_dict() for name, one in DRIVES.items()}, drive, LEAD_GAP)
+
+
+DURATION_S = 30
+
+LADDER: Mapping[str, Setting] = {
+    "light": Setting("highway-v0", {"lanes_count": 3, "vehicles_count": 15, "duration": DURATION_S}),
+    "dense": Setting(
+        "highway-v0", {"lanes_count": 3, "vehicles_count": 20, "vehicles_density": 1.1, "duration": DURATION_S}
+    ),
+    "merge": Setting("merge-v0", {}),
+    "blocked": Setting(
+        "highway-v0", {"lanes_count": 3, "vehicles_count": 20, "ego_spacing": 1, "duration": DURATION_S}
+    ),
+}
+
+
+class LadderDrive:
+    """One of the ladder's scenarios under way.
+
+    Its states are those of the stock environment bit for bit: highway-env's own ``step`` runs, with its faster parts
+    in place and without the observation, which nobody reads. Source: paper, Table t:baselines.
+    """
+
+    def __init__(self, scenario: str, seed: int, commands: Mapping[str, str]) -> None:
+        if scenario not in LADDER:
+            raise SpecError(f"simulator 'highway' has no scenario '{scenario}'; known: {', '.join(LADDER)}")
+        check_seed(seed)
+        with speedups():
+            self._world = LADDER[scenario].open(seed)
+        self._world.observation_type = _Unobserved()
+        numbers = self._world.action_type.actions_indexes
+        self._commands = {action: numbers[command] for action, command in commands.items()}
+        self._camera: Camera | None = None
+        self._from_m: float | None = None
+        self._ended = False
+
+    def picture(self) -> RGB:
+        """Return the stock picture, shape (150, 600, 3), uint8."""
+        self._camera = self._camera or Camera(self._world)
+        return self._camera.draw()
+
+    def truth(self) -> Mapping[str, Scalar]:
+        """Return the columns of the banks."""
+        return read_truth(self._world)
+
+    def step(self, action: str) -> StepResult:
+        """Drive on for a second; ``distance_m`` counts from the end of the first one.
+
+        Raises ValueError for an action that is none, and after the end.
+        """
+        if self._ended:
+            raise ValueError("this drive is over")
+        if action not in self._commands:
+            raise ValueError(f"'{action}' is none of {', '.join(self._commands)}")
+        world = self._world
+        with speedups():
+            _, reward, over, timed_out, _ = world.step(self._commands[action])
+        x = float(world.vehicle.position[0])
+        self._from_m = x if self._from_m is None else self._from_m
+        crashed = bool(world.vehicle.crashed)
+        out_of_time = timed_out or world.time >= DURATION_S
+        ended = "crash" if crashed else "goal" if over else "time" if out_of_time else None
+        self._ended = ended is not None
+        return StepResult(
+            reward=float(reward),
+            speed_mps=float(world.vehicle.speed),
+            distance_m=x - self._from_m,
+            crashed=crashed,
+            ended=ended,
+        )
+
+    def state(self, decimals: int | None = None) -> bytes:
+        """Return every vehicle's position, heading and speed as raw 64-bit floats, rounded where it is asked for."""
+        rows = [[*vehicle.position, vehicle.heading, vehicle.speed] for vehicle in self._world.road.vehicles]
+        numbers = np.array(rows, dtype=np.float64)
+        return (numbers if decimals is None else numbers.round(decimals) + 0.0).tobytes()
+
+    def close(self) -> None:
+        """Let go of the world."""
+        self._world.close()
+
+
+class _Unobserved:
+    """Stands where highway-env computes an observation in every step."""
+
+    def observe(self) -> None:
+        """Return nothing."""

@@ -13,7 +13,8 @@ Vehicle = Any
 def find_lead(world: World) -> Vehicle | None:
     """Return the nearest vehicle ahead whose centre is less than 2 m aside, or None."""
     ego = world.vehicle
-    ahead = [vehicle for vehicle in others(world) if in_own_lane(ego, vehicle) and gap_to(ego, vehicle) > 0]
+    own = [vehicle for vehicle in others(world) if abs(vehicle.position[1] - ego.position[1]) < LANE_M / 2]
+    ahead = [vehicle for vehicle in own if gap_to(ego, vehicle) > 0]
     return min(ahead, key=lambda vehicle: gap_to(ego, vehicle), default=None)
 
 
@@ -25,11 +26,6 @@ def others(world: World) -> list[Vehicle]:
 def gap_to(ego: Vehicle, vehicle: Vehicle) -> float:
     """Return how far ahead a vehicle is, centre to centre, in metres along the road."""
     return float(vehicle.position[0] - ego.position[0])
-
-
-def in_own_lane(ego: Vehicle, vehicle: Vehicle) -> bool:
-    """Return whether a vehicle's centre is less than half a lane aside."""
-    return bool(abs(vehicle.position[1] - ego.position[1]) < LANE_M / 2)
 
 
 def is_visible(gap_m: float) -> bool:

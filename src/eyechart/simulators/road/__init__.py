@@ -1,12 +1,10 @@
 """Obstacles on a road of three tracks, for any vehicle with a forward camera: layouts, pictures, truth and banks."""
 
-from eyechart.simulators.road.bank import RoadBanks
 from eyechart.simulators.road.drive import RoadDrive
 from eyechart.simulators.road.layout import FAMILIES, GOAL_M, ROAD_HALF_M, TRACKS_M, Layout, Obstacle, make_layout
-from eyechart.simulators.road.picture import cylinders, draw, eye_of, verge_of
-from eyechart.simulators.road.staging import Vehicle
+from eyechart.simulators.road.staging import RoadBanks, Vehicle
 from eyechart.simulators.road.truth import free_tracks, read_truth
-from eyechart.simulators.road.world import DECISION_S, RoadWorld, next_track
+from eyechart.simulators.road.world import DECISION_S, RoadWorld, cylinders, draw, eye_of, next_track, verge_of
 
 __all__ = [
     "DECISION_S",

@@ -5,9 +5,8 @@ from typing import Generic, TypeVar
 
 from eyechart.frames import RGB, Scalar
 from eyechart.simulators import StepResult
-from eyechart.simulators.road.picture import draw
 from eyechart.simulators.road.truth import read_truth, unseen_sides
-from eyechart.simulators.road.world import DECISION_S, AnyWorld
+from eyechart.simulators.road.world import DECISION_S, AnyWorld, draw
 
 CRASH_REWARD = -10.0
 

@@ -1,4 +1,4 @@
-"""Staged moments: a vehicle on one of three tracks, with the lead and the sides placed by a balanced plan.
+"""Staged moments of the balanced banks: a vehicle on one of three tracks, with the lead and the sides placed by a plan.
 
 Beyond them stand obstacles as the family has them. Each moment is a world of its own, so no gap closes with time.
 """
@@ -6,18 +6,19 @@ Beyond them stand obstacles as the family has them. Each moment is a world of it
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
+from eyechart.cameras import FORWARD
 from eyechart.errors import BankError
-from eyechart.frames import RGB
+from eyechart.frames import RGB, Gap
 from eyechart.seeds import key_seed
-from eyechart.simulators.banks import Moment
+from eyechart.simulators.banks import BankMaker, Moment, Preset, versions_of
 from eyechart.simulators.plan import Bands, Lanes, Wish, make_plan, other_gap
-from eyechart.simulators.road.layout import GOAL_M, TRACKS_M, Layout, Obstacle, new_obstacle
-from eyechart.simulators.road.picture import draw
+from eyechart.simulators.road.layout import FAMILIES, GOAL_M, TRACKS_M, Layout, Obstacle, new_obstacle
 from eyechart.simulators.road.truth import find_lead, gap_to, read_scene, read_truth
-from eyechart.simulators.road.world import AnyWorld
+from eyechart.simulators.road.world import SCENERY, AnyWorld, draw
 
 GAPS = Bands(near=(2.6, 2.0), close=(5.4, 2.2), middle=(8.4, 6.2), far=(15.6, 11.0), beyond=(33.0, 12.0))
 """About 5, 8 and 15 m, and what is seen 30 m away."""
@@ -167,3 +168,33 @@ def _span(world: AnyWorld, one: Obstacle) -> tuple[float, float]:
     bearing = math.atan2(one.y - world.state.y, one.x - world.state.x)
     half = math.asin(min(one.radius / _away(world, one), 1.0))
     return bearing - half, bearing + half
+
+
+class RoadBanks(BankMaker):
+    """The part of a simulator on the road that makes banks of ``vehicle``'s staged moments."""
+
+    vehicle: Vehicle
+
+    def open_preset(self, name: str) -> Preset:
+        """Return the one preset that there is.
+
+        Near is below the view's ``close_m``, from the vehicle's middle to the obstacle's near side: the highway's 18 m
+        are four seconds and more for a slow vehicle.
+        """
+        del name
+        distances = FORWARD[self.vehicle.view].distances
+        return Preset(
+            scenarios={family: {"beside": SCENERY[family]} for family in FAMILIES},
+            moments=partial(stage, self.vehicle),
+            gap=Gap(column="lead_gap_m", threshold=distances.close_m, unit="m"),
+            settings={
+                "stop_m": distances.stop_m,
+                "close_m": distances.close_m,
+                "free_m": distances.free_m,
+                "side_clear_m": [-distances.behind_m, distances.ahead_m],
+            },
+        )
+
+    def versions(self) -> dict[str, str]:
+        """Return the version of numpy; the rest of this world is eyechart's own."""
+        return versions_of(("numpy",))

@@ -3,9 +3,7 @@
 from eyechart.cameras import ROVER
 from eyechart.simulators import Declaration
 from eyechart.simulators.road import FAMILIES, Layout, RoadBanks, RoadDrive, Vehicle, make_layout
-from eyechart.simulators.rover.bicycle import RoverState
-from eyechart.simulators.rover.tracking import INTENTS
-from eyechart.simulators.rover.world import RoverWorld, decide, start
+from eyechart.simulators.rover.world import INTENTS, RoverState, RoverWorld, decide, start
 from eyechart.spaces.discrete import DRIVING
 
 

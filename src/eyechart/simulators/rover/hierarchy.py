@@ -24,9 +24,21 @@ from eyechart.simulators.road import (
     free_tracks,
     make_layout,
 )
-from eyechart.simulators.rover import Rover, bicycle
-from eyechart.simulators.rover.tracking import INNER_S, INTENTS, Intent
-from eyechart.simulators.rover.world import RoverWorld, decide, start
+from eyechart.simulators.rover import Rover
+from eyechart.simulators.rover.world import (
+    INNER_S,
+    INTENTS,
+    MOST_ACCELERATION_MPS2,
+    MOST_BRAKING_MPS2,
+    MOST_STEERING,
+    RADIUS_M,
+    WHEELBASE_M,
+    Intent,
+    RoverState,
+    RoverWorld,
+    decide,
+    start,
+)
 
 MARGIN_M = 0.25
 """How far the controller keeps the rover's disc from an obstacle and from the road's edge."""
@@ -34,16 +46,16 @@ MARGIN_M = 0.25
 CRUISE_MPS = INTENTS["STRAIGHT"].speed
 
 CAR = Bicycle(
-    wheelbase_m=bicycle.WHEELBASE_M,
-    accel_mps2=bicycle.MOST_ACCELERATION_MPS2,
-    brake_mps2=bicycle.MOST_BRAKING_MPS2,
-    steer_rad=bicycle.MOST_STEERING,
+    wheelbase_m=WHEELBASE_M,
+    accel_mps2=MOST_ACCELERATION_MPS2,
+    brake_mps2=MOST_BRAKING_MPS2,
+    steer_rad=MOST_STEERING,
     speed_mps=5.0,
     aside_mps2=4.0,
 )
 """What the controller knows of the plant: its own limits, and a top speed just above the fastest intent's."""
 
-ROAD = Road(half_width_m=ROAD_HALF_M - bicycle.RADIUS_M - MARGIN_M)
+ROAD = Road(half_width_m=ROAD_HALF_M - RADIUS_M - MARGIN_M)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +80,7 @@ class Law:
         self.plans: list[Plan] = []
         self.places: list[tuple[float, float]] = []
 
-    def __call__(self, state: bicycle.RoverState, intent: Intent, track: int) -> tuple[float, float]:
+    def __call__(self, state: RoverState, intent: Intent, track: int) -> tuple[float, float]:
         """Return acceleration (m/s²) and steering angle (rad)."""
         if self._calls % round(STEP_S / INNER_S) == 0:
             now = State(state.x, state.y, state.yaw, state.speed)
@@ -181,5 +193,5 @@ def _target(arm: Arm, intent: Intent, track: int, *, halts: bool) -> Target:
 
 def _discs(layout: Layout) -> npt.NDArray[np.float64]:
     """Return what the rover's middle must keep off, shape (n, 3): x, y, radius."""
-    keep = bicycle.RADIUS_M + MARGIN_M
+    keep = RADIUS_M + MARGIN_M
     return np.array([(one.x, one.y, one.radius + keep) for one in layout.obstacles]).reshape(-1, 3)

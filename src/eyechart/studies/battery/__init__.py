@@ -3,12 +3,11 @@
 Source: paper, section The Input-Ablation Battery.
 """
 
-from eyechart.studies.battery.answers import read_answers
-from eyechart.studies.battery.merging import merge
 from eyechart.studies.battery.planning import (
     Battery,
     expected,
     keep_probes,
+    merge,
     open_models,
     open_whole,
     plan,
@@ -37,7 +36,6 @@ __all__ = [
     "open_whole",
     "plan",
     "plan_of",
-    "read_answers",
     "resumed",
     "run",
     "sample_of",

@@ -190,6 +190,4 @@ def view_uri(picture: bytes) -> str:
     image = Image.fromarray(decode(picture, "a view"))
     if image.width > _WIDEST_VIEW:
         image = image.resize((_WIDEST_VIEW, round(image.height * _WIDEST_VIEW / image.width)))
-    out = io.BytesIO()
-    image.save(out, "WEBP", quality=80, method=4)
-    return f"data:image/webp;base64,{base64.b64encode(out.getvalue()).decode()}"
+    return f"data:image/webp;base64,{base64.b64encode(_webp(image, quality=80, method=4)).decode()}"

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import starmap
 
 from eyechart.calls import Reply
 from eyechart.conditions import find_condition, seed_of, speaker
@@ -55,9 +56,8 @@ def frames_shown(
 
 def collect_texts(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]], *, budget: int = BUDGET) -> Texts:
     """Return the distinct replies about the shown frames, and the length to which they fit the budget together."""
-    numbers: dict[str, int] = {}
-    for reply, _ in _told(evidence, shown):
-        numbers.setdefault(reply.text, len(numbers))
+    texts = dict.fromkeys(reply.text for reply, _ in _told(evidence, shown))
+    numbers = {text: number for number, text in enumerate(texts)}
     return Texts(numbers, _fitting(numbers, LONGEST, budget))
 
 
@@ -84,14 +84,6 @@ def _fitting(texts: Collection[str], longest: int, budget: int) -> int:
     return longest
 
 
-def _collect_notes(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]]) -> Texts:
-    notes: dict[str, int] = {}
-    for reply, decision in _told(evidence, shown):
-        if note := _note(reply, decision):
-            notes.setdefault(note, len(notes))
-    return Texts(notes, _fitting(notes, _LONGEST_NOTE, _NOTES))
-
-
 def _note(reply: Reply, decision: Decision[str]) -> str:
     notes = [] if reply.finish_reason in {None, "stop"} else [f"finish reason {reply.finish_reason}"]
     if reply.error is not None:
@@ -105,7 +97,8 @@ def browser_data(
     evidence: Sequence[Evidence], album: Album, texts: Texts, shown: Sequence[Sequence[int]]
 ) -> dict[str, object]:
     """Return plain JSON values: runs with their shown frames and calls, distinct replies, distinct pictures."""
-    notes = _collect_notes(evidence, shown)
+    said = dict.fromkeys(filter(None, starmap(_note, _told(evidence, shown))))
+    notes = Texts({note: number for number, note in enumerate(said)}, _fitting(said, _LONGEST_NOTE, _NOTES))
     return {
         "notes": [note[: notes.limit] for note in notes.numbers],
         "texts": [text[: texts.limit] for text in texts.numbers],

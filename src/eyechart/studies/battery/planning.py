@@ -1,7 +1,10 @@
-"""Planning and running a battery: every frame under every condition, and nothing asked twice."""
+"""Planning, running and merging batteries: every frame under every condition, and nothing asked twice."""
 
+import shutil
 import sqlite3
-from collections.abc import Iterable, Mapping, Sequence
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -329,18 +332,22 @@ def keep_probes(battery: Battery, probes: Mapping[str, Spent]) -> None:
 
     A run that is not begun yet begins without a model, so that they are probed anew.
     """
-    battery.out.mkdir(parents=True, exist_ok=True)
+    with _alone_in(battery.out):
+        manifest = replace(battery.manifest, models={}, modes={}, facts={})
+        if is_run(battery.out):
+            manifest = read_manifest(battery.out)
+        known = {**manifest.probes, **added(manifest.probes, probes)}
+        write_run(battery.out, replace(manifest, probes=known), battery.plan.bank)
+
+
+@contextmanager
+def _alone_in(out: Path) -> Iterator[None]:
+    out.mkdir(parents=True, exist_ok=True)
     try:
-        with FileLock(battery.out / ".lock", timeout=0):
-            manifest = replace(battery.manifest, models={}, modes={}, facts={})
-            if is_run(battery.out):
-                manifest = read_manifest(battery.out)
-            known = {**manifest.probes, **added(manifest.probes, probes)}
-            write_run(battery.out, replace(manifest, probes=known), battery.plan.bank)
+        with FileLock(out / ".lock", timeout=0):
+            yield
     except Timeout as error:
-        raise LedgerError(
-            f"another process is writing to {battery.out}; wait for it, or choose another --out"
-        ) from error
+        raise LedgerError(f"another process is writing to {out}; wait for it, or choose another --out") from error
 
 
 def run(
@@ -355,9 +362,8 @@ def run(
 
     Raises LedgerError where another process is writing to the same run, or the ledger cannot be written.
     """
-    battery.out.mkdir(parents=True, exist_ok=True)
     try:
-        with FileLock(battery.out / ".lock", timeout=0):
+        with _alone_in(battery.out):
             # Again, now that nobody else writes: another process may have begun or extended this run since.
             manifest = resumed(battery.out, battery.manifest, battery.plan.bank)
             write_run(battery.out, manifest, battery.plan.bank)
@@ -365,10 +371,6 @@ def run(
                 return _ask(battery, manifest, ledger, concurrency, attempts, limits, progress)
     except sqlite3.Error as error:
         raise LedgerError(f"{battery.out / LEDGER} cannot be written: {error}; the same command resumes") from error
-    except Timeout as error:
-        raise LedgerError(
-            f"another process is writing to {battery.out}; wait for it, or choose another --out"
-        ) from error
 
 
 def _ask(
@@ -396,3 +398,48 @@ def _ask(
         if early is None or not early.exhausted or outcome.stopped or not again:
             break
     return outcome
+
+
+def merge(shards: Sequence[Path], out: Path) -> int:
+    """Merge shards of one run into a new run at ``out``; return the number of calls in it.
+
+    Shards may be unfinished: the merged run is resumed as a whole. Raises LedgerError, and leaves nothing at
+    ``out``, where they are not parts of one run or hold the same finished call twice.
+    """
+    if not shards:
+        raise LedgerError("merge needs the folders of one or more shards")
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise LedgerError(f"{out} exists and is not empty; choose another --out for the merged run")
+    manifest, bank = _whole(shards)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    work = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
+    try:
+        write_run(work, manifest, bank)
+        calls = 0
+        with Ledger(work / LEDGER, create=True) as merged:
+            for shard in shards:
+                with Ledger(shard / LEDGER) as ledger:
+                    calls += merged.absorb(ledger)
+        work.chmod(0o755)
+        if out.exists():
+            out.rmdir()
+        work.replace(out)
+    except BaseException:
+        shutil.rmtree(work, ignore_errors=True)
+        raise
+    return calls
+
+
+def _whole(shards: Sequence[Path]) -> tuple[RunManifest, FrameBank]:
+    """Return the manifest and the bank of the run that the shards are parts of."""
+    read = [read_run(shard) for shard in shards]
+    manifests, bank = [manifest for manifest, _ in read], read[0][1]
+    whole = replace(manifests[0], shard=None)
+    for shard, (manifest, its_bank) in zip(shards, read, strict=True):
+        if its_bank.manifest.images != bank.manifest.images and manifest.fingerprint == whole.fingerprint:
+            raise LedgerError(f"{shard} is no part of the run in {shards[0]}: it was run on other pictures")
+        try:
+            whole = whole.extended(replace(manifest, shard=None))
+        except LedgerError as error:
+            raise LedgerError(f"{shard} is no part of the run in {shards[0]}: {error}") from error
+    return replace(whole, created=min(manifest.created for manifest in manifests)), bank

@@ -74,6 +74,7 @@ class BankPower:
         episodes = ", ".join(f"{scenario} {count}" for scenario, count in self.episodes.items())
         calls = ", ".join(f"{name} {count}" for name, count in self.calls.items())
         needed = " or ".join(f"{n} against {chance}" for chance, n in self.directional_needed.items())
+        turns = "—" if self.directional_frames is None else self.directional_frames
         said = [
             f"bank {self.bank}: {self.frames} frames; episodes by scenario: {episodes}",
             f"calls a model: {sum(self.calls.values())} ({calls})",
@@ -84,7 +85,7 @@ class BankPower:
             ),
             f"distance by observation: smallest p when episodes are exchanged: {_number(self.smallest_p_exchange)}",
             (
-                f"turns: {_count(self.directional_frames)} frames demand one; to tell a swap rate of {SWAP_RATE} from "
+                f"turns: {turns} frames demand one; to tell a swap rate of {SWAP_RATE} from "
                 f"chance takes {needed}; smallest rate found against .5: {_number(self.smallest_swap_rate)}"
             ),
             (
@@ -106,10 +107,6 @@ def _number(value: float | None) -> str:
     return "—" if value is None else f"{value:.3g}"
 
 
-def _count(value: int | None) -> str:
-    return "—" if value is None else str(value)
-
-
 def power_of(bank: FrameBank) -> BankPower:
     """Return what a bank can decide; only its text is read."""
     calls = _calls(bank)
@@ -118,6 +115,8 @@ def power_of(bank: FrameBank) -> BankPower:
     directional = bank.manifest.action_space.directional
     turns = sum(one in directional for one in demanded) if any(demanded) else None
     smallest, why = _smallest_p(bank)
+    shown = [name for name, count in calls.items() if count]
+    asked = {frame.id: tuple(name for name in shown if available(name, frame)) for frame in bank}
     return BankPower(
         bank=bank.name,
         frames=len(bank),
@@ -137,15 +136,9 @@ def power_of(bank: FrameBank) -> BankPower:
             (share for share in _DISAGREEMENTS if pairs_to_bound(share, margin=MARGIN, alpha=ALPHA) <= len(bank)),
             default=None,
         ),
-        stopped_early=_stopped_early(bank, calls),
+        stopped_early=typical(layout_of(bank.frames, asked, bank.manifest.action_space, 0)),
         cannot_say=_cannot_say(bank, calls, pairs, why),
     )
-
-
-def _stopped_early(bank: FrameBank, calls: Mapping[str, int]) -> dict[str, int]:
-    shown = [name for name, count in calls.items() if count]
-    asked = {frame.id: tuple(name for name in shown if available(name, frame)) for frame in bank}
-    return typical(layout_of(bank.frames, asked, bank.manifest.action_space, 0))
 
 
 def _episodes(bank: FrameBank) -> dict[str, int]:

@@ -17,7 +17,7 @@ from eyechart.errors import SpecError
 from eyechart.seeds import key_seed
 from eyechart.spaces.space import UNPARSED
 from eyechart.stats.association import cramers_v_of_tables, entropy_of_counts, information_of_tables, quantile_bins
-from eyechart.stats.resampling import episode_bootstrap, permutation_p
+from eyechart.stats.resampling import episode_bootstrap, permutation_p, ratio_of_sums
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.answers import ABSENT, Answers
 
@@ -278,6 +278,4 @@ class _Pair:
 
 
 def _ratio(above: Floats, below: Floats) -> Floats:
-    out = np.full(len(below), np.nan)
-    np.divide(above, below, out=out, where=below > 0)
-    return out
+    return ratio_of_sums(np.column_stack([above, below]))

@@ -12,6 +12,7 @@ from eyechart.integrity import Guard, GuardChecks
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
 from eyechart.models.prices import Prices, read_prices
+from eyechart.records import plain
 from eyechart.run import Plan
 from eyechart.spaces.discrete import READER
 from eyechart.stats.resampling import holm
@@ -113,16 +114,14 @@ class BatteryScore:
                     "version": score.version,
                     "planned": score.planned,
                     "answered": score.answered,
-                    "stopped": None if score.stopped is None else score.stopped.as_dict(),
-                    "statistics": {name: value.as_dict() for name, value in score.statistics.items()},
+                    "stopped": plain(score.stopped),
+                    "statistics": plain(score.statistics),
                     "holm": dict(score.holm),
                 }
                 for spec, score in self.models.items()
             },
-            "accounting": {
-                spec: {name: one.as_dict() for name, one in found.items()} for spec, found in self.accounting.items()
-            },
-            "guards": {spec: [one.as_dict() for one in found] for spec, found in self.guards.items()},
+            "accounting": plain(self.accounting),
+            "guards": plain(self.guards),
         }
 
 

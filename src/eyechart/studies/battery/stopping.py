@@ -121,13 +121,8 @@ class Course:
         """Add the next frame to the claims that are still open; once there is a label, to those of its two checks."""
         both = {"real", "real_repeat"} <= row.given.keys()
         for name, claim in self.claims.items():
-            if name in _SCORABLE:
-                open_ = both
-            elif name in _TURNS:
-                open_ = self.lateral is None
-            else:
-                open_ = self.label is None
-            if open_:
+            known = self.lateral if name in _TURNS else self.label
+            if both if name in _SCORABLE else known is None:
                 claim.add(row)
         for condition in ("real", "mirrored"):
             action = row.action(condition)
@@ -164,6 +159,7 @@ class Course:
             seen = [count for count in self.turns.values() if count]
             if lateral != "swaps" and len(seen) == 1 and seen[0] >= ONE_SIDED_FROM:
                 lateral = "one_sided"
+        with_it = self._needed(RULES[self.label])[1:] + ([] if self.label == "not_scorable" else ["scorable"])
         return Stopped(
             label=self.label,
             decided_by=PREFIX + RULES[self.label][0],
@@ -174,12 +170,8 @@ class Course:
             planned=self.layout.planned,
             beyond=finished - len(self.counted),
             interventional="near_far" in self.claims,
-            with_it=self._with_it(self.label),
+            with_it=tuple(PREFIX + name for name in with_it),
         )
-
-    def _with_it(self, label: str) -> tuple[str, ...]:
-        names = self._needed(RULES[label])[1:] + ([] if label == "not_scorable" else ["scorable"])
-        return tuple(PREFIX + name for name in names)
 
     def statistics(self) -> dict[str, Statistic]:
         """Return every claim's e-value under its name."""
@@ -244,8 +236,7 @@ class EarlyStop:
     def progress(self, model: str) -> Progress:
         """Return how far a model is."""
         course, given = self.courses[model], self._given[model]
-        open_ = (frame for frame in course.layout.order)
-        left = sum((frame, name) not in given for frame in open_ for name in course.wanted(frame))
+        left = sum((frame, name) not in given for frame in course.layout.order for name in course.wanted(frame))
         return Progress(course.stopped(len(given)), left)
 
     @property

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from eyechart.stats.agreement import binary_metrics, rate, selective_metrics
 from eyechart.stats.committee import CLEAR, HAZARD
-from eyechart.stats.resampling import ENUMERATED_MULTISETS, cluster_bootstraps
+from eyechart.stats.resampling import ENUMERATED_MULTISETS, cluster_bootstraps, ratio_of_sums
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.guardian.votes import VoteTable
 
@@ -91,9 +91,7 @@ def _of_sums(metric: str, at: int) -> Callable[[Floats], Floats]:
     """Return a metric as a function of summed episodes, whose cells begin in column ``at``."""
 
     def share(part: Floats, whole: Floats) -> Floats:
-        out = np.full(len(part), np.nan)
-        np.divide(part, whole, out=out, where=whole > 0)
-        return out
+        return ratio_of_sums(np.column_stack([part, whole]))
 
     def statistic(sums: Floats) -> Floats:
         tp, fn, tn, fp, frames = (sums[:, at + place] for place in range(5))

@@ -13,6 +13,7 @@ from eyechart.errors import GuardianError
 from eyechart.frames import RGB, FrameBank, decode
 from eyechart.perception.forward import read_forward, view_of
 from eyechart.perception.renderer import read_picture
+from eyechart.records import Plain
 from eyechart.spaces.scene import Scene, safe_action
 from eyechart.stats.agreement import rate
 from eyechart.stats.statistic import Statistic
@@ -29,7 +30,7 @@ MIRROR = {"LEFT": "RIGHT", "RIGHT": "LEFT"}
 
 
 @dataclass(frozen=True)
-class Replay:
+class Replay(Plain):
     """What a modular controller would have done on each frame, and how that compares.
 
     ``agreement`` is with the renderer policy, the fixed policy on what the deterministic reader sees; ``answered`` is
@@ -53,16 +54,12 @@ class Replay:
 
     def as_dict(self) -> dict[str, object]:
         """Return the replay as plain JSON values."""
-        return {
-            "agreement_with_renderer_policy": self.agreement.as_dict(),
-            "agreement_where_answered": self.agreement_answered.as_dict(),
-            "answered": self.answered.as_dict(),
-            "equivariance": self.equivariance.as_dict(),
-            "directional_reference_actions": self.directional,
-            "actions": dict(self.actions),
-            "unread": list(self.unread),
-            "warnings": list(self.warnings),
+        names = {
+            "agreement": "agreement_with_renderer_policy",
+            "agreement_answered": "agreement_where_answered",
+            "directional": "directional_reference_actions",
         }
+        return {names.get(name, name): one for name, one in super().as_dict().items()}
 
 
 def modular_action(answer: str, scene: Scene) -> str:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from eyechart.records import plain
 from eyechart.stats.committee import ABSTAIN, CLEAR, HAZARD, MISSING, POINTS, CoveragePoint, risk_coverage
 from eyechart.stats.flips import sign_flip_test
 from eyechart.stats.paired import mcnemar_exact
@@ -55,7 +56,7 @@ class GuardianScore:
             "bank": {"name": self.frozen.about.bank_name, "fingerprint": self.frozen.about.bank},
             "frames": len(self.table.frames),
             "episodes": len(set(self.table.episodes)),
-            "rows": {name: {key: one.as_dict() for key, one in row.items()} for name, row in self.rows.items()},
+            "rows": plain(self.rows),
             "mcnemar": self.mcnemar.as_dict(),
             "sign_flips_over_episodes": self.over_episodes.as_dict(),
             "risk_coverage": [
@@ -65,7 +66,7 @@ class GuardianScore:
             "answers": dict(self.answers),
             "missed": list(self.missed),
             "frames_with_missing_votes": self.incomplete,
-            "bound": None if self.bound is None else self.bound.as_dict(),
+            "bound": plain(self.bound),
             "warnings": list(self.warnings),
         }
 

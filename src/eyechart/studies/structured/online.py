@@ -16,6 +16,7 @@ from eyechart.modes import RequestMode
 from eyechart.perception.forward import distances_of
 from eyechart.perception.view import CALIBRATED, NONE, VIEWS, view_for
 from eyechart.prompts import scene_prompt
+from eyechart.records import Plain
 from eyechart.run import Progress
 from eyechart.simulators import open_simulator
 from eyechart.stats.agreement import rate
@@ -94,7 +95,7 @@ def run(planned: Online, *, bounds: Bounds = USUAL, progress: Progress | None = 
 
 
 @dataclass(frozen=True)
-class Driven:
+class Driven(Plain):
     """What came of one estimator's episodes: how many it drove, crashed in, and what it decided.
 
     ``fail_safe`` counts the steps at which SLOW was executed because there was no estimate; it is credited to nobody.
@@ -105,15 +106,6 @@ class Driven:
     decisions: Mapping[str, int]
     fail_safe: int
     errors: int
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        return {
-            "crash_rate": self.crash_rate.as_dict(),
-            "decisions": dict(self.decisions),
-            "fail_safe": self.fail_safe,
-            "errors": self.errors,
-        }
 
 
 @dataclass(frozen=True)

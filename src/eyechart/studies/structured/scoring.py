@@ -1,10 +1,11 @@
 """Scoring a structured run: ledger and bank to estimates to figures; it only reads, and gives the same bytes always."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eyechart.costs import Account
 from eyechart.errors import LedgerError
@@ -12,15 +13,170 @@ from eyechart.frames import FrameBank
 from eyechart.integrity import Guard
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
-from eyechart.spaces.discrete import DRIVING
-from eyechart.spaces.scene import SCENE_READER
-from eyechart.stats.statistic import Statistic
+from eyechart.records import plain
+from eyechart.seeds import key_seed
+from eyechart.spaces.discrete import DRIVING, Discrete
+from eyechart.spaces.scene import SCENE_READER, SCENES, Estimate
+from eyechart.stats.agreement import rate
+from eyechart.stats.resampling import cluster_bootstrap, ratio_of_sums
+from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery import plan_of, took_run
-from eyechart.studies.structured.figures import Figures, How
 from eyechart.studies.structured.planning import STUDIES
-from eyechart.studies.structured.told import Told, episode_of, read_told
+from eyechart.studies.structured.told import Floats, Mask, Told, episode_of, read_told
 from eyechart.verdicts import Evidence
 from eyechart.verdicts.admission import Held, hold
+
+_ENUMERATE = 25_000
+"""Up to so many multisets of episodes (9 episodes) the bootstrap is enumerated; beyond, resamples are drawn."""
+
+_NO_SPREAD = "Wilson: the episodes do not differ"
+
+
+@dataclass(frozen=True, slots=True)
+class How:
+    """How intervals are made: over these episodes, one a frame, or not at all where the bank records none."""
+
+    episodes: NDArray[np.str_] | None
+    seed: int
+    resamples: int = 5000
+
+
+class Figures:
+    """Every figure of one model's estimates, over the frames of a mask.
+
+    A reply without an estimate is never right: it is a wrong call of ``close``, an unequal pair and no swap. Accuracies
+    and decisions are those of the frames as they are; their reflections count in ``parse`` and in the pairs.
+    """
+
+    def __init__(self, told: Told, space: Discrete, mask: Mask, how: How) -> None:
+        real, mirrored = told.replies_to("real"), told.replies_to("mirrored")
+        chosen = [place for place in np.flatnonzero(mask) if real[place] is not None]
+        self._told, self._space, self._how = told, space, how
+        self._frames = np.array(chosen, dtype=np.int64)
+        self._real = [told.estimates("real")[place] for place in chosen]
+        self._asked = [mirrored[place] is not None for place in chosen]
+        self._mirrored = [told.estimates("mirrored")[place] for place in chosen]
+
+    def statistics(self) -> dict[str, Statistic]:
+        """Return every figure by name."""
+        close, said = self._told.close[self._frames], _flags(self._real, lambda one: one.close)
+        parsed = _given(self._real)
+        right = parsed & (said == close)
+        actions = [self._act(one) for one in self._real if one is not None]
+        turns = sum(action in self._space.directional for action in actions)
+        counted = "counted on the frames as they are"
+        return {
+            "parse": self._parse(),
+            "close_accuracy": self._share(right, "close_accuracy"),
+            "balanced_accuracy": self._balanced(right, close),
+            "sensitivity": self._share(right, "sensitivity", close),
+            "specificity": self._share(right, "specificity", ~close),
+            "gap_mae_m": self._gap_error(),
+            "lead_missed": self._share(_flags(self._real, lambda one: one.gap_m is None), "lead_missed", self._seen),
+            "scene_equivariance": self._pairs("scene_equivariance", lambda one, other: one.mirrored() == other),
+            "scene_equivariance.confidence_aside": self._pairs(
+                "scene_equivariance.confidence_aside", lambda one, other: not SCENES.distance(one.mirrored(), other)
+            ),
+            "action_equivariance": self._pairs(
+                "action_equivariance", lambda one, other: self._space.reflect(self._act(one)) == self._act(other)
+            ),
+            "swap_rate": self._swaps(),
+            "disagreement": self._share(
+                _flags(self._real, lambda one: one.disagrees(self._told.distances)), "disagreement", parsed
+            ),
+            "actions": Statistic(float(len(set(actions))), len(actions), method=counted) if actions else _nothing(),
+            "directional": Statistic(float(turns), len(actions), method=counted) if actions else _nothing(),
+        }
+
+    def _act(self, estimate: Estimate) -> str:
+        return estimate.act(self._told.distances)
+
+    @property
+    def _seen(self) -> Mask:
+        """Return where a lead is in the picture and an estimate was given."""
+        return self._told.visible[self._frames] & _given(self._real)
+
+    def _parse(self) -> Statistic:
+        asked = np.array(self._asked, dtype=np.bool_)
+        real, mirrored = (_given(side) for side in (self._real, self._mirrored))
+        hits = real.astype(np.float64) + mirrored.astype(np.float64)
+        return self._ratio(hits, 1.0 + asked.astype(np.float64), "parse")
+
+    def _share(self, hits: Mask, name: str, of: Mask | None = None) -> Statistic:
+        among = np.ones(len(hits), dtype=np.bool_) if of is None else of
+        return self._ratio((hits & among).astype(np.float64), among.astype(np.float64), name)
+
+    def _ratio(self, hits: Floats, among: Floats, name: str) -> Statistic:
+        k, n = int(hits.sum()), int(among.sum())
+        if not n:
+            return _nothing()
+        found = self._interval(np.column_stack([hits, among]), ratio_of_sums, name)
+        if found.ci is None and self._how.episodes is not None:
+            found = replace(found, ci=rate(k, n).ci, method="Wilson interval over replies", note=_NO_SPREAD)
+        return replace(found, value=k / n, n=n, detail={"k": k})
+
+    def _balanced(self, right: Mask, close: Mask) -> Statistic:
+        if not close.any() or close.all():
+            return cannot_say("one of the two classes is empty", len(close), "balanced accuracy")
+        sums = np.column_stack([right & close, close, right & ~close, ~close]).astype(np.float64)
+        found = self._interval(sums, lambda s: (ratio_of_sums(s[:, :2]) + ratio_of_sums(s[:, 2:])) / 2, "balanced")
+        return replace(found, n=len(close))
+
+    def _gap_error(self) -> Statistic:
+        """Return the mean absolute error of the gap, in metres, where a lead is in the picture and a gap was told."""
+        if self._told.unit != "m":
+            return cannot_say(f"the bank's gap is in {self._told.unit}, and estimates are in metres")
+        told = [-1.0 if one is None or one.gap_m is None else one.gap_m for one in self._real]
+        given = self._told.visible[self._frames] & (np.array(told) >= 0)
+        if not given.any():
+            return cannot_say("no gap was told of a lead that is in the picture")
+        errors = np.where(given, np.abs(np.array(told) - np.where(given, self._told.gap_m[self._frames], 0.0)), 0.0)
+        found = self._interval(np.column_stack([errors, given]), ratio_of_sums, "gap_mae_m")
+        worst = float(errors.max())
+        return replace(found, n=int(given.sum()), detail={"largest": worst}, unit="m")
+
+    def _pairs(self, name: str, equal: Callable[[Estimate, Estimate], bool]) -> Statistic:
+        both = zip(self._real, self._mirrored, strict=True)
+        hits = [one is not None and other is not None and equal(one, other) for one, other in both]
+        return self._share(np.array(hits, dtype=np.bool_), name, np.array(self._asked, dtype=np.bool_))
+
+    def _swaps(self) -> Statistic:
+        """Return the swap rate over the directional decisions whose reflection was asked about."""
+        pairs = zip(self._real, self._mirrored, strict=True)
+        turns = _flags(self._real, lambda one: self._act(one) in self._space.directional)
+        swapped = [
+            one is not None and other is not None and self._act(other) == self._space.reflect(self._act(one))
+            for one, other in pairs
+        ]
+        asked = np.array(self._asked, dtype=np.bool_)
+        return self._share(np.array(swapped, dtype=np.bool_), "swap_rate", turns & asked)
+
+    def _interval(self, sums: Floats, statistic: Callable[[Floats], Floats], name: str) -> Statistic:
+        episodes = self._how.episodes
+        if episodes is None:
+            value = float(statistic(sums.sum(axis=0, keepdims=True))[0])
+            return Statistic(value, len(sums), note="the bank records no episodes: no interval")
+        _, codes = np.unique(episodes[self._frames], return_inverse=True)
+        by_episode = np.stack([np.bincount(codes, weights=column) for column in sums.T], axis=1)
+        seed = key_seed("structured", self._how.seed, name)
+        found = cluster_bootstrap(
+            by_episode, statistic, seed=seed, resamples=self._how.resamples, enumerate_up_to=_ENUMERATE
+        )
+        if found.ci is not None and found.ci[0] == found.ci[1]:
+            return replace(found, ci=None, note="no interval: the episodes do not differ")
+        return found
+
+
+def _flags(estimates: list[Estimate | None], holds: Callable[[Estimate], bool]) -> Mask:
+    return np.array([one is not None and holds(one) for one in estimates], dtype=np.bool_)
+
+
+def _given(estimates: list[Estimate | None]) -> Mask:
+    return np.array([one is not None for one in estimates], dtype=np.bool_)
+
+
+def _nothing() -> Statistic:
+    return cannot_say("no replies of this kind")
 
 
 @dataclass(frozen=True)
@@ -51,17 +207,16 @@ class EstimatorScore:
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        before = None if self.before is None else {name: one.as_dict() for name, one in self.before.items()}
         return {
             "version": self.version,
             "planned": self.planned,
             "answered": self.answered,
             "admitted": self.admitted,
-            "clauses": [one.as_dict() for one in self.clauses],
+            "clauses": plain(self.clauses),
             "unread": self.told.reasons,
             "repairs": self.told.repairs,
-            "statistics": {name: one.as_dict() for name, one in self.statistics.items()},
-            "before_collision": before,
+            "statistics": plain(self.statistics),
+            "before_collision": plain(self.before),
         }
 
 
@@ -106,10 +261,8 @@ class StructuredScore:
             "pairs": self.pairs,
             "frames": list(self.manifest.frames),
             "models": {spec: one.as_dict() for spec, one in self.models.items()},
-            "accounting": {
-                spec: {name: one.as_dict() for name, one in found.items()} for spec, found in self.accounting.items()
-            },
-            "guards": {spec: [one.as_dict() for one in found] for spec, found in self.guards.items()},
+            "accounting": plain(self.accounting),
+            "guards": plain(self.guards),
         }
 
 
