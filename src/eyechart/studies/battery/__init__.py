@@ -3,6 +3,7 @@
 Source: paper, section The Input-Ablation Battery.
 """
 
+from eyechart.studies.battery.answers import read_answers
 from eyechart.studies.battery.planning import (
     Battery,
     expected,
@@ -36,6 +37,7 @@ __all__ = [
     "open_whole",
     "plan",
     "plan_of",
+    "read_answers",
     "resumed",
     "run",
     "sample_of",

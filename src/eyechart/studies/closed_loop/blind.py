@@ -141,9 +141,7 @@ def _cannot_say(found: Paired, condition: str, tests: int) -> str:
 
 def _failed(real: Drives, other: Drives) -> str:
     """Return why two drives cannot be held against each other: calls failed, or the fail-safe made them alike."""
-    lost = {one.driver.condition: [step.decision.missing == "error" for step in one.steps] for one in (real, other)}
-    shares = {name: sum(mine) / max(1, len(mine)) for name, mine in lost.items()}
-    if said := [f"{share:.0%} of them with {name} pictures" for name, share in shares.items() if share > SILENT]:
+    if said := _lost(real, other):
         return f"cannot say whether the picture matters: calls failed, {' and '.join(said)}, and the fail-safe drove."
     worlds = sorted(real.by_world.keys() & other.by_world.keys())
     steps = [[step for name in worlds for step in one.by_world[name].steps] for one in (real, other)]
@@ -165,6 +163,13 @@ def _failed(real: Drives, other: Drives) -> str:
             "nothing at all, and the fail-safe drove."
         )
     return ""
+
+
+def _lost(real: Drives, other: Drives) -> list[str]:
+    """Return, for each condition under which too many calls failed, the share that did."""
+    lost = {one.driver.condition: [step.decision.missing == "error" for step in one.steps] for one in (real, other)}
+    shares = {name: sum(mine) / max(1, len(mine)) for name, mine in lost.items()}
+    return [f"{share:.0%} of them with {name} pictures" for name, share in shares.items() if share > SILENT]
 
 
 def _silence(real: Drives, other: Drives) -> str:
