@@ -8,12 +8,13 @@ VLM := $(VENV)/.vlm
 MODELS := $(VENV)/.models
 BROWSER := $(VENV)/.browser
 BENCH := $(VENV)/.bench
+MUTANTS := $(VENV)/.mutants
 INSPECT := $(VENV)/inspect
 DOCS := $(VENV)/.docs
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm ladder hierarchy test test-models test-browser lint format docs wheel bench long-compare long-speed clean
+.PHONY: help demo demo-vlm ladder hierarchy test test-models test-browser lint format docs wheel bench long-compare long-speed long-adversaries long-coverage long-power mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -28,6 +29,10 @@ help:
 	@echo "make wheel        the package, in dist, with its contents checked"
 	@echo "make bench        ratios against what one would otherwise do"
 	@echo "make long-compare 0.1.0, installed beside, and this version make the same studies: what differs, by key"
+	@echo "make long-adversaries  adversaries on fresh banks through the real run: which claims they get that are untrue"
+	@echo "make long-power   the power that a plan prints, against models that are drawn, scored and judged"
+	@echo "make long-coverage how often intervals of shares hold a known truth, and how wide they are"
+	@echo "make mutants      small faults put into the rules and the statistics one at a time: how many the tests notice"
 	@echo "make long-speed   processor time of commands in 0.1.0 and in this version, in pairs"
 
 demo: $(CORE)
@@ -94,6 +99,18 @@ long-compare: $(CORE) $(OLD_PYTHON)
 long-speed: $(CORE) $(OLD_PYTHON)
 	$(BIN)/python benchmarks/speed_versions.py --old $(OLD_PYTHON)
 
+long-coverage: $(CORE)
+	$(BIN)/python benchmarks/long_coverage.py
+
+long-adversaries: $(CORE)
+	$(BIN)/python benchmarks/adversarial_runs.py
+
+mutants: $(MUTANTS)
+	$(BIN)/python benchmarks/mutants.py
+
+long-power: $(CORE)
+	$(BIN)/python benchmarks/planned_power.py
+
 $(OLD)/.venv/bin/python:
 	rm -rf $(OLD) && mkdir -p $(OLD)
 	git archive $(OLD_COMMIT) | tar -x -C $(OLD)
@@ -134,6 +151,10 @@ $(BROWSER): $(DEV)
 
 $(BENCH): $(DEV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,bench,transformers]'
+	@touch $@
+
+$(MUTANTS): $(DEV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,mutants]'
 	@touch $@
 
 # What the benchmark of calls compares with has requirements of its own, which the versions above do not meet.

@@ -33,7 +33,7 @@ from eyechart.simulators import open_simulator
 from eyechart.simulators.highway import Highway
 from eyechart.simulators.highway.driving import LADDER
 from eyechart.simulators.highway.world import SIMULATION_HZ
-from eyechart.studies.closed_loop.laddering import plan_ladder
+from eyechart.studies.closed_loop.ladder import plan_ladder
 
 BOUND = 3.0
 OVERHEAD = 1.15

@@ -24,8 +24,7 @@ import cvxpy as cp
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.mpc import HORIZON, STEP_S, Bicycle, Mpc, Road, State, Target, Weights
-from eyechart.mpc.controller import _nearest, _normals
+from eyechart.mpc import HORIZON, STEP_S, Bicycle, Mpc, Road, State, Target, Weights, _nearest, _normals
 
 BOUND = 10.0
 NEAR = 4

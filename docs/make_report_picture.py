@@ -26,7 +26,7 @@ def make_report(bank: Path, folder: Path) -> Path:
     """Run the battery of the six controllers on a bank and return its report."""
     run = folder / "six-controllers"
     battery.run(battery.plan(bank, [f"scripted:{name}" for name in CONTROLLERS], run))
-    write_page(make_page(read_evidence([run], [bank])), folder / "report.html")
+    write_page(make_page(read_evidence([run], [bank], score=battery.score)), folder / "report.html")
     return folder / "report.html"
 
 

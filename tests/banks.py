@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from eyechart.conditions import COUNTERFACTUALS
+from eyechart.conditions import CONDITIONS, CONTROLS, COUNTERFACTUALS
 from eyechart.frames import (
     LEAD_GAP,
     MAIN,
@@ -26,6 +26,7 @@ from eyechart.spaces.discrete import DRIVING
 
 SCENARIOS = ("light", "dense", "merge")
 WRISTS = (Camera("left", "horizontal", "right"), Camera("right", "horizontal", "left"))
+DRAWN_CONTROLS = tuple(name for name in CONTROLS if "counterfactual" in CONDITIONS[name].needs)
 _GAPS_M = (6.0, 14.0, 25.0, 38.0, None)
 
 
@@ -34,14 +35,20 @@ def manifest(**settings: object) -> BankManifest:
     return BankManifest("boxes", "tiny", "boxes on grey", DRIVING, LEAD_GAP, settings, {"boxes": "1"})
 
 
-def draw(gap_m: float | None, code: int, *, lane: int = 1, green: int = 200) -> RGB:
-    """Draw a road, shape (16, 60, 3): the lead ``gap_m`` pixels ahead, and ``code`` in the pixels of the top row."""
+def draw(gap_m: float | None, code: int, *, lane: int = 1, green: int = 200, beside_m: float | None = None) -> RGB:
+    """Draw a road, shape (16, 60, 3): the lead ``gap_m`` pixels ahead, and ``code`` in the pixels of the top row.
+
+    ``beside_m`` is how far ahead a vehicle of a neighbouring lane is, where there is one.
+    """
     pixels = np.full((16, 60, 3), 100, dtype=np.uint8)
     pixels[0, :24, 2] = [255 * (code >> bit & 1) for bit in range(24)]
     top = 3 + 4 * lane
     pixels[top : top + 3, 4:10] = (50, green, 0)
     if gap_m is not None:
         left = 10 + round(gap_m)
+        pixels[top : top + 3, left : left + 6] = (200, 0, 0)
+    if beside_m is not None:
+        top, left = 3 + 4 * ((lane + 1) % 3), 10 + round(beside_m)
         pixels[top : top + 3, left : left + 6] = (200, 0, 0)
     return pixels
 
@@ -51,8 +58,11 @@ def one(frame_id: str, place: tuple[str, str, int], axis: MirrorAxis, file: str,
     return Frame(frame_id, *place, alone(axis), {MAIN: file}, **more)
 
 
-def frames_of(scenarios: Sequence[str], episodes: int, steps: int, axis: MirrorAxis, *, drawn: bool) -> list[Frame]:
+def frames_of(
+    scenarios: Sequence[str], episodes: int, steps: int, axis: MirrorAxis, *, drawn: bool, controls: bool = False
+) -> list[Frame]:
     """Return the frames of a bank: episodes and steps of every scenario, gaps mixed over them."""
+    kinds = (*COUNTERFACTUALS, *DRAWN_CONTROLS) if controls else COUNTERFACTUALS if drawn else ()
     found: list[Frame] = []
     for scenario in scenarios:
         for episode in range(episodes):
@@ -60,8 +70,7 @@ def frames_of(scenarios: Sequence[str], episodes: int, steps: int, axis: MirrorA
                 name = f"{scenario}-{episode}-{step}"
                 gap_m = _GAPS_M[(2 * step + episode + len(found)) % len(_GAPS_M)]
                 truth = {"lead_gap_m": gap_m, "demand": "LEFT" if step % 2 else "RIGHT", "crashed": False}
-                kinds = COUNTERFACTUALS if drawn and gap_m is not None else ()
-                pictures = {kind: {MAIN: f"{kind}/{name}.png"} for kind in kinds}
+                pictures = {kind: {MAIN: f"{kind}/{name}.png"} for kind in kinds if gap_m is not None}
                 place = scenario, f"{scenario}-{episode}", step
                 found.append(one(name, place, axis, f"images/{name}.png", truth=truth, counterfactuals=pictures))
     return found
@@ -75,6 +84,11 @@ def pictures_of(frame: Frame, code: int) -> tuple[dict[str, bytes], dict[str, di
         "lead_near": draw(5.0, code, lane=lane),
         "lead_far": draw(40.0, code, lane=lane),
         "recoloured": draw(gap_m, code, lane=lane, green=255),
+        "lane_own": draw(5.0, code, lane=lane, beside_m=40.0),
+        "lane_beside": draw(40.0, code, lane=lane, beside_m=5.0),
+        "lead_mid_near": draw(14.0, code, lane=lane),
+        "lead_mid_far": draw(27.0, code, lane=lane),
+        "lead_absent": draw(None, code, lane=lane),
     }
     real = {MAIN: encode(draw(gap_m, code, lane=lane))}
     return real, {name: {MAIN: encode(drawn[name])} for name in frame.counterfactuals}
@@ -100,9 +114,13 @@ def build_bank(
     steps: int = 3,
     axis: MirrorAxis = "vertical",
     drawn: bool = True,
+    controls: bool = False,
 ) -> FrameBank:
-    """Write a bank of ``scenarios`` × ``episodes`` × ``steps``; ``drawn`` adds counterfactuals where a lead is."""
+    """Write a bank of ``scenarios`` × ``episodes`` × ``steps``.
+
+    ``drawn`` adds counterfactuals where a lead is, and ``controls`` the control pictures too.
+    """
     with BankWriter(out, manifest()) as writer:
-        for code, frame in enumerate(frames_of(scenarios, episodes, steps, axis, drawn=drawn)):
+        for code, frame in enumerate(frames_of(scenarios, episodes, steps, axis, drawn=drawn, controls=controls)):
             writer.add(frame, *pictures_of(frame, code))
     return open_bank(out)

@@ -4,6 +4,7 @@ import json
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +16,11 @@ from eyechart.models import ADAPTERS
 from eyechart.report.page import Page, write_page
 from eyechart.spaces.discrete import DRIVING
 from eyechart.studies import battery as study
+from eyechart.studies.battery import subjects
 from eyechart.studies.battery.page import make_page
-from eyechart.studies.battery.subjects import read_evidence
+
+read_evidence = partial(subjects.read_evidence, score=study.score)
+"""Reads batteries for a report."""
 
 HOSTILE = (
     "<script>window.pwned = 1</script>",

@@ -1,5 +1,6 @@
 """Simulated answers for the tests of scoring and of the rules: frames in memory, no picture, no ledger."""
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -16,25 +17,40 @@ Rule = Callable[[str, Frame, np.random.Generator], str | None]
 
 CONDITIONS = ("real", "real_repeat", "blank", "noise", "shuffled", "cross_scenario", "text_only", "mirrored")
 COUNTERFACTUALS = ("lead_near", "lead_far", "recoloured")
+CONTROLS = ("lane_own", "lane_beside", "lead_mid_near", "lead_mid_far", "nudged", "lead_absent")
+NEAR_M, FAR_M = 7.0, 55.0
+SPREAD_M = {"lead_mid_near_m": (9.1, 20.0), "lead_mid_far_m": (20.0, 49.0)}
 
 
 def frames(*, scenarios: int = 4, episodes: int = 3, steps: int = 12, seed: int = 0) -> tuple[Frame, ...]:
-    """Return frames with independent gaps of 5 to 70 m and a nuisance that drifts through each episode."""
+    """Return frames with independent gaps of 5 to 70 m and a nuisance that drifts through each episode.
+
+    ``beside_m`` is how far a vehicle of the neighbouring lane is; one side is clear, by the step.
+    """
     rng = np.random.default_rng(seed)
     made = []
     for s in range(scenarios):
         for e in range(episodes):
             phase = rng.uniform()
             for t in range(steps):
-                truth = {"lead_gap_m": round(float(rng.uniform(5, 70)), 3), "phase": (phase + t / 24) % 1}
+                even, other = ((len(made) * step) % 1 for step in (0.618034, 0.754878))
+                spread = zip(SPREAD_M.items(), (even, other), strict=True)
+                mids = {name: round(low * (high / low) ** one, 3) for (name, (low, high)), one in spread}
+                ends = {"lane_near_m": NEAR_M, "lane_far_m": FAR_M, "beside_m": 10 + 50 * even}
+                sides = {"left_clear": t % 2 == 0, "right_clear": t % 2 == 1, "ego_lane": s % 2, "lanes": 2}
+                moment = {"lead_gap_m": round(float(rng.uniform(5, 70)), 3), "phase": (phase + t / 24) % 1}
+                truth = {**moment, **mids, **ends, **sides}
                 made.append(banks.one(f"s{s}-{e}-{t}", (f"s{s}", f"s{s}-{e}", t), "vertical", "-", truth=truth))
     return tuple(made)
 
 
-def answers(rule: Rule, world: tuple[Frame, ...], *, counterfactuals: bool = True, seed: int = 0) -> Answers:
+def answers(
+    rule: Rule, world: tuple[Frame, ...], *, counterfactuals: bool = True, controls: bool = True, seed: int = 0
+) -> Answers:
     """Ask a rule about every frame under every condition; the picture of another frame stands for it."""
     rng = np.random.default_rng(seed)
     names = CONDITIONS + (COUNTERFACTUALS if counterfactuals else ())
+    names += CONTROLS if counterfactuals and controls else ()
     decisions = {}
     for name in names:
         column = []
@@ -51,16 +67,30 @@ def _shown(name: str, frame: Frame, index: int, world: tuple[Frame, ...], rng: n
         same = name == "shuffled"
         others = [one for one in world if (one.scenario == frame.scenario) == same and one.id != frame.id]
         return others[int(rng.integers(len(others)))]
-    if name in {"lead_near", "lead_far"}:
-        truth = {**frame.truth, "lead_gap_m": 7.0 if name == "lead_near" else 55.0}
-        return replace(frame, truth=truth)
+    moved: dict[str, dict[str, float | None]] = {
+        "lead_near": {"lead_gap_m": NEAR_M},
+        "lead_far": {"lead_gap_m": FAR_M},
+        "lane_own": {"lead_gap_m": NEAR_M, "beside_m": FAR_M},
+        "lane_beside": {"lead_gap_m": FAR_M, "beside_m": NEAR_M},
+        "lead_absent": {"lead_gap_m": None},
+    }
+    if name in {"lead_mid_near", "lead_mid_far"}:
+        return replace(frame, truth={**frame.truth, "lead_gap_m": number(frame, f"{name}_m")})
+    if name in moved:
+        return replace(frame, truth={**frame.truth, **moved[name]})
     del index
     return frame
 
 
 def gap(frame: Frame) -> float:
-    """Return a frame's gap as a number."""
-    return float(str(frame.truth["lead_gap_m"]))
+    """Return a frame's gap as a number, infinite where there is no lead."""
+    return number(frame, "lead_gap_m")
+
+
+def number(frame: Frame, column: str) -> float:
+    """Return a column of a frame as a number, infinite where it holds none."""
+    value = frame.truth[column]
+    return math.inf if value is None else float(str(value))
 
 
 def blind(condition: str) -> bool:

@@ -106,6 +106,9 @@ def test_it_builds_runs_and_reads_in_three_lines(tmp_path: Path) -> None:
     assert ran.score.manifest.seed == 3
     assert repr(ran) == f"<Report on {tmp_path / 'run'}: scripted:depth: {ran['scripted:depth'].calibrated.label}>"
     assert repr(ran.score) == f"<BatteryScore of scripted:depth on {bank.name}>"
+    with pytest.raises(TypeError, match="'promt'"):
+        run_battery(bank, "scripted:depth", tmp_path / "mistyped", promt="minimal")
+    assert not (tmp_path / "mistyped").exists()
 
 
 def test_a_folder_that_is_no_run_is_refused(tmp_path: Path) -> None:
@@ -186,7 +189,7 @@ def test_the_rows_hold_every_statistic_as_plain_values(report: Report) -> None:
 def test_the_words_of_a_verdict_are_those_of_the_command(report: Report, demo: Demo) -> None:
     """``print(verdict)`` and ``eyechart verdict`` say the same, and repr is one line."""
     verdict = report["scripted:one_sided"]
-    assert str(verdict).splitlines()[0] == "scripted:one_sided: depth, evidence interventional"
+    assert str(verdict).splitlines()[0] == "scripted:one_sided: depth, evidence controlled"
     for part in (verdict.calibrated.because, verdict.lateral.because, verdict.trust, *verdict.notes):
         assert f"\n  {part}" in str(verdict)
     assert repr(verdict) == "<Verdict on scripted:one_sided: depth; lateral one_sided; paper's rules depth>"

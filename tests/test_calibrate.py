@@ -1,6 +1,7 @@
 """The instrument tested on known answers: its determinism, its counts, and that it catches a broken rule."""
 
 import json
+import math
 import random
 import sys
 from collections import Counter
@@ -13,7 +14,7 @@ import pytest
 from eyechart import cli, verdicts
 from eyechart.calibrate import SETTINGS, Calibration, calibrate
 from eyechart.calibrate.known import COINS, FOLLOW_GAP, KNOWN, NEVER_LOOK, NULLS, Shows, deserved, is_false
-from eyechart.calibrate.replication import Task, answers_of, replicate, without_counterfactuals
+from eyechart.calibrate.replication import DRAWN, Task, answers_of, replicate, without_counterfactuals
 from eyechart.calibrate.table import tables
 from eyechart.calibrate.tally import CLAIMS, VARIANTS, WANTED, FalseClaims, Outcome, Ruled, read_calibration, tally
 from eyechart.calibrate.world import (
@@ -21,7 +22,11 @@ from eyechart.calibrate.world import (
     FEWEST_FRAMES,
     GAP_AR,
     GAP_LOG_SD,
+    LANE_M,
+    MID_FAR_M,
+    MID_NEAR_M,
     MOST_FRAMES,
+    NEAR_M,
     NEAREST_M,
     POWER,
     ROADS,
@@ -110,8 +115,8 @@ def test_a_rule_that_takes_a_null_for_evidence_is_caught(monkeypatch: pytest.Mon
 def test_a_rule_that_reads_any_trend_as_depth_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
     """A depth rule that never asks for a p calls everybody depth: the false claims and the wrong labels are named."""
 
-    def broken(found: Mapping[str, Statistic], *, swaps: bool) -> tuple[verdicts.Ruling, str]:
-        del found, swaps
+    def broken(found: Mapping[str, Statistic], *, turns: bool) -> tuple[verdicts.Ruling, str]:
+        del found, turns
         return verdicts.Ruling("depth", "depth_interventional", verdicts.Reason("broken")), "interventional"
 
     monkeypatch.setattr(verdicts, "calibrated_rules", broken)
@@ -247,18 +252,41 @@ def test_partners_and_interventions_are_what_their_names_say() -> None:
         if shown["lead_near"] is not None:
             near, far = shown["lead_near"].sight.reading, shown["lead_far"].sight.reading
             assert near.scene.gap_m < STOP_GAP_M < FREE_GAP_M < far.scene.gap_m
-            assert replace(near, scene=reading.scene) == reading
+            assert replace(near, scene=reading.scene, others=reading.others) == reading
         assert shown["recoloured"].sight.reading == replace(reading, ego_colour="red")
         assert shown["mirrored"].sight.reading == reading.mirrored()
+
+
+def test_control_pictures_exchange_who_is_near_and_spread_the_lead() -> None:
+    """At one straight-line distance; what is not moved stays, and a nudge is another file of the same sight."""
+    world = make_world(SETTINGS["default"], np.random.default_rng(0))
+    for place, frame in enumerate(world.frames):
+        shown = {name: column[place] for name, column in world.shown.items()}
+        if shown["lead_near"] is None:
+            assert all(shown[name] is None for name in ("lane_own", "lane_beside", "lead_absent", "lead_mid_near"))
+            continue
+        own, beside = (shown[name].sight.reading for name in ("lane_own", "lane_beside"))
+        assert len(own.others) == len(beside.others) >= 2
+        (lead, far), (neighbour, far_lead) = (
+            sorted(set(one.others) - set(other.others)) for one, other in ((own, beside), (beside, own))
+        )
+        assert NEAR_M[0] <= lead.ahead_m == own.scene.gap_m <= NEAR_M[1]
+        assert math.hypot(*neighbour) == pytest.approx(lead.ahead_m)
+        assert (far.ahead_m, 0.0, abs(far.aside_m)) == (*far_lead, abs(neighbour.aside_m)) == (far.ahead_m, 0.0, LANE_M)
+        for name, (low, high) in (("lead_mid_near", MID_NEAR_M), ("lead_mid_far", MID_FAR_M)):
+            assert low <= shown[name].sight.reading.scene.gap_m == frame.truth[f"{name}_m"] <= high
+        absent = shown["lead_absent"].sight.reading
+        assert absent.scene.gap_m is None
+        assert all(one.aside_m for one in absent.others)
+        assert shown["nudged"].sight.reading == shown["real"].sight.reading
+        assert len({shown[name].sight.file for name in ("real", "real_repeat", "nudged")}) == 2
 
 
 def test_leaving_out_the_counterfactual_tests_is_leaving_out_their_pictures() -> None:
     """What is counted as "without" equals the score of a bank that never had these pictures."""
     world = make_world(SETTINGS["small_24"], np.random.default_rng(1))
     whole = answers_of(KNOWN["noisy_depth"], SETTINGS["small_24"], world, random.Random(1))  # noqa: S311 - no secret
-    kept = {
-        name: column for name, column in whole.decisions.items() if name not in ("lead_near", "lead_far", "recoloured")
-    }
+    kept = {name: column for name, column in whole.decisions.items() if name not in DRAWN}
     how = Resampling(resamples=99, intervals=False)
     bare = statistics_of(replace(whole, decisions=kept), how)
     derived = without_counterfactuals(whole, statistics_of(whole, how))

@@ -26,8 +26,8 @@ def test_a_query_has_no_field_for_ground_truth() -> None:
 
 def test_a_keys_seed_differs_by_every_field_and_by_the_run() -> None:
     """Also between real and its repeat, so that a model that samples may disagree with itself."""
-    changed = [replace(KEY, **{field.name: "x"}) for field in fields(CallKey) if field.name != "repeat"]
-    changed += [KEY, replace(KEY, repeat=1), replace(KEY, condition="real_repeat"), replace(KEY, repeat=11)]
+    changed = [KEY._replace(**{name: "x"}) for name in CallKey._fields if name != "repeat"]
+    changed += [KEY, KEY._replace(repeat=1), KEY._replace(condition="real_repeat"), KEY._replace(repeat=11)]
     seeds = [key.seed(0) for key in changed] + [KEY.seed(1)]
     assert len(set(seeds)) == len(seeds)
     assert all(0 <= seed < 2**63 for seed in seeds)

@@ -11,6 +11,7 @@ import banks
 from eyechart.conditions import (
     BATTERY,
     CONDITIONS,
+    CONTROLS,
     COUNTERFACTUALS,
     MID_GREY,
     OF_BANKS,
@@ -23,7 +24,7 @@ from eyechart.conditions import (
     sources,
 )
 from eyechart.errors import BankError, SpecError
-from eyechart.frames import MAIN, Frame, FrameBank, MirrorAxis, decode
+from eyechart.frames import MAIN, Frame, FrameBank, MirrorAxis, decode, encode
 
 
 @pytest.fixture(scope="module")
@@ -37,14 +38,23 @@ def pixels(condition: str, frame: Frame, bank: FrameBank, seed: int = 0) -> np.n
     return decode(show(condition, frame, bank, seed).images[MAIN], condition)
 
 
+class Extreme(FrameBank):
+    """A bank whose pictures hold the least and the largest value alone."""
+
+    def read(self, file: str) -> bytes:
+        """Return the one picture."""
+        del file
+        return encode(np.tile(np.array([0, 255, 0], np.uint8), (4, 4, 1)))
+
+
 @pytest.mark.parametrize("name", OF_BANKS)
 def test_every_condition_keeps_its_contract(name: str, bank: FrameBank) -> None:
     """A picture of the frame's size, the same in any order of making; an error where it is not available."""
     assert CONDITIONS[name].name == name
     assert CONDITIONS[name].image
     assert CONDITIONS[name].asks
-    assert ("counterfactual" in CONDITIONS[name].needs) == (name in COUNTERFACTUALS)
-    assert not (name in BATTERY and CONDITIONS[name].needs & {"counterfactual", "text", "drive"})
+    assert ("counterfactual" in CONDITIONS[name].needs) == (name in (*COUNTERFACTUALS, *CONTROLS) and name != "nudged")
+    assert not (name in BATTERY and CONDITIONS[name].needs & {"counterfactual", "control", "text", "drive"})
     if "text" in CONDITIONS[name].needs:
         told = tuple(replace(frame, fields={"speed": place}) for place, frame in enumerate(bank))
         bank = replace(bank, frames=told, said=("speed",))
@@ -69,6 +79,9 @@ def test_the_battery_is_the_eight_of_the_table_in_its_order() -> None:
     expected = ("real", "real_repeat", "blank", "noise", "shuffled", "cross_scenario", "text_only", "mirrored")
     assert expected == BATTERY == tuple(CONDITIONS)[:8]
     assert COUNTERFACTUALS == ("lead_near", "lead_far", "recoloured")
+    assert CONTROLS == ("lane_own", "lane_beside", "lead_mid_near", "lead_mid_far", "lead_absent", "nudged")
+    start = OF_BANKS.index("recoloured") + 1
+    assert OF_BANKS[start : start + len(CONTROLS)] == CONTROLS
 
 
 def test_real_and_its_repeat_are_the_very_bytes_of_the_frame(bank: FrameBank) -> None:
@@ -108,6 +121,19 @@ def test_counterfactuals_are_the_drawn_ones_and_only_where_drawn(bank: FrameBank
             if available(name, frame):
                 assert show(name, frame, bank, 0).images == bank.images(frame, name)
         assert {available(name, frame) for frame in bank} == {True, False}
+
+
+def test_nudged_is_another_file_of_the_same_picture(bank: FrameBank) -> None:
+    """One value of one pixel is off by one, also where it is 0 or 255; which one is of the frame and the run's seed."""
+    for frame in bank:
+        off = pixels("nudged", frame, bank).astype(int) - pixels("real", frame, bank)
+        assert np.abs(off).sum() == 1
+        assert show("nudged", frame, bank, 0).images != show("real", frame, bank, 0).images
+    shown = [show("nudged", bank.frames[0], bank, seed).images[MAIN] for seed in range(5)]
+    assert len(set(shown)) == 5
+    extreme = Extreme(bank.root, bank.frames, bank.manifest)
+    places = [pixels("nudged", bank.frames[0], extreme, seed).astype(int) for seed in range(9)]
+    assert all(np.abs(one - [0, 255, 0]).sum() == 1 for one in places)
 
 
 @st.composite

@@ -37,7 +37,7 @@ def accounts(sent: list[Sent], prices: Prices = PRICES) -> dict[str, Account]:
 
 def frame(name: str, condition: str = "real") -> CallKey:
     """Return the call about a frame."""
-    return replace(KEY, frame=name, condition=condition)
+    return KEY._replace(frame=name, condition=condition)
 
 
 def test_every_attempt_is_counted_where_it_belongs() -> None:

@@ -467,6 +467,29 @@ def test_a_bank_of_several_cameras_and_a_state_reads_back_as_it_was_given(tmp_pa
     assert replace(rig.frames[3], cameras=rig.frames[3].cameras[:1]).geometry() != rig.frames[3].geometry()
 
 
+def test_where_controls_were_drawn_is_truth_of_the_pictures_and_not_of_the_moment(tmp_path: Path) -> None:
+    """It is read back as ground truth, but stands in the manifest and has no part in fingerprint or table."""
+    truth = {"lead_gap_m": 12.5, "lead_mid_near_m": 13.00049, "lead_mid_far_m": None}
+    write(tmp_path / "bank", replace(plain_frame(), truth=truth))
+    write(tmp_path / "plain", replace(plain_frame(), truth={"lead_gap_m": 12.5}))
+    bank, plain = open_bank(tmp_path / "bank"), open_bank(tmp_path / "plain")
+    assert bank.frames[0].truth == {"lead_gap_m": 12.5, "lead_mid_near_m": 13.0}
+    assert bank.manifest.fingerprint == plain.manifest.fingerprint
+    assert (bank.root / "metadata.jsonl").read_text() == (plain.root / "metadata.jsonl").read_text()
+    assert "controls" not in json.loads((plain.root / "manifest.json").read_text())
+    recorded = json.loads((bank.root / "manifest.json").read_text())
+    for distances, named in (
+        ({bank.frames[0].id: {"lead_gap_m": 3.0}}, "ground truth of frame"),
+        ({bank.frames[0].id: {"lead_mid_near_m": math.inf}}, "is inf"),
+        ({bank.frames[0].id: {"lead_mid_near_m": "near"}}, "no bank manifest"),
+        ({"another": {"lead_mid_near_m": 3.0}}, "'another' of the manifest is missing"),
+    ):
+        changed = recorded | {"controls": {"seed": 0, "distances": distances}}
+        (bank.root / "manifest.json").write_text(json.dumps(changed))
+        with pytest.raises(BankError, match=named):
+            open_bank(bank.root)
+
+
 @pytest.mark.parametrize(
     ("cameras", "named"),
     [
@@ -504,6 +527,7 @@ REFUSED_BY_THE_WRITER: dict[str, tuple[dict[str, object], str]] = {
     "an axis that cannot be read": ({"cameras": (Camera(MAIN, "diagonal"),)}, "diagonal"),  # type: ignore[arg-type]
     "a camera that the manifest lacks": ({"cameras": (Camera("wrist"),)}, "the manifest declares"),
     "a state that the manifest lacks": ({"state": {"joints": (1.0,)}}, "the manifest declares"),
+    "a distance that is none": ({"truth": {"lead_mid_far_m": "far"}}, "'lead_mid_far_m' is 'far', not a distance"),
     "a surrogate": ({"scenario": "\udc80"}, "surrogate"),
     "a picture that was not given": ({"counterfactuals": {"lead_near": {MAIN: "n.png"}}}, "counterfactuals"),
 }

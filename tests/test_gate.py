@@ -74,7 +74,7 @@ def test_the_exit_code_is_the_answer(demo: Demo, tmp_path: Path, require: str, c
 def test_an_unfinished_run_cannot_say(demo: Demo, tmp_path: Path) -> None:
     """A grounded controller with half of its calls does not pass."""
     run = tmp_path / "run"
-    planned = battery.plan(demo.bank, ["scripted:depth"], run, limit=48, shard=(1, 2))
+    planned = battery.plan(demo.bank, ["scripted:depth"], run, extent=battery.Extent(48, (1, 2)))
     battery.run(planned)
     battery.merge([run], tmp_path / "merged")
     result = CliRunner().invoke(app, ["gate", str(tmp_path / "merged")])
@@ -147,4 +147,4 @@ def test_an_unknown_requirement_lists_the_known(text: str) -> None:
     """A wrong name is told what there is."""
     with pytest.raises(SpecError, match="depth, depth_lateral, swaps"):
         read_requirements(text)
-    assert set(REQUIREMENTS) == {"depth", "depth_lateral", "swaps"}
+    assert set(REQUIREMENTS) == {"depth", "depth_lateral", "swaps", "turns_clear"}

@@ -254,17 +254,16 @@ def test_every_command_that_reads_a_run_says_that_it_is_not_finished(
 
 
 def test_episodes_that_do_not_differ_give_no_interval_of_no_width(table: study.VoteTable) -> None:
-    """Where nobody errs, a share has Wilson's interval and balanced accuracy none; resamples without a value count."""
+    """Where nobody errs, a share has the exact bound and balanced accuracy none."""
     frozen = study.fit(table.part("calibration"))
     score = table.part("score")
     right = np.repeat(score.hazard[None, :, None], len(score.models), axis=0).repeat(2, axis=2).astype(np.int8)
     row = study.score(frozen, replace(score, votes=right), enumerate_up_to=0, resamples=50).rows["two_way"]
     for name in ("coverage", "acc", "sens", "spec"):
-        low, high = row[name].ci or (0.0, 0.0)
-        assert 0.9 < low < high
-        assert "Wilson" in row[name].method
+        assert row[name].ci == (pytest.approx(0.05 ** (1 / 12), abs=2e-4), 1.0), "exact, over the 12 episodes"
+        assert "exact" in row[name].method
     assert (row["bal"].value, row["bal"].ci, row["bal"].note) == (1.0, None, "the episodes do not differ")
-    assert row["sens"].detail == {"k": int(score.hazard.sum()), "undefined": 0.0}
+    assert row["sens"].detail == {"k": int(score.hazard.sum()), "episodes": 12}
 
 
 def test_a_picture_that_is_not_the_banks_is_not_read_nor_shown(table: study.VoteTable, tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ Say = Callable[[int, str], Reply]
 
 def keys(frames: int = 10) -> list[CallKey]:
     """Return the calls about so many frames under three conditions."""
-    return [replace(KEY, frame=f"f{at}", condition=name) for name in CONDITIONS for at in range(frames)]
+    return [KEY._replace(frame=f"f{at}", condition=name) for name in CONDITIONS for at in range(frames)]
 
 
 def fine(at: int, condition: str) -> Reply:
@@ -101,14 +101,14 @@ def test_one_decision_in_ever_other_words_is_degenerate() -> None:
 def test_every_planned_call_needs_exactly_one_outcome() -> None:
     """Open, failed for now, never made, and finished twice all fail; retries are counted in words."""
     whole = sent_with()
-    retried = [Sent(whole[0].key, 1, None, Reply(error="timeout")), replace(whole[0], number=2), *whole[1:]]
+    retried = [Sent(whole[0].key, 1, None, Reply(error="timeout")), whole[0]._replace(number=2), *whole[1:]]
     assert guard("outcomes", retried).holds is True
     assert "31 attempts, 1 of them repeated" in guard("outcomes", retried).because
     for wrong in (
         whole[1:],
-        [replace(whole[0], reply=None), *whole[1:]],
-        [replace(whole[0], reply=Reply(error="timeout")), *whole[1:]],
-        [replace(whole[0], reply=Reply(error="auth")), *whole[1:]],
+        [whole[0]._replace(reply=None), *whole[1:]],
+        [whole[0]._replace(reply=Reply(error="timeout")), *whole[1:]],
+        [whole[0]._replace(reply=Reply(error="auth")), *whole[1:]],
     ):
         assert guard("outcomes", wrong).holds is False
         assert guard("outcomes", wrong).because.startswith("1 planned calls have no outcome, 0 have two")
@@ -117,7 +117,7 @@ def test_every_planned_call_needs_exactly_one_outcome() -> None:
 
 def test_a_call_that_failed_for_good_has_an_outcome() -> None:
     """It is counted as failed."""
-    sent = [replace(one, reply=Reply(error="wrong_json")) if at == 0 else one for at, one in enumerate(sent_with())]
+    sent = [one._replace(reply=Reply(error="wrong_json")) if at == 0 else one for at, one in enumerate(sent_with())]
     assert guard("outcomes", sent).holds is True
     assert "1 calls failed" in guard("outcomes", sent).because
 

@@ -21,22 +21,16 @@ TEXTS = {
 COMPLEXITY = 20
 """The most ways through a function; more is radon's rank D."""
 
-TANGLED = {
-    "importing/columns.py: read_truth",
-}
+TANGLED: set[str] = set()
 
 PARAMETERS = 8
 """The most parameters of a function, but of a command, whose parameters are its options."""
 
-WIDE = {
-    "api.py: run_battery",
-    "studies/battery/planning.py: plan",
-    "studies/prompts.py: plan",
-}
+WIDE: set[str] = set()
 
 OTHERS = {
     "cli/drive.py: hasattr(os, 'sched_getaffinity')",
-    "importing/pictures.py: getattr(opened, 'n_frames', 1)",
+    "importing/bank.py: getattr(opened, 'n_frames', 1)",
     "models/huggingface/checkpoint.py: getattr(processor, 'chat_template', None)",
     "models/huggingface/checkpoint.py: getattr(processor, 'image_processor', None)",
     "models/huggingface/checkpoint.py: getattr(processor, 'tokenizer', None)",

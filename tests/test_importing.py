@@ -15,7 +15,7 @@ import photographs
 from eyechart import cli
 from eyechart.errors import EyechartError, SourceError, SpecError
 from eyechart.frames import FrameBank, check, open_bank
-from eyechart.importing import Choices, costs, import_lerobot, import_table, parquet, read_rig, tables
+from eyechart.importing import Choices, costs, import_lerobot, import_table, read_rig, tables
 from eyechart.importing import bank as making
 from eyechart.models import ADAPTERS
 from eyechart.run import Plan
@@ -89,7 +89,7 @@ def test_from_a_folder_of_photographs_to_the_verdict_depth(
     capsys.readouterr()
     assert eyechart(monkeypatch, "verdict", tmp_path / "run", "--json") == 0
     verdict = json.loads(capsys.readouterr().out)["models"]["driver:looks"]
-    assert (verdict["calibrated"], verdict["evidence"]) == ("depth", "observational")
+    assert (verdict["calibrated"], verdict["evidence"]) == ("depth_associated", "observational")
     assert ("8 episodes" if episodes else "declared independent") in verdict["scope"]
     assert check(tmp_path / "bank") == []
 
@@ -122,6 +122,7 @@ def encodings() -> dict[str, bytes]:
         "quoted.csv": quoted.encode(),
         "utf16.csv": photographs.as_csv(table).encode("utf-16"),
         "utf16le.csv": photographs.as_csv(table).encode("utf-16-le"),
+        "utf32.csv": photographs.as_csv(table).encode("utf-32"),
         "semicolon.csv": photographs.as_csv(table, delimiter=";").encode(),
         "tab.tsv": photographs.as_csv(table, delimiter="\t").encode(),
         "blank-lines.csv": photographs.as_csv(table, end="\n\n").encode(),
@@ -294,7 +295,7 @@ def test_a_missing_column_costs_its_own_tests_by_name_and_the_battery_still_runs
     found = battery.score(tmp_path / "run", resamples=500).models["driver:looks"].statistics
     assert (found[statistic].value, found[statistic].p) == (None, None)
     assert why in found[statistic].note
-    assert verdict.calibrated.label == {"gap": "content", "episode": "content"}.get(missing, "depth")
+    assert verdict.calibrated.label == {"gap": "content", "episode": "content"}.get(missing, "depth_associated")
     if missing == "mirror":
         assert verdict.lateral.label == "not_tested"
     if missing == "scenario":
@@ -309,7 +310,7 @@ def test_a_missing_column_costs_its_own_tests_by_name_and_the_battery_still_runs
         assert len(gap_tests) == 5
         assert all(one.p is None and one.value is None for one in gap_tests)
         declared = battery.score(tmp_path / "run", resamples=500, independent=True)
-        assert judge(declared)["driver:looks"].calibrated.label == "depth"
+        assert judge(declared)["driver:looks"].calibrated.label == "depth_associated"
 
 
 def space() -> object:
@@ -380,7 +381,7 @@ def test_without_its_extra_an_adapter_names_the_extra(
     with pytest.raises(SourceError, match=r"pip install 'eyechart\[parquet\]'"):
         import_table(photos, tmp_path / "t.parquet", tmp_path / "bank", Choices())
     with pytest.raises(SourceError, match=r"pip install 'eyechart\[lerobot\]'"):
-        parquet.require("pyarrow", "pyarrow", "lerobot")
+        tables.require("pyarrow", "pyarrow", "lerobot")
     with pytest.raises(SourceError, match=r"info\.json does not exist: is .* a LeRobotDataset"):
         import_lerobot(photos, tmp_path / "bank", Choices())
 
@@ -470,7 +471,7 @@ def test_the_bank_declares_independence_so_that_scoring_needs_no_flag(imported: 
     text = photographs.as_csv(photographs.rows(), without=["drive", "tick"])
     bank = imported(text, columns={"file": "photo", "gap": "lidar_m"}, independent=True, space=space())
     assert bank.manifest.independent
-    assert verdict_of(bank, tmp_path / "run").calibrated.label == "depth"
+    assert verdict_of(bank, tmp_path / "run").calibrated.label == "depth_associated"
     assert isinstance(battery.plan(bank.root, ["driver:looks"], tmp_path / "run").plan, Plan)
 
 

@@ -11,7 +11,7 @@ from eyechart.frames import open_bank
 from eyechart.models.scripted import CONTROLLERS
 from eyechart.studies import battery
 from eyechart.studies.battery import BatteryScore
-from eyechart.verdicts import Verdict, judge
+from eyechart.verdicts import LABELS, Verdict, judge
 from known import Demo
 
 
@@ -92,3 +92,22 @@ def _json(*arguments: str) -> dict[str, dict[str, dict]]:
     told = CliRunner().invoke(app, arguments)
     assert told.exit_code == 0
     return json.loads(told.stdout, parse_constant=lambda word: pytest.fail(f"{word} in the JSON"))
+
+
+def test_blind_models_cost_what_they_did_and_a_reader_at_most_six_conditions_more(
+    scored: BatteryScore, verdicts: dict[str, Verdict]
+) -> None:
+    """On real pictures: eleven conditions were asked of everybody before there were controls."""
+    found = {spec: one.calibrated.label for spec, one in verdicts.items()}
+    frames = len(scored.bank)
+    before = len(scored.manifest.conditions) * frames
+    assert len(scored.manifest.conditions) == 11
+    blind = [one.planned for spec, one in scored.models.items() if LABELS[found[spec]].family == "blind"]
+    unseeing = [*blind, *(one.planned for spec, one in scored.models.items() if found[spec] == "presence_only")]
+    assert len(unseeing) >= 5
+    assert set(blind) == {before}
+    assert sum(unseeing) <= 1.05 * before * len(unseeing)
+    readers = [one.planned for spec, one in scored.models.items() if found[spec] in {"depth", "depth_lateral"}]
+    assert len(readers) >= 6
+    assert all(before < calls <= before + 6 * frames for calls in readers)
+    assert all(one.controls.ended for one in scored.models.values())

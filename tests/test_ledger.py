@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import astuple, replace
+from dataclasses import astuple
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -23,7 +23,7 @@ from eyechart.limits import Limits
 
 MODEL = "standin:steady"
 KEY = CallKey("battery", MODEL, "baseline@0", "f1", "real")
-OTHER = replace(KEY, frame="f2")
+OTHER = KEY._replace(frame="f2")
 FULL = Reply("STOP", "stop", None, "", 10, 1, 0.5)
 EVERY = Reply(
     "GO", "stop", None, "", 10, 9, 0.5, "so so", 8, 0.25, 200, 1.5, "m-2026", "upstream", 0.001, 2.5, "fp", 7, "ab"
@@ -73,7 +73,7 @@ def older(path: Path, version: int, *replies: Reply) -> None:
         sql.executescript("PRAGMA journal_mode = WAL;" + (FORMAT_1 if version == 1 else _SCHEMA + _APPEND_ONLY))
         sql.execute(f"PRAGMA user_version = {version}")
         for number, reply in enumerate(replies, 1):
-            add("calls", number, *astuple(replace(KEY, frame=f"f{number}")))
+            add("calls", number, *KEY._replace(frame=f"f{number}"))
             add("attempts", number, number, 1, *(() if version == 1 else (None,)), "digest", "then")
             add("replies", number, number, 1, "now", *astuple(reply)[: COLUMNS[version]])
         sql.commit()
@@ -113,7 +113,7 @@ def test_a_reply_comes_back_verbatim(path: Path) -> None:
         "f4": EVERY,
         "f3": Reply("a\0b\r\n\u2028ü😀", "length"),
     }
-    fill(path, *((replace(KEY, frame=frame), reply) for frame, reply in replies.items()))
+    fill(path, *((KEY._replace(frame=frame), reply) for frame, reply in replies.items()))
     with Ledger(path, create=True) as ledger:
         assert {key.frame: reply for key, reply in ledger.replies(MODEL)} == replies
         assert list(ledger.replies("nobody")) == []
@@ -241,7 +241,7 @@ def test_a_ledger_of_format_2_grows_in_a_run_with_a_copy_of_the_old_one_beside_i
     path = tmp_path / "ledger.sqlite"
     older(path, 2, EVERY)
     with Ledger(path, create=True) as ledger:
-        ledger.close(ledger.begin(replace(KEY, frame="f9"), "digest"), FULL)
+        ledger.close(ledger.begin(KEY._replace(frame="f9"), "digest"), FULL)
     assert sorted(files(tmp_path)) == ["ledger.sqlite", "ledger.sqlite.format2.bak"]
     with Ledger(path) as ledger:
         ledger.require_plain()
@@ -319,7 +319,7 @@ def test_only_a_plain_ledger_is_migrated(tmp_path: Path) -> None:
 def test_a_row_that_is_not_what_its_checksum_says_is_named(path: Path) -> None:
     """Whatever the values were given as: whole numbers as seconds, a negative zero, what is no number."""
     odd = Reply("a\0b\ud800ü", seconds=-0.0, first_byte_s=2, energy_j=float("nan"), prompt_tokens=True)
-    fill(path, (KEY, odd), (OTHER, EVERY), (replace(KEY, frame="f3"), Reply(error="timeout")))
+    fill(path, (KEY, odd), (OTHER, EVERY), (KEY._replace(frame="f3"), Reply(error="timeout")))
     with Ledger(path) as ledger:
         assert ledger.damaged() == []
     with closing(sqlite3.connect(path)) as sql:
@@ -371,7 +371,7 @@ def test_a_ledger_whose_log_is_begun_anew_at_every_copy_is_read_where_it_is(
 
         def late(source: Path, target: Path) -> None:
             if source == path:
-                live.close(live.begin(replace(KEY, frame=str(time.monotonic_ns())), "digest"), FULL)
+                live.close(live.begin(KEY._replace(frame=str(time.monotonic_ns())), "digest"), FULL)
                 live._sql.execute("PRAGMA wal_checkpoint(TRUNCATE)")
             copy(source, target)
 
@@ -392,7 +392,7 @@ def test_absorbing_keeps_every_attempt_and_reply(path: Path, tmp_path: Path) -> 
     """Keys, numbers, replies and open attempts come over; calls of both go on counting."""
     fill(path, (KEY, FULL), (OTHER, Reply(error="timeout")))
     more = tmp_path / "it's more.sqlite"
-    third = replace(KEY, frame="f3")
+    third = KEY._replace(frame="f3")
     fill(more, (third, Reply(error="timeout")), (third, FULL), (OTHER, None), (OTHER, FULL))
     with Ledger(path, create=True) as ledger, Ledger(more) as other:
         assert ledger.absorb(other) == 1
@@ -469,7 +469,7 @@ def test_a_ledger_that_is_read_is_not_written(path: Path) -> None:
         ledger.close(ledger.begin(KEY, "digest"), FULL)
     before = path.read_bytes()
     with Ledger(path) as ledger, pytest.raises(sqlite3.OperationalError, match="readonly"):
-        ledger.begin(replace(KEY, frame="f9"), "digest")
+        ledger.begin(KEY._replace(frame="f9"), "digest")
     with Ledger(path) as ledger:
         assert ledger.finished() == {KEY}
     assert path.read_bytes() == before

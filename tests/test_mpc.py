@@ -12,8 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eyechart.errors import StateError
-from eyechart.mpc import STEP_S, Bicycle, Mpc, Plan, Road, State, Target
-from eyechart.mpc.controller import Detour
+from eyechart.mpc import STEP_S, Bicycle, Detour, Mpc, Plan, Road, State, Target
 
 CAR, ROAD = Bicycle(), Road()
 STILL = State(0.0, 0.0, 0.0, 0.0)
@@ -107,7 +106,7 @@ def test_commands_stay_within_the_bounds_of_the_vehicle(seed: int) -> None:
 
 def test_a_solver_that_fails_brakes_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     """The command is the hardest brake, and the solver's own code stands in the plan."""
-    monkeypatch.setattr("eyechart.mpc.controller.solve", lambda *_, **__: (np.full(32, 0.1), 0.0, -1, {}))
+    monkeypatch.setattr("eyechart.mpc.solve", lambda *_, **__: (np.full(32, 0.1), 0.0, -1, {}))
     plan = Mpc(CAR, ROAD).plan(replace(STILL, speed_mps=2.0), Target(4.5, 0.0))
     assert (plan.solved, plan.flag, plan.accel_mps2, plan.steer_rad) == (False, -1, -CAR.brake_mps2, 0.0)
     assert plan.path[-1, 0] == pytest.approx(0.2 * (2.0 + 1.2 + 0.4))
@@ -115,7 +114,7 @@ def test_a_solver_that_fails_brakes_and_says_so(monkeypatch: pytest.MonkeyPatch)
 
 def test_a_solver_that_returns_no_numbers_brakes_too(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its flag says that it solved the problem, which is not believed."""
-    monkeypatch.setattr("eyechart.mpc.controller.solve", lambda *_, **__: (np.full(32, np.nan), 0.0, 1, {}))
+    monkeypatch.setattr("eyechart.mpc.solve", lambda *_, **__: (np.full(32, np.nan), 0.0, 1, {}))
     plan: Plan = Mpc(CAR, ROAD).plan(STILL, Target(4.5, 0.0))
     assert (plan.solved, plan.accel_mps2) == (False, -CAR.brake_mps2)
 
@@ -167,7 +166,7 @@ def test_no_state_leaves_a_failure_unsaid(monkeypatch: pytest.MonkeyPatch, state
         told.append((-1, -3, -4)[len(own) % 3] if len(own) % 50 == 0 else flag)
         return found, cost, told[-1], info
 
-    monkeypatch.setattr("eyechart.mpc.controller.solve", now_and_then)
+    monkeypatch.setattr("eyechart.mpc.solve", now_and_then)
     mpc = Mpc(CAR, ROAD)
     cases = list(somewhere(2, states))
     plans = [mpc.plan(*case) for case in cases]
@@ -178,3 +177,69 @@ def test_no_state_leaves_a_failure_unsaid(monkeypatch: pytest.MonkeyPatch, state
         assert -CAR.brake_mps2 - 1e-6 <= plan.accel_mps2 <= CAR.accel_mps2 + 1e-6
         assert abs(plan.steer_rad) <= CAR.most_steer(state.speed_mps) + 1e-6
         assert plan.solved or (plan.accel_mps2, plan.steer_rad) == (-CAR.brake_mps2, 0.0)
+
+
+def speeds(mpc: Mpc, state: State, target: Target) -> list[float]:
+    """Return the speeds to which a plan's first command and its repeats lead, 40 steps long."""
+    found = [state.speed_mps]
+    for _ in range(40):
+        found.append(found[-1] + STEP_S * mpc.plan(replace(state, speed_mps=found[-1]), target).accel_mps2)
+    return found
+
+
+def test_the_vehicles_speed_is_a_bound_whatever_the_intent_asks_for() -> None:
+    """A target of 4.5 m/s ends at the 3 m/s that the vehicle can do; one below it is reached."""
+    slow = Mpc(replace(CAR, speed_mps=3.0), ROAD)
+    asked = speeds(slow, STILL, Target(4.5, 0.0))
+    assert max(asked) <= 3.0 + 1e-6
+    assert asked[-1] == pytest.approx(3.0, abs=1e-3)
+    assert speeds(slow, STILL, Target(2.5, 0.0))[-1] == pytest.approx(2.5, abs=0.05)
+    assert max(speeds(Mpc(CAR, ROAD), STILL, Target(9.0, 0.0))) == pytest.approx(CAR.speed_mps, abs=1e-3)
+
+
+def test_a_vehicle_that_is_too_fast_is_not_asked_for_the_impossible() -> None:
+    """Above its bound it may stay as fast as it is, and is not made faster; it comes down to what is asked for."""
+    found = speeds(Mpc(replace(CAR, speed_mps=3.0), ROAD), replace(STILL, speed_mps=4.0), Target(9.0, 0.0))
+    assert max(found) <= 4.0 + 1e-6
+    assert Mpc(replace(CAR, speed_mps=3.0), ROAD).plan(replace(STILL, speed_mps=4.0), Target(2.0, 0.0)).solved
+
+
+def test_it_never_plans_to_drive_backwards() -> None:
+    """To stop from 0.3 m/s takes 1.5 m/s², not the 4 that the brakes could."""
+    found = speeds(Mpc(CAR, ROAD), replace(STILL, speed_mps=0.3), Target(0.0, 0.0))
+    assert min(found) >= -1e-6
+    assert found[-1] == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(("place", "aim"), [(0.54, -1.1), (0.56, 1.1), (-0.5, -1.1), (1.4, 1.1)])
+def test_a_detour_costs_its_way_there_and_half_of_the_way_to_the_target(place: float, aim: float) -> None:
+    """Edges at ±1.1 and a target at -2: |edge - place| + |edge - target| / 2 are equal from 0.55."""
+    detour = Detour(np.array([[6.0, 0.0, 1.0]]), 0.0, 4.0)
+    assert detour.aim(0.0, place, -2.0) == pytest.approx(aim)
+
+
+@pytest.mark.parametrize(("x", "aim"), [(0.0, 1.1), (-12.0 + 6.0, 0.0), (-12.0 + 6.01, 1.1), (7.0, 0.0), (6.99, 1.1)])
+def test_what_is_looked_at_begins_and_ends(x: float, aim: float) -> None:
+    """A disc is in the way from 12 m before its middle until its radius behind it."""
+    assert Detour(np.array([[6.0, 0.0, 1.0]]), x, 4.0).aim(x, 0.5, 0.0) == pytest.approx(aim)
+
+
+def test_a_way_round_that_leaves_the_road_is_none() -> None:
+    """Off the road's half width an edge is no way, and where both are off, the target's own offset stays."""
+    disc = np.array([[6.0, 2.5, 1.0]])
+    assert Detour(disc, 0.0, 4.0).aim(0.0, 3.0, 2.5) == pytest.approx(3.6)
+    assert Detour(disc, 0.0, 3.5).aim(0.0, 3.0, 2.5) == pytest.approx(1.4)
+    assert Detour(np.array([[6.0, 0.0, 5.0]]), 0.0, 4.0).aim(0.0, 1.0, 0.0) == 0.0
+
+
+def test_discs_that_overlap_along_the_road_are_passed_together() -> None:
+    """Two side by side leave the outer edges; one that begins behind the first's end is passed later."""
+    beside = np.array([[6.0, 1.0, 1.0], [6.5, -0.5, 1.0]])
+    assert Detour(beside, 0.0, 4.0).aim(0.0, 0.3, 0.0) == pytest.approx(-1.6)
+    assert Detour(np.array([[6.0, 1.0, 1.0], [8.1, -0.5, 1.0]]), 0.0, 4.0).aim(0.0, 0.3, 0.2) == pytest.approx(-0.1)
+
+
+@pytest.mark.parametrize(("speed", "most"), [(0.0, 0.5), (1.9, 0.5), (2.0, math.atan(0.5)), (5.0, math.atan(0.08))])
+def test_the_wheels_turn_as_far_as_the_speed_allows(speed: float, most: float) -> None:
+    """Half a radian, or from 1.91 m/s on what keeps the lateral acceleration at 4 m/s²."""
+    assert CAR.most_steer(speed) == pytest.approx(most)

@@ -29,7 +29,9 @@ user = """You go at speed {speed} {{sic}}. Reply as {"action": "HALT"}."""
 PLACES = {"file": "photo", "episode": "drive", "step": "tick", "scenario": "place", "gap": "lidar_m"}
 TWO = Discrete("two", ("HALT", "GO"), (), ("HALT",), ("GO",))
 
-UNDRAWN = tuple(name for name, one in CONDITIONS.items() if not one.needs & {"counterfactual", "text", "drive"})
+UNDRAWN = tuple(
+    name for name, one in CONDITIONS.items() if not one.needs & {"counterfactual", "control", "text", "drive"}
+)
 """What a bank without counterfactuals can show where a prompt says nothing of a frame."""
 
 Ask = Callable[[str], Path]
@@ -139,7 +141,7 @@ def test_who_follows_a_text_that_goes_with_the_gap_is_not_taken_for_one_who_sees
     scored = battery.score(tmp_path / "run", resamples=1000)
     assert {spec: one.calibrated.label for spec, one in judge(scored).items()} == {
         "driver:listens": "image_invariant",
-        "driver:looks": "depth",
+        "driver:looks": "depth_associated",
     }
     heard = scored.models["driver:listens"].statistics["depth_observational"]
     assert heard.detail is not None
@@ -202,7 +204,9 @@ def test_a_prompt_that_must_not_be_asked_is_one_line(
 def test_the_run_records_the_wording_and_its_hash(bank: FrameBank, ask: Ask, tmp_path: Path) -> None:
     """It is read back as it was, does not depend on the file, and an edited wording is noticed."""
     path = ask(SAID)
-    battery.run(battery.plan(bank.root, ["standin:steady"], tmp_path / "run", prompt=str(path), limit=2))
+    battery.run(
+        battery.plan(bank.root, ["standin:steady"], tmp_path / "run", prompt=str(path), extent=battery.Extent(2))
+    )
     path.unlink()
     manifest, _ = read_run(tmp_path / "run")
     recorded = json.loads((tmp_path / "run/run.json").read_text())

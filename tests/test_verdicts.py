@@ -22,6 +22,7 @@ from eyechart.verdicts import (
     Evidence,
     Ruling,
     calibrated_rules,
+    earns_lateral,
     lateral_rules,
     notes,
     paper_rules,
@@ -35,7 +36,7 @@ def rule_on(answered: Answers) -> tuple[Ruling, str, Ruling, Ruling]:
     """Return calibrated ruling, evidence, lateral ruling and the paper's ruling on simulated answers."""
     found = statistics_of(answered, HOW)
     lateral = lateral_rules(found, answered.directions())
-    calibrated, evidence = calibrated_rules(found, swaps=lateral.label == "swaps")
+    calibrated, evidence = calibrated_rules(found, turns=earns_lateral(found, lateral.label))
     holm = {name: found[name].p for name in ("cramers_v", "cramers_v.decision")}
     return calibrated, evidence, lateral, paper_rules(found, holm)
 
@@ -58,14 +59,14 @@ def lateral_of(condition: str, frame: Frame, rng: np.random.Generator) -> str:
 def test_depth_is_found_by_intervention() -> None:
     """A graded controller is depth, by the counterfactual pair, and by the paper's rules."""
     calibrated, evidence, lateral, paper = rule_on(simulated.answers(depth, WORLD))
-    assert (calibrated.label, evidence, lateral.label, paper.label) == ("depth", "interventional", "no_power", "depth")
+    assert (calibrated.label, evidence, lateral.label, paper.label) == ("depth", "controlled", "no_power", "depth")
     assert calibrated.decided_by == "depth_interventional"
 
 
-def test_depth_is_found_by_observation_where_there_are_no_counterfactuals() -> None:
-    """Without counterfactual pictures the exchange of whole episodes decides."""
+def test_braking_that_goes_with_distance_by_observation_is_associated() -> None:
+    """Without counterfactual pictures the exchange of whole episodes decides, and it earns no authority."""
     calibrated, evidence, _, _ = rule_on(simulated.answers(depth, WORLD, counterfactuals=False))
-    assert (calibrated.label, evidence) == ("depth", "observational")
+    assert (calibrated.label, evidence) == ("depth_associated", "observational")
     assert calibrated.decided_by == "depth_observational"
 
 
@@ -79,7 +80,7 @@ def test_one_episode_a_scenario_cannot_say_whether_it_follows_the_gap() -> None:
 def test_swaps_make_depth_lateral() -> None:
     """Exchanged directions are an axis of their own, and with depth they are depth_lateral."""
     calibrated, _, lateral, paper = rule_on(simulated.answers(lateral_of, WORLD))
-    assert (calibrated.label, lateral.label, paper.label) == ("depth_lateral", "swaps", "depth_lateral")
+    assert (calibrated.label, lateral.label, paper.label) == ("depth_lateral", "turns_clear", "depth_lateral")
 
 
 def test_directions_that_ignore_the_reflection_do_not_swap() -> None:
@@ -276,18 +277,22 @@ def held(**changes: Statistic) -> dict[str, Statistic]:
 
 def test_presence_needs_every_bound_on_content() -> None:
     """One effect of content that is not bounded leaves the verdict open, and is named."""
-    assert calibrated_rules(held(), swaps=False)[0].label == "presence_only"
+    assert calibrated_rules(held(), turns=False)[0].label == "presence_only"
     for name in ("bound_content_shuffled", "bound_content_recoloured", "bound_scene"):
         loose = Discordant(0.05, 144, (-0.02, 0.12), 0.03, b=10, c=3)
-        ruling = calibrated_rules(held(**{name: loose}), swaps=False)[0]
+        ruling = calibrated_rules(held(**{name: loose}), turns=False)[0]
         assert (ruling.label, ruling.decided_by) == ("undecided", name)
 
 
-def test_content_is_corrected_over_its_two_tests() -> None:
-    """A p of .008 in one of two tests is .016 after Holm, and no claim; .004 is one."""
-    weak, strong = Statistic(0.7, 50, p=0.008), Statistic(0.7, 50, p=0.004)
-    assert calibrated_rules(held(content_shuffled=weak), swaps=False)[0].label == "presence_only"
-    assert calibrated_rules(held(content_shuffled=strong), swaps=False)[0].label == "content"
+def test_content_is_corrected_over_its_tests_and_holds_against_the_nudge() -> None:
+    """A p of .004 in one of three tests is .012 after Holm, and no claim; .003 is one, unless the nudge undoes it."""
+    weak, strong = Statistic(0.7, 50, p=0.004), Statistic(0.7, 50, p=0.003)
+    assert calibrated_rules(held(content_shuffled=weak), turns=False)[0].label == "presence_only"
+    assert calibrated_rules(held(content_shuffled=strong), turns=False)[0].label == "presence_only", (
+        "not against nudged"
+    )
+    sees = held(content_shuffled=strong, content_nudged_shuffled=strong)
+    assert calibrated_rules(sees, turns=False)[0].label == "content"
 
 
 def test_rules_test_at_one_percent_and_bound_at_ten() -> None:
@@ -300,7 +305,7 @@ def test_rules_test_at_one_percent_and_bound_at_ten() -> None:
     assert found["bound_content_shuffled"].ci == pytest.approx((-(z**2) / (144 + z**2), z**2 / (144 + z**2)), abs=1e-4)
     assert found["bound_content_shuffled"].detail["margin"] == MARGIN
     almost = Statistic(0.7, 50, p=0.012)
-    assert calibrated_rules(held(scene_cue=almost), swaps=False)[0].label == "presence_only"
+    assert calibrated_rules(held(scene_cue=almost), turns=False)[0].label == "presence_only"
 
 
 @pytest.mark.parametrize("missing", simulated.CONDITIONS[1:])

@@ -13,6 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
+from typing import Any, TypedDict, Unpack
 
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank
@@ -25,7 +26,7 @@ from eyechart.probe import probe as find_mode
 from eyechart.run import Progress
 from eyechart.simulators import open_bank_simulator
 from eyechart.studies import battery
-from eyechart.studies.battery import Battery, BatteryScore
+from eyechart.studies.battery import Battery, BatteryScore, Extent
 from eyechart.studies.probed import Allowed, Asked, Probing, plan_probed
 from eyechart.verdicts import Verdict, judge, words_of
 
@@ -126,32 +127,42 @@ def build_bank(
     return opened.build(Path(out), preset=preset, seeds=seeds, steps=steps, progress=progress)
 
 
-def run_battery(  # noqa: PLR0913 - what a battery is mostly asked for
+class _Asking(TypedDict, total=False):
+    """How a battery asks: options that are passed on to `eyechart.studies.battery.plan`, with its defaults."""
+
+    prompt: str | None
+    seed: int
+    limit: int | None
+    controls: str | None
+
+
+def run_battery(
     bank: FrameBank | Path | str,
     models: Sequence[str | RequestMode] | str | RequestMode,
     out: Path | str,
     *,
-    prompt: str | None = None,
-    seed: int = 0,
-    limit: int | None = None,
     concurrency: int = 8,
     probe: bool = True,
     progress: Progress | None = None,
+    **asking: Unpack[_Asking],
 ) -> Report:
     """Ask models about every frame of a bank under every condition, and return the report.
 
     It makes calls, which may cost money; those that the run's folder ``out`` holds already are not made again, so an
     interrupted call goes on where it stopped. ``models`` is a SPEC, a request mode, or several of them; a model that is
-    served elsewhere and given by its SPEC is probed first, once a run, unless ``probe`` is false. The other options are
-    those of ``eyechart run battery`` (the rarer ones are those of `eyechart.studies.battery.plan`);
-    ``progress`` gets (calls done, of how many). Raises BankError, SpecError or LedgerError as ``plan`` does,
-    and ProbeError where a model cannot be probed. A report on calls that failed says so in its notes.
+    served elsewhere and given by its SPEC is probed first, once a run, unless ``probe`` is false. ``prompt``, ``seed``,
+    ``limit`` and ``controls`` are those of ``eyechart run battery`` (the rarer ones are those of
+    `eyechart.studies.battery.plan`); ``progress`` gets (calls done, of how many). Raises BankError, SpecError or
+    LedgerError as ``plan`` does, and ProbeError where a model cannot be probed. A report on calls that
+    failed says so in its notes.
     """
     given = [models] if isinstance(models, str | RequestMode) else models
+    named: dict[str, Any] = {**asking}
+    extent = Extent(named.pop("limit", None), controls=named.pop("controls", None))
 
     def plan(modes: Sequence[RequestMode], probes: Mapping[str, Spent]) -> Battery:
         root = bank.root if isinstance(bank, FrameBank) else Path(bank)
-        return battery.plan(root, modes, Path(out), prompt=prompt, seed=seed, limit=limit, probes=probes)
+        return battery.plan(root, modes, Path(out), extent=extent, **named).counting(probes)
 
     modes = [one if isinstance(one, RequestMode) else RequestMode(one) for one in given]
     asked = Asked(modes, frozenset(one for one in given if isinstance(one, str)), {})

@@ -20,7 +20,7 @@ _NOT_SENT = Reply(error="exception")
 def budget_of(limits: Limits | None, models: Sequence[str], ledger: Ledger) -> Budget:
     """Return the budget of a run, with what its ledger holds already counted where a limit bounds it."""
     budget = Budget(limits or Limits(), models)
-    if budget.counts_all:
+    if (budget.limits.calls, budget.limits.cost_usd) != (None, None):  # which then bounds what was sent before too
         for spec in ledger.models():  # also those that are not asked now: a limit is the whole run's
             for attempt in ledger.attempts(spec):
                 budget.made_before(spec, attempt.reply)
@@ -50,7 +50,8 @@ class Caller:
         self._budget = budget
         self._attempts = attempts
         self._silent = silent
-        self._heard = {spec for spec in ledger.models() if silent and _answered(ledger, spec)}
+        answered = (spec for spec in ledger.models() if any(one.error is None for _, one in ledger.replies(spec)))
+        self._heard = set(answered) if silent else set()
 
     async def call(self, key: CallKey, query: Query, model: Model, pace: Pace) -> Made | None:
         """Make a call; return what it came to, or None where a limit kept it from being made.
@@ -89,10 +90,6 @@ class Caller:
         if reply.error not in self._silent or spec not in self._heard or spec in self._budget.set_aside:
             return False
         return (last or reply.error == "timeout") and not asks_too_much(reply)
-
-
-def _answered(ledger: Ledger, spec: str) -> bool:
-    return any(reply.error is None for _, reply in ledger.replies(spec))
 
 
 async def close(model: Model) -> None:

@@ -3,9 +3,8 @@
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
-from types import UnionType
-from typing import Literal, get_args
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple, get_args, get_type_hints
 
 from eyechart.frames import Stimulus
 from eyechart.seeds import key_seed
@@ -137,36 +136,27 @@ class Reply:
     payload_sha256: str | None = None
 
 
-_TEXTS = ("text", "error_detail", "reasoning")
-_NAMES = ("finish_reason", "served", "provider", "system_fingerprint", "payload_sha256")
-_COUNTS = ("prompt_tokens", "completion_tokens", "reasoning_tokens", "status", "payload_bytes")
-_NUMBERS = ("seconds", "first_byte_s", "retry_after_s", "cost_usd", "energy_j")
+_KINDS = {
+    name: kind | int if kind == float | None else kind
+    for name, kind in get_type_hints(Reply).items()
+    if name != "error"
+}
 
 
 def misfit(reply: Reply) -> str | None:
     """Return in words what of a reply is not of its field's type, so that no ledger can hold it, or None."""
-    kinds: tuple[tuple[tuple[str, ...], type | UnionType, bool], ...] = (
-        (_TEXTS, str, False),
-        (_NAMES, str, True),
-        (_COUNTS, int, True),
-        (_NUMBERS, int | float, True),
-    )
-    for names, kind, may_lack in kinds:
-        for name in names:
-            value = getattr(reply, name)
-            if value is None and may_lack:
-                continue
-            if not isinstance(value, kind):
-                return f"its {name} is a {type(value).__name__}"
-            if isinstance(value, int) and not -(2**63) <= value < 2**63:
-                return f"its {name} has more than 63 bits"
+    for name, kind in _KINDS.items():
+        value = getattr(reply, name)
+        if not isinstance(value, kind):
+            return f"its {name} is a {type(value).__name__}"
+        if isinstance(value, int) and not -(2**63) <= value < 2**63:
+            return f"its {name} has more than 63 bits"
     if reply.error is not None and reply.error not in get_args(ErrorKind):
         return f"its error is none of {', '.join(get_args(ErrorKind))}"
     return None
 
 
-@dataclass(frozen=True, slots=True, order=True)
-class CallKey:
+class CallKey(NamedTuple):
     """The identity of a call: never its content (docs/decisions/0001)."""
 
     study: str
@@ -178,4 +168,4 @@ class CallKey:
 
     def seed(self, run_seed: int) -> int:
         """Return a 63-bit seed that depends on this key and the run's seed only."""
-        return key_seed(run_seed, *(str(getattr(self, one.name)) for one in fields(self)))
+        return key_seed(run_seed, *map(str, self))

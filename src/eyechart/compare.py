@@ -1,9 +1,10 @@
 """Two runs are compared model by model: whether each statistic and each verdict came out again."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from eyechart.errors import SpecError
+from eyechart.records import Plain, plain
 from eyechart.report.table import STATISTIC, Cell, Column, Table, columns, statistic_cells
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic
@@ -16,7 +17,7 @@ ALPHA = 0.05
 
 
 @dataclass(frozen=True)
-class Replication:
+class Replication(Plain):
     """One model in two runs: its labels, each statistic's difference, and the p of those corrected by Holm.
 
     ``labels`` maps ``verdict``, ``lateral`` and ``paper`` to what the first and the second run say.
@@ -38,6 +39,11 @@ class Replication:
         """Return whether the calibrated verdict and the lateral label came out again and no statistic differs."""
         same = all(self.labels[name][0] == self.labels[name][1] for name in ("verdict", "lateral"))
         return same and not self.changed
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        found = {"replicated": self.replicated, **super().as_dict(), "changed": list(self.changed)}
+        return {name: value for name, value in found.items() if name != "model"}
 
 
 @dataclass(frozen=True)
@@ -64,17 +70,7 @@ class Comparison:
             "replicated": self.replicated,
             "apart": list(self.apart),
             "failed_guards": list(self.marks),
-            "models": {
-                spec: {
-                    "replicated": one.replicated,
-                    "versions": list(one.versions),
-                    "labels": {name: list(pair) for name, pair in one.labels.items()},
-                    "differences": {name: value.as_dict() for name, value in one.differences.items()},
-                    "holm": dict(one.holm),
-                    "changed": list(one.changed),
-                }
-                for spec, one in self.models.items()
-            },
+            "models": plain(self.models),
         }
 
 
@@ -93,7 +89,12 @@ def compare(first: BatteryScore, second: BatteryScore, *, resamples: int = 2000)
     common = [spec for spec in first.models if spec in second.models]
     if not common:
         raise SpecError(f"the runs have no model in common: {', '.join(first.models)} and {', '.join(second.models)}")
-    _require_whole(common, first, second)
+    for which, run in (("first", first), ("second", second)):
+        if stopped := [spec for spec in common if run.models[spec].stopped is not None]:
+            raise SpecError(
+                f"{stopped[0]} stopped early in the {which} run: its answers chose its frames, so no test compares them"
+                "; leave --stop-early out of runs that are to be compared"
+            )
     judged = judge(first), judge(second)
     models = {}
     for spec in common:
@@ -121,16 +122,6 @@ def compare(first: BatteryScore, second: BatteryScore, *, resamples: int = 2000)
     return Comparison(models, _apart(first, second), tuple(marks))
 
 
-def _require_whole(common: Sequence[str], first: BatteryScore, second: BatteryScore) -> None:
-    for which, run in (("first", first), ("second", second)):
-        for spec in common:
-            if run.models[spec].stopped is not None:
-                raise SpecError(
-                    f"{spec} stopped early in the {which} run: its answers chose its frames, so no test compares them"
-                    "; leave --stop-early out of runs that are to be compared"
-                )
-
-
 def _apart(first: BatteryScore, second: BatteryScore) -> tuple[str, ...]:
     """Return what the two runs do not have in common, in words."""
     pairs = {
@@ -143,6 +134,8 @@ def _apart(first: BatteryScore, second: BatteryScore) -> tuple[str, ...]:
     for spec in first.models.keys() & second.models.keys():
         one, other = first.models[spec].version, second.models[spec].version
         said += [both.format(f"{spec} version", one, other)] if one != other else []
+        asked = [", ".join(run.models[spec].controls.controls) or "none" for run in (first, second)]
+        said += [both.format(f"{spec} controls", *asked)] if asked[0] != asked[1] else []
         if not first.manifest.mode(spec).same_request(second.manifest.mode(spec)):
             said.append(f"{spec} was asked in another request mode in the second run")
     for which, mine, theirs in (("first", first, second), ("second", second, first)):

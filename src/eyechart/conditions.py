@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -51,7 +52,8 @@ class Condition:
     ``make(frame, source, seed)`` returns the stimulus; it raises BankError where the source cannot supply it. ``seed``
     is the frame's own, so the order of calls has no say. ``needs`` are what a source must have: an ``axis`` of
     reflection, a ``partner`` in the scenario, a ``stranger`` of another, a ``counterfactual`` picture of the same
-    moment with one thing changed, a prompt that says a ``text`` of each frame, or a ``drive``.
+    moment with one thing changed, a prompt that says a ``text`` of each frame, or a ``drive``. A ``control`` is asked
+    to take a claim away, never to make one.
     """
 
     name: str
@@ -72,7 +74,12 @@ def _real(frame: Frame, source: Source, _: int) -> Stimulus:
 
 def _blank(frame: Frame, source: Source, _: int) -> Stimulus:
     shapes = source.shapes(frame).items()
-    return _shown(frame, {name: encode(np.full(shape, MID_GREY, dtype=np.uint8)) for name, shape in shapes})
+    return _shown(frame, {name: _grey(shape) for name, shape in shapes})
+
+
+@lru_cache(maxsize=8)
+def _grey(shape: tuple[int, int, int]) -> bytes:
+    return encode(np.full(shape, MID_GREY, dtype=np.uint8))
 
 
 def _noise(frame: Frame, source: Source, seed: int) -> Stimulus:
@@ -105,11 +112,26 @@ def _drawn(name: str) -> Callable[[Frame, Source, int], Stimulus]:
     return lambda frame, source, _: _shown(frame, source.images(frame, name))
 
 
+def _nudged(frame: Frame, source: Source, seed: int) -> Stimulus:
+    """Return the true pictures with one value of one pixel changed by one level: other files, the same pictures.
+
+    The pixel is one of the first row, the sky or the verge of a road: a reader of exact colours loses nothing there.
+    """
+    rng, images = np.random.default_rng(seed), {}
+    for camera, picture in source.images(frame).items():
+        pixels = decode(picture, frame.pictures[camera]).copy()
+        _, width, channels = pixels.shape
+        pixels[0, int(rng.integers(width)), int(rng.integers(channels))] ^= 1
+        images[camera] = encode(pixels)
+    return _shown(frame, images)
+
+
 def _text_swapped(frame: Frame, source: Source, seed: int) -> Stimulus:
     return replace(_real(frame, source, seed), fields=speaker(frame, source, seed).fields)
 
 
 _AXIS, _DRAWN = frozenset({"axis"}), frozenset({"counterfactual"})
+_CONTROL = frozenset({"control"})
 
 CONDITIONS: dict[str, Condition] = {
     one.name: one
@@ -133,6 +155,17 @@ CONDITIONS: dict[str, Condition] = {
         Condition("lead_near", "same moment, lead vehicle near", "does distance decide?", _drawn("lead_near"), _DRAWN),
         Condition("lead_far", "same moment, lead vehicle far", "does distance decide?", _drawn("lead_far"), _DRAWN),
         Condition("recoloured", "same moment, ego recoloured", "does paint decide?", _drawn("recoloured"), _DRAWN),
+        *(
+            Condition(name, f"same moment, {image}", asks, _drawn(name), _DRAWN | _CONTROL)
+            for name, image, asks in (
+                ("lane_own", "lead near, neighbour far", "does it matter who is near?"),
+                ("lane_beside", "neighbour near, lead far", "does it matter who is near?"),
+                ("lead_mid_near", "lead at 9.1 to 20 m", "does its braking fall with distance?"),
+                ("lead_mid_far", "lead at 20 to 49 m", "does its braking fall with distance?"),
+                ("lead_absent", "no lead vehicle", "does any lead decide, however far?"),
+            )
+        ),
+        Condition("nudged", "true frame, one value off by one", "picture or file?", _nudged, _CONTROL),
         Condition(
             "text_swapped", "true frame, other text", "does the text decide?", _text_swapped, frozenset({"text"})
         ),
@@ -159,11 +192,16 @@ BATTERY: tuple[str, ...] = (
 )
 """The eight conditions of Table t:conditions; the paper's statistics are of these, whatever else is asked."""
 
-COUNTERFACTUALS: tuple[str, ...] = tuple(name for name, one in CONDITIONS.items() if "counterfactual" in one.needs)
+CONTROLS: tuple[str, ...] = tuple(name for name, one in CONDITIONS.items() if "control" in one.needs)
+"""What takes away a claim that rests on something else than the distance of the lead; asked by name."""
+
+COUNTERFACTUALS: tuple[str, ...] = tuple(
+    name for name, one in CONDITIONS.items() if "counterfactual" in one.needs and name not in CONTROLS
+)
 """Pictures of the same moment with one thing changed, where the simulator can draw them."""
 
 OF_BANKS: tuple[str, ...] = tuple(name for name, one in CONDITIONS.items() if "drive" not in one.needs)
-"""What a bank may supply; a battery asks for all that it does."""
+"""What a bank may supply; a battery asks for all that it does but the controls."""
 
 OF_WORLDS: tuple[str, ...] = tuple(
     name for name, one in CONDITIONS.items() if one.needs <= {"axis", "partner", "drive"}
@@ -305,3 +343,9 @@ def available(name: str, frame: Frame) -> bool:
     if "counterfactual" in needs:
         return name.partition(OVER)[0] in frame.counterfactuals
     return not ("axis" in needs and frame.mirror_axis == "none")
+
+
+def undrawn_controls(source: Source) -> dict[str, int]:
+    """Return, for each control that only some of the frames have, how many lack it."""
+    have = {name: sum(available(name, frame) for frame in source.frames) for name in CONTROLS}
+    return {name: len(source.frames) - count for name, count in have.items() if 0 < count < len(source.frames)}

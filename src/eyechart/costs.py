@@ -1,7 +1,7 @@
 """What calls took: attempts and their outcomes, tokens, dollars, seconds and joules, by model and condition."""
 
 from array import array
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -10,7 +10,7 @@ import numpy as np
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.ledger import UNKNOWN, Sent
 from eyechart.models.prices import Prices
-from eyechart.modes import RequestMode
+from eyechart.modes import Measured, RequestMode
 from eyechart.records import Plain
 from eyechart.spaces.space import MISSING, AnySpace
 
@@ -59,11 +59,11 @@ class Book:
 
     def __init__(self, mode: RequestMode, space: AnySpace, prices: Prices) -> None:
         self._mode, self._space, self._prices = mode, space, prices
-        self._pages: dict[str, _Page] = {}
+        self._pages: defaultdict[str, _Page] = defaultdict(_Page)
 
     def add(self, one: Sent) -> None:
         """Add an attempt."""
-        page = self._pages.setdefault(one.key.condition, _Page())
+        page = self._pages[one.key.condition]
         page.counts["calls"] += one.number == 1
         page.counts["attempts"] += 1
         if one.number > 1 and one.reason is not None:
@@ -172,7 +172,8 @@ def _percentile(values: "array[float]", percent: float) -> float | None:
 class CostEstimate(Plain):
     """What calls that are still to be made are expected to take; None is "cannot say", because nothing was measured.
 
-    Failures and retries come on top. ``sampled`` says that the number of calls is itself known from a sample only.
+    Failures and retries come on top. ``sampled`` says that the number of calls is itself known from a sample only,
+    ``at_most`` that there may be fewer.
     """
 
     model: str
@@ -183,6 +184,7 @@ class CostEstimate(Plain):
     cost_from: str
     seconds: float | None
     sampled: bool = False
+    at_most: bool = False
 
     @property
     def words(self) -> str:
@@ -192,18 +194,25 @@ class CostEstimate(Plain):
             tokens = f"{self.prompt_tokens:,} tokens in, {self.completion_tokens:,} out"
         cost = "cost unknown" if self.cost_usd is None else f"${self.cost_usd:.2f}"
         time = "time unknown" if self.seconds is None else f"about {_duration(self.seconds)}"
-        about = "about " if self.sampled else ""
+        about = "about " if self.sampled else "up to " if self.at_most else ""
         return f"{self.model}: {about}{self.calls} calls, {tokens}, {cost} ({self.cost_from}), {time}"
 
 
-def estimate(mode: RequestMode, calls: int, prices: Prices, *, concurrency: int, sampled: bool = False) -> CostEstimate:
+def estimate(
+    mode: RequestMode,
+    calls: int,
+    prices: Prices,
+    *,
+    concurrency: int,
+    sampled: bool = False,
+    at_most: bool = False,
+) -> CostEstimate:
     """CostEstimate what so many calls of a model take, from what a probe measured of it and the table of prices.
 
-    ``sampled`` says that there may be more calls, or fewer.
+    ``sampled`` says that there may be more calls, or fewer; ``at_most``, that there may be fewer.
     """
-    found, price = mode.measured, prices.of(mode)
-    each_in = None if found is None else found.prompt_tokens
-    each_out = None if found is None else found.completion_tokens
+    found, price = mode.measured or Measured(), prices.of(mode)
+    each_in, each_out = found.prompt_tokens, found.completion_tokens
     cost, source = None, "no price known"
     if price is not None:
         source = price.words if price.date else price.source
@@ -211,7 +220,6 @@ def estimate(mode: RequestMode, calls: int, prices: Prices, *, concurrency: int,
             cost = 0.0
         elif each_in is not None and each_out is not None:
             cost = calls * (price.input * each_in + price.output * each_out) / 1e6
-    seconds = None if found is None or found.seconds is None else found.seconds * -(-calls // concurrency)
     return CostEstimate(
         model=mode.spec,
         calls=calls,
@@ -219,8 +227,9 @@ def estimate(mode: RequestMode, calls: int, prices: Prices, *, concurrency: int,
         completion_tokens=None if each_out is None else round(calls * each_out),
         cost_usd=cost,
         cost_from=source,
-        seconds=seconds,
+        seconds=None if found.seconds is None else found.seconds * -(-calls // concurrency),
         sampled=sampled,
+        at_most=at_most,
     )
 
 

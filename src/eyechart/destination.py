@@ -1,6 +1,7 @@
 """Where a file may be written: never over a run's or a bank's own files, nor over a file of another kind."""
 
 import os
+import re
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -13,33 +14,21 @@ from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, is_run
 GENERATOR = b'<meta name="generator" content="eyechart'
 """Stands at the head of every report."""
 _HEAD = 4096
+_FILM = re.compile(rb"GIF8|.{4}ftyp", re.DOTALL)
 
 
-def _is_report(path: Path) -> bool:
-    if path.suffix.lower() in {".html", ".htm"}:
-        return True
+def _head(path: Path) -> bytes:
     with path.open("rb") as file:
-        return GENERATOR in file.read(_HEAD)
-
-
-def _is_film(path: Path) -> bool:
-    with path.open("rb") as file:
-        head = file.read(_HEAD)
-    return head.startswith(b"GIF8") or head[4:8] == b"ftyp" or GENERATOR in head
-
-
-def _is_guardian(path: Path) -> bool:
-    with path.open("rb") as file:
-        return b'"eyechart-guardian' in file.read(_HEAD)
+        return file.read(_HEAD)
 
 
 KINDS: dict[str, Callable[[Path], bool]] = {
-    "report": _is_report,
-    "film": _is_film,
+    "report": lambda path: path.suffix.lower() in {".html", ".htm"} or GENERATOR in _head(path),
+    "film": lambda path: _FILM.match(_head(path)) is not None or GENERATOR in _head(path),
     "bundle": zipfile.is_zipfile,
     "request mode": lambda path: path.suffix.lower() == ".toml",
     "JUnit file": lambda path: path.suffix.lower() == ".xml",
-    "guardian": _is_guardian,
+    "guardian": lambda path: b'"eyechart-guardian' in _head(path),
 }
 """What is written, each with the files that it may take the place of."""
 

@@ -6,7 +6,18 @@ from dataclasses import asdict, dataclass, replace
 from eyechart.errors import SpecError
 from eyechart.stats.paired import SignTest, clopper_pearson
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts import ALPHA, LABELS, LATERAL, MARGIN, Evidence, Label, Scored, Verdict, judge_one
+from eyechart.verdicts import (
+    ALPHA,
+    LABELS,
+    LATERAL,
+    MARGIN,
+    VETO_POWER,
+    Evidence,
+    Label,
+    Scored,
+    Verdict,
+    judge_one,
+)
 from eyechart.verdicts.admission import CLAUSES, Held
 from eyechart.verdicts.admission import hold as hold_clauses
 
@@ -182,11 +193,15 @@ def _claim(requirement: str, verdict: Verdict, interventional: Statistic) -> tup
     because = f"{verdict.calibrated.label}: {verdict.calibrated.because}"
     unknown = lateral.otherwise == "cannot say"
     if any(requirement in one.meets for one in LATERAL.values()):
+        unknown = unknown or (requirement not in lateral.meets and bool(lateral.meets))  # exchanged, to whichever side
         return None if unknown else requirement in lateral.meets, sideways
     if requirement in label.meets:
-        return True, because
+        open_ones = () if verdict.effects is None else verdict.effects.not_excluded
+        weak = f"; not excluded, for want of power (below {VETO_POWER}): that it is reversed {', or '.join(open_ones)}"
+        return (None, because + weak) if open_ones else (True, because)
     if label.otherwise == "cannot say" or verdict.evidence == "none":
-        return None, f"{because} (evidence on distance: {verdict.evidence})"
+        settle = "" if verdict.why_not is None else f"; {verdict.why_not.settled_by}"
+        return None, f"{because} (evidence on distance: {verdict.evidence}){settle}"
     if "depth" in label.meets and unknown:
         return None, sideways
     if label.otherwise == "fails if bounded" and not _bounded(interventional):

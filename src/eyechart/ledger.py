@@ -14,7 +14,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager, suppress
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from functools import lru_cache
 from operator import attrgetter
 from pathlib import Path
@@ -83,13 +83,12 @@ _OLDER: Mapping[int, str] = {
     "CREATE TEMP VIEW attempts AS SELECT *, NULL AS reason FROM main.attempts;",
 }
 """How an older format is read: by views that stand before its tables and hold None for what it does not know."""
-_KEY = ", ".join(field.name for field in fields(CallKey))
-_KEY_OF_CALL = ", ".join(f"c.{field.name}" for field in fields(CallKey))
-_KEY_IS = " AND ".join(f"{field.name} = ?" for field in fields(CallKey))
-_SPLIT = len(fields(CallKey))
+_KEY = ", ".join(CallKey._fields)
+_KEY_OF_CALL = ", ".join(f"c.{name}" for name in CallKey._fields)
+_KEY_IS = " AND ".join(f"{name} = ?" for name in CallKey._fields)
+_SPLIT = len(CallKey._fields)
 _REPLY = tuple(field.name for field in fields(Reply))
 _REPLY_OF = ", ".join(f"r.{name}" for name in _REPLY)
-_key_values = attrgetter(*(field.name for field in fields(CallKey)))
 _reply_values = attrgetter(*_REPLY)
 UNKNOWN = "unknown"
 """The reason of an attempt that repeats one whose outcome is unknown: it was sent, and the run was killed."""
@@ -111,6 +110,11 @@ SELECT ?, id, ? + coalesce((SELECT max(number) FROM attempts b WHERE b.call = ca
 FROM calls WHERE {_KEY_IS}
 """
 _COPY_REPLIES = _ADD_REPLY.replace("VALUES (?, ?", "VALUES (?, (SELECT call FROM attempts WHERE id = ?)")
+_EVERY_ATTEMPT = (
+    f"SELECT a.id, a.number, a.reason, a.request_sha256, a.sent_at, {_KEY_OF_CALL} "
+    "FROM attempts a JOIN calls c ON c.id = a.call ORDER BY a.id"
+)
+_EVERY_REPLY = f"SELECT r.attempt, r.final, r.closed_at, {_REPLY_OF}, r.row_sha256 FROM replies r ORDER BY r.attempt"
 _CHECKED = (
     f"SELECT {_KEY_OF_CALL}, a.request_sha256, r.final, r.closed_at, {_REPLY_OF}, r.row_sha256 "
     "FROM replies r JOIN attempts a ON a.id = r.attempt JOIN calls c ON c.id = a.call"
@@ -133,8 +137,7 @@ class Attempt(NamedTuple):
     request_sha256: str
 
 
-@dataclass(frozen=True, slots=True)
-class Sent:
+class Sent(NamedTuple):
     """An attempt as it is read back: its call, its number, why it was made, and what came; None is "unknown".
 
     ``final`` says that what came finished the call.
@@ -241,12 +244,12 @@ class Ledger:
         Raises LedgerError where the call is finished already: it must not be paid for twice.
         """
         sql = self._sql
-        added = sql.execute(_ADD_CALL, _key_values(key))
+        added = sql.execute(_ADD_CALL, key)
         number, reason = 1, None
         if added.rowcount:
             call = int(added.lastrowid or 0)
         else:
-            call, before, reason, finished = sql.execute(_LAST_ATTEMPT, _key_values(key)).fetchone()
+            call, before, reason, finished = sql.execute(_LAST_ATTEMPT, key).fetchone()
             if finished:
                 raise LedgerError(f"the call {key} is finished already")
             number = (before or 0) + 1
@@ -263,7 +266,7 @@ class Ledger:
         values = zip(_PUT, _reply_values(reply), strict=True)
         came = [one if one is None or (type(one) is str and one.isascii()) else put(one) for put, one in values]
         row = (final, _now(), *came)
-        digest = _row_sha256((*_key_values(attempt.key), attempt.request_sha256, *row))
+        digest = _row_sha256((*attempt.key, attempt.request_sha256, *row))
         self._sql.execute(_ADD_REPLY, (attempt.id, attempt.call, *row, digest))
 
     def finished(self) -> set[CallKey]:
@@ -349,8 +352,9 @@ class Ledger:
         with self.together():
             (base,) = self._sql.execute("SELECT coalesce(max(id), 0) FROM attempts").fetchone()
             new = self._sql.executemany(_ADD_CALL, other._sql.execute(f"SELECT {_KEY} FROM calls")).rowcount  # noqa: SLF001
-            self._sql.executemany(_COPY_ATTEMPTS, _attempts_after(base, other._sql))  # noqa: SLF001
-            self._sql.executemany(_COPY_REPLIES, _replies_after(base, other._sql))  # noqa: SLF001
+            attempts, replies = map(other._sql.execute, (_EVERY_ATTEMPT, _EVERY_REPLY))  # noqa: SLF001
+            self._sql.executemany(_COPY_ATTEMPTS, ((id_ + base, number, base, *row) for id_, number, *row in attempts))
+            self._sql.executemany(_COPY_REPLIES, ((id_ + base, id_ + base, *row) for id_, *row in replies))
         return new
 
 
@@ -364,22 +368,6 @@ def damage(run: Path) -> Iterator[str]:
                     f"{len(found)} replies in {path} are not what their checksums say, first {first}; restore the "
                     "ledger from a copy"
                 )
-
-
-def _attempts_after(base: int, other: sqlite3.Connection) -> Iterator[tuple[object, ...]]:
-    rows = other.execute(
-        f"SELECT a.id, a.number, a.reason, a.request_sha256, a.sent_at, {_KEY_OF_CALL} "
-        "FROM attempts a JOIN calls c ON c.id = a.call ORDER BY a.id"
-    )
-    for id_, number, *row in rows:
-        yield (id_ + base, number, base, *row)
-
-
-def _replies_after(base: int, other: sqlite3.Connection) -> Iterator[tuple[object, ...]]:
-    for attempt, *row in other.execute(
-        f"SELECT r.attempt, r.final, r.closed_at, {_REPLY_OF}, r.row_sha256 FROM replies r ORDER BY r.attempt"
-    ):
-        yield (attempt + base, attempt + base, *row)
 
 
 def _storable(text: str) -> str:

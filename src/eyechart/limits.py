@@ -112,11 +112,6 @@ class Budget:
         self._spent_up = False
         self._in_a_row = dict.fromkeys(models, 0)
 
-    @property
-    def counts_all(self) -> bool:
-        """Return whether a limit bounds what was sent before, so that it must be counted too."""
-        return (self.limits.calls, self.limits.cost_usd) != (None, None)
-
     def made_before(self, model: str, reply: Reply | None) -> None:
         """Count an attempt of an earlier run; None is one whose outcome is unknown, and with it its cost."""
         self._sent += 1

@@ -5,17 +5,21 @@ import json
 import os
 import platform
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, ClassVar, Self, TypeVar
 
+from filelock import FileLock, Timeout
+
 from eyechart import __version__
 from eyechart.conditions import find_condition
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank, open_bank
-from eyechart.limits import Spent
+from eyechart.limits import NOTHING, Limits, Spent, added
+from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
 from eyechart.perception.view import NONE
 from eyechart.prompts import Prompt
@@ -27,8 +31,14 @@ RUN = "run.json"
 BANK = "bank"
 """The run's copy of the bank's text; in a bundle with the pictures that the run used."""
 BANK_TEXT = ("manifest.json", "metadata.jsonl")
+OWN = ".own"
+"""Stands in that folder where the whole bank was made there, for this run alone."""
 BESIDE = ("vetting.json",)
 """What may stand in a folder before its episodes begin: which worlds the structured study's online run chose."""
+
+
+CONTROLS_ASKED = ("none", "auto", "all")
+"""Which control conditions a run may ask, from the fewest."""
 
 
 class Manifest:
@@ -63,6 +73,20 @@ class Manifest:
         """Return what probing took, of all models together."""
         return Spent.together(self.probes.values())
 
+    def within(
+        self, prices: Prices, *, calls: int | None = None, cost_usd: float | None = None, before: Spent = NOTHING
+    ) -> Limits:
+        """Return a run's limits: so many requests, so many dollars by these prices, with what was spent ``before``.
+
+        What probing for the run took counts too.
+        """
+        spent = Spent.together([self.spent_before(), before])
+        return Limits(calls, cost_usd, before=spent, cost=lambda spec, reply: prices.cost(self.mode(spec), reply)[0])
+
+    def counting(self, probes: Mapping[str, Spent]) -> Self:
+        """Return this manifest with what was spent on probing models, beside what was spent on them before."""
+        return replace(self, probes={**self.probes, **added(self.probes, probes)})  # type: ignore[type-var]
+
     def extended(self, other: Self) -> Self:
         """Return this manifest with what another asks for added.
 
@@ -84,9 +108,12 @@ class Manifest:
                     f"this run {self.ASKED.format(spec)} at version {before[spec]}, which is now {now[spec]}; "
                     "give another --out: two versions in one run cannot be told apart"
                 )
-            if not self.mode(spec).same_request(other.mode(spec)):
+            mine, theirs = self.mode(spec), other.mode(spec)
+            if not mine.same_request(theirs):
+                name = next(one.name for one in fields(mine) if getattr(mine, one.name) != getattr(theirs, one.name))
+                difference = f"{name} was {getattr(mine, name)!r}, now {getattr(theirs, name)!r}"
                 raise LedgerError(
-                    f"this run asked {spec} in another mode: {_difference(self.mode(spec), other.mode(spec))}; "
+                    f"this run asked {spec} in another mode: {difference}; "
                     "give the same options or --mode file to resume it, or another --out"
                 )
         modes = {spec: mode for spec, mode in other.modes.items() if mode.measured or spec not in self.modes}
@@ -123,7 +150,9 @@ class RunManifest(Manifest):
     ``shard`` is (i, n), counted from 1, or None for the whole; ``limit`` the number of frames, or None for all.
     ``stop_early`` says that a model is no longer asked once its verdict is settled. ``reader`` is the version that the
     run was begun under. ``frames`` are the ids of the frames that were chosen for the run, empty where it is about all
-    of them or their first ``limit``.
+    of them or their first ``limit``. ``controls`` says which control conditions are asked beside ``conditions``: none;
+    ``auto``, of each model those that its answers call for, in later stages; or all, among ``conditions``. By
+    ``controls_seed`` the bank's controls were drawn, None where nobody drew them by one.
     """
 
     FORMAT = "eyechart-run/2"
@@ -151,9 +180,17 @@ class RunManifest(Manifest):
     view: str = NONE
     frames: tuple[str, ...] = ()
     probes: Mapping[str, Spent] = field(default_factory=dict)
+    controls: str = "none"
+    controls_seed: int | None = None
 
     def _wider(self, other: "RunManifest") -> dict[str, Any]:
-        return {"limit": None if None in {self.limit, other.limit} else max(self.limit or 0, other.limit or 0)}
+        if CONTROLS_ASKED.index(other.controls) < CONTROLS_ASKED.index(self.controls):
+            raise LedgerError(
+                f"this run was begun with --controls {self.controls}, now {other.controls} was asked for; "
+                "give as many to resume it, or another --out for another run"
+            )
+        limit = None if None in {self.limit, other.limit} else max(self.limit or 0, other.limit or 0)
+        return {"limit": limit, "controls": other.controls}
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,11 +248,6 @@ class EpisodesManifest(Manifest):
 M = TypeVar("M", RunManifest, EpisodesManifest)
 
 
-def _difference(mine: RequestMode, theirs: RequestMode) -> str:
-    name = next(one.name for one in fields(RequestMode) if getattr(mine, one.name) != getattr(theirs, one.name))
-    return f"{name} was {getattr(mine, name)!r}, now {getattr(theirs, name)!r}"
-
-
 def versions() -> dict[str, str]:
     """Return the versions that may matter to a picture or a number."""
     found = {"eyechart": __version__, "python": platform.python_version()}
@@ -238,7 +270,7 @@ def write_run(out: Path, manifest: RunManifest, bank: FrameBank) -> None:
     Raises LedgerError where ``out`` is taken by something that is no run.
     """
     copy = out / BANK
-    if not is_run(out):
+    if not is_run(out) and not holds(out, bank):
         if not is_free(out):
             raise LedgerError(f"{out} exists and is no run; choose another place with --out")
         shutil.rmtree(copy, ignore_errors=True)  # of a run that was cut before it had a manifest
@@ -251,9 +283,26 @@ def write_run(out: Path, manifest: RunManifest, bank: FrameBank) -> None:
     manifest.write(out)
 
 
+@contextmanager
+def alone_in(out: Path) -> Iterator[None]:
+    """Hold a run's folder, which is made where it is missing; raises LedgerError where another process does."""
+    out.mkdir(parents=True, exist_ok=True)
+    try:
+        with FileLock(out / ".lock", timeout=0):
+            yield
+    except Timeout as error:
+        raise LedgerError(f"another process is writing to {out}; wait for it, or choose another --out") from error
+
+
 def is_run(path: Path) -> bool:
     """Return whether a folder holds a run."""
     return (path / RUN).is_file()
+
+
+def holds(path: Path, bank: FrameBank) -> bool:
+    """Return whether a folder holds nothing but a bank that was made there for the run on it, with its own controls."""
+    there = (path / BANK / OWN).is_file() and bank.root.resolve() == (path / BANK).resolve()
+    return there and {one.name for one in path.iterdir()} <= {BANK, ".lock", f".{RUN}"}
 
 
 def is_free(path: Path) -> bool:
@@ -345,6 +394,8 @@ def _built(kind: type[M], raw: dict[str, Any], file: str) -> M:
     if isinstance(made, RunManifest):
         for condition in made.conditions:
             find_condition(condition)
+        if made.controls not in CONTROLS_ASKED:
+            raise ValueError(f"controls {made.controls!r} is none of {', '.join(CONTROLS_ASKED)}")
         if made.shard is not None and not 1 <= made.shard[0] <= made.shard[1]:
             raise ValueError(f"shard {made.shard[0]}/{made.shard[1]} does not satisfy 1 <= i <= n")
     return made

@@ -6,12 +6,13 @@ A mode never holds a secret: a header names an environment variable as ``$NAME``
 import math
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Literal, cast
+from typing import Annotated, Literal, cast
 from urllib.parse import urlsplit
 
+import msgspec
 import tomli_w
 
 from eyechart.errors import SpecError
@@ -159,14 +160,6 @@ def write_mode(path: Path, mode: RequestMode) -> None:
     partial.replace(path)
 
 
-def _is_count(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 2**53
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) and value >= 0
-
-
 def _is_line(value: object) -> bool:
     return isinstance(value, str) and (value == "" or value.isprintable())
 
@@ -196,48 +189,52 @@ def _is_lines(value: object) -> bool:
     return isinstance(value, Mapping) and all(_is_line(key) and _is_line(one) for key, one in value.items())
 
 
-def _is_texts(value: object) -> bool:
-    return isinstance(value, Mapping) and all(isinstance(part, str) for pair in value.items() for part in pair)
+def _is(kind: object) -> Callable[[object], bool]:
+    """Return what says whether a value is of a kind, as msgspec reads annotations: true is no number."""
+
+    def holds(value: object) -> bool:
+        try:
+            msgspec.convert(value, kind)
+        except msgspec.ValidationError:
+            return False
+        return not isinstance(value, Mapping | float) or _is_plain(value)
+
+    return holds
 
 
-def _is_scalars(value: object) -> bool:
-    return isinstance(value, Mapping) and all(
-        isinstance(key, str) and isinstance(one, str | int | float | bool) and _is_plain(one)
-        for key, one in value.items()
-    )
-
-
-_Check = tuple[object, str]
+_Check = tuple[Callable[[object], bool], str]
+_Count = Annotated[int, msgspec.Meta(ge=0, lt=2**53)]
+_Number = Annotated[float, msgspec.Meta(ge=0)]
 _MODE: dict[str, _Check] = {
     "spec": (lambda value: _is_line(value) and value != "", "a model's SPEC, for example openai:MODEL"),
     "base_url": (_is_url, "a URL that begins with http:// or https://"),
     "key_env": (lambda value: value == "" or bool(re.fullmatch(r"[A-Za-z_]\w*", str(value))), "a variable's name"),
     "token_field": (lambda value: value in TOKEN_FIELDS, f"one of {', '.join(TOKEN_FIELDS)}"),
-    "max_tokens": (lambda value: _is_count(value) and value >= 1, "a whole number of at least 1"),
+    "max_tokens": (_is(Annotated[int, msgspec.Meta(ge=1, lt=2**53)]), "a whole number of at least 1"),
     "structured": (lambda value: value in STRUCTURED, f"one of {', '.join(STRUCTURED)}"),
-    "temperature": (lambda value: value is None or _is_number(value), f'a number of at least 0, or "{DEFAULT}"'),
-    "seed": (lambda value: isinstance(value, bool), "true or false"),
-    "timeout_s": (lambda value: _is_number(value) and value > 0, "a number of seconds above 0"),
+    "temperature": (_is(_Number | None), f'a number of at least 0, or "{DEFAULT}"'),
+    "seed": (_is(bool), "true or false"),
+    "timeout_s": (_is(Annotated[float, msgspec.Meta(gt=0)]), "a number of seconds above 0"),
     "headers": (_is_lines, "a table of lines of text"),
     "body": (lambda value: isinstance(value, Mapping) and _is_plain(value), "a table of plain JSON values, no null"),
-    "options": (_is_scalars, "a table of texts, numbers and booleans"),
+    "options": (_is(dict[str, Scalar]), "a table of texts, numbers and booleans"),
 }
 _COUNTS = ("calls", "image_tokens", "prompt_tokens", "completion_tokens_max")
 _NUMBERS = ("completion_tokens", "reasoning_tokens", "seconds", "seconds_min")
 _FLAGS = ("sees_image", "schema_binds", "temperature_matters", "seed_matters", "unknown_fields_ignored")
 _MEASURED: dict[str, _Check] = {
     "date": (_is_line, "a line of text"),
-    "facts": (_is_texts, "a table of texts"),
-    **dict.fromkeys(_COUNTS, (lambda value: value is None or _is_count(value), "a whole number")),
-    **dict.fromkeys(_NUMBERS, (lambda value: value is None or _is_number(value), "a number of at least 0")),
-    **dict.fromkeys(_FLAGS, (lambda value: value is None or isinstance(value, bool), "true or false")),
+    "facts": (_is(dict[str, str]), "a table of texts"),
+    **dict.fromkeys(_COUNTS, (_is(_Count | None), "a whole number")),
+    **dict.fromkeys(_NUMBERS, (_is(_Number | None), "a number of at least 0")),
+    **dict.fromkeys(_FLAGS, (_is(bool | None), "true or false")),
 }
 
 
 def _require(value: object, checks: Mapping[str, _Check], where: str) -> None:
     for name, (holds, words) in checks.items():
         given = getattr(value, name)
-        if not callable(holds) or not holds(given):
+        if not holds(given):
             raise SpecError(f"{where}: {name} must be {words}; got {str(given)[:80]!r}")
 
 

@@ -23,7 +23,6 @@ from eyechart.spaces.space import AnySpace
 
 _ONE_WORD = "Answer with one word: STOP, SLOW, STRAIGHT, LEFT or RIGHT."
 
-
 ACTIONS = "actions"
 """The field that stands for the names of the actions; no prompt column may have this name."""
 

@@ -2,8 +2,8 @@
 
 import asyncio
 import random
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Protocol
 
 from eyechart.attempts import Caller, budget_of, close, first_error
@@ -24,8 +24,8 @@ Progress = Callable[[int, int], None]
 """Called with (calls finished, calls planned) whenever a call ends."""
 
 
-class EarlyStopping(Protocol):
-    """Decides, as calls finish, which of those that remain are made at all, and in which order."""
+class Stages(Protocol):
+    """Decides, as calls finish, which of those that remain are made, in which order, and which come after them."""
 
     def queue(self, model: str, todo: Sequence[CallKey]) -> Iterator[CallKey]:
         """Yield the calls of a model to make, out of ``todo``; asked for the next one only when a worker is free."""
@@ -35,10 +35,17 @@ class EarlyStopping(Protocol):
         """Take note of a finished call."""
         ...
 
+    def more(self, model: str) -> Sequence[CallKey]:
+        """Return the calls of a model's next stage, in their order, once no call is under way; none ends its run."""
+        ...
+
 
 @dataclass(frozen=True)
 class Plan:
-    """Every call of a run: models × frames × conditions, those of one shard if it is sharded."""
+    """Every call of a run: models × frames × conditions, those of one shard if it is sharded.
+
+    ``controls`` are the conditions that a model is asked beside ``conditions``, in the order of its stages.
+    """
 
     study: str
     bank: FrameBank
@@ -49,6 +56,7 @@ class Plan:
     seed: int
     shard: tuple[int, int] | None = None
     view: View | None = None
+    controls: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def space(self) -> AnySpace:
@@ -63,21 +71,31 @@ class Plan:
         """Return what a model is asked in a call, of this stimulus."""
         return self.prompt.query(seen, key.seed(self.seed), self.space)
 
+    def asked(self, model: str) -> tuple[str, ...]:
+        """Return the conditions that a model is asked."""
+        return (*self.conditions, *self.controls.get(model, ()))
+
     def keys_of(self, model: str) -> Iterator[CallKey]:
         """Yield the planned calls of one model, in the bank's order."""
-        prompt = self.prompt.key
+        prompt, asked = self.prompt.key, self.asked(model)
         for frame in self.frames:
-            for condition in self.conditions:
+            for condition in asked:
                 if available(condition, frame):
                     key = CallKey(self.study, model, prompt, frame.id, condition)
                     if self.shard is None or in_shard(key, *self.shard):
                         yield key
 
 
+def in_order(keys: Iterable[CallKey], seed: int) -> list[CallKey]:
+    """Return calls in the random order in which a run makes them, whatever order they come in."""
+    found = sorted(keys)
+    random.Random(seed).shuffle(found)  # noqa: S311 - an order of calls, no secret
+    return found
+
+
 def in_shard(key: CallKey, index: int, count: int) -> bool:
     """Return whether a call belongs to shard ``index`` of ``count``, counted from 1; every call is in one."""
-    parts = (key.study, key.model, key.prompt, key.frame, key.condition, key.repeat)
-    return key_seed("shard", *parts) % count == index - 1
+    return key_seed("shard", *key) % count == index - 1
 
 
 def read_shard(text: str) -> tuple[int, int]:
@@ -111,78 +129,78 @@ def execute(
     attempts: int = 5,
     limits: Limits | None = None,
     progress: Progress | None = None,
-    early: EarlyStopping | None = None,
+    stages: Stages | None = None,
 ) -> Outcome:
     """Make every planned call that the ledger does not hold finished, in seeded random order.
 
-    ``early`` may choose another order and leave calls out.
+    ``stages`` may choose another order, leave calls out, and add some when a model's are made.
 
     A call whose error is transient is tried up to ``attempts`` times, with backoff. An interrupt leaves the
     ledger whole: what was under way stands as sent with its outcome unknown, and the same plan resumes it.
     """
     keys = plan.keys()
     finished = ledger.finished()
-    todo = [key for key in sorted(keys) if key not in finished]
-    random.Random(plan.seed).shuffle(todo)  # noqa: S311 - an order of calls, no secret
+    todo = in_order((key for key in keys if key not in finished), plan.seed)
     budget = budget_of(limits, plan.models, ledger)
     caller = Caller(ledger, budget, attempts=attempts)
-    execution = _Execution(plan, models, caller, progress=progress, early=early)
+    stimuli, done = Stimuli(plan.bank, plan.seed, plan.view), len(keys) - len(todo)
+    execution = _Execution(plan, models, caller, progress, stages, stimuli, planned=len(keys), done=done)
     try:
-        asyncio.run(execution.run(todo, len(keys), concurrency))
+        asyncio.run(execution.run(todo, concurrency))
     except BaseExceptionGroup as group:
         raise first_error(group) from None
     return Outcome(dict(budget.set_aside), budget.stopped, budget.uncounted)
 
 
+@dataclass
 class _Execution:
     """One event loop over the calls that remain: a few workers a model, one writer."""
 
-    def __init__(
-        self,
-        plan: Plan,
-        models: Mapping[str, Model],
-        caller: Caller,
-        *,
-        progress: Progress | None,
-        early: EarlyStopping | None,
-    ) -> None:
-        self._early = early
-        self._plan = plan
-        self._models = models
-        self._caller = caller
-        self._progress = progress
-        self._done = self._planned = 0
-        self._stimuli = Stimuli(plan.bank, plan.seed, plan.view)
+    plan: Plan
+    models: Mapping[str, Model]
+    caller: Caller
+    progress: Progress | None
+    stages: Stages | None
+    stimuli: Stimuli
+    planned: int
+    done: int
 
-    async def run(self, todo: list[CallKey], planned: int, concurrency: int) -> None:
-        self._planned, self._done = planned, planned - len(todo)
+    async def run(self, todo: list[CallKey], concurrency: int) -> None:
         self._report()
         try:
             async with asyncio.TaskGroup() as group:
-                for spec in self._plan.models:
-                    mine, pace = [key for key in todo if key.model == spec], Pace(concurrency)
-                    queue = iter(mine) if self._early is None else self._early.queue(spec, mine)
-                    for _ in range(concurrency):
-                        group.create_task(self._work(queue, self._models[spec], pace))
+                for spec in self.plan.models:
+                    mine = [key for key in todo if key.model == spec]
+                    group.create_task(self._ask(spec, mine, concurrency))
         finally:
-            for model in self._models.values():
+            for model in self.models.values():
                 await close(model)
+
+    async def _ask(self, spec: str, todo: Sequence[CallKey], concurrency: int) -> None:
+        """Make a model's calls, stage by stage."""
+        pace = Pace(concurrency)
+        while True:
+            queue = iter(todo) if self.stages is None else self.stages.queue(spec, todo)
+            async with asyncio.TaskGroup() as group:
+                for _ in range(concurrency if todo else 0):
+                    group.create_task(self._work(queue, self.models[spec], pace))
+            todo = () if self.stages is None else self.stages.more(spec)
+            if not todo:
+                return
+            self.planned += sum(key.condition not in self.plan.asked(spec) for key in todo)
 
     async def _work(self, queue: Iterator[CallKey], model: Model, pace: Pace) -> None:
         for key in queue:
-            made = await self._caller.call(key, self._query(key), model, pace)
+            query = self.plan.query(key, self.stimuli.show(key.condition, key.frame))
+            made = await self.caller.call(key, query, model, pace)
             if made is None:
                 return
-            if self._early is not None and made.finished:
-                self._early.finished(key, made.reply)
-            self._done += made.finished  # after the await: other workers count meanwhile
+            if self.stages is not None and made.finished:
+                self.stages.finished(key, made.reply)
+            self.done += made.finished  # after the await: other workers count meanwhile
             self._report()
             await asyncio.sleep(0)  # lets the other models' calls, and an interrupt, come in between
 
-    def _query(self, key: CallKey) -> Query:
-        """Return what is asked in a call."""
-        return self._plan.query(key, self._stimuli.show(key.condition, key.frame))
-
     def _report(self) -> None:
-        if self._progress is not None:
-            self._progress(self._done, self._planned)
+        if self.progress is not None:
+            self.progress(self.done, self.planned)

@@ -15,6 +15,7 @@ from eyechart.bundle import unpacking, validate, write_bundle
 from eyechart.bundle.contents import Recipe
 from eyechart.bundle.unpacking import unpack
 from eyechart.errors import BundleError
+from eyechart.studies.battery import Extent
 from report_runs import make_run
 
 
@@ -24,7 +25,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("small")
     bank = banks.build_bank(folder / "bank").root
     conditions = ["real", "blank", "shuffled"]
-    return make_run(bank, folder / "run", {"noisy": stand_ins.noisy}, limit=4, conditions=conditions)
+    return make_run(bank, folder / "run", {"noisy": stand_ins.noisy}, extent=Extent(4), conditions=conditions)
 
 
 @pytest.fixture(scope="module")
@@ -194,7 +195,7 @@ def test_a_bundle_of_another_version_is_validated_as_far_as_its_figures_are_comp
 ) -> None:
     """Here all are; a figure and a table that are not are named, and no difference; a reply that is not is one."""
     found = validate(index_of(packed, tmp_path / "b.zip", **values))
-    assert (found.differences, found.otherwise, found.uncompared) == ((), (), ())
+    assert (found.differences, found.otherwise, found.uncompared) == ([], [], [])
     assert words in found.notes[-1]
 
     def change(folder: Path) -> None:
@@ -208,7 +209,7 @@ def test_a_bundle_of_another_version_is_validated_as_far_as_its_figures_are_comp
     found = validate(repacked(tmp_path / "b.zip", tmp_path, change))
     assert [one.where.rpartition(", ")[2] for one in found.otherwise] == ["answered"]
     assert [one.where.rpartition(", ")[2] for one in found.differences] == ["real"]
-    assert found.uncompared == ("tables/statistics.csv", "1 figures that this eyechart computes otherwise")
+    assert found.uncompared == ["tables/statistics.csv", "1 figures that this eyechart computes otherwise"]
 
 
 def test_a_zip_without_an_index_is_no_bundle(tmp_path: Path) -> None:
@@ -259,7 +260,7 @@ def test_what_fails_midway_leaves_the_file_of_before(
     def fail(_: Path) -> None:
         raise BundleError("the disk is full")
 
-    monkeypatch.setattr("eyechart.bundle.packing.check_names", fail)
+    monkeypatch.setattr("eyechart.bundle.contents.check_names", fail)
     with pytest.raises(BundleError, match="the disk is full"):
         write_bundle(run, out, resamples=100)
     assert out.read_bytes() == kept

@@ -107,7 +107,7 @@ def test_an_honest_bundle_holds(packed: Path) -> None:
     found = validate(packed)
     assert said(found) == ""
     assert found.holds
-    assert found.notes == ()
+    assert found.notes == []
     counted = found.compared
     assert (counted["models"], counted["frames"], counted["tables"]) == (1, 18, 9)
     assert counted["requests"] == counted["calls"] > 150
@@ -409,7 +409,7 @@ def test_another_library_of_pictures_is_said_and_not_blamed(packed: Path, monkey
     monkeypatch.setattr("eyechart.bundle.validating.drawn_with", lambda: here)
     found = validate(packed)
     assert not found.holds
-    assert (found.differences, found.outcome) == ((), "holds, drawings and pictures not compared")
+    assert (found.differences, found.outcome) == ([], "holds, drawings and pictures not compared")
     assert found.as_dict()["uncompared"] == ["drawings", "pictures"]
     code = CliRunner().invoke(app, ["validate", str(packed)]).exit_code
     assert (code, CliRunner().invoke(app, ["validate", str(packed), "--allow-uncompared"]).exit_code) == (2, 0)
@@ -419,7 +419,7 @@ def test_another_library_of_pictures_is_said_and_not_blamed(packed: Path, monkey
 
 def test_the_run_in_a_bundle_can_be_reported_by_itself(packed: Path, tmp_path: Path) -> None:
     """Unpacked anywhere, its pictures are found, and no path of the machine that made it is in it."""
-    from eyechart.studies.battery.subjects import read_evidence  # noqa: PLC0415 - nowhere else needed
+    from report_runs import read_evidence  # noqa: PLC0415 - nowhere else needed
 
     with zipfile.ZipFile(packed) as file:
         file.extractall(tmp_path)

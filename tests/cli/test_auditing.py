@@ -16,7 +16,7 @@ from eyechart.episodes import write_episodes
 from eyechart.errors import LedgerError, SpecError
 from eyechart.simulators import SIMULATORS
 from eyechart.studies import battery
-from eyechart.studies.closed_loop.laddering import plan_ladder
+from eyechart.studies.closed_loop.ladder import plan_ladder
 
 LOOK = "python:tiny_worlds:look"
 

@@ -14,7 +14,7 @@ import typer
 import tiny_worlds
 from eyechart import attempts, cli, episodes
 from eyechart.cli.drive import tell_errors
-from eyechart.episodes import Episode, expecting, read_episodes, write_episodes
+from eyechart.episodes import Episode, planning, read_episodes, write_episodes
 from eyechart.errors import SpecError
 from eyechart.simulators import SIMULATORS
 from eyechart.studies.closed_loop import score
@@ -94,7 +94,7 @@ def test_a_world_that_kills_or_hangs_its_sample_costs_the_estimate_alone(
     assert told.code == 1
     ended = {one.key.scenario: one.ended for one in read_episodes(tmp_path / "run")}
     assert ended == {"fatal": "error", "whole": "goal"}
-    monkeypatch.setattr(expecting, "PATIENCE_S", 1.0)
+    monkeypatch.setattr(planning, "PATIENCE_S", 1.0)
     hung = drive("--policy", "python:tiny_worlds:onward", "--scenarios", "hanging", "--seeds", 1, "--dry-run")
     assert (hung.code, "tiny/hanging/0: it did not answer for 1 s" in hung.err) == (0, True)
     raised = drive("--policy", "python:tiny_worlds:onward", "--scenarios", "raising", "--seeds", 1, "--dry-run")

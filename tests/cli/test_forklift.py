@@ -114,14 +114,16 @@ def test_a_forklift_goes_from_its_pictures_to_its_bundle(
     assert not eyechart("run", "battery", "--model", model, "--frames", "bank", "--conditions", asked, "--out", "run")
     assert not eyechart("verdict", "run", "--json")
     verdict = json.loads(capsys.readouterr().out)["models"][model]
-    assert (verdict["calibrated"], verdict["lateral"]) == ("depth_lateral", "swaps")
+    assert (verdict["calibrated"], verdict["lateral"]) == ("depth_associated", "swaps")
+    assert verdict["why_not"]["conditions"][:2] == ["lead_near", "lead_far"]
     assert not eyechart("score", "run", "--json")
     found = json.loads(capsys.readouterr().out)["models"][model]["statistics"]
     assert found["mirror_swap_rate"]["value"] == found["agree.real_repeat"]["value"] == 1.0
     assert found["noise_floor"]["value"] == 0.0
     assert found["agree.blank@mast"] == found["agree.blank"]
     assert {found[f"agree.{name}@rear"]["value"] for name in ("blank", "text_only", "shuffled")} == {1.0}
-    assert not eyechart("gate", "run", "--require", "depth_lateral,swaps")
+    assert not eyechart("gate", "run", "--require", "swaps")
+    assert eyechart("gate", "run", "--require", "depth_lateral,swaps") == 2
     assert not eyechart("report", "run", "--out", "report.html")
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "SWING STARBOARD" in page

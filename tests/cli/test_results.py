@@ -12,7 +12,7 @@ from eyechart.cli.app import app
 from eyechart.limits import Limits
 from eyechart.studies import battery
 from eyechart.studies.battery.page import make_page
-from eyechart.studies.battery.subjects import read_evidence
+from report_runs import read_evidence
 
 
 @pytest.fixture

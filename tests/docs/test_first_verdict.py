@@ -25,7 +25,7 @@ def test_its_commands_run_as_they_stand(demo: Demo, tmp_path: Path, monkeypatch:
     assert block is not None
     assert block.group(1) in printed["eyechart verdict demo/run-0"]
     assert (tmp_path / "sheet.png").stat().st_size > (tmp_path / "near.png").stat().st_size / 10
-    assert "scripted:noisy_depth: depth, evidence interventional" in printed["eyechart verdict run"]
+    assert "scripted:depth_left: depth, evidence controlled" in printed["eyechart verdict run"]
     assert printed["eyechart gate run --require depth"].startswith("holds ")
 
 

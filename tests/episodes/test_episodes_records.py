@@ -16,7 +16,7 @@ from eyechart.episodes.worlds import Setup, Worlds
 from eyechart.errors import EyechartError, LedgerError
 from eyechart.policies import open_policy
 from eyechart.simulators import open_simulator
-from eyechart.studies.closed_loop import agreement, score
+from eyechart.studies.closed_loop import audit, score
 
 WHOLE = drive("reader", by_depth, steps=3, seeds=[1])
 GOOD = json.loads(drive("reader", by_depth, steps=3)[0].as_line())
@@ -53,7 +53,7 @@ def changed(where: tuple[str | int, ...], what: object, *, drop: bool) -> object
 def out(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Return a run of four good episodes, and let the score take few resamples."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(agreement, "SHUFFLES", 5)
+        patch.setattr(audit, "SHUFFLES", 5)
         yield make_run(tmp_path_factory.mktemp("fuzz") / "run", WHOLE)
 
 

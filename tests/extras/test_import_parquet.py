@@ -216,7 +216,7 @@ def test_a_lerobot_data_set_becomes_a_bank_and_a_verdict(tmp_path: Path, monkeyp
     monkeypatch.setitem(ADAPTERS, "driver", "photographs")
     battery.run(battery.plan(bank.root, ["driver:looks"], tmp_path / "run"))
     verdict = judge(battery.score(tmp_path / "run", resamples=500))["driver:looks"]
-    assert (verdict.calibrated.label, verdict.evidence) == ("depth", "observational")
+    assert (verdict.calibrated.label, verdict.evidence) == ("depth_associated", "observational")
 
 
 def test_every_tenth_frame_of_a_long_video_is_looked_up(tmp_path: Path) -> None:

@@ -61,7 +61,7 @@ def test_every_call_is_accounted_for(run: Path) -> None:
     with Ledger(run / LEDGER) as ledger:
         for spec in SPECS:
             replies = [reply for _, reply in ledger.replies(spec)]
-            assert len(replies) == 11 * 144
+            assert len(replies) == scored.models[spec].planned >= 11 * 144
             assert Counter(reply.error for reply in replies) == {None: len(replies)}
             assert Counter(reply.finish_reason for reply in replies) == {"stop": len(replies)}
             assert {reply.completion_tokens for reply in replies} == {7}

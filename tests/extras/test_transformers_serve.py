@@ -98,7 +98,7 @@ def served(server: str, bank: FrameBank, tmp_path_factory: pytest.TempPathFactor
             for name in names
         ]
         out = base / names[0]
-        planned = study.plan(bank.root, modes, out, conditions=conditions, limit=frames)
+        planned = study.plan(bank.root, modes, out, conditions=conditions, extent=study.Extent(frames, controls="auto"))
         study.run(planned, concurrency=1 if drawn else 4)
         runs |= dict.fromkeys(names, out)
     return runs
@@ -109,13 +109,16 @@ def test_a_served_organism_gets_the_label_that_it_was_trained_for(served: dict[s
     """Verdict, and the lateral label where the mirrored picture was shown.
 
     96 frames give some fifteen pairs of directions of a sampled organism: too few to bound a coin's rate below .65, so
-    that "no_power" is as right of it as "does_not_swap".
+    that "no_power" is as right of it as "does_not_swap". 48 frames hold too few turns with one clear side to show where
+    they go, so that "swaps", and depth without authority over turns, are as right of one that turns to the clear side.
     """
     verdict = judge(study.score(served[name]))[f"openai:{name}"]
     asked = next(conditions for names, (_, conditions) in ASKED.items() if name in names)
     lateral = ORGANISMS[name].lateral if "mirrored" in asked else "not_tested"
-    assert verdict.calibrated.label == ORGANISMS[name].calibrated
-    assert verdict.lateral.label in ({lateral, "no_power"} if ORGANISMS[name].sampled else {lateral})
+    fewer = {"depth_lateral": {"depth_lateral", "depth"}, "turns_clear": {"turns_clear", "swaps"}}
+    label = ORGANISMS[name].calibrated
+    assert verdict.calibrated.label in fewer.get(label, {label})
+    assert verdict.lateral.label in fewer.get(lateral, {lateral, "no_power"} if ORGANISMS[name].sampled else {lateral})
 
 
 @pytest.mark.parametrize("names", [names for names in ASKED if not ORGANISMS[names[0]].sampled])
@@ -125,7 +128,12 @@ def test_served_greedy_answers_are_equal_to_those_of_hf(
     """Text, finish reason and token counts, call by call; every call of both is accounted for."""
     frames, conditions = ASKED[names]
     modes = [RequestMode(f"hf:organism:{name}", temperature=None, max_tokens=16) for name in names]
-    study.run(study.plan(bank.root, modes, tmp_path / "run", conditions=conditions, limit=frames), concurrency=48)
+    study.run(
+        study.plan(
+            bank.root, modes, tmp_path / "run", conditions=conditions, extent=study.Extent(frames, controls="auto")
+        ),
+        concurrency=48,
+    )
     for name in names:
         through_http = _replies(served[name], f"openai:{name}")
         here = _replies(tmp_path / "run", f"hf:organism:{name}")

@@ -45,7 +45,7 @@ def test_every_organism_declares_labels_that_there_are() -> None:
     """A typing error here would fail no other test."""
     for one in (organisms.ORGANISMS | organisms.PLANNERS).values():
         assert one.calibrated in LABELS
-        assert one.lateral in {"swaps", "does_not_swap", "one_sided", "no_power"}
+        assert one.lateral in {"turns_clear", "swaps", "does_not_swap", "one_sided", "no_power"}
     assert all(one.fails <= CLAUSES.keys() for one in organisms.ESTIMATORS.values())
 
 

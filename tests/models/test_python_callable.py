@@ -61,6 +61,9 @@ def whole(prompt, images, state):
 def waiting_whole(prompt, images, state=None):
     return f"{list(images)} {state}"
 
+def optional(prompt, image, state="calm"):
+    return f"{type(image).__name__} {state}"
+
 number = 5
 """
 PICTURE = encode(np.zeros((4, 4, 3), dtype=np.uint8))
@@ -161,6 +164,7 @@ def test_a_callable_may_take_all_cameras_and_the_state(module: str) -> None:
     query = Query("", "Which?", two, 1)
     assert ask(opened(module, "whole"), query).text == "['front', 'wrist'] (0.5, 1.0)"
     assert ask(opened(module, "waiting_whole"), QUERY).text == "['main'] {}"
+    assert ask(opened(module, "optional"), QUERY).text in {"bytes calm", "NoneType calm"}
     refused = ask(opened(module, "decide"), query)
     assert refused.error == "exception"
     assert "takes one image and the frame has front, wrist; let it take (prompt, images, state)" in refused.error_detail

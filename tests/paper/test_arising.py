@@ -34,7 +34,9 @@ def ask(bank: FrameBank, tmp_path: Path) -> Ask:
         out = tmp_path / f"run-{max_tokens}"
         with Behaving(habit, course) as server:
             mode = RequestMode(MODEL, base_url=server.base_url, seed=True, max_tokens=max_tokens)
-            outcome = battery.run(battery.plan(bank.root, [mode], out), concurrency=16)
+            outcome = battery.run(
+                battery.plan(bank.root, [mode], out, extent=battery.Extent(controls="none")), concurrency=16
+            )
         assert (outcome.stopped, dict(outcome.set_aside), server.requests) == (None, {}, CALLS)
         score = battery.score(out)
         return dict(score.models[MODEL].statistics), judge(score)[MODEL]

@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -17,10 +18,12 @@ from eyechart.models import ADAPTERS
 from eyechart.modes import RequestMode
 from eyechart.report.table import write_tables
 from eyechart.studies import battery, structured
-from eyechart.studies.structured.estimates import estimators, faults, read_estimates
+from eyechart.studies.battery.subjects import read_evidence, subjects
 from eyechart.studies.structured.page import make_estimates_page
 from eyechart.studies.structured.tables import scored_of, tables_of
+from eyechart.studies.structured.told import faults
 
+estimates = partial(read_evidence, score=structured.score)
 SEES, NEVER = "scripted:scene_positive_control", "scripted:scene_constant"
 
 
@@ -44,7 +47,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_clauses_and_worst_frames_stand_there_with_their_views(run: Path) -> None:
     """Every clause with value, n and outcome; the frame that most is told wrong of first; pictures through the view."""
-    evidence = read_estimates([run])
+    evidence = estimates([run])
     html = make_estimates_page(evidence).html.decode()
     words = text_of(html)
     assert "1 of 2 estimators are admitted" in words.replace(NEVER, "")
@@ -66,7 +69,7 @@ def test_clauses_and_worst_frames_stand_there_with_their_views(run: Path) -> Non
 
 def test_the_tables_and_the_page_say_the_same(run: Path, tmp_path: Path) -> None:
     """Of a clause its outcome, of an estimator its row; as CSV, Markdown and LaTeX."""
-    written = write_tables(tables_of(scored_of(estimators(read_estimates([run])))), tmp_path)
+    written = write_tables(tables_of(scored_of(subjects(estimates([run])))), tmp_path)
     assert len(written) == 9
     rows = (tmp_path / "clauses.csv").read_text().splitlines()
     assert sum(",fail," in row for row in rows) == 4
@@ -80,15 +83,15 @@ def test_what_is_missing_is_said(run: Path, tmp_path: Path) -> None:
     """Calls that are left, pictures that are gone, and a model that gave no estimate with its words."""
     bank = roads.build_bank(tmp_path / "bank", roads.GAPS_M[:4])
     half = ran(bank.root, tmp_path / "half", SEES, calls=5)
-    words = text_of(make_estimates_page(read_estimates([half])).html.decode())
+    words = text_of(make_estimates_page(estimates([half])).html.decode())
     assert f"Unfinished: {SEES}: 5 of 8 calls are answered" in words
     assert "0 of 1 estimator is admitted" in words
     for picture in bank.root.glob("images/*"):
         picture.unlink()
-    html = make_estimates_page(read_estimates([half])).html.decode()
+    html = make_estimates_page(estimates([half])).html.decode()
     assert "data:image" not in html
     assert "half is shown without pictures, because" in text_of(html)
-    both = text_of(make_estimates_page(read_estimates([run, half])).html.decode())
+    both = text_of(make_estimates_page(estimates([run, half])).html.decode())
     assert f"run · {SEES}" in both
     assert f"half · {SEES}" in both
 
@@ -98,7 +101,7 @@ def test_replies_and_names_are_text_whatever_they_hold(tmp_path: Path, monkeypat
     monkeypatch.setitem(ADAPTERS, "voter", "voters")
     monkeypatch.setattr(voters, "open_model", _hostile)
     run = ran(banks.build_bank(tmp_path / "bank", drawn=False).root, tmp_path / "run", "voter:<script>evil</script>")
-    html = make_estimates_page(read_estimates([run])).html.decode()
+    html = make_estimates_page(estimates([run])).html.decode()
     assert "<script" not in html
     assert "&lt;script&gt;window.pwned = 1&lt;/script&gt;" in html
     assert "no estimate: unparsed (no_object)" in html
@@ -121,7 +124,7 @@ def test_a_repaired_reply_is_counted_on_the_page(tmp_path: Path, monkeypatch: py
     monkeypatch.setitem(ADAPTERS, "voter", "voters")
     monkeypatch.setattr(voters, "says", lambda _: Reply(f"```json\n{json.dumps(_SCENE)}\n```", "stop"))
     run = ran(banks.build_bank(tmp_path / "bank", drawn=False).root, tmp_path / "run", "voter:sees")
-    assert "Repaired syntax: code_fence 36" in text_of(make_estimates_page(read_estimates([run])).html.decode())
+    assert "Repaired syntax: code_fence 36" in text_of(make_estimates_page(estimates([run])).html.decode())
 
 
 _SCENE = {"lead_gap_m": 5, "close": True, "left_clear": True, "right_clear": False, "confidence": 1}

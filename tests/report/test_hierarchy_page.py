@@ -23,9 +23,9 @@ from eyechart.simulators.rover.hierarchy import RoverMpc, RoverMpcUnaware
 from eyechart.studies.closed_loop import read_drives
 from eyechart.studies.closed_loop.film import write_film
 from eyechart.studies.closed_loop.replaying import find_episode, replay
-from eyechart.studies.hierarchy import plots, score
+from eyechart.studies.hierarchy import figures, score
+from eyechart.studies.hierarchy.figures import trajectory
 from eyechart.studies.hierarchy.page import make_hierarchy_page
-from eyechart.studies.hierarchy.plots import trajectory
 from eyechart.studies.hierarchy.tables import tables_of
 
 
@@ -129,7 +129,7 @@ def test_a_record_without_places_is_not_drawn(copied: Path) -> None:
 
 def test_of_many_worlds_some_are_drawn_and_the_page_says_so(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The figure of outcomes and the tables count all."""
-    monkeypatch.setattr(plots, "MOST_WORLDS", 1)
+    monkeypatch.setattr(figures, "MOST_WORLDS", 1)
     page = page_of(study)
     assert len(page.drawings["ways"]) == 3
     assert page.notes == ("1 of 2 worlds are drawn from above, evenly taken; every number counts all.",)

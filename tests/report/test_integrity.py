@@ -20,9 +20,9 @@ from eyechart.spaces.discrete import Discrete
 from eyechart.studies import battery as study
 from eyechart.studies.battery.browser import frames_shown
 from eyechart.studies.battery.page import counts, make_page, not_covered, summed
-from eyechart.studies.battery.subjects import read_evidence, subjects
+from eyechart.studies.battery.subjects import subjects
 from eyechart.studies.battery.tables import judged_of, verdict_table
-from report_runs import data_of, make_run, report
+from report_runs import data_of, make_run, read_evidence, report
 
 TWO = Discrete("two", ("HALT", "GO"), (), ("HALT",), ("GO",))
 SAID = 'system = "You drive."\nuser = "You go at speed {speed}. Answer {actions}."\n'
@@ -43,7 +43,7 @@ def weak_run(bank: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         folder = tmp_path_factory.mktemp("weak")
         conditions = ["real", "blank", "text_only", "lead_near"]
         models = {"weak": weak, "steady": stand_ins.stop}
-        return make_run(bank, folder / "run", models, limit=12, conditions=conditions)
+        return make_run(bank, folder / "run", models, extent=study.Extent(12), conditions=conditions)
 
 
 def test_calls_are_counted_by_condition(weak_run: Path) -> None:
@@ -171,7 +171,7 @@ def test_a_page_lists_no_more_frames_than_it_can_hold(bank: Path, tmp_path: Path
 def test_a_run_that_stopped_early_says_so_and_is_not_partial(tmp_path: Path) -> None:
     """The card shows the e-value and the calls, and nobody is told to go on with calls that are left out for good."""
     root = banks.build_bank(tmp_path / "bank", episodes=6, steps=6).root
-    run = make_run(root, tmp_path / "run", {"steady": stand_ins.stop}, stop_early=True)
+    run = make_run(root, tmp_path / "run", {"steady": stand_ins.stop}, extent=study.Extent(stop_early=True))
     (evidence,) = read_evidence([run])
     stopped = evidence.score.models["standin:steady"].stopped
     assert stopped is not None
@@ -189,10 +189,8 @@ def test_a_failed_guard_marks_the_verdict_wherever_it_stands(bank: Path, tmp_pat
     (run,) = read_evidence([make_run(bank, tmp_path / "run", models)])
     wrong, right = Guard("pictures_arrive", False, "the picture costs no token"), Guard("pictures_arrive", True, "yes")
     guards = {spec: (wrong if spec == "standin:b" else right,) for spec in run.verdicts}
-    failed = {spec: tuple(one for one in many if one.holds is False) for spec, many in guards.items()}
-    verdicts = {spec: replace(one, failed=failed[spec]) for spec, one in run.verdicts.items()}
     score = replace(run.score, guards=guards)
-    marked = replace(run, score=score, verdicts=verdicts)
+    marked = replace(run, score=score)
     html = unescape(make_page([marked]).html.decode())
     mark = "Not to be relied on:</strong> guard 'pictures_arrive' failed: the picture costs no token."
     assert html.count(mark) == html.count("Not to be relied on") == 1

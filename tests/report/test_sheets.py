@@ -9,7 +9,7 @@ from rich.console import Console
 
 from eyechart.report.table import Column, Table, columns, write_tables
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.battery.subjects import read_evidence, subjects
+from eyechart.studies.battery.subjects import subjects
 from eyechart.studies.battery.tables import (
     Judged,
     frontier_table,
@@ -18,7 +18,7 @@ from eyechart.studies.battery.tables import (
     tables_of,
     verdict_table,
 )
-from report_runs import Reported
+from report_runs import Reported, read_evidence
 
 COLUMNS = (
     Column("name"),

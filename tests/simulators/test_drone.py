@@ -229,4 +229,4 @@ def test_a_controller_gets_its_declared_labels_on_a_drone_bank(bank: FrameBank, 
     verdict = run_battery(bank, "scripted:depth_lateral", tmp_path / "run")["scripted:depth_lateral"]
     declared = CONTROLLERS["depth_lateral"].declared
     assert (verdict.calibrated.label, verdict.lateral.label) == (declared.calibrated, declared.lateral)
-    assert verdict.evidence == "interventional"
+    assert verdict.evidence == "controlled"

@@ -116,7 +116,9 @@ def slowly(votes: Votes, truth: Votes, size: int, costs: Costs | None) -> Choice
     """Return the best choice by trying each in the declared order."""
     points: tuple[Point, ...] = POINTS if costs is not None and costs.abstention is not None else ("two_way",)
     best: tuple[float, Choice] | None = None
-    for committee in combinations(range(len(votes)), size):
+    every = list(combinations(range(len(votes)), size))
+    able = [one for one in every if all((votes[model] == 1).any() for model in one)]
+    for committee in [*able, *(one for one in every if one not in able)]:
         for threshold, point in product(range(1, 2 * size + 1), points):
             found = worth(votes, truth, (committee, threshold, point), costs)
             if best is None or found > best[0] + 1e-10:
@@ -130,11 +132,15 @@ def slowly(votes: Votes, truth: Votes, size: int, costs: Costs | None) -> Choice
     seed=st.integers(0, 10_000),
     size=st.integers(1, 3),
     missing=st.sampled_from([0.0, 0.15]),
+    mute=st.sets(st.integers(0, 3), max_size=3),
     costs=st.sampled_from([None, Costs(5, 1), Costs(5, 1, 0.5), Costs(1, 1, 0.1, hazard_rate=0.05)]),
 )
-def test_the_choice_is_that_of_trying_each_in_order(seed: int, size: int, missing: float, costs: Costs | None) -> None:
-    """On all frames, and without each episode; ties in the declared order."""
+def test_the_choice_is_that_of_trying_each_in_order(
+    seed: int, size: int, missing: float, mute: set[int], costs: Costs | None
+) -> None:
+    """On all frames, and without each episode; ties in the declared order, also where some models never say hazard."""
     votes, truth, group = drawn(seed, 4, 24, missing)
+    votes[sorted(mute)] = np.minimum(votes[sorted(mute)], 0)
     found = tally(votes, truth, group, size=size)
     choices = [select(found, costs), *select_without_each(found, costs)]
     kept = [np.ones(len(truth), dtype=bool), *(group != fold for fold in range(4))]
@@ -150,6 +156,31 @@ def test_a_tie_goes_to_the_first_committee_and_then_to_the_lowest_threshold() ->
     votes = np.broadcast_to(truth.astype(np.int8)[None, :, None], (6, 4, 2)).copy()
     choice = select(tally(votes, truth, np.zeros(4, dtype=np.int64), size=2))
     assert (choice.committee, choice.threshold, choice.worth) == ((0, 1), 1, 1.0)
+
+
+def test_a_tie_never_takes_a_model_that_votes_no_hazard_where_it_may_take_another() -> None:
+    """The first says clear always and the second votes on nothing: each is as good a partner, and each is passed by."""
+    truth = np.array([True, True, False, False])
+    votes = np.broadcast_to(truth.astype(np.int8)[None, :, None], (4, 4, 2)).copy()
+    votes[0], votes[1] = CLEAR, MISSING
+    one_episode, size = np.zeros(4, dtype=np.int64), 2
+    assert select(tally(votes, truth, one_episode, size=size)).committee == (2, 3)
+    assert select(tally(votes, truth, one_episode, size=1)).committee == (2,)
+    alone = select(tally(votes[[0, 1, 2]], truth, one_episode, size=size))
+    assert (alone.committee, alone.threshold, alone.worth) == ((0, 2), 1, 1.0), "with one that sees there is no other"
+    worst = select(tally(np.stack([votes[0], votes[0], 1 - votes[2], 1 - votes[2]]), truth, one_episode, size=size))
+    assert worst.worth == 0.5, "nobody is better than chance here"
+    assert worst.committee == (0, 1), "and the others are worse than that"
+
+
+def test_who_votes_hazard_is_asked_of_the_frames_that_choose() -> None:
+    """A model that votes hazard in one episode alone cannot be told from a mute one by the others."""
+    truth = np.array([True, False, True, False, True, False])
+    group = np.array([0, 0, 1, 1, 2, 2])
+    votes = np.broadcast_to(truth.astype(np.int8)[None, :, None], (3, 6, 2)).copy()
+    votes[0, group != 1] = CLEAR
+    chosen = select_without_each(tally(votes, truth, group, size=2))
+    assert [one.committee for one in chosen] == [(0, 1), (1, 2), (0, 1)]
 
 
 def test_frames_of_one_class_choose_nothing() -> None:

@@ -4,6 +4,7 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -206,3 +207,33 @@ def test_villes_bound_holds_for_every_process() -> None:
         low, high = clopper_pearson(ever[name], runs)
         assert low <= 0.05, (name, ever[name])
         assert high > 0.01, (name, ever[name])
+
+
+@pytest.mark.parametrize("bank", [False, True])
+def test_the_wealth_of_the_bets_is_that_of_exact_fractions(*, bank: bool) -> None:
+    """Each bet multiplies by 1 + g (x - m)/(m - low), m the mean that the rest would have: written out in fractions."""
+    frames, low = 12, Fraction(-1)
+    payoffs = [Fraction(one) for one in (1, 0, -1, 1, 1, 0, 1)]
+    wealth = [Fraction(weight).limit_denominator(100) for _, weight in BETS]
+    total = Fraction()
+    for number, payoff in enumerate(payoffs):
+        mean = -total / (frames - number)
+        mean = mean if bank else max(Fraction(0), mean)
+        for place, (bet, _) in enumerate(BETS):
+            wealth[place] *= 1 + Fraction(bet).limit_denominator(100) * (payoff - mean) / (mean - low)
+        total += payoff
+    found = e_after(lambda: MeanProcess(frames, float(low), bank=bank), [float(one) for one in payoffs])
+    assert found == pytest.approx(float(sum(wealth)), rel=1e-12)
+
+
+def test_the_value_of_a_pairing_is_that_of_exact_fractions() -> None:
+    """Hits and misses by Krichevsky and Trofimov, over the largest chance of the second labels alone."""
+    process, seen = PairingProcess(2), [("L", "L"), ("R", "R"), ("L", "R"), ("R", "R"), ("L", "L"), ("R", "R")]
+    bet, hits = Fraction(1), 0
+    for number, (wanted, second) in enumerate(seen):
+        share = (hits + Fraction(1, 2)) / (number + 1)
+        bet *= share if wanted == second else 1 - share
+        hits += wanted == second
+        process.add(wanted, second)
+    largest = Fraction(2, 6) ** 2 * Fraction(4, 6) ** 4
+    assert math.exp(process.log_e) == pytest.approx(float(bet / largest), rel=1e-12)

@@ -1,5 +1,6 @@
 import itertools
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -171,3 +172,160 @@ def test_a_sampled_label_swap_is_never_impossible() -> None:
     found = paired.label_swap_test(first, second, seed=0, resamples=200)
     assert "B=200" in found.method
     assert found.p == pytest.approx(1 / 201)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.integers(-1, 1), max_size=30))
+def test_a_reversal_test_is_the_sign_test_of_the_other_order(signs: list[int]) -> None:
+    """Its counts and value are those of the order that is wanted; its p is that of the losses."""
+    none = [0] * len(signs)
+    forward, against = paired.sign_test(signs, none), paired.reversal_test(signs, none)
+    assert (against.value, against.n, against.ci, against.wins) == (forward.value, forward.n, forward.ci, forward.wins)
+    assert against.p == paired.sign_test(none, signs).p
+
+
+def test_eight_lost_pairs_are_the_fewest_that_show_a_reversal_at_half_a_percent() -> None:
+    """2 to the power of -8 is .0039, below .005; of seven it is .0078."""
+    assert paired.reversal_test([0] * 8, [1] * 8).p == pytest.approx(0.00390625)
+    assert paired.reversal_test([0] * 7, [1] * 7).p == pytest.approx(0.0078125)
+
+
+def test_the_worst_part_is_the_most_reversed_one() -> None:
+    """The statistic is that of the part with the smallest p, with every part beside it."""
+    tested = {"a": paired.reversal_test([1] * 9, [0] * 9), "b": paired.reversal_test([0] * 9, [1] * 9)}
+    found = paired.worst_part(tested, [1.0, 0.004], [0.9, 0.8])
+    assert isinstance(found, paired.Parts)
+    assert (found.value, found.n, found.p, found.note) == (0.0, 9, 0.004, "most reversed: b")
+    assert [(one.name, one.wins, one.losses, one.power) for one in found.parts] == [("a", 9, 0, 0.9), ("b", 0, 9, 0.8)]
+    assert found.as_dict()["detail"]["parts"][1] == {
+        "name": "b",
+        "wins": 0,
+        "losses": 9,
+        "ties": 0,
+        "p": 0.004,
+        "power": 0.8,
+    }
+    assert paired.worst_part({}, [], []).p is None
+
+
+@pytest.mark.parametrize(
+    ("pairs", "lost", "won"), [(12, 1.0, 0.0), (11, 1.0, 0.0), (48, 0.6, 0.2), (30, 0.8, 0.1), (5, 0, 0.5), (0, 0.5, 0)]
+)
+def test_the_power_of_a_veto_is_that_of_its_enumeration(pairs: int, lost: float, won: float) -> None:
+    """Every number of losses, wins and ties, by its chance, is the power that the closed sum gives."""
+    alpha, power = 0.005 / 12, 0.0
+    for losses, wins in itertools.product(range(pairs + 1), repeat=2):
+        if losses + wins <= pairs:
+            p = stats.binomtest(losses, losses + wins, alternative="greater").pvalue if losses + wins else 1.0
+            counts, shares = [losses, wins, pairs - losses - wins], [lost, won, 1 - lost - won]
+            power += (p < alpha) * stats.multinomial.pmf(counts, pairs, shares)
+    assert paired.reversal_power(pairs, alpha=alpha, lost=lost, won=won) == pytest.approx(power, abs=1e-9)
+
+
+def test_twelve_pairs_are_the_fewest_in_which_a_hole_is_seen() -> None:
+    """Of twelve comparisons at .005, corrected, a bin of 11 pairs can never show a reversal, and one of 12 always."""
+    assert paired.reversal_power(11, alpha=0.005 / 12, lost=1.0) == 0
+    assert paired.reversal_power(12, alpha=0.005 / 12, lost=1.0) == pytest.approx(1)
+    assert paired.reversal_power(12, alpha=0.05, lost=0.0) == 0
+    for wrong in ({"pairs": -1}, {"lost": 1.5}, {"won": 0.6}, {"alpha": 0}):
+        with pytest.raises(ValueError, match="no such design"):
+            paired.reversal_power(**{"pairs": 3, "alpha": 0.05, "lost": 0.5, **wrong})
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 60), st.integers(0, 60), st.integers(1, 80))
+def test_a_net_effect_reaches_the_margin_exactly_where_its_p_says_so(wins: int, losses: int, more: int) -> None:
+    """The lower end of the 80 % interval and the one-sided test at .10 are the same rule."""
+    found = paired.net_effect(wins, losses, wins + losses + more)
+    assert found.value == pytest.approx((wins - losses) / (wins + losses + more))
+    assert found.level == 0.8
+    if abs(found.ci[0] - 0.1) > 1e-9:
+        assert (found.ci[0] > 0.1) == (found.p < 0.1)
+
+
+def test_the_bound_of_a_net_effect_is_tangos() -> None:
+    """13 of 100 pairs won and none lost are too few for the margin, and 14 are enough."""
+    assert [paired.net_effect(wins, 0, 100).ci[0] >= 0.1 for wins in (13, 14)] == [False, True]
+    assert paired.net_effect(0, 0, 0).value is None
+    with pytest.raises(ValueError, match="margin"):
+        paired.net_effect(1, 0, 2, margin=0)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.tuples(st.booleans(), st.booleans()), min_size=1, max_size=40))
+def test_joint_losses_are_a_covariance_with_fishers_p(pairs: list[tuple[bool, bool]]) -> None:
+    """The share lost twice, less what two independent shares would give; p as scipy's Fisher, one-sided."""
+    first, second = (np.array(one, dtype=float) for one in zip(*pairs, strict=True))
+    found = paired.joint_losses(first, second)
+    assert found.value == pytest.approx((first * second).mean() - first.mean() * second.mean(), abs=1e-12)
+    table = [[int(((first == a) & (second == b)).sum()) for b in (1, 0)] for a in (1, 0)]
+    assert found.p == pytest.approx(stats.fisher_exact(table, alternative="greater").pvalue, abs=1e-9)
+    assert found.ci[0] <= found.value <= found.ci[1]
+    assert found.n == len(pairs)
+
+
+def test_an_association_in_one_group_is_fishers_and_over_groups_their_sum() -> None:
+    """One group gives Fisher's p; several are enumerated over every table with their margins."""
+    rng = np.random.default_rng(3)
+    first, second, groups = rng.integers(0, 2, 30), rng.integers(0, 2, 30), rng.integers(0, 3, 30)
+    table = [[int(((first == a) & (second == b)).sum()) for b in (1, 0)] for a in (1, 0)]
+    alone = paired.stratified_association(first, second, ["all"] * 30)
+    assert alone.p == pytest.approx(stats.fisher_exact(table, alternative="greater").pvalue)
+    chances = {0: 1.0}
+    for group in range(3):
+        x, y = first[groups == group], second[groups == group]
+        hyper = stats.hypergeom(len(x), int(x.sum()), int(y.sum()))
+        sums: dict[int, float] = {}
+        for total, chance in chances.items():
+            for k in range(int(y.sum()) + 1):
+                sums[total + k] = sums.get(total + k, 0.0) + chance * hyper.pmf(k)
+        chances = sums
+    found = paired.stratified_association(first, second, groups.tolist())
+    assert found.p == pytest.approx(sum(one for total, one in chances.items() if total >= (first * second).sum()))
+
+
+def test_a_group_in_which_one_side_never_varies_says_nothing() -> None:
+    """Who looks at its own lane alone turns one way in each lane: nothing is associated within it."""
+    left, clear = [1, 1, 1, 0, 0, 0], [1, 1, 0, 0, 0, 1]
+    found = paired.stratified_association(left, clear, ["l"] * 3 + ["r"] * 3)
+    assert (found.value, found.n, found.p) == (None, 0, 1.0)
+    assert paired.stratified_association(left, left, ["both"] * 6).p == pytest.approx(1 / 20)
+
+
+@pytest.mark.parametrize(("k", "n", "level"), [(0, 12, 0.95), (3, 12, 0.95), (12, 12, 0.98), (37, 144, 0.98)])
+def test_clopper_and_pearsons_ends_are_where_a_tail_is_half_of_the_rest(k: int, n: int, level: float) -> None:
+    """At the lower end k or more, at the upper end k or fewer, have the chance (1 - level)/2: in exact fractions."""
+
+    def chance(counts: range, rate: Fraction) -> float:
+        return float(sum(math.comb(n, i) * rate**i * (1 - rate) ** (n - i) for i in counts))
+
+    low, high = (Fraction(end) for end in paired.clopper_pearson(k, n, level))
+    half = (1 - level) / 2
+    assert (low == 0) if k == 0 else chance(range(k, n + 1), low) == pytest.approx(half, rel=1e-9)
+    assert (high == 1) if k == n else chance(range(k + 1), high) == pytest.approx(half, rel=1e-9)
+
+
+def test_the_claim_of_an_absence_errs_about_once_in_a_hundred_where_the_effect_is_at_the_margin() -> None:
+    """The exact size of Tango's bound at 60 pairs and an effect of .10, over every table of discordant pairs."""
+    n, sizes = 60, []
+    for fewer in (0.0, 0.02, 0.05, 0.1, 0.2):
+        size = 0.0
+        for b in range(n + 1):
+            for c in range(n + 1 - b):
+                score = paired._tango_score(b, c, n, 0.10)
+                if stats.norm.cdf(score) < 0.01:
+                    size += float(stats.multinomial.pmf([b, c, n - b - c], n, [fewer + 0.1, fewer, 0.9 - 2 * fewer]))
+        sizes.append(size)
+    assert max(sizes) < 0.0125
+    assert max(sizes) > 0.004
+
+
+@pytest.mark.parametrize(
+    ("b", "c", "n", "delta"), [(12, 2, 50, 0.1), (3, 5, 20, -0.2), (0, 0, 49, 0.1), (7, 7, 30, 0.05)]
+)
+def test_tangos_score_solves_its_quadratic(b: int, c: int, n: int, delta: float) -> None:
+    """2n q² + ((2n - b + c) d - b - c) q - c d (1 - d) = 0 for the second cell under the null (Tango 1998)."""
+    cells = np.roots([2 * n, (2 * n - b + c) * delta - (b + c), -c * delta * (1 - delta)])
+    q = max(cells.real)
+    expected = (b - c - n * delta) / math.sqrt(n * (2 * q + delta * (1 - delta)))
+    assert paired._tango_score(b, c, n, delta) == pytest.approx(expected)

@@ -10,10 +10,12 @@ import pytest
 
 import banks
 from eyechart import cli
+from eyechart.errors import SpecError
 from eyechart.frames import Frame, FrameBank, alone
 from eyechart.spaces.discrete import Discrete
 from eyechart.stats.agreement import binomial_tail, detectable_share
 from eyechart.studies import battery
+from eyechart.studies.battery.odds import odds_of
 from eyechart.studies.battery.power import power_of
 
 
@@ -152,9 +154,43 @@ def test_the_command_prints_the_plan(
         raw = json.loads(said.out)
         assert raw["format"] == "eyechart-plan/1"
         assert raw["calls_per_model"] == sum(raw["calls"].values()) == 189
-        assert raw["models"] == {"scripted:depth": {"calls": 189, "cost": None}}
+        assert raw["models"] == {"scripted:depth": {"calls": 189, "controls": 18, "cost": None}}
         assert raw["directional_needed"] == {"0.2": 13, "0.5": 112}
         assert "depth_observational" in raw["cannot_say"]
     else:
-        assert "model scripted:depth: 189 calls, cost —" in said.out
+        assert "model scripted:depth: 189 calls and up to 18 of controls, cost —" in said.out
         assert "cannot say: bound_blank: 18 frames can be shown blank; 49 are needed" in said.out
+
+
+def test_the_plan_says_how_often_a_model_of_a_known_kind_gets_its_label(bank: FrameBank) -> None:
+    """More noise is less power for an absence, more frames are more; depth needs controls, which this bank lacks."""
+    small, large = (power_of(repeated(bank, times)).odds for times in (4, 16))
+    noisy = power_of(repeated(bank, 16), noise=0.22).odds
+    assert large.noise == 0.11
+    for one in ("image_invariant", "presence_only"):
+        assert getattr(small, one) < getattr(large, one)
+        assert getattr(noisy, one) < getattr(large, one)
+    assert large.depth == {"0.3": None, "1": None}
+    assert large.depth_associated["1"] == 1.0
+    assert "power at a noise floor of 0.11" in large.words
+    with pytest.raises(SpecError, match="--noise is the share of repeats"):
+        power_of(bank, noise=0.9)
+
+
+def test_with_its_controls_a_bank_can_show_depth(tmp_path: Path) -> None:
+    """At no noise always, and of who reads on three frames of ten less often where frames are few."""
+    controlled = banks.build_bank(tmp_path / "bank", episodes=3, steps=4, controls=True)
+    found = odds_of(controlled, noise=0.0)
+    assert found.depth["1"] == 1.0
+    assert found.image_invariant == 0.0
+    few = odds_of(controlled, noise=0.22)
+    assert few.depth["0.3"] is not None
+    assert few.depth["0.3"] < (odds_of(repeated(controlled, 4), noise=0.22).depth["0.3"] or 0)
+
+
+def test_plan_agrees_with_models_that_are_drawn_and_judged() -> None:
+    """A few hundred of one kind through the rules; the measurement of all of them is kept beside the benchmarks."""
+    kept = json.loads((Path(__file__).parents[2] / "benchmarks" / "results" / "power.json").read_text())
+    assert kept["off"] == 0
+    assert kept["largest"] <= kept["within"] == 0.05
+    assert {cell["frames"] for cell in kept["cells"]} == {36, 72, 144, 288}

@@ -113,10 +113,10 @@ def test_every_number_has_its_n_and_is_finite(scored: dict[str, Statistic]) -> N
 
 
 def test_no_interval_claims_certainty() -> None:
-    """Where all episodes are alike a share has a Wilson interval, and no statistic an interval without width."""
+    """Where all episodes are alike a share has the exact bound of so many draws, and no interval is without width."""
     found = statistics_of(simulated.answers(lambda *_: "SLOW", WORLD), HOW)
     assert found["noise_floor"].value == 0
-    assert found["noise_floor"].ci == pytest.approx((0, 0.026), abs=5e-4)
+    assert found["noise_floor"].ci == pytest.approx((0, 1 - 0.05 ** (1 / 12)))
     assert found["idi_adj"].ci[0] < 0 < found["idi_adj"].ci[1]
     assert [name for name, one in found.items() if one.ci is not None and one.ci[0] == one.ci[1]] == []
 

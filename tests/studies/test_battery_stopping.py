@@ -17,7 +17,8 @@ from eyechart.verdicts import Stopped
 
 Given = dict[tuple[str, str], Decision[str]]
 FRAMES = simulated.frames()
-ALL = (*simulated.CONDITIONS, *simulated.COUNTERFACTUALS)
+FIRST = (*simulated.CONDITIONS, *simulated.COUNTERFACTUALS)
+ALL = (*FIRST, *simulated.CONTROLS)
 
 
 def layout(conditions: tuple[str, ...] = ALL, *, frames: tuple[Frame, ...] = FRAMES, seed: int = 0) -> Layout:
@@ -35,9 +36,9 @@ def given(answers: Answers) -> Given:
     }
 
 
-def settle(rule: simulated.Rule, *, counterfactuals: bool = True, seed: int = 0) -> Stopped | None:
+def settle(rule: simulated.Rule, conditions: tuple[str, ...] = ALL, *, seed: int = 0) -> Stopped | None:
     """Return where a simulated controller is settled."""
-    course = Course(layout(ALL if counterfactuals else simulated.CONDITIONS, seed=seed))
+    course, counterfactuals = Course(layout(conditions, seed=seed)), "lead_near" in conditions
     calls = given(simulated.answers(rule, FRAMES, counterfactuals=counterfactuals, seed=seed))
     course.advance(calls)
     return course.stopped(len(course.counted))
@@ -76,6 +77,7 @@ def cut(condition: str, frame: Frame, rng: object) -> str | None:
 CLEAR = {
     "not_scorable": cut,
     "depth": depth,
+    "depth_associated": depth,
     "presence_only": presence,
     "refusal_effect": refusing,
     "image_invariant": constant,
@@ -85,7 +87,7 @@ CLEAR = {
 @pytest.mark.parametrize("label", RULES)
 def test_a_clear_controller_is_settled_with_half_of_its_calls_saved(label: str) -> None:
     """Every label that can be settled early is, by the claim that it rests on."""
-    stopped = settle(CLEAR[label])
+    stopped = settle(CLEAR[label], FIRST if label == "depth_associated" else ALL)
     assert stopped is not None
     assert (stopped.label, stopped.lateral) == (label, "no_power")
     assert stopped.decided_by == f"early.{RULES[label][0]}"
@@ -95,8 +97,8 @@ def test_a_clear_controller_is_settled_with_half_of_its_calls_saved(label: str) 
 
 def test_following_the_gap_by_observation_never_stops_a_run() -> None:
     """Without counterfactual pictures a follower of distance is asked to the end, and so is one that follows half."""
-    assert settle(depth, counterfactuals=False) is None
-    assert settle(presence, counterfactuals=False) is not None
+    assert settle(depth, simulated.CONDITIONS) is None
+    assert settle(presence, simulated.CONDITIONS) is not None
 
 
 def test_turns_are_settled_too() -> None:
@@ -140,7 +142,7 @@ def test_a_coin_is_asked_to_the_end() -> None:
     assert settle(coin) is None
 
 
-@pytest.mark.parametrize("label", RULES)
+@pytest.mark.parametrize("label", CLEAR)
 def test_the_order_of_arrival_has_no_say(label: str) -> None:
     """Calls that come in any order, some of them beyond the stop, settle the same verdict with the same calls."""
     calls = given(simulated.answers(CLEAR[label], FRAMES))
@@ -162,6 +164,56 @@ def test_the_order_of_arrival_has_no_say(label: str) -> None:
     assert late.beyond == len(calls) - len(course.counted)
 
 
+def layout_follower(condition: str, frame: Frame, rng: object) -> str:
+    """Brake by whoever is nearer, in whichever lane."""
+    del rng
+    nearest = min(simulated.gap(frame), simulated.number(frame, "beside_m"))
+    return "STOP" if simulated.blind(condition) or nearest < 20 else "STRAIGHT"
+
+
+def zigzag(condition: str, frame: Frame, rng: object) -> str:
+    """Brake near, go on a little farther, and brake again: the wrong way round where it drives."""
+    del rng
+    gap = simulated.gap(frame)
+    return "STOP" if simulated.blind(condition) or gap < 9.5 or 20 < gap < 48 else "STRAIGHT"
+
+
+def cached(condition: str, frame: Frame, rng: object) -> str:
+    """Brake by distance, and toss a coin for a file that it does not know."""
+    seen = depth(condition, frame, rng)
+    return str(rng.choice(("STOP", "STRAIGHT"))) if condition == "nudged" else seen  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("rule", [layout_follower, zigzag, cached])
+def test_distance_is_not_settled_before_its_controls(rule: simulated.Rule) -> None:
+    """Who brakes for whoever is near, the wrong way round, or by the file, has near over far and no early verdict."""
+    course = Course(layout())
+    course.advance(given(simulated.answers(rule, FRAMES)))
+    assert course.claims["near_far"].settled
+    assert course.label == "depth"
+    assert course.exhausted
+    assert course.stopped(len(course.counted)) is None
+    assert course.wanted(course.layout.order[-1]) == FIRST
+
+
+def test_every_walk_over_the_controls_begins_at_the_first_frame() -> None:
+    """Its claims are fed every frame in the one order, and not those that are left when the walk before is settled."""
+    course = Course(layout())
+    calls = given(simulated.answers(depth, FRAMES))
+    course.advance({key: one for key, one in calls.items() if key[1] in FIRST})
+    first = course.layout.order[0]
+    assert (course.walk, course.wanted(first)) == (1, ("lead_near", "lead_far", "lane_own", "lane_beside"))
+    course.advance({key: one for key, one in calls.items() if key[1] in {*FIRST, "lane_own", "lane_beside"}})
+    assert course.walk == 2
+    assert set(course.wanted(first)) == {"real", "real_repeat", "lead_near", "lead_far", *simulated.CONTROLS[:5]}
+    course.advance(calls)
+    seen = {name: {frame for frame, condition in course.counted if condition == name} for name in ALL}
+    for name in simulated.CONTROLS[:5]:
+        assert seen[name] == set(course.layout.order[: len(seen[name])])
+    assert course.settled
+    assert course.wanted(course.layout.order[-1]) == ()
+
+
 def test_a_missing_call_holds_everything_back() -> None:
     """Frames count in their order: behind one that is not complete nothing counts, whatever else has come."""
     calls = given(simulated.answers(depth, FRAMES))
@@ -173,17 +225,17 @@ def test_a_missing_call_holds_everything_back() -> None:
 
 
 def test_once_distance_is_settled_only_its_checks_are_asked() -> None:
-    """Then real, its repeat and its reflection are wanted, and after the stop nothing."""
-    asked = layout()
+    """Then real, its repeat and its reflection are wanted, and after the stop nothing; here without controls."""
+    asked = layout(FIRST)
     course = Course(asked)
     calls = given(simulated.answers(depth, FRAMES))
     first = asked.order[0]
-    assert course.wanted(first) == ALL
+    assert course.wanted(first) == FIRST
     for frame in asked.order:
         if course.label is not None:
             break
         course.advance({key: one for key, one in calls.items() if key[0] == frame})
-    assert course.label == "depth"
+    assert course.label == "depth_associated"
     assert course.frames < 12
     assert course.wanted(asked.order[-1]) == ("real", "real_repeat", "mirrored")
     course.advance(calls)
@@ -232,8 +284,9 @@ def test_where_turns_stay_open_all_frames_are_asked_for_them() -> None:
 def test_no_direction_or_no_mirror_leaves_only_the_label_to_settle() -> None:
     """Then the lateral axis is not tested, as without stopping, and costs no call."""
     space = Discrete("go", ("GO", "HALT"), (), ("HALT",), ("GO",))
-    asked = Layout(layout().order, layout().asked, space)
-    calls = {(frame, name): Decision("HALT" if name == "lead_near" else "GO") for frame in asked.order for name in ALL}
+    asked = Layout(layout().order, layout().asked, space, layout().controls)
+    near = ("lead_near", "lane_own")
+    calls = {(frame, name): Decision("HALT" if name in near else "GO") for frame in asked.order for name in ALL}
     course = Course(asked)
     course.advance(calls)
     stopped = course.stopped(len(course.counted))
@@ -275,8 +328,9 @@ def test_the_typical_number_of_calls_is_what_a_clear_controller_takes() -> None:
     assert depth_ is not None
     assert found["image_invariant"] == constant_.calls
     assert found["depth"] == depth_.calls
-    assert "depth" not in typical(layout(simulated.CONDITIONS))
-    assert typical(layout(frames=FRAMES[:12])).keys() <= {"not_scorable", "depth"}
+    assert found["depth"] > typical(layout(FIRST))["depth_associated"]
+    assert set(typical(layout(simulated.CONDITIONS))).isdisjoint({"depth", "depth_associated"})
+    assert typical(layout(FIRST, frames=FRAMES[:12])).keys() <= {"not_scorable", "depth_associated"}
 
 
 def test_fewest_turns_are_those_that_a_permutation_can_tell() -> None:
@@ -294,6 +348,19 @@ SAME = {"real": "SLOW", "real_repeat": "SLOW", "blank": "SLOW", "shuffled": "SLO
 EVIDENCE: Mapping[str, tuple[dict[str, str], dict[str, str]]] = {
     "near_far": ({"lead_near": "STOP", "lead_far": "SLOW"}, {"lead_near": "SLOW", "lead_far": "STOP"}),
     "bound_near_far": ({"lead_near": "SLOW", "lead_far": "SLOW"}, {"lead_near": "STOP", "lead_far": "SLOW"}),
+    "net_near_far": ({"lead_near": "STOP", "lead_far": "SLOW"}, {"lead_near": "SLOW", "lead_far": "SLOW"}),
+    "own_beside": ({"lane_own": "STOP", "lane_beside": "SLOW"}, {"lane_own": "SLOW", "lane_beside": "STOP"}),
+    "net_own_beside": ({"lane_own": "STOP", "lane_beside": "SLOW"}, {"lane_own": "SLOW", "lane_beside": "SLOW"}),
+    "bound_reversed": (
+        {"lead_near": "STOP", "lead_mid_near": "SLOW", "lead_mid_far": "SLOW", "lead_far": "STRAIGHT"},
+        {"lead_near": "STOP", "lead_mid_near": "SLOW", "lead_mid_far": "STOP", "lead_far": "STRAIGHT"},
+    ),
+    "bound_nudged": ({**SAME, "nudged": "SLOW"}, {**SAME, "nudged": "STOP"}),
+    "bound_mirrored": ({**SAME, "mirrored": ""}, {**SAME, "mirrored": "STOP"}),
+    "bound_lead_near": ({**SAME, "lead_near": "SLOW"}, {**SAME, "lead_near": "STOP"}),
+    "bound_lead_far": ({**SAME, "lead_far": "SLOW"}, {**SAME, "lead_far": "STRAIGHT"}),
+    "bound_noise": ({**SAME, "noise": ""}, {**SAME, "noise": "STOP"}),
+    "bound_text_only": ({**SAME, "text_only": "SLOW"}, {**SAME, "text_only": "STOP"}),
     "bound_shuffled": (SAME, {**SAME, "shuffled": "STOP"}),
     "bound_blank": (SAME, {**SAME, "blank": "STOP"}),
     "bound_blank_response": (SAME, {**SAME, "blank": ""}),

@@ -14,10 +14,10 @@ from eyechart.cli.app import app
 from eyechart.episodes import Episode, Step
 from eyechart.frames import Scalar
 from eyechart.studies.closed_loop import score
+from eyechart.studies.closed_loop.audit import GAP_ALONE, GAP_AND_SIDE
 from eyechart.studies.closed_loop.browser import drives_data
-from eyechart.studies.closed_loop.degeneracy import GAP_ALONE, GAP_AND_SIDE
-from eyechart.studies.closed_loop.figures import drives_figures
 from eyechart.studies.closed_loop.film import lines
+from eyechart.studies.closed_loop.page import drives_figures
 
 
 def test_a_depth_reader_follows_the_scene_and_a_coin_does_not(tmp_path: Path) -> None:

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from drives import always, by_depth, drive, make_run, tossing
+from eyechart.conditions import OF_WORLDS
 from eyechart.episodes import Episode, EpisodeKey, write_episodes
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import Scalar
 from eyechart.spaces.space import Decision
 from eyechart.stats.paired import clopper_pearson, mcnemar_exact
 from eyechart.studies.closed_loop import score
-from eyechart.studies.closed_loop.published import PUBLISHED, beside_paper, leads, unlike
+from eyechart.studies.closed_loop.tables import PUBLISHED, beside_paper, leads, unlike
 
 
 def crashing(policy: str, action: str, *, of: int, condition: str = "real") -> list[Episode]:
@@ -143,6 +144,40 @@ def test_few_worlds_cannot_say(tmp_path: Path) -> None:
     (found,) = score(make_run(tmp_path, episodes)).blind
     assert found.finding == "cannot_say"
     assert "with 4 worlds no exact test can reach .05 after Holm over 5 tests" in found.sentence
+
+
+def test_blank_pictures_show_only_whether_there_is_a_picture(tmp_path: Path) -> None:
+    """Who brakes wherever there is any picture differs from blank, and not from another world's picture."""
+    real, blank = drive("m", always("SLOW")), drive("m", always("LEFT"), condition="blank")
+    (alone,) = score(make_run(tmp_path / "alone", [*real, *blank], models=["m"])).blind
+    assert (alone.finding, alone.asks, alone.tone) == ("differs", "whether there is a picture", "partly")
+    assert "So its driving depends on whether there is a picture; for better" in alone.sentence
+    unasked = "Whether it depends on what the camera shows was not asked"
+    assert unasked in alone.sentence
+    same = drive("m", always("SLOW"), condition="shuffled")
+    first, second = score(make_run(tmp_path / "both", [*real, *blank, *same], models=["m"])).blind
+    assert "depends on whether there is a picture;" in first.sentence
+    assert "what the camera shows" not in first.sentence, "the other comparison answers that"
+    assert (second.finding, second.tone) == ("identical", "blind")
+    assert "In these worlds what the camera shows has no say in how it drives." in second.sentence
+
+
+@pytest.mark.parametrize("condition", sorted(set(OF_WORLDS) - {"real"}))
+def test_each_condition_says_what_it_asks(tmp_path: Path, condition: str) -> None:
+    """Of all that a world can show, only another world's picture tells what the camera shows."""
+    real, other = drive("m", always("SLOW")), drive("m", always("LEFT"), condition=condition)
+    (found,) = score(make_run(tmp_path / "run", [*real, *other], models=["m"])).blind
+    assert found.finding == "differs"
+    told = found.sentence.partition(" It completes")[0].partition(" Whether it depends")[0]
+    assert ("depends on what the camera shows;" in told) == (condition == "shuffled")
+    assert (f"depends on {found.asks};" in told) == (condition != "real_repeat")
+    assert found.tone == {"shuffled": "sees", "real_repeat": "open"}.get(condition, "partly")
+    assert found.as_dict()["asks"] == found.asks
+    (alike,) = score(
+        make_run(tmp_path / "same", [*real, *drive("m", always("SLOW"), condition=condition)], models=["m"])
+    ).blind
+    assert ("the picture has no say" in alike.sentence) == (condition in {"blank", "text_only", "noise"})
+    assert ("repeats itself" in alike.sentence) == (condition == "real_repeat")
 
 
 @pytest.mark.parametrize(("worlds", "finding"), [(7, "cannot_say"), (8, "differs")])

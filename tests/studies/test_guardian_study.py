@@ -16,9 +16,12 @@ from banks import build_bank
 from eyechart import __version__
 from eyechart.errors import GuardianError, VoteError
 from eyechart.frames import open_bank
+from eyechart.guardian.page import bound_lines, replay_lines
 from eyechart.spaces.scene import Scene, safe_action
 from eyechart.stats.committee import Costs
 from eyechart.studies import guardian as study
+from eyechart.studies.guardian.modular import modular_action
+from eyechart.studies.guardian.scoring import answer_of
 from published_votes import GEMMA, QWEN, published
 
 QUICK = 0
@@ -103,6 +106,34 @@ def test_a_calibration_frame_is_never_scored(table: study.VoteTable, frozen: stu
         study.replay(frozen, one, lambda _: None)
     assert frozen.selection is not None
     assert len(table.without(frozen.selection.frames).frames) == 272
+
+
+def test_a_guardian_remembers_by_which_rule_its_ties_were_broken(frozen: study.Frozen, tmp_path: Path) -> None:
+    """One of version 0.1.0 keeps the rule that chose it, and a rule that no version has is refused."""
+    older = (
+        "first committee in lexicographic order, then lowest threshold, then two_way before abstain before unanimous"
+    )
+    for rule, read in ((older, True), ("whatever pleases", False)):
+        told = json.loads(json.dumps(frozen.as_dict()))
+        del told["digest"]
+        told["selection"]["tie_breaks"] = rule
+        told["digest"] = hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
+        (tmp_path / "g.json").write_text(json.dumps(told), encoding="utf-8")
+        if read:
+            assert json.loads(json.dumps(study.read_frozen(tmp_path / "g.json").as_dict())) == told
+        else:
+            with pytest.raises(GuardianError, match="its ties were broken by a rule that no eyechart has"):
+                study.read_frozen(tmp_path / "g.json")
+
+
+def test_a_member_that_votes_no_hazard_is_warned_of(table: study.VoteTable) -> None:
+    """It is in a committee only where nobody else is as good, and the score says what it is worth there."""
+    votes = table.votes.copy()
+    votes[table.models.index(QWEN)] = 0
+    mute = replace(table, votes=votes)
+    frozen = study.fit(mute.part("calibration"), models=(GEMMA, QWEN))
+    scored = study.score(frozen, mute.part("score"), enumerate_up_to=QUICK, resamples=10)
+    assert f"{QWEN} votes hazard on none of the 272 frames: it adds nothing to a committee" in scored.warnings
 
 
 CHANGES: dict[str, tuple[Callable[[study.About], study.About], str]] = {
@@ -218,6 +249,14 @@ def test_the_bound_comes_from_episodes_that_served_for_nothing_else(table: study
     assert found.rate.value is not None
     assert found.rate.ci is not None
     assert 0 < found.rate.value < found.rate.ci[1] <= 1
+    missed = fresh.hazard & (answer_of(frozen, fresh)["two_way"] == 0)
+    assert (found.frame_rate.value, found.frame_rate.n) == (missed.sum() / fresh.hazard.sum(), fresh.hazard.sum())
+    told, lines = found.as_dict(), list(bound_lines(found))
+    for place, (name, words) in enumerate(study.ESTIMANDS.items()):
+        assert words in lines[place], "every line says of what it is a bound"
+        assert name == "conformal" or told[name]["estimand"] == words
+    assert told["conformal_estimand"] == study.ESTIMANDS["conformal"]
+    assert f"from {fresh.hazard.sum()} hazardous frames of 6 episodes, none of more than 24 frames" in lines[1]
     assert found.needed_at_best == 299 <= found.needed
     assert found.scope.startswith("valid only for episodes exchangeable with those of bank paper")
     assert len(found.conformal) == 4
@@ -269,6 +308,11 @@ def test_a_replay_is_equivariant_and_the_reader_keeps_collision_and_sides(
             assert action == "SLOW"
     agreed = sum(action == safe_action(seen[frame][0]) for frame, action in found.actions.items())
     assert found.agreement.value == agreed / 272
+    truth = dict(zip(held_out.frames, held_out.hazard, strict=True))
+    perfect = replace(held_out, votes=np.broadcast_to(held_out.hazard[None, :, None], held_out.votes.shape) * 1)
+    best = study.replay(frozen, perfect, seen.get)
+    assert (found.ceiling.value, found.ceiling.n) == (best.agreement.value, 272)
+    assert 0 < (found.ceiling.value or 0) < 1, "it is asked about one distance, and the policy heeds others too"
     spoken = sum(answer != "abstain" for answer in scored.answers.values())
     assert found.answered.value == spoken / 272
     assert found.warnings == ()
@@ -280,9 +324,21 @@ def test_a_replay_is_equivariant_and_the_reader_keeps_collision_and_sides(
     right = sum(partly.actions[frame] == safe_action(seen[frame][0]) for frame in told)
     assert (partly.agreement_answered.n, partly.agreement_answered.value) == (len(told), right / len(told))
     assert (partly.agreement_answered.value or 1) < (partly.agreement.value or 0)
+    actions = {frame: modular_action("hazard" if truth[frame] else "clear", seen[frame][0]) for frame in told}
+    agreeing = sum(action == safe_action(seen[frame][0]) for frame, action in actions.items())
+    assert (partly.ceiling_answered.n, partly.ceiling_answered.value) == (len(told), agreeing / len(told))
+    assert partly.ceiling == found.ceiling, "a perfect guardian answers every frame"
+    assert any(
+        line.startswith(
+            f"The ceiling, a perfect guardian that answers the truth on every frame: "
+            f"{found.ceiling.value:.3f} (n 272); where this one answered"
+        )
+        for line in replay_lines(found)
+    )
     assert partly.warnings[0].startswith(f"{GEMMA}: 200 of 544 votes are missing")
     silent = study.replay(frozen, replace(held_out, votes=np.full_like(held_out.votes, -1)), seen.get)
     assert (silent.agreement.value, silent.answered.value) == (1.0, 0.0)
+    assert silent.ceiling_answered.value is None
     lopsided = {frame: (pair[0], pair[0]) for frame, pair in seen.items()}
     assert (study.replay(frozen, held_out, lopsided.get).equivariance.value or 0) < 1
     with pytest.raises(GuardianError, match="reads none of its 272 pictures"):

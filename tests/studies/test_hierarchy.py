@@ -235,12 +235,13 @@ def test_solver_failures_are_counted_and_shown(studied: HierarchyScore) -> None:
     assert cells(intent_table([row], "primary"))[row.name]["solver failed"] == "6"
 
 
-def test_what_every_episode_shares_has_no_interval(studied: HierarchyScore) -> None:
-    """One of no width would claim certainty: a constant's share of STOP, and the metres of one that drives alike."""
+def test_what_every_episode_shares_has_no_interval_but_the_exact_one(studied: HierarchyScore) -> None:
+    """One of no width would claim certainty: the metres of one that drives alike. A share has the exact bound."""
     drives = next(one for one in studied.drives["lateral-models"] if one.driver.condition == "real")
     row = HierarchyScore({"lateral-models": (replace(drives, episodes=drives.episodes[:1] * 4),)}).sources[0]
     assert row.distance_m.value == drives.episodes[0].distance_m
-    assert (row.distance_m.ci, row.stop_share.ci) == (None, None)
+    assert row.distance_m.ci is None
+    assert row.stop_share.ci == pytest.approx((0, 1 - 0.05 ** (1 / 4)))
 
 
 def test_nothing_is_concluded_of_a_model_that_did_not_drive_with_real_pictures(studied: HierarchyScore) -> None:

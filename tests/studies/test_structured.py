@@ -29,7 +29,6 @@ from eyechart.studies.structured import EstimatorScore, StructuredScore
 from eyechart.studies.structured.planning import choose
 from eyechart.studies.structured.scoring import Figures, How
 from eyechart.studies.structured.study import Structured
-from eyechart.studies.structured.told import is_close
 
 SPECS = [f"scripted:{name}" for name in ESTIMATORS]
 CONTROL = "scripted:scene_positive_control"
@@ -127,7 +126,7 @@ def test_an_oracle_is_admitted_without_an_error(
 def test_the_admission_set_is_balanced_seeded_and_recorded(admission: StructuredScore, bank: FrameBank) -> None:
     """Eight close frames and eight others that demand every action, the same for a seed, in the run's manifest."""
     frames = choose(bank, 0)
-    assert [is_close(frame, bank) for frame in frames].count(True) == 8
+    assert [bank.manifest.gap.near(frame) for frame in frames].count(True) == 8
     assert {frame.truth["demand"] for frame in frames} == set(DRIVING.actions)
     assert admission.manifest.frames == tuple(frame.id for frame in frames)
     assert admission.as_dict()["frames"] == list(admission.manifest.frames)
@@ -150,7 +149,7 @@ def test_a_run_records_view_prompt_and_reader_and_goes_on_only_as_it_was_begun(b
     out = tmp_path / "run"
     planned = structured.plan("admission", bank.root, [CONTROL], out)
     assert planned.counts() == (32, 0, 0)
-    battery.run(planned, limits=battery.within(planned, _prices(), calls=20))
+    battery.run(planned, limits=planned.manifest.within(_prices(), calls=20))
     scored = structured.score(out, resamples=100).models[CONTROL]
     assert (scored.answered, scored.admitted) == (20, False)
     manifest, _ = read_run(out)
@@ -177,7 +176,8 @@ def test_a_run_of_another_study_is_refused_by_name(
     assert admission.manifest.study == "admission"
     with pytest.raises(LedgerError, match=r"a run of the study 'admission', not of a battery.*eyechart score"):
         battery.score(folder)
-    battery.run(battery.plan(bank.root, ["scripted:constant"], tmp_path / "battery", conditions=["real"], limit=4))
+    few = battery.Extent(4)
+    battery.run(battery.plan(bank.root, ["scripted:constant"], tmp_path / "battery", conditions=["real"], extent=few))
     with pytest.raises(LedgerError, match="a run of the study 'battery', not one of admission, structured"):
         structured.score(tmp_path / "battery")
     kinds = [Structured().holds(one) for one in (folder, tmp_path / "battery", tmp_path / "nothing")]

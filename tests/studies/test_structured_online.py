@@ -11,7 +11,7 @@ from eyechart.errors import LedgerError, SpecError
 from eyechart.perception.view import VIEWS
 from eyechart.simulators import open_simulator
 from eyechart.studies.structured import online
-from eyechart.studies.structured.vetting import Vetted, vet
+from eyechart.studies.structured.online import Vetted, vet
 
 CONTROL = "scripted:scene_positive_control"
 BLIND = "scripted:scene_silent_when_free"
@@ -88,7 +88,7 @@ def test_worlds_with_the_rovers_camera_have_its_distances_and_its_view(tmp_path:
 
 def test_too_few_worlds_and_no_run_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With the last world's fault in words, before anything is written."""
-    monkeypatch.setattr("eyechart.studies.structured.vetting._SEEDS_TRIED", 1)
+    monkeypatch.setattr("eyechart.studies.structured.online._SEEDS_TRIED", 1)
     with pytest.raises(SpecError, match=r"too few worlds of 'merge' that pass.*renderer integrity"):
         online.plan("short", [CONTROL], tmp_path / "run")
     assert not (tmp_path / "run").exists()

@@ -60,12 +60,7 @@ class Rounding:
 
     def same(self, printed: str, recomputed: str) -> bool:
         """Return whether two texts say the same, up to ties of rounding."""
-        if printed == recomputed:
-            return True
-        mine, theirs = _NUMBER.findall(printed), _NUMBER.findall(recomputed)
-        if len(mine) != len(theirs) or _NUMBER.split(printed) != _NUMBER.split(recomputed):
-            return False
-        return all(one == other or self._tie(one, other) for one, other in zip(mine, theirs, strict=True))
+        return printed == recomputed or _alike(printed, recomputed, self._tie)
 
     def _tie(self, one: str, other: str) -> bool:
         """Return whether a recomputed number lies just between two printed ones, which are one last digit apart."""
@@ -82,11 +77,8 @@ class Rounding:
 
 
 def _numbers(values: object) -> Iterator[float]:
-    if isinstance(values, dict):
-        for value in values.values():
-            yield from _numbers(value)
-    elif isinstance(values, list):
-        for value in values:
+    if isinstance(values, dict | list):
+        for value in values.values() if isinstance(values, dict) else values:
             yield from _numbers(value)
     elif isinstance(values, int | float) and not isinstance(values, bool):
         yield float(values)
@@ -96,24 +88,21 @@ Path = tuple[str | int, ...]
 Name = Callable[[Path], str]
 
 
-def compare_values(printed: object, recomputed: object, rounding: Rounding, name: Name) -> Iterator[Difference]:
-    """Yield where two plain JSON values differ; ``name`` puts a place into words."""
-    yield from _walk(printed, recomputed, (), rounding, name)
-
-
-def _walk(printed: object, recomputed: object, path: Path, rounding: Rounding, name: Name) -> Iterator[Difference]:
+def compare_values(
+    printed: object, recomputed: object, rounding: Rounding, name: Name, path: Path = ()
+) -> Iterator[Difference]:
+    """Yield where two plain JSON values differ, from ``path`` on; ``name`` puts a place into words."""
     if isinstance(printed, dict) and isinstance(recomputed, dict):
         for key in [*recomputed, *(key for key in printed if key not in recomputed)]:
-            missing = "nothing"
             if key not in printed or key not in recomputed:
-                yield Difference(name((*path, key)), *(str(side.get(key, missing)) for side in (printed, recomputed)))
+                yield Difference(name((*path, key)), *(str(side.get(key, "nothing")) for side in (printed, recomputed)))
             else:
-                yield from _walk(printed[key], recomputed[key], (*path, key), rounding, name)
+                yield from compare_values(printed[key], recomputed[key], rounding, name, (*path, key))
     elif isinstance(printed, list) and isinstance(recomputed, list):
         if len(printed) != len(recomputed):
             yield Difference(name(path), f"{len(printed)} values", f"{len(recomputed)} values")
         for place, (one, other) in enumerate(zip(printed, recomputed, strict=False)):
-            yield from _walk(one, other, (*path, place), rounding, name)
+            yield from compare_values(one, other, rounding, name, (*path, place))
     elif not _same_leaf(printed, recomputed, rounding, 0.0 if "holm" in path or path[-1:] == ("p",) else NOISE):
         yield Difference(name(path), str(printed), str(recomputed))
 
@@ -142,13 +131,10 @@ def compare_tables(file: str, printed: str, recomputed: str, rounding: Rounding)
 def _line_difference(where: str, printed: str, recomputed: str) -> Difference:
     """Return how two lines of a table differ: by their first cells that do, where both have as many."""
     mine, theirs = (re.split(r"\s*[|&]\s*", line.strip("| ")) for line in (printed, recomputed))
-    where = f"{where} ({' '.join(theirs[:2])})"
-    if len(mine) != len(theirs):
-        return Difference(where, printed, recomputed)
     place = first_difference(mine, theirs)
-    return (
-        Difference(where, mine[place], theirs[place]) if place < len(mine) else Difference(where, printed, recomputed)
-    )
+    if len(mine) == len(theirs) > place:
+        printed, recomputed = mine[place], theirs[place]
+    return Difference(f"{where} ({' '.join(theirs[:2])})", printed, recomputed)
 
 
 def _compare_csv(file: str, printed: str, recomputed: str, rounding: Rounding) -> Iterator[Difference]:
@@ -183,17 +169,26 @@ def _same_cell(printed: str, recomputed: str, rounding: Rounding, noise: float) 
 
 def same_drawing(printed: str, recomputed: str) -> bool:
     """Return whether two attributes of a drawing put the same things at the same places."""
-    if printed == recomputed:
-        return True
+    return _alike(printed, recomputed, lambda one, other: abs(float(one) - float(other)) <= DRAWN)
+
+
+def _alike(printed: str, recomputed: str, same: Callable[[str, str], bool]) -> bool:
+    """Return whether two texts differ in numbers alone, and each pair of these is the same."""
     if _NUMBER.split(printed) != _NUMBER.split(recomputed):
         return False
     pairs = zip(_NUMBER.findall(printed), _NUMBER.findall(recomputed), strict=True)
-    return all(abs(float(one) - float(other)) <= DRAWN for one, other in pairs)
+    return all(one == other or same(one, other) for one, other in pairs)
 
 
 def first_difference(printed: Sequence[object], recomputed: Sequence[object]) -> int:
     """Return the place of the first thing that differs, or the length of the shorter."""
-    for place, (one, other) in enumerate(zip(printed, recomputed, strict=False)):
-        if one != other:
-            return place
-    return min(len(printed), len(recomputed))
+    pairs = enumerate(zip(printed, recomputed, strict=False))
+    return next((place for place, (one, other) in pairs if one != other), min(len(printed), len(recomputed)))
+
+
+def same_writing(values: object, text: str, write: Callable[[object], str]) -> bool:
+    """Return whether values that were read from a text are written as this text; NaN and infinity never are."""
+    try:
+        return write(values) == text
+    except ValueError:
+        return False

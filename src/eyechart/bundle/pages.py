@@ -14,6 +14,7 @@ from eyechart.bundle.comparing import (
     compare_values,
     first_difference,
     same_drawing,
+    same_writing,
     skeleton,
 )
 from eyechart.report.page import embedded_json
@@ -198,20 +199,13 @@ def _compare_data(printed: str, recomputed: str, rounding: Rounding, how: Strict
     except (ValueError, RecursionError):
         yield Difference("report.html, frames", "data that cannot be read", "the calls of the ledger")
         return
-    if blocks[0] is not None and not _as_written(mine, blocks[0].group(2)):
+    if blocks[0] is not None and not same_writing(mine, blocks[0].group(2), embedded_json):
         yield Difference("report.html, frames, data", "written in another way", "as a report writes them")
     if not how.pictures:
         for side in (mine, theirs):
             if isinstance(side, dict):
                 side.pop("pictures", None)
     yield from compare_values(mine, theirs, rounding, lambda path: f"report.html, frames, {_named(theirs, path)}")
-
-
-def _as_written(data: object, text: str) -> bool:
-    try:
-        return embedded_json(data) == text
-    except ValueError:  # NaN and infinity, which no page holds
-        return False
 
 
 def _named(data: Mapping[str, Any], path: Path) -> str:

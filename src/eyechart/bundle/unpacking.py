@@ -83,9 +83,9 @@ def _check(file: Path, entries: list[zipfile.ZipInfo]) -> None:
 
 
 def _check_entry(file: Path, entry: zipfile.ZipInfo) -> None:
-    name = entry.filename
-    parts = name.split("/")
-    if not _PLAIN.fullmatch(name) or any(map(_leads_out, parts)):
+    name, parts = entry.filename, entry.filename.split("/")
+    leads_out = any(one in {"", ".", ".."} or len(one.encode()) > 255 or _DRIVE.fullmatch(one) for one in parts)
+    if leads_out or not _PLAIN.fullmatch(name):
         raise BundleError(f"{file} is no bundle: {name[:200]!r} is no plain name of a file in it")
     bank = name.startswith("run/bank/")
     if not bank and not _FIXED.fullmatch(name):
@@ -99,10 +99,6 @@ def _check_entry(file: Path, entry: zipfile.ZipInfo) -> None:
     most = MOST_LEDGER if name == "run/ledger.sqlite" else MOST_TEXT if text else MAX_IMAGE_BYTES
     if entry.file_size > most:
         raise BundleError(f"{file}: {name[:200]!r} has {entry.file_size} bytes, more than the {most} that it may")
-
-
-def _leads_out(part: str) -> bool:
-    return part in {"", ".", ".."} or len(part.encode()) > 255 or _DRIVE.fullmatch(part) is not None
 
 
 def _copy(source: IO[bytes], target: IO[bytes], entry: zipfile.ZipInfo) -> None:

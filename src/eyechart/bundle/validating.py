@@ -5,10 +5,10 @@ import json
 import sqlite3
 import tempfile
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
-from eyechart.bundle.comparing import Difference, Rounding, compare_tables, compare_values, printable
+from eyechart.bundle.comparing import Difference, Rounding, compare_tables, compare_values, printable, same_writing
 from eyechart.bundle.contents import (
     FORMAT,
     INDEX,
@@ -20,35 +20,42 @@ from eyechart.bundle.contents import (
     Recipe,
     as_json,
     derive,
+    digest_of,
     drawn_with,
 )
-from eyechart.bundle.evidence import check_bank, check_requests
 from eyechart.bundle.pages import Strictness, compare_pages
 from eyechart.bundle.unpacking import unpack
+from eyechart.calls import CallKey
+from eyechart.conditions import available, show, sources
 from eyechart.errors import BundleError, EyechartError
-from eyechart.frames import FrameBank, open_unchecked
+from eyechart.frames import FrameBank, open_unchecked, read_bounded
 from eyechart.ledger import Ledger
 from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, RunManifest, asked_of, read_manifest
+from eyechart.perception.view import find_view, through
+from eyechart.records import Plain
+from eyechart.run import Plan
+from eyechart.studies import Tell
 from eyechart.studies.battery.planning import plan_of
-from eyechart.studies.battery.subjects import Tell, used_pictures
+from eyechart.studies.battery.stages import widest
+from eyechart.studies.battery.subjects import used_pictures
 
 _LONGER = 4
 """A file that is so many times as long as it should be is not looked into."""
 
 
 @dataclass(frozen=True)
-class Validation:
+class Validation(Plain):
     """What a validation found: every figure that does not follow, what was compared, and what could not be.
 
     ``uncompared`` are the things that other versions of libraries, or of eyechart, draw otherwise, by the bundle's own
     word; ``otherwise`` the figures of another eyechart that this one computes otherwise.
     """
 
-    differences: tuple[Difference, ...]
-    compared: Mapping[str, int]
-    notes: tuple[str, ...]
-    uncompared: tuple[str, ...] = ()
-    otherwise: tuple[Difference, ...] = ()
+    uncompared: list[str]
+    otherwise: list[Difference]
+    differences: list[Difference]
+    compared: dict[str, int]
+    notes: list[str]
 
     @property
     def holds(self) -> bool:
@@ -64,15 +71,7 @@ class Validation:
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        return {
-            "holds": self.holds,
-            "outcome": self.outcome,
-            "uncompared": list(self.uncompared),
-            "otherwise": [one.as_dict() for one in self.otherwise],
-            "differences": [one.as_dict() for one in self.differences],
-            "compared": dict(self.compared),
-            "notes": list(self.notes),
-        }
+        return {"holds": self.holds, "outcome": self.outcome, **super().as_dict()}
 
 
 def validate(file: Path, *, tell: Tell = lambda _: None) -> Validation:
@@ -91,30 +90,18 @@ def validate(file: Path, *, tell: Tell = lambda _: None) -> Validation:
         names = unpack(file, folder)
         index = _read_index(file, folder)
         recipe = Recipe.from_dict(index)
-        found = _Found([*_check_files(folder, names, index)], {"files": len(names)}, _unlike(recipe), [])
+        notes = [
+            f"drawn with {name} {printable(recipe.drawn_with.get(name, 'unknown'))[:40]}, here is {version}"
+            for name, version in drawn_with().items()
+            if recipe.drawn_with.get(name) != version
+        ]
+        found = Validation([], [], [*_check_files(folder, names, index)], {"files": len(names)}, notes)
         try:
             _recompute(folder, names, recipe, found, tell)
         except (EyechartError, sqlite3.Error, RecursionError) as error:
             words = str(error).replace(f"{work}/", "")
             found.differences.append(Difference("everything that follows from the run", "results", words))
-        return Validation(
-            tuple(found.differences),
-            found.compared,
-            tuple(found.notes),
-            tuple(found.uncompared),
-            tuple(found.otherwise),
-        )
-
-
-@dataclass(frozen=True)
-class _Found:
-    """What a validation has found so far."""
-
-    differences: list[Difference]
-    compared: dict[str, int]
-    notes: list[str]
-    uncompared: list[str]
-    otherwise: list[Difference] = field(default_factory=list)
+        return found
 
 
 def _read_index(file: Path, folder: Path) -> dict[str, object]:
@@ -132,64 +119,65 @@ def _check_files(folder: Path, names: list[str], index: Mapping[str, object]) ->
     assert isinstance(listed, dict)
     for name in sorted({*listed, *there} - {INDEX}):
         path = folder / name
-        digest = "no file"
-        if name in there:
-            with path.open("rb") as file:
-                digest = hashlib.file_digest(file, "sha256").hexdigest()
+        digest = digest_of(path) if name in there else "no file"
         if digest != listed.get(name):
             yield Difference(f"file {name}, SHA-256", str(listed.get(name, "not listed")), digest)
 
 
-def _unlike(recipe: Recipe) -> list[str]:
-    here = drawn_with()
-    return [
-        f"drawn with {name} {printable(recipe.drawn_with.get(name, 'unknown'))[:40]}, here is {version}"
-        for name, version in here.items()
-        if recipe.drawn_with.get(name) != version
-    ]
-
-
-def _recompute(folder: Path, names: list[str], recipe: Recipe, found: _Found, tell: Tell) -> None:
+def _recompute(folder: Path, names: list[str], recipe: Recipe, found: Validation, tell: Tell) -> None:
     """Recompute from the run and compare; ``found`` takes the differences, what was compared, and what was not."""
-    differences, compared, notes = found.differences, found.compared, found.notes
     run = folder / RUN_FOLDER
     manifest, bank = read_manifest(run), open_unchecked(run / BANK)
     asked = asked_of(bank, manifest.prompt)
     if not recipe.elsewhere and (run / RUN).read_bytes() != manifest.as_text().encode():
-        differences.append(Difference(f"{RUN_FOLDER}/{RUN}", "written in another way", "as a run is written"))
+        found.differences.append(Difference(f"{RUN_FOLDER}/{RUN}", "written in another way", "as a run is written"))
     tell("checking the bank")
-    differences += check_bank(manifest, asked)
+    found.differences.extend(check_bank(manifest, asked))
     with Ledger(run / LEDGER) as ledger:
         ledger.require_plain()
         for key in ledger.damaged():
             place = f"{key.model}, {key.frame}, {key.condition}"
-            differences.append(Difference(f"{LEDGER}, {place}", "a reply", "another than its checksum says"))
+            found.differences.append(Difference(f"{LEDGER}, {place}", "a reply", "another than its checksum says"))
         tell("checking the requests")
         requests, count, unlike = check_requests(ledger, manifest, asked, same_encoder=_same(recipe, "pillow", "zlib"))
-    differences += requests
+    found.differences.extend(requests)
     frames = {key.frame for key in plan_of(manifest, asked).keys()}  # noqa: SIM118 - a plan is no mapping
-    compared |= {"frames": len(frames), "requests": count}
+    found.compared.update({"frames": len(frames), "requests": count})
     if unlike:
-        notes.append(f"this machine encodes the pictures of {', '.join(unlike)} to other bytes: no request compared")
-        found.uncompared.append(f"requests of {', '.join(unlike)}")
+        named = ", ".join(unlike)
+        found.notes.append(f"this machine encodes the pictures of {named} to other bytes: no request compared")
+        found.uncompared.append(f"requests of {named}")
     derived = derive(run, manifest, (asked, bank), recipe, tell)
     tell("comparing")
-    differences += _check_foreign(names, manifest, asked, derived, recipe)
-    compared |= _counted(manifest, asked, derived)
+    pictures, models = used_pictures(manifest, asked), derived.score.models.values()
+    held = {INDEX, *(f"{RUN_FOLDER}/{name}" for name in (RUN, LEDGER)), *derived.files}
+    held |= {f"{RUN_FOLDER}/{BANK}/{name}" for name in (*BANK_TEXT, *pictures)}
+    found.differences.extend(
+        Difference(f"file {name}", "in the bundle", "neither used by the run nor made from it")
+        for name in names
+        if name not in held and not (recipe.elsewhere and name.startswith(TABLES))  # another may make other tables
+    )
+    found.compared.update(
+        models=len(manifest.models),
+        statistics=sum(len(one.statistics) for one in models),
+        calls=sum(one.answered for one in models),
+        pictures=len(pictures),
+        tables=sum(name.startswith(TABLES) for name in derived.files),
+    )
     if recipe.elsewhere:
         _compare_elsewhere(folder, recipe.elsewhere, derived, found)
         return
-    differences += _compare(folder, recipe, derived)
-    strict = _strictness(recipe)
+    strict = Strictness(drawings=_same(recipe, "matplotlib"), pictures=_same(recipe, "pillow", "webp"))
+    found.differences.extend(_compare(folder, derived, strict))
     if not strict.drawings:
-        notes.append("of the drawings only the words were compared")
+        found.notes.append("of the drawings only the words were compared")
         found.uncompared.append("drawings")
     if not strict.pictures:
-        notes.append("the pictures in the page were not compared with those of the bank")
+        found.notes.append("the pictures in the page were not compared with those of the bank")
         found.uncompared.append("pictures")
 
 
-def _compare_elsewhere(folder: Path, made: str, derived: Derived, found: _Found) -> None:
+def _compare_elsewhere(folder: Path, made: str, derived: Derived, found: Validation) -> None:
     """Compare what another eyechart printed: the replies as ever, the figures one by one, a file where it is the same.
 
     Whether a figure that differs was computed by other rules or changed by somebody, nobody can say from the file.
@@ -219,41 +207,22 @@ def _read_results(folder: Path) -> dict[str, object]:
     return printed
 
 
-def _check_foreign(
-    names: list[str], manifest: RunManifest, asked: FrameBank, derived: Derived, recipe: Recipe
-) -> Iterator[Difference]:
-    """Yield every file that is neither part of the run nor made from it; another eyechart may make other tables."""
-    bank = {f"{RUN_FOLDER}/{BANK}/{name}" for name in (*BANK_TEXT, *used_pictures(manifest, asked))}
-    known = {INDEX, f"{RUN_FOLDER}/{RUN}", f"{RUN_FOLDER}/{LEDGER}", *derived.files, *bank}
-    for name in names:
-        if name not in known and not (recipe.elsewhere and name.startswith(TABLES)):
-            yield Difference(f"file {name}", "in the bundle", "neither used by the run nor made from it")
-
-
-def _strictness(recipe: Recipe) -> Strictness:
-    return Strictness(drawings=_same(recipe, "matplotlib"), pictures=_same(recipe, "pillow", "webp"))
-
-
 def _same(recipe: Recipe, *libraries: str) -> bool:
     here = drawn_with()
     return all(recipe.drawn_with.get(name) == here[name] for name in libraries)
 
 
-def _compare(folder: Path, recipe: Recipe, derived: Derived) -> Iterator[Difference]:
+def _compare(folder: Path, derived: Derived, how: Strictness) -> Iterator[Difference]:
     rounding = Rounding.of(derived.results)
     for name, content in derived.files.items():
         path = folder / name
         if not path.is_file():
             yield Difference(name, "no file", f"{len(content)} bytes")
-            continue
-        printed = path.read_bytes()
-        if printed == content:
-            continue
-        if len(printed) > _LONGER * len(content):
+        elif len(printed := path.read_bytes()) > _LONGER * len(content):
             yield Difference(name, f"{len(printed)} bytes", f"{len(content)} bytes")
-            continue
-        texts = printed.decode("utf-8", "replace"), content.decode("utf-8", "replace")
-        yield from _compare_file(name, texts, derived, rounding, _strictness(recipe))
+        elif printed != content:
+            texts = printed.decode("utf-8", "replace"), content.decode("utf-8", "replace")
+            yield from _compare_file(name, texts, derived, rounding, how)
 
 
 def _compare_file(
@@ -266,7 +235,7 @@ def _compare_file(
             yield Difference(RESULTS, "no JSON", "the results")
             return
         yield from compare_values(printed, derived.results, rounding, _result_name)
-        if not _as_written(printed, texts[0]):
+        if not same_writing(printed, texts[0], lambda values: as_json(values).decode()):
             yield Difference(RESULTS, "written in another way", "as results are written")
     elif name == REPORT:
         yield from compare_pages(*texts, rounding, how)
@@ -276,25 +245,96 @@ def _compare_file(
         yield Difference(name, "another text", "that of every bundle")
 
 
-def _as_written(values: object, text: str) -> bool:
-    try:
-        return as_json(values) == text.encode("utf-8", "backslashreplace")
-    except ValueError:  # NaN and infinity, which no results hold
-        return False
-
-
 def _result_name(path: tuple[str | int, ...]) -> str:
     """Return in words which figure stands at a place of the results."""
     words = [str(part) for part in path if part not in {"score", "models", "statistics"}]
     return f"{RESULTS}, {', '.join(words)}"
 
 
-def _counted(manifest: RunManifest, asked: FrameBank, derived: Derived) -> dict[str, int]:
-    models = derived.score.models
-    return {
-        "models": len(manifest.models),
-        "statistics": sum(len(one.statistics) for one in models.values()),
-        "calls": sum(one.answered for one in models.values()),
-        "pictures": len(used_pictures(manifest, asked)),
-        "tables": sum(name.startswith(TABLES) for name in derived.files),
-    }
+def check_bank(manifest: RunManifest, bank: FrameBank) -> Iterator[Difference]:
+    """Yield every frame whose ground truth, and every used picture whose bytes, are not those that were recorded."""
+    recorded = dict(bank.manifest.geometry)
+    if manifest.fingerprint != bank.manifest.fingerprint:
+        yield Difference("bank, fingerprint", manifest.fingerprint, bank.manifest.fingerprint)
+    for frame in bank:
+        if frame.geometry() != recorded.pop(frame.id, None):
+            gap = bank.manifest.gap
+            told = "" if gap is None else f" ({gap.column} {frame.truth.get(gap.column)})"
+            digest = str(bank.manifest.geometry.get(frame.id))
+            yield Difference(f"bank, ground truth of frame '{frame.id}'{told}", digest, frame.geometry())
+    for frame_id in recorded:
+        yield Difference(f"bank, frame '{frame_id}'", "recorded", "missing")
+    if [frame.id for frame in bank] != list(bank.manifest.geometry):
+        yield Difference("bank, order of the frames", "as recorded", "another")
+    for file, shown in _uses(manifest, bank).items():
+        yield from _check_picture(bank, file, shown)
+
+
+def _uses(manifest: RunManifest, bank: FrameBank) -> dict[str, list[str]]:
+    """Return, for each picture that the run used, the frames and conditions that it was shown for."""
+    plan, uses = widest(manifest, plan_of(manifest, bank)), dict[str, list[str]]()
+    seen = dict.fromkeys((key.frame, key.condition) for key in plan.keys())  # noqa: SIM118 - a plan is no mapping
+    for frame_id, condition in seen:
+        for file in sources(condition, bank.frame(frame_id), bank, plan.seed):
+            uses.setdefault(file, []).append(f"{frame_id} under {condition}")
+    return uses
+
+
+def _check_picture(bank: FrameBank, file: str, shown: list[str]) -> Iterator[Difference]:
+    more = f" and {len(shown) - 3} more" if len(shown) > 3 else ""
+    where = f"bank, picture {file} (shown for {', '.join(shown[:3])}{more})"
+    recorded = bank.manifest.images.get(file, "nothing")
+    try:
+        digest = hashlib.sha256(read_bounded(bank.root, file)).hexdigest()
+    except EyechartError as error:
+        digest = str(error)
+    if digest != recorded:
+        yield Difference(where, recorded, digest)
+
+
+def check_requests(
+    ledger: Ledger, manifest: RunManifest, bank: FrameBank, *, same_encoder: bool
+) -> tuple[list[Difference], int, list[str]]:
+    """Compare the digest of every request in the ledger with that of the request that the bank gives.
+
+    Return the differences, how many requests were compared, and the conditions whose pictures this machine encodes
+    to other bytes, of which none could be compared; with the ``same_encoder`` there are none of those.
+    """
+    plan, requests = plan_of(manifest, bank, view=find_view(manifest.view)), dict[tuple[str, str], str]()
+    differs: dict[str, list[Difference]] = {}
+    alike: dict[str, int] = {}
+    for model in manifest.models:
+        for sent in ledger.attempts(model):
+            key, digest = sent.key, sent.request_sha256
+            shown = (key.condition, key.frame)
+            if shown not in requests:
+                requests[shown] = _request(plan, *shown)
+            if digest == requests[shown]:
+                alike[key.condition] = alike.get(key.condition, 0) + 1
+            else:
+                where = f"ledger, request of {model} about frame '{key.frame}' under {key.condition}"
+                differs.setdefault(key.condition, []).append(Difference(where, digest, requests[shown]))
+    unlike = [name for name in differs if not same_encoder and name not in alike and _is_encoded(plan, name)]
+    found = [one for name, many in differs.items() if name not in unlike for one in many]
+    return found, sum(alike.values()) + len(found), unlike
+
+
+def _is_encoded(plan: Plan, condition: str) -> bool:
+    """Return whether a condition's pictures are encoded when they are shown, which another library does otherwise."""
+    if plan.view is not None:
+        return True
+    frame = next(frame for frame in plan.frames if available(condition, frame))
+    try:
+        files = [plan.bank.read(file) for file in sources(condition, frame, plan.bank, plan.seed)]
+        return not all(image in files for image in show(condition, frame, plan.bank, plan.seed).images.values())
+    except EyechartError:
+        return False
+
+
+def _request(plan: Plan, condition: str, frame_id: str) -> str:
+    """Return the digest of what was asked about a frame under a condition, or why nothing can have been."""
+    try:
+        seen = through(plan.view, show(condition, plan.bank.frame(frame_id), plan.bank, plan.seed), frame_id)
+        return plan.query(CallKey(plan.study, "", plan.prompt.key, frame_id, condition), seen).sha256()
+    except EyechartError as error:
+        return str(error)

@@ -9,22 +9,22 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from eyechart.calibrate.known import is_false
-from eyechart.conditions import COUNTERFACTUALS
+from eyechart.conditions import BATTERY, CONTROLS, COUNTERFACTUALS
 from eyechart.frames import Frame
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import Decision
 from eyechart.stats.agreement import rate
 from eyechart.stats.paired import clopper_pearson
 from eyechart.studies.battery.answers import Answers
-from eyechart.studies.battery.evidence import Row, claims
+from eyechart.studies.battery.evidence import ALONE, CONTROLLED, Row, claims
 from eyechart.studies.battery.stopping import Course, layout_of
-from eyechart.verdicts import FLOOR, MARGIN, UNPARSED_CUT
+from eyechart.verdicts import FLOOR, MARGIN, NET_ALPHA, UNPARSED_CUT
 
 DRAWS = 10
 """Draws of each null in one replication of the setting ``default``."""
 
 EVER = 0.05
-"""The largest share of rejections that is wanted."""
+"""The largest share of rejections that is wanted; of a net effect, which is tested at its own level, that level."""
 
 Columns = dict[str, list[str]]
 """Answers by condition, a frame each; an empty one is a reply without a decision."""
@@ -57,8 +57,8 @@ def ever_rejected(null: Null, frames: Sequence[Frame], rng: random.Random) -> bo
 
 def _steady(frames: Sequence[Frame]) -> Columns:
     """Return the answers of a controller that never wavers."""
-    names = ("real", "real_repeat", "blank", "shuffled", "recoloured", "cross_scenario", "mirrored")
-    return {name: ["SLOW"] * len(frames) for name in (*names, "lead_near", "lead_far")}
+    names = (*BATTERY, "recoloured", *CONTROLLED)
+    return {name: ["SLOW"] * len(frames) for name in names}
 
 
 def _first(frames: Sequence[Frame], count: int, rng: random.Random) -> list[bool]:
@@ -83,11 +83,13 @@ def _of(marks: Sequence[bool], yes: str, no: str = "SLOW") -> list[str]:
     return [yes if one else no for one in marks]
 
 
-def _at_margin(condition: str, share: float) -> Draw:
-    """Return the null that a condition changes exactly the least share of the frames that is not below a margin."""
+def _at_margin(condition: str, share: float, *, most: bool = False) -> Draw:
+    """Return the null that a condition changes the least share of the frames not below a margin, or the ``most``."""
 
     def draw(frames: Sequence[Frame], rng: random.Random) -> Columns:
-        return {condition: _of(_first(frames, math.ceil(share * len(frames) - 1e-9), rng), "STOP")}
+        exact = share * len(frames)
+        count = math.floor(exact + 1e-9) if most else math.ceil(exact - 1e-9)
+        return {condition: _of(_first(frames, count, rng), "STOP")}
 
     return draw
 
@@ -191,6 +193,18 @@ NULLS: tuple[Null, ...] = (
     Null("bound_blank_response", f"changed at the margin, {_CLUSTER}", _at_margin("blank", MARGIN)),
     Null("bound_blank_kept", f"changed at the margin, {_CLUSTER}", _at_margin("blank", MARGIN)),
     Null("bound_near_far", f"harder near at the margin, {_CLUSTER}", _at_margin("lead_near", MARGIN)),
+    Null("own_beside", "a coin for each of the two", _coins("lane_own", "lane_beside")),
+    Null("own_beside", "both pulled by an episode's habit", _coins("lane_own", "lane_beside", clings=0.7)),
+    Null("net_near_far", f"harder near on the margin, {_CLUSTER}", _at_margin("lead_near", MARGIN, most=True)),
+    Null(
+        "net_own_beside",
+        f"harder for the own lane on the margin, {_CLUSTER}",
+        _at_margin("lane_own", MARGIN, most=True),
+    ),
+    Null("bound_reversed", f"one step reversed at the margin, {_CLUSTER}", _at_margin("lead_mid_far", MARGIN)),
+    Null("bound_nudged", f"changed at the margin, {_CLUSTER}", _at_margin("nudged", MARGIN)),
+    Null("bound_nudged", "changed at the margin above a noise of .2", _noisy_margin("nudged")),
+    *(Null(f"bound_{name}", f"changed at the margin, {_CLUSTER}", _at_margin(name, MARGIN)) for name in ALONE),
     Null("steady", f"self-disagreement of exactly .2, {_CLUSTER}", _at_margin("real_repeat", FLOOR)),
     Null("steady", "self-disagreement of .2, frame by frame", _wavering),
     Null("swaps_rate", "turns that do not depend on each other", _turning(0.5, 0.5)),
@@ -235,7 +249,7 @@ def stop_early(answers: Answers, label: str, lateral: str, *, counterfactuals: b
     given: dict[tuple[str, str], Decision[str]] = {}
     asked: dict[str, list[str]] = {frame.id: [] for frame in answers.frames}
     for name, column in answers.decisions.items():
-        if counterfactuals or name not in COUNTERFACTUALS:
+        if counterfactuals or name not in {*COUNTERFACTUALS, *CONTROLS}:
             for frame, one in zip(answers.frames, column, strict=True):
                 if one is not None:
                     given[frame.id, name] = one
@@ -295,6 +309,7 @@ def misses(
                 found.append(f"stopping early saves {saved:.3f} of the calls for {name}, wanted {SAVED}")
     for null, count in zip(NULLS, ever, strict=False):
         low, _ = clopper_pearson(count, DRAWS * replications)
-        if low > EVER or (strict and count > EVER * DRAWS * replications):
+        most = max(EVER, NET_ALPHA) if null.claim.startswith("net_") else EVER
+        if low > most or (strict and count > most * DRAWS * replications):
             found.append(f"early stopping rejects '{null.claim}' under '{null.says}' {count} times")
     return found

@@ -23,7 +23,9 @@ class Known:
     lateral: str
 
 
-def _by_sight(decide: Decide) -> Choose:
+def by_sight(decide: Decide) -> Choose:
+    """Return the choice of a controller that decides on what it sees, whatever the time."""
+
     def choose(shown: Shown, passed: float, rng: random.Random) -> Answer:
         del passed
         return decide(shown.sight, rng)
@@ -49,7 +51,7 @@ def _time_seen(shown: Shown, passed: float, rng: random.Random) -> Answer:
 KNOWN: Mapping[str, Known] = {
     **{
         name: Known(
-            name, one.says, _by_sight(one.decide), one.declared.paper, one.declared.calibrated, one.declared.lateral
+            name, one.says, by_sight(one.decide), one.declared.paper, one.declared.calibrated, one.declared.lateral
         )
         for name, one in CONTROLLERS.items()
     },

@@ -11,12 +11,13 @@ from functools import cache
 import numpy as np
 
 from eyechart import verdicts
+from eyechart.calibrate.adversaries import ADVERSARIES
 from eyechart.calibrate.early import MEASURED, count_rejections, stop_early
-from eyechart.calibrate.known import KNOWN, NULLS, Known, Shows, answer_all, deserved, is_false
-from eyechart.calibrate.tally import Calibration, Outcome, Ruled, tally
+from eyechart.calibrate.known import KNOWN, NULLS, Known, Shows, answer_all, by_sight, deserved, is_false
+from eyechart.calibrate.tally import Calibration, Outcome, Ruled, Tried, called, tally
 from eyechart.calibrate.world import SETTINGS, Setting, World, make_world
 from eyechart.calls import Reply
-from eyechart.conditions import COUNTERFACTUALS
+from eyechart.conditions import CONDITIONS, CONTROLS, COUNTERFACTUALS
 from eyechart.errors import SpecError
 from eyechart.frames import LEAD_GAP
 from eyechart.models.scripted import Answer
@@ -32,6 +33,9 @@ from eyechart.studies.battery.scoring import statistics_of
 
 RESAMPLES = 999
 """Resamples of each permutation test; the level of such a test does not depend on their number."""
+
+DRAWN = frozenset(name for name, one in CONDITIONS.items() if "counterfactual" in one.needs)
+"""What a bank without counterfactual pictures lacks."""
 
 Progress = Callable[[int, int], None]
 
@@ -67,18 +71,20 @@ def calibrate(
     tasks = [Task(name, number, seed) for number in range(replications) for name in chosen]
     found: list[tuple[str, list[Outcome]]] = []
     ever: list[list[int]] = []
+    tried: list[Tried] = []
     with _mapped(tasks, processes) as outcomes:
-        for task, (outcome, rejected) in zip(tasks, outcomes, strict=True):
+        for task, (outcome, rejected, more) in zip(tasks, outcomes, strict=True):
             found.append((task.setting, outcome))
             ever += [rejected] if rejected else []
+            tried += more
             if progress is not None:
                 progress(len(found), len(tasks))
     counted = tally(found, settings=chosen, replications=replications, seed=seed, resamples=RESAMPLES)
-    return replace(counted, ever=tuple(map(sum, zip(*ever, strict=True))))
+    return replace(counted, ever=tuple(map(sum, zip(*ever, strict=True))), adversaries=called(tried))
 
 
 @contextmanager
-def _mapped(tasks: Sequence[Task], processes: int) -> Iterator[Iterator[tuple[list[Outcome], list[int]]]]:
+def _mapped(tasks: Sequence[Task], processes: int) -> Iterator[Iterator[tuple[list[Outcome], list[int], list[Tried]]]]:
     """Yield the outcomes of tasks in their order, made by this process or by several others."""
     if processes == 1:
         yield map(_whole, tasks)
@@ -91,9 +97,10 @@ def _mapped(tasks: Sequence[Task], processes: int) -> Iterator[Iterator[tuple[li
         pool.shutdown(cancel_futures=True)
 
 
-def _whole(task: Task) -> tuple[list[Outcome], list[int]]:
-    """Return the outcomes of a task and, once a replication, how often each null of early stopping was rejected."""
-    return replicate(task), rejections(task) if task.setting == "default" else []
+def _whole(task: Task) -> tuple[list[Outcome], list[int], list[Tried]]:
+    """Return the outcomes of a task and, once a replication, rejections of early stopping and what adversaries got."""
+    once = task.setting == "default"
+    return replicate(task), rejections(task) if once else [], try_adversaries(task) if once else []
 
 
 def rejections(task: Task) -> list[int]:
@@ -103,16 +110,47 @@ def rejections(task: Task) -> list[int]:
     return count_rejections(world.frames, random.Random(key_seed(*key, "nulls")))  # noqa: S311 - no secret
 
 
+def try_adversaries(task: Task) -> list[Tried]:
+    """Return what every adversary is called on the bank of a task, asked in stages as a run asks."""
+    key = ("calibrate", task.seed, task.setting, task.replication)
+    world = make_world(SETTINGS[task.setting], np.random.default_rng(key_seed(*key, "world")))
+    how = Resampling(resamples=RESAMPLES, seed=key_seed(*key, "tests"), intervals=False)
+    found = []
+    for name, one in ADVERSARIES.items():
+        known = Known(name, one.says, by_sight(one.decide), "", "", "")
+        rng = random.Random(key_seed(*key, name))  # noqa: S311 - no secret
+        answers = answers_of(known, SETTINGS[task.setting], world, rng)
+        asked = staged(answers, how)
+        statistics = statistics_of(asked, how)
+        lateral = verdicts.lateral_rules(statistics, asked.directions())
+        turns = verdicts.earns_lateral(statistics, lateral.label)
+        label = verdicts.calibrated_rules(statistics, turns=turns)[0].label
+        found.append(Tried(name, label, lateral.label))
+    return found
+
+
+def staged(answers: Answers, how: Resampling) -> Answers:
+    """Return those of a model's answers that a run would have asked for: controls only where they could matter."""
+    asked = [name for name in answers.decisions if name not in CONTROLS]
+    while True:
+        part = replace(answers, decisions={name: answers.decisions[name] for name in asked})
+        found = Calibrated(part, how).statistics()
+        more = verdicts.controls_wanted(found, supplied=CONTROLS, asked=asked)
+        if not more:
+            return part
+        asked += [name for name in more if name in answers.decisions]
+
+
 def replicate(task: Task) -> list[Outcome]:
     """Draw the bank of a task and return what both sets of rules say of every known controller on it."""
     setting = SETTINGS[task.setting]
     key = ("calibrate", task.seed, task.setting, task.replication)
     world = make_world(setting, np.random.default_rng(key_seed(*key, "world")))
+    how = Resampling(resamples=RESAMPLES, seed=key_seed(*key, "tests"), intervals=False)
     answered = {
-        name: answers_of(one, setting, world, random.Random(key_seed(*key, name)))  # noqa: S311 - no secret
+        name: staged(answers_of(one, setting, world, random.Random(key_seed(*key, name))), how)  # noqa: S311 - no secret
         for name, one in KNOWN.items()
     }
-    how = Resampling(resamples=RESAMPLES, seed=key_seed(*key, "tests"), intervals=False)
     found = {name: statistics_of(one, how) for name, one in answered.items()}
     # The paper corrects over the models of a run; here these are all controllers on one bank.
     corrected = holm([one["cramers_v"].p for one in found.values()])
@@ -139,7 +177,7 @@ def answers_of(known: Known, setting: Setting, world: World, rng: random.Random)
 
 def without_counterfactuals(answers: Answers, found: Mapping[str, Statistic]) -> dict[str, Statistic]:
     """Return the statistics that the same answers would give on a bank without counterfactual pictures."""
-    kept = {name: column for name, column in answers.decisions.items() if name not in COUNTERFACTUALS}
+    kept = {name: column for name, column in answers.decisions.items() if name not in DRAWN}
     missing = cannot_say("the bank has no counterfactual pictures")
     pooled = Calibrated(replace(answers, decisions=kept), Resampling()).kappa_pooled()
     return {**found, **dict.fromkeys(COUNTERFACTUAL_TESTS, missing), "kappa_pooled": pooled}
@@ -163,7 +201,7 @@ def _outcome(
             varied=_varied(answers, counterfactuals=counterfactuals),
         )
         statistics = found if counterfactuals else without_counterfactuals(answers, found)
-        label = verdicts.calibrated_rules(statistics, swaps=lateral == "swaps")[0].label
+        label = verdicts.calibrated_rules(statistics, turns=verdicts.earns_lateral(statistics, lateral))[0].label
         rulings.append(Ruled(label, deserved(known, shows), is_false(label, known.name, varied=shows.varied)))
         if setting.name in MEASURED:
             how = {"counterfactuals": counterfactuals, "varied": shows.varied}
@@ -181,5 +219,6 @@ def _outcome(
 def _varied(answers: Answers, *, counterfactuals: bool) -> bool:
     """Return whether a controller gave more than one answer over all conditions of a bank."""
     first = answers.responses("real")[0]
-    shown = [name for name in answers.decisions if counterfactuals or name not in COUNTERFACTUALS]
+    drawn = (*COUNTERFACTUALS, *CONTROLS)
+    shown = [name for name in answers.decisions if counterfactuals or name not in drawn]
     return any(bool(((given != first) & (given != ABSENT)).any()) for given in map(answers.responses, shown))

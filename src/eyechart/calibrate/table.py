@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 
 from eyechart.calibrate import early
+from eyechart.calibrate.adversaries import ADVERSARIES
 from eyechart.calibrate.early import EQUAL, SAVED, SAVERS, mean_saved
 from eyechart.calibrate.known import KNOWN, NULLS
 from eyechart.calibrate.tally import CLAIMS, FALSE, VARIANTS, WANTED, Calibration
@@ -32,7 +33,7 @@ def tables(found: Calibration) -> str:
     parts += [_right(found, variant) for variant in VARIANTS]
     parts += [_false_claims(found), _type_one(found), _power(found)]
     parts += [_stopped(found, variant) for variant in VARIANTS]
-    parts += [_stopped_elsewhere(found), _ever(found), _targets(found)]
+    parts += [_stopped_elsewhere(found), _ever(found), _adversaries(found), _targets(found)]
     return "\n\n".join(part for part in parts if part)
 
 
@@ -161,6 +162,18 @@ def _ever(found: Calibration) -> str:
         rows.append((null.claim, null.says, f"{count / n:.4f} [{low:.4f}, {high:.4f}] of {n}"))
     title = "Stopping early: share of whole runs in which a true null is ever rejected, with Clopper-Pearson's interval"
     return _table(title, ("claim", "its null", "ever rejected"), rows) if rows else ""
+
+
+def _adversaries(found: Calibration) -> str:
+    """Return what each adversary was called, and how often that was untrue of it."""
+    rows = []
+    for name, counts in found.adversaries.items():
+        one, n = ADVERSARIES[name], sum(counts.values())
+        said = ", ".join(f"{label} {count / n:.3f}" for label, count in sorted(counts.items(), key=lambda at: -at[1]))
+        false = sum(count for label, count in counts.items() if one.is_false(*label.split("/")))
+        rows.append((name, one.says, one.deserves, said, f"{false / n:.3f}"))
+    title = "Adversaries, setting default, with counterfactuals and controls: share of each label / lateral label"
+    return _table(title, ("adversary", "what it does", "deserves", "is called", "untrue"), rows) if rows else ""
 
 
 def _targets(found: Calibration) -> str:

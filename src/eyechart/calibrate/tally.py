@@ -1,16 +1,19 @@
 """Counting what many replications said: how often right, how often false, how often each test rejected."""
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from eyechart.calibrate import early as stopping
+from eyechart.calibrate.adversaries import ADVERSARIES
 from eyechart.calibrate.early import Early, Sums
 from eyechart.calibrate.known import KNOWN, NULLS, is_false
 from eyechart.calibrate.world import POWER, SETTINGS
 from eyechart.errors import SpecError
 from eyechart.stats.agreement import rate
+from eyechart.stats.paired import clopper_pearson
 from eyechart.stats.statistic import Statistic
 
 FORMAT = "eyechart-calibration/1"
@@ -55,6 +58,9 @@ FALSE: Mapping[tuple[str, str], float] = {
 """The largest share of false claims that is wanted, over the controllers of which the claim is untrue."""
 
 
+AGAINST: Mapping[str, float] = {"depth": 0.01, "depth_lateral": 0.01, "turns_clear": 0.01, "absence": 0.005}
+"""The largest share of each false claim that is wanted over all adversaries of which it is untrue."""
+
 STRICT_FROM = 200
 """From so many replications on a target is held against the share itself; below, against its 95 % interval."""
 
@@ -81,6 +87,15 @@ class Outcome:
     lateral: str
     p_values: Mapping[str, float | None]
     early: tuple[Early, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Tried:
+    """What one adversary was called on one bank."""
+
+    adversary: str
+    label: str
+    lateral: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +126,8 @@ class Calibration:
     ``lateral[setting][controller]`` the lateral ones; ``rights[setting][variant][controller]`` counts deserved
     labels, and ``falses``, with the places of ``labels``, untrue ones.
     ``tests[setting][test][controller]`` is (made, rejected). ``early``, with the places of ``labels``, holds what
-    stopping early made of the runs, and ``ever`` how often each of its nulls was rejected.
+    stopping early made of the runs, and ``ever`` how often each of its nulls was rejected. ``adversaries[name]`` counts
+    what each was called in the default setting with counterfactuals and controls, as "label/lateral label".
     """
 
     replications: int
@@ -126,6 +142,7 @@ class Calibration:
     tests: Mapping[str, Mapping[str, Mapping[str, tuple[int, int]]]]
     early: Mapping[str, Mapping[str, Mapping[str, Sums]]] = field(default_factory=dict)
     ever: tuple[int, ...] = ()
+    adversaries: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
 
     def right(self, setting: str, variant: str, controller: str) -> Statistic:
         """Return how often a controller got the calibrated label that it deserves there."""
@@ -163,6 +180,26 @@ class Calibration:
             for variant in VARIANTS
         ]
 
+    def fooled(self, claim: str) -> dict[str, Statistic]:
+        """Return how often each adversary got a claim that is untrue of it, of those of which it is."""
+        found = {}
+        for name, counts in self.adversaries.items():
+            false = {called: claim in ADVERSARIES[name].is_false(*called.split("/")) for called in counts}
+            if ADVERSARIES[name].may_be_wronged(claim):
+                found[name] = rate(sum(counts[called] for called in counts if false[called]), sum(counts.values()))
+        return found
+
+    def missed_readers(self) -> dict[str, Statistic]:
+        """Return how often each adversary that reads the distance of the lead was called so."""
+        return {
+            name: rate(
+                sum(n for called, n in counts.items() if called.startswith("depth/") or "depth_lateral/" in called),
+                sum(counts.values()),
+            )
+            for name, counts in self.adversaries.items()
+            if ADVERSARIES[name].follows
+        }
+
     def type_one(self, setting: str, test: str) -> Statistic:
         """Return how often a test rejected where its null is true, at its own level."""
         made, rejected = 0, 0
@@ -186,9 +223,33 @@ class Calibration:
             for one in self.every_false_claim()
             if not one.holds
         ]
+        found += self._fooled()
         return found + stopping.misses(
             self.early, self.ever, self.replications, strict=self.replications >= STRICT_FROM
         )
+
+    def _fooled(self) -> list[str]:
+        """Return which claims adversaries got too often, and which readers too seldom."""
+        found = []
+        for claim, wanted in AGAINST.items():
+            each = self.fooled(claim)
+            wrong, n = (
+                (sum(numbers) for numbers in zip(*(_counted(one) for one in each.values()), strict=True))
+                if each
+                else (0, 0)
+            )
+            if n and clopper_pearson(wrong, n)[0] > wanted:
+                found.append(f"false {claim} of adversaries: {wrong} of {n}, wanted {wanted}")
+            for name, one in each.items():
+                wrong, n = _counted(one)
+                if wrong / n > wanted + 2 * math.sqrt(wanted * (1 - wanted) / n):
+                    most = f"wanted at most {wanted} and two standard errors"
+                    found.append(f"adversary {name} gets {claim} {wrong} of {n} times, {most}")
+        return found + [
+            f"{name} reads the distance and is told so {one.value:.3f} of {one.n} times, wanted {RIGHT}"
+            for name, one in self.missed_readers().items()
+            if one.ci is not None and one.ci[1] < RIGHT
+        ]
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values: the counts, and what is read from them."""
@@ -237,6 +298,10 @@ class Calibration:
             "tests": self.tests,
             "early": self.early,
             "ever": list(self.ever),
+            "adversaries": {
+                name: {"says": ADVERSARIES[name].says, "deserves": ADVERSARIES[name].deserves, "called": counts}
+                for name, counts in self.adversaries.items()
+            },
             "power": [setting for setting in POWER if setting in self.settings],
             "misses": self.misses(),
         }
@@ -253,7 +318,20 @@ def read_calibration(raw: Mapping[str, Any]) -> Calibration:
     counts: dict[str, Any] = {name: raw[name] for name in ("labels", "paper", "lateral", "rights", "falses")}
     counts |= {name: int(raw[name]) for name in ("replications", "seed", "resamples")}
     counts |= {"early": raw.get("early", {}), "ever": tuple(raw.get("ever", ()))}
+    counts["adversaries"] = {name: one["called"] for name, one in raw.get("adversaries", {}).items()}
     return Calibration(settings=tuple(raw["settings"]), tests=tests, **counts)
+
+
+def called(tried: Iterable[Tried]) -> dict[str, dict[str, int]]:
+    """Return how often each adversary was called what."""
+    found: dict[str, Counter[str]] = {}
+    for one in tried:
+        found.setdefault(one.adversary, Counter())[f"{one.label}/{one.lateral}"] += 1
+    return {name: dict(sorted(counts.items())) for name, counts in found.items()}
+
+
+def _counted(share: Statistic) -> tuple[int, int]:
+    return round((share.value or 0.0) * share.n), share.n
 
 
 def _plain(share: Statistic) -> dict[str, object]:

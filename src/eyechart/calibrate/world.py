@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from eyechart.frames import MAIN, Frame, alone
+from eyechart.frames import MAIN, Frame, Scalar, alone
 from eyechart.models.scripted import Sight
 from eyechart.perception.renderer import Reading
-from eyechart.spaces.scene import Scene
+from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, Other, Scene
 
 Episode = tuple[str, int]
 """An episode's scenario, and how many frames it has."""
@@ -105,6 +105,12 @@ PHASE_DRIFT, PHASE_SD = 0.06, 0.03
 NEAR_M, FAR_M = (7.0, 9.0), (50.0, 60.0)
 """Where ``lead_near`` and ``lead_far`` put the lead, in metres."""
 
+MID_NEAR_M, MID_FAR_M = (9.1, 20.0), (20.0, 49.0)
+"""Between which distances ``lead_mid_near`` and ``lead_mid_far`` spread the lead, evenly in their logarithm."""
+
+LANE_M, BESIDE_M = 4.0, 5.6
+"""A lane's width, and how near a vehicle of a neighbouring lane may come."""
+
 NO_PICTURE, UNIFORM, NOISE = Sight("no_picture", None), Sight("uniform", None), Sight("unknown", None)
 
 
@@ -131,6 +137,7 @@ def make_world(setting: Setting, rng: np.random.Generator) -> World:
     frames: list[Frame] = []
     passed: list[float] = []
     readings: list[Reading] = []
+    apart = rng.spawn(1)[0]  # what was not drawn at first, so that all else is as it was
     for number, episode in enumerate(episodes):
         scenario, length = episode
         gaps = _gaps(episode, rng, ordered=setting.ordered)
@@ -139,14 +146,80 @@ def make_world(setting: Setting, rng: np.random.Generator) -> World:
         for step in range(length):
             gap_m = None if gaps[step] > FARTHEST_M else round(float(gaps[step]), 3)
             name = f"{scenario}-{number}"
-            truth = {"lead_gap_m": gap_m}
+            road, scene = ROADS[scenario], Scene(gap_m, bool(left[step]), bool(right[step]))
+            lane, mids = (
+                road.lanes // 2,
+                [float(np.exp(apart.uniform(*np.log(ends)))) for ends in (MID_NEAR_M, MID_FAR_M)],
+            )
+            truth: dict[str, Scalar] = {
+                "lead_gap_m": gap_m,
+                "left_clear": scene.left_clear,
+                "right_clear": scene.right_clear,
+                "ego_lane": lane,
+                "lanes": road.lanes,
+                "lead_mid_near_m": None if gap_m is None else round(mids[0], 3),
+                "lead_mid_far_m": None if gap_m is None else round(mids[1], 3),
+            }
             frames.append(Frame(f"{name}-{step:02d}", scenario, name, step, alone("vertical"), {MAIN: "-"}, truth))
             passed.append(step / length)
-            road = ROADS[scenario]
-            scene = Scene(gap_m, bool(left[step]), bool(right[step]))
-            readings.append(Reading(scene, "green", road.lanes, road.lanes // 2, 4, float(phases[step]), road.ramp))
-    shown = _shown(frames, passed, readings, rng)
-    return World(tuple(frames), tuple(passed), shown)
+            others = _others(scene, apart)
+            readings.append(Reading(scene, "green", road.lanes, lane, others, float(phases[step]), road.ramp))
+    shown = _shown(frames, passed, readings, rng) | _controls(frames, passed, readings, apart)
+    return World(tuple(frames), tuple(passed), {name: _filed(name, column, frames) for name, column in shown.items()})
+
+
+def _others(scene: Scene, rng: np.random.Generator) -> tuple[Other, ...]:
+    """Return what else is on the road: the lead, what blocks a side, and now and then a vehicle farther away."""
+    found = [] if scene.gap_m is None else [Other(scene.gap_m, 0.0)]
+    for clear, aside in ((scene.left_clear, -LANE_M), (scene.right_clear, LANE_M)):
+        place, far, seen = rng.uniform(-10.0, 38.0), rng.uniform(43.0, 76.0), rng.uniform() < 1 / 2
+        if not clear:
+            found.append(Other(float(place), aside))
+        elif seen:
+            found.append(Other(float(far), aside))
+    return tuple(sorted(found))
+
+
+def _filed(name: str, column: Sequence[Shown | None], frames: Sequence[Frame]) -> tuple[Shown | None, ...]:
+    """Return what is shown with what stands for its file: one of its own for each picture, one for all blank ones."""
+
+    def file(shown: Shown, frame: Frame) -> bytes:
+        if shown.sight.kind in {"uniform", "no_picture"}:
+            return shown.sight.kind.encode()
+        return f"{frame.id}/{name}".encode()
+
+    return tuple(
+        None if one is None else replace(one, sight=replace(one.sight, file=one.sight.file or file(one, frame)))
+        for one, frame in zip(column, frames, strict=True)
+    )
+
+
+def _controls(
+    frames: Sequence[Frame], passed: Sequence[float], readings: Sequence[Reading], rng: np.random.Generator
+) -> dict[str, tuple[Shown | None, ...]]:
+    """Return what the control pictures show: who is near exchanged, the lead in between, none, and a nudged picture."""
+    shown: dict[str, list[Reading | None]] = {
+        name: [] for name in ("lane_own", "lane_beside", "lead_mid_near", "lead_mid_far", "lead_absent", "nudged")
+    }
+    for frame, one in zip(frames, readings, strict=True):
+        near, far, side = rng.uniform(*NEAR_M), rng.uniform(*FAR_M), float(rng.choice([-LANE_M, LANE_M]))
+        beside = [other for other in one.others if other.aside_m] or [Other(far, side)]
+        moved = beside[int(rng.integers(len(beside)))]
+        abreast = max(BESIDE_M, math.sqrt(near**2 - LANE_M**2))
+        there = one.scene.gap_m is not None
+        shown["lane_own"].append(_exchanged(one, moved, near, far) if there else None)
+        shown["lane_beside"].append(_exchanged(one, moved, far, abreast) if there else None)
+        for name in ("lead_mid_near", "lead_mid_far"):
+            distance = frame.truth[f"{name}_m"]
+            shown[name].append(_moved(one, distance) if isinstance(distance, float) else None)
+        shown["lead_absent"].append(_moved(one, None) if there else None)
+        shown["nudged"].append(one)
+    return {
+        name: tuple(
+            None if one is None else Shown(Sight("road", one), time) for one, time in zip(column, passed, strict=True)
+        )
+        for name, column in shown.items()
+    }
 
 
 def _gaps(episode: Episode, rng: np.random.Generator, *, ordered: bool) -> NDArray[np.float64]:
@@ -179,7 +252,10 @@ def _shown(
     frames: Sequence[Frame], passed: Sequence[float], readings: Sequence[Reading], rng: np.random.Generator
 ) -> dict[str, tuple[Shown | None, ...]]:
     """Return what each condition shows; a condition that the bank cannot supply for any frame is left out."""
-    roads = [Shown(Sight("road", one), time) for one, time in zip(readings, passed, strict=True)]
+    roads = [
+        Shown(Sight("road", one, f"{frame.id}/real".encode()), time)
+        for frame, one, time in zip(frames, readings, passed, strict=True)
+    ]
 
     def changed(other: Sequence[Reading | None]) -> tuple[Shown | None, ...]:
         pairs = zip(other, passed, strict=True)
@@ -206,6 +282,18 @@ def _shown(
     return shown
 
 
+def _exchanged(reading: Reading, moved: Other, lead_m: float, beside_m: float) -> Reading:
+    """Return the reading with the lead at one distance and a vehicle of a neighbouring lane at another."""
+    kept = [one for one in reading.others if one != moved and one.aside_m]
+    others = (*kept, Other(lead_m, 0.0), Other(beside_m, moved.aside_m))
+    left, right = (
+        not any(-CLEAR_BEHIND_M <= one.ahead_m <= CLEAR_AHEAD_M for one in others if one.aside_m == aside)
+        for aside in (-LANE_M, LANE_M)
+    )
+    scene = replace(reading.scene, gap_m=lead_m, left_clear=left, right_clear=right)
+    return replace(reading, scene=scene, others=tuple(sorted(others)))
+
+
 def _partners(scenarios: NDArray[np.str_], rng: np.random.Generator, *, same: bool) -> list[int]:
     """Return for each frame the number of another one of its scenario, or of another scenario."""
     places = np.arange(len(scenarios))
@@ -216,8 +304,10 @@ def _partners(scenarios: NDArray[np.str_], rng: np.random.Generator, *, same: bo
     return found
 
 
-def _moved(reading: Reading, gap_m: float) -> Reading | None:
-    """Return the reading with the lead at another gap, or None where there is no lead to move."""
+def _moved(reading: Reading, gap_m: float | None) -> Reading | None:
+    """Return the reading with the lead at another gap or gone, or None where there is no lead to move."""
     if reading.scene.gap_m is None:
         return None
-    return replace(reading, scene=replace(reading.scene, gap_m=gap_m))
+    lead = () if gap_m is None else (Other(gap_m, 0.0),)
+    others = tuple(sorted((*(one for one in reading.others if one.aside_m), *lead)))
+    return replace(reading, scene=replace(reading.scene, gap_m=gap_m), others=others)

@@ -1,15 +1,12 @@
 """``eyechart demo`` and ``calibrate``: the main job, and the instrument itself, on known answers, offline."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from eyechart.cli.options import Json
 from eyechart.cli.terminal import print_each, print_json, progress, resumable, say
-
-if TYPE_CHECKING:
-    from eyechart.modes import RequestMode
 
 _AT_ONCE = 48
 """Calls under way, a model: a batch of the organisms."""
@@ -28,24 +25,35 @@ def demo(
     known way. Every one declares the verdict that it deserves; exit 1 where one got another. A second call uses the
     bank and the finished calls of the first. Example: eyechart demo --out demo
     """
+    from eyechart.models.scripted import CONTROLLERS
+    from eyechart.modes import RequestMode
     from eyechart.simulators import open_bank_simulator
     from eyechart.studies import battery as study
     from eyechart.studies.battery.tables import verdicts_printed
     from eyechart.verdicts import judge
 
-    declared = _organisms() if vlm else _scripted()
+    if vlm:
+        from eyechart.models.huggingface.organisms import ORGANISMS
+
+        declared = {f"hf:organism:{name}": one.calibrated for name, one in ORGANISMS.items()}
+    else:
+        declared = {f"scripted:{name}": one.declared.calibrated for name, one in CONTROLLERS.items()}
     bank, run = out / f"bank-{seed}", out / (f"run-vlm-{seed}" if vlm else f"run-{seed}")
     if not bank.exists():
         with progress("frames", "frames") as move:
             open_bank_simulator("highway").build(bank, seeds=range(3 * seed, 3 * seed + 3), progress=move)
-    planned = study.plan(bank, [_as_trained(spec) for spec in declared] if vlm else list(declared), run, seed=seed)
+    # a checkpoint itself says whether its answers are drawn
+    asked = [RequestMode(spec, temperature=None, max_tokens=16) if vlm else spec for spec in declared]
+    planned = study.plan(bank, asked, run, seed=seed)
     with resumable(), progress("calls", "calls") as move:
         study.run(planned, concurrency=_AT_ONCE if vlm else 8, progress=move)
     scored = study.score(run)
     verdicts = judge(scored)
     print_each(verdicts_printed(scored, verdicts))
     if vlm:
-        _print_training()
+        typer.echo("Trained to do, and the verdict that this deserves:")
+        for name, one in ORGANISMS.items():
+            typer.echo(f"  {name:<18} {one.calibrated:<18} {one.lateral:<14} {one.says}")
     wrong = [spec for spec, one in verdicts.items() if one.calibrated.label != declared[spec]]
     for spec in wrong:
         typer.echo(f"not as declared: {spec} declares {declared[spec]}")
@@ -73,39 +81,6 @@ def calibrate(
 
     with progress("banks", "banks") as move:
         found = run(replications=replications, seed=seed, processes=processes, settings=setting or None, progress=move)
-    if json:
-        print_json(found.as_dict())
-    else:
-        typer.echo(tables(found))
+    print_json(found.as_dict()) if json else typer.echo(tables(found))
     if found.misses():
         raise typer.Exit(1)
-
-
-def _scripted() -> dict[str, str]:
-    """Return the scripted controllers' SPECs with the labels that they declare."""
-    from eyechart.models.scripted import CONTROLLERS
-
-    return {f"scripted:{name}": one.declared.calibrated for name, one in CONTROLLERS.items()}
-
-
-def _organisms() -> dict[str, str]:
-    """Return the organisms' SPECs with the labels that they were trained for."""
-    from eyechart.models.huggingface.organisms import ORGANISMS
-
-    return {f"hf:organism:{name}": one.calibrated for name, one in ORGANISMS.items()}
-
-
-def _as_trained(spec: str) -> "RequestMode":
-    """Return the mode in which the checkpoint itself says whether its answers are drawn."""
-    from eyechart.modes import RequestMode
-
-    return RequestMode(spec, temperature=None, max_tokens=16)
-
-
-def _print_training() -> None:
-    """Print what each organism was trained to do, and the labels that it deserves."""
-    from eyechart.models.huggingface.organisms import ORGANISMS
-
-    typer.echo("Trained to do, and the verdict that this deserves:")
-    for name, one in ORGANISMS.items():
-        typer.echo(f"  {name:<18} {one.calibrated:<18} {one.lateral:<14} {one.says}")

@@ -2,40 +2,23 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eyechart.cli.options import (
-    AS_USUAL,
-    NO_LIMIT,
-    Again,
-    Against,
-    DryDrive,
-    DryRun,
-    Episodes,
-    Json,
-    Mode,
-    Model,
-    Options,
-    Out,
-    Spending,
-    expanded,
-    read_modes,
-)
+from eyechart.cli import options
 from eyechart.cli.probe import plan_probed, say_aside, tell_none
 from eyechart.cli.run import View, bound
 from eyechart.cli.terminal import patience, print_each, print_json, progress, resumable, say
 
 if TYPE_CHECKING:
-    from eyechart.episodes import Bounds, Row
-    from eyechart.episodes import Episodes as Drives
+    from eyechart.episodes import Bounds, Episodes, Row
     from eyechart.limits import Outcome, Spent
     from eyechart.models.prices import Prices
     from eyechart.modes import RequestMode
-    from eyechart.studies.closed_loop import ClosedLoopScore
+    from eyechart.studies.probed import Allowed
 
 _Simulator = Annotated[str, typer.Option(help="See 'eyechart list simulators'; or gym:ENV_ID.")]
 _Actions = Annotated[Path | None, typer.Option(help="FILE.toml: the action map of gym:ENV_ID.")]
@@ -48,9 +31,9 @@ MOST_SEEDS = 100_000
 KEPT = "finished episodes and calls are kept; the same command resumes"
 
 
-@expanded
+@options.expanded
 def closed_loop(
-    out: Out,
+    out: options.Out,
     simulator: _Simulator = "highway",
     policy: Annotated[
         list[str] | None,
@@ -59,7 +42,7 @@ def closed_loop(
             "model's SPEC."
         ),
     ] = None,
-    mode: Mode = None,
+    mode: options.Mode = None,
     scenarios: Annotated[str | None, typer.Option(help="With commas; default: all of the simulator.")] = None,
     seeds: Annotated[str, typer.Option(help="So many worlds a scenario; or which ones, with commas.")] = "8",
     condition: Annotated[
@@ -73,16 +56,16 @@ def closed_loop(
     actions: _Actions = None,
     prompt: _Prompt = None,
     seed: _Seed = 0,
-    concurrency: Episodes = 8,
-    how: Options = AS_USUAL,
+    concurrency: options.Episodes = 8,
+    how: options.Options = options.AS_USUAL,
     max_steps: Annotated[int, typer.Option(min=1, help="An episode that goes on for longer is an error.")] = 1000,
     silence: Annotated[
         str, typer.Option(help="What a call that hangs or keeps failing is: unfinished, or fail-safe (executed).")
     ] = "unfinished",
-    spending: Spending = NO_LIMIT,
-    again: Again = False,
-    dry_run: DryDrive = False,
-    json: Json = False,
+    spending: options.Spending = options.NO_LIMIT,
+    again: options.Again = False,
+    dry_run: options.DryDrive = False,
+    json: options.Json = False,
 ) -> None:
     """Let policies and models drive: policies × scenarios × seeds × conditions. Interrupt it at will.
 
@@ -97,7 +80,7 @@ def closed_loop(
     if not dry_run:
         study.require_engine(engine)
 
-    def planned_for(drivers: "Sequence[str | RequestMode]", probes: "Mapping[str, Spent]") -> "Drives":
+    def planned_for(drivers: "Sequence[str | RequestMode]", probes: "Mapping[str, Spent]") -> "Episodes":
         made = study.plan(
             study.Setup(simulator, seed, max_steps, actions, silence),
             drivers,
@@ -109,13 +92,14 @@ def closed_loop(
         )
         return replace(made, again=again).counting(probes)
 
-    planned, failed = plan_drives(Wanted(policy or (), mode, how, spending, dry_run), out, planned_for)
+    allowed = spending.allowed(dry_run=dry_run)
+    planned, failed = plan_drives(policy or (), mode, how, allowed, out, planned_for)
     say(_planned(planned))
-    say_expected(planned, spending.table(), concurrency)
+    say_expected(planned, allowed.prices, concurrency)
     if dry_run:
         return
     bounds = study.Bounds(processes=processes or _processors(), concurrency=concurrency)
-    outcome = drive(planned, bounds, spending, engine=engine)
+    outcome = drive(planned, bounds, allowed, engine=engine)
     keys = set(planned.keys)
     driven = {one.key: one for one in study.read_episodes(out) if one.key in keys}
     _show(study.summarise(driven[key] for key in planned.keys if key in driven), planned, json=json)
@@ -124,25 +108,25 @@ def closed_loop(
     say(f"done: 'eyechart score {out}' compares who drove, 'eyechart report {out} --out page.html' shows every drive")
 
 
-@expanded
+@options.expanded
 def hierarchy(
     out: Annotated[Path, typer.Option(help="Folder of the study; the same one resumes it.")] = Path("hierarchy"),
     policy: Annotated[
         list[str] | None, typer.Option(help="A model's SPEC as the source of intent; again for more.")
     ] = None,
-    mode: Mode = None,
+    mode: options.Mode = None,
     prompt: _Prompt = None,
     seed: _Seed = 0,
     processes: Annotated[int, typer.Option(min=1, help="Processes that hold the worlds.")] = 2,
-    concurrency: Episodes = 8,
+    concurrency: options.Episodes = 8,
     silence: Annotated[
         str, typer.Option(help="What a call that hangs or keeps failing is: fail-safe (STOP), or unfinished.")
     ] = "fail-safe",
-    how: Options = AS_USUAL,
-    spending: Spending = NO_LIMIT,
-    again: Again = False,
-    dry_run: DryDrive = False,
-    json: Json = False,
+    how: options.Options = options.AS_USUAL,
+    spending: options.Spending = options.NO_LIMIT,
+    again: options.Again = False,
+    dry_run: options.DryDrive = False,
+    json: options.Json = False,
 ) -> None:
     """Let sources of intent plan for a rover under a model-predictive controller, beside the paper's tables.
 
@@ -158,7 +142,6 @@ def hierarchy(
     from eyechart.studies.probed import Probing
 
     allowed = spending.allowed(dry_run=dry_run)
-    table = allowed.prices
     planned, failed = plan_probed(
         Probing(
             lambda modes, probes: plan(
@@ -169,17 +152,17 @@ def hierarchy(
             [out / name for name in PARTS],
             others=True,
         ),
-        read_modes(policy or [], mode, how.given()),
+        options.read_modes(policy or [], mode, how.given()),
         allowed,
     )
     for name, part in planned.items():
         say(f"{name}: {len(part.keys)} episodes in {part.manifest.simulator}, {len(part.left())} to drive")
-        say_expected(part, table, concurrency, "  ")
+        say_expected(part, allowed.prices, concurrency, "  ")
     if dry_run:
         return
     outcome = run(
         planned,
-        table,
+        allowed.prices,
         bounds=study.Bounds(processes=processes, concurrency=concurrency),
         calls=spending.max_calls,
         cost_usd=spending.max_cost,
@@ -191,19 +174,19 @@ def hierarchy(
     tell_errors(planned, bound="")
 
 
-@expanded
+@options.expanded
 def online(
-    out: Out,
+    out: options.Out,
     simulator: Annotated[str, typer.Option(help="See 'eyechart list simulators'.")] = "highway",
-    model: Model = None,
-    mode: Mode = None,
+    model: options.Model = None,
+    mode: options.Mode = None,
     view: View = None,
     episodes: Annotated[int, typer.Option(min=1, help="So many worlds, from every scenario in turn.")] = 12,
     seed: Annotated[int, typer.Option(min=0, help="Of the order of episodes and of sampling.")] = 0,
-    concurrency: Episodes = 8,
-    how: Options = AS_USUAL,
-    spending: Spending = NO_LIMIT,
-    dry_run: DryRun = False,
+    concurrency: options.Episodes = 8,
+    how: options.Options = options.AS_USUAL,
+    spending: options.Spending = options.NO_LIMIT,
+    dry_run: options.DryRun = False,
 ) -> None:
     """Let scene estimates drive through the safety policy, in worlds that the positive control has driven first.
 
@@ -215,7 +198,7 @@ def online(
     from eyechart import episodes as closed_loop
     from eyechart.studies.probed import Probing
     from eyechart.studies.structured import online as study
-    from eyechart.studies.structured.vetting import Vetted
+    from eyechart.studies.structured.online import Vetted
 
     vetted: list[tuple[Vetted, ...]] = []
 
@@ -223,21 +206,14 @@ def online(
         driven = vetted[0] if vetted else None
         with resumable("nothing was asked yet; the same command begins anew"), progress("vetting", "worlds") as move:
             made = study.plan(
-                simulator,
-                modes,
-                out,
-                view=view,
-                episodes=episodes,
-                seed=seed,
-                progress=move,
-                vetted=driven,
-            ).counting(probes)
+                simulator, modes, out, view=view, episodes=episodes, seed=seed, progress=move, vetted=driven
+            )
         vetted.append(made.vetted)
-        return made
+        return made.counting(probes)
 
     allowed = spending.allowed(dry_run=dry_run)
     probing = Probing(planned_for, lambda one: closed_loop.sample_of(one.episodes), study.keep_probes, [out])
-    planned, unprobed = plan_probed(probing, read_modes(model, mode, how.given()), allowed)
+    planned, unprobed = plan_probed(probing, options.read_modes(model, mode, how.given()), allowed)
     for one in planned.vetted:
         if one.why is not None:
             say(f"refused: {one.scenario}/{one.seed}: {one.why}")
@@ -249,7 +225,7 @@ def online(
     say_expected(drives, allowed.prices, concurrency)
     if dry_run:
         return
-    limits = closed_loop.within(drives, allowed.prices, calls=spending.max_calls, cost_usd=spending.max_cost)
+    limits = drives.manifest.within(allowed.prices, calls=spending.max_calls, cost_usd=spending.max_cost)
     with resumable(KEPT), progress("episodes", "episodes") as move:
         outcome = study.run(planned, bounds=closed_loop.Bounds(concurrency=concurrency, limits=limits), progress=move)
     tell_left({"": drives}, outcome, unprobed)
@@ -259,24 +235,24 @@ def online(
     say(f"done: 'eyechart score {out}' prints crash rates, decisions and fail-safes")
 
 
-@expanded
+@options.expanded
 def ladder(
-    out: Out = Path("ladder"),
+    out: options.Out = Path("ladder"),
     simulator: _Simulator = "highway",
     policy: Annotated[list[str] | None, typer.Option(help="A further policy or model; again for more.")] = None,
-    mode: Mode = None,
+    mode: options.Mode = None,
     seeds: Annotated[int, typer.Option(min=1, max=MOST_SEEDS, help="So many seeds a scenario, from 0 on.")] = 8,
     actions: _Actions = None,
     prompt: _Prompt = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the run, and so of random's stream.")] = 0,
     processes: Annotated[int, typer.Option(min=1, help="Processes that hold the worlds.")] = 1,
-    concurrency: Episodes = 8,
-    how: Options = AS_USUAL,
-    spending: Spending = NO_LIMIT,
-    against: Against = None,
-    again: Again = False,
-    dry_run: DryDrive = False,
-    json: Json = False,
+    concurrency: options.Episodes = 8,
+    how: options.Options = options.AS_USUAL,
+    spending: options.Spending = options.NO_LIMIT,
+    against: options.Against = None,
+    again: options.Again = False,
+    dry_run: options.DryDrive = False,
+    json: options.Json = False,
 ) -> None:
     """Drive the baselines and print Table t:baselines beside the paper's. Interrupt it at will: it resumes.
 
@@ -288,10 +264,10 @@ def ladder(
     from eyechart.episodes import Bounds
     from eyechart.limits import Outcome
     from eyechart.studies.closed_loop import score
-    from eyechart.studies.closed_loop.laddering import plan_ladder, require_reference
-    from eyechart.studies.closed_loop.tables import ladder_printed
+    from eyechart.studies.closed_loop.ladder import plan_ladder, require_reference
+    from eyechart.studies.closed_loop.tables import beside_paper, ladder_printed
 
-    def planned_for(drivers: "Sequence[str | RequestMode]", probes: "Mapping[str, Spent]") -> "Drives":
+    def planned_for(drivers: "Sequence[str | RequestMode]", probes: "Mapping[str, Spent]") -> "Episodes":
         made = plan_ladder(
             out,
             simulator=simulator,
@@ -306,26 +282,31 @@ def ladder(
             require_reference(made, against)
         return made.counting(probes)
 
-    wanted = Wanted(policy or (), mode, how, spending, dry_run, alone=False)
-    planned, failed = plan_drives(wanted, out, planned_for)
+    allowed = spending.allowed(dry_run=dry_run)
+    planned, failed = plan_drives(policy or (), mode, how, allowed, out, planned_for, alone=False)
     say(f"{len(planned.keys)} episodes, {len(planned.keys) - len(planned.left())} driven already")
-    say_expected(planned, spending.table(), concurrency)
+    say_expected(planned, allowed.prices, concurrency)
     if dry_run:
         return
     outcome = Outcome({})
     if planned.left():
-        outcome = drive(planned, Bounds(processes=processes, concurrency=concurrency), spending)
+        outcome = drive(planned, Bounds(processes=processes, concurrency=concurrency), allowed)
     if planned.unfinished():
         tell_left({"": planned}, outcome, failed)
     scored = score(out, against_policy=against)
-    print_json(ladder_dict(scored)) if json else print_each(ladder_printed(scored), 160)
+    if json:
+        parts = ("study", "references", "references_chosen_on_these_data", "ladder", "paired", "identical")
+        kept = {name: one for name, one in scored.as_dict().items() if name in parts}
+        print_json({**kept, "beside_paper": [one.as_dict() for one in beside_paper(scored.ladder)]})
+    else:
+        print_each(ladder_printed(scored), 160)
     tell_left({"": planned}, outcome, failed)
     tell_errors({"": planned})
 
 
 def audit(
     runs: Annotated[list[Path], typer.Argument(help="Folders of runs of episodes.", metavar="RUN...")],
-    json: Json = False,
+    json: options.Json = False,
 ) -> None:
     """Tell deciding from varying: Table t:degeneracy, decision-level replay, and drives that are identical.
 
@@ -370,60 +351,47 @@ def film(
     say(f"wrote {out}, {count} pictures, {out.stat().st_size / 1e6:.1f} MB")
 
 
-@dataclass(frozen=True)
-class Wanted:
-    """Who is asked to drive, how models among them are asked, and what that may take.
-
-    ``policies`` are as they were given, models among them; ``alone`` says that nobody else drives in the command.
-    """
-
-    policies: Sequence[str]
-    mode: Sequence[Path] | None
-    how: Options
-    spending: Spending
-    dry_run: bool
-    alone: bool = True
-
-
 def plan_drives(
-    wanted: Wanted, out: Path, plan: "Callable[[Sequence[str | RequestMode], Mapping[str, Spent]], Drives]"
-) -> "tuple[Drives, dict[str, str]]":
+    policies: Sequence[str],
+    modes: Sequence[Path] | None,
+    how: options.Options,
+    allowed: "Allowed",
+    out: Path,
+    plan: "Callable[[Sequence[str | RequestMode], Mapping[str, Spent]], Episodes]",
+    *,
+    alone: bool = True,
+) -> "tuple[Episodes, dict[str, str]]":
     """Plan drives, probe the models among their drivers that are to be, and plan anew with what was found.
 
-    Returns the plan, and why models were left out of it.
+    Returns the plan, and why models were left out of it. ``policies`` are as they were given, models among them;
+    ``alone`` says that nobody else drives in the command.
     """
     from eyechart.episodes import keep_probes, sample_of
     from eyechart.policies import is_policy
     from eyechart.studies.probed import Probing
 
-    asked = read_modes(
-        [spec for spec in wanted.policies if ":" in spec and not is_policy(spec)], wanted.mode, wanted.how.given()
-    )
-    names = list(dict.fromkeys([*wanted.policies, *(mode.spec for mode in asked.modes)]))
+    asked = options.read_modes([one for one in policies if ":" in one and not is_policy(one)], modes, how.given())
+    names = list(dict.fromkeys([*policies, *(mode.spec for mode in asked.modes)]))
     models = {mode.spec for mode in asked.modes}
 
-    def planned(modes: "Sequence[RequestMode]", probes: "Mapping[str, Spent]") -> "Drives":
+    def planned(modes: "Sequence[RequestMode]", probes: "Mapping[str, Spent]") -> "Episodes":
         by_spec = {mode.spec: mode for mode in modes}
         return plan([by_spec.get(spec, spec) for spec in names if spec in by_spec or spec not in models], probes)
 
-    others = not wanted.alone or len(models) < len(names)
-    return plan_probed(
-        Probing(planned, sample_of, keep_probes, [out], others=others),
-        asked,
-        wanted.spending.allowed(dry_run=wanted.dry_run),
-    )
+    others = not alone or len(models) < len(names)
+    return plan_probed(Probing(planned, sample_of, keep_probes, [out], others=others), asked, allowed)
 
 
-def drive(planned: "Drives", bounds: "Bounds", spending: Spending, *, engine: str = "local") -> "Outcome":
+def drive(planned: "Episodes", bounds: "Bounds", allowed: "Allowed", *, engine: str = "local") -> "Outcome":
     """Drive what is left within what it may take, with a bar; an interrupt says what is kept."""
     from eyechart import episodes as study
 
-    limits = study.within(planned, spending.table(), calls=spending.max_calls, cost_usd=spending.max_cost)
+    limits = planned.manifest.within(allowed.prices, calls=allowed.max_calls, cost_usd=allowed.max_cost)
     with resumable(KEPT), progress("episodes", "episodes") as move:
         return study.run(planned, engine=engine, bounds=replace(bounds, limits=limits), progress=move)
 
 
-def say_expected(planned: "Drives", prices: "Prices", concurrency: int, margin: str = "") -> None:
+def say_expected(planned: "Episodes", prices: "Prices", concurrency: int, margin: str = "") -> None:
     """Say what the models' calls that are still to be made are expected to take, or why nobody can say."""
     from eyechart import episodes as study
     from eyechart.errors import DriveError
@@ -437,7 +405,7 @@ def say_expected(planned: "Drives", prices: "Prices", concurrency: int, margin: 
         say(f"{margin}{one.words}")
 
 
-def tell_left(parts: "Mapping[str, Drives]", outcome: "Outcome", failed: Mapping[str, str]) -> None:
+def tell_left(parts: "Mapping[str, Episodes]", outcome: "Outcome", failed: Mapping[str, str]) -> None:
     """Say what is left of drives and why; raise Exit 3 where a limit stopped them, 1 where anything else did.
 
     ``parts`` are the runs of a study by name, one alone has none: ``""``. ``failed`` says why models were left out of
@@ -451,7 +419,7 @@ def tell_left(parts: "Mapping[str, Drives]", outcome: "Outcome", failed: Mapping
         mine = planned.unfinished()
         left += len(mine)
         for one in unfinished(planned.out, mine, planned.drivers.models):
-            say(f"{_named(name)}{one.policy}: {one.words}")
+            say(f"{f'{name}: ' if name else ''}{one.policy}: {one.words}")
     waiting = sum(len(planned.left()) for planned in parts.values())  # also what was to be driven anew
     if outcome.stopped is not None and waiting:
         say(f"stopped: {outcome.stopped}; {count(waiting)} left; a higher limit resumes")
@@ -463,7 +431,7 @@ def tell_left(parts: "Mapping[str, Drives]", outcome: "Outcome", failed: Mapping
         tell_none({})
 
 
-def tell_errors(parts: "Mapping[str, Drives]", bound: str = "--max-steps") -> None:
+def tell_errors(parts: "Mapping[str, Episodes]", bound: str = "--max-steps") -> None:
     """Say which episodes ended in an error, by what; raise Exit 1 where any did.
 
     ``bound`` is the option that lets an episode go on for longer, or nothing where there is none.
@@ -479,10 +447,10 @@ def tell_errors(parts: "Mapping[str, Drives]", bound: str = "--max-steps") -> No
         return
     from eyechart.errors import printable
 
-    failed = [one for _, one in found]
+    failed, part = [one for _, one in found], found[0][0]
     bounded = [one for one in failed if one.max_steps is not None and len(one.steps) >= one.max_steps]
     say(
-        f"{len(failed)} episode{'' if len(failed) == 1 else 's'} ended in an error, first {_named(found[0][0])}"
+        f"{len(failed)} episode{'' if len(failed) == 1 else 's'} ended in an error, first {f'{part}: ' if part else ''}"
         f"{failed[0].key.policy} in {failed[0].key.world}: {printable(failed[0].detail)}; "
         f"--again drives {'it' if len(failed) == 1 else 'them'} anew"
         + (f", and with a larger {bound} those that the bound ended go on" if bounded and bound else "")
@@ -501,27 +469,19 @@ def require_drives(runs: Sequence[Path]) -> None:
             raise SpecError(f"{run} is a study, not one run: name one of its runs: {named}")
 
 
-def _named(part: str) -> str:
-    """Return the name of a run of a study before what is said of it."""
-    return f"{part}: " if part else ""
-
-
 def count(episodes: int) -> str:
     """Return a number of episodes with its verb."""
     return f"{episodes} episode is" if episodes == 1 else f"{episodes} episodes are"
 
 
-def _planned(planned: "Drives") -> str:
+def _planned(planned: "Episodes") -> str:
     parts = {
         name: len({getattr(key, name) for key in planned.keys}) for name in ("policy", "scenario", "seed", "condition")
     }
-    size = " × ".join(f"{count} {_plural(name, count)}" for name, count in parts.items())
+    plural = {name: f"{name[:-1]}ies" if name.endswith("y") else f"{name}s" for name in parts}
+    size = " × ".join(f"{count} {name if count == 1 else plural[name]}" for name, count in parts.items())
     left = len(planned.left())
     return f"{size}: {len(planned.keys)} episodes, {len(planned.keys) - left} finished, {left} to drive"
-
-
-def _plural(name: str, count: int) -> str:
-    return name if count == 1 else f"{name[:-1]}ies" if name.endswith("y") else f"{name}s"
 
 
 def _seeds(given: str) -> list[int]:
@@ -546,7 +506,7 @@ def _processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _show(rows: "Sequence[Row]", planned: "Drives", *, json: bool) -> None:
+def _show(rows: "Sequence[Row]", planned: "Episodes", *, json: bool) -> None:
     """Print a row for each policy and condition: means over episodes, as JSON or as a table."""
     if json:
         from eyechart.episodes import unfinished
@@ -576,20 +536,5 @@ def _show(rows: "Sequence[Row]", planned: "Drives", *, json: bool) -> None:
 
 @contextmanager
 def _watched(part: str) -> "Iterator[Callable[[int, int], None]]":
-    with (
-        resumable("finished episodes and calls are kept; the same command resumes"),
-        progress(part, "episodes") as move,
-    ):
+    with resumable(KEPT), progress(part, "episodes") as move:
         yield move
-
-
-def ladder_dict(scored: "ClosedLoopScore") -> dict[str, object]:
-    """Return the ladder's part of a score as plain JSON values, the paper's rows beside it."""
-    from eyechart.studies.closed_loop.published import beside_paper
-
-    found = scored.as_dict()
-    kept = {
-        name: found[name]
-        for name in ("study", "references", "references_chosen_on_these_data", "ladder", "paired", "identical")
-    }
-    return {**kept, "beside_paper": [one.as_dict() for one in beside_paper(scored.ladder)]}

@@ -1,15 +1,12 @@
 """``eyechart frames``: build, import, check and show frame banks; ``eyechart plan``: what a bank can decide."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from eyechart.cli.options import Json, Model
 from eyechart.cli.terminal import print_json, progress, say
-
-if TYPE_CHECKING:
-    from eyechart.frames import MirrorAxis
 
 app = typer.Typer(help="Build, import, check and show frame banks.", no_args_is_help=True)
 
@@ -21,13 +18,15 @@ def build(
     preset: Annotated[str, typer.Option(help="Which moments; see 'eyechart list simulators'.")] = "balanced",
     seeds: Annotated[str, typer.Option(help="Seeds of the episodes, with commas.")] = "0,1,2",
     steps: Annotated[int, typer.Option(help="Frames an episode.")] = 12,
+    controls_seed: Annotated[int, typer.Option(help="Seed of the distances in the control pictures.")] = 0,
 ) -> None:
-    """Render a frame bank: scenarios × seeds × steps, with ground truth and counterfactual pictures."""
+    """Render a frame bank: scenarios × seeds × steps, with ground truth, counterfactual and control pictures."""
     from eyechart.simulators import open_bank_simulator
 
     chosen = _seeds(seeds)
     with progress("frames", "frames") as move:
-        bank = open_bank_simulator(simulator).build(out, preset=preset, seeds=chosen, steps=steps, progress=move)
+        made_by = open_bank_simulator(simulator)
+        bank = made_by.build(out, preset=preset, seeds=chosen, steps=steps, controls_seed=controls_seed, progress=move)
     say(f"{len(bank)} frames in {out}, fingerprint {bank.manifest.fingerprint[:16]}")
 
 
@@ -64,12 +63,17 @@ def import_(
 ) -> None:
     """Make a bank of pictures of your own; says what the columns that are missing cost."""
     from eyechart.errors import SpecError
+    from eyechart.frames import read_axis
     from eyechart.importing import Choices, costs, import_lerobot, import_table, read_rig
     from eyechart.spaces.discrete import DRIVING, read_space
 
+    try:
+        axis = read_axis(mirror)
+    except ValueError as error:
+        raise SpecError(f"--mirror takes vertical, horizontal or none, not '{mirror}'") from error
     choices = Choices(
         columns=_places(map_ or []),
-        mirror=_axis(mirror),
+        mirror=axis,
         rig=None if rig is None else read_rig(rig),
         space=DRIVING if actions is None else read_space(actions),
         threshold=threshold,
@@ -101,16 +105,20 @@ def check(
     json: Json = False,
 ) -> None:
     """Recompute fingerprint and picture hashes; name what differs. Exit 0: as recorded, 1: something differs."""
+    from eyechart.conditions import undrawn_controls
     from eyechart.frames import check as check_bank
+    from eyechart.frames import open_bank
 
     problems = check_bank(bank)
+    undrawn = {} if problems else undrawn_controls(open_bank(bank))
     if json:
-        print_json({"bank": str(bank), "ok": not problems, "problems": problems})
-    elif problems:
-        for problem in problems:
-            say(f"eyechart: {problem}")
+        more = {"undrawn": undrawn} if undrawn else {}
+        print_json({"bank": str(bank), "ok": not problems, "problems": problems, **more})
     else:
-        say(f"{bank} is what its manifest recorded")
+        lacking = [f"{name}: {count} frames lack it; it could not be drawn" for name, count in undrawn.items()]
+        whole = [f"{bank} is what its manifest recorded", *lacking]
+        for line in [f"eyechart: {one}" for one in problems] or whole:
+            say(line)
     if problems:
         raise typer.Exit(1)
 
@@ -126,7 +134,7 @@ def show(
     out: Annotated[Path, typer.Option(help="PNG file to write.")],
     view: Annotated[bool, typer.Option("--view", help="The frame in the calibrated view that estimators see.")] = False,
     mirrored: Annotated[bool, typer.Option("--mirrored", help="The frame's reflection.")] = False,
-    counterfactual: Annotated[str | None, typer.Option(help="lead_near, lead_far or recoloured.")] = None,
+    counterfactual: Annotated[str | None, typer.Option(help="lead_near, lead_far, recoloured, or a control.")] = None,
     limit: Annotated[int | None, typer.Option(help="At most so many frames, from every episode in turn.")] = None,
 ) -> None:
     """Write a contact sheet, one row an episode, each frame with its gap and demand; or the picture of one FRAME."""
@@ -143,16 +151,22 @@ def show(
     elif view or mirrored:
         raise SpecError("--view and --mirrored are of one frame: give its id, as in 'eyechart frames show BANK FRAME'")
     else:
-        contact_sheet(replace(opened, frames=spread(opened.frames, limit)), out, counterfactual=counterfactual)
-    say(f"wrote {out}")
+        opened = replace(opened, frames=spread(opened.frames, limit))
+        contact_sheet(opened, out, counterfactual=counterfactual)
+    lacking = sum(counterfactual not in (None, *one.counterfactuals) for one in opened) if frame is None else 0
+    say(f"wrote {out}{f'; {lacking} of {len(opened)} frames have no {counterfactual}' if lacking else ''}")
 
 
 def plan(
     bank: Annotated[Path, typer.Argument(help="Folder of the bank.")],
     model: Model = None,
+    noise: Annotated[
+        float,
+        typer.Option(min=0.0, max=1.0, help="The noise floor to plan for: how often a repeat is answered otherwise."),
+    ] = 0.11,
     json: Json = False,
 ) -> None:
-    """Say what a bank can and cannot decide, and what asking costs, before a call is made.
+    """Say what a bank can and cannot decide, how often, and what asking costs, before a call is made.
 
     Example: eyechart plan bank --model scripted:depth
     """
@@ -163,7 +177,7 @@ def plan(
     specs = list(dict.fromkeys(model or ()))
     for spec in specs:
         open_model(spec)
-    found = power_of(open_bank(bank))
+    found = power_of(open_bank(bank), noise=noise)
     if json:
         print_json({**found.as_dict(), "models": {spec: found.asked(spec) for spec in specs}})
         return
@@ -181,16 +195,6 @@ def _places(words: list[str]) -> dict[str, str]:
             raise SpecError(f"--map takes PLACE=COLUMN once a place, for example gap=lidar_m; got '{word}'")
         places[place] = column
     return places
-
-
-def _axis(word: str) -> "MirrorAxis":
-    from eyechart.errors import SpecError
-    from eyechart.frames import read_axis
-
-    try:
-        return read_axis(word)
-    except ValueError as error:
-        raise SpecError(f"--mirror takes vertical, horizontal or none, not '{word}'") from error
 
 
 def _seeds(text: str) -> tuple[int, ...]:

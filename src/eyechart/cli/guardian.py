@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from eyechart.stats.committee import Costs, Point
-    from eyechart.studies.guardian import Frozen, GuardianScore, VoteTable
+    from eyechart.studies.guardian import Frozen, VoteTable
 
 app = typer.Typer(
     name="guardian",
@@ -131,8 +131,8 @@ def fit(
     """Choose committee and threshold on calibration frames alone, and freeze them.
 
     These are the rows whose column split is calibration, or the frames of --calibration, or else all rows. Ties go to
-    the first committee in lexicographic order, then to the lowest threshold. Example: eyechart guardian fit votes.csv
-    --out guardian.json
+    committees in which every model votes hazard somewhere, then to the first in lexicographic order, then to the lowest
+    threshold. Example: eyechart guardian fit votes.csv --out guardian.json
     """
     from eyechart.destination import require_free, whole
     from eyechart.guardian.members import members_of
@@ -151,9 +151,8 @@ def fit(
         print_json({**frozen.as_dict(), "members": [one.as_dict() for one in members]})
     else:
         print_each([*choice_lines(frozen), *(one.words for one in members if not one.doubtful)])
-    for one in members:
-        if one.doubtful:
-            say(f"warning: {one.words}")
+    for line in (*table.mute_words(frozen.committee), *(one.words for one in members if one.doubtful)):
+        say(f"warning: {line}")
     say(f"wrote {out}; it refuses to score the {len(table.frames)} frames that chose it")
 
 
@@ -182,8 +181,10 @@ def score(
     from dataclasses import replace
 
     from eyechart.destination import require_free
+    from eyechart.frames import open_bank
     from eyechart.guardian.members import members_of
-    from eyechart.guardian.page import guardian_table, score_lines
+    from eyechart.guardian.page import guardian_page, guardian_table, score_lines
+    from eyechart.report.page import write_page
     from eyechart.studies import guardian as study
 
     if html is not None:
@@ -207,7 +208,11 @@ def score(
     members = members_of(frozen.committee, table, votes, reread=how.reread)
     found = replace(found, warnings=(*found.warnings, *(one.words for one in members if one.doubtful)))
     if html is not None:
-        _write_page(found, frames, html)
+        bank = None if frames is None else open_bank(frames)
+        if bank is not None:
+            frozen.may_show(bank)
+        write_page(guardian_page(found, bank), html)
+        say(f"wrote {html}, {html.stat().st_size / 1e6:.1f} MB")
     if json:
         print_json({**found.as_dict(), "members": [one.as_dict() for one in members]})
         return
@@ -242,10 +247,7 @@ def nested(
         table = table.part("calibration", "score")
         say(f"left out: {left_out} frames whose column split is bound, which serve for nothing else")
     found = study.nested(table, size=size, models=tuple(models or ()), costs=costing.made())
-    if json:
-        print_json(found.as_dict())
-        return
-    print_each([nested_table(found), *nested_lines(found)])
+    print_json(found.as_dict()) if json else print_each([nested_table(found), *nested_lines(found)])
 
 
 @app.command()
@@ -260,7 +262,8 @@ def modular(
 ) -> None:
     """Replay a guardian that brakes, while a deterministic reader of the picture keeps collision and sides.
 
-    Prints agreement with the renderer policy and whether the reflection of every frame gets the reflected action.
+    Prints agreement with the renderer policy, the most that a perfect guardian reaches, and whether the reflection of
+    every frame gets the reflected action.
     Example: eyechart guardian modular guardian.json votes.csv --frames bank --unseen
     """
     from eyechart.frames import open_bank
@@ -397,18 +400,6 @@ def _left(table: "VoteTable", frozen: "Frozen", *, unseen: bool) -> "VoteTable":
 def _part(table: "VoteTable", name: str) -> "VoteTable":
     """Return the rows that a table's column ``split`` gives to a part, or all where it has no such column."""
     return table if table.split is None else table.part(name)
-
-
-def _write_page(found: "GuardianScore", frames: Path | None, out: Path) -> None:
-    from eyechart.frames import open_bank
-    from eyechart.guardian.page import guardian_page
-    from eyechart.report.page import write_page
-
-    bank = None if frames is None else open_bank(frames)
-    if bank is not None:
-        found.frozen.may_show(bank)
-    write_page(guardian_page(found, bank), out)
-    say(f"wrote {out}, {out.stat().st_size / 1e6:.1f} MB")
 
 
 def _point(name: str | None) -> "Point | None":

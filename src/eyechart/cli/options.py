@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import typer
 
 if TYPE_CHECKING:
-    from eyechart.models.prices import Prices
     from eyechart.modes import RequestMode, Scalar
     from eyechart.studies.probed import Allowed, Asked
 
@@ -49,20 +48,19 @@ class Spending:
         False
     )
 
-    def table(self) -> "Prices":
-        """Return the table of prices, that of the file before that of the package."""
-        from eyechart.models.prices import read_prices
-
-        return read_prices(self.prices)
-
     def allowed(self, *, dry_run: bool, shard: str | None = None) -> "Allowed":
-        """Return what a command allows before its run."""
+        """Return what a command allows before its run, with the file's table of prices before that of the package."""
+        from eyechart.models.prices import read_prices
         from eyechart.studies.probed import Allowed
 
-        return Allowed(self.table(), self.no_probe, dry_run, self.max_calls, self.max_cost, shard)
+        return Allowed(read_prices(self.prices), self.no_probe, dry_run, self.max_calls, self.max_cost, shard)
 
 
 NO_LIMIT = Spending()
+
+
+_FIELDS = {"timeout": "timeout_s", "header": "headers", "option": "options", "json_mode": "structured"}
+"""What a request mode calls an option that it calls otherwise."""
 
 
 @dataclass(frozen=True)
@@ -84,19 +82,14 @@ class Addressing:
 
     def given(self) -> dict[str, object]:
         """Return the fields of a request mode that options set; raises SpecError for one that is no pair."""
-        given: dict[str, object] = {
-            "base_url": self.base_url,
-            "key_env": self.key_env,
-            "token_field": self.token_field,
+        given = {
+            **vars(self),
             "temperature": None if self.temperature is None else _number(self.temperature),
-            "timeout_s": self.timeout,
-            "headers": dict(_pair(one, ":", "--header 'NAME: VALUE'") for one in self.header) if self.header else None,
-            "body": {name: _json(value) for name, value in _pairs(self.body, "--body KEY=JSON")} if self.body else None,
-            "options": {name: _scalar(value) for name, value in _pairs(self.option, "--option KEY=VALUE")}
-            if self.option
-            else None,
+            "header": _pairs(self.header, ":", "--header 'NAME: VALUE'"),
+            "body": _pairs(self.body, "=", "--body KEY=JSON", _json),
+            "option": _pairs(self.option, "=", "--option KEY=VALUE", _scalar),
         }
-        return {name: value for name, value in given.items() if value is not None}
+        return {_FIELDS.get(name, name): value for name, value in given.items() if value is not None}
 
 
 @dataclass(frozen=True)
@@ -105,11 +98,6 @@ class Options(Addressing):
 
     max_tokens: Annotated[int | None, typer.Option(help="Token budget of a reply; default 1024.")] = None
     json_mode: Annotated[str | None, typer.Option(help="none, json_object or json_schema.")] = None
-
-    def given(self) -> dict[str, object]:
-        """Return the fields of a request mode that options set; raises SpecError for one that is no pair."""
-        more = {"max_tokens": self.max_tokens, "structured": self.json_mode}
-        return {**super().given(), **{name: value for name, value in more.items() if value is not None}}
 
 
 ADDRESSED = Addressing()
@@ -185,17 +173,18 @@ def _number(text: str) -> object:
         return text
 
 
-def _pairs(given: Sequence[str] | None, form: str) -> list[tuple[str, str]]:
-    return [_pair(one, "=", form) for one in given or ()]
-
-
-def _pair(text: str, sign: str, form: str) -> tuple[str, str]:
+def _pairs(
+    given: Sequence[str] | None, sign: str, form: str, read: Callable[[str], object] = str
+) -> dict[str, object] | None:
     from eyechart.errors import SpecError
 
-    name, found, value = text.partition(sign)
-    if not found or not name.strip():
-        raise SpecError(f"this is given as {form}; got '{name[:40]}'")
-    return name.strip(), value.strip()
+    pairs = {}
+    for text in given or ():
+        name, found, value = text.partition(sign)
+        if not found or not name.strip():
+            raise SpecError(f"this is given as {form}; got '{name[:40]}'")
+        pairs[name.strip()] = read(value.strip())
+    return pairs or None
 
 
 def _json(text: str) -> object:

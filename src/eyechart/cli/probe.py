@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn, TypeVar
 import typer
 
 from eyechart.cli.options import AS_USUAL, Json, Options, PriceFile, expanded, mode_of, read_modes
-from eyechart.cli.terminal import print_json, progress, resumable, say, table_console
+from eyechart.cli.terminal import print_each, print_json, progress, resumable, say
 
 if TYPE_CHECKING:
     from eyechart.limits import Outcome
@@ -54,16 +54,16 @@ def doctor(
     if json:
         print_json(found.as_dict())
     else:
-        console = table_console()
-        console.print(doctor_table(found))
-        console.print(headline(found))
-        for cause in found.causes:
-            console.print(f"likely cause: {cause}", markup=False)
-        for note in found.notes:
-            console.print(f"note: {note}; 'eyechart probe' pins that", markup=False)
-        if found.sight.cut is not None:
-            console.print(f"stopped: {found.sight.cut}", markup=False)
-        console.print(f"asked: {found.spent.words}; the same pictures again: --seed {found.seed}", markup=False)
+        print_each(
+            [
+                doctor_table(found),
+                headline(found),
+                *(f"likely cause: {cause}" for cause in found.causes),
+                *(f"note: {note}; 'eyechart probe' pins that" for note in found.notes),
+                *([] if found.sight.cut is None else [f"stopped: {found.sight.cut}"]),
+                f"asked: {found.spent.words}; the same pictures again: --seed {found.seed}",
+            ]
+        )
     raise typer.Exit(found.exit_code)
 
 
@@ -102,13 +102,7 @@ def probe(
     _say_estimate(mode, MOST_CALLS, table)
     found = _probe_one(mode, given, sample, table, seed=_draw(seed), max_cost=max_cost)
     write_mode(out, found.mode)
-    if json:
-        print_json(found.as_dict())
-    else:
-        console = table_console()
-        console.print(probe_table(found))
-        for line in _lines(found):
-            console.print(line, markup=False)
+    print_json(found.as_dict()) if json else print_each([probe_table(found), *_lines(found)])
     say(f"wrote {out}: ask this model with --mode {out}")
     if found.sight.outcome == "blind":
         raise typer.Exit(1)

@@ -1,29 +1,13 @@
 """``eyechart run`` makes calls about the frames of a bank and only appends; ``eyechart merge`` joins shards."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eyechart.cli.options import (
-    ADDRESSED,
-    AS_USUAL,
-    NO_LIMIT,
-    Addressing,
-    Concurrency,
-    DryRun,
-    Frames,
-    Limit,
-    Mode,
-    Model,
-    Options,
-    Out,
-    Spending,
-    expanded,
-    read_modes,
-)
+from eyechart.cli import options
 from eyechart.cli.probe import plan_probed, say_aside, tell_none
 from eyechart.cli.terminal import progress, resumable, say
 
@@ -31,7 +15,7 @@ if TYPE_CHECKING:
     from eyechart.limits import Outcome, Spent
     from eyechart.modes import RequestMode
     from eyechart.studies.battery import Battery
-    from eyechart.studies.probed import Asked
+    from eyechart.studies.probed import Allowed, Asked
     from eyechart.studies.prompts import PromptStudy
 
 app = typer.Typer(help="Run a study: make its calls and append them to a ledger.", no_args_is_help=True)
@@ -48,27 +32,38 @@ _Seed = Annotated[int, typer.Option(min=0, help="Seed of stimuli, sampling and t
     "depth by intervention, presence_only, refusal_effect and image_invariant; that the whole run would have been "
     "not_scorable, .02); success at following the gap by observation never stops a run. Try it with --dry-run first."
 )
-@expanded
+@options.expanded
 def battery(
-    frames: Frames,
-    out: Out,
-    model: Model = None,
-    mode: Mode = None,
+    frames: options.Frames,
+    out: options.Out,
+    model: options.Model = None,
+    mode: options.Mode = None,
     prompt: Annotated[
         str | None,
         typer.Option(help="A name of 'eyechart list prompts', or FILE.toml; default: one that suits the bank."),
     ] = None,
     conditions: Annotated[str | None, typer.Option(help="With commas; default: all that the bank has.")] = None,
     seed: _Seed = 0,
-    limit: Limit = None,
+    limit: options.Limit = None,
     shard: Annotated[str | None, typer.Option(help="i/n: make only these calls; join with 'merge'.")] = None,
-    concurrency: Concurrency = 8,
-    how: Options = AS_USUAL,
-    spending: Spending = NO_LIMIT,
+    concurrency: options.Concurrency = 8,
+    how: options.Options = options.AS_USUAL,
+    spending: options.Spending = options.NO_LIMIT,
+    controls: Annotated[
+        str | None,
+        typer.Option(
+            help="auto: of each model the control pictures that its answers call for; all; none. Default: auto, none "
+            "with --conditions, and as begun for a run that is there."
+        ),
+    ] = None,
     stop_early: Annotated[
         bool, typer.Option("--stop-early", help="Ask a model no more once its verdict is settled; see below.")
     ] = False,
-    dry_run: DryRun = False,
+    fresh_controls: Annotated[
+        bool,
+        typer.Option("--fresh-controls", help="Draw the distances of the bank's controls anew, for this run alone."),
+    ] = False,
+    dry_run: options.DryRun = False,
 ) -> None:
     """Run the input-ablation battery. Interrupt it at will: the same command goes on where it stopped.
 
@@ -79,31 +74,30 @@ def battery(
     from eyechart.run import read_shard
     from eyechart.studies import battery as study
 
+    asked_about = _with_fresh_controls(frames, out, shard, dry_run=dry_run) if fresh_controls else frames
+
     def planned_for(modes: "Sequence[RequestMode]", probes: "Mapping[str, Spent]") -> "Battery":
         return study.plan(
-            frames,
+            asked_about,
             modes,
             out,
             prompt=prompt,
             conditions=None if conditions is None else [name.strip() for name in conditions.split(",")],
             seed=seed,
-            limit=limit,
-            shard=None if shard is None else read_shard(shard),
-            stop_early=stop_early,
-            probes=probes,
-        )
+            extent=study.Extent(limit, None if shard is None else read_shard(shard), stop_early, controls),
+        ).counting(probes)
 
-    done = f"'eyechart verdict {out}' judges, 'eyechart score {out}' prints every statistic"
-    how_run = _How(concurrency, spending, dry_run, shard)
-    _make_calls(read_modes(model, mode, how.given()), planned_for, out, how_run, sizes, done)
+    done = "'eyechart verdict {0}' judges, 'eyechart score {0}' prints every statistic"
+    asked, allowed = options.read_modes(model, mode, how.given()), spending.allowed(dry_run=dry_run, shard=shard)
+    _make_calls(asked, planned_for, out, allowed, concurrency, sizes, done)
 
 
-@expanded
+@options.expanded
 def prompts(
-    frames: Frames,
+    frames: options.Frames,
     out: Annotated[Path, typer.Option(help="Folder of the study, one run a cell; the same one resumes it.")],
-    model: Model = None,
-    mode: Mode = None,
+    model: options.Model = None,
+    mode: options.Mode = None,
     prompt: Annotated[
         list[str] | None, typer.Option(help="A prompt's name or FILE.toml; again for more. Default: the six built-in.")
     ] = None,
@@ -114,10 +108,10 @@ def prompts(
     conditions: Annotated[str, typer.Option(help="With commas; 'all' for a whole battery a cell.")] = "real,blank",
     limit: Annotated[int, typer.Option(min=1, help="Frames a cell, the same in each.")] = 100,
     seed: _Seed = 0,
-    concurrency: Concurrency = 8,
-    how: Addressing = ADDRESSED,
-    spending: Spending = NO_LIMIT,
-    dry_run: DryRun = False,
+    concurrency: options.Concurrency = 8,
+    how: options.Addressing = options.ADDRESSED,
+    spending: options.Spending = options.NO_LIMIT,
+    dry_run: options.DryRun = False,
 ) -> None:
     """Run the prompt study: diversity, and beside it the scene dependence that diversity is not (Table t:prompts).
 
@@ -137,7 +131,7 @@ def prompts(
     for one in json_mode or ():
         if one not in STRUCTURED:
             raise SpecError(f"--json-mode '{one}' is none of {', '.join(STRUCTURED)}")
-    asked, allowed = read_modes(model, mode, how.given()), spending.allowed(dry_run=dry_run)
+    asked, allowed = options.read_modes(model, mode, how.given()), spending.allowed(dry_run=dry_run)
 
     def planned_for(modes: "Sequence[RequestMode]", probes: "Mapping[str, Spent]") -> "PromptStudy":
         return study.plan(
@@ -149,8 +143,7 @@ def prompts(
             conditions=() if conditions == "all" else [name.strip() for name in conditions.split(",")],
             limit=limit,
             seed=seed,
-            probes=probes,
-        )
+        ).counting(probes)
 
     planned, failed = plan_probed(
         Probing(
@@ -165,9 +158,11 @@ def prompts(
         {"structured": "none"},  # the form of an answer is a factor of this study
     )
     calls, finished, unknown = planned.counts()
+    more = sum(sum(cell.more_by_model().values()) for cell in planned.cells.values())
+    up_to = f", and up to {more} of controls" if more else ""
     say(
         f"{len(planned.cells)} cells × {len(asked.modes) - len(failed)} models: {calls} calls, {finished} finished, "
-        f"{unknown} sent with unknown outcome, {calls - finished} to make"
+        f"{unknown} sent with unknown outcome, {calls - finished} to make{up_to}"
     )
     for line in planned.expected(allowed.prices, concurrency=concurrency):
         say(line)
@@ -182,22 +177,23 @@ def prompts(
             prices=allowed.prices,
             progress=move,
         )
-    _tell(outcome, failed, calls - planned.counts()[1])
+    calls, finished, _ = planned.counts()
+    _tell(outcome, failed, calls - finished)
     say(f"done: 'eyechart score {out}' prints the table, 'eyechart score {out}/CELL' every statistic of a cell")
 
 
-@expanded
+@options.expanded
 def admission(
-    frames: Frames,
-    out: Out,
-    model: Model = None,
-    mode: Mode = None,
+    frames: options.Frames,
+    out: options.Out,
+    model: options.Model = None,
+    mode: options.Mode = None,
     view: View = None,
     seed: Annotated[int, typer.Option(min=0, help="Chooses the pairs, and the order of calls.")] = 0,
-    concurrency: Concurrency = 8,
-    how: Options = AS_USUAL,
-    spending: Spending = NO_LIMIT,
-    dry_run: DryRun = False,
+    concurrency: options.Concurrency = 8,
+    how: options.Options = options.AS_USUAL,
+    spending: options.Spending = options.NO_LIMIT,
+    dry_run: options.DryRun = False,
 ) -> None:
     """Ask for scene estimates of 16 balanced frame/mirror pairs, and hold them against the clauses of admission.
 
@@ -208,25 +204,25 @@ def admission(
     from eyechart.studies import structured as study
 
     def planned_for(modes: "Sequence[RequestMode]", probes: "Mapping[str, Spent]") -> "Battery":
-        return study.plan(study.ADMISSION, frames, modes, out, view=view, seed=seed, probes=probes)
+        return study.plan(study.ADMISSION, frames, modes, out, view=view, seed=seed).counting(probes)
 
-    how_run = _How(concurrency, spending, dry_run)
-    _make_calls(read_modes(model, mode, how.given()), planned_for, out, how_run, _of_scenes, _scenes_done(out))
+    asked, allowed = options.read_modes(model, mode, how.given()), spending.allowed(dry_run=dry_run)
+    _make_calls(asked, planned_for, out, allowed, concurrency)
 
 
-@expanded
+@options.expanded
 def structured(
-    frames: Frames,
-    out: Out,
-    model: Model = None,
-    mode: Mode = None,
+    frames: options.Frames,
+    out: options.Out,
+    model: options.Model = None,
+    mode: options.Mode = None,
     view: View = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the order of calls and of sampling.")] = 0,
-    limit: Limit = None,
-    concurrency: Concurrency = 8,
-    how: Options = AS_USUAL,
-    spending: Spending = NO_LIMIT,
-    dry_run: DryRun = False,
+    limit: options.Limit = None,
+    concurrency: options.Concurrency = 8,
+    how: options.Options = options.AS_USUAL,
+    spending: options.Spending = options.NO_LIMIT,
+    dry_run: options.DryRun = False,
 ) -> None:
     """Ask for scene estimates of every frame of a bank and of its reflection (Table t:controller-local).
 
@@ -237,51 +233,79 @@ def structured(
     from eyechart.studies import structured as study
 
     def planned_for(modes: "Sequence[RequestMode]", probes: "Mapping[str, Spent]") -> "Battery":
-        return study.plan(study.STRUCTURED, frames, modes, out, view=view, seed=seed, limit=limit, probes=probes)
+        return study.plan(study.STRUCTURED, frames, modes, out, view=view, seed=seed, limit=limit).counting(probes)
 
-    how_run = _How(concurrency, spending, dry_run)
-    _make_calls(read_modes(model, mode, how.given()), planned_for, out, how_run, _of_scenes, _scenes_done(out))
+    asked, allowed = options.read_modes(model, mode, how.given()), spending.allowed(dry_run=dry_run)
+    _make_calls(asked, planned_for, out, allowed, concurrency)
 
 
-@dataclass(frozen=True)
-class _How:
-    """How much at once and at most, which shard, and whether a run is only planned."""
-
-    concurrency: int
-    spending: Spending
-    dry_run: bool
-    shard: str | None = None
+def _of_scenes(planned: "Battery") -> list[str]:
+    modes = [planned.manifest.mode(spec) for spec in planned.plan.models]
+    return [f"view: {planned.manifest.view}", *sizes(planned), *bound(modes)]
 
 
 def _make_calls(
     asked: "Asked",
     plan: "Callable[[Sequence[RequestMode], Mapping[str, Spent]], Battery]",
     out: Path,
-    how: _How,
-    lines: "Callable[[Battery], Sequence[str]]",
-    done: str,
+    allowed: "Allowed",
+    concurrency: int,
+    lines: "Callable[[Battery], Sequence[str]]" = _of_scenes,
+    done: str = "'eyechart score {}' prints the table, the clauses and every figure",
 ) -> None:
     """Probe the models that are to be, say in ``lines`` what is planned, and make the calls."""
     from eyechart.studies import battery as study
     from eyechart.studies.probed import Probing
 
-    spending = how.spending
-    allowed = spending.allowed(dry_run=how.dry_run, shard=how.shard)
     probing = Probing(plan, lambda one: study.sample_of([one]), study.keep_probes, [out])
     planned, failed = plan_probed(probing, asked, allowed)
     early = planned.manifest.stop_early
-    expected = study.expected(planned, allowed.prices, concurrency=how.concurrency)
+    expected = study.expected(planned, allowed.prices, concurrency=concurrency)
     for line in (*lines(planned), *(one.words for one in expected), *(_before(planned) if early else ())):
         say(line)
-    if how.dry_run:
+    if allowed.dry_run:
         return
-    limits = study.within(planned, allowed.prices, calls=spending.max_calls, cost_usd=spending.max_cost)
+    limits = planned.manifest.within(allowed.prices, calls=allowed.max_calls, cost_usd=allowed.max_cost)
     with resumable(), progress("calls", "calls") as move:
-        outcome = study.run(planned, concurrency=how.concurrency, limits=limits, progress=move)
+        outcome = study.run(planned, concurrency=concurrency, limits=limits, progress=move)
     for line in _after(planned) if early else ():
         say(line)
     _tell(outcome, failed, planned.left())
-    say(f"done: {done}")
+    say(f"done: {done.format(out)}")
+
+
+def _with_fresh_controls(frames: Path, out: Path, shard: str | None, *, dry_run: bool) -> Path:
+    """Return the bank of a run that has controls of its own: it stands in the run's folder, and is made there once."""
+    from secrets import randbelow
+
+    from eyechart.errors import LedgerError, SpecError
+    from eyechart.frames import open_bank
+    from eyechart.manifest import BANK, OWN, is_free, is_run
+    from eyechart.simulators.banks import MOST_SEED, redraw
+
+    if shard is not None:
+        raise SpecError(
+            "--fresh-controls needs one run, for shards share their pictures: leave out --shard, or build one bank for "
+            "all of them with 'eyechart frames build --controls-seed N'"
+        )
+    own = out / BANK
+    if not is_free(out):
+        bank = open_bank(frames)
+        if (
+            not (own / bank.frames[0].file).is_file()
+            or open_bank(own).manifest.fingerprint != bank.manifest.fingerprint
+        ):
+            begun = "a run that was begun without --fresh-controls, or on another bank" if is_run(out) else "no run"
+            raise LedgerError(f"{out} holds {begun}; choose another --out")
+        return own
+    if dry_run:
+        say("controls: their distances will be drawn anew, into the run's folder")
+        return frames
+    with progress("controls", "frames") as move:
+        seed = redraw(frames, own, randbelow(MOST_SEED), move).manifest.controls.seed
+    (own / OWN).touch()
+    say(f"controls: drawn anew into {own} by seed {seed}")
+    return own
 
 
 def sizes(planned: "Battery") -> list[str]:
@@ -293,17 +317,17 @@ def sizes(planned: "Battery") -> list[str]:
     return [
         *(f"left out: {name}, because {why}" for name, why in planned.left_out.items()),
         f"{size}: {calls} calls, {finished} finished, {unknown} sent with unknown outcome, {to_make} to make",
+        *_controls(planned),
         *(f"warning: {one}: {facts[one]['warning']}" for one in plan.models if "warning" in facts.get(one, {})),
     ]
 
 
-def _of_scenes(planned: "Battery") -> list[str]:
-    modes = [planned.manifest.mode(spec) for spec in planned.plan.models]
-    return [f"view: {planned.manifest.view}", *sizes(planned), *bound(modes)]
-
-
-def _scenes_done(out: Path) -> str:
-    return f"'eyechart score {out}' prints the table, the clauses and every figure"
+def _controls(planned: "Battery") -> list[str]:
+    """Say how many calls of controls may come, and where a shard leaves them."""
+    if planned.manifest.controls == "auto" and planned.manifest.shard is not None:
+        return ["controls: none in a shard, which lacks the answers that call for them; the merged run, resumed, asks"]
+    more = sum(planned.more_by_model().values())
+    return [f"controls: up to {more} calls more, of models whose answers claim what these could take away"][: more > 0]
 
 
 def bound(modes: "Sequence[RequestMode]") -> list[str]:
@@ -339,7 +363,8 @@ def _before(planned: "Battery") -> list[str]:
     """Say what stopping early guarantees, and the most and the typical number of calls."""
     from eyechart.verdicts import GUARANTEE, VALIDITY
 
-    most = max(sum(1 for _ in planned.plan.keys_of(model)) for model in planned.plan.models)
+    more = planned.more_by_model()
+    most = max(sum(1 for _ in planned.plan.keys_of(model)) + more[model] for model in planned.plan.models)
     counts = sorted(planned.typical().items(), key=lambda one: one[1])
     typical = ", ".join(f"{count} ({label})" for label, count in counts)
     return [
@@ -353,7 +378,7 @@ def _after(planned: "Battery") -> list[str]:
     """Say which models were stopped early, and the calls saved."""
     lines, planned_calls, saved = [], 0, 0
     for model, one in planned.progress().items():
-        calls = sum(1 for _ in planned.plan.keys_of(model))
+        calls = sum(1 for _ in planned.plan.keys_of(model)) if one.stopped is None else one.stopped.planned
         planned_calls += calls
         if one.stopped is None:
             lines.append(f"{model}: not stopped early, {one.left} of {calls} calls left")

@@ -8,6 +8,7 @@ import typer
 from eyechart.cli.options import Against, Independent, Json, PriceFile, Reread
 from eyechart.cli.terminal import print_each, print_json, say, table_console
 
+_HELD = {True: "holds", False: "FAILS", None: "cannot say"}
 _Run = Annotated[Path, typer.Argument(help="Folder of the run.")]
 
 
@@ -69,16 +70,12 @@ def costs(
     if json:
         print_json(took.as_dict())
         return
-    table_console(160).print(costs_table(took.accounts, every=every))
-    console = table_console()
+    print_each([costs_table(took.accounts, every=every)], 160)
     if not took.accounts:
-        console.print("no model was asked: its policies and worlds take no calls")
-    for spec, one in took.probes.items():
-        console.print(f"the probe of {spec} before the run took besides: {one.words}", markup=False)
+        print_each(["no model was asked: its policies and worlds take no calls"])
+    print_each(f"the probe of {spec} before the run took besides: {one.words}" for spec, one in took.probes.items())
     for spec, found in took.guards.items():
-        for guard in found:
-            words = {True: "holds", False: "FAILS", None: "cannot say"}[guard.holds]
-            console.print(f"{words:<10}  {spec}  guard '{guard.name}': {guard.because}", markup=False)
+        print_each(f"{_HELD[one.holds]:<10}  {spec}  guard '{one.name}': {one.because}" for one in found)
 
 
 def gate(
@@ -113,9 +110,8 @@ def gate(
     if json:
         print_json(held.as_dict())
     else:
-        words = {True: "holds", False: "FAILS", None: "cannot say"}
         for check in held.checks:
-            typer.echo(f"{words[check.holds]:<10}  {check.model}  {check.requirement}: {check.because}")
+            typer.echo(f"{_HELD[check.holds]:<10}  {check.model}  {check.requirement}: {check.because}")
         if not held.checks:
             typer.echo("cannot say: the run holds no model")
     if junit is not None:
@@ -180,15 +176,13 @@ def transfer(
     if json:
         print_json(found.as_dict())
         return
-    console = table_console()
+    lines = []
     for cell in found.cells:
         mean = f" (mean of {cell.runs} runs)" if cell.runs > 1 else ""
-        words = f"{cell.model} on {cell.bank}: score {cell.score:g}, {measure} {cell.measured:.3f}{mean}"
-        console.print(words, markup=False)
-    for line in found.left_out:
-        console.print(f"left out: {line}", markup=False)
+        lines.append(f"{cell.model} on {cell.bank}: score {cell.score:g}, {measure} {cell.measured:.3f}{mean}")
+    lines += [f"left out: {line}" for line in found.left_out]
     for name, one in (("Pearson", found.pearson), ("Spearman", found.spearman)):
         interval = "—" if one.ci is None else f"[{one.ci[0]:.3f}, {one.ci[1]:.3f}]"
         why = f" ({one.note})" if one.note else ""
-        words = f"{name} r = {number(one.value)}, 95 % interval {interval}, p {p_value(one.p)}, n {one.n}{why}"
-        console.print(words, markup=False)
+        lines.append(f"{name} r = {number(one.value)}, 95 % interval {interval}, p {p_value(one.p)}, n {one.n}{why}")
+    print_each(lines)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.text import Text
 
     from eyechart.report.table import Table
 
@@ -109,7 +110,7 @@ def _lines(what: str, unit: str) -> Callable[[int, int], None]:
     return move
 
 
-def print_each(what: "Iterable[Table | str]", width: int | None = None) -> None:
+def print_each(what: "Iterable[Table | Text | str]", width: int | None = None) -> None:
     """Print tables and lines on standard output."""
     console = table_console(width)
     for one in what:

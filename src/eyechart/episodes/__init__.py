@@ -1,11 +1,31 @@
 """Closed-loop episodes: a policy or a model drives a simulator, decision by decision."""
 
-from eyechart.episodes.expecting import expected, sample_of, within
-from eyechart.episodes.nouns import SILENCES, STUDY, Episode, EpisodeKey, Step
-from eyechart.episodes.planning import ACTION_MAP, Episodes, keep_probes, plan, require_engine, run
-from eyechart.episodes.records import EPISODES, read_episodes, write_episodes
+from eyechart.episodes.planning import (
+    ACTION_MAP,
+    Episodes,
+    expected,
+    keep_probes,
+    plan,
+    require_engine,
+    run,
+    sample_of,
+)
+from eyechart.episodes.records import (
+    EPISODES,
+    SILENCES,
+    STUDY,
+    Episode,
+    EpisodeKey,
+    Row,
+    Step,
+    Unfinished,
+    every_episode,
+    read_episodes,
+    summarise,
+    unfinished,
+    write_episodes,
+)
 from eyechart.episodes.running import Bounds
-from eyechart.episodes.summary import Row, Unfinished, every_episode, summarise, unfinished
 from eyechart.episodes.worlds import Setup
 from eyechart.manifest import EpisodesManifest
 from eyechart.manifest import read_episodes_manifest as read_manifest
@@ -35,6 +55,5 @@ __all__ = [
     "sample_of",
     "summarise",
     "unfinished",
-    "within",
     "write_episodes",
 ]

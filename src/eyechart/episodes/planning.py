@@ -1,33 +1,51 @@
-"""Planning and running episodes: who drives, in which worlds, under which conditions, and nothing driven twice."""
+"""Planning and running episodes: who drives, in which worlds, what that may take, and nothing driven twice."""
 
+import asyncio
 import sqlite3
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from json import dumps
 from pathlib import Path
 
-from filelock import FileLock, Timeout
-
 from eyechart.conditions import require_shown
-from eyechart.episodes.nouns import SILENCES, Episode, EpisodeKey
-from eyechart.episodes.records import EPISODES, mend_episodes, read_episodes, recorded, write_episodes
-from eyechart.episodes.running import USUAL, Bounds, Drivers, Progress, drive
-from eyechart.episodes.summary import every_episode
-from eyechart.episodes.workers import LocalWorker, Worker
-from eyechart.episodes.worlds import Setup
-from eyechart.errors import LedgerError, SpecError
-from eyechart.frames import alone
+from eyechart.costs import CostEstimate, estimate
+from eyechart.episodes.records import (
+    EPISODES,
+    SILENCES,
+    Episode,
+    EpisodeKey,
+    every_episode,
+    mend_episodes,
+    read_episodes,
+    recorded,
+    write_episodes,
+)
+from eyechart.episodes.running import USUAL, Bounds, Drivers, Progress, calls_of, drive
+from eyechart.episodes.workers import LocalWorker, Worker, WorkerDiedError
+from eyechart.episodes.worlds import Setup, Shown
+from eyechart.errors import DriveError, EyechartError, LedgerError, SpecError, printable
+from eyechart.frames import Stimulus, alone
 from eyechart.ledger import Ledger
-from eyechart.limits import Outcome, Spent, added
-from eyechart.manifest import LEDGER, EpisodesManifest, is_episodes_run, read_episodes_manifest, today, versions
+from eyechart.limits import Outcome, Spent
+from eyechart.manifest import (
+    LEDGER,
+    EpisodesManifest,
+    alone_in,
+    is_episodes_run,
+    read_episodes_manifest,
+    today,
+    versions,
+)
 from eyechart.models import open_model
+from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
 from eyechart.perception.forward import distances_of
-from eyechart.perception.view import NONE, View
-from eyechart.policies import is_policy, open_policy
+from eyechart.perception.view import NONE, View, through
+from eyechart.policies import Policy, is_policy, open_policy
 from eyechart.policies.baselines import Marginal
+from eyechart.probe import Sample
 from eyechart.prompts import Prompt, find_prompt, neutral
 from eyechart.simulators import Declaration, open_simulator
 from eyechart.spaces.discrete import DRIVING, read_toml
@@ -54,8 +72,7 @@ class Episodes:
 
     def counting(self, probes: Mapping[str, Spent]) -> "Episodes":
         """Return the plan with what was spent on probing models for it."""
-        known = self.manifest.probes
-        return replace(self, manifest=replace(self.manifest, probes={**known, **added(known, probes)}))
+        return replace(self, manifest=self.manifest.counting(probes))
 
     def unfinished(self) -> tuple[EpisodeKey, ...]:
         """Return the episodes that have no record yet, of whatever end."""
@@ -193,9 +210,8 @@ def run(
     another process is writing to the same run, or the ledger cannot be written.
     """
     open_worker = _engine(engine, planned.setup)
-    planned.out.mkdir(parents=True, exist_ok=True)
     try:
-        with _alone(planned.out), ExitStack() as opened:
+        with alone_in(planned.out), ExitStack() as opened:
             _begin(planned)
             left = planned.left()
             keep, ledger = _keeper(planned, len(left), progress), None
@@ -211,24 +227,13 @@ def keep_probes(planned: Episodes, probes: Mapping[str, Spent]) -> None:
 
     A run that is not begun yet begins with nobody in it, so that the models are probed anew.
     """
-    planned.out.mkdir(parents=True, exist_ok=True)
-    with _alone(planned.out):
+    with alone_in(planned.out):
         if is_episodes_run(planned.out):
             manifest = read_episodes_manifest(planned.out)
         else:
             nobody = replace(planned.manifest, policies={}, modes={}, facts={})
             manifest = replace(nobody, scenarios=(), seeds=(), conditions=())
         replace(planned, manifest=manifest).counting(probes).manifest.write(planned.out)
-
-
-@contextmanager
-def _alone(out: Path) -> Iterator[None]:
-    """Hold a run's folder; raises LedgerError where another process does."""
-    try:
-        with FileLock(out / ".lock", timeout=0):
-            yield
-    except Timeout as error:
-        raise LedgerError(f"another process is writing to {out}; wait for it, or choose another --out") from error
 
 
 def require_engine(engine: str) -> None:
@@ -279,3 +284,118 @@ def _keeper(planned: Episodes, left: int, progress: Progress | None) -> Callable
     if progress is not None:
         progress(done, len(planned.keys))
     return keep
+
+
+PATIENCE_S = 30.0
+"""A sample whose world takes longer for one answer is given up."""
+
+ALTOGETHER_S = 120.0
+"""A sample that takes longer is given up."""
+
+_LONGEST_SAMPLE = 200
+_PICTURES = 3
+
+
+def expected(planned: Episodes, prices: Prices, *, concurrency: int) -> tuple[CostEstimate, ...]:
+    """Return what the calls that are still to be made are expected to take, by model.
+
+    An episode counts as long as one that brakes all the way, in the first of the seeds, and where that crashes as the
+    longest of one action; these drives are made here, in a process of their own. Of an episode that was cut the calls
+    that are finished are not made again. Raises DriveError where a drive fails or they take too long: then nothing can
+    be said.
+    """
+    left = [key for key in planned.left() if key.policy in planned.drivers.models]
+    if not left:
+        return ()
+    setup = replace(planned.setup, max_steps=min(planned.setup.max_steps, _LONGEST_SAMPLE))
+    fail_safe = open_simulator(planned.setup.simulator, actions=planned.setup.actions).declared.fail_safe
+    space = planned.drivers.space
+    actions = dict.fromkeys((fail_safe, *space.actions))
+    constants = [open_policy(f"constant:{action}", space, recorded) for action in actions]
+    first = [
+        replace(key, policy="constant", seed=planned.manifest.seeds[0])
+        for key in {key.scenario: key for key in left}.values()
+    ]
+    length = asyncio.run(_lengths(setup, first, constants))
+    made: dict[EpisodeKey, int] = {}
+    if (planned.out / LEDGER).is_file():
+        with Ledger(planned.out / LEDGER) as ledger:
+            made = {key: len(calls) for key, calls in calls_of(left, planned.drivers, ledger).items()}
+    return tuple(
+        estimate(
+            planned.manifest.mode(spec),
+            sum(max(0, length[key.scenario] - made.get(key, 0)) for key in left if key.policy == spec),
+            prices,
+            concurrency=concurrency,
+            sampled=True,
+        )
+        for spec in planned.drivers.models
+    )
+
+
+async def _lengths(setup: Setup, keys: Sequence[EpisodeKey], policies: Sequence[Policy]) -> dict[str, int]:
+    """Return, by scenario, how many steps the first policy drives, or where it crashes the most that any does.
+
+    Raises DriveError that names the world that fails.
+    """
+    worker, found, world = LocalWorker(setup, patience_s=PATIENCE_S), list[Episode](), ""
+    try:
+        async with asyncio.timeout(ALTOGETHER_S):
+            for key in keys:
+                world = key.world
+                for policy in policies:
+                    over = await worker.ask("drive", key, policy)
+                    assert isinstance(over, Episode)
+                    found.append(over)
+                    if not over.crashed and policy is policies[0]:
+                        break
+    except TimeoutError:
+        raise DriveError(f"{world}: the sample's drives took longer than {ALTOGETHER_S:g} s") from None
+    except EyechartError as error:
+        raise DriveError(f"{world}: {printable(str(error))}") from error
+    finally:
+        worker.close()
+    for one in found:
+        if one.ended == "error" and len(one.steps) < setup.max_steps:
+            raise DriveError(f"{one.key.world}: {printable(one.detail)}")
+    return {key.scenario: max(len(one.steps) for one in found if one.key == key) for key in keys}
+
+
+def sample_of(planned: Episodes, most: int = _PICTURES) -> Sample:
+    """Return what a probe asks before drives: their words, with the first real picture of each of their first worlds.
+
+    Worlds are opened in a process of their own. One that shows none is passed over; raises SpecError where none of
+    ``most`` shows any.
+    """
+    keys = list({key.world: replace(key, condition="real") for key in planned.keys}.values())[:most]
+    found, why = list[Stimulus](), ""
+    for shown in asyncio.run(_shown(planned.setup, keys)):
+        if isinstance(shown, str):
+            why = shown
+            continue
+        found.append(through(planned.drivers.view, shown.stimulus, shown.frame))
+    if not found:
+        raise SpecError(f"no world of {planned.manifest.simulator} shows a picture to probe a model with: {why}")
+    drivers = planned.drivers
+    return Sample([(drivers.prompt, seen) for seen in found], drivers.answers)
+
+
+async def _shown(setup: Setup, keys: Sequence[EpisodeKey]) -> list[Shown | str]:
+    """Return what each world shows first, or in words why it shows nothing."""
+    found: list[Shown | str] = []
+    worker = LocalWorker(setup, patience_s=PATIENCE_S)
+    try:
+        for key in keys:
+            if worker.dead:
+                worker.close()
+                worker = LocalWorker(setup, patience_s=PATIENCE_S)
+            try:
+                shown = await worker.ask("open", key)
+                await worker.ask("close", key)
+            except WorkerDiedError as error:
+                shown = Episode(key, (), "error", "", str(error))
+            assert isinstance(shown, Shown | Episode)
+            found.append(shown if isinstance(shown, Shown) else printable(shown.detail))
+    finally:
+        worker.close()
+    return found

@@ -6,12 +6,12 @@ import signal
 import threading
 from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 from eyechart.attempts import Caller, budget_of, close, first_error
 from eyechart.calls import CallKey, Reply
-from eyechart.episodes.nouns import Episode, EpisodeKey
+from eyechart.episodes.records import Episode, EpisodeKey
 from eyechart.episodes.workers import Worker, WorkerDiedError
 from eyechart.episodes.worlds import Shown
 from eyechart.errors import EyechartError
@@ -118,59 +118,49 @@ class _NotRepeatedError(EyechartError):
     """A world that is driven again shows other pictures than before."""
 
 
+@dataclass
 class _Slot:
     """The place of one worker, where another takes over when it dies."""
 
-    def __init__(self, open_worker: Callable[[], Worker]) -> None:
-        self._open_worker = open_worker
-        self.worker = open_worker()
-        self.worlds = 0
-
-    def renew(self) -> None:
-        """Start another worker where this one is dead."""
-        if self.worker.dead:
-            self.worker.close()
-            self.worker = self._open_worker()
+    worker: Worker
+    worlds: int = 0
 
 
+@dataclass
 class _Coordinator:
     """One event loop over the episodes that remain; worlds are driven in their workers, models asked here."""
 
-    def __init__(
-        self,
-        drivers: Drivers,
-        open_worker: Callable[[], Worker],
-        keep: Callable[[Episode], None],
-        finished: dict[EpisodeKey, dict[CallKey, tuple[Reply, str]]],
-    ) -> None:
-        self._drivers, self._open_worker, self._keep, self._finished = drivers, open_worker, keep, finished
-        self._slots: list[_Slot] = []
-        self._alone = asyncio.Lock()
-        self._paces: dict[str, Pace] = {}
-        self._caller: Caller | None = None
+    drivers: Drivers
+    open_worker: Callable[[], Worker]
+    keep: Callable[[Episode], None]
+    finished: dict[EpisodeKey, dict[CallKey, tuple[Reply, str]]]
+    slots: list[_Slot] = field(default_factory=list)
+    alone: asyncio.Lock = field(default_factory=asyncio.Lock)
+    paces: dict[str, Pace] = field(default_factory=dict)
+    caller: Caller | None = None
 
     async def run(self, todo: Sequence[EpisodeKey], ledger: Ledger | None, bounds: Bounds) -> Outcome:
-        models = self._drivers.models
+        models = self.drivers.models
         budget = None if ledger is None else budget_of(bounds.limits, tuple(models), ledger)
         if ledger is not None and budget is not None:
-            self._caller = Caller(ledger, budget, attempts=bounds.attempts, silent=self._drivers.silent)
+            self.caller = Caller(ledger, budget, attempts=bounds.attempts, silent=self.drivers.silent)
         own = [key for key in todo if key.policy not in models]
         asked = {spec: [key for key in todo if key.policy == spec] for spec in models}
         with _terminated_as_interrupted():
             try:
                 for _ in range(min(bounds.processes, len(todo))):
-                    self._slots.append(_Slot(self._open_worker))
+                    self.slots.append(_Slot(self.open_worker()))
                 async with asyncio.TaskGroup() as group:
                     queue = iter(own)
-                    for slot in self._slots:
+                    for slot in self.slots:
                         group.create_task(self._policies(queue, slot))
                     for spec, keys in asked.items():
-                        self._paces[spec] = Pace(bounds.concurrency)
+                        self.paces[spec] = Pace(bounds.concurrency)
                         waiting = iter(keys)
                         for _ in range(min(bounds.concurrency, len(keys))):
                             group.create_task(self._model(waiting))
             finally:
-                for slot in self._slots:
+                for slot in self.slots:
                     slot.worker.close()
                 for model in models.values():
                     await close(model)
@@ -179,36 +169,38 @@ class _Coordinator:
     async def _policies(self, queue: Iterator[EpisodeKey], slot: _Slot) -> None:
         """Let one worker drive one episode after another, none of whose steps comes here."""
         for key in queue:
-            self._keep(await self._survive(key, slot, partial(self._drive_alone, key)))
+            self.keep(await self._survive(key, slot, partial(self._drive_alone, key)))
 
     async def _drive_alone(self, key: EpisodeKey, worker: Worker) -> Episode:
-        episode = await worker.ask("drive", key, self._drivers.policies[key.policy])
+        episode = await worker.ask("drive", key, self.drivers.policies[key.policy])
         assert isinstance(episode, Episode)
         return episode
 
     async def _model(self, queue: Iterator[EpisodeKey]) -> None:
         """Drive one episode of a model after another, each in the worker with the fewest of them."""
         for key in queue:
-            slot = min(self._slots, key=lambda one: one.worlds)
+            slot = min(self.slots, key=lambda one: one.worlds)
             slot.worlds += 1
             try:
-                self._keep(await self._survive(key, slot, partial(self._ask_through, key)))
+                self.keep(await self._survive(key, slot, partial(self._ask_through, key)))
             except _CutError:
                 continue
             except _StoppedError:
                 return
             finally:
                 slot.worlds -= 1
-            self._finished.pop(key, None)
+            self.finished.pop(key, None)
 
     async def _survive(self, key: EpisodeKey, slot: _Slot, drive: Callable[[Worker], Awaitable[Episode]]) -> Episode:
         """Drive an episode; where its worker dies, once more in a worker of its own, and then it is an error."""
         try:
             return await drive(slot.worker)
         except WorkerDiedError:
-            slot.renew()
-        async with self._alone:
-            worker = self._open_worker()
+            if slot.worker.dead:
+                slot.worker.close()
+                slot.worker = self.open_worker()
+        async with self.alone:
+            worker = self.open_worker()
             try:
                 return await drive(worker)
             except WorkerDiedError as error:
@@ -228,16 +220,16 @@ class _Coordinator:
                 await worker.ask("close", key)
                 raise
             else:
-                shown = await worker.ask("act", key, decide(reply, self._drivers), reply.error or "")
+                shown = await worker.ask("act", key, decide(reply, self.drivers), reply.error or "")
         assert isinstance(shown, Episode)
         return shown
 
     async def _reply(self, key: EpisodeKey, shown: Shown) -> Reply:
         """Return the reply of a finished call, or make the call."""
-        drivers, call = self._drivers, key.call(self._drivers.prompt.key, shown.step)
+        drivers, call = self.drivers, key.call(self.drivers.prompt.key, shown.step)
         seen = through(drivers.view, shown.stimulus, shown.frame)
         query = drivers.prompt.query(seen, call.seed(drivers.seed), drivers.answers)
-        known = self._finished.setdefault(key, {})
+        known = self.finished.setdefault(key, {})
         if call in known:
             reply, digest = known[call]
             if digest != query.sha256():
@@ -246,8 +238,8 @@ class _Coordinator:
                     "it does not repeat itself"
                 )
             return reply
-        assert self._caller is not None
-        made = await self._caller.call(call, query, drivers.models[key.policy], self._paces[key.policy])
+        assert self.caller is not None
+        made = await self.caller.call(call, query, drivers.models[key.policy], self.paces[key.policy])
         if made is None:
             raise _StoppedError
         if not made.finished:

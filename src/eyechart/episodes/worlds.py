@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from eyechart.conditions import show
-from eyechart.episodes.nouns import Episode, EpisodeKey, Step
+from eyechart.episodes.records import Episode, EpisodeKey, Step
 from eyechart.errors import SpecError
 from eyechart.frames import MAIN, RGB, Frame, Scalar, Stimulus, alone, decode, encode, rounded_truth
 from eyechart.modes import without_secrets

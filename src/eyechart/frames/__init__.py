@@ -1,11 +1,15 @@
 """A frame bank is a Hugging Face imagefolder with a manifest that fixes its geometry and its pictures."""
 
+from eyechart.frames.folder import BankWriter, check, open_bank, open_unchecked, read_axis, read_metadata
 from eyechart.frames.nouns import (
+    DISTANCES,
+    FILE_SUFFIX,
     IMPORTED,
     LEAD_GAP,
     MAIN,
     BankManifest,
     Camera,
+    Controls,
     Frame,
     FrameBank,
     Gap,
@@ -28,10 +32,10 @@ from eyechart.frames.pictures import (
     read_bounded,
     size_of,
 )
-from eyechart.frames.reading import check, open_bank, open_unchecked, read_axis, read_metadata
-from eyechart.frames.writing import BankWriter
 
 __all__ = [
+    "DISTANCES",
+    "FILE_SUFFIX",
     "IMPORTED",
     "LEAD_GAP",
     "MAIN",
@@ -41,6 +45,7 @@ __all__ = [
     "BankManifest",
     "BankWriter",
     "Camera",
+    "Controls",
     "Frame",
     "FrameBank",
     "Gap",

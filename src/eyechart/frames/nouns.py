@@ -4,9 +4,10 @@ import hashlib
 import json
 import math
 import re
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -28,6 +29,9 @@ IMPORTED = "import"
 
 FORMAT = "eyechart-bank/1"
 FILE_SUFFIX = "_file_name"
+DISTANCES = ("lane_near_m", "lane_far_m", "lead_mid_near_m", "lead_mid_far_m")
+"""Columns that say where drawn controls put a vehicle; they belong to the pictures, not to the moment."""
+
 RESERVED = {"file_name", "frame_id", "scenario", "episode", "step", "mirror_axis"}
 _EXACT = 2**53
 
@@ -43,6 +47,19 @@ class Gap:
     def __post_init__(self) -> None:
         if not math.isfinite(self.threshold):
             raise ValueError(f"the gap's threshold is {self.threshold!r}, not a number")
+
+    def of(self, frame: "Frame") -> float:
+        """Return a frame's gap, infinite where there is no lead; raises BankError where its column holds no number."""
+        if self.column not in frame.truth:
+            raise BankError(f"frame '{frame.id}' has no column '{self.column}', which the bank declares as its gap")
+        value = frame.truth[self.column]
+        if isinstance(value, bool | str):
+            raise BankError(f"frame '{frame.id}': the gap '{self.column}' is {value!r}, not a number")
+        return math.inf if value is None else float(value)
+
+    def near(self, frame: "Frame") -> bool:
+        """Return whether a frame's gap is below the threshold."""
+        return self.of(frame) < self.threshold
 
 
 LEAD_GAP = Gap(column="lead_gap_m", threshold=18.0, unit="m")
@@ -112,9 +129,17 @@ class Frame:
         """Return the axis of the first camera; none where any camera has none: the frame cannot be mirrored."""
         return "none" if any(one.mirror_axis == "none" for one in self.cameras) else self.cameras[0].mirror_axis
 
+    @property
+    def drive(self) -> str:
+        """Return the name of the frame's episode among all: names of episodes may recur in another scenario."""
+        return f"{self.scenario}/{self.episode}"
+
     def geometry(self) -> str:
-        """Return the digest of the frame's identity and its ground truth to 3 decimals (docs/decisions/0007)."""
-        truth = {name: _canonical(self.truth[name]) for name in sorted(self.truth)}
+        """Return the digest of the frame's identity and its ground truth to 3 decimals (docs/decisions/0007).
+
+        Where its controls were drawn has no part in it: they may be drawn anew for the same moment.
+        """
+        truth = {name: _canonical(self.truth[name]) for name in sorted(self.truth) if name not in DISTANCES}
         parts = [self.id, self.scenario, self.episode, self.step, self.mirror_axis, truth]
         if self.fields:
             parts.append({name: _canonical(self.fields[name]) for name in sorted(self.fields)})
@@ -172,6 +197,17 @@ def rounded_truth(truth: Mapping[str, object], frame_id: str) -> dict[str, Scala
 
 
 @dataclass(frozen=True, slots=True)
+class Controls:
+    """Where a bank's control pictures put a vehicle: by frame id the distances, and the seed by which they were drawn.
+
+    The seed is None where nobody drew them by one.
+    """
+
+    seed: int | None = None
+    distances: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
 class BankManifest:
     """What a bank says of itself: where its pictures come from, and the digests that fix them.
 
@@ -180,6 +216,7 @@ class BankManifest:
     ``absent`` the places that the source did not record (scenario, episode, step), and ``independent`` its
     owner's word that the frames are independent draws. ``cameras`` are those of every frame where there are several,
     ``state`` the columns of numbers that a controller may see; a bank that says none of these is as it always was.
+    ``controls`` holds the truth of its control pictures.
     """
 
     simulator: str
@@ -196,6 +233,7 @@ class BankManifest:
     independent: bool = False
     cameras: tuple[Camera, ...] = ()
     state: tuple[str, ...] = ()
+    controls: Controls = field(default_factory=Controls)
 
     def __post_init__(self) -> None:
         require_exchanged(self.cameras)
@@ -221,20 +259,18 @@ class BankManifest:
             **self._declared(),
             "geometry": dict(self.geometry),
             "images": dict(self.images),
+            **({} if self.controls == Controls() else {"controls": plain(self.controls)}),
         }
 
     def _declared(self) -> dict[str, object]:
+        names = ("prompt_columns", "absent", "independent", "cameras", "state")
         return {
             "simulator": self.simulator,
             "preset": self.preset,
             "picture": self.picture,
             "action_space": self.action_space.as_dict(),
             "gap": plain(self.gap),
-            **({"prompt_columns": list(self.prompt_columns)} if self.prompt_columns else {}),
-            **({"absent": list(self.absent)} if self.absent else {}),
-            **({"independent": True} if self.independent else {}),
-            **({"cameras": plain(self.cameras)} if self.cameras else {}),
-            **({"state": list(self.state)} if self.state else {}),
+            **{name: plain(value) for name in names if (value := getattr(self, name))},
             "settings": dict(self.settings),
             "versions": dict(self.versions),
         }
@@ -252,13 +288,6 @@ class FrameBank:
     manifest: BankManifest
     said: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "_by_id", {frame.id: frame for frame in self.frames})
-        grouped: dict[str, list[Frame]] = {}
-        for frame in self.frames:
-            grouped.setdefault(frame.scenario, []).append(frame)
-        object.__setattr__(self, "_by_scenario", {name: tuple(frames) for name, frames in grouped.items()})
-
     def __repr__(self) -> str:
         episodes = len({frame.episode for frame in self.frames})
         return f"<FrameBank {self.name}: {len(self)} frames, {episodes} episodes, in {self.root}>"
@@ -271,10 +300,13 @@ class FrameBank:
 
     def frame(self, frame_id: str) -> Frame:
         """Return the frame of this id; raises BankError where the bank has none."""
-        by_id: dict[str, Frame] = self.__dict__["_by_id"]
-        if frame_id not in by_id:
+        if frame_id not in self._by_id:
             raise BankError(f"the bank {self.root} has no frame '{frame_id}'")
-        return by_id[frame_id]
+        return self._by_id[frame_id]
+
+    @cached_property
+    def _by_id(self) -> dict[str, Frame]:
+        return {frame.id: frame for frame in self.frames}
 
     def images(self, frame: Frame, counterfactual: str | None = None) -> dict[str, bytes]:
         """Return the encoded pictures of a frame by camera, or those of one of its counterfactuals.
@@ -309,11 +341,13 @@ class FrameBank:
             )
         return picture
 
-    @property
+    @cached_property
     def scenarios(self) -> Mapping[str, tuple[Frame, ...]]:
         """Return the frames of each scenario, in the bank's order."""
-        by_scenario: dict[str, tuple[Frame, ...]] = self.__dict__["_by_scenario"]
-        return by_scenario
+        grouped = defaultdict[str, list[Frame]](list)
+        for frame in self.frames:
+            grouped[frame.scenario].append(frame)
+        return {name: tuple(frames) for name, frames in grouped.items()}
 
     @property
     def name(self) -> str:

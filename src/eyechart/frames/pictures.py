@@ -3,9 +3,10 @@
 import io
 import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
+from stat import S_ISLNK, S_ISREG
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +24,8 @@ def inside(root: Path, file: str) -> Path:
     pure = PurePosixPath(file)
     path = root / pure
     try:
-        outside = (
-            pure.is_absolute() or ".." in pure.parts or not path.resolve().is_relative_to(_resolved(root.absolute()))
-        )
+        home = _resolved(root.absolute())
+        outside = pure.is_absolute() or ".." in pure.parts or not _real(path).is_relative_to(home)
     except (OSError, ValueError, RuntimeError) as error:  # a name too long, with a NUL, or a loop of links
         raise BankError(f"{file!r} is no file of the bank {root}: {error}") from error
     if outside:
@@ -33,20 +33,29 @@ def inside(root: Path, file: str) -> Path:
     return path
 
 
+def _real(path: Path) -> Path:
+    """Return where a path leads: its folder is remembered, and a link is followed whenever it is asked."""
+    with suppress(OSError):
+        if S_ISLNK(path.lstat().st_mode):
+            return path.resolve()
+    return _resolved(path.parent.absolute()) / path.name
+
+
 @lru_cache(maxsize=64)
-def _resolved(root: Path) -> Path:
+def _resolved(folder: Path) -> Path:
     """Return a bank's folder, given from the root on, without links; a bank does not move while it is read."""
-    return root.resolve()
+    return folder.resolve()
 
 
 def read_bounded(root: Path, file: str) -> bytes:
     """Return a bank file's bytes; raises BankError if it is missing, no file, outside the bank, or above 64 MB."""
     path = inside(root, file)
     try:
-        if path.exists() and not path.is_file():
+        found = path.stat()
+        if not S_ISREG(found.st_mode):
             raise BankError(f"'{file}' of the bank {root} is no file")
-        if path.stat().st_size > MAX_IMAGE_BYTES:
-            raise BankError(f"'{file}' has {path.stat().st_size} bytes; the limit is {MAX_IMAGE_BYTES}")
+        if found.st_size > MAX_IMAGE_BYTES:
+            raise BankError(f"'{file}' has {found.st_size} bytes; the limit is {MAX_IMAGE_BYTES}")
         return path.read_bytes()
     except OSError as error:
         raise BankError(f"'{file}' of the bank {root} cannot be read: {error.strerror}") from error

@@ -37,6 +37,7 @@ MOST_AT_ONCE = 64
 """Pictures that may be under way; one more is abstained from at once, so that a loop that is held holds no memory."""
 _WORDS = 200
 _BLANK_PX = 64
+_HELD = "no vote came by the deadline: something holds the models' event loop"
 _FULL = f"{MOST_AT_ONCE} pictures are under way already: something holds the models' event loop"
 
 
@@ -49,9 +50,8 @@ class Guardian:
     def __init__(
         self, frozen: Frozen, models: Mapping[str, Model], interface: Interface, *, deadline_s: float = DEADLINE_S
     ) -> None:
-        if not 0 < deadline_s < 3600:
-            raise GuardianError(f"deadline_s={deadline_s} must be a number of seconds above 0 and below 3600")
         self.frozen, self.models, self.deadline_s = frozen, models, deadline_s
+        self._limit(None)
         self._interface = interface
         self._pool = ThreadPoolExecutor(4, "eyechart-views")
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -86,8 +86,13 @@ class Guardian:
             raise GuardianError(f"{path} has no model '{unknown[0]}'; it has {', '.join(frozen.committee)}")
         models = {}
         for spec in frozen.committee:
-            mode = _deployed(spec, frozen.about.modes.get(spec), given.get(spec))
-            models[spec] = open_model(spec, mode)
+            mode, other = frozen.about.modes.get(spec), given.get(spec)
+            if mode is not None and other is not None and not mode.differs_in_address_only(other):
+                raise GuardianError(
+                    f"'{spec}' would be asked otherwise than when the guardian was chosen: only base_url, key_env, "
+                    "headers and timeout_s of its mode may differ"
+                )
+            models[spec] = open_model(spec, other or mode)
             chosen, here = frozen.about.versions.get(spec), models[spec].version
             if chosen != here:
                 raise GuardianError(
@@ -110,7 +115,7 @@ class Guardian:
             return future.result(limit)
         except TimeoutError:
             future.cancel()
-            return self._silent(start, "no vote came by the deadline: something holds the models' event loop")
+            return self._silent(start, _HELD)
 
     async def assess_async(self, image: bytes, *, deadline_s: float | None = None) -> Assessment:
         """Return what `assess` does, without blocking the caller's event loop."""
@@ -221,7 +226,7 @@ class Guardian:
                 future = self._submit(work)
                 return self._silent(start, _FULL) if future is None else await asyncio.wrap_future(future)
         except TimeoutError:
-            return self._silent(start, "no vote came by the deadline: something holds the models' event loop")
+            return self._silent(start, _HELD)
 
     async def _assess(self, image: bytes, start: float, limit: float) -> Assessment:
         try:
@@ -238,41 +243,38 @@ class Guardian:
         return await self._ask(pictures, start, limit)
 
     async def _ask(self, pictures: Pictures, start: float, limit: float) -> Assessment:
-        tasks = {
-            (spec, view): asyncio.create_task(self._vote(spec, model, picture, view, self._interface.read))
+        asked = {
+            (spec, view): self._vote(spec, model, picture, view, self._interface.read)
             for spec, model in self.models.items()
             for view, picture in zip(VIEWS, pictures, strict=True)
         }
-        self._tasks.update(tasks.values())
-        for task in tasks.values():
-            task.add_done_callback(self._tasks.discard)
-        try:
-            await asyncio.wait(tasks.values(), timeout=_left(start, limit))
-        finally:
-            for task in tasks.values():
-                task.cancel()  # of what is done already, without effect
-        votes: dict[tuple[str, str], tuple[Vote, str]] = {}
-        for key, task in tasks.items():
-            done = task.done() and not task.cancelled()
-            votes[key] = task.result() if done else (None, f"late: no reply within {limit:g} s")
-        return self._answer(votes, start)
+        late = f"late: no reply within {limit:g} s"
+        return self._answer(await self._votes(asked, _left(start, limit), late), start)
 
     async def _warm(self, limit_s: float) -> dict[str, str]:
         blank = encode(np.full((_BLANK_PX, _BLANK_PX, 3), 128, dtype=np.uint8))
         asked = {
-            spec: asyncio.create_task(self._vote(spec, model, blank, VIEWS[0], lambda _: (None, "")))
-            for spec, model in self.models.items()
+            spec: self._vote(spec, model, blank, VIEWS[0], lambda _: (None, "")) for spec, model in self.models.items()
         }
-        self._tasks.update(asked.values())
-        try:
-            await asyncio.wait(asked.values(), timeout=limit_s)
-        finally:
-            for task in asked.values():
-                task.add_done_callback(self._tasks.discard)
-                task.cancel()
-        late = None, f"no reply within {limit_s:g} s"
-        found = {spec: task.result() if task.done() else late for spec, task in asked.items()}
+        found = await self._votes(asked, limit_s, f"no reply within {limit_s:g} s")
         return {spec: encodable(why) for spec, (_, why) in found.items() if why}
+
+    async def _votes(
+        self, asked: Mapping[T, Coroutine[Any, Any, tuple[Vote, str]]], limit_s: float, late: str
+    ) -> dict[T, tuple[Vote, str]]:
+        """Return the votes that come within so many seconds; of the others why they are missing."""
+        tasks = {key: asyncio.create_task(one) for key, one in asked.items()}
+        self._tasks.update(tasks.values())
+        for task in tasks.values():
+            task.add_done_callback(self._tasks.discard)
+        try:
+            await asyncio.wait(tasks.values(), timeout=limit_s)
+        finally:
+            for task in tasks.values():
+                task.cancel()  # of what is done already, without effect
+        return {
+            key: task.result() if task.done() and not task.cancelled() else (None, late) for key, task in tasks.items()
+        }
 
     async def _vote(
         self, spec: str, model: Model, picture: bytes, view: str, read: Callable[[Reply], tuple[Vote, str]]
@@ -350,15 +352,3 @@ def _turn(loop: asyncio.AbstractEventLoop) -> None:
 def _left(start: float, limit: float) -> float:
     """Return the seconds that are left for votes."""
     return max(0.0, limit - min(_MARGIN_S, limit / 10) - (time.perf_counter() - start))
-
-
-def _deployed(spec: str, chosen: RequestMode | None, given: RequestMode | None) -> RequestMode | None:
-    """Return the mode to ask a model in: the given one, where it differs from the chosen one in its address only."""
-    if given is None or chosen is None:
-        return given or chosen
-    if not chosen.differs_in_address_only(given):
-        raise GuardianError(
-            f"'{spec}' would be asked otherwise than when the guardian was chosen: only base_url, key_env, headers and "
-            "timeout_s of its mode may differ"
-        )
-    return given

@@ -1,6 +1,6 @@
 """What is known against the members of a guardian: votes that are missing, clauses and guards that their run failed."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -55,16 +55,16 @@ def members_of(
         if isinstance(study_of(run), Structured):
             found = structured.score(run, resamples=_FEW, reread=reread)
             scores.update(dict.fromkeys(found.models, found))
-    return tuple(_member(model, table, scores) for model in committee if model in scores)
-
-
-def _member(model: str, table: VoteTable, scores: Mapping[str, structured.StructuredScore]) -> Member:
-    score, place = scores[model], table.models.index(model)
-    return Member(
-        model=model,
-        votes=len(VIEWS) * len(table.frames),
-        missing=table.missing(model),
-        contradicting=0 if table.contradicting is None else int(table.contradicting[place].sum()),
-        clauses=tuple(one.name for one in score.models[model].clauses if not one.passes),
-        guards=tuple(one.name for one in score.guards[model] if one.holds is False),
+    against = table.contradicting
+    return tuple(
+        Member(
+            model=model,
+            votes=len(VIEWS) * len(table.frames),
+            missing=table.missing(model),
+            contradicting=0 if against is None else int(against[table.models.index(model)].sum()),
+            clauses=tuple(one.name for one in scores[model].models[model].clauses if not one.passes),
+            guards=tuple(one.name for one in scores[model].guards[model] if one.holds is False),
+        )
+        for model in committee
+        if model in scores
     )

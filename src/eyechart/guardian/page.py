@@ -13,7 +13,7 @@ from eyechart.stats.committee import ABSTAIN, answers
 from eyechart.stats.paired import Discordant
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.album import view_uri
-from eyechart.studies.guardian import VIEWS, Bound, Frozen, GuardianScore, Nested, Replay
+from eyechart.studies.guardian import ESTIMANDS, VIEWS, Bound, Frozen, GuardianScore, Nested, Replay
 
 MOST_PICTURES = 24
 MOST_ROWS = 3000
@@ -56,13 +56,9 @@ def guardian_page(found: GuardianScore, bank: FrameBank | None) -> Page:
     return Page(html, {"curve": [drawn]})
 
 
+@style()
 def curve(found: GuardianScore) -> Drawing:
     """Draw the share of wrong answers against the share of frames answered, with the operating points on it."""
-    with style():
-        return _curve(found)
-
-
-def _curve(found: GuardianScore) -> Drawing:
     figure, axes = canvas(6.4, 3.4, (0.7, 0.2, 0.55, 0.2))
     points = [(one.answered / one.frames, one.wrong / one.answered) for one in found.curve]
     axes.plot([x for x, _ in points], [y for _, y in points], color=BLUE, linewidth=1.6, marker="o", markersize=3)
@@ -231,24 +227,31 @@ def _method(found: GuardianScore) -> str:
 
 def bound_lines(found: Bound) -> Iterator[str]:
     """Yield in words what is bounded, by how many episodes, and where that holds."""
-    if found.rate.ci is None or found.any_miss.ci is None:
+    if found.rate.ci is None or found.frame_rate.ci is None or found.any_miss.ci is None:
         yield f"no bound: {found.rate.note}; {found.needed_at_best} episodes without a miss would bound it by 1 %"
         return
     at = f"at {100 * found.confidence:g} % confidence"
     yield (
-        f"Missed-hazard rate (share of an episode's hazardous frames called clear, each episode alike): "
-        f"{number(found.rate.value, 4)}, at most {found.rate.ci[1]:.4f} {at}, from {found.episodes} episodes"
+        f"Missed-hazard rate per episode ({ESTIMANDS['missed_hazard_rate']}): {number(found.rate.value, 4)}, at most "
+        f"{found.rate.ci[1]:.4f} {at}, from {found.episodes} episodes"
+    )
+    longest = (found.frame_rate.detail or {})["longest"]
+    yield (
+        f"Missed-hazard rate per frame ({ESTIMANDS['missed_hazard_rate_per_frame']}): "
+        f"{number(found.frame_rate.value, 4)}, at most {found.frame_rate.ci[1]:.4f} {at}, from {found.frame_rate.n} "
+        f"hazardous frames of {found.episodes} episodes, none of more than {longest} frames"
     )
     yield (
-        f"Episodes with any miss: {number(found.any_miss.value, 4)}, at most {found.any_miss.ci[1]:.4f} {at}; for 1 % "
-        f"it needs {found.needed} episodes without a further miss ({found.needed_at_best} without any)"
+        f"Episodes with any miss ({ESTIMANDS['any_miss_in_an_episode']}): {number(found.any_miss.value, 4)}, at most "
+        f"{found.any_miss.ci[1]:.4f} {at}, from {found.episodes} episodes; for 1 % it needs {found.needed} episodes "
+        f"without a further miss ({found.needed_at_best} without any)"
     )
     kept = found.conformal_threshold
     threshold = "no two-way threshold" if kept is None else f"a two-way threshold of at most {kept}"
     risks = ", ".join(f"{place}: {risk:.3f}" for place, risk in enumerate(found.conformal, 1))
     yield (
-        f"In expectation only (conformal risk control, no confidence): expected share missed at most {found.risk:g} "
-        f"with {threshold}; by threshold {risks}"
+        f"In expectation only (conformal risk control, no confidence; {ESTIMANDS['conformal']}): at most "
+        f"{found.risk:g} with {threshold}; by threshold {risks}"
     )
     yield f"The bounds are {found.scope}"
 
@@ -267,6 +270,11 @@ def replay_lines(found: Replay) -> Iterator[str]:
     yield (
         f"Agreement with the renderer policy: {number(found.agreement.value)} (n {found.agreement.n}); where the "
         f"guardian answered {number(found.agreement_answered.value)} (n {found.agreement_answered.n})"
+    )
+    yield (
+        f"The ceiling, a perfect guardian that answers the truth on every frame: {number(found.ceiling.value)} (n "
+        f"{found.ceiling.n}); where this one answered {number(found.ceiling_answered.value)} (n "
+        f"{found.ceiling_answered.n})"
     )
     yield (
         f"The guardian answered on {number(found.answered.value)} of them (n {found.answered.n}); where it abstains "

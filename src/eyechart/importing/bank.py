@@ -1,28 +1,44 @@
-"""Rows and pictures become a bank, or one line that says why not; nothing half-written stays."""
+"""Rows and pictures become a bank, or one line that says why not; nothing half-written stays.
 
+A picture of one's own is copied as it is, after a look at whether every model would see the same in it.
+"""
+
+import io
+import warnings
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
+from itertools import count
+from pathlib import Path, PurePosixPath
+from typing import TypeVar
 
-from eyechart.errors import SourceError
+from PIL import Image, UnidentifiedImageError
+
+from eyechart.conditions import undrawn_controls
+from eyechart.errors import BankError, SourceError
 from eyechart.frames import (
     IMPORTED,
+    MAX_IMAGE_BYTES,
     BankManifest,
     BankWriter,
     Frame,
     FrameBank,
     Gap,
     MirrorAxis,
-    Scalar,
     alone,
+    decode,
+    inside,
     is_reserved,
     open_bank,
 )
 from eyechart.importing import columns as reading
-from eyechart.importing.pictures import place_of, read_picture
 from eyechart.importing.tables import MOST_CELL, Cell, Progress, Row, Table, open_table
 from eyechart.spaces.discrete import DRIVING, Discrete
 
+T = TypeVar("T")
+
+FORMATS = ("PNG", "JPEG", "WEBP")
+_ORIENTATION = 0x0112
 MOST_FRAMES = 100_000
 MOST_ROWS = 20_000_000
 MOST_TEXT = 400_000_000
@@ -30,15 +46,16 @@ MOST_TEXT = 400_000_000
 ALL = "all"
 """The name of the one scenario, and of the one episode, of a bank whose source records none."""
 
-Pictures = Callable[[Sequence[Frame]], Iterator[tuple[Frame, Mapping[str, bytes]]]]
-"""Yields every frame with its encoded pictures by camera, in any order."""
+Shown = tuple[Frame, Mapping[str, bytes], Mapping[str, Mapping[str, bytes]]]
+"""A frame with its encoded pictures by camera, and those of its counterfactuals."""
 
 
 @dataclass(frozen=True)
 class Choices:
     """What the owner of the pictures says of them.
 
-    ``columns`` maps a place (file, gap, episode, step, scenario) to a column, an empty name to none; ``rig`` says which
+    ``columns`` maps a place (file, gap, episode, step, scenario; lead_near, lane_own and the other pictures with one
+    thing changed) to a column, an empty name to none; ``rig`` says which
     are of several cameras and of the state, and else ``mirror`` is the axis of the one. ``threshold`` and ``unit``
     belong to the gap. ``independent`` declares frames without episodes to be independent draws, and
     ``prompt_columns`` what a prompt may say. Every ``every``-th frame of an episode is taken.
@@ -65,6 +82,14 @@ class Kept:
     places: Mapping[str, str]
     table: Table
 
+    def named(self) -> Iterator[tuple[Row, str]]:
+        """Yield the rows with what a message calls each."""
+        return zip(self.rows, (f"{self.table.name}, row {number}" for number in self.numbers), strict=True)
+
+    def read(self, column: str, reader: Callable[[Cell, str], T], what: str) -> list[T]:
+        """Read the cells of a column, which are ``what``; raises SourceError, naming the row, for one that is not."""
+        return [reader(row.get(column), f"{where}: {what}") for row, where in self.named()]
+
 
 def import_table(
     folder: Path,
@@ -84,11 +109,16 @@ def import_table(
         raise SourceError(f"{folder} is no folder; the first argument is the folder of the pictures")
     kept = keep(open_table(table, reads), choices)
 
-    def pictures(frames: Sequence[Frame]) -> Iterator[tuple[Frame, Mapping[str, bytes]]]:
-        for frame, number in zip(frames, kept.numbers, strict=True):
-            what = f"{kept.table.name}, row {number}"
+    def pictures(frames: Sequence[Frame]) -> Iterator[Shown]:
+        for frame, (_, where) in zip(frames, kept.named(), strict=True):
             files = {name: file.removeprefix(_under(choices, name)) for name, file in frame.pictures.items()}
-            yield frame, {name: read_picture(folder, file, what) for name, file in files.items()}
+            drawn = {
+                kind: {
+                    name: read_picture(folder, file.removeprefix(_beside(kind)), where) for name, file in one.items()
+                }
+                for kind, one in frame.counterfactuals.items()
+            }
+            yield frame, {name: read_picture(folder, file, where) for name, file in files.items()}, drawn
 
     frames = frames_of(kept, choices, lambda name, what: place_of(folder, name, what))
     return write(out, folder, frames, pictures, kept=kept, choices=choices, progress=progress)
@@ -111,20 +141,16 @@ def keep(table: Table, choices: Choices) -> Kept:
             continue
         rows.append(row)
         numbers.append(number)
-        text += sum(50 + (len(cell) if isinstance(cell, str) else 0) for cell in row.values())
-        _check_cells(table, number, row)
+        for name, cell in row.items():
+            text += 50 + (len(cell) if isinstance(cell, str) else 0)
+            if isinstance(cell, str) and len(cell) > MOST_CELL:
+                raise SourceError(f"{table.name}, row {number}: '{name}' has more than {MOST_CELL} characters")
         _check_count(table, number, len(rows))
         if text > MOST_TEXT:
             raise SourceError(f"{table.name} holds more than {MOST_TEXT} characters; take every Nth row with --every N")
     if not rows:
         raise SourceError(f"{table.name} has no rows; each row is a frame")
     return Kept(rows, numbers, places, table)
-
-
-def _check_cells(table: Table, number: int, row: Row) -> None:
-    for name, cell in row.items():
-        if isinstance(cell, str) and len(cell) > MOST_CELL:
-            raise SourceError(f"{table.name}, row {number}: '{name}' has more than {MOST_CELL} characters")
 
 
 def _check_count(table: Table, rows: int, frames: int) -> None:
@@ -164,25 +190,25 @@ def frames_of(kept: Kept, choices: Choices, locate: Callable[[str, str], str]) -
 
     Raises SourceError, naming table and row, for a cell that is not what its place needs.
     """
-    columns = {name: [row.get(name) for row in kept.rows] for name in kept.table.columns if name}
     truth_names, _ = reading.others(kept.places, choices.prompt_columns, kept.table.columns)
-    truth: dict[str, list[Scalar]] = {
-        name: reading.read_truth(columns[name], name, typed=kept.table.typed) for name in truth_names
+    truth = {
+        name: reading.read_truth([row.get(name) for row in kept.rows], name, typed=kept.table.typed)
+        for name in truth_names
     }
-    whats = [f"{kept.table.name}, row {number}" for number in kept.numbers]
     roles = ("file", *(role for role in kept.places if role.startswith("camera ")))
-    files = [_files(kept, role, columns, whats, locate) for role in roles]
-    state = {} if choices.rig is None else _states(choices.rig, columns, whats)
+    files = [_files(kept, role, locate) for role in roles]
+    state = {} if choices.rig is None else _states(choices.rig, kept)
     if clash := sorted(state.keys() & {*truth, *choices.prompt_columns}):
         raise SourceError(f"--rig: the state '{clash[0]}' has the name of a column that is kept; give it another name")
     cameras = alone(choices.mirror) if choices.rig is None else choices.rig.cameras
-    if "gap" in kept.places:
-        truth[kept.places["gap"]] = _gaps(kept, columns[kept.places["gap"]], whats)
-    scenarios, episodes, steps = _placed(kept, columns, whats, independent=choices.independent)
-    said = {
-        name: [reading.read_said(cell, f"{what}: '{name}'") for cell, what in zip(columns[name], whats, strict=True)]
-        for name in choices.prompt_columns
-    }
+    if name := kept.places.get("gap"):
+        truth[name] = [*kept.read(name, reading.read_number, f"the gap '{name}'")]
+        if all(gap is None for gap in truth[name]):
+            empty = f"{kept.table.name}: the gap '{name}' is empty in every row"
+            raise SourceError(f"{empty}; leave it out with --map gap=")
+    scenarios, episodes, steps = _placed(kept, independent=choices.independent)
+    drawn = _changed(kept, cameras[0].name, locate)
+    said = {name: kept.read(name, reading.read_said, f"'{name}'") for name in choices.prompt_columns}
     return [
         Frame(
             id=file,
@@ -194,6 +220,7 @@ def frames_of(kept: Kept, choices: Choices, locate: Callable[[str, str], str]) -
                 one.name: f"{_under(choices, one.name)}{many[place]}" for one, many in zip(cameras, files, strict=True)
             },
             truth={name: column[place] for name, column in truth.items()},
+            counterfactuals=drawn[place],
             fields={name: column[place] for name, column in said.items()},
             state={name: column[place] for name, column in state.items()},
         )
@@ -201,25 +228,13 @@ def frames_of(kept: Kept, choices: Choices, locate: Callable[[str, str], str]) -
     ]
 
 
-def _gaps(kept: Kept, cells: Sequence[Cell], whats: Sequence[str]) -> list[Scalar]:
-    """Return every row's gap; raises SourceError where no row has one."""
-    name = kept.places["gap"]
-    gaps = [reading.read_number(cell, f"{what}: the gap '{name}'") for cell, what in zip(cells, whats, strict=True)]
-    if all(gap is None for gap in gaps):
-        raise SourceError(f"{kept.table.name}: the gap '{name}' is empty in every row; leave it out with --map gap=")
-    return list(gaps)
-
-
-def _states(
-    rig: reading.Rig, columns: Mapping[str, Sequence[Cell]], whats: Sequence[str]
-) -> dict[str, list[tuple[float, ...]]]:
+def _states(rig: reading.Rig, kept: Kept) -> dict[str, list[tuple[float, ...]]]:
     """Return every state of a rig by its name, for each row."""
-
-    def numbers(name: str, column: str) -> list[float]:
-        cells = zip(columns[column], whats, strict=True)
-        return [reading.read_part(cell, f"{what}: '{column}' of the state '{name}'") for cell, what in cells]
-
-    return {name: list(zip(*(numbers(name, one) for one in parts), strict=True)) for name, parts in rig.state.items()}
+    numbers = {
+        name: [kept.read(one, reading.read_part, f"'{one}' of the state '{name}'") for one in parts]
+        for name, parts in rig.state.items()
+    }
+    return {name: list(zip(*columns, strict=True)) for name, columns in numbers.items()}
 
 
 def _under(choices: Choices, camera: str) -> str:
@@ -227,81 +242,75 @@ def _under(choices: Choices, camera: str) -> str:
     return "images/" if choices.rig is None else f"images/{camera}/"
 
 
-def _files(
-    kept: Kept,
-    role: str,
-    columns: Mapping[str, Sequence[Cell]],
-    whats: Sequence[str],
-    locate: Callable[[str, str], str],
-) -> list[str]:
-    name = kept.places[role]
+def _changed(kept: Kept, camera: str, locate: Callable[[str, str], str]) -> list[dict[str, dict[str, str]]]:
+    """Return each row's pictures with one thing changed, those that were taken."""
+    files = {kind: _files(kept, kind, locate) for kind in reading.PICTURED if kind in kept.places}
+    return [
+        {kind: {camera: f"{_beside(kind)}{many[place]}"} for kind, many in files.items() if many[place]}
+        for place in range(len(kept.rows))
+    ]
+
+
+def _beside(kind: str) -> str:
+    """Return the folder of the bank for pictures with one thing changed; they may be other frames' true ones."""
+    return f"counterfactuals/{kind}/"
+
+
+def _files(kept: Kept, role: str, locate: Callable[[str, str], str]) -> list[str]:
+    """Return the file of each row, empty where a cell is that may be."""
     first: dict[str, int] = {}
     files = []
-    for cell, what, number in zip(columns[name], whats, kept.numbers, strict=True):
-        file = locate(reading.read_label(cell, f"{what}: the {role} '{name}'"), f"{what}: the {role} '{name}'")
+    for (row, where), number in zip(kept.named(), kept.numbers, strict=True):
+        what, cell = f"{where}: the {role} '{kept.places[role]}'", row.get(kept.places[role])
+        if role in reading.PICTURED and (cell is None or not str(cell).strip()):
+            files.append("")
+            continue
+        file = locate(reading.read_label(cell, what), what)
         if file in first:
-            raise SourceError(f"{what}: '{file}' stands in row {first[file]} already; a picture is one frame")
+            raise SourceError(f"{where}: '{file}' stands in row {first[file]} already; a picture is one frame")
         first[file] = number
         files.append(file)
     return files
 
 
-def _placed(
-    kept: Kept, columns: Mapping[str, Sequence[Cell]], whats: Sequence[str], *, independent: bool
-) -> tuple[list[str], list[str], list[int]]:
+def _placed(kept: Kept, *, independent: bool) -> tuple[list[str], list[str], list[int]]:
     """Return every frame's scenario, episode and step; those that the source does not record are made up here.
 
     Without episodes all frames are one, which no test can take for many; declared independent, each is its own.
     """
-    count = len(kept.rows)
 
-    def labels(place: str) -> list[str] | None:
+    def read(place: str, reader: Callable[[Cell, str], T]) -> list[T]:
         name = kept.places.get(place)
-        if name is None:
-            return None
-        return [
-            reading.read_label(cell, f"{what}: the {place} '{name}'")
-            for cell, what in zip(columns[name], whats, strict=True)
-        ]
+        return [] if name is None else kept.read(name, reader, f"the {place} '{name}'")
 
-    scenarios = labels("scenario") or [ALL] * count
-    episodes = labels("episode") or ([f"frame {number}" for number in kept.numbers] if independent else [ALL] * count)
-    name = kept.places.get("step")
-    if name is None:
-        turns: dict[tuple[str, str], int] = {}
-        steps = []
-        for key in zip(scenarios, episodes, strict=True):
-            turns[key] = turns.get(key, -1) + 1
-            steps.append(turns[key])
-        return scenarios, episodes, steps
-    steps = [
-        reading.read_step(cell, f"{what}: the step '{name}'") for cell, what in zip(columns[name], whats, strict=True)
-    ]
-    if "episode" in kept.places:
-        _check_steps(scenarios, episodes, steps, whats)
-    return scenarios, episodes, steps
-
-
-def _check_steps(scenarios: Sequence[str], episodes: Sequence[str], steps: Sequence[int], whats: Sequence[str]) -> None:
+    made_up = [ALL] * len(kept.rows)
+    scenarios = read("scenario", reading.read_label) or made_up
+    alike = [f"frame {number}" for number in kept.numbers] if independent else made_up
+    episodes = read("episode", reading.read_label) or alike
+    steps = read("step", reading.read_step)
+    if not steps:
+        turns: dict[tuple[str, str], Iterator[int]] = defaultdict(count)
+        return scenarios, episodes, [next(turns[key]) for key in zip(scenarios, episodes, strict=True)]
     seen: set[tuple[str, str, int]] = set()
-    for key, what in zip(zip(scenarios, episodes, steps, strict=True), whats, strict=True):
-        if key in seen:
-            raise SourceError(f"{what}: step {key[2]} of episode '{key[1]}' stands there twice; a step is one frame")
+    for key, (_, where) in zip(zip(scenarios, episodes, steps, strict=True), kept.named(), strict=True):
+        if key in seen and "episode" in kept.places:
+            raise SourceError(f"{where}: step {key[2]} of episode '{key[1]}' stands there twice; a step is one frame")
         seen.add(key)
+    return scenarios, episodes, steps
 
 
 def write(
     out: Path,
     folder: Path,
     frames: Sequence[Frame],
-    pictures: Pictures,
+    pictures: Callable[[Sequence[Frame]], Iterator[Shown]],
     *,
     kept: Kept,
     choices: Choices,
     progress: Progress | None,
     settings: Mapping[str, object] | None = None,
 ) -> FrameBank:
-    """Write the bank, one picture in memory at a time."""
+    """Write the bank, one picture in memory at a time; ``pictures`` yields every frame, in any order."""
     gap = kept.places.get("gap")
     _, left_out = reading.others(kept.places, choices.prompt_columns, kept.table.columns)
     manifest = BankManifest(
@@ -324,8 +333,8 @@ def write(
         state=() if choices.rig is None else tuple(choices.rig.state),
     )
     with BankWriter(out, manifest) as writer:
-        for done, (frame, images) in enumerate(pictures(frames), 1):
-            writer.add(frame, images, {})
+        for done, (frame, images, drawn) in enumerate(pictures(frames), 1):
+            writer.add(frame, images, drawn)
             if progress is not None:
                 progress(done, len(frames))
     return open_bank(out)
@@ -344,7 +353,81 @@ def costs(bank: FrameBank) -> list[str]:
         lines.append("no steps: the rows of an episode count as its steps, in their order")
     if all(frame.mirror_axis == "none" for frame in bank):
         lines.append("no mirror axis: mirrored is not shown (lateral is not_tested)")
+    lines += [
+        f"{name}: {lacking} of {len(bank)} frames have no such picture, and no part in its tests"
+        for name, lacking in undrawn_controls(bank).items()
+    ]
+    lines += [
+        f"no {name}_m for some pictures of {name}: these are in no range of distances that is tested"
+        for name in ("lead_mid_near", "lead_mid_far")
+        if any(name in one.counterfactuals and f"{name}_m" not in one.truth for one in bank)
+    ]
     left_out = manifest.settings.get("left_out")
     if isinstance(left_out, list) and left_out:
         lines.append(f"left out, because a bank needs these names: {', '.join(map(str, left_out))}")
     return lines
+
+
+def place_of(folder: Path, name: str, what: str) -> str:
+    """Return a picture's path inside the folder, with '/' between its parts; raises SourceError where it leads outside.
+
+    ``what`` names row and column in the message.
+    """
+    path = name.strip()
+    if "\\" in path and "/" not in path:
+        path = path.replace("\\", "/")
+    pure = PurePosixPath(path)
+    if pure.is_absolute() and pure.is_relative_to(folder.resolve().as_posix()):
+        pure = pure.relative_to(folder.resolve().as_posix())
+    try:
+        inside(folder, str(pure))
+    except BankError as error:
+        raise SourceError(f"{what} is '{name}', which leads outside {folder}, where the pictures must lie") from error
+    return str(pure)
+
+
+def read_picture(folder: Path, file: str, what: str) -> bytes:
+    """Return a picture's bytes; raises SourceError, naming row and file, where models could see different things.
+
+    It must be one PNG, JPEG or WebP picture of 8 bits a channel, not above 25 megapixels or 64 MB, and not turned by
+    a note (EXIF orientation) that some programs follow and others do not.
+    """
+    path = folder / file
+    try:
+        if not path.is_file():
+            raise SourceError(f"{what}: there is no picture '{file}' in {folder}")
+        if path.stat().st_size > MAX_IMAGE_BYTES:
+            raise SourceError(f"{what}: '{file}' has {path.stat().st_size} bytes; the limit is {MAX_IMAGE_BYTES}")
+        picture = path.read_bytes()
+    except OSError as error:
+        raise SourceError(f"{what}: '{file}' cannot be read: {error.strerror}") from error
+    _check_kind(picture, file, what)
+    try:
+        decode(picture, file)
+    except BankError as error:
+        raise SourceError(f"{what}: {error}") from error
+    return picture
+
+
+def _check_kind(picture: bytes, file: str, what: str) -> None:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with Image.open(io.BytesIO(picture), formats=FORMATS) as opened:
+                mode, frames = opened.mode, getattr(opened, "n_frames", 1)
+                turned = opened.getexif().get(_ORIENTATION, 1)
+    except Image.DecompressionBombError as error:
+        raise SourceError(f"{what}: '{file}' has too many pixels: {error}") from error
+    except UnidentifiedImageError as error:
+        raise SourceError(f"{what}: '{file}' is damaged or no picture of {', '.join(FORMATS)}") from error
+    except (OSError, SyntaxError, ValueError, TypeError) as error:
+        raise SourceError(f"{what}: '{file}' is damaged or no picture: {error}") from error
+    if frames > 1:
+        raise SourceError(f"{what}: '{file}' holds {frames} pictures; save one still picture a frame")
+    if mode.startswith(("I", "F")):
+        raise SourceError(f"{what}: '{file}' has more than 8 bits a channel; save it with 8")
+    if turned not in {0, 1}:
+        raise SourceError(
+            f"{what}: '{file}' is turned only by a note (EXIF orientation {turned}), which not every model follows; "
+            "turn its pixels, for example with 'mogrify -auto-orient'"
+        )

@@ -10,10 +10,14 @@ from typing import Annotated
 
 import msgspec
 
+from eyechart.conditions import CONDITIONS
 from eyechart.errors import BankError, SourceError, SpecError
-from eyechart.frames import Camera, MirrorAxis, Scalar, is_reserved, require_exchanged
+from eyechart.frames import FILE_SUFFIX, Camera, MirrorAxis, Scalar, is_reserved, require_exchanged
 from eyechart.importing.tables import Cell
 from eyechart.spaces.discrete import read_toml
+
+PICTURED = tuple(name for name, one in CONDITIONS.items() if "counterfactual" in one.needs)
+"""Places of pictures of the same moment with one thing changed; a cell may be empty."""
 
 ROLES: dict[str, tuple[str, ...]] = {
     "file": ("file", "file_name"),
@@ -21,6 +25,7 @@ ROLES: dict[str, tuple[str, ...]] = {
     "episode": ("episode",),
     "step": ("step",),
     "scenario": ("scenario",),
+    **{name: (name, f"{name}{FILE_SUFFIX}") for name in PICTURED},
 }
 """The places of a bank, each with the columns that are taken for it where ``--map`` names none."""
 
@@ -75,18 +80,20 @@ def read_rig(path: Path) -> Rig:
 def places(asked: Mapping[str, str], columns: Sequence[str], table: str, rig: Rig | None = None) -> dict[str, str]:
     """Return the column of each place that has one, and those that a rig takes; an empty name leaves a place without.
 
-    Raises SourceError for an unknown place, and for a column that the table has not, with the nearest that it has.
+    Pictures with one thing changed are of a bank of one camera. Raises SourceError for an unknown place, and for a
+    column that the table has not, with the nearest that it has.
     """
+    roles = {place: names for place, names in ROLES.items() if rig is None or place not in PICTURED}
     for place, column in asked.items():
-        if place not in ROLES:
-            raise SourceError(f"--map {place}={column}: there is no place '{place}'; places are {', '.join(ROLES)}")
+        if place not in roles:
+            raise SourceError(f"--map {place}={column}: there is no place '{place}'; places are {', '.join(roles)}")
         if column and column not in columns:
             raise SourceError(f"--map {place}={column}: {no_column(column, columns, table)}")
     found = {} if rig is None else rig.places()
     if lacking := [(place, column) for place, column in found.items() if column not in columns]:
         place, column = lacking[0]
         raise SourceError(f"--rig: the {place} is to be in column '{column}'; {no_column(column, columns, table)}")
-    for place, names in ROLES.items():
+    for place, names in roles.items():
         column = asked.get(place, next((name for name in names if name in columns), ""))
         if column and place not in found:
             found[place] = column
@@ -179,15 +186,21 @@ def read_said(cell: Cell, what: str) -> Scalar:
 def read_truth(cells: Sequence[Cell], name: str, *, typed: bool) -> list[Scalar]:
     """Return a column of ground truth, all numbers or all words; where it is not ``typed``, its text decides."""
     have = [cell for cell in cells if cell is not None]
-    if not typed and have and all(_NUMBER.fullmatch(str(cell).strip()) for cell in have):
-        whole = all(_WHOLE.fullmatch(str(cell).strip()) for cell in have)
-        numbers = [None if cell is None else float(cell) for cell in cells]
-        if all(number is None or abs(number) < _EXACT for number in numbers):
-            return [None if number is None else int(number) if whole else number for number in numbers]
-    kinds = {"number" if isinstance(cell, int | float) and not isinstance(cell, bool) else type(cell) for cell in have}
+    if not typed and (read := _numbers(have)) is not None:
+        numbers = iter(read)
+        return [None if cell is None else next(numbers) for cell in cells]
+    kinds = {float if type(cell) is int else type(cell) for cell in have}
     if len(kinds) > 1:
         return [None if cell is None else str(cell) for cell in cells]
     return [_finite(cell, name, row) for row, cell in enumerate(cells, 1)]
+
+
+def _numbers(cells: Sequence[Cell]) -> list[float] | None:
+    """Return cells of text as exact numbers, whole ones where all are; None where they are no such."""
+    texts = [str(cell).strip() for cell in cells]
+    if not all(map(_NUMBER.fullmatch, texts)) or not all(abs(float(text)) < _EXACT for text in texts):
+        return None
+    return [float(text) for text in texts] if not all(map(_WHOLE.fullmatch, texts)) else [int(text) for text in texts]
 
 
 def _finite(cell: Cell, name: str, row: int) -> Scalar:

@@ -10,6 +10,8 @@ import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +19,9 @@ import numpy as np
 
 from eyechart.errors import BankError, SourceError
 from eyechart.frames import MAIN, MAX_PIXELS, Frame, FrameBank, encode, inside
-from eyechart.importing.bank import Choices, frames_of, keep, write
-from eyechart.importing.parquet import MOST_COMPONENTS, ParquetTable, open_parquet, require
-from eyechart.importing.tables import Cell, Progress, Row, Table
+from eyechart.importing.bank import Choices, Shown, frames_of, keep, write
+from eyechart.importing.columns import PICTURED
+from eyechart.importing.tables import MOST_COMPONENTS, ParquetTable, Progress, Row, Table, open_parquet, require
 
 FILE = "file"
 """The column that names each frame's picture; the data set has none of its own."""
@@ -63,17 +65,17 @@ def import_lerobot(
     ``.1``, …), the words of the task as ``task``. Raises SourceError, and leaves nothing at ``out``.
     """
     data = read_meta(folder, camera)
+    if drawn := set(PICTURED) & choices.columns.keys():
+        raise SourceError(f"--map {min(drawn)}=…: a LeRobotDataset holds no pictures with one thing changed")
     own = {"file", "episode", "step"} & choices.columns.keys()
     if own:
         raise SourceError(f"--map {min(own)}=…: a LeRobotDataset says itself which {min(own)} a frame is")
-    chosen = replace(choices, columns={**PLACES, **choices.columns})
+    chosen = replace(choices, columns={**dict.fromkeys(PICTURED, ""), **PLACES, **choices.columns})
     kept = keep(_table(data, reads), chosen)
-
-    def pictures(frames: Sequence[Frame]) -> Iterator[tuple[Frame, Mapping[str, bytes]]]:
-        return ((frame, {MAIN: picture}) for frame, picture in _pictures(data, frames))
 
     frames = frames_of(kept, chosen, lambda name, what: name)  # noqa: ARG005 - made here, so it leads nowhere else
     settings = {"format": "lerobot v3", "camera": data.camera}
+    pictures = partial(_pictures, data)
     return write(out, folder, frames, pictures, kept=kept, choices=chosen, progress=progress, settings=settings)
 
 
@@ -110,8 +112,8 @@ def _camera(features: Mapping[str, Any], camera: str | None, path: Path) -> str:
 
 def _clips(folder: Path, camera: str, template: str) -> dict[int, Clip]:
     clips = {}
-    prefix = f"videos/{camera}"
-    for row in _rows(folder, "meta/episodes"):
+    prefix, episodes = f"videos/{camera}", _files(folder, "meta/episodes")
+    for row in chain.from_iterable(open_parquet(path, extra="lerobot").rows() for path in episodes):
         try:
             chunk, file = int(str(row[f"{prefix}/chunk_index"])), int(str(row[f"{prefix}/file_index"]))
             video = template.format(video_key=camera, chunk_index=chunk, file_index=file)
@@ -140,11 +142,6 @@ def _files(folder: Path, inner: str) -> list[Path]:
     if not paths:
         raise SourceError(f"{folder / inner} holds no chunk-*/file-*.parquet: is the data set complete?")
     return paths
-
-
-def _rows(folder: Path, inner: str) -> Iterator[dict[str, Cell]]:
-    for path in _files(folder, inner):
-        yield from open_parquet(path, extra="lerobot").rows()
 
 
 def _table(data: Dataset, reads: Progress | None) -> Table:
@@ -186,7 +183,7 @@ def _data_rows(data: Dataset, files: Sequence[ParquetTable], count: int, reads: 
             yield {**task, **row, FILE: name}
 
 
-def _pictures(data: Dataset, frames: Sequence[Frame]) -> Iterator[tuple[Frame, bytes]]:
+def _pictures(data: Dataset, frames: Sequence[Frame]) -> Iterator[Shown]:
     """Yield each frame with its picture, video by video and in the order of time in each."""
     wanted: dict[str, list[tuple[float, Frame]]] = {}
     for frame in frames:
@@ -206,7 +203,7 @@ def _pictures(data: Dataset, frames: Sequence[Frame]) -> Iterator[tuple[Frame, b
         yield from _decoded(path, sorted(times, key=lambda one: one[0]), 0.5 / data.fps)
 
 
-def _decoded(path: Path, times: Sequence[tuple[float, Frame]], tolerance_s: float) -> Iterator[tuple[Frame, bytes]]:
+def _decoded(path: Path, times: Sequence[tuple[float, Frame]], tolerance_s: float) -> Iterator[Shown]:
     av = require("av", "PyAV", "lerobot")
     try:
         with av.open(str(path)) as container:
@@ -223,7 +220,7 @@ def _decoded(path: Path, times: Sequence[tuple[float, Frame]], tolerance_s: floa
                     now, pixels = next(shown, (math.inf, None))
                 if pixels is None or abs(now - time_s) > tolerance_s:
                     raise SourceError(f"{path} shows nothing at {time_s:.3f} s, where frame '{frame.id}' should be")
-                yield frame, encode(np.asarray(pixels.to_ndarray(format="rgb24"), dtype=np.uint8))
+                yield frame, {MAIN: encode(np.asarray(pixels.to_ndarray(format="rgb24"), dtype=np.uint8))}, {}
     except (av.FFmpegError, OSError, IndexError) as error:
         raise SourceError(f"{path} cannot be read as a video: {str(error).splitlines()[0]}") from error
 

@@ -24,14 +24,12 @@ class Model(Protocol):
 
     async def answer(self, query: Query) -> Reply:
         """Answer one query. A failure is a Reply with its ``error`` kind; nothing is retried here."""
-        ...
 
     async def close(self) -> None:
         """Let go of what the model holds (sessions, weights on a GPU), in the event loop that asked it.
 
         A model that was closed may be asked again: it then begins anew. Closing twice is no error.
         """
-        ...
 
 
 ADAPTERS: dict[str, str] = {

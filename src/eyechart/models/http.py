@@ -100,7 +100,13 @@ class Endpoint:
         try:
             async with self._open().post(self.base_url + path, data=payload, allow_redirects=False) as came:
                 seen.status, seen.retry_after_s = came.status, _retry_after(came.headers)
-                await _read(came, seen, start)
+                async for chunk in came.content.iter_any():
+                    if seen.first_byte_s is None:
+                        seen.first_byte_s = time.perf_counter() - start
+                    seen.body += chunk
+                    if len(seen.body) > MOST_BYTES:
+                        came.close()  # the rest is not read, and the connection not used again
+                        break
                 seen.error, detail = _judged(came, seen)
         except (TimeoutError, aiohttp.ClientError, OSError, ValueError) as failure:
             seen.error, detail = _failed(failure, seen, self.timeout_s)
@@ -155,28 +161,12 @@ def _forms(secrets: tuple[str, ...]) -> tuple[str, ...]:
             percent, escaped = quote(secret, safe=""), json.dumps(secret)[1:-1]
             forms |= {secret, percent, percent.replace("%", "%25"), escaped, escaped.replace("/", "\\/")}
             forms |= {part.lower() for part in (percent,) if part != secret}
-            forms |= {quote(secret), *_in_base64(secret.encode())}
+            forms |= {quote(secret)}
+            for before, skipped in ((0, 0), (1, 2), (2, 3)):  # base64 of a text that holds it, at three alignments
+                whole = base64.b64encode(bytes(before) + secret.encode()).decode()
+                part = whole[skipped : (before + len(secret.encode())) * 8 // 6]
+                forms |= {part, part.replace("+", "-").replace("/", "_")}
     return tuple(sorted(forms, key=lambda form: (-len(form), form)))
-
-
-def _in_base64(secret: bytes) -> set[str]:
-    """Return what stands for a secret in the base64 of any text that holds it: at each of three alignments."""
-    forms = set()
-    for before, skipped in ((0, 0), (1, 2), (2, 3)):
-        whole = base64.b64encode(bytes(before) + secret).decode()
-        part = whole[skipped : (before + len(secret)) * 8 // 6]
-        forms |= {part, part.replace("+", "-").replace("/", "_")}
-    return forms
-
-
-async def _read(came: aiohttp.ClientResponse, seen: Response, start: float) -> None:
-    async for chunk in came.content.iter_any():
-        if seen.first_byte_s is None:
-            seen.first_byte_s = time.perf_counter() - start
-        seen.body += chunk
-        if len(seen.body) > MOST_BYTES:
-            came.close()  # the rest is not read, and the connection not used again
-            return
 
 
 def _judged(came: aiohttp.ClientResponse, seen: Response) -> tuple[ErrorKind | None, str]:

@@ -51,9 +51,8 @@ class OpenAICompatible:
     async def answer(self, query: Query) -> Reply:
         """Ask once. A failure is a Reply with its kind."""
         payload = orjson.dumps(self._fixed | _asked(query, self.mode) | dict(self.mode.body))
-        if self.mode.options.get("energy"):
-            return await metered(self._send(payload))
-        return await self._send(payload)
+        call = self._send(payload)
+        return await metered(call) if self.mode.options.get("energy") else await call
 
     async def _send(self, payload: bytes) -> Reply:
         came = await self.endpoint.post(_PATH, payload)

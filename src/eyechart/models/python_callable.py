@@ -150,8 +150,11 @@ def _takes_all(ask: Ask, name: str) -> bool:
         signature = inspect.signature(ask)
     except (TypeError, ValueError):
         return False  # a builtin without a signature
-    if [*signature.parameters][2:3] == ["state"]:
-        return True
+    taken = [*signature.parameters.values()]
+    if [one.name for one in taken[2:3]] == ["state"] and (
+        taken[1].name == "images" or taken[2].default is inspect.Parameter.empty
+    ):
+        return True  # (prompt, image, state=...) is a callable of one image with an option of its own
     try:
         signature.bind("", None)
     except TypeError as error:

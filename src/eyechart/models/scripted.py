@@ -9,7 +9,7 @@ import hashlib
 import random
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, Protocol
 
 from eyechart import __version__
@@ -22,7 +22,7 @@ from eyechart.perception.forward import read_forward, view_of
 from eyechart.perception.renderer import read_picture
 from eyechart.perception.view import scene_of
 from eyechart.spaces.discrete import DRIVING
-from eyechart.spaces.scene import Scene, safe_action
+from eyechart.spaces.scene import Other, Scene, safe_action
 
 Kind = Literal["no_picture", "uniform", "unknown", "road"]
 
@@ -33,30 +33,48 @@ class Reading(Protocol):
     @property
     def scene(self) -> Scene:
         """Return the gap, the sides, and the distances that count in this world."""
-        ...
 
     @property
     def ego_colour(self) -> str:
         """Return the own vehicle's colour; red is that of a crash."""
-        ...
 
     @property
     def stripe_phase(self) -> float | None:
         """Return the phase of the dashed marks in [0, 1), None where none are seen."""
-        ...
 
     @property
     def place(self) -> int:
         """Return the number of the kind of place, constant in a scenario."""
+
+    @property
+    def lanes(self) -> int:
+        """Return how many lanes or tracks are seen."""
+        ...
+
+    @property
+    def lane_from_left(self) -> int:
+        """Return the own one among them, 0 for the leftmost."""
+        ...
+
+    @property
+    def others(self) -> tuple[Other, ...]:
+        """Return what else is on the road, the lead among them."""
+        ...
+
+    @property
+    def flipped(self) -> bool | None:
+        """Return whether the picture is a flipped one, None where that is not seen."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """What a controller made of a picture: its kind, and the reading where it shows a road."""
+    """What a controller made of a picture: its kind, the reading where it shows a road, and what the file is."""
 
     kind: Kind
     reading: Reading | None
+    file: bytes = b""
+    """The SHA-256 of the encoded picture."""
 
 
 Answer = str | Reply
@@ -87,37 +105,31 @@ _REFUSAL = Reply(text="I'm sorry, I cannot see a road in this picture.", finish_
 _CUT = Reply(text="The green vehicle is in the", finish_reason="length")
 
 
-def _graded(sight: Sight, clear: str) -> Answer:
-    """Brake by distance, and answer ``clear`` where the road is free; STOP at anything that is no road."""
-    if sight.reading is None:
-        return "STOP"
-    scene = sight.reading.scene
-    return clear if scene.free else "STOP" if scene.blocked else "SLOW"
+def _on_road(decide: Callable[[Reading], Answer], elsewhere: Answer = "STOP") -> Decide:
+    """Return a controller that decides by what it reads of a road, and has one answer to anything that is no road."""
+    return lambda sight, _: elsewhere if sight.reading is None else decide(sight.reading)
 
 
-def _depth_lateral(sight: Sight, _: random.Random) -> Answer:
-    return safe_action(sight.reading.scene) if sight.reading else "STOP"
+def _never_right(decide: Decide) -> Decide:
+    """Return a controller that says SLOW where another turns to the right."""
+
+    def answer(sight: Sight, rng: random.Random) -> Answer:
+        action = decide(sight, rng)
+        return "SLOW" if action == "RIGHT" else action
+
+    return answer
 
 
-def _one_sided(sight: Sight, rng: random.Random) -> Answer:
-    action = _depth_lateral(sight, rng)
-    return "SLOW" if action == "RIGHT" else action
+def _graded(scene: Scene, clear: str, blocked: str = "STOP") -> Answer:
+    """Brake by distance, and answer ``clear`` where the road is free."""
+    return clear if scene.free else blocked if scene.blocked else "SLOW"
 
 
-def _clear_side(sight: Sight, _: random.Random) -> Answer:
+def _round(scene: Scene) -> Answer:
     """Go round: to the one clear side, to the left where both are, and SLOW where none is; never stop on a road."""
-    if sight.reading is None:
-        return "STOP"
-    scene = sight.reading.scene
     if scene.free:
         return "STRAIGHT"
     return "LEFT" if scene.left_clear else "RIGHT" if scene.right_clear else "SLOW"
-
-
-def _left_side(sight: Sight, rng: random.Random) -> Answer:
-    """Go round on the left or not at all: SLOW where the left is not clear, as if there were no right."""
-    action = _clear_side(sight, rng)
-    return "SLOW" if action == "RIGHT" else action
 
 
 def _self_inconsistent(sight: Sight, rng: random.Random) -> Answer:
@@ -126,29 +138,10 @@ def _self_inconsistent(sight: Sight, rng: random.Random) -> Answer:
     return rng.choice(DRIVING.actions)
 
 
-def _inverted(sight: Sight, _: random.Random) -> Answer:
-    if sight.reading is None:
-        return "STOP"
-    scene = sight.reading.scene
-    return "STOP" if scene.free else "STRAIGHT" if scene.blocked else "SLOW"
-
-
-def _nuisance(sight: Sight, _: random.Random) -> Answer:
-    if sight.reading is None or sight.reading.stripe_phase is None:
-        return "STOP"
-    return ("STOP", "SLOW", "STRAIGHT")[int(3 * sight.reading.stripe_phase) % 3]
-
-
-def _crash_colour(sight: Sight, _: random.Random) -> Answer:
-    if sight.reading is None:
-        return "SLOW"
-    return "STOP" if sight.reading.ego_colour == "red" else "STRAIGHT"
-
-
-def _scene_only(sight: Sight, _: random.Random) -> Answer:
-    if sight.reading is None:
-        return "STOP"
-    return ("STOP", "SLOW", "STRAIGHT")[sight.reading.place % 3]
+_DEPTH = _on_road(lambda road: _graded(road.scene, "STRAIGHT"))
+_DEPTH_LATERAL = _on_road(lambda road: safe_action(road.scene))
+_CLEAR_SIDE = _on_road(lambda road: _round(road.scene))
+_BY_THIRDS = ("STOP", "SLOW", "STRAIGHT")
 
 
 CONTROLLERS: dict[str, Controller] = {
@@ -164,32 +157,32 @@ CONTROLLERS: dict[str, Controller] = {
     ),
     "presence": Controller(
         "SLOW at any road, STOP at anything else",
-        lambda sight, _: "SLOW" if sight.reading else "STOP",
+        _on_road(lambda _: "SLOW"),
         Declared("presence_only", "presence_only", "no_power"),
     ),
     "depth": Controller(
         "brakes by the distance of the lead vehicle, never turns",
-        lambda sight, _: _graded(sight, "STRAIGHT"),
+        _DEPTH,
         Declared("depth", "depth", "no_power"),
     ),
     "depth_lateral": Controller(
         "brakes by distance and turns to the one clear side",
-        _depth_lateral,
-        Declared("depth_lateral", "depth_lateral", "swaps"),
+        _DEPTH_LATERAL,
+        Declared("depth_lateral", "depth_lateral", "turns_clear"),
     ),
     "depth_left": Controller(
         "brakes by distance and says LEFT for a free road (as the paper's Qwen2.5-VL-72B)",
-        lambda sight, _: _graded(sight, "LEFT"),
+        _on_road(lambda road: _graded(road.scene, "LEFT")),
         Declared("depth", "depth", "one_sided"),
     ),
     "one_sided": Controller(
         "brakes by distance and turns to the left where it is clear, never to the right",
-        _one_sided,
+        _never_right(_DEPTH_LATERAL),
         Declared("depth", "depth", "one_sided"),
     ),
     "noisy_depth": Controller(
         "brakes by distance in 4 of 10 answers and tosses a coin in the others",
-        lambda sight, rng: rng.choice(DRIVING.actions) if rng.random() < 0.6 else _graded(sight, "STRAIGHT"),
+        lambda sight, rng: rng.choice(DRIVING.actions) if rng.random() < 0.6 else _DEPTH(sight, rng),
         Declared("self_inconsistent", "depth", "does_not_swap"),
     ),
     "self_inconsistent": Controller(
@@ -204,32 +197,32 @@ CONTROLLERS: dict[str, Controller] = {
     ),
     "declines_blank_depth": Controller(
         "brakes by distance, and refuses anything that is no road",
-        lambda sight, _: _graded(sight, "STRAIGHT") if sight.reading else _REFUSAL,
+        _on_road(lambda road: _graded(road.scene, "STRAIGHT"), _REFUSAL),
         Declared("not_scorable", "depth", "no_power"),
     ),
     "truncating": Controller(
         "brakes by distance, but 4 of 10 answers are cut off before the action",
-        lambda sight, rng: _CUT if rng.random() < 0.4 else _graded(sight, "STRAIGHT"),
+        lambda sight, rng: _CUT if rng.random() < 0.4 else _DEPTH(sight, rng),
         Declared("not_scorable", "not_scorable", "no_power"),
     ),
     "inverted": Controller(
         "brakes where the lead vehicle is far and goes on where it is near",
-        _inverted,
+        _on_road(lambda road: _graded(road.scene, "STOP", "STRAIGHT")),
         Declared("presence_only", "content", "no_power"),
     ),
     "nuisance": Controller(
         "follows the phase of the lane markings, which says nothing about the road",
-        _nuisance,
+        _on_road(lambda road: "STOP" if road.stripe_phase is None else _BY_THIRDS[int(3 * road.stripe_phase) % 3]),
         Declared("presence_only", "content", "no_power"),
     ),
     "crash_colour": Controller(
         "stops where the own vehicle is painted red",
-        _crash_colour,
+        _on_road(lambda road: "STOP" if road.ego_colour == "red" else "STRAIGHT", "SLOW"),
         Declared("presence_only", "content", "no_power"),
     ),
     "scene_only": Controller(
         "recognises the scenario by its road, and nothing else",
-        _scene_only,
+        _on_road(lambda road: _BY_THIRDS[road.place % 3]),
         Declared("presence_only", "scene_cue", "no_power"),
     ),
 }
@@ -237,17 +230,17 @@ CONTROLLERS: dict[str, Controller] = {
 PLANNERS: dict[str, Controller] = {
     "clear_side": Controller(
         "goes round what is in its way on a side that is clear, and never stops on a road",
-        _clear_side,
-        Declared("depth_lateral", "depth_lateral", "swaps"),
+        _CLEAR_SIDE,
+        Declared("depth_lateral", "content", "turns_clear"),
     ),
     "left_side": Controller(
         "goes round what is in its way on the left where that is clear, never on the right",
-        _left_side,
+        _never_right(_CLEAR_SIDE),
         Declared("depth", "depth", "one_sided"),
     ),
     "distance": Controller(
         "slows down and stops by the distance of what is in its way, and knows no side",
-        lambda sight, _: _graded(sight, "STRAIGHT"),
+        _DEPTH,
         Declared("depth", "depth", "no_power"),
     ),
     "stopping": Controller(
@@ -268,14 +261,14 @@ def see(image: bytes | None) -> Sight:
         return Sight("no_picture", None)
     digest = hashlib.sha256(image).digest()
     if digest not in _SIGHTS:
-        _SIGHTS[digest] = _look(decode(image, "the query's picture"))
+        _SIGHTS[digest] = replace(_look(decode(image, "the query's picture")), file=digest)
         if len(_SIGHTS) > _SIGHTS_KEPT:
             _SIGHTS.popitem(last=False)
     return _SIGHTS[digest]
 
 
 def _look(pixels: RGB) -> Sight:
-    if (pixels == pixels[0, 0]).all():
+    if (pixels[::8, ::8] == pixels[0, 0]).all() and (pixels == pixels[0, 0]).all():  # a few pixels tell most apart
         return Sight("uniform", None)
     picture = scene_of(pixels)
     view = view_of(picture)

@@ -26,31 +26,10 @@ class Estimator:
         return NO_ROAD if scene is None else self.tell(scene)
 
 
-def _exact(scene: Scene) -> str:
-    return str(Estimate.of(scene))
-
-
-def _constant(scene: Scene) -> str:
-    del scene
-    return str(Estimate.of(Scene(None, left_clear=True, right_clear=True)))
-
-
 def _over_calling(scene: Scene) -> str:
     called_m = (scene.distances.stop_m + scene.distances.close_m) / 2
     gap_m = called_m if scene.gap_m is None else min(scene.gap_m, called_m)
     return str(Estimate.of(replace(scene, gap_m=gap_m)))
-
-
-def _side_blind(scene: Scene) -> str:
-    return str(Estimate.of(replace(scene, left_clear=True, right_clear=True)))
-
-
-def _one_sided(scene: Scene) -> str:
-    return str(Estimate.of(replace(scene, left_clear=True, right_clear=False)))
-
-
-def _distance_blind(scene: Scene) -> str:
-    return str(Estimate.of(replace(scene, gap_m=(scene.distances.close_m + scene.distances.free_m) / 2)))
 
 
 def _silent_when_free(scene: Scene) -> str:
@@ -63,23 +42,29 @@ def _silent_when_free(scene: Scene) -> str:
 _CLOSE = frozenset({"close_accuracy", "balanced_accuracy"})
 
 ESTIMATORS: dict[str, Estimator] = {
-    "scene_positive_control": Estimator("measures the scene by the picture's exact colours", _exact),
+    "scene_positive_control": Estimator(
+        "measures the scene by the picture's exact colours", lambda scene: str(Estimate.of(scene))
+    ),
     "scene_constant": Estimator(
         "sees a free road with both sides clear, whatever it is shown",
-        _constant,
+        lambda _: str(Estimate.of(Scene(None, left_clear=True, right_clear=True))),
         _CLOSE | {"actions", "directional"},
     ),
     "scene_over_calling": Estimator("calls every lead close, and one where there is none", _over_calling, _CLOSE),
     "scene_side_blind": Estimator(
-        "measures the gap, and takes both sides for clear", _side_blind, frozenset({"directional"})
+        "measures the gap, and takes both sides for clear",
+        lambda scene: str(Estimate.of(replace(scene, left_clear=True, right_clear=True))),
+        frozenset({"directional"}),
     ),
     "scene_one_sided": Estimator(
         "measures the gap, and takes the left for clear and the right for taken",
-        _one_sided,
+        lambda scene: str(Estimate.of(replace(scene, left_clear=True, right_clear=False))),
         frozenset({"scene_equivariance", "action_equivariance"}),
     ),
     "scene_distance_blind": Estimator(
-        "sees the sides, and every lead midway between close and free", _distance_blind, _CLOSE
+        "sees the sides, and every lead midway between close and free",
+        lambda scene: str(Estimate.of(replace(scene, gap_m=(scene.distances.close_m + scene.distances.free_m) / 2))),
+        _CLOSE,
     ),
     "scene_silent_when_free": Estimator(
         "measures the scene, and leaves a field out where the road is free", _silent_when_free, frozenset({"parse"})

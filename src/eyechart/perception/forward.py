@@ -15,7 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.cameras import FORWARD, HAZE, Distances, ForwardView, haze_share
-from eyechart.spaces.scene import HIGHWAY, Scene
+from eyechart.frames import FrameBank
+from eyechart.spaces.scene import HIGHWAY, Other, Scene
 
 _Pixels = npt.NDArray[np.uint8]
 _Floats = npt.NDArray[np.float64]
@@ -39,6 +40,12 @@ def distances_of(camera: str) -> Distances:
     return FORWARD[camera].distances if camera in FORWARD else HIGHWAY
 
 
+def worlds_distances(bank: FrameBank) -> Distances:
+    """Return what counts as near in the bank's world; what is close is what the bank says."""
+    distances, gap = distances_of(bank.manifest.simulator), bank.manifest.gap
+    return distances if gap is None or gap.unit != "m" else replace(distances, close_m=gap.threshold)
+
+
 def view_of(rgb: _Pixels) -> ForwardView | None:
     """Return the view that took a picture, by its size and its sky; None for any other."""
     if rgb.dtype != np.uint8 or rgb.ndim != 3:
@@ -56,7 +63,8 @@ class ForwardReading:
     ``ego_colour`` is a name among the view's bodies (green drives, red has crashed), ``scenery`` one among its verges.
     ``y_m`` and ``yaw`` are where the eye is across the road, from its middle to the left, and how it is turned.
     ``nearest_side`` is where the nearest obstacle stands as seen from the own track: left, right, centre, or None.
-    ``stripe_phase`` in [0, 1) is how much of a dash's period has passed; None where no dashes are seen.
+    ``stripe_phase`` in [0, 1) is how much of a dash's period has passed; None where no dashes are seen. ``others`` are
+    the nearest obstacles of each track.
     """
 
     scene: Scene
@@ -68,6 +76,18 @@ class ForwardReading:
     track: int
     nearest_side: str | None
     stripe_phase: float | None
+    others: tuple[Other, ...] = ()
+    lanes: int = 3
+
+    @property
+    def lane_from_left(self) -> int:
+        """Return the own track among them, counted from the left."""
+        return self.lanes - 1 - self.track
+
+    @property
+    def flipped(self) -> bool | None:
+        """Return None: a world seen forward and its mirror image are drawn alike."""
+        return None
 
     def mirrored(self, tracks: int) -> "ForwardReading":
         """Return the reading of the flipped picture, where the view has so many tracks."""
@@ -78,6 +98,7 @@ class ForwardReading:
             y_m=-self.y_m,
             yaw=-self.yaw,
             track=tracks - 1 - self.track,
+            others=tuple(sorted(one.mirrored() for one in self.others)),
             nearest_side=self.nearest_side and sides.get(self.nearest_side, self.nearest_side),
         )
 
@@ -89,7 +110,8 @@ def read_forward(rgb: _Pixels, view: ForwardView) -> ForwardReading | None:
     body = next((name for name, colour in view.bodies.items() if (middle == colour).all()), None)
     if body is None:
         return None
-    scenery = _find_verge(ground, view)
+    rows = slice(view.sought, view.sought + view.width // 6, 2)  # the verge whose colour, faded, most pixels have
+    scenery = int(np.argmax([np.count_nonzero(_is_like(ground[:, rows], one[rows])) for one in view.verge_rows]))
     red, green, blue = ground
     own = (red == view.bodies[body][0]) & (green == view.bodies[body][1]) & (blue == view.bodies[body][2])
     chroma = np.maximum(np.maximum(red, green), blue) - np.minimum(np.minimum(red, green), blue)
@@ -101,6 +123,8 @@ def read_forward(rgb: _Pixels, view: ForwardView) -> ForwardReading | None:
     points = _find_contacts(chroma, own, pose, view)
     lead, left, right = (_nearest_in(points, track + step, view) for step in (0, 1, -1))
     gap_m = None if lead is None or lead >= view.view_ahead_m else lead
+    apart = view.tracks_m[1] - view.tracks_m[0]
+    beside = ((lead, 0.0), (left, -apart), (right, apart))
     reach = view.distances.ahead_m
     return ForwardReading(
         scene=Scene(
@@ -117,6 +141,8 @@ def read_forward(rgb: _Pixels, view: ForwardView) -> ForwardReading | None:
         track=track,
         nearest_side=_side_of_nearest(points, track, view),
         stripe_phase=_read_phase(ground, chroma, points, pose, view),
+        lanes=len(view.tracks_m),
+        others=tuple(sorted(Other(ahead, aside) for ahead, aside in beside if ahead is not None)),
     )
 
 
@@ -141,13 +167,6 @@ class _Contacts:
     y: _Floats
     front: _Floats
     row: npt.NDArray[np.intp]
-
-
-def _find_verge(ground: npt.NDArray[np.int16], view: ForwardView) -> int:
-    """Return the number of the verge whose colour, faded with distance, most pixels have."""
-    rows = slice(view.sought, view.sought + view.width // 6, 2)
-    counts = [np.count_nonzero(_is_like(ground[:, rows], colours[rows])) for colours in view.verge_rows]
-    return int(np.argmax(counts))
 
 
 def _is_like(ground: npt.NDArray[np.int16], colours: npt.NDArray[np.int16]) -> _Bools:

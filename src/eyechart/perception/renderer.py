@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.cameras import EGO_COLUMN, HEIGHT_PX, PALETTE, PX_PER_M, WIDTH_PX
-from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, Scene
+from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, Other, Scene
 
 _Bools = npt.NDArray[np.bool_]
 _Ints = npt.NDArray[np.int64]
@@ -66,7 +66,8 @@ class Reading:
 
     ``ego_colour`` is a name in ``PALETTE`` (green drives, red has crashed). ``lanes`` counts the lanes that
     dashed lines join to the ego's at the ego's column, as far as the picture reaches (a fifth lane may lie
-    beyond its edge), and ``lane_from_left`` is the ego's among them. ``vehicles`` counts the others.
+    beyond its edge), and ``lane_from_left`` is the ego's among them. ``others`` are all other vehicles, the lead
+    among them. ``flipped`` says whether the picture is the flip of one that was drawn, None where that is not seen.
     ``stripe_phase`` in [0, 1) is how much of a stripe's period has passed since the last stripe began: it
     moves with the ego's position and with nothing else; None where no line is dashed. ``ramp`` says that a
     line beside the straight road is in sight, as of merge-v0 and never of highway-v0.
@@ -76,9 +77,15 @@ class Reading:
     ego_colour: str
     lanes: int
     lane_from_left: int
-    vehicles: int
+    others: tuple[Other, ...]
     stripe_phase: float | None
     ramp: bool
+    flipped: bool | None = False
+
+    @property
+    def vehicles(self) -> int:
+        """Return how many other vehicles there are."""
+        return len(self.others)
 
     @property
     def place(self) -> int:
@@ -87,7 +94,13 @@ class Reading:
 
     def mirrored(self) -> "Reading":
         """Return the reading of the flipped picture."""
-        return replace(self, scene=self.scene.mirrored(), lane_from_left=self.lanes - 1 - self.lane_from_left)
+        return replace(
+            self,
+            scene=self.scene.mirrored(),
+            lane_from_left=self.lanes - 1 - self.lane_from_left,
+            others=tuple(sorted(one.mirrored() for one in self.others)),
+            flipped=None if self.flipped is None else not self.flipped,
+        )
 
 
 class _Body(NamedTuple):
@@ -125,15 +138,16 @@ def read_picture(rgb: npt.NDArray[np.uint8]) -> Reading | None:
     egos = _find_ego(bodies)
     if not egos:
         return None
-    others = [body for body in bodies if body not in egos]
+    others, upright = [body for body in bodies if body not in egos], _upright(egos)
     return Reading(
-        scene=_read_scene(road, others, upright=_upright(egos)),
+        scene=_read_scene(road, others, upright=upright),
         ego_colour=_NAMES[min(ego.colour for ego in egos)],
         lanes=road.lanes_left + 1 + road.lanes_right,
         lane_from_left=road.lanes_left,
-        vehicles=len(others),
+        others=tuple(sorted(Other(*_place_of(body, upright)) for body in others)),
         stripe_phase=road.stripe_phase,
         ramp=road.ramp,
+        flipped=upright < 0 if upright else None,
     )
 
 
@@ -239,6 +253,13 @@ def _upright(egos: list[_Body]) -> int:
     """
     side = sum(ego.row for ego in egos)
     return (side < 0) - (side > 0)
+
+
+def _place_of(body: _Body, upright: int) -> tuple[float, float]:
+    """Return how far ahead of the ego a vehicle is and how far to its right, in metres."""
+    half_pixels_per_m = 2 * PX_PER_M
+    aside = body.row + upright * body.lost
+    return (body.column - _EGO_CENTRE + 1) / half_pixels_per_m, aside / half_pixels_per_m
 
 
 def _read_scene(road: _Road, others: list[_Body], *, upright: int) -> Scene:

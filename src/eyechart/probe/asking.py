@@ -5,11 +5,11 @@ import contextlib
 import re
 import time
 from collections.abc import Callable, Collection
-from dataclasses import replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 
 from eyechart.calls import TRANSIENT, Query, Reply
 from eyechart.errors import EyechartError
-from eyechart.limits import Spent, pause_s
+from eyechart.limits import NOTHING, Spent, pause_s
 from eyechart.models import Model, ask, open_model
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode, TokenField
@@ -28,6 +28,7 @@ class LimitReachedError(EyechartError):
     """No further call may be made: so many were, or so much was spent."""
 
 
+@dataclass
 class Asker:
     """Asks models of one SPEC, each mode by a model of its own, at most ``most`` times and for ``max_cost`` dollars.
 
@@ -36,31 +37,24 @@ class Asker:
     further call may be made.
     """
 
-    def __init__(
-        self,
-        mode: RequestMode,
-        prices: Prices,
-        *,
-        most: int,
-        fixed: Collection[str] = (),
-        max_cost: float | None = None,
-        tell: Tell | None = None,
-    ) -> None:
-        self.mode = mode
-        self.spent = Spent()
-        self.notes: list[str] = []
-        self._fixed = fixed
-        self.stopped: str | None = None
-        self._prices = prices
-        self._most, self._max_cost, self._tell = most, max_cost, tell
-        self._model: Model | None = None
-        self._opened: RequestMode | None = None
+    mode: RequestMode
+    prices: Prices
+    _: KW_ONLY
+    most: int
+    fixed: Collection[str] = ()
+    max_cost: float | None = None
+    tell: Tell | None = None
+    spent: Spent = NOTHING
+    notes: list[str] = field(default_factory=list)
+    stopped: str | None = None
+    _model: Model | None = None
+    _opened: RequestMode | None = None
 
     async def ask(self, query: Query, mode: RequestMode | None = None) -> Reply:
         """Return the reply to a query, in the mode of this asker or in another; a failure is a reply too."""
         asked = mode or self.mode
         reply = await self._once(query, asked)
-        while mode is None and (change := amended(self.mode, reply, self._fixed)) is not None:
+        while mode is None and (change := amended(self.mode, reply, self.fixed)) is not None:
             changed, words = change
             if words in self.notes:
                 break  # the one is refused, and so is the other
@@ -91,20 +85,20 @@ class Asker:
         start = time.perf_counter()
         reply = await ask(await self._open(mode), query)
         reply = replace(reply, seconds=time.perf_counter() - start) if reply.seconds is None else reply
-        cost = self._prices.cost(mode, reply)[0]
+        cost = self.prices.cost(mode, reply)[0]
         self.spent = self.spent.plus(reply, cost)
-        if self._tell is not None:
-            self._tell(self.spent.calls, self._most)
-        if self._max_cost is not None and cost is None and reply.error is None:
+        if self.tell is not None:
+            self.tell(self.spent.calls, self.most)
+        if self.max_cost is not None and cost is None and reply.error is None:
             spec = mode.spec
             self.stopped = f"what {spec} costs is not known, so --max-cost cannot hold: give its price with --prices"
         return reply
 
     def _require_room(self) -> None:
-        if self.stopped is None and self.spent.calls >= self._most:
+        if self.stopped is None and self.spent.calls >= self.most:
             self.stopped = f"{self.spent.calls} calls were sent, and no more are allowed"
-        if self.stopped is None and self._max_cost is not None and self.spent.cost_usd >= self._max_cost:
-            self.stopped = f"${self.spent.cost_usd:.4f} were spent, and --max-cost is {self._max_cost:g}"
+        if self.stopped is None and self.max_cost is not None and self.spent.cost_usd >= self.max_cost:
+            self.stopped = f"${self.spent.cost_usd:.4f} were spent, and --max-cost is {self.max_cost:g}"
         if self.stopped is not None:
             raise LimitReachedError(self.stopped)
 

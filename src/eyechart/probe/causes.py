@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping
 
-from eyechart.calls import ErrorKind, Reply
+from eyechart.calls import ErrorKind
 from eyechart.modes import RequestMode
 from eyechart.probe.sight import Sight, picture_counts
 
@@ -26,7 +26,8 @@ _ERRORS: dict[ErrorKind, str] = {
 def likely_causes(sight: Sight, mode: RequestMode, facts: Mapping[str, str]) -> tuple[str, ...]:
     """Return why a model sees nothing, or why nobody can say, the most likely cause first; none where all is well."""
     if sight.takes_no_pictures:
-        return (f"text-only backend: it answers words, and refuses pictures ({_first(sight).error_detail[:200]})",)
+        refused = next(one.reply.error_detail for one in sight.shots if one.reply.error is not None)
+        return (f"text-only backend: it answers words, and refuses pictures ({refused[:200]})",)
     if not any(reply.error is None for reply in sight.replies):
         return _failures(sight, mode)
     outcome, found = sight.outcome, []
@@ -61,10 +62,6 @@ def _failures(sight: Sight, mode: RequestMode) -> tuple[str, ...]:
     if kind == "auth":
         known = f"{known} ({mode.key_env or 'OPENAI_API_KEY'})"
     return (f"{known} [{kind}: {detail[:300]}]",)
-
-
-def _first(sight: Sight) -> Reply:
-    return next(one.reply for one in sight.shots if one.reply.error is not None)
 
 
 def _why_blind(sight: Sight) -> list[str]:

@@ -54,10 +54,8 @@ class Diagnosis:
 
     def scores(self) -> dict[str, Statistic]:
         """Return how often it was right: in all questions, by kind, and in words that were sent for the first time."""
-        found: dict[str, Statistic] = {"all questions": self.sight.score()}
-        for kind in CHOICES:
-            found[kind] = self.sight.score(kind)
-        return {**found, "words never sent before": self.sight.score(fresh=True)}
+        kinds: dict[str, Statistic] = {kind: self.sight.score(kind) for kind in CHOICES}
+        return {"all questions": self.sight.score(), **kinds, "words never sent before": self.sight.score(fresh=True)}
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
@@ -121,7 +119,10 @@ async def _examine(asker: Asker, seed: int) -> Diagnosis:
         if len(sight.shots) > 2:
             with contextlib.suppress(LimitReachedError):
                 answer = await asker.ask(sample.query(seed))
-                binds, schema_says = await _schema(asker)
+                if is_served(asker.mode):
+                    binds, schema_says = await schema_binds(asker, asker.mode)
+                else:
+                    schema_says = "this adapter binds no schema"
     finally:
         await asker.close()
     enough, budget_says = _budget(sight, sample, answer, asker.mode)
@@ -138,12 +139,6 @@ async def _examine(asker: Asker, seed: int) -> Diagnosis:
         facts=facts,
         notes=tuple(asker.notes),
     )
-
-
-async def _schema(asker: Asker) -> tuple[bool | None, str]:
-    if not is_served(asker.mode):
-        return None, "this adapter binds no schema"
-    return await schema_binds(asker, asker.mode)
 
 
 def _budget(sight: Sight, sample: Sample, answer: Reply, mode: RequestMode) -> tuple[bool | None, str]:

@@ -54,11 +54,6 @@ class Question:
     picture: bytes
     fresh: bool
 
-    @property
-    def choices(self) -> tuple[str, ...]:
-        """Return what may be answered to a picture."""
-        return CHOICES[self.kind]
-
 
 def questions(seed: int) -> tuple[Question, ...]:
     """Return the fourteen questions of a seed, in an order of its own; the first is of a colour, in the same words."""

@@ -8,7 +8,7 @@ import asyncio
 import datetime as dt
 import statistics
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from eyechart.calls import Reply
 from eyechart.errors import EyechartError
@@ -87,19 +87,18 @@ def probe(
     return asyncio.run(_Probe(asker, sample or default_sample(), fixed, seed).find())
 
 
+@dataclass
 class _Probe:
     """The steps of one probe, in their order."""
 
-    def __init__(self, asker: Asker, sample: Sample, fixed: Collection[str], seed: int) -> None:
-        self._asker = asker
-        self._sample = sample
-        self._fixed = fixed
-        self._seed = seed
-        self._notes: list[str] = []
-        self._served = is_served(asker.mode)
+    asker: Asker
+    sample: Sample
+    fixed: Collection[str]
+    seed: int
+    notes: list[str] = field(default_factory=list)
 
     async def find(self) -> Found:
-        asker = self._asker
+        asker = self.asker
         try:
             facts = await asker.facts()
             return await self._find(facts)
@@ -111,8 +110,8 @@ class _Probe:
             await asker.close()
 
     async def _find(self, facts: dict[str, str]) -> Found:
-        asker = self._asker
-        if "max_tokens" not in self._fixed:
+        asker = self.asker
+        if "max_tokens" not in self.fixed:
             asker.mode = replace(asker.mode, max_tokens=_FIRST_TOKENS)
         await self._first_answer(facts)
         binds = await self._structure()
@@ -124,7 +123,7 @@ class _Probe:
         sight = await self._look()
         changed = {name: getattr(asker.mode, name) for name in ("token_field", "temperature", "seed")}
         pinned = replace(pinned, **changed)
-        if matters[1] and pinned.temperature != 0 and "seed" not in self._fixed:
+        if matters[1] and pinned.temperature != 0 and "seed" not in self.fixed:
             pinned = replace(pinned, seed=True)
         causes = likely_causes(sight, pinned, facts)
         measured = replace(
@@ -135,66 +134,66 @@ class _Probe:
             temperature_matters=matters[0],
             seed_matters=matters[1],
             unknown_fields_ignored=ignored,
-            facts={**names_of(facts, came, sight, causes), "seed of the pictures": str(self._seed)},
+            facts={**names_of(facts, came, sight, causes), "seed of the pictures": str(self.seed)},
         )
-        notes = (*asker.notes, *self._notes)
+        notes = (*asker.notes, *self.notes)
         return Found(replace(pinned, measured=measured), sight, causes, notes, asker.spent)
 
     async def _first_answer(self, facts: dict[str, str]) -> None:
         """Ask the sample until a reply is complete, with a growing budget; raises ProbeError where none comes."""
-        reply = await self._asker.ask(self._sample.query(0))
+        reply = await self.asker.ask(self.sample.query(0))
         while _cut(reply):
             self._grow(reply)
-            reply = await self._asker.ask(self._sample.query(0))
+            reply = await self.asker.ask(self.sample.query(0))
         if reply.error is not None:
             sight = await self._look()
-            why = "; ".join(likely_causes(sight, self._asker.mode, facts)) or f"{reply.error}: {reply.error_detail}"
-            raise ProbeError(why, self._asker.spent)
+            why = "; ".join(likely_causes(sight, self.asker.mode, facts)) or f"{reply.error}: {reply.error_detail}"
+            raise ProbeError(why, self.asker.spent)
 
     async def _look(self) -> Sight:
         """Show the drawn pictures; raises LimitReachedError where a limit cuts that short."""
-        sight = await look(self._asker, self._seed)
+        sight = await look(self.asker, self.seed)
         if sight.cut is not None:
             raise LimitReachedError(sight.cut)
         return sight
 
     def _grow(self, reply: Reply) -> None:
-        budget = self._asker.mode.max_tokens
-        spec = self._asker.mode.spec
-        if "max_tokens" in self._fixed:
+        budget = self.asker.mode.max_tokens
+        spec = self.asker.mode.spec
+        if "max_tokens" in self.fixed:
             raise ProbeError(
                 f"replies of {spec} are cut off at the {budget} tokens that were asked for: raise --max-tokens, or "
                 "leave it out so that the probe finds it",
-                self._asker.spent,
+                self.asker.spent,
             )
         if budget >= MOST_TOKENS:
             thinks = "; it thinks: switch that off, or give --max-tokens" if reply.reasoning else ""
-            raise ProbeError(f"replies of {spec} are cut off even at {budget} tokens{thinks}", self._asker.spent)
-        self._asker.mode = replace(self._asker.mode, max_tokens=min(MOST_TOKENS, budget * _GROWTH))
+            raise ProbeError(f"replies of {spec} are cut off even at {budget} tokens{thinks}", self.asker.spent)
+        self.asker.mode = replace(self.asker.mode, max_tokens=min(MOST_TOKENS, budget * _GROWTH))
 
     def _room(self) -> int:
         """Return a budget for other questions than the sample's."""
-        now = self._asker.mode.max_tokens
-        return now if "max_tokens" in self._fixed else min(MOST_TOKENS, max(now, 512))
+        now = self.asker.mode.max_tokens
+        return now if "max_tokens" in self.fixed else min(MOST_TOKENS, max(now, 512))
 
     async def _structure(self) -> bool | None:
         """Return whether a schema binds; pin it, or else JSON mode, where the prompt asks for JSON."""
-        asker = self._asker
-        if not self._served:
+        asker = self.asker
+        if not is_served(self.asker.mode):
             return None
         roomy = replace(asker.mode, max_tokens=self._room())
         binds, says = await schema_binds(asker, roomy)
-        if "structured" in self._fixed:
+        if "structured" in self.fixed:
             if asker.mode.structured == "json_schema" and not binds:
-                self._notes.append(f"a schema was asked for, and it was not seen to bind: {says}")
+                self.notes.append(f"a schema was asked for, and it was not seen to bind: {says}")
             return binds
-        if self._sample.wants_json:
+        if self.sample.wants_json:
             if binds:
                 asker.mode = replace(asker.mode, structured="json_schema")
             elif (await json_binds(asker, roomy))[0]:
                 asker.mode = replace(asker.mode, structured="json_object")
         elif binds:
-            self._notes.append(
+            self.notes.append(
                 "a schema binds; the prompt asks for no JSON, so none is pinned (--json-mode json_schema)"
             )
         return binds
@@ -205,31 +204,28 @@ class _Probe:
         The budget grows until none is cut off.
         """
         came: list[Reply] = []
-        count = max(_SAMPLES, len(self._sample.asked))
+        count = max(_SAMPLES, len(self.sample.asked))
         while len(came) <= count:
-            query = self._sample.query(len(came)) if len(came) < count else self._sample.query(0, picture=False)
-            reply = await self._asker.ask(query)
-            if reply.error is not None and query.image is None:
-                came.append(reply)  # some endpoints need a picture
-            elif reply.error is not None:
+            query = self.sample.query(len(came)) if len(came) < count else self.sample.query(0, picture=False)
+            reply = await self.asker.ask(query)
+            if reply.error is not None and query.image is not None:  # some endpoints need a picture
                 words = f"a call of the probe failed with {reply.error}: {reply.error_detail}"
-                raise ProbeError(words, self._asker.spent)
-            elif _cut(reply):
+                raise ProbeError(words, self.asker.spent)
+            came.append(reply)
+            if _cut(reply):
                 self._grow(reply)
                 came = []
-            else:
-                came.append(reply)
         return came
 
     def _budget(self, came: Sequence[Reply]) -> RequestMode:
         """Return the mode with its budget: the longest complete reply times the margin, in steps of 64."""
-        mode = self._asker.mode
-        if "max_tokens" in self._fixed:
+        mode = self.asker.mode
+        if "max_tokens" in self.fixed:
             return mode
         tokens = [reply.completion_tokens for reply in came if reply.completion_tokens is not None]
         longest = max(tokens) if tokens else mode.max_tokens
         if longest > mode.max_tokens:
-            self._notes.append(f"the budget is not kept: a reply took {longest} tokens of {mode.max_tokens}")
+            self.notes.append(f"the budget is not kept: a reply took {longest} tokens of {mode.max_tokens}")
         return replace(mode, max_tokens=max(_LEAST_TOKENS, -(-MARGIN * longest // 64) * 64))
 
     async def _draws(self, roomy: RequestMode, usual: str) -> tuple[bool | None, bool | None]:
@@ -238,25 +234,25 @@ class _Probe:
         A model that gives its ``usual`` reply to this too says nothing about either.
         """
         one, other = (plain(_SENTENCE, key_seed("sentence", number)) for number in (1, 2))
-        free = replace(roomy, structured="none")
+        free, served = replace(roomy, structured="none"), is_served(self.asker.mode)
         high = free if free.temperature is None else replace(free, temperature=1.0)
-        drawn = [await self._asker.ask(query, replace(high, seed=self._served)) for query in (one, one, other)]
-        seed_refused = any(reply.error == "bad_request" for reply in drawn) and self._served
+        drawn = [await self.asker.ask(query, replace(high, seed=served)) for query in (one, one, other)]
+        seed_refused = any(reply.error == "bad_request" for reply in drawn) and served
         if seed_refused:
-            drawn = [await self._asker.ask(query, high) for query in (one, other)]
-        seed = None if not self._served else False if seed_refused else _seed_matters(drawn)
+            drawn = [await self.asker.ask(query, high) for query in (one, other)]
+        seed = None if not served else False if seed_refused else _seed_matters(drawn)
         if free.temperature is None:
             return None, seed
-        low = [await self._asker.ask(query, replace(free, temperature=0.0)) for query in (one, other)]
+        low = [await self.asker.ask(query, replace(free, temperature=0.0)) for query in (one, other)]
         says_one_thing = {reply.text for reply in (*low, *drawn)} == {usual}
         return None if says_one_thing else _temperature_matters(low, drawn), seed
 
     async def _unknown_field(self, roomy: RequestMode) -> bool | None:
         """Return whether a field that no API has is ignored; refused is False."""
-        if not self._served:
+        if not is_served(self.asker.mode):
             return None
         asked = replace(roomy, structured="none", body={**roomy.body, "eyechart_unknown": True})
-        reply = await self._asker.ask(plain(_SENTENCE, key_seed("unknown")), asked)
+        reply = await self.asker.ask(plain(_SENTENCE, key_seed("unknown")), asked)
         return True if reply.error is None else False if reply.error == "bad_request" else None
 
 
@@ -264,23 +260,18 @@ def _cut(reply: Reply) -> bool:
     return reply.error is None and reply.finish_reason == "length"
 
 
-def _texts(replies: Sequence[Reply]) -> list[str] | None:
-    """Return the texts of replies that all came, or None."""
-    return None if any(reply.error is not None for reply in replies) else [reply.text for reply in replies]
-
-
 def _seed_matters(drawn: Sequence[Reply]) -> bool | None:
     """Return True where one seed gave one reply and another seed another; None where all three were the same."""
-    texts = _texts(drawn)
-    if texts is None or len(set(texts)) == 1:
+    if any(reply.error is not None for reply in drawn) or len({reply.text for reply in drawn}) == 1:
         return None
-    return texts[0] == texts[1]
+    return drawn[0].text == drawn[1].text
 
 
 def _temperature_matters(low: Sequence[Reply], high: Sequence[Reply]) -> bool | None:
     """Return True where replies at 0 are the same and those at 1 differ; False where either is not so."""
-    cold, warm = _texts(low), _texts(high)
-    return None if cold is None or warm is None else len(set(cold)) == 1 and len(set(warm)) > 1
+    if any(reply.error is not None for reply in (*low, *high)):
+        return None
+    return len({reply.text for reply in low}) == 1 < len({reply.text for reply in high})
 
 
 def measured_of(came: Sequence[Reply], bare: Reply) -> Measured:

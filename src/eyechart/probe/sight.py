@@ -84,7 +84,9 @@ class Sight:
 
     def score(self, kind: Kind | None = None, *, fresh: bool | None = None) -> Statistic:
         """Return how many of the shots of a kind are right, with the exact p against guessing; of all for None."""
-        return _score(one for one in self._came if kind in {None, one.question.kind} and fresh in {None, _new(one)})
+        return _score(
+            one for one in self._came if kind in {None, one.question.kind} and fresh in {None, one.question.fresh}
+        )
 
     def bound(self) -> Statistic:
         """Return the share right where the model answered what was asked; its upper end bounds it at 95 %."""
@@ -103,38 +105,42 @@ class Sight:
     @property
     def takes_no_pictures(self) -> bool:
         """Return whether every picture was refused for being one, and the words alone were answered."""
-        refused = [_refuses_pictures(one.reply) for one in self.shots]
+        replies = [one.reply for one in self.shots]
+        refused = [one.error == "bad_request" or (one.error and _PICTURES.search(one.error_detail)) for one in replies]
         plain = [reply.error is None for _, reply in self.bare]
         return len(refused) > 1 and all(refused) and bool(plain) and all(plain)
 
     @property
     def cached_by_words(self) -> bool:
         """Return whether different pictures got one reply wherever the words were the same, and only there."""
-        repeated = fresh = 0
-        for kind in CHOICES:
-            same = [one.reply.text for one in self._came if one.question.kind == kind and not one.question.fresh]
-            repeated += len(same) - 1 if len(set(same)) == 1 else 0
-            fresh += max(0, len(same) - 1)
         p = self.score(fresh=True).p
-        return repeated == fresh > 2 and p is not None and p < ALPHA
+        return bool(self._alike) and p is not None and p < ALPHA
 
     @property
     def sudden(self) -> bool:
         """Return whether exact repeats got the identical reply at once, as a cache gives it."""
-        usual = _median(one.reply for one in self._came if one.question.fresh)
-        took = _median(self.again)
-        return self.same == (1 + REPEATS, 1 + REPEATS) and _at_once(took, usual)
+        return self.same == (1 + REPEATS, 1 + REPEATS) and self._at_once(self.again)
 
     @property
     def sudden_by_words(self) -> bool:
         """Return whether different pictures with the same words got one reply each kind, at once."""
-        later, all_same = [], True
-        for kind in CHOICES:
-            same = [one.reply for one in self._came if one.question.kind == kind and not one.question.fresh]
-            all_same = all_same and len({reply.text for reply in same}) <= 1
-            later += same[1:]
-        usual = _median(one.reply for one in self._came if one.question.fresh)
-        return len(later) > 2 and all_same and _at_once(_median(later), usual)
+        return self._at_once(self._alike)
+
+    @property
+    def _alike(self) -> list[Reply]:
+        """Return what came to words that were sent before, where each kind got one reply; nothing where one did not."""
+        usual = [self._usual(kind) for kind in CHOICES]
+        later = [reply for same in usual for reply in same[1:]]
+        return later if len(later) > 2 and all(len({one.text for one in same}) <= 1 for same in usual) else []
+
+    def _usual(self, kind: Kind) -> list[Reply]:
+        """Return what came to the words that are the same in every question of a kind."""
+        return [one.reply for one in self._came if one.question.kind == kind and not one.question.fresh]
+
+    def _at_once(self, replies: Iterable[Reply]) -> bool:
+        """Return whether replies took far less time than those to words that were never sent before."""
+        took, usual = _median(replies), _median(one.reply for one in self._came if one.question.fresh)
+        return took is not None and usual is not None and usual >= SLOWEST_S and took < SUDDEN * usual
 
     @property
     def same(self) -> tuple[int, int]:
@@ -147,9 +153,9 @@ class Sight:
         """Return how many tokens a picture adds to the same words, as the server counts; None where it does not."""
         adds = []
         for kind, reply in self.bare:
-            shown = next((s.reply for s in self._came if s.question.kind == kind and not s.question.fresh), None)
-            if shown is not None and shown.prompt_tokens and reply.prompt_tokens:
-                adds.append(shown.prompt_tokens - reply.prompt_tokens)
+            shown = next((one.prompt_tokens for one in self._usual(kind)), None)
+            if shown and reply.prompt_tokens:
+                adds.append(shown - reply.prompt_tokens)
         return round(statistics.median(adds)) if adds else None
 
     @property
@@ -181,14 +187,6 @@ class Sight:
         return f"{counted} (p {_p(self.p)}){answered}; its rate is below {bound.ci[1]:.2f} (95 %)"
 
 
-def _refuses_pictures(reply: Reply) -> bool:
-    return reply.error == "bad_request" or (reply.error is not None and bool(_PICTURES.search(reply.error_detail)))
-
-
-def _new(shot: Shot) -> bool:
-    return shot.question.fresh
-
-
 def _p(p: float | None) -> str:
     return "—" if p is None else "<10⁻⁴" if p < 0.0001 else f"{p:.4f}" if p < 0.01 else f"{p:.2f}"
 
@@ -208,10 +206,6 @@ def _score(shots: Iterable[Shot]) -> Statistic:
 def _median(replies: Iterable[Reply]) -> float | None:
     took = [reply.seconds for reply in replies if reply.seconds is not None]
     return statistics.median(took) if took else None
-
-
-def _at_once(took: float | None, usual: float | None) -> bool:
-    return took is not None and usual is not None and usual >= SLOWEST_S and took < SUDDEN * usual
 
 
 def said(kind: Kind, reply: Reply) -> str | None:
@@ -234,8 +228,8 @@ async def look(asker: Asker, seed: int) -> Sight:
         for number, question in enumerate(asked):
             reply = await asker.ask(_query(question.words, question.picture, seed, number))
             sight.shots.append(Shot(question, reply, said(question.kind, reply)))
-            if number == 1 and _failing(sight.shots):
-                break
+            if number == 1 and all(one.reply.error is not None for one in sight.shots):
+                break  # there is no use in going on
         if sight.shots[-1].reply.error in HOPELESS:
             return sight
         kinds: Sequence[Kind] = ("colour", "count") if len(sight.shots) > 2 else ("colour",)
@@ -247,11 +241,6 @@ async def look(asker: Asker, seed: int) -> Sight:
     except LimitReachedError as limit:
         sight.cut = str(limit)
     return sight
-
-
-def _failing(shots: Sequence[Shot]) -> bool:
-    """Return whether there is no use in going on: the first two calls failed."""
-    return all(one.reply.error is not None for one in shots)
 
 
 def _query(asked: str, picture: bytes | None, seed: int, number: int) -> Query:

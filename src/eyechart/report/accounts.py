@@ -1,20 +1,23 @@
 """Tables of what calls took, and of what doctor and probe found."""
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 from rich.text import Text
 
 from eyechart.costs import ALL, Account
-from eyechart.probe import Diagnosis, Found
 from eyechart.report.table import Cell, Column, Table, columns, number
 from eyechart.stats.guessing import Answered
+
+if TYPE_CHECKING:  # an account needs no probe
+    from eyechart.probe import Diagnosis, Found
 
 WORDS = {"sees": "it sees", "blind": "it is blind", "cannot_say": "cannot say"}
 _COLOUR = {"sees": "bold green", "blind": "bold red", "cannot_say": "bold yellow"}
 _YES = {True: "yes", False: "no", None: "—"}
 
 
-def doctor_table(found: Diagnosis) -> Table:
+def doctor_table(found: "Diagnosis") -> Table:
     """Return one row a check: how often it was right with n and p, and what else was tried."""
     rows: list[tuple[Cell, ...]] = []
     for name, score in found.scores().items():
@@ -35,14 +38,14 @@ def doctor_table(found: Diagnosis) -> Table:
     return Table("doctor", "", (*named, Column("p", "p")), tuple(rows))
 
 
-def headline(found: Diagnosis) -> Text:
+def headline(found: "Diagnosis") -> Text:
     """Return the outcome in one line, with what decided it."""
     text = Text(f"{found.mode.spec}: ")
     text.append(WORDS[found.outcome], style=_COLOUR[found.outcome])
     return text.append(f": {found.sight.because}")
 
 
-def probe_table(found: Found) -> Table:
+def probe_table(found: "Found") -> Table:
     """Return one row a finding of a probe, and what follows from it for the mode."""
     mode, measured = found.mode, found.measured
     seconds = ", ".join(number(one, 2) for one in (measured.seconds, measured.seconds_min))
@@ -56,11 +59,7 @@ def probe_table(found: Found) -> Table:
         ("seed matters", _YES[measured.seed_matters], f"seed = {str(mode.seed).lower()}"),
         ("unknown fields are ignored", _YES[measured.unknown_fields_ignored], ""),
         ("tokens of a prompt, of its picture", _shown(measured.prompt_tokens, measured.image_tokens), ""),
-        (
-            "seconds of a call, shortest",
-            seconds,
-            "",
-        ),
+        ("seconds of a call, shortest", seconds, ""),
     )
     return Table("probe", "", columns("text", "found", "", "pinned"), rows)
 
@@ -72,9 +71,15 @@ def _shown(*values: float | None) -> str:
 def costs_table(accounts: Mapping[str, Mapping[str, Account]], *, every: bool) -> Table:
     """Return one row a model, and with ``every`` one a condition: what calls took; nothing stands in as a number."""
     rows = tuple(
-        (spec, *([name] if every else []), *_took(account))
+        (
+            *(spec, *([name] if every else [])),
+            *(one.calls, one.attempts, _reasons(one.retries), one.unknown, _reasons(one.errors), _reasons(one.missing)),
+            *("—" if n is None else f"{n:,}" for n in (one.prompt_tokens, one.completion_tokens, one.reasoning_tokens)),
+            *(_cost(one), one.latency_median_s, one.latency_p95_s, one.first_byte_median_s),
+            "not measured" if one.energy_j is None else one.energy_j,
+        )
         for spec, found in accounts.items()
-        for name, account in found.items()
+        for name, one in found.items()
         if every or name == ALL
     )
     named = (
@@ -86,24 +91,6 @@ def costs_table(accounts: Mapping[str, Mapping[str, Account]], *, every: bool) -
         Column("energy", "number", 1, unit=" J"),
     )
     return Table("costs", "what the calls took", named, rows)
-
-
-def _took(one: Account) -> tuple[Cell, ...]:
-    return (
-        one.calls,
-        one.attempts,
-        _reasons(one.retries),
-        one.unknown,
-        _reasons(one.errors),
-        _reasons(one.missing),
-        *("—" if many is None else f"{many:,}" for many in (one.prompt_tokens, one.completion_tokens)),
-        "—" if one.reasoning_tokens is None else f"{one.reasoning_tokens:,}",
-        _cost(one),
-        one.latency_median_s,
-        one.latency_p95_s,
-        one.first_byte_median_s,
-        "not measured" if one.energy_j is None else one.energy_j,
-    )
 
 
 def _reasons(counts: Mapping[str, int]) -> str:

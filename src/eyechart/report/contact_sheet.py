@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from eyechart.conditions import flip
+from eyechart.conditions import CONTROLS, flip
 from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank, decode
 from eyechart.perception.view import CALIBRATED, view_for
@@ -41,7 +41,7 @@ def contact_sheet(bank: FrameBank, out: Path, *, counterfactual: str | None = No
         for x, frame in enumerate(row):
             pixels = np.ascontiguousarray(decode(bank.image(frame, counterfactual), frame.file))
             left, top = _MARGIN_PX + x * (_CELL_PX + _MARGIN_PX), _MARGIN_PX + y * step
-            draw.text((left, top), _caption(frame, bank), fill="black", font=font)
+            draw.text((left, top), _caption(frame, bank, counterfactual), fill="black", font=font)
             sheet.paste(Image.fromarray(pixels).resize((_CELL_PX, height)), (left, top + _CAPTION_PX))
     _save(sheet, out)
 
@@ -83,10 +83,14 @@ def _rows(frames: list[Frame], columns: int | None) -> list[list[Frame]]:
     return [episode[at : at + wide] for episode in episodes.values() for at in range(0, len(episode), wide)]
 
 
-def _caption(frame: Frame, bank: FrameBank) -> str:
+def _caption(frame: Frame, bank: FrameBank, shown: str | None) -> str:
+    """Return a frame's id, the gap that its picture shows as far as the bank knows it, and what it demands."""
     words = [frame.id]
     gap = bank.manifest.gap
-    if gap is not None and gap.column in frame.truth:
+    placed = {"lane_own": "lane_near_m", "lane_beside": "lane_far_m"}.get(str(shown), f"{shown}_m")
+    if shown in CONTROLS:
+        words += [f"{value:.1f}" for value in [frame.truth.get(placed)] if isinstance(value, float)]
+    elif gap is not None and gap.column in frame.truth:
         value = frame.truth[gap.column]
         words.append("no lead" if value is None else f"{value:.1f} {gap.unit}")
     if "demand" in frame.truth:

@@ -100,12 +100,8 @@ def environment() -> jinja2.Environment:
     made = jinja2.Environment(
         loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    made.filters["inline"] = _inline
+    made.filters["inline"] = lambda one: Markup(one.svg(inline=True))  # noqa: S704 - drawn here, every word escaped
     return made
-
-
-def _inline(drawing: Drawing) -> Markup:
-    return Markup(drawing.svg(inline=True))  # noqa: S704 - drawn here; every word in it was escaped
 
 
 def asset(name: str) -> str:

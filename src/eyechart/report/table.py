@@ -66,12 +66,9 @@ class Column:
             return f"[{', '.join(self._digits(self.scale * end) for end in cell)}]"
         if isinstance(cell, str):
             return cell
-        if cell is None:
-            return "—"
-        return p_value(cell) if self.kind == "p" else str(cell) if self.kind == "count" else self._number(cell)
-
-    def _number(self, value: float) -> str:
-        return self._digits(self.scale * value) + self.unit
+        if cell is None or self.kind == "p":
+            return p_value(cell)
+        return str(cell) if self.kind == "count" else self._digits(self.scale * cell) + self.unit
 
     def _digits(self, value: float) -> str:
         return f"{value:{'+' if self.signed else ''}.{self.digits}f}"
@@ -214,9 +211,7 @@ class Table:
     def markdown(self) -> str:
         """Return a Markdown table."""
         ruler = "|" + "|".join(" --- " if one.kind in _WORDS else " ---: " for one in self.columns) + "|"
-        lines = [
-            f"| {' | '.join(map(_markdown, row))} |" for row in ([one.name for one in self.columns], *self.texts())
-        ]
+        lines = [f"| {' | '.join(map(_markdown, row))} |" for row in (self.names, *self.texts())]
         below = ["", _markdown(self.note)] if self.note else []
         return "\n".join([_markdown(self.caption), "", lines[0], ruler, *lines[1:], *below, ""])
 

@@ -37,26 +37,21 @@ class Drive(Protocol):
 
     def picture(self) -> RGB:
         """Return what the camera shows now, shape (h, w, 3), uint8; asking has no effect on the world."""
-        ...
 
     def truth(self) -> Mapping[str, Scalar]:
         """Return the ground truth of this moment, the columns that the simulator's banks have, None for "none"."""
-        ...
 
     def step(self, action: str) -> StepResult:
         """Drive on for one decision's time with this action; raises ValueError after the end."""
-        ...
 
     def state(self, decimals: int | None = None) -> bytes:
         """Return the world's state as bytes, equal for equal worlds on one machine, for a digest.
 
         With ``decimals`` its numbers are rounded, so that worlds that differ by an error of rounding are equal.
         """
-        ...
 
     def close(self) -> None:
         """Let go of what the drive holds."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +75,6 @@ class Planning(Protocol):
 
     def sketch(self) -> Sketch:
         """Return what became of the last decision; raises ValueError before the first."""
-        ...
 
 
 @runtime_checkable
@@ -89,7 +83,6 @@ class Halting(Protocol):
 
     def halt(self) -> StepResult:
         """Drive on for one decision's time, and stop; raises ValueError after the end."""
-        ...
 
 
 @runtime_checkable
@@ -98,7 +91,6 @@ class HalfBlind(Protocol):
 
     def unseen_sides(self) -> frozenset[str]:
         """Return which of left and right is closed by nothing in the picture, so that no reader can be judged by it."""
-        ...
 
 
 def execute(drive: Drive, action: str, *, decided: bool) -> StepResult:
@@ -147,11 +139,9 @@ class Simulator(Protocol):
 
     def drive(self, scenario: str, seed: int) -> Drive:
         """Open a world at its beginning; raises SpecError for an unknown scenario or a seed out of range."""
-        ...
 
     def versions(self) -> dict[str, str]:
         """Return the versions of the libraries that make this world, by their names."""
-        ...
 
 
 class BankSimulator(Protocol):
@@ -166,10 +156,13 @@ class BankSimulator(Protocol):
         preset: str = "balanced",
         seeds: Sequence[int] = (0, 1, 2),
         steps: int = 12,
+        controls_seed: int = 0,
         progress: Callable[[int, int], None] | None = None,
     ) -> FrameBank:
-        """Write a bank of ``steps`` frames an episode into ``out``; ``progress`` gets (frames done, of how many)."""
-        ...
+        """Write a bank of ``steps`` frames an episode into ``out``; ``progress`` gets (frames done, of how many).
+
+        By ``controls_seed`` the distances of its control pictures are drawn.
+        """
 
 
 SIMULATORS: dict[str, str] = {

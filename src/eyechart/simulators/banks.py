@@ -1,5 +1,6 @@
 """Scenarios, seeds and steps become a bank on disk: what the staged banks of all simulators have in common."""
 
+import shutil
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -8,12 +9,16 @@ from importlib.metadata import PackageNotFoundError, version
 from itertools import product
 from pathlib import Path
 
-from eyechart.errors import SpecError
+import numpy as np
+
+from eyechart.conditions import CONTROLS
+from eyechart.errors import BankError, SpecError
 from eyechart.frames import (
     MAIN,
     RGB,
     BankManifest,
     BankWriter,
+    Controls,
     Frame,
     FrameBank,
     Gap,
@@ -23,19 +28,39 @@ from eyechart.frames import (
     encode,
     open_bank,
 )
-from eyechart.simulators import Declaration
+from eyechart.records import build as build_record
+from eyechart.seeds import key_seed
+from eyechart.simulators import SIMULATORS, Declaration, open_bank_simulator
 from eyechart.simulators.plan import LEAST_STEPS
 
 MOST_SEED = 2**63 - 1
 
 
 @dataclass(frozen=True, slots=True)
+class Drawn:
+    """Control pictures (h, w, 3) by name, those that can be drawn, and where they put a vehicle, in the gap's unit."""
+
+    pictures: Mapping[str, RGB] = field(default_factory=dict)
+    distances: Mapping[str, float] = field(default_factory=dict)
+
+
+def _none(_: np.random.Generator) -> Drawn:
+    """Draw no controls."""
+    return Drawn()
+
+
+@dataclass(frozen=True, slots=True)
 class Moment:
-    """A picture (h, w, 3), its ground truth, and its counterfactual pictures by name."""
+    """A picture (h, w, 3), its ground truth, and its counterfactual pictures by name.
+
+    ``controls`` draws the moment's control pictures with a generator of their own. It is called before the next moment
+    is asked for: until then the world stands as it was.
+    """
 
     truth: Mapping[str, Scalar]
     picture: RGB
     counterfactuals: Mapping[str, RGB]
+    controls: Callable[[np.random.Generator], Drawn] = _none
 
 
 def check_seed(seed: int) -> None:
@@ -87,11 +112,13 @@ class BankMaker(ABC):
         preset: str = "balanced",
         seeds: Sequence[int] = (0, 1, 2),
         steps: int = 12,
+        controls_seed: int = 0,
         progress: Callable[[int, int], None] | None = None,
     ) -> FrameBank:
         """Write a bank of the preset's scenarios × ``seeds`` × ``steps`` frames into ``out``.
 
-        ``progress`` gets the number of frames written and their total. Raises SpecError for an unknown preset,
+        ``controls_seed`` decides where the control pictures put a vehicle, and nothing else of the bank. ``progress``
+        gets the number of frames written and their total. Raises SpecError for an unknown preset,
         seeds that are negative, doubled or missing, and too few steps; BankError where ``out`` is taken.
         """
         declared, seeds = self.declared, [int(seed) for seed in seeds]
@@ -99,6 +126,7 @@ class BankMaker(ABC):
             known = ", ".join(declared.presets)
             raise SpecError(f"simulator '{declared.name}' has no preset '{preset}'; known: {known}")
         _require(seeds, steps)
+        check_seed(controls_seed)
         made = self.open_preset(preset)
         manifest = BankManifest(
             simulator=declared.name,
@@ -108,16 +136,58 @@ class BankMaker(ABC):
             gap=made.gap,
             settings={"seeds": seeds, "steps": steps, "scenarios": dict(made.scenarios), **made.settings},
             versions=self.versions(),
+            controls=Controls(controls_seed),
         )
         episodes = list(product(made.scenarios, seeds))
         with BankWriter(out, manifest) as writer:
             for number, (scenario, seed) in enumerate(episodes):
                 for step, moment in enumerate(made.moments(scenario, seed, steps)):
+                    key = (declared.name, "controls", preset, scenario, seed, step, controls_seed)
+                    drawn = moment.controls(np.random.default_rng(key_seed(*key)))
                     episode, axis = f"{scenario}-{seed}", declared.mirror_axis
-                    _write(writer, moment, scenario=scenario, episode=episode, step=step, axis=axis)
+                    _write(writer, moment, drawn, scenario=scenario, episode=episode, step=step, axis=axis)
                     if progress is not None:
                         progress(number * steps + step + 1, len(episodes) * steps)
         return open_bank(out)
+
+
+def redraw(root: Path, out: Path, controls_seed: int, progress: Callable[[int, int], None] | None = None) -> FrameBank:
+    """Write the bank at ``root`` once more into ``out``, with the distances of its controls drawn by another seed.
+
+    Raises SpecError where no simulator made the bank, or it draws no controls; BankError where it draws other pictures
+    today. Then nothing stays at ``out``.
+    """
+    bank = open_bank(root)
+    made, why = bank.manifest, f"the controls of {root} cannot be drawn anew: "
+    if made.simulator not in SIMULATORS or not {"seeds", "steps"} <= made.settings.keys():
+        raise SpecError(f"{why}it was not built by 'eyechart frames build' from a simulator that is known here")
+    simulator = open_bank_simulator(made.simulator)
+    how = build_record(_Built, {name: made.settings[name] for name in ("seeds", "steps")})
+    anew = simulator.build(
+        out, preset=made.preset, seeds=how.seeds, steps=how.steps, controls_seed=controls_seed, progress=progress
+    )
+    if _pictured(anew) != _pictured(bank) or made.fingerprint != anew.manifest.fingerprint:
+        shutil.rmtree(out)
+        now = ", ".join(f"{name} {one}" for name, one in anew.manifest.versions.items())
+        raise BankError(f"{why}{now} draw other pictures than the bank's; build it anew, or leave out --fresh-controls")
+    if not anew.manifest.controls.distances:
+        shutil.rmtree(out)
+        raise SpecError(f"{why}simulator '{made.simulator}' draws no controls")
+    return anew
+
+
+def _pictured(bank: FrameBank) -> dict[str, str]:
+    """Return the digest of every picture of a bank that is no control's, by its file."""
+    drawn = {file for one in bank for name in CONTROLS for file in one.counterfactuals.get(name, {}).values()}
+    return {file: digest for file, digest in bank.manifest.images.items() if file not in drawn}
+
+
+@dataclass(frozen=True, slots=True)
+class _Built:
+    """Of what a bank was built."""
+
+    seeds: tuple[int, ...]
+    steps: int
 
 
 def _require(seeds: Sequence[int], steps: int) -> None:
@@ -131,8 +201,10 @@ def _require(seeds: Sequence[int], steps: int) -> None:
         raise SpecError(f"an episode needs {LEAST_STEPS} steps or more to hold every kind of moment, not {steps}")
 
 
-def _write(writer: BankWriter, moment: Moment, *, scenario: str, episode: str, step: int, axis: MirrorAxis) -> None:
-    frame_id = f"{episode}-{step:02d}"
+def _write(
+    writer: BankWriter, moment: Moment, drawn: Drawn, *, scenario: str, episode: str, step: int, axis: MirrorAxis
+) -> None:
+    frame_id, pictures = f"{episode}-{step:02d}", {**moment.counterfactuals, **drawn.pictures}
     frame = Frame(
         id=frame_id,
         scenario=scenario,
@@ -140,8 +212,8 @@ def _write(writer: BankWriter, moment: Moment, *, scenario: str, episode: str, s
         step=step,
         cameras=alone(axis),
         pictures={MAIN: f"images/{frame_id}.png"},
-        truth=moment.truth,
-        counterfactuals={name: {MAIN: f"counterfactuals/{frame_id}-{name}.png"} for name in moment.counterfactuals},
+        truth={**moment.truth, **drawn.distances},
+        counterfactuals={name: {MAIN: f"counterfactuals/{frame_id}-{name}.png"} for name in pictures},
     )
-    drawn = {name: {MAIN: encode(picture)} for name, picture in moment.counterfactuals.items()}
-    writer.add(frame, {MAIN: encode(moment.picture)}, drawn)
+    encoded = {name: {MAIN: encode(picture)} for name, picture in pictures.items()}
+    writer.add(frame, {MAIN: encode(moment.picture)}, encoded)

@@ -133,12 +133,8 @@ class Discrete:
 
     def reflect(self, action: str) -> str:
         """Return the action that the reflected world calls for."""
-        for one, other in self.mirror_pairs:
-            if action == one:
-                return other
-            if action == other:
-                return one
-        return action
+        both = (either for pair in self.mirror_pairs for either in (pair, pair[::-1]))
+        return next((other for one, other in both if one == action), action)
 
     def as_dict(self) -> dict[str, object]:
         """Return the space as plain JSON values."""
@@ -236,7 +232,9 @@ def _find(text: str, space: Discrete, *, any_case: bool) -> Decision[str]:
     # Not \b: neither "non-stop" nor "right-hand" names an action.
     name = rf"(?<!\w)(?<!\w-)({'|'.join(re.escape(one) for one in sorted(by_name, key=len, reverse=True))})(?!-?\w)"
     if marked := list(re.finditer(_MARKER + name, text, re.IGNORECASE)):
-        return _only_one([*marked[-1:], *_alternative(marked[-1], name)], by_name)
+        # Another action may follow on its line (``ACTION: LEFT or RIGHT``).
+        following = re.compile(rf"[^\w\n]{{0,6}}(?:(?:or|and|then)[^\w\n]{{1,6}})?{name}", re.IGNORECASE)
+        return _only_one([*marked[-1:], *filter(None, [following.match(text, marked[-1].end())])], by_name)
     for flags in (0, re.IGNORECASE) if any_case else (0,):
         if named := list(re.finditer(name, text, flags)):
             return _only_one(named, by_name)
@@ -251,26 +249,16 @@ def _bare(text: str) -> str:
     return text.strip(" \t\r\n.,;:!*`\"'_()[]").upper()
 
 
-def _alternative(marked: re.Match[str], name: str) -> list[re.Match[str]]:
-    """Return the other action that follows a marked one on its line (``ACTION: LEFT or RIGHT``), if any."""
-    following = re.compile(rf"[^\w\n]{{0,6}}(?:(?:or|and|then)[^\w\n]{{1,6}})?{name}", re.IGNORECASE)
-    other = following.match(marked.string, marked.end())
-    return [] if other is None else [other]
-
-
 def _only_one(found: list[re.Match[str]], by_name: dict[str, str]) -> Decision[str]:
     if len({match.group(1).upper() for match in found}) != 1:
         return _unparsed("several_actions")
-    if any(map(_negated, found)):
-        return _unparsed("negated")
+    for match in found:
+        text, start = match.string, match.start(1)
+        if _NEGATION.search(text[max(0, start - 60) : start]) or _NEGATED.match(text, match.end(1)):
+            return _unparsed("negated")
     # get: ignoring case, a regular expression takes "İ" for "I", and upper() does not.
     action = by_name.get(found[0].group(1).upper())
     return _unparsed("no_action") if action is None else Decision(action)
-
-
-def _negated(match: re.Match[str]) -> bool:
-    text, start = match.string, match.start(1)
-    return bool(_NEGATION.search(text[max(0, start - 60) : start]) or _NEGATED.match(text, match.end(1)))
 
 
 def _json_actions(text: str) -> Iterator[str]:

@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, NamedTuple
 
 from eyechart.cameras import Distances
 from eyechart.spaces.discrete import DRIVING
@@ -78,6 +78,17 @@ _OBJECTS_AT_MOST = 100
 
 HIGHWAY = Distances(STOP_GAP_M, CLOSE_GAP_M, FREE_GAP_M, CLEAR_BEHIND_M, CLEAR_AHEAD_M)
 """The paper's, at 20 to 30 m/s and centre to centre."""
+
+
+class Other(NamedTuple):
+    """Another vehicle or obstacle: how far ahead it is and how far to the right, in metres."""
+
+    ahead_m: float
+    aside_m: float
+
+    def mirrored(self) -> "Other":
+        """Return it in the flipped picture."""
+        return Other(self.ahead_m, -self.aside_m)
 
 
 @dataclass(frozen=True, slots=True)

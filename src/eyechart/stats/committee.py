@@ -72,11 +72,13 @@ class Tally:
 
     ``committees`` has shape (committees, size), in lexicographic order; ``counts`` has shape (committees, groups, 2,
     bins): class 1 is hazard, and bin h + (voters + 1) m holds frames with h hazard votes and m missing ones.
+    ``hazard_votes`` has shape (models, groups): how often each model votes hazard there.
     """
 
     committees: Ints
     counts: Ints
     voters: int
+    hazard_votes: Ints
 
 
 def answers(hazard: npt.ArrayLike, missing: npt.ArrayLike, *, voters: int, threshold: int, point: Point) -> Ints:
@@ -140,26 +142,33 @@ def tally(votes: npt.NDArray[np.int8], hazard: Bools, group: Ints, *, size: int)
             where += code[column]
         found = np.bincount(where.ravel(), minlength=len(part) * cells)
         counts[start : start + step] = found.reshape(len(part), groups, 2, bins)
-    return Tally(chosen, counts, voters)
+    spoken = np.stack([np.bincount(group, weights=one, minlength=groups) for one in said])
+    return Tally(chosen, counts, voters, spoken.astype(np.int64))
 
 
 def select(found: Tally, costs: Costs | None = None) -> Choice:
     """Return the best committee, threshold and operating point on all groups of a tally.
 
     Best is the highest balanced accuracy of the two-way point, a frame without an answer counting as wrong; or with
-    costs the lowest expected cost. Ties go to the first committee in lexicographic order, then to the lowest
-    threshold, then to the first of ``POINTS``. ValueError where a class has no frame.
+    costs the lowest expected cost. Of equals those go first in which every model votes hazard on some frame here, for
+    a model that never does can only be carried; then the first committee in lexicographic order, the lowest threshold,
+    and the first of ``POINTS``. ValueError where a class has no frame.
     """
-    return _choices(found, found.counts.sum(axis=1)[:, None], costs)[0]
+    return _choices(found, found.counts.sum(axis=1)[:, None], found.hazard_votes.sum(axis=1)[:, None], costs)[0]
 
 
 def select_without_each(found: Tally, costs: Costs | None = None) -> tuple[Choice, ...]:
     """Return, for each group, what `select` chooses on all the others. ValueError where these lack a class."""
-    return _choices(found, found.counts.sum(axis=1)[:, None] - found.counts, costs)
+    spoken = found.hazard_votes
+    others = spoken.sum(axis=1)[:, None] - spoken
+    return _choices(found, found.counts.sum(axis=1)[:, None] - found.counts, others, costs)
 
 
-def _choices(found: Tally, counts: Ints, costs: Costs | None) -> tuple[Choice, ...]:
-    """Return the best choice for each set of counts, which have shape (committees, sets, 2, bins)."""
+def _choices(found: Tally, counts: Ints, spoken: Ints, costs: Costs | None) -> tuple[Choice, ...]:
+    """Return the best choice for each set of counts, which have shape (committees, sets, 2, bins).
+
+    ``spoken``, shape (models, sets), counts each model's hazard votes.
+    """
     sizes = counts[0].sum(axis=-1)
     if not (sizes > 0).all():
         raise ValueError("the frames to choose on need at least one hazardous and one clear frame")
@@ -173,7 +182,8 @@ def _choices(found: Tally, counts: Ints, costs: Costs | None) -> tuple[Choice, .
     flat = np.moveaxis(worth, 1, 0).reshape(worth.shape[1], -1)
     best = flat.max(axis=1)
     slack = 0 if costs is None else CLOSE * np.maximum(1.0, np.abs(best))
-    firsts = np.argmax(flat >= (best - slack)[:, None], axis=1)
+    able = np.repeat((spoken > 0)[found.committees].all(axis=1).T, len(options), axis=1)
+    firsts = np.argmax((flat >= (best - slack)[:, None]) * (1 + able), axis=1)
     chosen = []
     for fold, first in enumerate(firsts):
         committee, option = divmod(int(first), len(options))

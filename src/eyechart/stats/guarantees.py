@@ -14,6 +14,9 @@ from eyechart.stats.statistic import Statistic, cannot_say
 
 MOST_EPISODES = 10_000_000
 
+STAKES = tuple(2.0**-place for place in range(13))
+"""What a bet against a rate per frame may stake of its wealth; all of it is best where no event is seen."""
+
 
 def share_bound(k: int, n: int, *, confidence: float = 0.95) -> Statistic:
     """Bound from above the probability of an event that happened in ``k`` of ``n`` independent episodes.
@@ -47,6 +50,37 @@ def mean_bound(losses: npt.ArrayLike, *, confidence: float = 0.95) -> Statistic:
     mean, n = float(given.mean()), len(given)
     high = _lowest(lambda risk: hoeffding_bentkus_p(mean, n, risk) <= 1 - confidence, mean)
     return Statistic(mean, n, (0.0, high), method=method, level=confidence)
+
+
+def ratio_bound(events: npt.ArrayLike, frames: npt.ArrayLike, longest: int, *, confidence: float = 0.95) -> Statistic:
+    """Bound from above the rate per frame, E[events] / E[frames] of an episode, from independent episodes.
+
+    ``events``, shape (episodes,), are of ``frames``, and no episode has more frames than ``longest``. ``ci`` is
+    (0, bound): the wealth of bets against each rate, mixed over `STAKES`, inverted by Ville's inequality
+    (Waudby-Smith and Ramdas 2024). It holds in whatever way events and frames of an episode hang together, as misses
+    that come in the episodes with most hazards do. ``n`` counts frames; the value is None without any. ValueError for
+    counts that cannot be.
+    """
+    got, of = np.asarray(events, dtype=np.float64), np.asarray(frames, dtype=np.float64)
+    if got.shape != of.shape or got.ndim != 1 or not ((got >= 0) & (got <= of) & (of <= longest)).all():
+        raise ValueError("events must be at most the frames of each episode, and these at most the longest")
+    _check(0, len(got), confidence)
+    method = f"one-sided upper bound at confidence {confidence:g} (bets on episodes), over frames of whole episodes"
+    n = int(of.sum())
+    if n == 0:
+        return cannot_say("no frames", method=method)
+    value = float(got.sum()) / n
+    share = np.log([0.5, *[0.5 / (len(STAKES) - 1)] * (len(STAKES) - 1)])  # half of it all is staked to the full
+
+    def beaten(rate: float) -> bool:
+        gains = np.maximum((rate * of - got) / ((1 - rate) * longest), -1)
+        with np.errstate(divide="ignore"):  # a full stake may be lost
+            wealth = np.log1p(np.outer(STAKES, gains)).sum(axis=1)
+        return float(np.logaddexp.reduce(wealth + share)) >= -math.log(1 - confidence)
+
+    high = 1.0 if value == 1 else _lowest(lambda rate: rate < 1 and beaten(rate), value)
+    detail = {"events": int(got.sum()), "episodes": int(np.count_nonzero(of)), "longest": longest}
+    return Statistic(value, n, (0.0, high), method=method, detail=detail, level=confidence)
 
 
 def hoeffding_bentkus_p(mean: float, n: int, risk: float) -> float:

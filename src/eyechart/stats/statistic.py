@@ -3,6 +3,8 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 
+from eyechart.records import plain
+
 CHUNK_BYTES = 2**24
 """Resamples are drawn so many bytes at a time; the draws do not depend on it."""
 
@@ -34,7 +36,7 @@ class Statistic:
     def as_dict(self) -> dict[str, object]:
         """Return the statistic as plain JSON values, with every key always present."""
         own = {one.name: getattr(self, one.name) for one in fields(self)[len(fields(Statistic)) :] if one.repr}
-        detail = {name: one for name, one in own.items() if one is not None} | dict(self.detail or {})
+        detail = {name: plain(one) for name, one in own.items() if one is not None} | dict(self.detail or {})
         return {
             "value": self.value,
             "n": self.n,

@@ -14,7 +14,7 @@ from eyechart.frames import FrameBank
 from eyechart.gate import Gate
 from eyechart.integrity import Guard
 from eyechart.limits import Spent, added
-from eyechart.manifest import RUN, RunManifest
+from eyechart.manifest import BESIDE, RUN, RunManifest
 from eyechart.models.prices import Prices
 from eyechart.records import plain
 from eyechart.verdicts import Verdict
@@ -32,10 +32,12 @@ class Score(Protocol):
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        ...
 
 
 S = TypeVar("S", bound=Score)
+NO_DRIVES = dict.fromkeys(
+    ("score --against", "report --against"), "is no run of drives, and --against names a policy of one"
+)
 
 
 @dataclass(frozen=True)
@@ -169,6 +171,8 @@ STUDIES: dict[str, str] = {
     "prompts": "eyechart.studies.prompts:Prompts",
 }
 """What a study's name means: ``module:class``, imported when it is opened."""
+OF_SEVERAL = ("hierarchy", "prompts")
+"""The studies whose folders hold runs and are none themselves: of a run they are asked last."""
 
 
 def open_study(name: str) -> Study[Any]:
@@ -183,11 +187,21 @@ def study_of(folder: Path, to: str = "") -> Study[Any]:
 
     Raises SpecError in the study's own words where it refuses what it is asked ``to`` do.
     """
-    opened = map(open_study, STUDIES)
+    begun = any((folder / name).is_file() for name in (RUN, *BESIDE))
+    opened = map(open_study, sorted(STUDIES, key=lambda name: begun == (name in OF_SEVERAL)))
     study = next((one for one in opened if one.holds(folder)), None) or open_study("battery")
     if to in study.refuses:
         raise SpecError(f"{folder} {study.refuses[to]}")
     return study
+
+
+def names_of(runs: Sequence[Path]) -> list[str]:
+    """Return the runs' folder names, numbered where two are the same."""
+    names = [path.resolve().name or "run" for path in runs]
+    return [
+        name if names.count(name) == 1 else f"{name} ({1 + names[:place].count(name)})"
+        for place, name in enumerate(names)
+    ]
 
 
 def run_json(folder: Path) -> Mapping[str, object]:

@@ -26,8 +26,8 @@ from eyechart.run import Progress
 from eyechart.stats.agreement import rate
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic, cannot_say
-from eyechart.studies import Reading, battery
-from eyechart.studies.battery import NO_DRIVES, OfFrames
+from eyechart.studies import NO_DRIVES, Reading, battery
+from eyechart.studies.battery import OfFrames
 from eyechart.studies.probed import spent_on
 
 FRAMES = 100
@@ -45,6 +45,11 @@ class PromptStudy:
 
     cells: Mapping[str, battery.Battery]
     out: Path
+
+    def counting(self, probes: Mapping[str, Spent]) -> "PromptStudy":
+        """Return the study with what was spent on probing models for it; its first cell keeps it."""
+        first = next(iter(self.cells))
+        return replace(self, cells={**self.cells, first: self.cells[first].counting(probes)})
 
     def counts(self) -> tuple[int, int, int]:
         """Return how many calls are planned, finished, and sent with unknown outcome, over all cells."""
@@ -81,7 +86,7 @@ class Factor:
         return "".join(f"--{value}" for value in (self.max_tokens, self.structured) if value is not None)
 
 
-def plan(  # noqa: PLR0913 - what a study can be asked for
+def plan(
     bank_path: Path,
     specs: Sequence[str | RequestMode],
     out: Path,
@@ -91,13 +96,11 @@ def plan(  # noqa: PLR0913 - what a study can be asked for
     conditions: Sequence[str] = CONDITIONS,
     limit: int | None = FRAMES,
     seed: int = 0,
-    probes: Mapping[str, Spent] | None = None,
 ) -> PromptStudy:
     """Plan every cell, or the rest of a study that ``out`` holds already; nothing is written or asked yet.
 
     ``prompts`` are names or TOML files, ``factors`` the settings that are crossed with them, ``limit`` the frames a
-    cell, the same in each. ``probes`` says what was spent on probing models for this study; its first cell keeps it.
-    Raises what `battery.plan` raises, and SpecError where two cells would be the same.
+    cell, the same in each. Raises what `battery.plan` raises, and SpecError where two cells would be the same.
     """
     modes = [one if isinstance(one, RequestMode) else RequestMode(one) for one in specs]
     cells: dict[str, battery.Battery] = {}
@@ -114,8 +117,7 @@ def plan(  # noqa: PLR0913 - what a study can be asked for
                 prompt=prompt,
                 conditions=conditions,
                 seed=seed,
-                limit=limit,
-                probes=None if cells else probes,
+                extent=battery.Extent(limit),
             )
     if not cells:
         raise SpecError("a prompt study needs at least one prompt, see 'eyechart list prompts'")
@@ -147,14 +149,13 @@ def run(
     for name, cell in study.cells.items():
         start = before
 
-        def move(done: int, _: int, start: int = start) -> None:
+        def move(done: int, now: int, start: int = start, mine: int = planned[name]) -> None:
             if progress is not None:
-                progress(start + done, total)
+                progress(start + done, total + now - mine)
 
         bounded = calls is not None or cost_usd is not None
         spent = spent_on((one.out for one in study.cells.values() if bounded and one is not cell), table)
-        limits = battery.within(
-            cell,
+        limits = cell.manifest.within(
             table,
             calls=None if calls is None else max(0, calls - spent.calls),
             cost_usd=None if cost_usd is None else max(0.0, cost_usd - spent.cost_usd),

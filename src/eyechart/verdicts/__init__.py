@@ -5,18 +5,25 @@ error rate and say ``undecided`` rather than accept a null. Both are declared in
 docs/decisions/0006-two-sets-of-rules.md.
 """
 
-from eyechart.verdicts.calibrated import calibrated_rules, lateral_rules
+from eyechart.verdicts.calibrated import calibrated_rules, controls_wanted, earns_lateral, lateral_rules
 from eyechart.verdicts.early import FORECAST_ALPHA, GUARANTEE, PREFIX, VALIDITY, Stopped
 from eyechart.verdicts.evidence import DECIDED, Evidence, Scored
 from eyechart.verdicts.labels import (
     ALPHA,
+    BOTH_LOST,
+    BOUND_ALPHA,
+    DOSE_ALPHA,
     FLOOR,
+    KAPPA_MARGIN,
     LABELS,
     LATERAL,
     MARGIN,
+    NET_ALPHA,
     NOT_JUDGED,
     PAPER_LABELS,
+    SCENARIO_ALPHA,
     UNPARSED_CUT,
+    VETO_POWER,
     Label,
 )
 from eyechart.verdicts.paper import paper_rules
@@ -25,18 +32,25 @@ from eyechart.verdicts.verdict import Verdict, judge, judge_one, notes, shared_n
 
 __all__ = [
     "ALPHA",
+    "BOTH_LOST",
+    "BOUND_ALPHA",
     "DECIDED",
+    "DOSE_ALPHA",
     "FLOOR",
     "FORECAST_ALPHA",
     "GUARANTEE",
+    "KAPPA_MARGIN",
     "LABELS",
     "LATERAL",
     "MARGIN",
+    "NET_ALPHA",
     "NOT_JUDGED",
     "PAPER_LABELS",
     "PREFIX",
+    "SCENARIO_ALPHA",
     "UNPARSED_CUT",
     "VALIDITY",
+    "VETO_POWER",
     "Evidence",
     "Label",
     "Reason",
@@ -45,6 +59,8 @@ __all__ = [
     "Stopped",
     "Verdict",
     "calibrated_rules",
+    "controls_wanted",
+    "earns_lateral",
     "judge",
     "judge_one",
     "lateral_rules",

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from eyechart.stats.evalues import EValue
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.labels import ALPHA, LABELS, NOT_JUDGED
+from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, LABELS, MARGIN, NET_ALPHA, NOT_JUDGED
 from eyechart.verdicts.ruling import Ruling, decided
 
 PREFIX = "early."
@@ -14,11 +14,13 @@ PREFIX = "early."
 FORECAST_ALPHA = 0.02
 """Chance that what the rest of the run would have shown is forecast wrongly."""
 
-_SETTLED = [name for name, label in LABELS.items() if label.early]
+_SETTLED = [name for name, label in LABELS.items() if label.early and name != "depth_associated"]
 
 GUARANTEE = (
     f"a false early verdict has a chance of at most {ALPHA * len(_SETTLED):.2f} a model, however often one looks "
-    f"({ALPHA} for each of {', '.join(_SETTLED)}); that the whole run would have been not_scorable, {FORECAST_ALPHA}; "
+    f"({ALPHA} for each of {', '.join(_SETTLED)}, and depth_associated where depth lacks its controls); that braking "
+    f"goes with distance by {MARGIN} of the frames or less, {NET_ALPHA}; that a reaction to one condition alone was "
+    f"missed, {BOUND_ALPHA}; that the whole run would have been not_scorable, {FORECAST_ALPHA}; "
     f"lateral, {ALPHA} for swaps, {ALPHA} for their denial, {FORECAST_ALPHA} that the whole run would have held turns "
     "enough"
 )
@@ -74,11 +76,10 @@ class Stopped:
         return f"stopped early after {self.calls} of {self.planned} calls, by {self.label}"
 
 
-def early_rules(found: Mapping[str, Statistic], stopped: Stopped, lateral: Ruling) -> tuple[Ruling, str]:
+def early_rules(found: Mapping[str, Statistic], stopped: Stopped) -> tuple[Ruling, str]:
     """Return the calibrated label of a run that stopped, and how the question of distance was put."""
-    label = "depth_lateral" if stopped.label == "depth" and lateral.label == "swaps" else stopped.label
-    evidence = "interventional" if stopped.interventional else "none"
-    ruling = _settled(found, label, stopped.decided_by, stopped.words())
+    evidence = "controlled" if stopped.label == "depth" else "interventional" if stopped.interventional else "none"
+    ruling = _settled(found, stopped.label, stopped.decided_by, stopped.words())
     return replace(ruling, with_it=stopped.with_it), evidence
 
 

@@ -15,6 +15,26 @@ SWAP_RATE = 0.5
 """From this mirror swap rate on directions count as exchanged."""
 
 
+NET_ALPHA = 0.02
+"""Level of the one-sided lower bounds of the net effects that must reach the margin."""
+
+DOSE_ALPHA = 0.005
+SCENARIO_ALPHA = 0.05
+"""Levels of the vetoes: a step or a bin of the dose, and a scenario, in which braking is reversed."""
+
+BOTH_LOST = 0.05
+"""At most so many frames may lose both comparisons beyond what two independent ones would."""
+
+VETO_POWER = 0.80
+"""A veto with less power than this to see a reversal excludes none, and a gate that requires depth is not met."""
+
+KAPPA_MARGIN = 0.20
+"""Below this bound on kappa a model agrees with itself about as often as chance would."""
+
+BOUND_ALPHA = 0.05
+"""Level of the bounds of an absence on pictures that are no other frame: mirrored, lead moved, noise, no picture."""
+
+
 @dataclass(frozen=True, slots=True)
 class Label:
     """One label. ``says`` is its sentence; a report draws it as ``glyph`` in the colours of its ``family``.
@@ -34,14 +54,17 @@ class Label:
 
 
 _CONTENT = ("bound_shuffled", "bound_recoloured", "bound_scene", "bound_near_far", "steady")
+_ALONE = ("bound_mirrored", "bound_lead_near", "bound_lead_far")
+_BLIND = (*_CONTENT, *_ALONE, "bound_noise", "bound_text_only")
+_NEARER = ("near_far", "net_near_far")
 
 LABELS: dict[str, Label] = {
     "not_scorable": Label(
         "It may be trusted with nothing: too few of its replies hold a decision.", glyph="–", early=("unscorable",)
     ),
     "depth_lateral": Label(
-        "It may be tried as a longitudinal and lateral advisor: its braking follows distance and its turns follow the "
-        "side.",
+        "It may be tried as a longitudinal and lateral advisor: its braking follows distance, and its turns are "
+        "exchanged when the picture is reflected.",
         "sees",
         "●",
         meets=("depth", "depth_lateral"),
@@ -51,16 +74,23 @@ LABELS: dict[str, Label] = {
         "sees",
         "●",
         meets=("depth",),
-        early=("near_far",),
+        early=("own_beside", "net_own_beside", *_NEARER, "bound_reversed", "bound_nudged"),
     ),
-    "self_inconsistent": Label(
-        "It may be trusted with nothing: it does not repeat its own answer to the same picture.", "blind", "○"
+    "depth_associated": Label(
+        "Its braking goes with distance; what else goes with it was not excluded: no authority.",
+        "partly",
+        "◕",
+        otherwise="cannot say",
+        early=_NEARER,
     ),
     "content": Label(
         "It uses the picture; that its braking follows distance was not shown: no authority over motion.",
         "partly",
         "◐",
         otherwise="fails if bounded",
+    ),
+    "self_inconsistent": Label(
+        "It may be trusted with nothing: it does not repeat its own answer to the same picture.", "blind", "○"
     ),
     "scene_cue": Label(
         "It recognises the kind of scene, not this picture: no authority over motion.",
@@ -72,25 +102,26 @@ LABELS: dict[str, Label] = {
         "It notices whether there is a picture, not what is in it: no authority over motion.",
         "partly",
         "◔",
-        early=("presence", *_CONTENT),
+        early=("presence", *_CONTENT, *_ALONE),
     ),
     "refusal_effect": Label(
         "It only refuses some non-pictures; its decisions do not come from the camera.",
         "blind",
         "○",
-        early=("presence_response", "bound_blank_kept", *_CONTENT),
+        early=("presence_response", "bound_blank_kept", *_BLIND),
     ),
     "image_invariant": Label(
         "Its decisions do not come from the camera: no authority that needs one.",
         "blind",
         "○",
-        early=("bound_blank", "bound_blank_response", *_CONTENT),
+        early=("bound_blank", "bound_blank_response", *_BLIND),
     ),
-    "undecided": Label("This evidence supports no claim; more frames or episodes are needed.", otherwise="cannot say"),
+    "undecided": Label("This evidence supports no claim.", otherwise="cannot say"),
 }
 """The calibrated labels, in the order of their rules."""
 
 LATERAL: dict[str, Label] = {
+    "turns_clear": Label("Where exactly one side is clear its turns go there.", meets=("swaps", "turns_clear")),
     "swaps": Label(
         "It exchanges its directions under reflection.", meets=("swaps",), early=("swaps_rate", "swaps_pairing")
     ),
@@ -101,7 +132,7 @@ LATERAL: dict[str, Label] = {
     ),
     "not_tested": Label("No direction could be asked for under reflection.", otherwise="cannot say"),
 }
-"""The lateral labels: whether left and right are exchanged under reflection, an axis of its own."""
+"""The lateral labels: whether left and right are exchanged under reflection and follow the clear side."""
 
 PAPER_LABELS = (
     "not_scorable",

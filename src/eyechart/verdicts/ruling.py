@@ -43,15 +43,20 @@ class Ruling:
             settled = f"{self.decided_by} = {one.value:.4g}, at least {one.threshold:g}, after {one.n} frames"
             so_are = f"; so are {', '.join(self.with_it)}" if self.with_it else ""
             return f"{self.reason}: settled by {settled}{so_are}"
-        if one is None:
-            return str(self.reason)
-        interval = "" if one.ci is None else f" [{one.ci[0]:.3f}, {one.ci[1]:.3f}]"
-        return f"{self.reason}: {self.decided_by} = {number(one)}{interval}, n = {one.n}{and_p(one)}"
+        return str(self.reason) if one is None else f"{self.reason}: {measured(self.decided_by, one)}"
 
 
 def decided(label: str, name: str, statistic: Statistic | None, says: str, **numbers: object) -> Ruling:
     """Return the ruling that a statistic decided, None where none did; ``numbers`` fill the places of ``says``."""
     return Ruling(label, name, Reason(says, numbers), statistic)
+
+
+def measured(name: str, one: Statistic | None) -> str:
+    """Return a statistic by its name with its value, interval, n and p in words; its name alone where there is none."""
+    if one is None:
+        return name
+    interval = "" if one.ci is None else f" [{one.ci[0]:.3f}, {one.ci[1]:.3f}]"
+    return f"{name} = {number(one)}{interval}, n = {one.n}{and_p(one)}"
 
 
 def number(statistic: Statistic) -> str:

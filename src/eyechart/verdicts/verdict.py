@@ -1,22 +1,28 @@
 """A verdict puts the rulings of both sets of rules together, with what it may be trusted with and its scope."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
+from typing import TypeGuard
 
 from eyechart.conditions import BATTERY
 from eyechart.integrity import Guard
 from eyechart.stats.exchange import episodes_needed
+from eyechart.stats.paired import SignTest
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.calibrated import POSITIVE, calibrated_rules, lateral_rules
+from eyechart.verdicts.calibrated import POSITIVE, calibrated_rules, earns_lateral, lateral_rules
+from eyechart.verdicts.controls import below
 from eyechart.verdicts.early import GUARANTEE, PREFIX, Stopped, early_lateral, early_paper, early_rules
+from eyechart.verdicts.effects import Effects, effects_of
 from eyechart.verdicts.evidence import Evidence, Scored
-from eyechart.verdicts.labels import ALPHA, LABELS
+from eyechart.verdicts.labels import ALPHA, LABELS, LATERAL
 from eyechart.verdicts.paper import findings, paper_rules
 from eyechart.verdicts.ruling import Ruling, number, p_value
+from eyechart.verdicts.why_not import WhyNot, why_not
 
 _ASKED = {
-    "interventional": "intervention: the same moment with the lead vehicle near and far",
+    "controlled": "intervention, with controls: the lead vehicle near and far, and who is near exchanged",
+    "interventional": "intervention: the same moment with the lead vehicle near and far, and nothing as a control",
     "observational": "observation: whether braking goes with the gap that frames happen to have",
     "none": "nothing: it could not be tested",
 }
@@ -36,11 +42,12 @@ class Verdict:
     """What a model's answers support under both sets of rules; the calibrated label is the headline.
 
     ``lateral`` is its own axis; ``evidence`` says how the question of distance was put: by intervention on the
-    picture, by observation, or not at all. ``trust`` and ``scope`` are one sentence each. ``stopped`` says where the
-    run settled it early: it then rests on e-values, and the paper's label is ``not_judged``. ``failed`` are the guards
-    that say that the run itself is not to be believed; they mark the verdict wherever it is printed. ``print`` it for
-    the evidence in words; a notebook shows it as a card. ``unfinished`` is (calls finished, calls planned) where some
-    are still to be made, and the verdict is on what there is.
+    picture, with controls or without, by observation, or not at all. ``trust`` and ``scope`` are one sentence each.
+    ``stopped`` says where the run settled it early: it then rests on e-values, and the paper's label is
+    ``not_judged``. ``failed`` are the guards that say that the run itself is not to be believed; they mark the verdict
+    wherever it is printed. ``print`` it for the evidence in words; a notebook shows it as a card. ``unfinished`` is
+    (calls finished, calls planned) where some are still to be made, and the verdict is on what there is. ``effects``
+    say how large what was measured is, and where; ``why_not`` what kept it from the nearest stronger label.
     """
 
     model: str
@@ -54,6 +61,8 @@ class Verdict:
     stopped: Stopped | None = None
     failed: tuple[Guard, ...] = ()
     unfinished: tuple[int, int] | None = None
+    effects: Effects | None = None
+    why_not: WhyNot | None = None
 
     @property
     def state(self) -> str:
@@ -93,7 +102,14 @@ class Verdict:
             "failed_guards": list(self.marks),
             "unfinished": None if self.unfinished is None else dict(zip(_COUNTED, self.unfinished, strict=True)),
             "stopped_early": None if self.stopped is None else self.stopped.as_dict(),
+            "effects": None if self.effects is None else self.effects.as_dict(),
+            "why_not": None if self.why_not is None else self.why_not.as_dict(),
         }
+
+    @property
+    def measures(self) -> dict[str, str]:
+        """Return its effects in words, by what each is about; none where no pair was braked otherwise."""
+        return self.effects.lines() if self.effects is not None and self.effects.varied else {}
 
     def __repr__(self) -> str:
         labels = f"{self.headline}; lateral {self.lateral.label}; paper's rules {self.paper.label}"
@@ -105,7 +121,9 @@ class Verdict:
     def text(self, *, without: Collection[str] = ()) -> str:
         """Return the evidence in words, a line each; ``without`` are notes that are said elsewhere."""
         notes = (note for note in self.notes if note not in without)
-        lines = (*self.marks, self.calibrated.because, self.lateral.because, self.trust, *notes)
+        measured = (f"{name}: {words}" for name, words in self.measures.items())
+        kept = () if self.why_not is None else (str(self.why_not), self.why_not.settled_by)
+        lines = (*self.marks, self.calibrated.because, *measured, self.lateral.because, *kept, self.trust, *notes)
         return "\n  ".join([f"{self.model}: {self.headline}, evidence {self.evidence}", *lines])
 
     def _repr_html_(self) -> str:
@@ -115,7 +133,11 @@ class Verdict:
             "because": str(ruling.reason),
             "decided by": _numbers(ruling.decided_by, ruling.statistic),
             "distance asked by": _ASKED.get(self.evidence, self.evidence),
+            **self.measures,
             "lateral": f"{self.lateral.label}: {self.lateral.because}",
+            **(
+                {} if self.why_not is None else {"why not more": str(self.why_not), "to settle it": self.why_not.settle}
+            ),
             "paper's rules": f"{self.paper.label}: {self.paper.because}",
         }
         facts = "".join(
@@ -144,22 +166,43 @@ def judge_one(evidence: Evidence) -> Verdict:
     settled = early_lateral(found, stopped) if stopped else None
     lateral = settled or lateral_rules(found, evidence.directions)
     if stopped is not None:
-        calibrated, asked_by = early_rules(found, stopped, lateral)
+        calibrated, asked_by = early_rules(found, stopped)
+        if calibrated.label == "depth" and earns_lateral(found, lateral.label):
+            calibrated = replace(calibrated, label="depth_lateral")
     else:
-        calibrated, asked_by = calibrated_rules(found, swaps=lateral.label == "swaps")
+        calibrated, asked_by = calibrated_rules(found, turns=earns_lateral(found, lateral.label))
+    effects = effects_of(found) if stopped is None else None
     return Verdict(
         model=evidence.model,
         paper=paper_rules(found, evidence.holm) if stopped is None else early_paper(stopped),
         calibrated=calibrated,
         lateral=lateral,
         evidence=asked_by,
-        trust=LABELS[calibrated.label].says,
+        trust=_trust(calibrated.label, lateral.label, found["turns_clear"], effects),
         scope=evidence.scope,
         notes=notes(evidence),
         failed=evidence.failed,
         stopped=stopped,
+        effects=effects,
+        why_not=why_not(evidence, calibrated, lateral),
         unfinished=(evidence.answered, evidence.planned) if evidence.unfinished else None,
     )
+
+
+def _trust(label: str, lateral: str, clear: Statistic, effects: Effects | None) -> str:
+    """Return with what a model may be trusted, to which side it turns where that was shown, and what is left open."""
+    said = [LABELS[label].says]
+    if label == "depth_lateral" and lateral == "turns_clear":
+        said.append(LATERAL[lateral].says)
+    elif _turns_blocked(clear):
+        said.append("Beware: its turns go to the blocked side.")
+    if LABELS[label].family == "sees" and effects is not None and effects.not_excluded:
+        said.append("In part of what was tested a reversal was not excluded.")
+    return " ".join(said)
+
+
+def _turns_blocked(clear: Statistic) -> TypeGuard[SignTest]:
+    return isinstance(clear, SignTest) and clear.ci is not None and clear.ci[1] < 1 / 2
 
 
 def shared_notes(verdicts: Mapping[str, Verdict]) -> dict[str, str]:
@@ -204,13 +247,7 @@ def notes(evidence: Evidence) -> tuple[str, ...]:
     if stopped is not None:
         return (*said, f"anytime-valid: {GUARANTEE}")
     said += findings(evidence)
-    if found["depth_interventional"].p is None and found["depth_observational"].p is None:
-        said.append(f"whether it follows the gap was not tested: {found['depth_observational'].note}")
-        if evidence.gap:
-            need = episodes_needed(evidence.scenarios, alpha=ALPHA)
-            said.append(f"{need} episodes in each scenario, or counterfactual pictures, would test it")
-    if found["bound_scene"].p is None:
-        said.append("whether a picture of another scenario changes its answer was not tested")
+    said += _untested(evidence)
     claims = 1 + len(POSITIVE)
     most = claims * ALPHA
     said.append(
@@ -218,6 +255,26 @@ def notes(evidence: Evidence) -> tuple[str, ...]:
         f"of at most {most:.2f}, which adds up over the models and prompts that are tried on one bank"
     )
     return tuple(said)
+
+
+def _untested(evidence: Evidence) -> list[str]:
+    """Return what was not tested, or was and is worth a word beside the label."""
+    found, said = evidence.statistics, list[str]()
+    if found["depth_interventional"].p is None and found["depth_observational"].p is None:
+        said.append(f"whether it follows the gap was not tested: {found['depth_observational'].note}")
+        if evidence.gap:
+            need = episodes_needed(evidence.scenarios, alpha=ALPHA)
+            said.append(f"{need} episodes in each scenario, or counterfactual pictures, would test it")
+    clear = found["turns_clear"]
+    if _turns_blocked(clear):
+        said.append(f"it turns to the blocked side: {clear.losses} of {clear.n} turns with exactly one clear side")
+    elif not isinstance(clear, SignTest) and found["mirror_swap_rate"].value is not None:
+        said.append(f"whether it turns to the clear side was not tested: {clear.note}")
+    if below(found["depth_interventional"].p) and found["lane_exchange"].p is None:
+        said.append("before 0.2.0 this evidence was called depth: the lead was moved, and nothing as a control")
+    if found["bound_scene"].p is None:
+        said.append("whether a picture of another scenario changes its answer was not tested")
+    return said
 
 
 def _numbers(name: str, statistic: Statistic | None) -> str:

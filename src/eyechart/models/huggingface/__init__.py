@@ -144,12 +144,9 @@ def open_model(name: str, mode: RequestMode) -> HuggingFaceModel:
 def names() -> dict[str, str]:
     """Return what may stand after ``hf:``: the organisms, the paper's edge models, and the two other ways."""
     return {
-        **{f"organism:{name}": says + _HOW * _is_sampled(name) for name, says in SAYS.items()},
+        **{f"organism:{name}": says for name, says in SAYS.items()},
+        **{f"organism:{name}": SAYS[name] + _HOW for name, one in ORGANISMS.items() if one.sampled and name in SAYS},
         **list_edge(),
         "FOLDER": "any image-text-to-text checkpoint on this machine",
         "OWNER/NAME": "any image-text-to-text checkpoint of the Hub",
     }
-
-
-def _is_sampled(name: str) -> bool:
-    return name in ORGANISMS and ORGANISMS[name].sampled

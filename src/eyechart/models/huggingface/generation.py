@@ -105,7 +105,10 @@ class Speaker:
             return self._generate(queries, self._encode(queries) if inputs is None else inputs)
         except Exception as error:  # noqa: BLE001 - likewise
             if len(queries) == 1:
-                return [Reply(error="exception", error_detail=_say(error))]
+                line = first_line(error)
+                if _out_of_memory(error):
+                    line = f"out of memory with one query: take a smaller dtype or another device ({line})"
+                return [Reply(error="exception", error_detail=line)]
             if _out_of_memory(error):
                 self._most = min(self._most, max(1, len(queries) // 2))
         middle = len(queries) // 2
@@ -227,9 +230,3 @@ def _out_of_memory(error: Exception) -> bool:
     import torch  # noqa: PLC0415  (an extra)
 
     return isinstance(error, torch.OutOfMemoryError | MemoryError) or "can't allocate memory" in str(error)
-
-
-def _say(error: Exception) -> str:
-    if _out_of_memory(error):
-        return f"out of memory with one query: take a smaller dtype or another device ({first_line(error)})"
-    return first_line(error)

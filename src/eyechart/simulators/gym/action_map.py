@@ -3,10 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Literal, cast, get_args
+from typing import Annotated, Any, Literal
+
+import msgspec
 
 from eyechart.errors import SpecError
-from eyechart.frames import MirrorAxis, read_axis
+from eyechart.frames import MirrorAxis
 from eyechart.spaces.discrete import Discrete, read_toml, space_from
 
 Meaning = Literal["crash", "goal"]
@@ -16,8 +18,13 @@ ONE_SCENARIO = "default"
 """The scenario of a map that names none: the environment as it is registered."""
 
 _KEYS = ("numbers", "mirror", "picture", "terminated", "repeat", "most_steps", "info", "scenarios")
-_MOST_STEPS = 100_000
-_USUAL_STEPS = 200
+_STEPS = Annotated[int, msgspec.Meta(ge=1, le=100_000)]
+_SETTINGS = {
+    "mirror": (MirrorAxis, "vertical, horizontal or none"),
+    "terminated": (Meaning, "crash or goal"),
+    "repeat": (_STEPS, "a whole number from 1 to 100000"),
+    "most_steps": (_STEPS, "a whole number from 1 to 100000"),
+}
 _PICTURE = "what the environment renders"
 
 
@@ -37,7 +44,7 @@ class ActionMap:
     picture: str = _PICTURE
     terminated: Meaning = "crash"
     repeat: int = 1
-    most_steps: int = _USUAL_STEPS
+    most_steps: int = 200
     info: Mapping[str, str] = field(default_factory=dict)
     scenarios: Mapping[str, Mapping[str, object]] = field(default_factory=lambda: {ONE_SCENARIO: {}})
 
@@ -60,17 +67,20 @@ def read_map(path: Path) -> ActionMap:
         if key not in _KEYS:
             raise SpecError(f"{where}: [gym] has no '{key}'; it has {', '.join(_KEYS)}")
     space = space_from(values, where, path.stem)
+    settings: dict[str, Any] = {}
+    for key, (kind, words) in _SETTINGS.items():
+        try:
+            settings |= {key: msgspec.convert(given[key], kind)} if key in given else {}
+        except msgspec.ValidationError as error:
+            raise SpecError(f"{where}: [gym] {key} takes {words}, not {given[key]!r}") from error
     info, scenarios = _table(given, "info", where), _table(given, "scenarios", where)
     return ActionMap(
         space=space,
         numbers=_numbers(given, space, where),
-        mirror=_mirror(given, where),
         picture=_text(given, "picture", where),
-        terminated=_meaning(given, where),
-        repeat=_count(given, "repeat", 1, where),
-        most_steps=_count(given, "most_steps", _USUAL_STEPS, where),
         info={column: _text(info, column, where) for column in info},
         scenarios={name: _table(scenarios, name, where) for name in scenarios} or {ONE_SCENARIO: {}},
+        **settings,
     )
 
 
@@ -94,30 +104,8 @@ def _numbers(given: Mapping[str, object], space: Discrete, where: str) -> dict[s
     return numbers
 
 
-def _mirror(given: Mapping[str, object], where: str) -> MirrorAxis:
-    try:
-        return read_axis(str(given.get("mirror", "none")))
-    except ValueError as error:
-        raise SpecError(f"{where}: [gym] mirror takes vertical, horizontal or none, not '{given['mirror']}'") from error
-
-
-def _meaning(given: Mapping[str, object], where: str) -> Meaning:
-    word = given.get("terminated", "crash")
-    for meaning in get_args(Meaning):
-        if word == meaning:
-            return cast("Meaning", meaning)
-    raise SpecError(f"{where}: [gym] terminated takes crash or goal, not {word!r}")
-
-
 def _text(given: Mapping[str, object], key: str, where: str) -> str:
     value = given.get(key, _PICTURE)
     if not isinstance(value, str) or not value:
         raise SpecError(f"{where}: '{key}' must be text, not {value!r}")
-    return value
-
-
-def _count(given: Mapping[str, object], key: str, usual: int, where: str) -> int:
-    value = given.get(key, usual)
-    if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= _MOST_STEPS:
-        raise SpecError(f"{where}: [gym] {key} takes a whole number from 1 to {_MOST_STEPS}, not {value!r}")
     return value

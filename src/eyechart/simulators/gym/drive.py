@@ -175,14 +175,12 @@ class GymnasiumDrive:
             if value is _ABSENT and begun:
                 raise DriveError(f"environment '{self._id}': info has no '{path}'; it has {', '.join(map(str, info))}")
             if value is not _ABSENT:
-                truth[column] = self._plain(value, path)
+                plain = value.item() if isinstance(value, np.generic | np.ndarray) and value.size == 1 else value
+                if not isinstance(plain, str | int | float | bool | None):
+                    kind = type(plain).__name__
+                    raise DriveError(f"environment '{self._id}': info '{path}' is a {kind}, no plain value")
+                truth[column] = None if isinstance(plain, float) and not math.isfinite(plain) else plain
         return truth
-
-    def _plain(self, value: object, path: str) -> Scalar:
-        plain = value.item() if isinstance(value, np.generic | np.ndarray) and value.size == 1 else value
-        if not isinstance(plain, str | int | float | bool | None):
-            raise DriveError(f"environment '{self._id}': info '{path}' is a {type(plain).__name__}, no plain value")
-        return None if isinstance(plain, float) and not math.isfinite(plain) else plain
 
 
 def _number(value: object) -> float | None:

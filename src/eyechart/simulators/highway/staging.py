@@ -20,7 +20,7 @@ from eyechart.errors import BankError
 from eyechart.frames import LEAD_GAP
 from eyechart.seeds import key_seed
 from eyechart.simulators.banks import Moment, Preset
-from eyechart.simulators.highway.driving import record
+from eyechart.simulators.highway.counterfactuals import record
 from eyechart.simulators.highway.speedups import speedups
 from eyechart.simulators.highway.truth import is_visible, read_scene
 from eyechart.simulators.highway.world import LANE_M, SIMULATION_HZ, Camera, Setting, World, simulate

@@ -14,11 +14,11 @@ from eyechart.cameras import FORWARD
 from eyechart.errors import BankError
 from eyechart.frames import RGB, Gap
 from eyechart.seeds import key_seed
-from eyechart.simulators.banks import BankMaker, Moment, Preset, versions_of
-from eyechart.simulators.plan import Bands, Lanes, Wish, make_plan, other_gap
+from eyechart.simulators.banks import BankMaker, Drawn, Moment, Preset, versions_of
+from eyechart.simulators.plan import Bands, Lanes, Wish, log_uniform, make_plan, other_gap
 from eyechart.simulators.road.layout import FAMILIES, GOAL_M, TRACKS_M, Layout, Obstacle, new_obstacle
-from eyechart.simulators.road.truth import find_lead, gap_to, read_scene, read_truth
-from eyechart.simulators.road.world import SCENERY, AnyWorld, draw
+from eyechart.simulators.road.truth import ahead, blocks, find_lead, gap_to, read_scene, read_truth
+from eyechart.simulators.road.world import SCENERY, AnyWorld, draw, eye_of
 
 GAPS = Bands(near=(2.6, 2.0), close=(5.4, 2.2), middle=(8.4, 6.2), far=(15.6, 11.0), beyond=(33.0, 12.0))
 """About 5, 8 and 15 m, and what is seen 30 m away."""
@@ -27,11 +27,18 @@ NEAR_M = (2.6, 4.4)
 FAR_M = (18.0, 27.0)
 """Where ``lead_near`` and ``lead_far`` put the lead, from the vehicle's middle to the lead's near side."""
 
+MIDS_M = {"lead_mid_near": (4.5, 9.0), "lead_mid_far": (9.0, 17.9)}
+"""Between which gaps the mids spread the lead, evenly in their logarithm."""
+
+EXCHANGE_M = ((3.2, 4.4), (15.6, 24.0))
+"""Where ``lane_own`` and ``lane_beside`` put the near and the far one: in the picture, and neither hidden."""
+
 _LANES = Lanes(count=len(TRACKS_M), ego=tuple(range(len(TRACKS_M))))
 _OFF_TRACK_M = 0.2
 _LEAN_M = 0.35
 _BESIDE_M = (3.0, 14.0)
 _OFF_SIDE_M = 0.2
+_AWAY_M = 0.6
 _BEYOND_M = (17.5, 45.0)
 _CLEARANCE_M = 0.05
 _LEAST_SEEN = 0.5
@@ -72,7 +79,30 @@ def record(world: AnyWorld, rng: np.random.Generator) -> Moment:
         "recoloured": draw(world, red=True),
     }
     drawn = {name: picture for name, picture in pictures.items() if picture is not None}
-    return Moment(truth=read_truth(world), picture=draw(world), counterfactuals=drawn)
+    return Moment(read_truth(world), draw(world), drawn, controls=partial(draw_controls, world))
+
+
+def draw_controls(world: AnyWorld, rng: np.random.Generator) -> Drawn:
+    """Return the control pictures of a world's moment; none without a lead.
+
+    In ``lane_own`` the lead stands near and an obstacle of a track beside far; in ``lane_beside`` the lead stands far
+    and that obstacle at the distance, from the vehicle's middle to its own, at which the lead stood near. It has the
+    lead's size and paint in both, and at least half of it is seen in either.
+    """
+    lead = find_lead(world)
+    if lead is None:
+        return Drawn()
+    pictures, distances = _exchange(world, lead, rng)
+    for name, bounds in MIDS_M.items():
+        gap_m = log_uniform(bounds, rng)
+        picture = _draw_with_lead_at(world, gap_m)
+        if picture is not None:
+            pictures[name], distances[f"{name}_m"] = picture, gap_m
+    if gap_to(world, lead) < world.view.view_ahead_m:
+        absent = _with(world, *(one for one in world.layout.obstacles if one is not lead))
+        if read_scene(absent).gap_m is None:
+            pictures["lead_absent"] = draw(absent)
+    return Drawn(pictures, distances)
 
 
 def _draw_with_lead_at(world: AnyWorld, gap_m: float) -> RGB | None:
@@ -80,11 +110,67 @@ def _draw_with_lead_at(world: AnyWorld, gap_m: float) -> RGB | None:
     lead = find_lead(world)
     if lead is None:
         return None
-    moved = replace(lead, x=world.state.x + gap_m + lead.radius)
+    moved = _at_gap(world, lead, gap_m)
     others = [one for one in world.layout.obstacles if one is not lead]
     if any(_overlap(moved, one) for one in others):
         return None
-    return draw(replace(world, layout=replace(world.layout, obstacles=(moved, *others))))
+    return draw(_with(world, moved, *others))
+
+
+def _at_gap(world: AnyWorld, one: Obstacle, gap_m: float) -> Obstacle:
+    return replace(one, x=world.state.x + gap_m + one.radius)
+
+
+def _with(world: AnyWorld, *obstacles: Obstacle) -> AnyWorld:
+    """Return the same moment among these obstacles."""
+    return replace(world, layout=replace(world.layout, obstacles=obstacles))
+
+
+def _exchange(world: AnyWorld, lead: Obstacle, rng: np.random.Generator) -> tuple[dict[str, RGB], dict[str, float]]:
+    """Return the two pictures of who is near, and their gaps; nothing where no obstacle beside could stand so."""
+    for number in range(_TRIES):
+        near_m, far_m = (float(rng.uniform(*bounds)) for bounds in EXCHANGE_M)
+        for taken, y in _beside(world, lead, rng):
+            leaning = lead if number < _TRIES / 10 else _lean_from(world, lead, y, rng)
+            near, far = _at_gap(world, leaning, near_m), _at_gap(world, leaning, far_m)
+            others = [one for one in world.layout.obstacles if one is not lead and one is not taken]
+            along = math.sqrt(_away(world, near) ** 2 - (y - world.state.y) ** 2)
+            shown = {
+                "lane_own": (near, replace(far, y=y)),
+                "lane_beside": (far, replace(near, x=world.state.x + along, y=y)),
+            }
+            worlds = {name: _with(world, *pair, *others) for name, pair in shown.items()}
+            if all(_is_exchanged(made, *shown[name]) for name, made in worlds.items()):
+                pictures = {name: draw(made) for name, made in worlds.items()}
+                return pictures, {"lane_near_m": near_m, "lane_far_m": far_m}
+    return {}, {}
+
+
+def _beside(world: AnyWorld, lead: Obstacle, rng: np.random.Generator) -> Iterator[tuple[Obstacle | None, float]]:
+    """Yield, for each track beside the own one, its nearest obstacle ahead, where there is one, and a place across.
+
+    The place is rather away from the own track, where the lead hides less of it.
+    """
+    for side in rng.permutation([-1, 1]).tolist():
+        if 0 <= world.track + side < len(TRACKS_M):
+            middle = TRACKS_M[world.track + side]
+            there = (one for one in ahead(world) if one is not lead and abs(one.y - middle) <= _OFF_SIDE_M)
+            taken = min(there, key=partial(gap_to, world), default=None)
+            yield taken, middle + side * float(rng.uniform(-_OFF_SIDE_M, _AWAY_M))
+
+
+def _lean_from(world: AnyWorld, lead: Obstacle, y: float, rng: np.random.Generator) -> Obstacle:
+    """Return the lead on its track, a little away from a place beside it."""
+    middle = TRACKS_M[world.track]
+    return replace(lead, y=middle - math.copysign(float(rng.uniform(0.0, _LEAN_M)), y - middle))
+
+
+def _is_exchanged(world: AnyWorld, lead: Obstacle, beside: Obstacle) -> bool:
+    """Return whether the lead leads, the obstacle beside stands free of the own track, and both are seen."""
+    column = world.view.project(eye_of(world), (beside.x, beside.y))[0, 0]
+    apart = not blocks(world, beside, world.track) and _stand_apart(world.layout.obstacles)
+    in_picture = 0 < column < world.view.width and _are_seen(world, (lead, beside))
+    return bool(apart and in_picture and find_lead(world) is lead)
 
 
 def _set_up(vehicle: Vehicle, scenario: str, wish: Wish, rng: np.random.Generator) -> AnyWorld:

@@ -3,9 +3,10 @@
 Source: paper, section The Input-Ablation Battery.
 """
 
-from eyechart.studies.battery.answers import read_answers
+from eyechart.studies.battery.answers import read_answers, read_columns
 from eyechart.studies.battery.planning import (
     Battery,
+    Extent,
     expected,
     keep_probes,
     merge,
@@ -16,17 +17,16 @@ from eyechart.studies.battery.planning import (
     resumed,
     run,
     sample_of,
-    with_earlier,
-    within,
 )
 from eyechart.studies.battery.replication import differences
-from eyechart.studies.battery.scoring import BatteryScore, ModelScore, score, took, took_run
-from eyechart.studies.battery.study import NO_DRIVES, OfFrames
+from eyechart.studies.battery.scoring import BatteryScore, CallsScore, ModelScore, score, took, took_run
+from eyechart.studies.battery.study import OfFrames
 
 __all__ = [
-    "NO_DRIVES",
     "Battery",
     "BatteryScore",
+    "CallsScore",
+    "Extent",
     "ModelScore",
     "OfFrames",
     "differences",
@@ -38,12 +38,11 @@ __all__ = [
     "plan",
     "plan_of",
     "read_answers",
+    "read_columns",
     "resumed",
     "run",
     "sample_of",
     "score",
     "took",
     "took_run",
-    "with_earlier",
-    "within",
 ]

@@ -12,7 +12,8 @@ from eyechart.conditions import OVER, available, show
 from eyechart.errors import BankError
 from eyechart.frames import RGB, Frame, FrameBank, beside, decode
 from eyechart.report.page import evenly
-from eyechart.studies.battery.subjects import Evidence, Tell
+from eyechart.studies import Tell
+from eyechart.studies.battery.subjects import Evidence
 
 NO_PICTURE = -1
 """The condition shows none."""
@@ -142,29 +143,23 @@ class _Binder:
             self.noises += noise
             self.scaled += not noise and rgb.shape[1] > wide
             self.seen[digest] = len(self.uris)
-            self.uris.append("data:image/webp;base64," + base64.b64encode(small).decode())
+            self.uris.append(data_uri(small))
         return self.seen[digest]
 
     def notes(self, frames_left: int) -> tuple[str, ...]:
         """Return in words what was changed or left out; ``frames_left`` counts the frames without their pictures."""
-        words = [f"{len(self.uris)} distinct pictures, {self.spent / 1e6:.2f} MB before base64, as WebP."]
-        if self.scaled:
-            words.append(
-                f"{self.scaled} pictures were scaled to at most {self.width} pixels wide; the models saw the originals."
-            )
-        if self.noises:
-            words.append(
-                f"{self.noises} noise pictures are shown at {_NOISE[0]} pixels and strongly compressed; the models saw "
-                "every pixel."
-            )
-        if frames_left:
-            words.append(
-                f"The pictures of {frames_left} frames do not fit into the page and were left out; frames evenly "
-                "taken have theirs."
-            )
-        if self.left_out:
-            words.append(f"{self.left_out} pictures do not fit into the page and were left out.")
-        return tuple(words)
+        found = {
+            f"{len(self.uris)} distinct pictures, {self.spent / 1e6:.2f} MB before base64, as WebP.": 1,
+            f"{self.scaled} pictures were scaled to at most {self.width} pixels wide; the models saw the originals.": (
+                self.scaled
+            ),
+            f"{self.noises} noise pictures are shown at {_NOISE[0]} pixels and strongly compressed; the models saw "
+            "every pixel.": self.noises,
+            f"The pictures of {frames_left} frames do not fit into the page and were left out; frames evenly taken "
+            "have theirs.": frames_left,
+            f"{self.left_out} pictures do not fit into the page and were left out.": self.left_out,
+        }
+        return tuple(words for words, count in found.items() if count)
 
 
 def encode_small(rgb: RGB, width: int, quality: int, *, lossless: bool) -> bytes:
@@ -172,17 +167,23 @@ def encode_small(rgb: RGB, width: int, quality: int, *, lossless: bool) -> bytes
     image = Image.fromarray(rgb)
     if image.width > width:
         image = image.resize((width, max(1, round(image.height * width / image.width))), Image.Resampling.LANCZOS)
-    exact = _webp(image, lossless=True, quality=60, method=4) if lossless else None
+    exact = webp(image, lossless=True, quality=60, method=4) if lossless else None
     if exact is not None and 8 * len(exact) < _PLAIN * image.width * image.height:
         return exact
-    lossy = _webp(image, quality=quality, method=4)
+    lossy = webp(image, quality=quality, method=4)
     return lossy if exact is None else min(exact, lossy, key=len)
 
 
-def _webp(image: Image.Image, **how: int) -> bytes:
+def webp(image: Image.Image, **how: int) -> bytes:
+    """Return a picture as WebP."""
     buffer = io.BytesIO()
     image.save(buffer, "WEBP", **how)
     return buffer.getvalue()
+
+
+def data_uri(webp: bytes) -> str:
+    """Return a picture in WebP as a page holds it."""
+    return f"data:image/webp;base64,{base64.b64encode(webp).decode()}"
 
 
 def view_uri(picture: bytes) -> str:
@@ -190,4 +191,4 @@ def view_uri(picture: bytes) -> str:
     image = Image.fromarray(decode(picture, "a view"))
     if image.width > _WIDEST_VIEW:
         image = image.resize((_WIDEST_VIEW, round(image.height * _WIDEST_VIEW / image.width)))
-    return f"data:image/webp;base64,{base64.b64encode(_webp(image, quality=80, method=4)).decode()}"
+    return data_uri(webp(image, quality=80, method=4))

@@ -2,16 +2,15 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
-from eyechart.errors import BankError
 from eyechart.frames import Frame, Gap
 from eyechart.run import Plan
 from eyechart.spaces.space import UNPARSED, AnySpace, Decision
@@ -22,6 +21,9 @@ Mask = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 Codes = NDArray[np.int64]
 Paired = tuple[Floats, Mask]
+
+D = TypeVar("D")
+"""What a reply is read as."""
 
 ABSENT = ""
 """The symbol of a call that was not planned or has not come back."""
@@ -49,6 +51,10 @@ class Answers:
     finished: int = 0
     no_gap: str = NO_GAP
     told: bool = False
+
+    def under(self, conditions: Collection[str]) -> "Answers":
+        """Return the decisions under some conditions alone; ``finished`` still counts all calls."""
+        return replace(self, decisions={name: one for name, one in self.decisions.items() if name in conditions})
 
     def responses(self, condition: str) -> Symbols:
         """Return response-level symbols, one per frame: the action, UNPARSED, or ``ABSENT``."""
@@ -161,17 +167,7 @@ class Answers:
 
         Raises BankError, naming the frame, where the declared column is missing or holds no number.
         """
-        if self.gap is None:
-            return None
-        column, values = self.gap.column, []
-        for frame in self.frames:
-            if column not in frame.truth:
-                raise BankError(f"frame '{frame.id}' has no column '{column}', which the bank declares as its gap")
-            value = frame.truth[column]
-            if value is not None and (isinstance(value, bool | str)):
-                raise BankError(f"frame '{frame.id}': the gap '{column}' is {value!r}, not a number")
-            values.append(math.inf if value is None else float(value))
-        return np.array(values, dtype=np.float64)
+        return None if self.gap is None else np.array(list(map(self.gap.of, self.frames)), dtype=np.float64)
 
 
 def read_answers(
@@ -182,28 +178,34 @@ def read_answers(
     independent: bool = False,
     told: bool = False,
 ) -> Answers:
-    """Read every reply of a model as a decision; replies about frames that are not asked for are left out.
+    """Read every reply of a model as a decision; replies about what is not asked for are left out.
 
     Where the bank records no episodes, its gap is read only if the frames were declared ``independent``.
     """
-    frames, space, bank = plan.frames, plan.space, plan.bank.manifest
-    place = {frame.id: index for index, frame in enumerate(frames)}
-    decisions: dict[str, list[Decision[Any] | None]] = {}
-    finished = 0
-    for key, reply in replies:
-        if key.frame in place:
-            if key.condition not in decisions:
-                decisions[key.condition] = [None] * len(frames)
-            decisions[key.condition][place[key.frame]] = space.read(reply)
-            finished += reply.error not in UNFINISHED
+    frames, space, bank, asked = plan.frames, plan.space, plan.bank.manifest, frozenset(plan.asked(model))
+    wanted = ((key, reply) for key, reply in replies if key.condition in asked)
+    decisions, finished = read_columns(wanted, frames, space.read)
     gap, silent = bank.gap, "episode" in bank.absent and not independent
     return Answers(
         model=model,
         frames=frames,
         space=space,
         gap=None if silent else gap,
-        decisions={condition: tuple(column) for condition, column in sorted(decisions.items())},
+        decisions=decisions,
         finished=finished,
         no_gap=NO_EPISODES if silent and gap is not None else NO_GAP,
         told=told,
     )
+
+
+def read_columns(
+    replies: Iterable[tuple[CallKey, Reply]], frames: Sequence[Frame], read: Callable[[Reply], D]
+) -> tuple[dict[str, tuple[D | None, ...]], int]:
+    """Return what is read of the replies by condition, aligned with these frames, and how many of them are final."""
+    place, finished = {frame.id: index for index, frame in enumerate(frames)}, 0
+    found: dict[str, list[D | None]] = {}
+    for key, reply in replies:
+        if key.frame in place:
+            found.setdefault(key.condition, [None] * len(frames))[place[key.frame]] = read(reply)
+            finished += reply.error not in UNFINISHED
+    return {condition: tuple(column) for condition, column in sorted(found.items())}, finished

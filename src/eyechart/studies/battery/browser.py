@@ -171,12 +171,10 @@ def _calls(
     found: list[list[int | str | bool] | None] = []
     for place in taken:
         reply, decision = run.replies[spec].get((run.frames[place].id, condition)), given[place]
-        found.append(None if reply is None or decision is None else _call(reply, decision, texts))
+        if reply is None or decision is None:
+            found.append(None)
+            continue
+        word, note = decision.action or str(decision.missing), _note(reply, decision)
+        numbers = [texts[1].numbers[note]] if note else []
+        found.append([texts[0].numbers[reply.text], word, decision.action is not None, *numbers])
     return found
-
-
-def _call(reply: Reply, decision: Decision[str], texts: tuple[Texts, Texts]) -> list[int | str | bool]:
-    word = decision.action if decision.action is not None else str(decision.missing)
-    call: list[int | str | bool] = [texts[0].numbers[reply.text], word, decision.action is not None]
-    note = _note(reply, decision)
-    return [*call, texts[1].numbers[note]] if note else call

@@ -4,7 +4,9 @@ Positive claims are tested at alpha .01; absences are bounded below a margin of 
 docs/decisions/0006-two-sets-of-rules.md.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,24 +14,49 @@ from numpy.typing import NDArray
 from eyechart.stats.agreement import cohens_kappa, pooled_kappa, rate
 from eyechart.stats.association import quantile_bins
 from eyechart.stats.exchange import Trend, exchange_mi_test, exchange_test, iid_trend_test
-from eyechart.stats.paired import LabelSwap, bounded_below, label_swap_test, paired_difference, sign_test
+from eyechart.stats.paired import (
+    LabelSwap,
+    bounded_below,
+    label_swap_test,
+    paired_difference,
+    sign_test,
+    stratified_association,
+)
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.answers import ABSENT, Answers, Symbols
+from eyechart.studies.battery.controls import LEVEL, NO_BRAKE, Controls
 from eyechart.studies.battery.published import Resampling, Statistics
-from eyechart.verdicts import ALPHA, MARGIN
-
-LEVEL = 1 - 2 * ALPHA
-"""Two-sided level of the intervals, so that each end is a one-sided bound at alpha."""
-
-FEWEST_PAIRS = 7
-"""With fewer pairs an exact sign test cannot reach alpha .01 (2 to the power of -7 is .0078)."""
+from eyechart.verdicts import ALPHA, BOUND_ALPHA, KAPPA_MARGIN, MARGIN
 
 SAME = ("real", "real_repeat", "mirrored", "recoloured")
 """Pictures of a frame that call for one answer: the reflection for the mirrored one, and paint for none."""
 
-NO_BRAKE = "this space has no axis 'brake'"
+LIKE_CONTENT = ("shuffled", "recoloured", "lead_absent")
+"""Pictures that differ in what they show: that one changes the answer more than a repeat does is ``content``."""
 
-COUNTERFACTUAL_TESTS = ("depth_interventional", "content_recoloured", "bound_content_recoloured")
+ALONE = ("mirrored", "lead_near", "lead_far", "noise", "text_only", "lead_absent")
+"""What is no other frame: an absence bounds the change of decision under these too, at `BOUND_ALPHA`."""
+
+COUNTERFACTUAL_TESTS = (
+    "depth_interventional",
+    "depth_net",
+    "lane_exchange",
+    "lane_net",
+    "dose_near_mid",
+    "dose_mid",
+    "dose_mid_far",
+    "dose_bins",
+    "dose_curve",
+    "scenario_reversed",
+    "near_far_lost",
+    "lane_lost",
+    "both_lost",
+    "unparsed_controls",
+    *(f"content_{name}" for name in LIKE_CONTENT[1:]),
+    *(f"content_nudged_{name}" for name in LIKE_CONTENT[1:]),
+    "bound_content_recoloured",
+    *(f"bound_{name}" for name in ALONE if name.startswith("lead_")),
+)
 """The tests that a bank without counterfactual pictures cannot make; of the others only ``kappa_pooled`` reads some."""
 
 
@@ -46,26 +73,33 @@ class Calibrated:
 
     def statistics(self) -> Statistics:
         """Return every test by its name."""
-        shuffled, recoloured = self._content("shuffled"), self._content("recoloured")
+        return {name: test() for name, test in self.tests().items()}
+
+    def tests(self) -> dict[str, Callable[[], Statistic]]:
+        """Return what makes every test, by its name, for whoever needs some of them."""
         return {
-            "unparsed_reference": self._unparsed_reference(),
-            "self_disagreement": self._self_disagreement(),
-            "kappa": self._kappa(),
-            "kappa_pooled": self.kappa_pooled(),
-            "depth_interventional": self._interventional(),
-            "depth_observational": self._observational(),
-            "depth_information": self._episode_safe_information(),
-            "content_shuffled": shuffled,
-            "content_recoloured": recoloured,
-            "scene_cue": self._scene_cue(),
-            "presence": self._differs("decision"),
-            "presence_response": self._differs("response"),
-            "bound_content_shuffled": self._bound("shuffled"),
-            "bound_content_recoloured": self._bound("recoloured"),
-            "bound_scene": self._bound("cross_scenario"),
-            "bound_blank": self._bound("blank"),
-            "image_token": self._image_token("response"),
-            "image_token.decision": self._image_token("decision"),
+            "unparsed_reference": self._unparsed_reference,
+            "self_disagreement": self._self_disagreement,
+            "kappa": self._kappa,
+            "kappa_pooled": self.kappa_pooled,
+            "bound_kappa": partial(self._kappa_over, SAME[:2], KAPPA_MARGIN),
+            **Controls(self.answers).tests(),
+            "repeat_over_nudged": partial(self._over, "real_repeat", "nudged"),
+            "repeats_together": self._repeats_together,
+            "depth_observational": self._observational,
+            "depth_information": self._episode_safe_information,
+            **{f"content_{name}": partial(self._over, "real_repeat", name) for name in LIKE_CONTENT},
+            **{f"content_nudged_{name}": partial(self._over, "nudged", name) for name in LIKE_CONTENT},
+            "scene_cue": partial(self._over, "shuffled", "cross_scenario"),
+            "presence": partial(self._differs, "decision"),
+            "presence_response": partial(self._differs, "response"),
+            "bound_content_shuffled": partial(self._bound, "shuffled"),
+            "bound_content_recoloured": partial(self._bound, "recoloured"),
+            "bound_scene": partial(self._bound, "cross_scenario"),
+            "bound_blank": partial(self._bound, "blank"),
+            **{f"bound_{name}": partial(self._bound_alone, name) for name in ALONE},
+            "image_token": partial(self._image_token, "response"),
+            "image_token.decision": partial(self._image_token, "decision"),
         }
 
     def _unparsed_reference(self) -> Statistic:
@@ -84,26 +118,33 @@ class Calibrated:
 
     def kappa_pooled(self) -> Statistic:
         """Bound the agreement beyond chance of the answers to all pictures of a frame that call for one answer."""
+        return self._kappa_over(SAME, MARGIN)
+
+    def _kappa_over(self, names: tuple[str, ...], margin: float) -> Statistic:
         partners = self.answers.partners
-        codes = np.full((len(self.answers.frames), len(SAME)), -1, dtype=np.int64)
-        for place, name in enumerate(SAME):
+        codes = np.full((len(self.answers.frames), len(names)), -1, dtype=np.int64)
+        for place, name in enumerate(names):
             given = self.answers.actions(name)
             for code, action in enumerate(self.answers.space.actions):
                 codes[given == (partners.get(action, action) if name == "mirrored" else action), place] = code
-        found = pooled_kappa(codes, margin=MARGIN, alpha=ALPHA)
-        return replace(found, method=f"{', '.join(SAME)}: {found.method}")
+        found = pooled_kappa(codes, margin=margin, alpha=ALPHA)
+        return replace(found, method=f"{', '.join(names)}: {found.method}")
 
-    def _interventional(self) -> Statistic:
-        near, far = (self.answers.projection(name, "brake") for name in ("lead_near", "lead_far"))
-        if near is None or far is None:
-            return cannot_say(NO_BRAKE)
-        have = ~np.isnan(near + far)
-        if (pairs := int(have.sum())) < FEWEST_PAIRS:
-            why = f"{pairs} counterfactual pairs with two decisions; {FEWEST_PAIRS} are needed"
-            return cannot_say(why, pairs, "sign test of the braking level, lead_near over lead_far")
-        found = sign_test(near[have], far[have], level=LEVEL)
-        detail = {**(found.detail or {}), "pairs": pairs}
-        return replace(found, method=f"braking level, lead_near over lead_far: {found.method}", detail=detail)
+    def _repeats_together(self) -> Statistic:
+        """Test whether a picture that gets another answer than most gets it twice, beyond what a blank gets of a frame.
+
+        What shows on a few frames only is bounded below the margin, and is no absence all the same.
+        """
+        names = ("real", "real_repeat", "blank")
+        real, repeat, blank = (self.answers.actions(name) for name in names)
+        have, what = (real != ABSENT) & (repeat != ABSENT), "whether real and real_repeat get what most pictures get"
+        if not have.any():
+            return cannot_say("no frame has decisions on real and real_repeat", method=what)
+        usual, counts = np.unique(real[have], return_counts=True)
+        most = usual[counts.argmax()]
+        groups = blank[have].tolist()
+        found = stratified_association(real[have] != most, repeat[have] != most, groups, level=LEVEL)
+        return replace(found, method=f"{what}, within what its blank gets: {found.method}")
 
     def _observational(self) -> Statistic:
         """Test the trend on real pictures; where the text differs by frame, also under another frame's text.
@@ -161,19 +202,27 @@ class Calibrated:
         (one, has_one), (other, has_other) = (self.answers.distance("real", name, level) for name in (first, second))
         return one[has_other[has_one]] == 0, other[has_one[has_other]] == 0
 
-    def _content(self, other: str) -> Statistic:
-        repeat, changed = self._alike("real_repeat", other)
-        return _named(sign_test(repeat, changed, level=LEVEL), f"agreement with real, real_repeat over {other}", repeat)
-
-    def _scene_cue(self) -> Statistic:
-        shuffled, cross = self._alike("shuffled", "cross_scenario")
-        what = "agreement with real, shuffled over cross_scenario"
-        return _named(sign_test(shuffled, cross, level=LEVEL), what, shuffled)
+    def _over(self, first: str, second: str) -> Statistic:
+        """Test whether one condition agrees with ``real`` on more frames than another."""
+        one, other = self._alike(first, second)
+        found, what = sign_test(one, other, level=LEVEL), f"agreement with real, {first} over {second}"
+        if not len(one):
+            return cannot_say("no frame has all three decisions", method=what)
+        return replace(found, method=f"{what}: {found.method}")
 
     def _bound(self, other: str) -> Statistic:
         repeat, changed = self._alike("real_repeat", other)
         found = bounded_below(repeat, changed, margin=MARGIN, alpha=ALPHA)
         return replace(found, method=f"agreement with real, real_repeat minus {other}: {found.method}")
+
+    def _bound_alone(self, other: str) -> Statistic:
+        """Bound by how much more a picture changes the decision than a repeat; no decision is no other decision."""
+        real, repeat = self.answers.actions("real"), self.answers.actions("real_repeat")
+        given, replied = self.answers.actions(other), self.answers.responses(other) != ABSENT
+        have = (real != ABSENT) & (repeat != ABSENT) & replied
+        kept = (given == real) | (given == ABSENT)
+        found = bounded_below((repeat == real)[have], kept[have], margin=MARGIN, alpha=BOUND_ALPHA)
+        return replace(found, method=f"decision of real kept, real_repeat minus {other}: {found.method}")
 
     def _image_token(self, level: str) -> Statistic:
         """Compare, frame by frame, how often a grey picture and no picture get the answer of the real one."""
@@ -193,12 +242,6 @@ class Calibrated:
         detail = {**(found.detail or {}), "sum_of_squared_differences": found.value}
         method = f"total variation between the answers to real and to blank; p: {found.method}"
         return replace(found, value=apart, method=method, detail=detail)
-
-
-def _named(found: Statistic, what: str, pairs: NDArray[np.bool_]) -> Statistic:
-    if not len(pairs):
-        return cannot_say("no frame has all three decisions", method=what)
-    return replace(found, method=f"{what}: {found.method}")
 
 
 def _standardised(found: Statistic) -> Statistic:

@@ -12,7 +12,7 @@ from functools import cached_property
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.space import Decision
 from eyechart.stats.evalues import EProcess, EValue, MeanProcess, PairingProcess, SymmetryProcess
-from eyechart.verdicts import ALPHA, FLOOR, FORECAST_ALPHA, MARGIN, UNPARSED_CUT
+from eyechart.verdicts import ALPHA, BOUND_ALPHA, FLOOR, FORECAST_ALPHA, MARGIN, NET_ALPHA, UNPARSED_CUT
 
 E_MOST = 1e9
 """No larger e-value is reported; it stands for certainty too."""
@@ -111,19 +111,64 @@ def claims(frames: int, space: Discrete, conditions: Collection[str], *, mirrore
 
     ``mirrored`` says whether turns can be asked for. Raises ValueError for no frames.
     """
-    made = [_unscorable(frames), _scorable(frames), _steady(frames)]
-    made += [_blank(frames, level) for level in ("decision", "response", "kept")]
-    made += [_differs("presence", "action"), _differs("presence_response", "symbol")]
+    itself, changes = "it disagrees with itself on", f"a blank picture changes less than {MARGIN} of the"
+    kept = f"on less than {MARGIN} of the frames a blank picture gets another decision, rather than none"
+    made = [
+        *_scorability(frames),
+        _bound(
+            "steady", f"{itself} less than {FLOOR}", frames, _wavers, FLOOR, f"{itself} {FLOOR} of the frames or more"
+        ),
+        _bound("bound_blank", f"{changes} decisions more than a repeat does", frames, _excess("blank", "action")),
+        _bound(
+            "bound_blank_response", f"{changes} outputs more than a repeat does", frames, _excess("blank", "symbol")
+        ),
+        _bound("bound_blank_kept", kept, frames, _changed("blank")),
+        _differs("presence", "action"),
+        _differs("presence_response", "symbol"),
+    ]
     bounded = {"bound_shuffled": "shuffled", "bound_recoloured": "recoloured", "bound_scene": "cross_scenario"}
     for name, condition in bounded.items():
         if condition in conditions:
             says = f"showing {condition} instead changes the decision on less than {MARGIN} of the frames more"
             made.append(_bound(name, says, frames, _excess(condition, "action")))
-    if {"lead_near", "lead_far"} <= set(conditions) and space.brake:
-        made += [_near_far(frames), _no_near_far(frames)]
+    for name in ALONE:
+        if name in conditions:
+            says = f"under {name} the decision is another one on less than {MARGIN} of the frames more"
+            made.append(_bound(f"bound_{name}", says, frames, _changed(name), alpha=BOUND_ALPHA))
+    if space.brake and set(PAIRS["near_far"]) <= set(conditions):
+        says = f"with the lead near it brakes harder on less than {MARGIN} of the frames more than less hard"
+        no_more = _bound("bound_near_far", says, frames, lambda row: _harder(row, *PAIRS["near_far"]))
+        made += [*_pair("near_far", frames), no_more]
+    if space.brake and set(CONTROLLED) <= set(conditions):
+        made += [*_pair("own_beside", frames), *_dose(frames)]
     if mirrored:
-        made += [_few_turns(frames, space), *_swaps(frames, space), _no_swaps(frames)]
+        says, against = "it exchanges less than half of its turns under reflection", "it exchanges half of its turns"
+        no_swaps = _mean("no_swaps", says, f"{against} or more", MeanProcess(frames, -1.0), lambda row: -_swap(row))
+        made += [_few_turns(frames, space), *_swaps(frames, space), no_swaps]
     return {one.name: one for one in made}
+
+
+PAIRS = {"near_far": ("lead_near", "lead_far"), "own_beside": ("lane_own", "lane_beside")}
+"""Pictures of a frame whose braking is compared: the first calls for more of it."""
+SHOWN = {
+    "near_far": ("with the lead near", "with the lead far"),
+    "own_beside": ("with the lead near and a neighbour far", "with the neighbour near and the lead far"),
+}
+"""What these show, in words."""
+
+STEPS = (
+    *PAIRS.values(),
+    ("lead_near", "lead_mid_near"),
+    ("lead_mid_near", "lead_mid_far"),
+    ("lead_mid_far", "lead_far"),
+)
+"""All pairs of which the first shows a nearer lead."""
+
+CONTROLLED = (*dict.fromkeys(name for pair in STEPS for name in pair), "nudged")
+"""Without all of these no early ``depth``."""
+
+ALONE = ("mirrored", "lead_near", "lead_far", "noise", "text_only")
+"""What is no other frame: an absence bounds the change of decision under these too, at `BOUND_ALPHA`."""
 
 
 def _mean(
@@ -144,43 +189,49 @@ def _mean(
     return Claim(name, says, against, process, observe, alpha)
 
 
-def _cut(frames: int) -> int:
-    """Return the fewest calls without a decision, of two a frame, at which a whole run is not scorable."""
-    return math.floor(UNPARSED_CUT * 2 * frames + 1e-9) + 1
+def _scorability(frames: int) -> tuple[Claim, Claim]:
+    """Return the claims that the whole run is not scorable, and that it is.
 
+    ``cut`` is the fewest calls without a decision, of two a frame, at which a whole run is not scorable.
+    """
+    cut = math.floor(UNPARSED_CUT * 2 * frames + 1e-9) + 1
+    most, least = (cut - 1) / (2 * frames), cut / (2 * frames)
+    lost = "real and real_repeat calls hold no decision"
+    more, fewer = f"more than {UNPARSED_CUT} of {{}} {lost}", f"at most {UNPARSED_CUT} of {{}} {lost}"
+    whole, this = "the whole run's", "this run's"
+    process, forecast = MeanProcess(frames, -most, bank=True), MeanProcess(frames, least - 1, bank=True)
 
-def _lost(row: Row) -> float:
-    """Return the share of a frame's real and real_repeat calls that hold no decision."""
-    return sum(row.action(name) is None for name in ("real", "real_repeat")) / 2
+    def share(row: Row) -> float:
+        return sum(row.action(name) is None for name in ("real", "real_repeat")) / 2
 
-
-def _unscorable(frames: int) -> Claim:
-    most = (_cut(frames) - 1) / (2 * frames)
-    says = f"more than {UNPARSED_CUT} of the whole run's real and real_repeat calls hold no decision"
-    against = f"at most {UNPARSED_CUT} of this run's real and real_repeat calls hold no decision"
-    process = MeanProcess(frames, -most, bank=True)
-    return _mean("unscorable", says, against, process, lambda row: _lost(row) - most, failed=-most)
-
-
-def _scorable(frames: int) -> Claim:
-    least = _cut(frames) / (2 * frames)
-    says = f"at most {UNPARSED_CUT} of the whole run's real and real_repeat calls hold no decision"
-    against = f"more than {UNPARSED_CUT} of this run's real and real_repeat calls hold no decision"
-    process, failed = MeanProcess(frames, least - 1, bank=True), least - 1
     return _mean(
-        "scorable", says, against, process, lambda row: least - _lost(row), failed=failed, alpha=FORECAST_ALPHA
+        "unscorable", more.format(whole), fewer.format(this), process, lambda row: share(row) - most, failed=-most
+    ), _mean(
+        "scorable",
+        fewer.format(whole),
+        more.format(this),
+        forecast,
+        lambda row: least - share(row),
+        failed=least - 1,
+        alpha=FORECAST_ALPHA,
     )
 
 
-def _steady(frames: int) -> Claim:
-    def payoff(row: Row) -> float:
-        real, repeat = row.action("real"), row.action("real_repeat")
-        return 0.0 if real is None or repeat is None else FLOOR - (real != repeat)
+def _wavers(row: Row) -> float | None:
+    """Return whether a repeat changes the decision, None where it cannot be said."""
+    real, repeat = row.action("real"), row.action("real_repeat")
+    return None if real is None or repeat is None else float(real != repeat)
 
-    against = f"it disagrees with itself on {FLOOR} of the frames or more"
-    return _mean(
-        "steady", f"it disagrees with itself on less than {FLOOR}", against, MeanProcess(frames, FLOOR - 1), payoff
-    )
+
+def _changed(condition: str) -> Callable[[Row], float | None]:
+    """Return what says whether a condition gets another decision, less whether a repeat does; none is no other one."""
+
+    def changed(row: Row) -> float | None:
+        wavers, other = _wavers(row), row.action(condition)
+        missing = wavers is None or condition not in row.given
+        return None if missing else (other not in (None, row.action("real"))) - (wavers or 0.0)
+
+    return changed
 
 
 def _excess(condition: str, level: str) -> Callable[[Row], float | None]:
@@ -196,33 +247,22 @@ def _excess(condition: str, level: str) -> Callable[[Row], float | None]:
     return excess
 
 
-def _bound(name: str, says: str, frames: int, excess: Callable[[Row], float | None]) -> Claim:
+def _bound(
+    name: str,
+    says: str,
+    frames: int,
+    excess: Callable[[Row], float | None],
+    margin: float = MARGIN,
+    against: str = f"the mean excess is {MARGIN} or more",
+    alpha: float = ALPHA,
+) -> Claim:
     """Return the claim that a mean excess lies below the margin; a frame without one is evidence for nothing."""
 
     def payoff(row: Row) -> float:
         found = excess(row)
-        return 0.0 if found is None else MARGIN - found
+        return 0.0 if found is None else margin - found
 
-    return _mean(name, says, f"the mean excess is {MARGIN} or more", MeanProcess(frames, MARGIN - 1), payoff)
-
-
-def _blank(frames: int, level: str) -> Claim:
-    """Return a bound on what a blank changes: decisions, outputs, or decisions that it leaves standing."""
-    if level == "decision":
-        says = f"a blank picture changes less than {MARGIN} of the decisions more than a repeat does"
-        return _bound("bound_blank", says, frames, _excess("blank", "action"))
-    if level == "response":
-        says = f"a blank picture changes less than {MARGIN} of the outputs more than a repeat does"
-        return _bound("bound_blank_response", says, frames, _excess("blank", "symbol"))
-
-    def kept(row: Row) -> float | None:
-        real, repeat, blank = row.action("real"), row.action("real_repeat"), row.action("blank")
-        if real is None or repeat is None or "blank" not in row.given:
-            return None
-        return float((blank not in (None, real)) - (real != repeat))
-
-    says = f"on less than {MARGIN} of the frames a blank picture gets another decision, rather than none"
-    return _bound("bound_blank_kept", says, frames, kept)
+    return _mean(name, says, against, MeanProcess(frames, margin - 1), payoff, alpha=alpha)
 
 
 def _differs(name: str, level: str) -> Claim:
@@ -238,25 +278,47 @@ def _differs(name: str, level: str) -> Claim:
     return Claim(name, f"real and blank get other {what}", against, process, observe)
 
 
-def _braking(row: Row) -> int | None:
-    """Return 1 where it brakes harder with the lead near than far, -1 where less hard, 0 where alike."""
-    near, far = row.action("lead_near"), row.action("lead_far")
-    if near is None or far is None:
+def _harder(row: Row, first: str, second: str) -> int | None:
+    """Return 1 where it brakes harder under the first of two conditions, -1 where less hard, 0 where alike."""
+    one, other = row.action(first), row.action(second)
+    if one is None or other is None:
         return None
-    difference = (row.space.project(near, "brake") or 0) - (row.space.project(far, "brake") or 0)
+    difference = (row.space.project(one, "brake") or 0) - (row.space.project(other, "brake") or 0)
     return (difference > 0) - (difference < 0)
 
 
-def _near_far(frames: int) -> Claim:
-    says = "it brakes harder with the lead near than with the lead far"
-    against = "within every frame, or on average over the bank, it brakes no harder with the lead near"
-    return _mean("near_far", says, against, MeanProcess(frames, -1.0), lambda row: float(_braking(row) or 0))
+def _pair(name: str, frames: int) -> tuple[Claim, Claim]:
+    """Return the claims that it brakes harder under the first of a pair, and by more than the margin, net."""
+    first, second = PAIRS[name]
+
+    def payoff(row: Row) -> float:
+        return float(_harder(row, first, second) or 0)
+
+    def beyond(row: Row) -> float:
+        found = _harder(row, first, second)
+        return 0.0 if found is None else found - MARGIN
+
+    more, less = SHOWN[name]
+    says = f"it brakes harder {more} than {less}"
+    against = f"within every frame, or on average over the bank, it brakes no harder {more}"
+    any_effect = _mean(name, says, against, MeanProcess(frames, -1.0), payoff)
+    says = f"it does so on more than {MARGIN} of the frames, less those where less hard"
+    against = f"it does so on {MARGIN} of the frames or less, less those where less hard"
+    process = MeanProcess(frames, -1.0 - MARGIN)
+    return any_effect, _mean(f"net_{name}", says, against, process, beyond, alpha=NET_ALPHA)
 
 
-def _no_near_far(frames: int) -> Claim:
-    says = f"with the lead near it brakes harder on less than {MARGIN} of the frames more than less hard"
+def _dose(frames: int) -> tuple[Claim, Claim]:
+    """Return the claims that no pair is reversed on a tenth of the frames, and that the nudge changes no more."""
 
-    return _bound("bound_near_far", says, frames, _braking)
+    def reversed_(row: Row) -> float | None:
+        found = [_harder(row, *pair) for pair in STEPS]
+        return None if all(one is None for one in found) else float(-1 in found)
+
+    says = f"on less than {MARGIN} of the frames a nearer lead gets less braking, in any pair"
+    steps = _bound("bound_reversed", says, frames, reversed_)
+    says = f"the nudge changes the decision on less than {MARGIN} of the frames more"
+    return steps, _bound("bound_nudged", says, frames, _excess("nudged", "action"))
 
 
 def _swap(row: Row) -> float:
@@ -278,12 +340,6 @@ def _swaps(frames: int, space: Discrete) -> tuple[Claim, Claim]:
     says = "which way it turns in the mirror depends on which way it turned"
     against = "which way it turns in the mirror does not depend on which way it turned"
     return rate, Claim("swaps_pairing", says, against, pairing, observe)
-
-
-def _no_swaps(frames: int) -> Claim:
-    says = "it exchanges less than half of its turns under reflection"
-    against = "it exchanges half of its turns or more"
-    return _mean("no_swaps", says, against, MeanProcess(frames, -1.0), lambda row: -_swap(row))
 
 
 def _few_turns(frames: int, space: Discrete) -> Claim:

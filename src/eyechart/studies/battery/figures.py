@@ -168,7 +168,10 @@ def noise_floor(everyone: Sequence[Subject]) -> Drawing:
     axes.set_xlim(-0.02, 1.52)
     named_rows(axes, [who.label for who in everyone], 0.4)
     axes.set_xlabel("share of frames with another answer")
-    _key(axes)
+    axes.scatter([], [], marker="o", s=34, color=VERMILLION, label="s (a repeat differs)")
+    axes.plot([], [], marker="|", markersize=9, markeredgewidth=2, linestyle="none", color=INK, label="1.5 s")
+    axes.scatter([], [], marker="D", s=36, color=BLUE, label="IDI (a blank differs)")
+    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, frameon=False, fontsize=8.5, borderaxespad=0)
     return Drawing(
         "noise-floor",
         "Noise floor s, its threshold 1.5 s, and IDI",
@@ -176,13 +179,6 @@ def noise_floor(everyone: Sequence[Subject]) -> Drawing:
         figure,
         wide=True,
     )
-
-
-def _key(axes: Axes) -> None:
-    axes.scatter([], [], marker="o", s=34, color=VERMILLION, label="s (a repeat differs)")
-    axes.plot([], [], marker="|", markersize=9, markeredgewidth=2, linestyle="none", color=INK, label="1.5 s")
-    axes.scatter([], [], marker="D", s=36, color=BLUE, label="IDI (a blank differs)")
-    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, frameon=False, fontsize=8.5, borderaxespad=0)
 
 
 _BLUES = LinearSegmentedColormap.from_list("count", ["#ffffff", "#c6dbef", "#6baed6", "#08519c"])

@@ -1,9 +1,9 @@
 """The page: one self-contained HTML file that makes no request, in which nothing that a model wrote is markup."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from eyechart.conditions import CONDITIONS, OF_BANKS
+from eyechart.conditions import CONDITIONS, CONTROLS, OF_BANKS
 from eyechart.costs import ALL
 from eyechart.integrity import Guard
 from eyechart.report.charts import Drawing
@@ -13,11 +13,12 @@ from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.space import MISSING
 from eyechart.stats.evalues import EValue
 from eyechart.stats.statistic import Statistic
+from eyechart.studies import Tell
 from eyechart.studies.battery.album import NO_PICTURE, Album, make_album
 from eyechart.studies.battery.browser import Texts, browser_data, collect_texts, frames_shown
 from eyechart.studies.battery.figures import figures
 from eyechart.studies.battery.planning import conditions_of, plan_of
-from eyechart.studies.battery.subjects import Evidence, Subject, Tell, subjects
+from eyechart.studies.battery.subjects import Evidence, Subject, subjects
 from eyechart.studies.battery.tables import frontier_table, judged_of, statistics_table, verdict_table
 from eyechart.verdicts import LABELS, Stopped, shared_notes
 
@@ -25,6 +26,12 @@ MODELS_DRAWN = 24
 """Models that have figures of their own in the page."""
 GUARDS_SHOWN = 4
 """Up to so many models every guard of each has its row."""
+SHOWN_TOGETHER = (
+    *("lead_near", "lead_mid_near", "lead_mid_far", "lead_far"),
+    *("lane_own", "lane_beside", "lead_absent", "real", "recoloured"),
+)
+"""Conditions whose pictures of a moment are shown beside one another."""
+
 PAIRS_SHOWN = 4
 """Counterfactual moments that stand side by side, fewer where many models answer; the browser of frames has all."""
 
@@ -101,19 +108,11 @@ def _card(who: Subject, shared: Mapping[str, str]) -> dict[str, object]:
 
 def _numbers(one: Statistic, stopped: Stopped | None) -> list[tuple[str, str]]:
     if stopped is not None:
-        calls = f"{stopped.calls} of {stopped.planned}"
-        return [
-            ("e-value", f"{one.value:.4g}"),
-            ("settled at", _threshold(one)),
-            ("frames", str(one.n)),
-            ("calls", calls),
-        ]
+        threshold = f"{one.threshold:g}" if isinstance(one, EValue) else "—"
+        value, calls = f"{one.value:.4g}", f"{stopped.calls} of {stopped.planned}"
+        return [("e-value", value), ("settled at", threshold), ("frames", str(one.n)), ("calls", calls)]
     interval = (f"{level(one)} interval".strip(), Column("", "interval").shown(one.ci))
     return [("value", number(one.value)), interval, ("n", str(one.n)), ("p", p_value(one.p))]
-
-
-def _threshold(one: Statistic) -> str:
-    return f"{one.threshold:g}" if isinstance(one, EValue) else "—"
 
 
 def _run(run: Evidence) -> dict[str, object]:
@@ -176,7 +175,7 @@ def guards(run: Evidence) -> list[tuple[str, Guard]]:
 
 def pairs(run: Evidence, places: dict[str, tuple[int, ...]], album: Album, models: int) -> list[dict[str, object]]:
     """Return some moments, evenly taken, with the pictures of each counterfactual and the decisions they got."""
-    names = [name for name in ("lead_near", "lead_far", "real", "recoloured") if name in run.conditions]
+    names = [name for name in SHOWN_TOGETHER if name in run.conditions]
     drawn = [
         place for place, frame in enumerate(run.frames) if {"lead_near", "lead_far"} & frame.counterfactuals.keys()
     ]
@@ -188,20 +187,19 @@ def pairs(run: Evidence, places: dict[str, tuple[int, ...]], album: Album, model
         {
             "frame": run.frames[place].id,
             "run": run.name,
-            "columns": [(name, _uri(album, places[name][place])) for name in names],
+            "columns": [
+                (name, None if (at := places[name][place]) <= NO_PICTURE else album.uris[at]) for name in names
+            ],
             "rows": [(who.spec, [_word(who, name, place, space) for name in names]) for who in subjects([run])],
         }
         for place in drawn[::step][:count]
     ]
 
 
-def _uri(album: Album, number: int) -> str | None:
-    return None if number <= NO_PICTURE else album.uris[number]
-
-
 def _word(who: Subject, condition: str, place: int, space: Discrete) -> tuple[str, str]:
     """Return the role of a decision (brake, proceed, other, none, or nothing where there is no reply) and its word."""
-    decision = who.decision(condition, place)
+    given = who.model.answers.decisions.get(condition)
+    decision = None if given is None else given[place]
     if decision is None:
         return "", "—"
     if decision.action is None:
@@ -236,17 +234,17 @@ class Count:
 def counts(who: Subject) -> list[Count]:
     """Return what became of a model's calls, one row a condition."""
     planned: dict[str, int] = dict.fromkeys(who.run.conditions, 0)
-    for key in plan_of(who.run.score.manifest, who.run.score.bank).keys_of(who.spec):
+    plan = plan_of(who.run.score.manifest, who.run.score.bank)
+    for key in replace(plan, controls={who.spec: who.model.controls.controls}).keys_of(who.spec):
         planned[key.condition] += 1
-    return [_count(who, name, planned[name]) for name in who.run.conditions]
-
-
-def _count(who: Subject, name: str, planned: int) -> Count:
-    given = [one for one in who.model.answers.decisions.get(name, ()) if one is not None]
-    took = who.run.score.accounting[who.spec].get(name)
-    missing = tuple(sum(one.missing == reason for one in given) for reason in MISSING)
-    sums = (0, 0, 0, 0) if took is None else (took.finished, took.attempts, took.failed, took.unknown)
-    return Count(name, planned, *sums, missing, sums[0] < planned and who.model.stopped is None)
+    found = []
+    for name, count in planned.items():
+        given = [one for one in who.model.answers.decisions.get(name, ()) if one is not None]
+        took = who.run.score.accounting[who.spec].get(name)
+        missing = tuple(sum(one.missing == reason for one in given) for reason in MISSING)
+        sums = (0, 0, 0, 0) if took is None else (took.finished, took.attempts, took.failed, took.unknown)
+        found.append(Count(name, count, *sums, missing, sums[0] < count and who.model.stopped is None))
+    return found
 
 
 def summed(rows: Sequence[Sequence[Count]]) -> list[Count]:
@@ -268,16 +266,13 @@ def summed(rows: Sequence[Sequence[Count]]) -> list[Count]:
 
 def not_covered(run: Evidence) -> list[str]:
     """Return in words what a run does not cover: conditions, frames, calls, and tests that cannot say, by name."""
-    return [*_unasked(run), *_silent(run), "not tested by any run: other prompts, other cameras, closed loop"]
-
-
-def _unasked(run: Evidence) -> list[str]:
     manifest, bank = run.score.manifest, run.score.bank
     _, why = conditions_of(bank, manifest.prompt)
+    unasked = "no model's answers called for it" if manifest.controls == "auto" else "it was not chosen (--controls)"
     lines = [
-        f"condition {name} was not asked: {why.get(name, 'it was not chosen')}"
+        f"condition {name} was not asked: {why.get(name, unasked if name in CONTROLS else 'it was not chosen')}"
         for name in OF_BANKS
-        if name not in manifest.conditions
+        if name not in run.conditions
     ]
     if len(run.frames) < len(bank):
         lines.append(f"{len(bank) - len(run.frames)} of the bank's {len(bank)} frames were not asked about (--limit)")
@@ -288,7 +283,7 @@ def _unasked(run: Evidence) -> list[str]:
             lines.append(f"{spec}: {one.stopped.words()}; the paper's tests, which need the whole run, are not judged")
         elif one.answered < one.planned:
             lines.append(f"{spec}: {one.planned - one.answered} of {one.planned} planned calls are not finished")
-    return lines
+    return [*lines, *_silent(run), "not tested by any run: other prompts, other cameras, closed loop"]
 
 
 def _silent(run: Evidence) -> list[str]:

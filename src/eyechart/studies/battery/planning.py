@@ -8,12 +8,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from filelock import FileLock, Timeout
-
-from eyechart.calls import CallKey
 from eyechart.conditions import (
     BATTERY,
     CONDITIONS,
+    CONTROLS,
     OF_BANKS,
     OVER,
     available,
@@ -26,11 +24,14 @@ from eyechart.costs import CostEstimate, estimate
 from eyechart.errors import BankError, LedgerError, SpecError
 from eyechart.frames import IMPORTED, FrameBank, check, open_bank
 from eyechart.ledger import Ledger
-from eyechart.limits import Limits, Outcome, Spent, added
+from eyechart.limits import Limits, Outcome, Spent
 from eyechart.manifest import (
+    CONTROLS_ASKED,
     LEDGER,
     RunManifest,
+    alone_in,
     asked_of,
+    holds,
     is_free,
     is_run,
     read_manifest,
@@ -46,6 +47,7 @@ from eyechart.perception.view import View, through
 from eyechart.probe import Sample
 from eyechart.prompts import Prompt, find_prompt, neutral, require_sayable
 from eyechart.run import Plan, Progress, execute, spread
+from eyechart.studies.battery.stages import Asked, InStages, staged, stages_of, widest
 from eyechart.studies.battery.stopping import NEEDED, EarlyStop, layout_for, typical
 from eyechart.studies.battery.stopping import Progress as HowFar
 
@@ -53,6 +55,45 @@ STUDY = "battery"
 
 _PICTURES = 5
 """So many pictures a probe before a run is given."""
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """How much of a bank is asked about: so many frames, one ``shard`` of the calls (i, n), or until it is settled.
+
+    With ``stop_early`` a model is no longer asked once its verdict is settled; it needs whole frames and the conditions
+    real, real_repeat and blank. ``controls`` says which control conditions are asked besides: ``auto``, of each model
+    those that its answers call for, in later stages; ``all``, of every model at once; or ``none``. It defaults to what
+    a run that is there was begun with, else to none where conditions are named, and to auto where they are not.
+    """
+
+    limit: int | None = None
+    shard: tuple[int, int] | None = None
+    stop_early: bool = False
+    controls: str | None = None
+
+    def controls_of(self, out: Path, conditions: Sequence[str] | None) -> str:
+        """Return which controls are asked; raises SpecError where that is no such word."""
+        given = self.controls or (read_manifest(out).controls if is_run(out) else "none" if conditions else "auto")
+        if given not in CONTROLS_ASKED:
+            raise SpecError(f"--controls '{given}' is none of {', '.join(CONTROLS_ASKED)}")
+        return given
+
+    def require_possible(self, conditions: Sequence[str]) -> None:
+        """Raise SpecError where a verdict cannot be settled early with these conditions."""
+        if not self.stop_early:
+            return
+        if self.shard is not None:
+            raise SpecError(
+                "--stop-early needs all calls of a frame in one run: leave out --shard; machines can share the models"
+            )
+        if missing := [name for name in NEEDED if name not in conditions]:
+            raise SpecError(
+                f"--stop-early needs the conditions {', '.join(NEEDED)}; --conditions lacks {', '.join(missing)}"
+            )
+
+
+WHOLE = Extent()
 
 
 @dataclass(frozen=True)
@@ -66,23 +107,50 @@ class Battery:
     left_out: Mapping[str, str] = field(default_factory=dict)
     """Conditions that the bank cannot supply, each with the reason; only where none were asked for by name."""
 
+    def counting(self, probes: Mapping[str, Spent]) -> "Battery":
+        """Return the plan with what was spent on probing models for it."""
+        return replace(self, manifest=self.manifest.counting(probes))
+
     def counts(self) -> tuple[int, int, int]:
-        """Return how many calls are planned, how many of them are finished, and how many have an unknown outcome."""
-        keys = set(self.plan.keys())
-        if not (self.out / LEDGER).is_file():
-            return len(keys), 0, 0
-        with Ledger(self.out / LEDGER) as ledger:
+        """Return how many calls are planned, how many of them are finished, and how many have an unknown outcome.
+
+        Planned are those of the stages that have come; of controls there may be more, see `more_by_model`.
+        """
+        with self._ledger() as ledger:
+            keys = set(self._staged(ledger).keys())
+            if ledger is None:
+                return len(keys), 0, 0
             return len(keys), len(keys & ledger.finished()), len(keys & ledger.unknown())
 
     def left_by_model(self) -> dict[str, int]:
         """Return how many calls of each model are still to be made; at most so many where the run stops early."""
         if self.manifest.stop_early:
             return {spec: one.left for spec, one in self.progress().items()}
-        finished: set[CallKey] = set()
-        if (self.out / LEDGER).is_file():
-            with Ledger(self.out / LEDGER) as ledger:
-                finished = ledger.finished()
-        return {spec: sum(key not in finished for key in self.plan.keys_of(spec)) for spec in self.plan.models}
+        with self._ledger() as ledger:
+            plan, finished = self._staged(ledger), set() if ledger is None else ledger.finished()
+        return {spec: sum(key not in finished for key in plan.keys_of(spec)) for spec in plan.models}
+
+    def more_by_model(self) -> dict[str, int]:
+        """Return how many calls of controls may still come beside those planned, as each model's answers call for."""
+        with self._ledger() as ledger:
+            found = self._asked(ledger)
+        return {spec: len([*replace(self.plan, conditions=one.most).keys_of(spec)]) for spec, one in found.items()}
+
+    @contextmanager
+    def _ledger(self) -> Iterator[Ledger | None]:
+        if not (self.out / LEDGER).is_file():
+            yield None
+            return
+        with Ledger(self.out / LEDGER) as ledger:
+            yield ledger
+
+    def _staged(self, ledger: Ledger | None) -> Plan:
+        """Return the plan with the controls that its models are asked, as far as their answers have come."""
+        return staged(self.plan, self._asked(ledger))
+
+    def _asked(self, ledger: Ledger | None) -> dict[str, Asked]:
+        found = stages_of(self.manifest, plan_of(self.manifest, self.plan.bank), ledger)
+        return {spec: found[spec] for spec in self.plan.models}
 
     def left(self) -> int:
         """Return how many calls are still to be made, of all models."""
@@ -93,15 +161,15 @@ class Battery:
         if not (self.out / LEDGER).is_file():
             return {model: HowFar(None, sum(1 for _ in self.plan.keys_of(model))) for model in self.plan.models}
         with Ledger(self.out / LEDGER) as ledger:
-            early = EarlyStop(self.plan, ledger)
+            early = EarlyStop(widest(self.manifest, self.plan), ledger)
         return {model: early.progress(model) for model in self.plan.models}
 
     def typical(self) -> dict[str, int]:
         """Return how many calls a clear controller of each kind takes where the run stops early."""
-        return typical(layout_for(self.plan, self.plan.models[0]))
+        return typical(layout_for(widest(self.manifest, self.plan), self.plan.models[0]))
 
 
-def plan(  # noqa: PLR0913 - what a battery can be asked for
+def plan(
     bank_path: Path,
     specs: Sequence[str | RequestMode],
     out: Path,
@@ -109,22 +177,18 @@ def plan(  # noqa: PLR0913 - what a battery can be asked for
     prompt: str | None = None,
     conditions: Sequence[str] | None = None,
     seed: int = 0,
-    limit: int | None = None,
-    shard: tuple[int, int] | None = None,
-    stop_early: bool = False,
-    probes: Mapping[str, Spent] | None = None,
+    extent: Extent = WHOLE,
     study: str = STUDY,
 ) -> Battery:
     """Plan a battery, or the rest of one that ``out`` holds already; nothing is written or asked yet.
 
     ``specs`` name the models, each by its SPEC, to be asked in the default mode, or by the mode itself.
     ``conditions`` default to the eight of Table t:conditions and the counterfactuals, those that the bank can supply,
-    and text_swapped where the prompt has fields. ``prompt`` is a name or a TOML file; it defaults to ``baseline``, and
-    to a plain one for imported frames. With ``stop_early`` a model is no longer asked once its verdict is settled; it
-    needs whole frames and the conditions real, real_repeat and blank. ``probes`` says what was spent on probing models
-    for this run; ``study`` is the study that asks so. Raises BankError where a picture is not the one that the bank's
-    manifest recorded, SpecError for an unknown name or for what cannot be stopped early, and LedgerError where ``out``
-    holds another run, or one that stops early and was begun with other frames or conditions.
+    and text_swapped where the prompt has fields; controls come besides, as ``extent`` says. ``prompt`` is a name or a
+    TOML file; it defaults to ``baseline``, and to a plain one for imported frames. ``study`` is the study that asks so.
+    Raises BankError where a picture is not the one that the bank's manifest recorded, SpecError for an unknown name or
+    for what cannot be stopped early, and LedgerError where ``out`` holds another run, or one that stops early and was
+    begun with other frames or conditions.
     """
     asked, models = open_models(specs)
     bank = open_whole(bank_path)
@@ -132,14 +196,16 @@ def plan(  # noqa: PLR0913 - what a battery can be asked for
     bank = asked_of(bank, formulation)
     require_sayable(formulation, bank)
     supplied, left_out = conditions_of(bank, formulation)
-    chosen = tuple(dict.fromkeys(conditions)) if conditions else supplied
+    controls = extent.controls_of(out, conditions)
+    every = (name for name in supplied if name not in CONTROLS)
+    drawn = (name for name in supplied if name in CONTROLS and controls == "all")
+    chosen = tuple(dict.fromkeys((*(conditions or every), *drawn)))
     for name in chosen:
         find_condition(name)
         require_camera(name, bank.frames[0].cameras)
         if (base := name.partition(OVER)[0]) not in supplied:
             raise BankError(f"condition '{name}' cannot be shown: {left_out.get(base, 'a bank is no drive')}")
-    if stop_early:
-        _require_stoppable(chosen, shard)
+    extent.require_possible(chosen)
     manifest = RunManifest(
         study=study,
         created=today(),
@@ -147,18 +213,19 @@ def plan(  # noqa: PLR0913 - what a battery can be asked for
         prompt=formulation,
         models={spec: model.version for spec, model in models.items()},
         conditions=chosen,
-        limit=limit,
-        shard=shard,
+        limit=extent.limit,
+        shard=extent.shard,
         bank_path=str(bank_path.resolve()),
         fingerprint=bank.manifest.fingerprint,
         versions=versions(),
         modes=asked,
         facts={spec: dict(model.facts) for spec, model in models.items() if model.facts},
-        stop_early=stop_early,
-        probes=with_earlier(out, probes or {}),
+        stop_early=extent.stop_early,
+        controls=controls,
+        controls_seed=bank.manifest.controls.seed,
     )
     manifest = resumed(out, manifest, bank)
-    the_plan = plan_of(manifest, bank, models=tuple(models), conditions=chosen, limit=limit)
+    the_plan = plan_of(manifest, bank, models=tuple(models), conditions=chosen, limit=extent.limit)
     return Battery(the_plan, models, manifest, out, {} if conditions else _expected(left_out, formulation))
 
 
@@ -179,24 +246,6 @@ def open_whole(bank_path: Path) -> FrameBank:
             f"the bank {bank_path} is damaged: {problems[0]} ({len(problems)} in all, 'eyechart frames check')"
         )
     return open_bank(bank_path)
-
-
-def with_earlier(out: Path, probes: Mapping[str, Spent]) -> dict[str, Spent]:
-    """Return what probes took, with what earlier ones of the same models took for a run that is there already."""
-    earlier = read_manifest(out).probes if probes and is_run(out) else {}
-    return added(earlier, probes)
-
-
-def _require_stoppable(conditions: Sequence[str], shard: tuple[int, int] | None) -> None:
-    if shard is not None:
-        raise SpecError(
-            "--stop-early needs all calls of a frame in one run: leave out --shard; machines can share the models"
-        )
-    missing = [name for name in NEEDED if name not in conditions]
-    if missing:
-        raise SpecError(
-            f"--stop-early needs the conditions {', '.join(NEEDED)}; --conditions lacks {', '.join(missing)}"
-        )
 
 
 def _prompt_for(bank: FrameBank, name: str | None) -> Prompt:
@@ -247,7 +296,7 @@ def resumed(out: Path, manifest: RunManifest, bank: FrameBank) -> RunManifest:
         if manifest.stop_early:
             _require_as_begun(before, manifest)
         return extended
-    if not is_free(out):
+    if not is_free(out) and not holds(out, bank):
         raise LedgerError(f"{out} exists and is no run; choose another place with --out")
     return manifest
 
@@ -257,6 +306,8 @@ def _require_as_begun(before: RunManifest, now: RunManifest) -> None:
     begun, asked = ("all frames" if one.limit is None else f"--limit {one.limit}" for one in (before, now))
     if set(before.conditions) != set(now.conditions):
         begun, asked = (f"--conditions {','.join(one.conditions)}" for one in (before, now))
+    if before.controls != now.controls:
+        begun, asked = (f"--controls {one.controls}" for one in (before, now))
     if begun != asked:
         raise LedgerError(
             f"this run was begun with {begun}, now {asked} was asked for, and when a verdict is settled depends on all "
@@ -307,23 +358,13 @@ def sample_of(planned: Iterable[Battery]) -> Sample:
 
 
 def expected(battery: Battery, prices: Prices, *, concurrency: int) -> tuple[CostEstimate, ...]:
-    """Return what the calls that are still to be made are expected to take, by model."""
+    """Return what the calls that are still to be made are expected to take, by model; with controls, at most."""
+    more = battery.more_by_model()
     return tuple(
-        estimate(battery.manifest.mode(spec), calls, prices, concurrency=concurrency)
+        estimate(
+            battery.manifest.mode(spec), calls + more[spec], prices, concurrency=concurrency, at_most=bool(more[spec])
+        )
         for spec, calls in battery.left_by_model().items()
-    )
-
-
-def within(battery: Battery, prices: Prices, *, calls: int | None = None, cost_usd: float | None = None) -> Limits:
-    """Return the limits of a battery's run: so many requests, so many dollars by these prices.
-
-    What a probe of the run took counts towards both.
-    """
-    return Limits(
-        calls=calls,
-        cost_usd=cost_usd,
-        before=battery.manifest.spent_before(),
-        cost=lambda spec, reply: prices.cost(battery.manifest.mode(spec), reply)[0],
     )
 
 
@@ -332,22 +373,11 @@ def keep_probes(battery: Battery, probes: Mapping[str, Spent]) -> None:
 
     A run that is not begun yet begins without a model, so that they are probed anew.
     """
-    with _alone_in(battery.out):
+    with alone_in(battery.out):
         manifest = replace(battery.manifest, models={}, modes={}, facts={})
         if is_run(battery.out):
             manifest = read_manifest(battery.out)
-        known = {**manifest.probes, **added(manifest.probes, probes)}
-        write_run(battery.out, replace(manifest, probes=known), battery.plan.bank)
-
-
-@contextmanager
-def _alone_in(out: Path) -> Iterator[None]:
-    out.mkdir(parents=True, exist_ok=True)
-    try:
-        with FileLock(out / ".lock", timeout=0):
-            yield
-    except Timeout as error:
-        raise LedgerError(f"another process is writing to {out}; wait for it, or choose another --out") from error
+        write_run(battery.out, manifest.counting(probes), battery.plan.bank)
 
 
 def run(
@@ -363,7 +393,7 @@ def run(
     Raises LedgerError where another process is writing to the same run, or the ledger cannot be written.
     """
     try:
-        with _alone_in(battery.out):
+        with alone_in(battery.out):
             # Again, now that nobody else writes: another process may have begun or extended this run since.
             manifest = resumed(battery.out, battery.manifest, battery.plan.bank)
             write_run(battery.out, manifest, battery.plan.bank)
@@ -382,22 +412,20 @@ def _ask(
     limits: Limits | None,
     progress: Progress | None,
 ) -> Outcome:
-    """Make the calls; where all frames were asked for some conditions and it settled nothing, those left out too."""
-    for again in (True, False):
-        early = EarlyStop(battery.plan, ledger) if manifest.stop_early else None
-        outcome = execute(
-            battery.plan,
-            battery.models,
-            ledger,
-            concurrency=concurrency,
-            attempts=attempts,
-            limits=limits,
-            progress=progress,
-            early=early,
-        )
-        if early is None or not early.exhausted or outcome.stopped or not again:
-            break
-    return outcome
+    """Make the calls of every stage that comes."""
+    whole = plan_of(manifest, battery.plan.bank)
+    plan = staged(battery.plan, stages_of(manifest, whole, ledger))
+    later = InStages(plan, whole, manifest, ledger)
+    return execute(
+        plan,
+        battery.models,
+        ledger,
+        concurrency=concurrency,
+        attempts=attempts,
+        limits=limits,
+        progress=progress,
+        stages=EarlyStop(widest(manifest, battery.plan), ledger, later) if manifest.stop_early else later,
+    )
 
 
 def merge(shards: Sequence[Path], out: Path) -> int:

@@ -6,12 +6,13 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from eyechart.conditions import CONDITIONS, OF_BANKS, available
+from eyechart.conditions import CONDITIONS, CONTROLS, OF_BANKS, available
 from eyechart.frames import FrameBank
 from eyechart.stats.agreement import detectable_share, trials_needed
 from eyechart.stats.exchange import exchange_test
 from eyechart.stats.paired import bounded_below, pairs_to_bound
-from eyechart.studies.battery.calibrated import FEWEST_PAIRS
+from eyechart.studies.battery.controls import FEWEST_PAIRS
+from eyechart.studies.battery.odds import NOISE, Odds, odds_of
 from eyechart.studies.battery.stopping import layout_of, typical
 from eyechart.verdicts import ALPHA, MARGIN
 
@@ -40,6 +41,8 @@ class BankPower:
     can show of a model that never disagrees with itself, and ``largest_disagreement`` the self-disagreement up to which
     an effect below the margin can be bounded; None where it cannot. ``stopped_early`` counts the calls after which a
     controller that never wavers is settled with --stop-early, by label. ``cannot_say`` maps a test to the reason.
+    ``controls`` counts the calls of each control, made where a model's answers call for it, and ``odds`` says how often
+    models of known kinds get their labels.
     """
 
     bank: str
@@ -57,6 +60,8 @@ class BankPower:
     largest_disagreement: float | None
     stopped_early: Mapping[str, int]
     cannot_say: Mapping[str, str]
+    controls: Mapping[str, int]
+    odds: Odds
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
@@ -67,17 +72,19 @@ class BankPower:
     def asked(self, spec: str) -> dict[str, object]:
         """Return what asking a model takes; the cost is None where its adapter states no price."""
         del spec  # scripted models cost nothing that could be priced
-        return {"calls": sum(self.calls.values()), "cost": None}
+        return {"calls": sum(self.calls.values()), "controls": sum(self.controls.values()), "cost": None}
 
     def lines(self, specs: Sequence[str]) -> list[str]:
         """Return the same in words, a line each."""
         episodes = ", ".join(f"{scenario} {count}" for scenario, count in self.episodes.items())
         calls = ", ".join(f"{name} {count}" for name, count in self.calls.items())
+        controls = ", ".join(f"{name} {count}" for name, count in self.controls.items() if count) or "none"
         needed = " or ".join(f"{n} against {chance}" for chance, n in self.directional_needed.items())
         turns = "—" if self.directional_frames is None else self.directional_frames
         said = [
             f"bank {self.bank}: {self.frames} frames; episodes by scenario: {episodes}",
             f"calls a model: {sum(self.calls.values())} ({calls})",
+            f"controls, where its answers call for them: up to {sum(self.controls.values())} calls more ({controls})",
             (
                 f"distance by intervention: {self.counterfactual_pairs} counterfactual pairs; smallest win share found "
                 f"with power {POWER}: {_number(self.smallest_win_share)}, of pairs whose braking level differs, were "
@@ -96,9 +103,11 @@ class BankPower:
         ]
         counts = sorted(self.stopped_early.items(), key=lambda one: one[1])
         early = ", ".join(f"{count} ({label})" for label, count in counts) or "as many"
-        most = f"at most {sum(self.calls.values())} calls a model"
+        said.append(self.odds.words)
+        most = f"at most {sum(self.calls.values()) + sum(self.controls.values())} calls a model"
         said.append(f"stopping early (--stop-early): {most}; of a controller that never wavers {early}")
-        said += [f"model {spec}: {self.asked(spec)['calls']} calls, cost —" for spec in specs]
+        more = f"and up to {sum(self.controls.values())} of controls"
+        said += [f"model {spec}: {self.asked(spec)['calls']} calls {more}, cost —" for spec in specs]
         said += [f"cannot say: {test}: {why}" for test, why in self.cannot_say.items()]
         return said
 
@@ -107,20 +116,28 @@ def _number(value: float | None) -> str:
     return "—" if value is None else f"{value:.3g}"
 
 
-def power_of(bank: FrameBank) -> BankPower:
-    """Return what a bank can decide; only its text is read."""
+def power_of(bank: FrameBank, *, noise: float = NOISE) -> BankPower:
+    """Return what a bank can decide, of models with this noise floor; only its text is read.
+
+    Raises SpecError for a noise floor that no model can have.
+    """
     calls = _calls(bank)
     pairs = sum(all(name in frame.counterfactuals for name in ("lead_near", "lead_far")) for frame in bank)
     demanded = [frame.truth.get(DEMAND) for frame in bank]
     directional = bank.manifest.action_space.directional
     turns = sum(one in directional for one in demanded) if any(demanded) else None
     smallest, why = _smallest_p(bank)
-    shown = [name for name, count in calls.items() if count]
+    never = np.zeros(len(bank))
+    bound = bounded_below(never, never, margin=MARGIN, alpha=ALPHA).ci
+    controls = {name: sum(available(name, frame) for frame in bank) for name in CONTROLS}
+    shown = [name for name, count in (calls | controls).items() if count]
     asked = {frame.id: tuple(name for name in shown if available(name, frame)) for frame in bank}
     return BankPower(
         bank=bank.name,
         frames=len(bank),
-        episodes=_episodes(bank),
+        episodes=dict(
+            sorted(Counter(scenario for scenario, _ in {(one.scenario, one.episode) for one in bank}).items())
+        ),
         calls=calls,
         counterfactual_pairs=pairs,
         smallest_win_share=detectable_share(pairs, alpha=ALPHA, power=POWER),
@@ -130,7 +147,7 @@ def power_of(bank: FrameBank) -> BankPower:
             f"{chance:g}": trials_needed(SWAP_RATE, chance, alpha=ALPHA, power=POWER) for chance in CHANCES
         },
         smallest_swap_rate=None if turns is None else detectable_share(turns, alpha=ALPHA, power=POWER),
-        smallest_bound=_smallest_bound(len(bank)),
+        smallest_bound=None if bound is None else bound[1],
         frames_to_bound=pairs_to_bound(margin=MARGIN, alpha=ALPHA),
         largest_disagreement=max(
             (share for share in _DISAGREEMENTS if pairs_to_bound(share, margin=MARGIN, alpha=ALPHA) <= len(bank)),
@@ -138,22 +155,17 @@ def power_of(bank: FrameBank) -> BankPower:
         ),
         stopped_early=typical(layout_of(bank.frames, asked, bank.manifest.action_space, 0)),
         cannot_say=_cannot_say(bank, calls, pairs, why),
+        controls=controls,
+        odds=odds_of(bank, noise=noise),
     )
 
 
-def _episodes(bank: FrameBank) -> dict[str, int]:
-    of_scenario: dict[str, set[str]] = {}
-    for frame in bank:
-        of_scenario.setdefault(frame.scenario, set()).add(frame.episode)
-    return {scenario: len(episodes) for scenario, episodes in sorted(of_scenario.items())}
-
-
 def _calls(bank: FrameBank) -> dict[str, int]:
-    """Return how many frames can be shown under each condition that needs no prompt with fields."""
+    """Return how many frames can be shown under each condition that is always asked of a bank."""
     of_scenario = Counter(frame.scenario for frame in bank)
     calls = {}
     for name in OF_BANKS:
-        if "text" in CONDITIONS[name].needs:
+        if "text" in CONDITIONS[name].needs or name in CONTROLS:
             continue
         shown = [frame for frame in bank if available(name, frame)]
         if (name == "shuffled" and min(of_scenario.values()) < 2) or (
@@ -176,13 +188,6 @@ def _smallest_p(bank: FrameBank) -> tuple[float | None, str]:
         return None, str(error)
     smallest = (found.detail or {}).get("smallest_p")
     return smallest if isinstance(smallest, float) else None, "" if found.p is not None else found.note
-
-
-def _smallest_bound(frames: int) -> float | None:
-    """Return the upper bound of a difference that is never seen on so many frames."""
-    none = np.zeros(frames)
-    interval = bounded_below(none, none, margin=MARGIN, alpha=ALPHA).ci
-    return None if interval is None else interval[1]
 
 
 def _cannot_say(bank: FrameBank, calls: Mapping[str, int], pairs: int, exchange: str) -> dict[str, str]:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eyechart.conditions import BATTERY, CONDITIONS, COUNTERFACTUALS
+from eyechart.conditions import BATTERY, CONDITIONS, CONTROLS, COUNTERFACTUALS
 from eyechart.seeds import key_seed
 from eyechart.spaces.space import UNPARSED
 from eyechart.stats.agreement import clears_floor, rate, swap_test
@@ -28,6 +28,7 @@ from eyechart.stats.association import (
     modal_share,
     quantile_bins,
 )
+from eyechart.stats.episodes import share_over_episodes
 from eyechart.stats.paired import paired_difference
 from eyechart.stats.resampling import (
     cluster_bootstrap,
@@ -46,6 +47,8 @@ Codes = NDArray[np.int64]
 
 ALPHA = 0.05
 """The paper's level of significance."""
+
+ONE_EPISODE = "one episode shows no spread: the interval takes its frames as independent"
 
 ENUMERATE = 30_000
 """Up to so many multisets of episodes (9 episodes) the bootstrap is enumerated; beyond, resamples are drawn."""
@@ -99,21 +102,18 @@ class Published:
     def _agreements(self, level: str) -> Statistics:
         differ: dict[str, tuple[Floats, Mask]] = {}
         found: Statistics = {}
-        for name in (*BATTERY[1:], *self._further()):
+        asked = self.answers.decisions
+        told = (*BATTERY, *COUNTERFACTUALS, *CONTROLS)  # counterfactuals are compared in pairs
+        further = [name for name in dict.fromkeys((*CONDITIONS, *asked)) if name in asked and name not in told]
+        for name in (*BATTERY[1:], *further):
             apart, have = self.answers.distance("real", name, level)
             differ[name] = ((apart > 0).astype(np.float64), have)
-            found[f"agree.{name}"] = self._share((apart == 0).astype(np.float64), have, f"agree.{name}.{level}")
-        found["noise_floor"] = self._share(*differ["real_repeat"], f"noise_floor.{level}")
-        found["idi"] = self._share(*differ["blank"], f"idi.{level}")
+            found[f"agree.{name}"] = self._share((apart == 0).astype(np.float64), have)
+        found["noise_floor"] = self._share(*differ["real_repeat"])
+        found["idi"] = self._share(*differ["blank"])
         found["idi_adj"] = self._difference(*differ["blank"], *differ["real_repeat"], f"idi_adj.{level}")
         found["clears_floor"] = _clears(found["idi"], found["noise_floor"])
         return found
-
-    def _further(self) -> tuple[str, ...]:
-        """Return the conditions asked beside the eight, without counterfactuals, which are compared in pairs."""
-        asked = self.answers.decisions
-        every = (*CONDITIONS, *(name for name in asked if name not in CONDITIONS))
-        return tuple(name for name in every if name in asked and name not in (*BATTERY, *COUNTERFACTUALS))
 
     def _dependence(self, level: str) -> Statistics:
         every = {name: self.answers.symbols(name, level) for name in BATTERY}
@@ -227,22 +227,30 @@ class Published:
             return found
         sums = _counts_by_episode(np.zeros(int(have.sum()), dtype=np.int64), answer.codes[have], self._episodes[have])
         entropy = self._bootstrap(sums, entropy_of_counts, "entropy")
-        modal = self._bootstrap(sums, lambda counts: counts.max(axis=1) / counts.sum(axis=1), "modal_share")
         counts = dict(zip(*(each.tolist() for each in np.unique(real[have], return_counts=True)), strict=True))
-        detail = {**(found["modal_share"].detail or {}), "counts": counts}
-        most, n = max(counts.values()), sum(counts.values())
-        found["modal_share"] = replace(found["modal_share"], ci=modal.ci or rate(most, n).ci, detail=detail)
+        common, mode = found["modal_share"], max(counts, key=lambda label: counts[label])
+        often = self._over_episodes((real[have] == mode).astype(np.float64), self._episodes[have])
+        method, detail = f"{common.method}; {often.method}", {**(common.detail or {}), "counts": counts}
+        found["modal_share"] = replace(common, ci=often.ci, method=method, note=often.note, detail=detail)
         found["entropy"] = replace(found["entropy"], ci=entropy.ci)
         return found
 
-    def _share(self, hits: Floats, have: Mask, name: str) -> Statistic:
+    def _share(self, hits: Floats, have: Mask) -> Statistic:
         if not have.any():
             return cannot_say("no frame has both answers")
-        sums = _sums_by_episode(np.column_stack([hits, np.ones(len(hits))]), self._episodes[have])
-        found, k, n = self._bootstrap(sums, ratio_of_sums, name), int(hits.sum()), len(hits)
+        return self._over_episodes(hits, self._episodes[have])
+
+    def _over_episodes(self, hits: Floats, episodes: Codes) -> Statistic:
+        """Return a share of frames with its interval over episodes; of one episode it is marked, and over frames."""
+        k, n = int(hits.sum()), len(hits)
+        sums = _sums_by_episode(np.column_stack([hits, np.ones(n)]), episodes)
+        detail = {"k": k, "episodes": len(sums)}
+        if not self.how.intervals:
+            return replace(rate(k, n), detail=detail)
+        found = share_over_episodes(sums[:, 0], sums[:, 1])
         if found.ci is None:
-            found = replace(found, ci=rate(k, n).ci, method=f"Wilson interval; {found.method}")
-        return replace(found, value=k / n, n=n, detail={"k": k, "episodes": len(sums)})
+            return replace(rate(k, n), note=ONE_EPISODE, detail=detail)
+        return found
 
     def _difference(self, one: Floats, have_one: Mask, other: Floats, have_other: Mask, name: str) -> Statistic:
         if not have_one.any() or not have_other.any():

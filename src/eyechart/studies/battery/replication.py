@@ -17,6 +17,7 @@ from eyechart.errors import SpecError
 from eyechart.seeds import key_seed
 from eyechart.spaces.space import UNPARSED
 from eyechart.stats.association import cramers_v_of_tables, entropy_of_counts, information_of_tables, quantile_bins
+from eyechart.stats.episodes import share_over_episodes
 from eyechart.stats.resampling import episode_bootstrap, permutation_p, ratio_of_sums
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.answers import ABSENT, Answers
@@ -98,20 +99,15 @@ class _Pair:
     def codes(self, level: str) -> Codes:
         """Return both runs' answers as numbers, shape (2, conditions, frames), -1 where either run has none."""
         out = np.full((2, len(BATTERY), len(self._places[0])), -1, dtype=np.int16)
+        asked = np.ones(out.shape[1:], dtype=bool)
         for run, (answers, places) in enumerate(zip((self.first, self.second), self._places, strict=True)):
             for name, row in self._row.items():
                 symbols = answers.symbols(name, level)[places]
+                asked[row] &= answers.responses(name)[places] != ABSENT
                 for code, symbol in enumerate(self._names):
                     out[run, row, symbols == symbol] = code
-        asked = np.stack([self._asked(name) for name in BATTERY])
         out[:, ~asked] = -1
         return out
-
-    def _asked(self, condition: str) -> NDArray[np.bool_]:
-        """Return which frames have a reply to a condition in both runs, a decision or not."""
-        one = self.first.responses(condition)[self._places[0]]
-        other = self.second.responses(condition)[self._places[1]]
-        return np.asarray((one != ABSENT) & (other != ABSENT))
 
     def test(self, codes: Codes, measure: Measure, name: str) -> Statistic:
         """Return the difference of a statistic between the runs, with its interval over episodes and its p."""
@@ -264,17 +260,11 @@ class _Pair:
         if not both.any():
             return cannot_say("no real picture was answered in both runs")
         same = both & (codes[0] == codes[1])
-        found = episode_bootstrap(
-            int(self._episodes.max()) + 1,
-            lambda counts: _ratio(
-                (same * counts[:, self._episodes]).sum(axis=1), (both * counts[:, self._episodes]).sum(axis=1)
-            ),
-            seed=key_seed("compare", self.seed, "across_runs"),
-            resamples=self.resamples,
-            enumerate_up_to=0,
+        hits, frames = (np.bincount(self._episodes, weights=one) for one in (same, both))
+        found = share_over_episodes(hits, frames)
+        return Statistic(
+            found.value, found.n, found.ci, method=f"agreement across the runs; {found.method}", note=found.note
         )
-        ci = None if found.ci is None or found.ci[0] == found.ci[1] else found.ci
-        return Statistic(found.value, int(both.sum()), ci, method=f"agreement across the runs; {found.method}")
 
 
 def _ratio(above: Floats, below: Floats) -> Floats:

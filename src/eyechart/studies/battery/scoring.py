@@ -1,10 +1,13 @@
 """Scoring a run: ledger and bank to decisions to statistics; it only reads, and gives the same bytes every time."""
 
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Generic, TypeVar
 
+from eyechart.conditions import CONTROLS
 from eyechart.costs import Account, Book
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank
@@ -21,7 +24,8 @@ from eyechart.studies.battery.answers import Answers, read_answers
 from eyechart.studies.battery.calibrated import Calibrated
 from eyechart.studies.battery.planning import STUDY, plan_of
 from eyechart.studies.battery.published import Published, Resampling
-from eyechart.studies.battery.stopping import Course, EarlyStop, layout_for
+from eyechart.studies.battery.stages import Asked, staged, stages_of, widest
+from eyechart.studies.battery.stopping import Course, EarlyStop
 from eyechart.verdicts import Evidence, Stopped
 
 Took = tuple[dict[str, dict[str, Account]], dict[str, tuple[Guard, ...]]]
@@ -38,6 +42,7 @@ class ModelScore:
     ``planned`` and ``answered`` count calls; a verdict on fewer than planned says so. ``stopped`` says where the run
     settled its verdict early: then ``answers`` and ``answered`` hold the calls that count, ``statistics`` their
     e-values, and of all others the value alone, because a p or an interval of a sample of fixed size is none here.
+    ``controls`` says which controls it was asked; those of a stage that is not finished are in no statistic.
     """
 
     model: str
@@ -48,19 +53,45 @@ class ModelScore:
     statistics: Mapping[str, Statistic]
     holm: Mapping[str, float | None]
     stopped: Stopped | None = None
+    controls: Asked = field(default_factory=Asked)
+
+
+M = TypeVar("M")
+"""What a study makes of one model's calls."""
 
 
 @dataclass(frozen=True)
-class BatteryScore:
-    """Everything that the ledger of one battery says, and, apart from it, what the calls took."""
+class CallsScore(ABC, Generic[M]):
+    """Everything that a ledger says of calls about a bank's frames, and, apart from it, what the calls took."""
 
     manifest: RunManifest
     bank: FrameBank
-    models: Mapping[str, ModelScore]
+    models: Mapping[str, M]
     accounting: Mapping[str, Mapping[str, Account]]
     guards: Mapping[str, tuple[Guard, ...]]
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """Return the conditions that any model was asked."""
+        return self.manifest.conditions
+
+    @abstractmethod
+    def evidence(self) -> dict[str, Evidence]:
+        """Return what there is to judge of every model, or to hold it to."""
+
+
+@dataclass(frozen=True)
+class BatteryScore(CallsScore[ModelScore]):
+    """Everything that the ledger of one battery says, and, apart from it, what the calls took."""
+
     independent: bool = False
     """Whether whoever scored it, or the bank, declared that frames without episodes are independent draws."""
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """Return the conditions that any model was asked, its controls last."""
+        asked = {name for model in self.models.values() for name in model.controls.controls}
+        return (*self.manifest.conditions, *(name for name in CONTROLS if name in asked))
 
     def __repr__(self) -> str:
         return f"<BatteryScore of {', '.join(self.models) or 'no model'} on {self.bank.name}>"
@@ -107,6 +138,7 @@ class BatteryScore:
             "prompt": self.manifest.prompt.key,
             "seed": self.manifest.seed,
             "stop_early": self.manifest.stop_early,
+            "controls": self.manifest.controls,
             "reader": READER,
             "independent": self.independent,
             "models": {
@@ -115,6 +147,7 @@ class BatteryScore:
                     "planned": score.planned,
                     "answered": score.answered,
                     "stopped": plain(score.stopped),
+                    "controls": list(score.controls.controls),
                     "statistics": plain(score.statistics),
                     "holm": dict(score.holm),
                 }
@@ -174,17 +207,30 @@ def score_run(
     how = Resampling(resamples=resamples, seed=manifest.seed)
     plan, told = plan_of(manifest, bank), bool(manifest.prompt.fields)
     with Ledger(ledger_path) as ledger:
+        asked = stages_of(manifest, plan, ledger)
+        wide, plan = widest(manifest, plan), staged(plan, asked)
+        reading = wide if manifest.stop_early else plan
         answers = {
-            spec: read_answers(spec, ledger.replies(spec), plan, independent=independent, told=told)
+            spec: read_answers(spec, ledger.replies(spec), reading, independent=independent, told=told)
             for spec in manifest.models
         }
-        finished = _finished(ledger, manifest.models) if manifest.stop_early else {}
-        courses = {spec: _course(plan, answers[spec], finished[spec]) for spec in finished}
+        courses = EarlyStop(wide, ledger).courses if manifest.stop_early else {}
+        finished = ledger.finished() if courses else set()
         spent, kept = _took(ledger, manifest, plan, read_prices(), courses)
     stopped = {spec: course.stopped(answers[spec].finished) for spec, course in courses.items()}
-    answers = {spec: _counting(one, courses[spec]) if stopped.get(spec) else one for spec, one in answers.items()}
+    for spec, course in courses.items():
+        if stopped[spec] is not None:
+            answers[spec] = _counting(answers[spec], course.counted)
+            asked[spec] = Asked(tuple(name for name in CONTROLS if name in answers[spec].decisions), ended=True)
+        else:
+            came = sum(key in finished for key in plan.keys_of(spec))
+            answers[spec] = replace(answers[spec].under(plan.asked(spec)), finished=came)
     statistics = {
-        spec: _with_evidence(statistics_of(one, how, independent=independent), courses.get(spec), stopped.get(spec))
+        spec: _with_evidence(
+            statistics_of(one.under(asked[spec].judged_of(plan)), how, independent=independent),
+            courses.get(spec),
+            stopped.get(spec),
+        )
         for spec, one in answers.items()
     }
     corrected = _corrected(statistics, {spec for spec, one in stopped.items() if one is not None})
@@ -198,6 +244,7 @@ def score_run(
             statistics=statistics[spec],
             holm=corrected[spec],
             stopped=stopped.get(spec),
+            controls=asked[spec],
         )
         for spec, version in manifest.models.items()
     }
@@ -213,7 +260,8 @@ def took_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, price
     """Return what `took` does, by a run's manifest and its bank, whoever vouches for these."""
     plan = plan_of(manifest, bank)
     with Ledger(ledger_path) as ledger:
-        courses = EarlyStop(plan, ledger).courses if manifest.stop_early else {}
+        courses = EarlyStop(widest(manifest, plan), ledger).courses if manifest.stop_early else {}
+        plan = staged(plan, stages_of(manifest, plan, ledger))
         return _took(ledger, manifest, plan, prices or read_prices(), courses)
 
 
@@ -227,43 +275,26 @@ def _took(ledger: Ledger, manifest: RunManifest, plan: Plan, prices: Prices, cou
             book.add(one)
             checks.add(one)
         course = courses.get(spec)
-        asked = (key for key in plan.keys_of(spec) if course is None or key.condition in course.wanted(key.frame))
+        controls = plan.controls.get(spec, ())
+        asked = (
+            key
+            for key in plan.keys_of(spec)
+            if course is None or key.condition in course.wanted(key.frame) or key.condition in controls
+        )
         spent[spec], kept[spec] = book.accounts(), checks.guards(asked, manifest.fingerprint)
     return spent, kept
 
 
-def _finished(ledger: Ledger, models: Collection[str]) -> dict[str, set[tuple[str, str]]]:
-    """Return the finished calls of each model, as (frame, condition)."""
-    found: dict[str, set[tuple[str, str]]] = {model: set() for model in models}
-    for key in ledger.finished():
-        if key.model in found:
-            found[key.model].add((key.frame, key.condition))
-    return found
-
-
-def _course(plan: Plan, answers: Answers, finished: Collection[tuple[str, str]]) -> Course:
-    """Return how far a model's evidence comes with the calls that are finished."""
-    given = {
-        (frame.id, name): one
-        for name, column in answers.decisions.items()
-        for frame, one in zip(answers.frames, column, strict=True)
-        if one is not None and (frame.id, name) in finished
-    }
-    course = Course(layout_for(plan, answers.model))
-    course.advance(given)
-    return course
-
-
-def _counting(answers: Answers, course: Course) -> Answers:
-    """Return the answers that count: those up to the stop."""
-    counted = set(course.counted)
+def _counting(answers: Answers, counted: Collection[tuple[str, str]]) -> Answers:
+    """Return the answers that count, without controls of which none does."""
     decisions = {
         name: tuple(
             one if (frame.id, name) in counted else None for frame, one in zip(answers.frames, column, strict=True)
         )
         for name, column in answers.decisions.items()
     }
-    return replace(answers, decisions=decisions, finished=len(counted))
+    kept = {name: column for name, column in decisions.items() if name not in CONTROLS or any(column)}
+    return replace(answers, decisions=kept, finished=len(counted))
 
 
 def _with_evidence(

@@ -5,17 +5,18 @@ about it that were wanted have finished. So the stop can be computed again from 
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
+from eyechart.conditions import CONTROLS
 from eyechart.frames import Frame
 from eyechart.ledger import Ledger
-from eyechart.run import Plan
+from eyechart.run import Plan, Stages
 from eyechart.seeds import key_seed
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.space import Decision
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.battery.evidence import Claim, Row, claims
+from eyechart.studies.battery.evidence import CONTROLLED, PAIRS, Claim, Row, claims
 from eyechart.verdicts import LABELS, LATERAL, PREFIX, Stopped
 
 NEEDED = ("real", "real_repeat", "blank")
@@ -26,11 +27,25 @@ RULES = {name: label.early for name, label in LABELS.items() if label.early}
 the first label need ``scorable`` too. Those of a condition that the bank cannot show are left out, but
 ``bound_shuffled``, without which no absence is claimed."""
 
-REQUIRED = frozenset(("bound_shuffled",))
+REQUIRED = frozenset(("bound_shuffled", "own_beside"))
+"""Without the second no ``depth``: then ``depth_associated`` is all that can be settled."""
+
+WALKS: tuple[tuple[frozenset[str], frozenset[str]], ...] = (
+    (frozenset(("lead_near", "lead_far", *PAIRS["own_beside"])), frozenset(("own_beside", "net_own_beside"))),
+    (frozenset(("real", "real_repeat", *CONTROLLED)), frozenset(("bound_reversed", "bound_nudged"))),
+)
+"""What ``depth`` needs of controls: conditions that are asked of all frames from the first, until these claims settle.
+
+See docs/decisions/0039-asked-in-stages.md.
+"""
 
 LATERAL_RULES = {name: label.early for name, label in LATERAL.items() if label.early}
 """The lateral labels likewise; ``one_sided`` stands for the latter two where only one direction is ever given."""
 
+DISTANCE = ("depth", "depth_associated")
+"""The labels whose evidence is that it brakes by distance: the first where there are controls, else the second."""
+
+_LATER = frozenset(name for _, names in WALKS for name in names)
 _SCORABLE = frozenset(("scorable", "unscorable"))
 _TURNS = frozenset(name for names in LATERAL_RULES.values() for name in names)
 
@@ -40,11 +55,15 @@ ONE_SIDED_FROM = 8
 
 @dataclass(frozen=True)
 class Layout:
-    """What a run asks of a model: frames in the order in which they count, and the conditions asked of each."""
+    """What a run asks of a model: frames in the order in which they count, and the conditions asked of each.
+
+    ``controls`` are those that it may be asked besides, none where any that ``depth`` needs cannot be shown.
+    """
 
     order: tuple[str, ...]
     asked: Mapping[str, tuple[str, ...]]
     space: Discrete
+    controls: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def planned(self) -> int:
@@ -52,10 +71,17 @@ class Layout:
         return sum(map(len, self.asked.values()))
 
 
-def layout_of(frames: Sequence[Frame], asked: Mapping[str, tuple[str, ...]], space: Discrete, seed: int) -> Layout:
-    """Return the layout of a run; each frame's place in the order comes from the seed and its own id."""
+def layout_of(frames: Sequence[Frame], every: Mapping[str, Sequence[str]], space: Discrete, seed: int) -> Layout:
+    """Return the layout of a run that asks ``every`` frame these conditions; controls among them come later.
+
+    Each frame's place in the order comes from the seed and its own id.
+    """
     order = sorted((frame.id for frame in frames), key=lambda one: (key_seed("stop early", seed, one), one))
-    return Layout(tuple(order), asked, space)
+    asked = {frame: tuple(name for name in names if name not in CONTROLS) for frame, names in every.items()}
+    needed = set(CONTROLS) & set(CONTROLLED)
+    controls = {frame: tuple(name for name in names if name in needed) for frame, names in every.items()}
+    whole = {name for names in every.values() for name in names}.issuperset(CONTROLLED)
+    return Layout(tuple(order), asked, space, controls if whole else {})
 
 
 @dataclass
@@ -66,12 +92,13 @@ class Course:
     frames: int = 0
     label: str | None = None
     lateral: str | None = None
-    counted: list[tuple[str, str]] = field(default_factory=list)
+    counted: dict[tuple[str, str], None] = field(default_factory=dict)
     turns: dict[str, int] = field(init=False)
     claims: dict[str, Claim] = field(init=False)
 
     def __post_init__(self) -> None:
-        conditions = {name for asked in self.layout.asked.values() for name in asked}
+        every = (*self.layout.asked.values(), *self.layout.controls.values())
+        conditions = {name for asked in every for name in asked}
         directional = self.layout.space.directional
         self._turns_asked = bool(directional) and "mirrored" in conditions
         self.claims = claims(len(self.layout.order), self.layout.space, conditions, mirrored=self._turns_asked)
@@ -79,16 +106,42 @@ class Course:
         self._judge()
 
     @property
-    def settled(self) -> bool:
-        """Return whether nothing more need be asked: the label is settled, and so is the lateral axis."""
+    def _first(self) -> bool:
+        """Return whether the first walk has nothing more to ask: a label has its evidence, and so has the rest."""
         ended = self.frames == len(self.layout.order)
         lateral = self.lateral is not None or not self._turns_asked or ended
         return self.label is not None and self._scored and lateral
 
     @property
+    def walk(self) -> int:
+        """Return which walk over the frames this is; one more than there are where nothing more need be asked."""
+        if not self._first:
+            return 0
+        walks = () if self.label != "depth" else WALKS
+        settled = (all(self.claims[name].settled for name in names) for _, names in walks)
+        return next((number for number, one in enumerate(settled, 1) if not one), 1 + len(WALKS))
+
+    @property
+    def settled(self) -> bool:
+        """Return whether nothing more need be asked: the label is settled, and so is the lateral axis."""
+        return self.walk > len(WALKS) and not self._complete
+
+    @property
     def exhausted(self) -> bool:
-        """Return whether all frames count and nothing is settled, so that the whole run has to decide."""
-        return self.frames == len(self.layout.order) and not self.settled
+        """Return whether a walk is at its end and nothing is settled, so that the whole run has to decide."""
+        walk, frames = self.walk, len(self.layout.order)
+        if walk > len(WALKS) or (walk and self._complete):
+            return self._complete
+        return frames == (self.frames if not walk else self._walked(walk))
+
+    @property
+    def _complete(self) -> bool:
+        """Return whether the first walk has counted every call that the run asks in its first stage."""
+        return all((frame, name) in self.counted for frame, asked in self.layout.asked.items() for name in asked)
+
+    def _walked(self, walk: int) -> int:
+        """Return how many frames a walk over the controls has counted."""
+        return max(self.claims[name].frames for name in WALKS[walk - 1][1])
 
     @property
     def _scored(self) -> bool:
@@ -97,9 +150,12 @@ class Course:
     def wanted(self, frame: str) -> tuple[str, ...]:
         """Return the conditions to ask of a frame that does not count yet, as far as the evidence has come."""
         asked = self.layout.asked[frame]
-        if self.settled:
-            return ()
-        if self.label is None or self.exhausted:
+        if self.exhausted:
+            return asked
+        if walk := self.walk:
+            names = () if walk > len(WALKS) else WALKS[walk - 1][0]
+            return tuple(name for name in (*asked, *self.layout.controls.get(frame, ())) if name in names)
+        if self.label is None:
             return asked
         still = set() if self._scored else {"real", "real_repeat"}
         if self._turns_asked and self.lateral is None and "mirrored" in asked:
@@ -109,20 +165,25 @@ class Course:
     def advance(self, given: Mapping[tuple[str, str], Decision[str]]) -> None:
         """Count every next frame whose wanted calls are all ``given``, by (frame, condition), until it settles."""
         order = self.layout.order
-        while self.frames < len(order) and not self.settled:
-            frame = order[self.frames]
+        while not self.exhausted and (walk := self.walk) <= len(WALKS):
+            frame = order[self._walked(walk) if walk else self.frames]
             wanted = self.wanted(frame)
             if any((frame, name) not in given for name in wanted):
                 return
-            self.counted += [(frame, name) for name in wanted]
-            self._count(Row({name: given[frame, name] for name in wanted}, self.layout.space))
+            self.counted |= dict.fromkeys((frame, name) for name in wanted)
+            row = Row({name: given[frame, name] for name in wanted}, self.layout.space)
+            if walk:
+                for name in WALKS[walk - 1][1]:
+                    self.claims[name].add(row)
+            else:
+                self._count(row)
 
     def _count(self, row: Row) -> None:
         """Add the next frame to the claims that are still open; once there is a label, to those of its two checks."""
         both = {"real", "real_repeat"} <= row.given.keys()
         for name, claim in self.claims.items():
             known = self.lateral if name in _TURNS else self.label
-            if both if name in _SCORABLE else known is None:
+            if name not in _LATER and (both if name in _SCORABLE else known is None):
                 claim.add(row)
         for condition in ("real", "mirrored"):
             action = row.action(condition)
@@ -135,12 +196,19 @@ class Course:
         if self._all("not_scorable", RULES):
             self.label = "not_scorable"
         elif self.label is None:
-            self.label = next((label for label in RULES if self._all(label, RULES)), None)
+            self.label = next((label for label in RULES if self._reached(label)), None)
         if self.lateral is None:
             self.lateral = next((label for label in LATERAL_RULES if self._all(label, LATERAL_RULES)), None)
 
+    def _reached(self, label: str) -> bool:
+        """Return whether a label has its evidence of the first walk; that of its controls is walked for after it."""
+        if label in DISTANCE and label != ("depth" if self.layout.controls else "depth_associated"):
+            return False
+        return self._all(label, RULES)
+
     def _all(self, label: str, rules: Mapping[str, tuple[str, ...]]) -> bool:
-        return all(name in self.claims and self.claims[name].settled for name in self._needed(rules[label]))
+        needed = (name for name in self._needed(rules[label]) if name not in _LATER)
+        return all(name in self.claims and self.claims[name].settled for name in needed)
 
     def _needed(self, names: tuple[str, ...]) -> list[str]:
         """Return the claims that a label needs on this bank; the first always, others where they can be tested."""
@@ -151,7 +219,7 @@ class Course:
 
         ``finished`` counts the model's finished calls of this run, also those beyond the stop.
         """
-        if not self.settled or self.label is None or len(self.counted) == self.layout.planned:
+        if not self.settled or self.label is None:
             return None
         lateral, by = self.lateral, "mirror_swap_rate"
         if lateral is not None:
@@ -159,15 +227,16 @@ class Course:
             seen = [count for count in self.turns.values() if count]
             if lateral != "swaps" and len(seen) == 1 and seen[0] >= ONE_SIDED_FROM:
                 lateral = "one_sided"
+        controls = sum(map(len, self.layout.controls.values())) if self.label == "depth" else 0
         with_it = self._needed(RULES[self.label])[1:] + ([] if self.label == "not_scorable" else ["scorable"])
         return Stopped(
             label=self.label,
             decided_by=PREFIX + RULES[self.label][0],
             lateral=lateral,
             lateral_by=by,
-            frames=self.frames,
+            frames=max(self.frames, *(self.claims[name].frames for name in _LATER & self.claims.keys()), 0),
             calls=len(self.counted),
-            planned=self.layout.planned,
+            planned=self.layout.planned + controls,
             beyond=finished - len(self.counted),
             interventional="near_far" in self.claims,
             with_it=tuple(PREFIX + name for name in with_it),
@@ -200,15 +269,19 @@ def layout_for(plan: Plan, model: str) -> Layout:
 
 
 class EarlyStop:
-    """The watch of a run that stops early: one course a model, begun from what its ledger holds."""
+    """The watch of a run that stops early: one course a model, begun from what its ledger holds.
 
-    def __init__(self, plan: Plan, ledger: Ledger) -> None:
+    ``plan`` has every control that may be asked; ``later`` asks those of a run that settled nothing.
+    """
+
+    def __init__(self, plan: Plan, ledger: Ledger, later: Stages | None = None) -> None:
+        self._plan, self._later, self._again = plan, later, set[tuple[str, int]]()
         self._space = plan.bank.manifest.action_space
         self._given: dict[str, Given] = {}
         self.courses: dict[str, Course] = {}
         for model in plan.models:
             course = Course(layout_for(plan, model))
-            asked = {(frame, name) for frame, names in course.layout.asked.items() for name in names}
+            asked = {(key.frame, key.condition) for key in plan.keys_of(model)}
             self._given[model] = given = {
                 (key.frame, key.condition): self._space.read(reply)
                 for key, reply in ledger.replies(model)
@@ -220,11 +293,19 @@ class EarlyStop:
     def queue(self, model: str, todo: Sequence[CallKey]) -> Iterator[CallKey]:
         """Yield the wanted calls of a model, frame by frame in the order in which frames count."""
         course = self.courses[model]
+        if course.exhausted:
+            yield from todo
+            return
+        walk = course.walk
+        if walk and (model, walk) not in self._again:
+            return  # its calls come with those of its controls
         of_frame: dict[str, list[CallKey]] = {}
         for key in todo:
             of_frame.setdefault(key.frame, []).append(key)
         for frame in course.layout.order:
             for key in of_frame.get(frame, ()):
+                if course.walk != walk or self.courses[model].exhausted:
+                    return
                 if key.condition in course.wanted(frame):
                     yield key
 
@@ -239,10 +320,25 @@ class EarlyStop:
         left = sum((frame, name) not in given for frame in course.layout.order for name in course.wanted(frame))
         return Progress(course.stopped(len(given)), left)
 
-    @property
-    def exhausted(self) -> bool:
-        """Return whether the frames of some model are at an end with nothing settled and calls left out before."""
-        return any(course.exhausted and self.progress(model).left for model, course in self.courses.items())
+    def more(self, model: str) -> Sequence[CallKey]:
+        """Return the calls of a model's next walk over the frames.
+
+        Where a walk has come to the end and settled nothing, these are what was left out, and then its controls.
+        """
+        course, given = self.courses[model], self._given[model]
+        plan = replace(self._plan, controls={}) if course.exhausted else self._plan
+        left = [
+            key
+            for key in plan.keys_of(model)
+            if (key.frame, key.condition) not in given and key.condition in course.wanted(key.frame)
+        ]
+        if course.exhausted and not left:
+            return () if self._later is None else self._later.more(model)
+        walk = 1 + len(WALKS) if course.exhausted else course.walk
+        if not walk or (model, walk) in self._again:
+            return ()
+        self._again.add((model, walk))
+        return left
 
 
 def typical(asked: Layout) -> dict[str, int]:
@@ -267,11 +363,14 @@ def _unwavering(label: str, layout: Layout) -> Mapping[tuple[str, str], Decision
     other = Decision(brake)
     answers: dict[str, dict[str, Decision[str]]] = {
         "not_scorable": dict.fromkeys(("real", "real_repeat"), lost),
-        "depth": {"lead_near": other, "blank": other},
+        "depth": {"lead_near": other, "lane_own": other, "blank": other},
+        "depth_associated": {"lead_near": other, "blank": other},
         "presence_only": {"blank": other},
         "refusal_effect": {"blank": lost},
         "image_invariant": {},
     }
     return {
-        (frame, name): answers[label].get(name, Decision(go)) for frame, names in layout.asked.items() for name in names
+        (frame, name): answers[label].get(name, Decision(go))
+        for frame, names in layout.asked.items()
+        for name in (*names, *layout.controls.get(frame, ()))
     }

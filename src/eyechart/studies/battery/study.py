@@ -1,6 +1,7 @@
 """The battery as a study, and what studies of the frames of a bank share."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
@@ -8,7 +9,7 @@ from eyechart.errors import LedgerError
 from eyechart.gate import REQUIREMENTS, Gate, hold
 from eyechart.manifest import read_manifest, read_run
 from eyechart.models.prices import Prices
-from eyechart.studies import Made, Packed, Reading, S, Study, Tell, Took, run_json
+from eyechart.studies import NO_DRIVES, Made, Packed, Reading, S, Study, Tell, Took, run_json
 from eyechart.studies.battery.planning import STUDY
 from eyechart.studies.battery.scoring import BatteryScore, require_scorable, score, score_run, took
 from eyechart.verdicts import Verdict, judge
@@ -16,10 +17,6 @@ from eyechart.verdicts import Verdict, judge
 if TYPE_CHECKING:
     from eyechart.report.table import Table
     from eyechart.studies.battery.subjects import Evidence
-
-NO_DRIVES = dict.fromkeys(
-    ("score --against", "report --against"), "is no run of drives, and --against names a policy of one"
-)
 
 
 class OfFrames(Study[S]):
@@ -75,9 +72,7 @@ class BatteryStudy(OfFrames[BatteryScore]):
     def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:
         from eyechart.studies.battery.subjects import read_evidence
 
-        return _made(
-            read_evidence(runs, banks, independent=reading.independent, reread=reading.reread, tell=tell), tell
-        )
+        return _made(read_evidence(runs, banks, score=partial(self.score, reading=reading), tell=tell), tell)
 
     def require_scorable(self, run: Path, reading: Reading) -> None:
         require_scorable(run, *read_run(run), independent=reading.independent, reread=reading.reread)

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Generic
 
 from eyechart.calls import Reply
 from eyechart.conditions import sources
@@ -11,33 +12,29 @@ from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank, check, open_bank
 from eyechart.ledger import Ledger
 from eyechart.manifest import BANK, LEDGER, RunManifest, asked_of
-from eyechart.spaces.space import Decision
-from eyechart.studies import battery as study
-from eyechart.studies.battery import BatteryScore, ModelScore
+from eyechart.studies import Tell, names_of
 from eyechart.studies.battery.planning import plan_of
+from eyechart.studies.battery.scoring import CallsScore, M, ModelScore
+from eyechart.studies.battery.stages import widest
 from eyechart.verdicts import Verdict, judge
 
 SHOWN = "every picture is the one that the run recorded (SHA-256), and the geometry is the same"
-
-Tell = Callable[[str], None]
-"""Is told in words what is under way, for whoever waits."""
 
 Replies = Mapping[tuple[str, str], Reply]
 """A model's replies by frame and condition."""
 
 
 @dataclass(frozen=True)
-class Evidence:
-    """One run, scored and judged.
+class RunEvidence(Generic[M]):
+    """One run, scored.
 
-    ``pictures`` is None where the bank's pictures cannot be shown; ``about_pictures`` then says why, else that they
-    are those that the run recorded. ``unknown`` counts each model's calls that were sent and whose outcome is not
-    known.
+    ``replies`` are verbatim, by model. ``pictures`` is None where the bank's pictures cannot be shown;
+    ``about_pictures`` then says why, else that they are those that the run recorded. ``unknown`` counts each model's
+    calls that were sent and whose outcome is not known.
     """
 
     name: str
-    score: BatteryScore
-    verdicts: Mapping[str, Verdict]
+    score: CallsScore[M]
     replies: Mapping[str, Replies]
     unknown: Mapping[str, int]
     pictures: FrameBank | None
@@ -45,25 +42,30 @@ class Evidence:
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """Return the run's conditions."""
-        return self.score.manifest.conditions
+        """Return the run's conditions, with the controls that any of its models was asked."""
+        return self.score.conditions
 
     @cached_property
     def frames(self) -> tuple[Frame, ...]:
         """Return the frames that the run asks about."""
-        return next((model.answers.frames for model in self.score.models.values()), ())
+        return plan_of(self.score.manifest, self.score.bank).frames if self.score.models else ()
+
+    @cached_property
+    def verdicts(self) -> Mapping[str, Verdict]:
+        """Return the verdict on each model."""
+        return judge(self.score)
 
 
 @dataclass(frozen=True)
-class Subject:
+class OfModel(Generic[M]):
     """A model in a run. ``label`` names the run too where a report holds several."""
 
     label: str
     spec: str
-    run: Evidence
+    run: RunEvidence[M]
 
     @property
-    def model(self) -> ModelScore:
+    def model(self) -> M:
         """Return the model's score."""
         return self.run.score.models[self.spec]
 
@@ -72,28 +74,27 @@ class Subject:
         """Return the model's verdict."""
         return self.run.verdicts[self.spec]
 
-    def decision(self, condition: str, frame: int) -> Decision[str] | None:
-        """Return the decision on the frame of this number, None where there is no reply."""
-        given = self.model.answers.decisions.get(condition)
-        return None if given is None else given[frame]
+
+Evidence = RunEvidence[ModelScore]
+Subject = OfModel[ModelScore]
+"""A battery, and a model in it."""
 
 
 def read_evidence(
     runs: Sequence[Path],
     banks: Sequence[Path] = (),
     *,
-    independent: bool = False,
-    reread: bool = False,
+    score: Callable[[Path], CallsScore[M]],
     tell: Tell = lambda _: None,
-) -> list[Evidence]:
-    """Score and judge runs, and find their pictures: in one of ``banks``, or where each run's manifest says.
+) -> list[RunEvidence[M]]:
+    """Score runs, and find their pictures: in one of ``banks``, or where each run's manifest says.
 
     Raises LedgerError or BankError where a folder is no run. Pictures that are missing or differ raise nothing.
     """
     found = []
     for path, name in zip(runs, names_of(runs), strict=True):
         tell(f"scoring {name}")
-        scored = study.score(path, independent=independent, reread=reread)
+        scored = score(path)
         tell(f"checking the pictures of {name}")
         found.append(
             evidence_of(name, scored, path / LEDGER, *find_pictures(scored.manifest, scored.bank, path, banks))
@@ -101,7 +102,9 @@ def read_evidence(
     return found
 
 
-def evidence_of(name: str, scored: BatteryScore, ledger_path: Path, pictures: FrameBank | None, about: str) -> Evidence:
+def evidence_of(
+    name: str, scored: CallsScore[M], ledger_path: Path, pictures: FrameBank | None, about: str
+) -> RunEvidence[M]:
     """Return the evidence of a scored run, whose pictures somebody has looked for."""
     with Ledger(ledger_path) as ledger:
         replies = {
@@ -109,30 +112,21 @@ def evidence_of(name: str, scored: BatteryScore, ledger_path: Path, pictures: Fr
         }
         unknown = [key.model for key in ledger.unknown()]
     counts = {spec: unknown.count(spec) for spec in scored.models}
-    return Evidence(name, scored, judge(scored), replies, counts, pictures, about)
+    return RunEvidence(name, scored, replies, counts, pictures, about)
 
 
 def used_pictures(manifest: RunManifest, bank: FrameBank) -> set[str]:
-    """Return the files of the bank's pictures that the planned calls show, or are made of."""
-    plan = plan_of(manifest, bank)
+    """Return the files of the bank's pictures that the calls show, or are made of, with all that may be planned yet."""
+    plan = widest(manifest, plan_of(manifest, bank))
     shown = {(key.condition, key.frame) for key in plan.keys()}  # noqa: SIM118 - a plan is no mapping
     return {file for name, frame in shown for file in sources(name, bank.frame(frame), bank, plan.seed)}
 
 
-def subjects(evidence: Sequence[Evidence]) -> list[Subject]:
+def subjects(evidence: Sequence[RunEvidence[M]]) -> list[OfModel[M]]:
     """Return every model of every run, in order."""
     several = len(evidence) > 1
     return [
-        Subject(f"{run.name} · {spec}" if several else spec, spec, run) for run in evidence for spec in run.score.models
-    ]
-
-
-def names_of(runs: Sequence[Path]) -> list[str]:
-    """Return the runs' folder names, numbered where two are the same."""
-    names = [path.resolve().name or "run" for path in runs]
-    return [
-        name if names.count(name) == 1 else f"{name} ({1 + names[:place].count(name)})"
-        for place, name in enumerate(names)
+        OfModel(f"{run.name} · {spec}" if several else spec, spec, run) for run in evidence for spec in run.score.models
     ]
 
 

@@ -15,10 +15,9 @@ from eyechart.report.table import (
     p_value,
     statistic_cells,
 )
-from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import BatteryScore, ModelScore
 from eyechart.studies.battery.subjects import Subject
-from eyechart.verdicts import LABELS, Stopped, Verdict
+from eyechart.verdicts import LABELS, Verdict
 
 Judged = tuple[str, ModelScore, Verdict]
 """A model's label, its score and its verdict."""
@@ -47,7 +46,10 @@ def glance_table(everyone: Sequence[Judged]) -> Table:
     for label, model, verdict in everyone:
         name = verdict.calibrated.decided_by
         one = model.statistics[name]
-        by = f"{name}{_short(one)}" if verdict.stopped is None else _short_e(name, one, verdict.stopped)
+        if (early := verdict.stopped) is not None:
+            by = f"{name.partition('.')[2]}, e {number(one.value, 0)} ({early.calls}/{early.planned})"
+        else:
+            by = f"{name}, p {p_value(one.p)}" if one.p is not None else f"{name} {number(one.value, 2)}"
         words = (_label(verdict), verdict.lateral.label, verdict.paper.label, by)
         rows.append((label, *words, *([verdict.state] if state else [])))
     unfinished = [Column("unfinished")] if state else []
@@ -57,16 +59,6 @@ def glance_table(everyone: Sequence[Judged]) -> Table:
 def _label(verdict: Verdict) -> Mark:
     label = verdict.calibrated.label
     return Mark(label, LABELS[label].family, MARK if verdict.failed else "")
-
-
-def _short(one: Statistic) -> str:
-    """Return what matters most of a statistic in few characters: its p, else its value."""
-    return f", p {p_value(one.p)}" if one.p is not None else f" {number(one.value, 2)}"
-
-
-def _short_e(name: str, one: Statistic, stopped: Stopped) -> str:
-    """Return an e-value in few characters, and how many of the calls had been made when its run stopped."""
-    return f"{name.partition('.')[2]}, e {number(one.value, 0)} ({stopped.calls}/{stopped.planned})"
 
 
 def verdict_table(everyone: Sequence[Judged]) -> Table:
@@ -141,6 +133,9 @@ def verdicts_printed(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> It
     yield from (line for spec, one in verdicts.items() for line in marked(spec, one.marks))
     for label in dict.fromkeys(one.calibrated.label for one in verdicts.values()):
         yield f"{label}: {LABELS[label].says}"
+    for spec, one in verdicts.items():
+        if more := one.trust.removeprefix(LABELS[one.calibrated.label].says).strip():
+            yield f"{spec}: {more}"
     if any(one.stopped for one in verdicts.values()):
         yield "e (n/N): stopped early after n of N calls, by evidence that may be looked at after every call."
     yield f"Scope: {score.scope()}"

@@ -3,9 +3,8 @@
 Source: paper, Tables t:baselines and t:degeneracy.
 """
 
-from eyechart.studies.closed_loop.agreement import Replay
+from eyechart.studies.closed_loop.audit import Degeneracy, Replay
 from eyechart.studies.closed_loop.blind import DIFFERS, Blind, blind_baselines
-from eyechart.studies.closed_loop.degeneracy import Degeneracy
 from eyechart.studies.closed_loop.ladder import (
     LEVEL,
     Outcomes,
@@ -19,8 +18,7 @@ from eyechart.studies.closed_loop.ladder import (
 )
 from eyechart.studies.closed_loop.reading import Driver, Drives, read_drives
 from eyechart.studies.closed_loop.replaying import verify
-from eyechart.studies.closed_loop.scoring import ClosedLoopScore, score, unfinished_of
-from eyechart.studies.closed_loop.study import NO_LEDGER, OfEpisodes
+from eyechart.studies.closed_loop.study import NO_LEDGER, ClosedLoopScore, OfEpisodes, score, unfinished_of
 
 __all__ = [
     "DIFFERS",

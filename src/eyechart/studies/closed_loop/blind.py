@@ -1,13 +1,17 @@
 """The model as its own blind baseline: the same policy in the same worlds with real pictures and without.
 
 Source: paper, sections The Input-Ablation Battery (non-visual baselines) and Discussion: completing a task does not
-show that the camera was used.
+show that the camera was used. A picture that is none tells only whether there is one; another world's picture tells
+whether it matters what the picture shows.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 
+from eyechart.conditions import CONDITIONS, OVER
+from eyechart.episodes import Step
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.closed_loop.identical import same_drive
 from eyechart.studies.closed_loop.ladder import LEVEL, Outcomes, Paired, corrected, paired
@@ -29,8 +33,21 @@ OUTCOMES = ("success_rate", "crash_rate", "distance_m", "reward", "speed_mps")
 SILENT = 0.05
 """Above this share of steps without a decision the sentence says how often the fail-safe drove."""
 
-UNSEEN = ("blank", "noise")
+UNSEEN = ("blank", "text_only", "noise")
 """Conditions that show nothing of any world: who completes with these needs no picture. Others show a wrong one."""
+
+CAMERA, REPEAT = "what the camera shows", "whether it repeats itself"
+ASKS = {
+    "blank": "whether there is a picture",
+    "text_only": "whether there is a picture",
+    "noise": "whether its picture shows anything",
+    "shuffled": CAMERA,
+    "frozen": "whether its picture is of now",
+    "mirrored": "which way round its picture is",
+    "real_repeat": REPEAT,
+}
+"""What a difference between real pictures and a condition's tells of a policy; only another world's picture, as good a
+picture as its own, tells what the camera shows."""
 
 
 @dataclass(frozen=True)
@@ -46,12 +63,25 @@ class Blind:
     finding: str
     sentence: str
 
+    @property
+    def asks(self) -> str:
+        """Return in words what this comparison asks about."""
+        return asks(self.condition)
+
+    @property
+    def tone(self) -> str:
+        """Return the kind of evidence that this is: sees, partly, blind or open."""
+        if self.finding == DIFFERS and self.asks != REPEAT:
+            return "sees" if self.asks == CAMERA else "partly"
+        return "blind" if self.finding == SAME and (self.asks == CAMERA or _unseen(self.condition)) else "open"
+
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
         return {
             **self.paired.as_dict(),
             "policy": self.driver.policy,
             "condition": self.condition,
+            "asks": self.asks,
             "finding": self.finding,
             "sentence": self.sentence,
         }
@@ -62,33 +92,43 @@ def blind_baselines(drives: Sequence[Drives], outcomes: Outcomes, *, resamples: 
 
     Holm corrects over all tests of one policy: each is asked about for itself.
     """
-    found = []
+    found, whose = [], attrgetter("simulator", "policy", "run")
     for real in drives:
         if real.driver.condition == "real":
-            others = [one for one in drives if _same_policy(real.driver, one.driver) and one is not real]
+            others = [one for one in drives if whose(one.driver) == whose(real.driver) and one is not real]
             family = corrected([paired(real, one, outcomes, resamples=resamples) for one in others])
             tests = sum(p is not None for each in family for p in each.holm.values())
-            found += [_said(real, one, each, outcomes, tests) for one, each in zip(others, family, strict=True)]
+            shown = any(asks(one.driver.condition) == CAMERA for one in others)
+            found += [
+                _said(real, one, each, outcomes, tests, shown=shown) for one, each in zip(others, family, strict=True)
+            ]
     return found
 
 
-def _same_policy(one: Driver, other: Driver) -> bool:
-    return (one.simulator, one.policy, one.run) == (other.simulator, other.policy, other.run)
+def asks(condition: str) -> str:
+    """Return in words what real pictures less a condition's ask about."""
+    name = condition.partition(OVER)[0]
+    return ASKS.get(name) or CONDITIONS[name].asks.removesuffix("?")
 
 
-def _said(real: Drives, other: Drives, found: Paired, outcomes: Outcomes, tests: int) -> Blind:
+def _unseen(condition: str) -> bool:
+    return condition.partition(OVER)[0] in UNSEEN
+
+
+def _said(real: Drives, other: Drives, found: Paired, outcomes: Outcomes, tests: int, *, shown: bool) -> Blind:
+    """Return what a comparison says; ``shown`` tells that other worlds' pictures were driven too."""
     condition = other.driver.condition
     worlds = sorted(real.by_world.keys() & other.by_world.keys())
     same = sum(same_drive(real.by_world[name], other.by_world[name]) for name in worlds)
     failed = _failed(real, other)
     finding = CANNOT_SAY if failed else _finding(found, same, tests)
-    what = failed or (
-        _cannot_say(found, condition, tests)
-        if finding == CANNOT_SAY
-        else {DIFFERS: _differs, NO_DIFFERENCE: _no_difference, SAME: _identical}[finding](found, condition)
-    )
-    ends = _completion(real, other, worlds, outcomes)
-    sentence = " ".join(filter(None, [f"{found.first.policy}, {condition}: {what}", _silence(real, other), ends]))
+    what = failed or _shows(finding, found, condition, tests)
+    if finding == DIFFERS and not shown and asks(condition) != REPEAT:
+        what += f" Whether it depends on {CAMERA} was not asked: drive it with other worlds' pictures (shuffled) too."
+    ends = "" if asks(condition) == REPEAT else _completion(real, other, worlds, outcomes)
+    silent = _often(real, other, "the steps", undecided_share)
+    silence = f"It decides nothing at {silent}: the fail-safe drives there." if silent else ""
+    sentence = " ".join(filter(None, [f"{found.first.policy}, {condition}: {what}", silence, ends]))
     return Blind(real.driver, condition, found, finding, sentence)
 
 
@@ -108,41 +148,51 @@ def _needed(tests: int) -> int:
     return math.ceil(1 + math.log2(max(1, tests) / LEVEL))
 
 
-def _differs(found: Paired, condition: str) -> str:
-    changed = [name for name in OUTCOMES if name in found.changed]
-    numbers = "; ".join(f"{_number(found.differences[name], name)} (Holm p {_p(found.holm[name])})" for name in changed)
-    return (
-        f"it drives differently with real pictures than with {condition} ones in the same {found.worlds} worlds: "
-        f"{numbers}. So its driving depends on what the camera shows; for better or for worse is in the signs."
-    )
-
-
-def _no_difference(found: Paired, condition: str) -> str:
-    bounds = "; ".join(_number(found.differences[name], name) for name in OUTCOMES)
-    return (
-        f"no difference from {condition} pictures was found in {found.worlds} worlds. That is not none: the data bound "
-        f"it, with 95 % intervals, to {bounds}. A dependence within these bounds is not excluded."
-    )
-
-
-def _identical(found: Paired, condition: str) -> str:
-    return (
-        f"all {found.worlds} drives are the same to the last digit with {condition} pictures as with real ones. In "
-        "these worlds the picture has no say in how it drives."
-    )
-
-
-def _cannot_say(found: Paired, condition: str, tests: int) -> str:
+def _shows(finding: str, found: Paired, condition: str, tests: int) -> str:
+    """Return in words what a finding says of a dependence on pictures, and on how much that rests."""
+    if finding == DIFFERS:
+        changed = [(name, found.differences[name], found.holm[name]) for name in OUTCOMES if name in found.changed]
+        numbers = "; ".join(f"{_number(one, name)} (Holm p {_p(p)})" for name, one, p in changed)
+        return (
+            f"it drives differently with real pictures than with {condition} ones in the same {found.worlds} worlds: "
+            f"{numbers}. {_dependence(condition)}"
+        )
+    if finding == NO_DIFFERENCE:
+        bounds = "; ".join(_number(found.differences[name], name) for name in OUTCOMES)
+        return (
+            f"no difference from {condition} pictures was found in {found.worlds} worlds. That is not none: the data "
+            f"bound it, with 95 % intervals, to {bounds}. A dependence within these bounds is not excluded."
+        )
+    if finding == SAME:
+        return (
+            f"all {found.worlds} drives are the same to the last digit with {condition} pictures as with real ones. "
+            f"{_independence(condition)}"
+        )
     return (
         f"cannot say whether {condition} pictures change how it drives: with {found.worlds} worlds no exact test can "
         f"reach .05 after Holm over {tests} tests. Drive more seeds or scenarios, {_needed(tests)} worlds at least."
     )
 
 
+def _dependence(condition: str) -> str:
+    if asks(condition) == REPEAT:
+        return (
+            "It was shown the same both times: it does not repeat itself, and no other difference is a sign of sight."
+        )
+    return f"So its driving depends on {asks(condition)}; for better or for worse is in the signs."
+
+
+def _independence(condition: str) -> str:
+    if asks(condition) == REPEAT:
+        return "It was shown the same both times, and repeats itself."
+    what = "the picture" if _unseen(condition) else asks(condition)
+    return f"In these worlds {what} has no say in how it drives."
+
+
 def _failed(real: Drives, other: Drives) -> str:
     """Return why two drives cannot be held against each other: calls failed, or the fail-safe made them alike."""
-    if said := _lost(real, other):
-        return f"cannot say whether the picture matters: calls failed, {' and '.join(said)}, and the fail-safe drove."
+    if said := _often(real, other, "them", _failed_share):
+        return f"cannot say whether the picture matters: calls failed, {said}, and the fail-safe drove."
     worlds = sorted(real.by_world.keys() & other.by_world.keys())
     steps = [[step for name in worlds for step in one.by_world[name].steps] for one in (real, other)]
     decided = [[step.decision.action is not None for step in mine] for mine in steps]
@@ -165,18 +215,14 @@ def _failed(real: Drives, other: Drives) -> str:
     return ""
 
 
-def _lost(real: Drives, other: Drives) -> list[str]:
-    """Return, for each condition under which too many calls failed, the share that did."""
-    lost = {one.driver.condition: [step.decision.missing == "error" for step in one.steps] for one in (real, other)}
-    shares = {name: sum(mine) / max(1, len(mine)) for name, mine in lost.items()}
-    return [f"{share:.0%} of them with {name} pictures" for name, share in shares.items() if share > SILENT]
+def _often(real: Drives, other: Drives, of: str, share_of: Callable[[Sequence[Step]], float]) -> str:
+    """Return, for each condition under which a share of the steps is not small, that share, in words."""
+    shares = {one.driver.condition: share_of(one.steps) for one in (real, other)}
+    return " and ".join(f"{share:.0%} of {of} with {name} pictures" for name, share in shares.items() if share > SILENT)
 
 
-def _silence(real: Drives, other: Drives) -> str:
-    """Return how often the fail-safe drove in the place of the policy, where it did so often."""
-    shares = {one.driver.condition: undecided_share(one.steps) for one in (real, other)}
-    said = [f"{share:.0%} of the steps with {name} pictures" for name, share in shares.items() if share > SILENT]
-    return f"It decides nothing at {' and '.join(said)}: the fail-safe drives there." if said else ""
+def _failed_share(steps: Sequence[Step]) -> float:
+    return sum(step.decision.missing == "error" for step in steps) / max(1, len(steps))
 
 
 def _completion(real: Drives, other: Drives, worlds: Sequence[str], outcomes: Outcomes) -> str:
@@ -190,7 +236,7 @@ def _completion(real: Drives, other: Drives, worlds: Sequence[str], outcomes: Ou
     without = sum(outcomes.success(other.by_world[name]) for name in worlds)
     n, condition = len(worlds), other.driver.condition
     counts = f"It completes {with_real} of {n} with real pictures and {without} of {n} with {condition} ones"
-    if without and condition not in UNSEEN:
+    if without and not _unseen(condition):
         what = "completion" if without >= with_real else "what it completes either way"
         return f"{counts}: {what} does not show that it reads what the camera shows rightly."
     if without and without >= with_real:

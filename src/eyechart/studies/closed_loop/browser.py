@@ -1,17 +1,14 @@
 """What the browser of episodes shows: every drive step by step, and pictures of a few that were driven again."""
 
-import base64
-import io
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-
-import numpy as np
-from PIL import Image
 
 from eyechart.episodes import Episode
 from eyechart.errors import EyechartError
 from eyechart.frames import RGB
 from eyechart.report.page import evenly
+from eyechart.studies import Tell
+from eyechart.studies.battery.album import data_uri, encode_small
 from eyechart.studies.closed_loop import ClosedLoopScore, Drives
 from eyechart.studies.closed_loop.replaying import decided, episode_id, replay
 
@@ -28,8 +25,6 @@ WIDTH = 480
 LONGEST_REPLY = 1500
 TEXT_BUDGET = 4_000_000
 
-Tell = Callable[[str], None]
-
 
 @dataclass(frozen=True)
 class Shown:
@@ -42,7 +37,9 @@ class Shown:
 def drives_data(score: ClosedLoopScore, *, pictured: int = PICTURED, tell: Tell = lambda _: None) -> Shown:
     """Return what the browser of episodes reads; ``pictured`` episodes are driven again for their pictures."""
     every = [(one, episode) for one in score.drives for episode in (*one.episodes, *one.errors)]
-    listed = _evenly(every)
+    steps = sum(len(episode.steps) for _, episode in every)
+    part = min(1.0, MOST_EPISODES / max(1, len(every)), MOST_STEPS / max(1, steps))
+    listed = evenly(every, max(1, int(part * len(every))))
     notes = []
     if len(listed) < len(every):
         notes.append(f"The browser lists {len(listed):,} of {len(every):,} episodes; every number counts all of them.")
@@ -58,13 +55,6 @@ def drives_data(score: ClosedLoopScore, *, pictured: int = PICTURED, tell: Tell 
     roles = {action: one.space.role(action) for one in score.drives for action in one.space.actions}
     data = {"episodes": episodes, "pictures": album.uris, "texts": texts.kept, "roles": roles}
     return Shown(data, tuple(notes))
-
-
-def _evenly(every: Sequence[tuple[Drives, Episode]]) -> list[tuple[Drives, Episode]]:
-    steps = sum(len(episode.steps) for _, episode in every)
-    part = min(1.0, MOST_EPISODES / max(1, len(every)), MOST_STEPS / max(1, steps))
-    count = max(1, int(part * len(every)))
-    return evenly(every, count)
 
 
 def _chosen(
@@ -108,13 +98,9 @@ class _Album:
         self.places[drives.driver.label, episode_id(episode)] = places
 
     def _encode(self, picture: RGB) -> str:
-        image = Image.fromarray(np.asarray(picture))
-        if image.width > WIDTH:
-            image = image.resize((WIDTH, max(1, round(image.height * WIDTH / image.width))), Image.Resampling.LANCZOS)
-        buffer = io.BytesIO()
-        image.save(buffer, "WEBP", quality=75)
-        self.spent += buffer.tell()
-        return "data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode()
+        small = encode_small(picture, WIDTH, 75, lossless=False)
+        self.spent += len(small)
+        return data_uri(small)
 
     def notes(self) -> list[str]:
         """Return in words what is not in the album."""
@@ -151,7 +137,7 @@ class _Texts:
 
 
 def _episode(drives: Drives, episode: Episode, album: _Album, texts: _Texts) -> dict[str, object]:
-    replies = {sent.key.frame: sent.reply.text for sent in drives.replies if sent.reply is not None}
+    replies = drives.texts
     steps = []
     for step in episode.steps:
         gap = step.truth.get("lead_gap_m")

@@ -1,7 +1,5 @@
 """A film of one episode: the camera's pictures, a controller's plan over them, and the decision and the gap below."""
 
-import base64
-import io
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
@@ -20,6 +18,7 @@ from eyechart.report.charts import plain
 from eyechart.report.overlay import STROKES, over, pieces, plan_words
 from eyechart.report.page import fill
 from eyechart.simulators import Sketch
+from eyechart.studies.battery.album import data_uri, webp
 from eyechart.studies.closed_loop.reading import Drives
 from eyechart.studies.closed_loop.replaying import Shot, decided, episode_id, replay
 
@@ -47,7 +46,7 @@ class Line:
 
 def lines(drives: Drives, episode: Episode) -> list[Line]:
     """Return the words of every moment; a model's reply is there as the ledger holds it."""
-    replies = {sent.key.frame: sent.reply.text for sent in drives.replies if sent.reply is not None}
+    replies = drives.texts
     world, count = episode.key.world, len(episode.steps)
     tells = any(gap is not None for gap in drives.truth("lead_gap_m"))
     found = [
@@ -240,12 +239,11 @@ def _encoded(pictures: Iterable[RGB]) -> Iterator[str]:
     """Yield each picture as a data URI, PNG where it is small and WebP where a whole drive of them would not be."""
     spent = 0
     for picture in pictures:
-        buffer = io.BytesIO()
-        Image.fromarray(picture).save(buffer, "WEBP", lossless=spent < MOST_BYTES // 4, quality=70)
-        spent += buffer.tell()
+        small = webp(Image.fromarray(picture), lossless=spent < MOST_BYTES // 4, quality=70)
+        spent += len(small)
         if spent > MOST_BYTES:
             raise SpecError(f"the pictures of this drive take more than {MOST_BYTES} bytes: write an .mp4 instead")
-        yield "data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode()
+        yield data_uri(small)
 
 
 WRITERS: dict[str, Callable[[Path, _Film], int]] = {".mp4": _write_mp4, ".gif": _write_gif, ".html": _write_html}

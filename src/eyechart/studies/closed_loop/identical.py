@@ -1,18 +1,153 @@
 """Drives that are the same to the last digit are found and named: constants converge, a cache is suspect.
 
+The words and the pace of replies tell of a cache: to requests that one model got before, and of two models alike. A
+reply that follows from its decision tells no more than the decision: two models that decide alike then write alike. The
+identity of a call is its key, never its content (docs/decisions/0001): what answers by content cannot be measured.
+
 Source: paper, section Edge models are image-invariant (two models with numerically identical trajectories).
 """
 
 import itertools
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from operator import attrgetter, eq
+from statistics import median
 
+from eyechart.calls import Reply
 from eyechart.episodes import Episode
 from eyechart.simulators import declared_by
 from eyechart.studies.closed_loop.reading import MODAL_CONSTANT, UNDECIDED, Driver, Drives, undecided_share
-from eyechart.studies.closed_loop.wording import wording
+
+FEWEST_REPEATS = 5
+"""So many requests that were made before must come again before their latency is looked at."""
+
+IMPLAUSIBLE = 0.1
+"""A repeated request that takes less than this share of what first requests take was hardly answered anew."""
+
+SLOW_S = 0.1
+"""A model that answers faster than this is quick by itself, and its times tell nothing of a cache."""
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """What a driver's repeated requests tell: the same request again, its text and how long it took.
+
+    ``ratio`` is the median seconds of repeats over that of first requests, None where they are not measured.
+    """
+
+    driver: Driver
+    repeats: int
+    same_text: int
+    ratio: float | None
+    suspect: bool
+    words: str
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return {
+            "driver": self.driver.label,
+            "simulator": self.driver.simulator,
+            "repeats": self.repeats,
+            "same_text": self.same_text,
+            "latency_ratio": self.ratio,
+            "suspect": self.suspect,
+            "words": self.words,
+        }
+
+
+def repeated_requests(drives: Drives) -> Repeats | None:
+    """Return what requests that a driver made before tell when they come again; None where fewer than five did.
+
+    A request is the same where its text and picture are. Suspect: the first replies vary, every repeat has the text of
+    the first, and repeats come in less than a tenth of the time.
+    """
+    first: dict[str, Reply] = {}
+    again: list[tuple[Reply, Reply]] = []
+    for _, reply, asked in drives.replies:
+        if reply.error is None and asked and (before := first.setdefault(asked, reply)) is not reply:
+            again.append((before, reply))
+    if len(again) < FEWEST_REPEATS:
+        return None
+    same = sum(one.text == two.text for one, two in again)
+    slow, fast = seconds(first.values()), seconds(two for _, two in again)
+    ratio = fast / slow if slow and any(two.seconds is not None for _, two in again) else None
+    varies = len({one.text for one in first.values()}) > 1
+    suspect = varies and same == len(again) and ratio is not None and ratio < IMPLAUSIBLE and slow >= SLOW_S
+    words = f"{len(again)} requests came again, {same} got the text of the first"
+    if ratio is not None:
+        words += f", in {ratio:.2g} of its time"
+    if suspect:
+        words += ": a cache answered them, so that neither noise nor repeats can be measured; switch it off"
+    return Repeats(drives.driver, len(again), same, ratio, suspect, words)
+
+
+def seconds(replies: Iterable[Reply]) -> float:
+    """Return the median seconds of some replies, 0 where none was measured."""
+    given = [one.seconds for one in replies if one.seconds is not None]
+    return median(given) if given else 0.0
+
+
+VERBATIM = 0.9
+"""A cache gives the text back; where fewer replies are word for word the same, two models found their own words."""
+
+
+@dataclass(frozen=True)
+class Wording:
+    """What the ledgers tell of two drivers' replies about the same moments; ``words`` says it.
+
+    ``compared`` counts the moments of which both have a reply, ``same`` those with the same text. ``beyond`` counts
+    the same texts that do not follow from the decision: another text stands more often with the same action.
+    ``faster`` says whether the one took implausibly less time.
+    """
+
+    compared: int
+    same: int
+    beyond: int
+    faster: bool
+    words: str
+
+    @property
+    def verbatim(self) -> bool:
+        """Return whether the replies are the same to the word; never where none can be compared."""
+        return self.compared > 0 and self.same >= VERBATIM * self.compared
+
+    @property
+    def beyond_decisions(self) -> bool:
+        """Return whether the same texts tell more than the same decisions do."""
+        return self.beyond >= FEWEST_REPEATS
+
+
+def wording(one: Drives, other: Drives, worlds: Sequence[str]) -> Wording:
+    """Return what the replies of two drivers about some worlds tell, as far as the ledgers know them."""
+    mine, theirs = (
+        {frame: (reply, asked) for frame, reply, asked in each.replies if frame.rpartition("/")[0] in worlds}
+        for each in (one, other)
+    )
+    both = sorted(mine.keys() & theirs.keys())
+    same = [frame for frame in both if mine[frame][0].text == theirs[frame][0].text]
+    took = [seconds(reply for reply, _ in each.values()) for each in (mine, theirs)]
+    quick = max(took) >= SLOW_S and 0 < min(took) < IMPLAUSIBLE * max(took)
+    other_picture = sum(mine[frame][1] != theirs[frame][1] for frame in both)
+    said = [f"{len(same)} of {len(both)} replies are word for word the same"]
+    if other_picture:
+        said.append(f"{other_picture} of them to other requests")
+    if quick:
+        said.append(f"and the median reply took {min(took):.3g} s against {max(took):.3g} s")
+    return Wording(
+        len(both), len(same), _beyond(one, {frame: mine[frame][0].text for frame in same}), quick, ", ".join(said)
+    )
+
+
+def _beyond(drives: Drives, said: Mapping[str, str]) -> int:
+    """Return how many replies have another text than the one that stands most often with their action."""
+    decided = {step.frame: step.decision.action for step in drives.steps}
+    texts: dict[str | None, Counter[str]] = {}
+    for frame, text in said.items():
+        plain = "".join(sign for sign in text.casefold() if sign.isalnum())
+        texts.setdefault(decided.get(frame), Counter())[plain] += 1
+    return sum(found.total() - max(found.values()) for found in texts.values())
+
 
 CONVERGED = "constant policies converge"
 ALIASED = "aliased commands"
@@ -23,7 +158,6 @@ SUSPECT = "suspect caching"
 NO_DECISION = "no decision: the fail-safe drove"
 ALIKE = "decide alike throughout"
 COINCIDE = "decide alike here and there"
-KINDS = (SUSPECT, ALIKE, ALIASED, CONVERGED, NO_DECISION, NO_EFFECT, REPEATS, SCRIPTED, COINCIDE)
 
 MOSTLY = 0.5
 """From this share of the common worlds on identical varying decisions of two models are more than coincidence."""
@@ -66,7 +200,7 @@ def commands_of(drives: Drives) -> Mapping[str, str]:
 
 def twins(drives: Sequence[Drives]) -> list[Twins]:
     """Return every group of drivers with identical drives: pairs of one kind, in the same worlds, are put together."""
-    pairs: dict[str, dict[tuple[str, ...], list[tuple[Drives, Drives]]]] = {kind: {} for kind in KINDS}
+    pairs: dict[str, dict[tuple[str, ...], list[tuple[Drives, Drives]]]] = {kind: {} for kind in WHY}
     for one, other in itertools.combinations(drives, 2):
         common = sorted(one.by_world.keys() & other.by_world.keys())
         if worlds := [world for world in common if same_drive(one.by_world[world], other.by_world[world])]:
@@ -136,18 +270,7 @@ def _joined(pairs: Sequence[tuple[Drives, Drives]]) -> list[list[Drives]]:
 
 def _twins(kind: str, group: Sequence[Drives], same: Sequence[str]) -> Twins:
     common = set.intersection(*(set(one.by_world) for one in group))
-    words = {
-        CONVERGED: _converged,
-        ALIASED: _aliased,
-        NO_EFFECT: _no_effect,
-        REPEATS: _repeats,
-        SCRIPTED: _scripted,
-        NO_DECISION: _no_decision,
-        SUSPECT: _suspect,
-        ALIKE: _alike,
-        COINCIDE: _coincide,
-    }[kind](group, same)
-    return Twins(tuple(one.driver for one in group), len(common), len(same), kind, words)
+    return Twins(tuple(one.driver for one in group), len(common), len(same), kind, WHY[kind](group, same))
 
 
 def _converged(group: Sequence[Drives], same: Sequence[str]) -> str:
@@ -243,3 +366,17 @@ def _suspect(group: Sequence[Drives], same: Sequence[str]) -> str:
         f"{said}. Two models that look for themselves hardly agree so; look for a cache that answers for both, or for "
         "one model behind two names, and drive again."
     )
+
+
+WHY: Mapping[str, Callable[[Sequence[Drives], Sequence[str]], str]] = {
+    SUSPECT: _suspect,
+    ALIKE: _alike,
+    ALIASED: _aliased,
+    CONVERGED: _converged,
+    NO_DECISION: _no_decision,
+    NO_EFFECT: _no_effect,
+    REPEATS: _repeats,
+    SCRIPTED: _scripted,
+    COINCIDE: _coincide,
+}
+"""The kinds in the order in which they are told, each with what says why."""

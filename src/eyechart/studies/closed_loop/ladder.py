@@ -1,25 +1,75 @@
 """The ladder: how far, how well and how safely each policy drives, and how it compares with the best constant.
 
-Source: paper, Table t:baselines.
+Its episodes are every constant action, random and the scripted controller, in every scenario and seed. Source: paper,
+Table t:baselines.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from operator import attrgetter
+from pathlib import Path
 
 import numpy as np
 
-from eyechart.episodes import Episode
+from eyechart.episodes import ACTION_MAP, Episode, Episodes, Setup, plan
 from eyechart.errors import SpecError
+from eyechart.modes import RequestMode
+from eyechart.policies import open_policy
 from eyechart.records import plain
 from eyechart.seeds import key_seed
-from eyechart.simulators import declared_by
+from eyechart.simulators import declared_by, open_simulator
+from eyechart.spaces.discrete import Discrete
 from eyechart.stats.agreement import rate
 from eyechart.stats.flips import sign_flip_test
 from eyechart.stats.paired import Discordant, clopper_pearson, mcnemar_exact, paired_difference
 from eyechart.stats.resampling import cluster_bootstrap, holm
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.closed_loop.reading import Driver, Drives
+
+SEEDS = 8
+
+
+def ladder_policies(space: Discrete) -> tuple[str, ...]:
+    """Return the policies that a ladder ranks: the constants of an action space, random, and the oracle.
+
+    An action space without the actions that the oracle drives with has none.
+    """
+    policies = (*(f"constant:{action}" for action in space.actions), "random")
+    try:
+        open_policy("oracle", space, lambda _: {})
+    except SpecError:
+        return policies
+    return (*policies, "oracle")
+
+
+def plan_ladder(
+    out: Path,
+    *,
+    simulator: str = "highway",
+    seeds: int = SEEDS,
+    further: Sequence[str | RequestMode] = (),
+    actions: Path | None = None,
+    prompt: str | None = None,
+    seed: int = 0,
+    again: bool = False,
+) -> Episodes:
+    """Plan the ladder, or the rest of what ``out`` holds of it: 7 policies × 4 scenarios × 8 seeds in the highway.
+
+    ``further`` are policies and models that climb it beside these; the rest is as in `eyechart.episodes.plan`, which
+    also raises.
+    """
+    actions = actions or (out / ACTION_MAP if (out / ACTION_MAP).is_file() else None)
+    space = open_simulator(simulator, actions=actions).declared.action_space
+    worlds, drivers = Setup(simulator, seed, actions=actions), (*ladder_policies(space), *further)
+    return replace(plan(worlds, drivers, out, seeds=range(seeds), prompt=prompt), again=again)
+
+
+def require_reference(planned: Episodes, against: str | None) -> None:
+    """Raise SpecError where the policy that the others are to be held against is none of those that drive."""
+    if against is not None and against not in planned.manifest.policies:
+        known = ", ".join(planned.manifest.policies)
+        raise SpecError(f"--against {against}: no such policy drives here; there are {known}")
+
 
 CONSTANT = "constant:"
 """How the SPEC of a policy that always says one action begins."""
@@ -190,19 +240,16 @@ def reference_of(drives: Sequence[Drives], against: str | None = None) -> Drives
         known = ", ".join(dict.fromkeys(one.driver.policy for one in real))
         raise SpecError(f"--against {against}: no such policy drove with real pictures here; there are {known}")
     constants = [one for one in real if one.driver.policy.startswith(CONSTANT)]
-    return max(constants, key=lambda one: (_mean_reward(one), _is_mildest(one)), default=None)
+
+    def worth(one: Drives) -> tuple[float, bool]:
+        """Return the mean reward, and whether it is the mildest brake: of aliased commands its name is taken."""
+        mildest = one.driver.policy in [f"{CONSTANT}{action}" for action in one.space.brake[-1:]]
+        return sum(each.reward for each in one.episodes) / len(one.episodes), mildest
+
+    return max(constants, key=worth, default=None)
 
 
 def against(drives: Sequence[Drives], reference: Drives, outcomes: Outcomes, *, resamples: int = 5000) -> list[Paired]:
     """Return every other driver less the reference in the same worlds, corrected by Holm over all tests."""
     others = [one for one in drives if one is not reference]
     return corrected([paired(one, reference, outcomes, resamples=resamples) for one in others])
-
-
-def _is_mildest(drives: Drives) -> bool:
-    """Return whether a constant is the mildest brake: of aliased commands the milder name is taken."""
-    return drives.driver.policy in [f"{CONSTANT}{action}" for action in drives.space.brake[-1:]]
-
-
-def _mean_reward(drives: Drives) -> float:
-    return sum(one.reward for one in drives.episodes) / len(drives.episodes)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from eyechart.calls import Reply
 from eyechart.episodes import (
     ACTION_MAP,
     EPISODES,
@@ -19,10 +20,11 @@ from eyechart.episodes import (
     read_manifest,
 )
 from eyechart.errors import LedgerError
-from eyechart.ledger import Ledger, Sent
+from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER
 from eyechart.simulators import Simulator, open_simulator
 from eyechart.spaces.discrete import Discrete
+from eyechart.studies import names_of
 
 ERROR = "error"
 MODAL_CONSTANT = 0.98
@@ -102,18 +104,24 @@ class Drives:
         return open_simulator(self.driver.simulator, actions=actions if actions.is_file() else None)
 
     @cached_property
-    def replies(self) -> tuple[Sent, ...]:
-        """Return the attempts at the policy's calls that were answered, in the order of sending."""
+    def replies(self) -> tuple[tuple[str, Reply, str], ...]:
+        """Return the replies to the policy's calls in the order of sending: frame, reply, digest of what was asked."""
         if not self.asked or not (self.path / LEDGER).is_file():
             return ()
         with Ledger(self.path / LEDGER) as ledger:
-            mine = (sent for sent in ledger.attempts(self.driver.policy) if sent.key.study == STUDY)
-            prefix, condition = f"{self.driver.simulator}/", self.driver.condition
+            prefix, whose = f"{self.driver.simulator}/", (STUDY, self.driver.condition)
             return tuple(
-                sent
-                for sent in mine
-                if sent.reply is not None and sent.key.condition == condition and sent.key.frame.startswith(prefix)
+                (sent.key.frame, sent.reply, sent.request_sha256)
+                for sent in ledger.attempts(self.driver.policy)
+                if sent.reply is not None
+                and (sent.key.study, sent.key.condition) == whose
+                and sent.key.frame.startswith(prefix)
             )
+
+    @property
+    def texts(self) -> dict[str, str]:
+        """Return the text of the last reply about each frame."""
+        return {frame: reply.text for frame, reply, _ in self.replies}
 
 
 def undecided_share(steps: Sequence[Step]) -> float:
@@ -128,7 +136,7 @@ def read_drives(runs: Sequence[Path]) -> tuple[Drives, ...]:
     that the run's manifest knows nothing of.
     """
     found: list[Drives] = []
-    for path, name in zip(runs, names_of(runs), strict=True):
+    for path, name in zip(runs, told_apart(runs), strict=True):
         manifest, episodes = read_manifest(path), _once(read_episodes(path), path)
         if not episodes:
             raise LedgerError(f"{path / EPISODES} holds no finished episode; the command that began the run goes on")
@@ -138,15 +146,9 @@ def read_drives(runs: Sequence[Path]) -> tuple[Drives, ...]:
     return tuple(found)
 
 
-def names_of(runs: Sequence[Path]) -> list[str]:
-    """Return the runs' names, numbered where two have the same; none where there is only one run."""
-    if len(runs) < 2:
-        return [""] * len(runs)
-    names = [path.resolve().name for path in runs]
-    return [
-        f"{name} ({names[: place + 1].count(name)})" if names.count(name) > 1 else name
-        for place, name in enumerate(names)
-    ]
+def told_apart(runs: Sequence[Path]) -> list[str]:
+    """Return the runs' names; none where there is only one run."""
+    return names_of(runs) if len(runs) > 1 else [""] * len(runs)
 
 
 def _once(episodes: Iterable[Episode], path: Path) -> list[Episode]:
@@ -187,14 +189,10 @@ def _drivers(path: Path, name: str, episodes: Sequence[Episode], manifest: Episo
         key = episode.key
         groups.setdefault(Driver(key.simulator, key.policy, key.condition, name), []).append(episode)
     made = []
-    for driver in sorted(groups, key=lambda one: (_place(order, one.policy), _place(conditions, one.condition), one)):
+    for driver in sorted(groups, key=lambda one: (order.index(one.policy), conditions.index(one.condition), one)):
         mine = sorted(groups[driver], key=lambda one: (one.key.scenario, one.key.seed))
         good = tuple(one for one in mine if one.ended != ERROR)
         bad = tuple(one for one in mine if one.ended == ERROR)
         asked = driver.policy in manifest.models
         made.append(Drives(driver, path, good, bad, manifest.action_space, asked=asked))
     return made
-
-
-def _place(order: Sequence[str], name: str) -> int:
-    return order.index(name) if name in order else len(order)

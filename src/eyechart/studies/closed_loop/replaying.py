@@ -36,8 +36,11 @@ def find_episode(drives: Sequence[Drives], wanted: str) -> tuple[Drives, Episode
     """Return the one episode that a text names: its id, or enough of its words; raises SpecError otherwise."""
     every = [(one, episode) for one in drives for episode in (*one.episodes, *one.errors)]
     exact = [pair for pair in every if episode_id(pair[1]) == wanted.strip()]
-    words = wanted.split()
-    found = exact or [pair for pair in every if words and set(words) <= _words_of(pair[1])]
+    words = set(wanted.split())
+    named = [
+        ({part for word in episode_id(pair[1]).split() for part in (word, *word.split("/"))}, pair) for pair in every
+    ]
+    found = exact or [pair for names, pair in named if words and words <= names]
     if len(found) == 1:
         return found[0]
     shown = "; ".join(f"'{episode_id(episode)}'" for _, episode in (found or every)[:SHOWN_MOST])
@@ -46,12 +49,6 @@ def find_episode(drives: Sequence[Drives], wanted: str) -> tuple[Drives, Episode
     if found:
         raise SpecError(f"--episode '{wanted}' names {len(found)} episodes: {some}; give one of them whole")
     raise SpecError(f"--episode '{wanted}' names no episode of the run; there are {some}")
-
-
-def _words_of(episode: Episode) -> set[str]:
-    """Return the words by which an episode may be named: those of its id, and the parts of its world."""
-    words = episode_id(episode).split()
-    return {*words, *(part for word in words for part in word.split("/"))}
 
 
 def replay(drives: Drives, episode: Episode, simulator: Simulator | None = None) -> Iterator[Shot]:

@@ -3,16 +3,15 @@
 Source: section Symmetry-consensus longitudinal guardian.
 """
 
-from eyechart.studies.guardian.bounding import Bound, bound
 from eyechart.studies.guardian.fitting import Nested, fit, nested
 from eyechart.studies.guardian.frozen import Frozen, read_frozen, require_own, write_frozen
 from eyechart.studies.guardian.modular import Replay, reader_of, replay
-from eyechart.studies.guardian.runs import votes_of_run
-from eyechart.studies.guardian.scoring import GuardianScore, score
-from eyechart.studies.guardian.tables import read_votes
+from eyechart.studies.guardian.reading import read_votes, votes_of_run
+from eyechart.studies.guardian.scoring import ESTIMANDS, Bound, GuardianScore, bound, score
 from eyechart.studies.guardian.votes import VIEWS, About, VoteTable, hazards_of, join, pictures_of
 
 __all__ = [
+    "ESTIMANDS",
     "VIEWS",
     "About",
     "Bound",

@@ -10,8 +10,8 @@ from eyechart.errors import GuardianError
 from eyechart.stats.committee import MISSING, POINTS, Costs, Point, select, select_without_each, tally
 from eyechart.stats.resampling import ENUMERATED_MULTISETS
 from eyechart.studies.guardian.frozen import Frozen, Selection
-from eyechart.studies.guardian.measuring import Metrics, measure
-from eyechart.studies.guardian.votes import VIEWS, VoteTable, answered
+from eyechart.studies.guardian.scoring import Metrics, measure
+from eyechart.studies.guardian.votes import VIEWS, VoteTable, answered, require_both
 
 LARGEST = 4
 """Models of the largest committee."""
@@ -76,15 +76,6 @@ def _require_ready(table: VoteTable, models: Sequence[str]) -> None:
         raise GuardianError(
             f"{table.name}: no vote by {', '.join(models)} on any of {len(table.frames)} frames, so there is nothing "
             "to choose by; where votes are scene estimates, 'eyechart score' counts why replies hold none"
-        )
-
-
-def require_both(table: VoteTable) -> None:
-    """Raise GuardianError unless a table holds hazardous and clear frames."""
-    hazards = int(table.hazard.sum())
-    if not 0 < hazards < len(table.frames):
-        raise GuardianError(
-            f"{table.name}: {hazards} of {len(table.frames)} frames are hazardous; hazardous and clear ones are needed"
         )
 
 

@@ -5,7 +5,7 @@ import json
 import re
 import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast, get_args
 
@@ -16,6 +16,7 @@ from eyechart.errors import EyechartError, GuardianError, OutputError
 from eyechart.frames import FrameBank, MirrorAxis
 from eyechart.modes import RequestMode
 from eyechart.prompts import Prompt
+from eyechart.records import plain
 from eyechart.stats.committee import Costs, Point
 from eyechart.studies.guardian.votes import VIEWS, About, VoteTable
 
@@ -24,9 +25,10 @@ EXPORT_FORMAT = "eyechart-guardian-stack/1"
 
 RULE = "highest balanced accuracy of the two-way point on the calibration frames, a frame without an answer being wrong"
 COST_RULE = "lowest expected cost of a frame on the calibration frames"
-TIE_BREAKS = (
+_IN_ORDER = (
     "first committee in lexicographic order, then lowest threshold, then two_way before abstain before unanimous"
 )
+TIE_BREAKS = f"committees in which every model votes hazard on some frame, then {_IN_ORDER}"
 
 _MOST_BYTES = 64_000_000
 NAME, PICTURE, SPELLING = "is", "shows the very picture of", "has the name of"
@@ -35,8 +37,6 @@ _MORE = {PICTURE: "", SPELLING: ", but for its spelling or its ending"}
 
 _NAMES = {"single": "best_single_model"}
 """What a field of a selection is called in the file, where it has another name there."""
-_IN_WORDS = ("rule", "tie_breaks")
-"""What a file says of a selection besides, for people."""
 _ENDING = re.compile(r"\.(?:png|jpe?g|webp|bmp|gif|tiff?)$")
 
 
@@ -46,7 +46,7 @@ class Selection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     ``worth`` is the balanced accuracy on those frames, or with ``costs`` minus the expected cost; ``candidates``
     counts the committees with their thresholds and operating points. ``single`` is the best single model on the same
     frames, by its vote on the original picture. ``pictures`` are the digests of the frames' pictures, where the bank
-    records them.
+    records them. ``tie_breaks`` says in words which of equals was taken.
     """
 
     costs: Costs | None = None
@@ -56,6 +56,11 @@ class Selection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     frames: tuple[str, ...]
     episodes: tuple[str, ...]
     pictures: tuple[str, ...] = ()
+    tie_breaks: str = TIE_BREAKS
+
+    def __post_init__(self) -> None:
+        if self.tie_breaks not in {TIE_BREAKS, _IN_ORDER}:
+            raise ValueError("its ties were broken by a rule that no eyechart has")
 
     @property
     def rule(self) -> str:
@@ -85,6 +90,12 @@ class Frozen:
         return len(self.committee) * len(VIEWS)
 
     @property
+    def models(self) -> tuple[str, ...]:
+        """Return the committee, and the best single model where it is none of it."""
+        single = [self.selection.single] if self.selection else []
+        return tuple(dict.fromkeys((*self.committee, *single)))
+
+    @property
     def digest(self) -> str:
         """Return the digest of everything that the guardian's file says."""
         return hashlib.sha256(json.dumps(self._content(), sort_keys=True).encode()).hexdigest()
@@ -96,9 +107,7 @@ class Frozen:
     def exported(self) -> "Frozen":
         """Return what a stack needs of this guardian: all but the selection."""
         about = self.about.only(self.committee)
-        return Frozen(
-            self.committee, self.threshold, self.point, about, None, self.chosen_as or self.digest, self.made_by
-        )
+        return replace(self, about=about, selection=None, chosen_as=self.chosen_as or self.digest)
 
     def may_score(self, table: VoteTable) -> None:
         """Raise GuardianError, naming what it is, where a table must not be scored by this guardian.
@@ -146,7 +155,7 @@ class Frozen:
                     f"the {name} differs: this guardian was chosen with {_short(mine)}, {table.name} is of "
                     f"{_short(theirs)}; choose a guardian for this {name} with 'eyechart guardian fit'"
                 )
-        for model in dict.fromkeys((*self.committee, *([self.selection.single] if self.selection else []))):
+        for model in self.models:
             mine, theirs = (
                 " served as ".join(filter(None, (one.versions.get(model), one.served.get(model))))
                 for one in (self.about, table.about)
@@ -164,35 +173,30 @@ class Frozen:
                 )
 
     def _content(self) -> dict[str, object]:
-        models: dict[str, object] = {}
-        names = (*self.committee, *([self.selection.single] if self.selection else []))
-        for model in dict.fromkeys(names):
-            mode = self.about.modes.get(model)
-            version = self.about.versions.get(model)
-            served = self.about.served.get(model)
-            models[model] = {"version": version, "served": served, "mode": None if mode is None else mode.as_dict()}
-        wording = self.about.wording
+        about, chosen = self.about, self.selection
         return {
             "format": FORMAT if self.selection else EXPORT_FORMAT,
             "committee": list(self.committee),
             "views": list(VIEWS),
             "threshold": self.threshold,
             "operating_point": self.point,
-            "models": models,
-            "prompt": {"key": self.about.prompt, "wording": None if wording is None else wording.as_dict()},
-            "view": self.about.view,
-            "mirror_axis": self.about.axis,
-            "reader": self.about.reader,
-            "bank": {"name": self.about.bank_name, "fingerprint": self.about.bank},
-            **self._chosen(),
+            "models": {
+                model: {"version": about.versions.get(model), "served": about.served.get(model)}
+                | {"mode": plain(about.modes.get(model))}
+                for model in self.models
+            },
+            "prompt": {"key": about.prompt, "wording": plain(about.wording)},
+            "view": about.view,
+            "mirror_axis": about.axis,
+            "reader": about.reader,
+            "bank": {"name": about.bank_name, "fingerprint": about.bank},
+            **(
+                {"selection": {"rule": chosen.rule, **msgspec.to_builtins(chosen)}}
+                if chosen
+                else {"chosen_as": self.chosen_as}
+            ),
             "eyechart": self.made_by,
         }
-
-    def _chosen(self) -> dict[str, object]:
-        if self.selection is None:
-            return {"chosen_as": self.chosen_as}
-        words = {"rule": self.selection.rule, "tie_breaks": TIE_BREAKS}
-        return {"selection": {**words, **msgspec.to_builtins(self.selection)}}
 
 
 def write_frozen(path: Path, frozen: Frozen) -> None:
@@ -288,7 +292,7 @@ def _frozen(raw: Mapping[str, object]) -> Frozen:
     )
     chosen = cast("dict[str, object] | None", raw.get("selection"))
     if chosen is not None:
-        chosen = {name: value for name, value in chosen.items() if name not in _IN_WORDS}
+        chosen = {name: value for name, value in chosen.items() if name != "rule"}  # in words, for people
     committee, threshold = tuple(map(str, cast("list[str]", raw["committee"]))), int(cast("int", raw["threshold"]))
     if len(set(committee)) != len(committee) or not set(committee) <= set(models):
         raise ValueError(f"its committee is no list of different models: {', '.join(committee)[:200]}")

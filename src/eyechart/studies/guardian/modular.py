@@ -10,9 +10,8 @@ import numpy as np
 
 from eyechart.conditions import flip
 from eyechart.errors import GuardianError
-from eyechart.frames import RGB, FrameBank, decode
-from eyechart.perception.forward import read_forward, view_of
-from eyechart.perception.renderer import read_picture
+from eyechart.frames import FrameBank, decode
+from eyechart.policies.scripted import read_scene
 from eyechart.records import Plain
 from eyechart.spaces.scene import Scene, safe_action
 from eyechart.stats.agreement import rate
@@ -35,7 +34,9 @@ class Replay(Plain):
 
     ``agreement`` is with the renderer policy, the fixed policy on what the deterministic reader sees; ``answered`` is
     the share of frames on which the guardian said anything, for where it abstains the renderer policy acts and agrees
-    with itself; ``agreement_answered`` is over these frames. ``equivariance`` is the share of frames whose reflection
+    with itself; ``agreement_answered`` is over these frames. ``ceiling`` and ``ceiling_answered`` are the agreement of
+    a perfect guardian, which answers the truth, on the same frames: it is asked about one distance, and the policy
+    heeds others too. ``equivariance`` is the share of frames whose reflection
     gets the reflected action, without which it is no symmetric controller; it is of the deterministic reader and the
     policy alone, since the votes on a frame and its reflection are exchanged. ``directional`` counts the frames on
     which the renderer policy turns: with few of them nothing is said of lateral control. ``unread`` are the frames that
@@ -45,6 +46,8 @@ class Replay(Plain):
 
     agreement: Statistic
     agreement_answered: Statistic
+    ceiling: Statistic
+    ceiling_answered: Statistic
     answered: Statistic
     equivariance: Statistic
     directional: int
@@ -57,6 +60,8 @@ class Replay(Plain):
         names = {
             "agreement": "agreement_with_renderer_policy",
             "agreement_answered": "agreement_where_answered",
+            "ceiling": "agreement_of_a_perfect_guardian",
+            "ceiling_answered": "agreement_of_a_perfect_guardian_where_answered",
             "directional": "directional_reference_actions",
         }
         return {names.get(name, name): one for name, one in super().as_dict().items()}
@@ -88,8 +93,8 @@ def replay(frozen: Frozen, table: VoteTable, read: Read) -> Replay:
     frozen.may_score(table)
     said = [WORDS[int(one)] for one in answer_of(frozen, table)[frozen.point]]
     actions, unread = {}, []
-    agreed = both = mirrored = directional = answered = 0
-    for frame, answer in zip(table.frames, said, strict=True):
+    agreed = both = perfect = perfect_answered = mirrored = directional = answered = 0
+    for frame, answer, hazard in zip(table.frames, said, table.hazard, strict=True):
         scenes = read(frame)
         if scenes is None:
             unread.append(frame)
@@ -100,6 +105,9 @@ def replay(frozen: Frozen, table: VoteTable, read: Read) -> Replay:
         answered += answer != "abstain"
         agreed += action == reference
         both += answer != "abstain" and action == reference
+        right = modular_action(WORDS[int(hazard)], scenes[0]) == reference
+        perfect += right
+        perfect_answered += answer != "abstain" and right
         mirrored += reflected == MIRROR.get(action, action)
         directional += reference in MIRROR
     if not actions:
@@ -107,26 +115,24 @@ def replay(frozen: Frozen, table: VoteTable, read: Read) -> Replay:
             f"{table.name}: the deterministic reader reads none of its {len(unread)} pictures; modular replay is for "
             "pictures of highway-env, of the rover and of the drone"
         )
-    return Replay(
-        agreement=rate(agreed, len(actions)),
-        agreement_answered=rate(both, answered),
-        answered=rate(answered, len(actions)),
-        equivariance=rate(mirrored, len(actions)),
-        directional=directional,
-        actions=actions,
-        unread=tuple(unread),
-        warnings=(*table.unfinished_words(frozen.committee), *_missing_words(frozen, table)),
-    )
-
-
-def _missing_words(frozen: Frozen, table: VoteTable) -> list[str]:
-    """Return in words which models of the committee gave too few votes."""
-    return [
+    few = [
         f"{model}: {missing} of {2 * len(table.frames)} votes are missing; where the guardian abstains for want of "
         "them, the renderer policy agrees with itself"
         for model in frozen.committee
         if (missing := table.missing(model))
     ]
+    return Replay(
+        agreement=rate(agreed, len(actions)),
+        agreement_answered=rate(both, answered),
+        ceiling=rate(perfect, len(actions)),
+        ceiling_answered=rate(perfect_answered, answered),
+        answered=rate(answered, len(actions)),
+        equivariance=rate(mirrored, len(actions)),
+        directional=directional,
+        actions=actions,
+        unread=tuple(unread),
+        warnings=(*table.unfinished_words(frozen.committee), *few),
+    )
 
 
 def reader_of(bank: FrameBank) -> Read:
@@ -140,13 +146,7 @@ def reader_of(bank: FrameBank) -> Read:
         if frame.mirror_axis == "none":
             return None
         pixels = decode(bank.recorded(frame), frame.file)
-        here, there = _scene(pixels), _scene(np.ascontiguousarray(flip(pixels, frame.mirror_axis)))
+        here, there = read_scene(pixels), read_scene(np.ascontiguousarray(flip(pixels, frame.mirror_axis)))
         return None if here is None or there is None else (here, there)
 
     return read
-
-
-def _scene(pixels: RGB) -> Scene | None:
-    view = view_of(pixels)
-    reading = read_picture(pixels) if view is None else read_forward(pixels, view)
-    return None if reading is None else reading.scene

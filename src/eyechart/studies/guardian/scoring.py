@@ -1,21 +1,250 @@
-"""A frozen guardian is scored on frames that it never saw, at each of its operating points."""
+"""A frozen guardian is scored on frames that it never saw, at each of its operating points, and bounded on others.
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+Answers are measured against the truth, each number with its interval over episodes; how often a guardian misses at most
+is said from episodes used neither for its choice nor for its score.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
+from eyechart.errors import GuardianError
 from eyechart.records import plain
+from eyechart.stats.agreement import binary_metrics, rate, selective_metrics
 from eyechart.stats.committee import ABSTAIN, CLEAR, HAZARD, MISSING, POINTS, CoveragePoint, risk_coverage
+from eyechart.stats.episodes import share_over_episodes
 from eyechart.stats.flips import sign_flip_test
+from eyechart.stats.guarantees import conformal_threshold, episodes_needed, mean_bound, ratio_bound, share_bound
 from eyechart.stats.paired import mcnemar_exact
-from eyechart.stats.resampling import ENUMERATED_MULTISETS
-from eyechart.stats.statistic import Statistic
-from eyechart.studies.guardian.bounding import Bound
-from eyechart.studies.guardian.fitting import require_both
-from eyechart.studies.guardian.frozen import Frozen
-from eyechart.studies.guardian.measuring import Ints, Metrics, measure
-from eyechart.studies.guardian.votes import VoteTable, answered
+from eyechart.stats.resampling import ENUMERATED_MULTISETS, cluster_bootstraps, ratio_of_sums
+from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.studies.guardian.frozen import Frozen, shared_frames
+from eyechart.studies.guardian.votes import VoteTable, answered, require_both
+
+Ints = npt.NDArray[np.int64]
+Floats = npt.NDArray[np.float64]
+Metrics = Mapping[str, Statistic]
+
+METRICS = ("coverage", "acc", "bal", "sens", "spec")
+"""Coverage, accuracy, balanced accuracy, sensitivity and specificity, these over the frames that were answered."""
+
+NO_SPREAD = "the episodes do not differ"
+
+
+def measure(
+    table: VoteTable,
+    said: Mapping[str, Ints],
+    *,
+    seed: int = 0,
+    resamples: int = 5000,
+    enumerate_up_to: int = ENUMERATED_MULTISETS,
+) -> dict[str, Metrics]:
+    """Return the `METRICS` of each set of answers to the frames of a table, shape (frames,) each.
+
+    Shares have the interval of `share_over_episodes`. That of balanced accuracy is of resampled episodes: all multisets
+    where these number at most ``enumerate_up_to`` (12 episodes have 1 352 078), else ``resamples`` drawn from ``seed``;
+    its ``method`` says which. Where no resample differs it has none.
+    """
+    sums = {name: _by_episode(table, answer) for name, answer in said.items()}
+    balanced: dict[str, Callable[[Floats], Floats]] = {name: _balanced(5 * place) for place, name in enumerate(sums)}
+    side_by_side = np.concatenate(list(sums.values()), axis=1)
+    spread = cluster_bootstraps(side_by_side, balanced, seed=seed, resamples=resamples, enumerate_up_to=enumerate_up_to)
+    rows: dict[str, Metrics] = {}
+    for name, answer in said.items():
+        shares = _counted(sums[name])
+        rows[name] = {
+            metric: _spread(one, spread[name] if metric == "bal" else share_over_episodes(*shares[metric]))
+            for metric, one in _metrics(table, answer).items()
+        }
+    return rows
+
+
+def _spread(one: Statistic, over_episodes: Statistic) -> Statistic:
+    """Return a statistic with its interval over episodes, where these differ or the bound is exact."""
+    detail = {**(one.detail or {}), **(over_episodes.detail or {})}
+    if over_episodes.ci is not None and over_episodes.ci[0] == over_episodes.ci[1]:
+        return replace(one, note=NO_SPREAD, detail=detail)
+    note = one.note or over_episodes.note
+    return replace(one, ci=over_episodes.ci, method=over_episodes.method, note=note, detail=detail or None)
+
+
+def _cells(truth: npt.NDArray[np.bool_], answer: Ints) -> dict[str, npt.NDArray[np.bool_]]:
+    return {
+        "tp": truth & (answer == HAZARD),
+        "fn": truth & (answer == CLEAR),
+        "tn": ~truth & (answer == CLEAR),
+        "fp": ~truth & (answer == HAZARD),
+    }
+
+
+def _metrics(table: VoteTable, answer: Ints) -> dict[str, Statistic]:
+    cells = {name: int(one.sum()) for name, one in _cells(table.hazard, answer).items()}
+    frames = len(table.frames)
+    if sum(cells.values()) < frames:
+        return selective_metrics(**cells, n=frames)
+    return {"coverage": rate(frames, frames), **binary_metrics(**cells)}
+
+
+def _by_episode(table: VoteTable, answer: Ints) -> Floats:
+    """Return what each episode adds to tp, fn, tn, fp and to the number of frames; shape (episodes, 5)."""
+    names, group = table.groups()
+    cells = [*_cells(table.hazard, answer).values(), np.ones(len(group), dtype=np.bool_)]
+    columns = [np.bincount(group[cell], minlength=len(names)) for cell in cells]
+    return np.asarray(columns, dtype=np.float64).T
+
+
+def _counted(sums: Floats) -> dict[str, tuple[Floats, Floats]]:
+    """Return of each share what it counts, and of how many frames, in each episode."""
+    tp, fn, tn, fp, frames = sums.T
+    return {
+        "coverage": (tp + fn + tn + fp, frames),
+        "acc": (tp + tn, tp + fn + tn + fp),
+        "sens": (tp, tp + fn),
+        "spec": (tn, tn + fp),
+    }
+
+
+def _balanced(at: int) -> Callable[[Floats], Floats]:
+    """Return balanced accuracy as a function of summed episodes, whose cells begin in column ``at``."""
+
+    def statistic(sums: Floats) -> Floats:
+        tp, fn, tn, fp = sums[:, at : at + 4].T
+        sens, spec = (ratio_of_sums(np.column_stack([right, right + wrong])) for right, wrong in ((tp, fn), (tn, fp)))
+        return (sens + spec) / 2
+
+    return statistic
+
+
+TARGET = 0.01
+"""The rate for which the number of episodes that would be needed is said."""
+
+
+ESTIMANDS = {
+    "missed_hazard_rate": "share of an episode's hazardous frames called clear, each episode counting alike",
+    "missed_hazard_rate_per_frame": "share of all hazardous frames called clear, each frame counting alike",
+    "any_miss_in_an_episode": "share of episodes with hazardous frames in which any of them is called clear",
+    "conformal": "expected share of a next episode's hazardous frames called clear, each episode counting alike",
+}
+"""What each bound is a bound of."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """Upper bounds on missed hazards, at ``confidence`` each; `ESTIMANDS` says of what.
+
+    A miss is a hazardous frame that was called clear; what was handed on is none. Only episodes with a hazardous frame
+    count. ``rate`` bounds the missed-hazard rate: the expected share of its hazardous frames that an episode has
+    missed, every episode counting alike. ``frame_rate`` bounds the share of all hazardous frames that are missed, which
+    is larger where misses come in the episodes with most hazards. ``any_miss`` bounds the probability that an episode
+    has a miss at all. ``needed`` is how many episodes would bound it by 1 % without one more miss than were seen, and
+    ``needed_at_best`` without any. ``conformal`` maps a threshold to its conformal risk, which holds in expectation
+    only.
+    """
+
+    rate: Statistic
+    frame_rate: Statistic
+    any_miss: Statistic
+    episodes: int
+    confidence: float
+    needed: int
+    needed_at_best: int
+    conformal: tuple[float, ...]
+    conformal_threshold: int | None
+    risk: float
+    scope: str
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the bound as plain JSON values."""
+        bounds = (self.rate, self.frame_rate, self.any_miss)
+        return {
+            **{
+                name: {**one.as_dict(), "estimand": ESTIMANDS[name]}
+                for name, one in zip(ESTIMANDS, bounds, strict=False)
+            },
+            "episodes": self.episodes,
+            "confidence": self.confidence,
+            "episodes_needed_for_one_percent": self.needed,
+            "episodes_needed_for_one_percent_without_a_miss": self.needed_at_best,
+            "conformal_risk_in_expectation_only": {str(place): one for place, one in enumerate(self.conformal, 1)},
+            "conformal_estimand": ESTIMANDS["conformal"],
+            "conformal_threshold": self.conformal_threshold,
+            "conformal_risk_wanted": self.risk,
+            "scope": self.scope,
+        }
+
+
+def bound(
+    frozen: Frozen,
+    table: VoteTable,
+    *,
+    used: Collection[str] = (),
+    scored: VoteTable | None = None,
+    confidence: float = 0.95,
+    risk: float = 0.05,
+) -> Bound:
+    """Bound how often a guardian misses, from the episodes of a table.
+
+    ``scored`` is the table of the score and ``used`` names its episodes where there is none; its frames and episodes
+    and those that chose the guardian are refused with a GuardianError, for a bound on them would not hold, also where
+    episodes or frames were renamed. So is a run that is not finished. ``risk`` is what conformal risk control
+    is asked for.
+    """
+    for name, value in (("confidence", confidence), ("risk", risk)):
+        if not 0 < value < 1:
+            raise GuardianError(f"the {name} must lie between 0 and 1, for example 0.95; got {value}")
+    frozen.may_score(table)
+    if words := table.unfinished_words(frozen.committee):
+        raise GuardianError(f"{words[0]} and could not be missed hazards: finish it before a bound is taken from it")
+    seen = set(frozen.selection.episodes) if frozen.selection else set()
+    spent = {*used, *(scored.episodes if scored is not None else ())}
+    for what, names in (("chose this guardian", seen), ("is scored", spent)):
+        if shared := sorted(names & set(table.episodes)):
+            raise GuardianError(
+                f"episode '{shared[0]}' {what}, so no bound can come from it: give episodes of their own"
+            )
+    if scored is not None:
+        for frame, known, how in shared_frames(table, scored.frames, scored.pictures or ()):
+            raise GuardianError(
+                f"frame '{frame}' in {table.name} {how} '{known}', which is scored, so no bound can come from it: give "
+                "frames of their own"
+            )
+    counted = [_misses(frozen, table, threshold) for threshold in range(1, frozen.voters + 1)]
+    shares = np.stack([missed / hazards for missed, hazards in counted])
+    missed, hazards = _misses(frozen, table, None)
+    own = missed / hazards
+    longest = max(Counter(table.episodes).values(), default=0)
+    misses, n = int(np.count_nonzero(own)), len(own)
+    threshold, risks = conformal_threshold(shares, risk) if n else (None, ())
+    where = frozen.about.bank_name or (frozen.about.bank or "")[:8] or "that these votes are of"
+    none = "no episode with a hazardous frame"
+    return Bound(
+        rate=mean_bound(own, confidence=confidence) if n else cannot_say(none),
+        frame_rate=ratio_bound(missed, hazards, longest, confidence=confidence) if n else cannot_say(none),
+        any_miss=share_bound(misses, n, confidence=confidence) if n else cannot_say(none),
+        episodes=n,
+        confidence=confidence,
+        needed=episodes_needed(TARGET, misses, confidence=confidence),
+        needed_at_best=episodes_needed(TARGET, confidence=confidence),
+        conformal=risks,
+        conformal_threshold=threshold,
+        risk=risk,
+        scope=f"valid only for episodes exchangeable with those of bank {where}, drawn independently of one another",
+    )
+
+
+def _misses(frozen: Frozen, table: VoteTable, threshold: int | None) -> tuple[Ints, Ints]:
+    """Return missed hazards and hazards of each episode that has any, at the guardian's rule or two-way at another."""
+    point = "two_way" if threshold else frozen.point
+    answer = answered(table.of(frozen.committee), threshold or frozen.threshold, point)
+    names, group = table.groups()
+    hazards = np.bincount(group[table.hazard], minlength=len(names))
+    missed = np.bincount(group[table.hazard & (answer == CLEAR)], minlength=len(names))
+    have = hazards > 0
+    return missed[have], hazards[have]
+
 
 SINGLE = "single"
 
@@ -125,6 +354,7 @@ def answer_of(frozen: Frozen, table: VoteTable) -> dict[str, Ints]:
 def _warnings(frozen: Frozen, table: VoteTable) -> tuple[str, ...]:
     assert frozen.selection is not None
     found = table.unfinished_words(tuple({*frozen.committee, frozen.selection.single}))
+    found += table.mute_words(frozen.committee)
     shared = sorted(set(frozen.selection.episodes) & set(table.episodes))
     if shared:
         found.append(

@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.errors import VoteError
-from eyechart.frames import Frame, FrameBank, MirrorAxis
+from eyechart.errors import GuardianError, VoteError
+from eyechart.frames import FrameBank, MirrorAxis
 from eyechart.modes import RequestMode
 from eyechart.prompts import Prompt
 from eyechart.stats.committee import HAZARD, MISSING, Point, answers
@@ -113,6 +113,15 @@ class VoteTable:
         """Return how many of a model's votes are missing."""
         return int((self.of([model]) == -1).sum())
 
+    def mute_words(self, models: Sequence[str]) -> list[str]:
+        """Return in words which of these models vote hazard on no frame."""
+        n = len(self.frames)
+        return [
+            f"{model} votes hazard on none of the {n} frames: it adds nothing to a committee"
+            for model in models
+            if not (self.of([model]) == HAZARD).any()
+        ]
+
     def left(self, models: Sequence[str]) -> int:
         """Return how many votes of these models the run has still to ask for."""
         return sum(self.unfinished.get(model, 0) for model in models)
@@ -170,6 +179,15 @@ class VoteTable:
             split=None if self.split is None else chosen(self.split),
             pictures=None if self.pictures is None else chosen(self.pictures),
             contradicting=None if self.contradicting is None else self.contradicting[:, order],
+        )
+
+
+def require_both(table: VoteTable) -> None:
+    """Raise GuardianError unless a table holds hazardous and clear frames."""
+    hazards = int(table.hazard.sum())
+    if not 0 < hazards < len(table.frames):
+        raise GuardianError(
+            f"{table.name}: {hazards} of {len(table.frames)} frames are hazardous; hazardous and clear ones are needed"
         )
 
 
@@ -244,7 +262,7 @@ def hazards_of(bank: FrameBank, column: str = HAZARD_COLUMN) -> dict[str, bool]:
     """
     gap = bank.manifest.gap
     if any(column in frame.truth for frame in bank):
-        return {frame.id: _truth(frame, column) for frame in bank}
+        return {one.id: hazard_of(one.truth.get(column), f"frame '{one.id}': '{column}'") for one in bank}
     if gap is None or column != HAZARD_COLUMN:
         raise VoteError(f"the bank {bank.name} has no column '{column}' of ground truth, which says what is a hazard")
     found = {}
@@ -254,16 +272,12 @@ def hazards_of(bank: FrameBank, column: str = HAZARD_COLUMN) -> dict[str, bool]:
     return found
 
 
-def _truth(frame: Frame, column: str) -> bool:
-    value = flag(frame.truth.get(column))
+def hazard_of(cell: object, what: str) -> bool:
+    """Return a cell as the truth of a frame; raises VoteError, beginning with ``what``, where it is none."""
+    value = flag(cell)
     if value is None:
-        raise VoteError(f"frame '{frame.id}': '{column}' is {frame.truth.get(column)!r}, neither true nor false")
+        raise VoteError(f"{what} is {cell!r}, neither true nor false")
     return value
-
-
-def episode_of(frame: Frame) -> str:
-    """Return the name of a frame's episode in a table: names of episodes may recur in another scenario."""
-    return f"{frame.scenario}/{frame.episode}"
 
 
 def pictures_of(bank: FrameBank, frames: Sequence[str]) -> tuple[str, ...] | None:

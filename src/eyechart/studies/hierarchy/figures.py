@@ -1,16 +1,349 @@
-"""Figures of the hierarchy: what became of each source in each paired world, with its share of goals beside it."""
+"""Figures of the hierarchy: what became of each source in each paired world, and each world from above."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 from matplotlib.axes import Axes
+from matplotlib.patches import PathPatch, Rectangle
+from matplotlib.path import Path as Way
 
+from eyechart.cameras import ROVER
 from eyechart.episodes import Episode
-from eyechart.report.charts import BLUE, INK, LINE, MUTED, PAPER, VERMILLION, Drawing, canvas, plain, style
+from eyechart.errors import EyechartError, LedgerError
+from eyechart.frames import Scalar, rounded_truth
+from eyechart.report.charts import BLUE, INK, LINE, MUTED, PAPER, SOFT, VERMILLION, WAYS, Drawing, canvas, plain, style
 from eyechart.report.page import evenly
+from eyechart.simulators.road import FAMILIES, GOAL_M, ROAD_HALF_M, Layout, make_layout
+from eyechart.studies.closed_loop import Drives, verify
 from eyechart.studies.hierarchy import HierarchyScore, Source
-from eyechart.studies.hierarchy.plots import in_order
+from eyechart.studies.hierarchy.planning import MPC_ONLY, ORACLE, ORACLE_MIRRORED
 from eyechart.studies.hierarchy.scoring import PUBLISHED, UNPUBLISHED, count_of
 from eyechart.studies.hierarchy.tables import of_ablation
+
+_CHECKED = ("lead_gap_m", "free_left_m", "free_middle_m", "free_right_m")
+"""What the truth of a world's first moment tells of its obstacles."""
+
+_PLACE = ("x_m", "y_m", "yaw", "speed_mps")
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """One episode from above. ``places`` has shape (n, 4): x, y, yaw and speed at each decision and at the end.
+
+    x is along the road and y to the left, in metres, yaw in rad, speed in m/s. ``ended`` is goal, crash or time.
+    """
+
+    ended: str
+    places: npt.NDArray[np.float64]
+
+    @cached_property
+    def curve(self) -> npt.NDArray[np.float64]:
+        """Return a smooth way through the places, shape (3 n - 2, 2): a cubic Bezier's corners from place to place.
+
+        A second lies between decisions, during which a rover that turns gently stays near this curve.
+        """
+        x, y, yaw, speed = self.places.T
+        at = np.column_stack([x, y])
+        chord = np.hypot(*np.diff(at, axis=0).T)
+        seconds = np.minimum(1.0, chord / np.maximum((speed[:-1] + speed[1:]) / 2, 1e-3))
+        way = np.column_stack([np.cos(yaw), np.sin(yaw)]) * speed[:, None] / 3
+        corners = np.empty((3 * len(at) - 2, 2))
+        corners[::3] = at
+        corners[1::3] = at[:-1] + way[:-1] * seconds[:, None]
+        corners[2::3] = at[1:] - way[1:] * seconds[:, None]
+        return corners
+
+
+@dataclass(frozen=True)
+class PairedWorld:
+    """A world that several sources drove: its obstacles, and each one's way, None where a source did not drive it."""
+
+    scenario: str
+    seed: int
+    layout: Layout
+    ways: tuple[Trajectory | None, ...]
+
+
+def paired_worlds(sources: Sequence[Drives]) -> tuple[list[PairedWorld], list[str]]:
+    """Return every world with the ways of the sources in their order, and in words which worlds could not be drawn.
+
+    A world whose obstacles here are not those that the record tells of is left out.
+    """
+    found: dict[tuple[str, int], dict[int, Episode]] = {}
+    for number, source in enumerate(sources):
+        for episode in source.episodes:
+            if episode.steps:
+                found.setdefault((episode.key.scenario, episode.key.seed), {})[number] = episode
+    worlds, notes = [], []
+    for scenario, seed in in_order(found):
+        mine = found[scenario, seed]
+        first = min(mine)
+        if not _told_of(sources[first], mine[first]):
+            notes.append(f"World {scenario}/{seed} is not drawn: its obstacles here are not those of the record.")
+            continue
+        ways: list[Trajectory | None] = [None] * len(sources)
+        for place, episode in mine.items():
+            try:
+                ways[place] = trajectory(sources[place], episode)
+            except LedgerError as error:
+                notes.append(f"A way is not drawn: {error}.")
+        worlds.append(PairedWorld(scenario, seed, make_layout(scenario, seed), tuple(ways)))
+    return worlds, notes
+
+
+def in_order(worlds: Iterable[tuple[str, int]]) -> list[tuple[str, int]]:
+    """Return worlds, each a scenario and a seed, as the study names its scenarios."""
+    places = {name: place for place, name in enumerate(FAMILIES)}
+    return sorted(worlds, key=lambda one: (places.get(one[0], len(places)), one))
+
+
+def trajectory(drives: Drives, episode: Episode) -> Trajectory:
+    """Return where an episode led. Where its end was not recorded it is driven again, and has to end as it did.
+
+    Raises LedgerError where it does not, and where a place is missing.
+    """
+    rows = [_place(step.truth) for step in episode.steps]
+    last = episode.steps[-1]
+    end = last.facts
+    if "y_m" not in end:
+        end = rounded_truth(verify(drives, episode, drives.open_simulator()), last.frame)
+    rows.append(_place({**end, "x_m": last.distance_m, "speed_mps": last.speed_mps}))
+    return Trajectory(episode.ended, np.array(rows))
+
+
+def _place(told: Mapping[str, Scalar]) -> tuple[float, ...]:
+    found = [told.get(name) for name in _PLACE]
+    if not all(isinstance(one, int | float) for one in found):
+        raise LedgerError(f"the record holds no place at some step: it needs {', '.join(_PLACE)}")
+    return tuple(float(one or 0.0) for one in found)
+
+
+def _told_of(drives: Drives, episode: Episode) -> bool:
+    """Return whether a world has the obstacles here that its record tells of."""
+    try:
+        drive = drives.open_simulator().drive(episode.key.scenario, episode.key.seed)
+    except EyechartError:
+        return False
+    truth, then = rounded_truth(drive.truth(), episode.steps[0].frame), episode.steps[0].truth
+    drive.close()
+    return all(truth.get(name) == then.get(name) for name in _CHECKED)
+
+
+MOST_WORLDS = 48
+"""Strips of a group; of more worlds, so many evenly taken."""
+MOST_PLANNERS = 6
+"""Planners that have a group in each ablation; the figures of outcomes and the tables have all of them."""
+MOST_WAYS = 8
+MOST_NOTES = 12
+
+SIGNS = {"goal": "●", "crash": "✕", "time": "○"}
+ENDS = {"goal": "reached the goal", "crash": "crashed", "time": "out of time"}
+_SOLID, _DASHED, _DOTTED = "solid", (0, (4.0, 1.6)), (0, (1.0, 1.2))
+CONDITION_NAMES = {"real": "real pictures", "mirrored": "mirrored", "blank": "blank", "shuffled": "other worlds'"}
+_PLANNER = {
+    "real": ("blue", _SOLID),
+    "mirrored": ("vermillion", _SOLID),
+    "blank": ("grey", _DASHED),
+    "shuffled": ("purple", _DASHED),
+}
+_SCRIPTED: dict[tuple[str, str], tuple[str, str, Any]] = {
+    ("primary", MPC_ONLY): ("MPC-only", "ink", _SOLID),
+    ("primary", ORACLE): ("oracle", "green", _SOLID),
+    ("primary", "random"): ("random", "purple", _SOLID),
+    ("primary", "constant:LEFT"): ("always LEFT", "amber", _DASHED),
+    ("primary", "constant:RIGHT"): ("always RIGHT", "amber", _DOTTED),
+    ("primary", "constant:SLOW"): ("always SLOW", "grey", _DASHED),
+    ("primary", "constant:STOP"): ("always STOP", "grey", _DOTTED),
+    ("constrained", MPC_ONLY): ("mpc-oracle", "ink", _SOLID),
+    ("unaware", MPC_ONLY): ("mpc-blind", "grey", _DASHED),
+    ("lateral", ORACLE): ("oracle's side", "green", _SOLID),
+    ("lateral", ORACLE_MIRRORED): ("its mirror", "vermillion", _SOLID),
+}
+"""How each scripted source is called and drawn: grey and dashed is blind, vermillion is mirrored, ink is the controller
+that knows the obstacles."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """One source in a group of strips: its drives, and how they are drawn."""
+
+    drives: Drives
+    name: str
+    colour: str
+    dash: Any = _SOLID
+
+    @property
+    def ink(self) -> str:
+        """Return the colour as figures write it."""
+        return INK if self.colour == "ink" else WAYS[self.colour]
+
+    @property
+    def variable(self) -> str:
+        """Return the colour as a page's style sheet has it."""
+        return "var(--ink)" if self.colour == "ink" else f"var(--way-{self.colour})"
+
+    @property
+    def dashes(self) -> str:
+        """Return the dashes as SVG has them, in widths of a thin line."""
+        return "" if self.dash == _SOLID else " ".join(f"{3 * one:g}" for one in self.dash[1])
+
+
+@dataclass(frozen=True)
+class Group:
+    """Strips of the same worlds with the same sources: all scripted ones of an ablation, or one planner's."""
+
+    key: str
+    ablation: str
+    title: str
+    lines: tuple[Line, ...]
+    drawings: tuple[Drawing, ...]
+    worlds: int
+
+    @property
+    def caption(self) -> str:
+        """Return how many worlds and sources are shown."""
+        some = "" if len(self.drawings) == self.worlds else f"{len(self.drawings)} of "
+        return f"{some}{self.worlds} worlds, {len(self.lines)} sources in each"
+
+
+def groups(score: HierarchyScore) -> tuple[list[Group], list[str]]:
+    """Return the groups of both ablations, and in words what is not drawn."""
+    found, notes = [], []
+    with style():
+        for ablation in ("primary", "second"):
+            driven = [one.driver for part in _parts(ablation) for one in score.drives.get(part, ()) if one.asked]
+            planners = list(dict.fromkeys(one.policy for one in driven))
+            if len(planners) > MOST_PLANNERS:
+                notes.append(f"Ways of {MOST_PLANNERS} of {len(planners)} planners are drawn; the tables have all.")
+            chosen = [("scripted sources", _scripted(score, ablation))]
+            chosen += [(name, _planner(score, ablation, name)) for name in planners[:MOST_PLANNERS]]
+            for number, (title, lines) in enumerate(chosen):
+                if lines:
+                    group, said = _group(f"{ablation}-{number}", ablation, title, lines[:MOST_WAYS])
+                    found.append(group)
+                    notes += [one for one in said if one not in notes]
+    more = len(notes) - MOST_NOTES
+    return found, [*notes[:MOST_NOTES], *([f"And {more} more ways or worlds are not drawn."] if more > 0 else [])]
+
+
+def _parts(ablation: str) -> tuple[str, ...]:
+    return ("primary", "primary-models") if ablation == "primary" else ("unaware-models", "lateral-models")
+
+
+def _scripted(score: HierarchyScore, ablation: str) -> list[Line]:
+    lines = []
+    for (part, policy), (name, colour, dash) in _SCRIPTED.items():
+        if (part == "primary") == (ablation == "primary"):
+            lines += [
+                Line(one, name, colour, dash) for one in score.drives.get(part, ()) if one.driver.policy == policy
+            ]
+    return lines
+
+
+def _planner(score: HierarchyScore, ablation: str, planner: str) -> list[Line]:
+    context = {"MPC-only", "oracle"} if ablation == "primary" else {"oracle's side"}
+    lines = [one for one in _scripted(score, ablation) if one.name in context]
+    for part in _parts(ablation):
+        full = part == "unaware-models"
+        for one in score.drives.get(part, ()):
+            if one.driver.policy == planner:
+                colour, dash = _PLANNER.get(one.driver.condition, ("amber", _DASHED))
+                name = CONDITION_NAMES.get(one.driver.condition, one.driver.condition)
+                lines.append(
+                    Line(one, f"{one.driver.condition} + speed" if full else name, colour, _DOTTED if full else dash)
+                )
+    return lines
+
+
+def _group(key: str, ablation: str, title: str, lines: Sequence[Line]) -> tuple[Group, list[str]]:
+    worlds, notes = paired_worlds([one.drives for one in lines])
+    shown = evenly(worlds, MOST_WORLDS)
+    if len(shown) < len(worlds):
+        notes.append(
+            f"{len(shown)} of {len(worlds)} worlds are drawn from above, evenly taken; every number counts all."
+        )
+    drawings = tuple(_strip(key, world, lines) for world in shown)
+    return Group(key, ablation, title, tuple(lines), drawings, len(worlds)), notes
+
+
+def _strip(key: str, world: PairedWorld, lines: Sequence[Line]) -> Drawing:
+    height = max(0.98, 0.24 + 0.15 * len(lines))
+    figure, axes = canvas(5.7, height, (0.06, 1.62, 0.19, 0.03))
+    axes.set_xlim(-2.0, GOAL_M + 3.0)
+    axes.set_ylim(-ROAD_HALF_M - 0.7, ROAD_HALF_M + 0.7)
+    _road(axes, world)
+    widths = [1.2 + 0.45 * (len(lines) - 1 - number) for number in range(len(lines))]
+    for number, (way, line) in enumerate(zip(world.ways, lines, strict=True), 1):
+        if way is not None:
+            _way(axes, way, line, widths[number - 1], f"k{number}")
+    for number, (way, line) in enumerate(zip(world.ways, lines, strict=True), 1):
+        if way is not None:
+            _end(axes, way, line, f"k{number}")
+        _label(axes, way, line, 1.0 - (number - 0.5) / len(lines), f"k{number}")
+    closed = ", closed by a wall" if world.layout.closed else ""
+    title = f"{world.scenario}, seed {world.seed}{closed}"
+    told = "; ".join(f"{line.name}: {_words(way)}" for way, line in zip(world.ways, lines, strict=True))
+    says = f"The road from above, {len(world.layout.obstacles)} obstacles. {told}."
+    return Drawing(f"ways-{key}-{world.scenario}-{world.seed}", title, says, figure, lean=True)
+
+
+def _road(axes: Axes, world: PairedWorld) -> None:
+    """Draw the road and its lines, and each obstacle in a ring that is as wide as half the rover."""
+    axes.set_axis_off()
+    axes.add_patch(Rectangle((-2, -ROAD_HALF_M), GOAL_M + 5, 2 * ROAD_HALF_M, facecolor=SOFT, edgecolor="none"))
+    axes.hlines((-ROAD_HALF_M, ROAD_HALF_M), -2, GOAL_M + 3, colors=MUTED, linewidth=0.7)
+    axes.hlines((-1.0, 1.0), -2, GOAL_M, colors=LINE, linewidth=0.8, linestyles=(0, (5, 4)))
+    axes.vlines(GOAL_M, -ROAD_HALF_M, ROAD_HALF_M, colors=INK, linewidth=1.0)
+    for wider, alpha in ((ROVER.radius_m, 0.3), (0.0, None)):
+        discs = [Way.circle((one.x, one.y), one.radius + wider) for one in world.layout.obstacles]
+        if discs:
+            axes.add_patch(PathPatch(Way.make_compound_path(*discs), facecolor=MUTED, edgecolor="none", alpha=alpha))
+    for x, word in ((0, "0"), (25, "25"), (50, "50"), (75, "75"), (GOAL_M, "100 m")):
+        axes.text(x, -ROAD_HALF_M - 0.5, word, ha="center", va="top", fontsize=7.5, color=MUTED)
+
+
+def _way(axes: Axes, way: Trajectory, line: Line, width: float, gid: str) -> None:
+    codes = [Way.MOVETO, *[Way.CURVE4] * (len(way.curve) - 1)]
+    drawn = PathPatch(
+        Way(way.curve, codes), facecolor="none", edgecolor=line.ink, linewidth=width, linestyle=line.dash, zorder=3
+    )
+    drawn.set_gid(f"{gid}-way")
+    axes.add_patch(drawn)
+
+
+def _end(axes: Axes, way: Trajectory, line: Line, gid: str) -> None:
+    x, y = float(way.places[-1, 0]), float(way.places[-1, 1])
+    if way.ended == "crash":
+        for colour, wide in ((PAPER, 3.4), (line.ink, 1.7)):
+            axes.plot(
+                [x], [y], "x", color=colour, markersize=6.5, markeredgewidth=wide, zorder=5, gid=f"{gid}-end{wide}"
+            )
+        return
+    face = line.ink if way.ended == "goal" else PAPER
+    edge = PAPER if way.ended == "goal" else line.ink
+    axes.plot(
+        [x], [y], "o", color=face, markeredgecolor=edge, markersize=5.5, markeredgewidth=1.1, zorder=5, gid=f"{gid}-end"
+    )
+
+
+def _label(axes: Axes, way: Trajectory | None, line: Line, y: float, gid: str) -> None:
+    """Name a source beside the road, with the sign of its end, and how far it came where that is not the goal."""
+    where: dict[str, Any] = {"transform": axes.transAxes, "va": "center", "fontsize": 8.4}
+    sign = "–" if way is None else SIGNS.get(way.ended, "?")
+    axes.text(1.015, y, sign, color=line.ink, gid=f"{gid}-sign", **{**where, "fontsize": 8.5})
+    far = "" if way is None or way.ended == "goal" else f" {way.places[-1, 0]:.0f} m"
+    axes.text(1.052, y, plain(line.name, 24) + far, color=INK, gid=f"{gid}-name", **where)
+
+
+def _words(way: Trajectory | None) -> str:
+    if way is None:
+        return "did not drive here"
+    return f"{ENDS.get(way.ended, way.ended)} at {way.places[-1, 0]:.1f} m"
+
 
 MOST_ROWS = 40
 MOST_COLUMNS = 60

@@ -6,13 +6,12 @@ from pathlib import Path
 from eyechart.report.charts import Drawing
 from eyechart.report.page import Page, fill
 from eyechart.report.table import p_value
+from eyechart.studies import Tell
 from eyechart.studies.closed_loop import LEVEL, Blind, Paired
-from eyechart.studies.closed_loop.browser import Tell
 from eyechart.studies.closed_loop.page import GLYPHS, made
 from eyechart.studies.closed_loop.tables import SIGNED, unfinished_words
 from eyechart.studies.hierarchy import PARTS, HierarchyScore
-from eyechart.studies.hierarchy.figures import outcomes
-from eyechart.studies.hierarchy.plots import CONDITION_NAMES, ENDS, SIGNS, groups
+from eyechart.studies.hierarchy.figures import CONDITION_NAMES, ENDS, SIGNS, groups, outcomes
 from eyechart.studies.hierarchy.scoring import NOT_PERCEPTION, count_of, unless_shown
 from eyechart.studies.hierarchy.tables import (
     TITLES,
@@ -97,7 +96,8 @@ def _cards(score: HierarchyScore) -> list[dict[str, object]]:
     completions = {(one.part, one.policy): one for one in score.completions}
     cards: list[dict[str, object]] = []
     for (part, policy), many in pairs.items():
-        unshown, unsure = not completions[part, policy].shown, any(one.finding == "cannot_say" for one in many)
+        unshown = not completions[part, policy].shown
+        unsure = not {"blank", "shuffled"} <= {one.condition for one in many if one.finding != "cannot_say"}
         cards.append(
             {
                 "planner": policy,

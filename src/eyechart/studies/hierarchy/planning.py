@@ -5,9 +5,10 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from eyechart.episodes import Bounds, Episodes, Setup, within
+from eyechart.episodes import Bounds, Episodes, Setup
 from eyechart.episodes import plan as plan_episodes
 from eyechart.episodes import run as run_episodes
+from eyechart.episodes.running import USUAL
 from eyechart.limits import Outcome, Spent
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
@@ -127,13 +128,6 @@ def plan(
 Watch = Callable[[str], AbstractContextManager[Callable[[int, int], None] | None]]
 """From a part's name to what lasts while it is driven, and is told of its progress."""
 
-USUAL = Bounds()
-
-
-def _unwatched(part: str) -> AbstractContextManager[None]:
-    del part
-    return nullcontext()
-
 
 def run(
     planned: Mapping[str, Episodes],
@@ -142,7 +136,7 @@ def run(
     bounds: Bounds = USUAL,
     calls: int | None = None,
     cost_usd: float | None = None,
-    watch: Watch = _unwatched,
+    watch: Watch = lambda _: nullcontext(),
 ) -> Outcome:
     """Drive what is left of each part; a model that is set aside in one drives in no later one.
 
@@ -156,7 +150,7 @@ def run(
         if here.left():
             others = (other for other in planned.values() if other is not part)
             before = Spent.together(spent(other.out, other.manifest, prices) for other in others)
-            limits = within(part, prices, calls=calls, cost_usd=cost_usd, before=before)
+            limits = part.manifest.within(prices, calls=calls, cost_usd=cost_usd, before=before)
             with watch(name) as progress:
                 outcome = run_episodes(here, bounds=replace(bounds, limits=limits), progress=progress)
             aside |= outcome.set_aside

@@ -1,7 +1,7 @@
 """score() reads the study's runs and makes no call: who reaches the goal, beside those who see nothing."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -12,6 +12,7 @@ from eyechart.episodes import Episode, Unfinished, read_episodes
 from eyechart.errors import LedgerError
 from eyechart.records import plain
 from eyechart.seeds import key_seed
+from eyechart.stats.episodes import share_over_episodes
 from eyechart.stats.resampling import cluster_bootstrap
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.closed_loop import (
@@ -232,12 +233,13 @@ def runs_of(path: Path) -> dict[str, Path]:
 
 def score(out: Path, *, resamples: int = 5000) -> HierarchyScore:
     """Read the runs of the study in ``out``; raises LedgerError where there is none."""
-    begun = [name for name in PARTS if is_episodes(out / name)]
-    drives = {name: read_drives([out / name]) for name in begun if any(read_episodes(out / name))}
+    begun = runs_of(out)
+    drives = {name: read_drives([run]) for name, run in begun.items() if any(read_episodes(run))}
     if not drives:
         raise LedgerError(f"{out} holds no run of the hierarchy; 'eyechart run hierarchy --out {out}' makes one")
-    lacking = {name: found for name in begun if (found := unfinished_of(out / name))}
-    return HierarchyScore(drives, resamples, lacking)
+    return HierarchyScore(
+        drives, resamples, {part: left for part, run in begun.items() if (left := unfinished_of(run))}
+    )
 
 
 def shows(one: Blind) -> bool:
@@ -260,24 +262,23 @@ def _source(part: str, name: str, drives: Drives, outcomes: Outcomes, *, resampl
     intents = Counter(step.decision.action for step in steps if step.decision.action is not None)
     silent = Counter(step.error or str(step.decision.missing) for step in steps if step.decision.action is None)
 
-    def mean(what: str, sums: Sequence[tuple[float, float]]) -> Statistic:
-        seed = key_seed("hierarchy", drives.driver.simulator, what)  # one for all: equal drives get equal rows
-        found = cluster_bootstrap(np.array(sums).reshape(-1, 2), seed=seed, resamples=resamples)
-        if found.ci is not None and found.ci[0] == found.ci[1]:  # no width would claim certainty
-            return replace(found, ci=None, note="every episode has the same: resampling them gives no interval")
-        return found
-
+    told = np.array([(one.distance_m, 1.0) for one in episodes if one.distance_m is not None]).reshape(-1, 2)
+    seed = key_seed("hierarchy", drives.driver.simulator, "distance_m")  # one for all: equal drives get equal rows
+    distance = cluster_bootstrap(told, seed=seed, resamples=resamples)
+    if distance.ci is not None and distance.ci[0] == distance.ci[1]:  # no width would claim certainty
+        distance = replace(distance, ci=None, note="every episode has the same: resampling them gives no interval")
+    stops = np.array([_stops(one) for one in episodes]).reshape(-1, 2)
     return Source(
         part=part,
         name=name,
         driver=drives.driver,
         goals=exact_rate(sum(map(outcomes.success, episodes)), len(episodes)),
         crashes=exact_rate(sum(one.crashed for one in episodes), len(episodes)),
-        distance_m=mean("distance_m", [(told, 1.0) for one in episodes if (told := one.distance_m) is not None]),
-        stop_share=mean("stop_share", [_stops(one) for one in episodes]),
+        distance_m=distance,
+        stop_share=share_over_episodes(stops[:, 0], stops[:, 1]),
         intents={action: intents[action] for action in drives.space.actions},
         no_decision=dict(sorted(silent.items())),
-        solver_failures=sum(_count(step.facts.get("solver_failures")) for step in steps),
+        solver_failures=sum(n for step in steps if isinstance(n := step.facts.get("solver_failures"), int)),
         errors=len(drives.errors),
     )
 
@@ -291,7 +292,3 @@ def _stops(episode: Episode) -> tuple[float, float]:
 def count_of(one: Statistic) -> str:
     """Return a rate as a count: how many, of how many."""
     return "—" if one.value is None else f"{round(one.value * one.n)}/{one.n}"
-
-
-def _count(value: object) -> int:
-    return value if isinstance(value, int) else 0

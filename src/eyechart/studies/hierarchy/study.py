@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from eyechart.errors import SpecError
-from eyechart.studies import Made, Reading, Tell
-from eyechart.studies.battery import NO_DRIVES
+from eyechart.studies import NO_DRIVES, Made, Reading, Tell
 from eyechart.studies.closed_loop import NO_LEDGER, OfEpisodes
 from eyechart.studies.hierarchy.scoring import HierarchyScore, runs_of, score
 

@@ -5,12 +5,7 @@ Source: paper, sections Constructive renderer-calibrated controller, Structured 
 
 from eyechart.studies.structured import online
 from eyechart.studies.structured.planning import ADMISSION, STRUCTURED, plan
-from eyechart.studies.structured.scoring import (
-    EstimatorScore,
-    StructuredScore,
-    require_scorable,
-    score,
-)
+from eyechart.studies.structured.scoring import EstimatorScore, StructuredScore, score
 from eyechart.studies.structured.told import Told, read_told
 
 __all__ = [
@@ -22,6 +17,5 @@ __all__ = [
     "online",
     "plan",
     "read_told",
-    "require_scorable",
     "score",
 ]

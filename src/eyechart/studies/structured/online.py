@@ -1,30 +1,197 @@
 """The online run: an estimator's scenes drive through the safety policy, in worlds that were vetted first.
 
-Source: paper, section Constructive renderer-calibrated controller; the column of crashes of Table t:controller-local.
+Worlds are vetted before a model drives in them: the picture must be whole, and the scene be read from it. Source:
+paper, section Constructive renderer-calibrated controller (renderer-integrity and positive-control checks); the column
+of crashes of Table t:controller-local.
 """
 
+import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from eyechart import episodes as closed_loop
+from eyechart.conditions import flip
 from eyechart.episodes import Bounds, Episode, Episodes, EpisodesManifest, Setup, read_episodes, read_manifest
-from eyechart.errors import LedgerError, SpecError
+from eyechart.episodes.running import USUAL
+from eyechart.errors import BankError, LedgerError, SpecError
+from eyechart.frames import RGB, Scalar, encode
 from eyechart.limits import Outcome, Spent
+from eyechart.models.scripted import see
 from eyechart.modes import RequestMode
 from eyechart.perception.forward import distances_of
-from eyechart.perception.view import CALIBRATED, NONE, VIEWS, view_for
+from eyechart.perception.view import View, view_for
 from eyechart.prompts import scene_prompt
 from eyechart.records import Plain
 from eyechart.run import Progress
-from eyechart.simulators import open_simulator
+from eyechart.simulators import Drive, HalfBlind, Simulator, open_simulator
+from eyechart.spaces.scene import Estimate, Scene
 from eyechart.stats.agreement import rate
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.structured.vetting import Vetted, read_vetting, vet_worlds, write_vetting
+
+VETTING = "vetting.json"
+GAP_ERROR_M = 0.1
+"""Half a pixel of highway-env's picture is 0.091 m."""
+
+SIDES_RIGHT = 0.9
+"""Between two lanes a side may be read and told differently for a moment."""
+
+_MOST_STEPS = 1000
+_SEEDS_TRIED = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Vetted:
+    """What the positive control met when it drove in a world.
+
+    ``why`` is None where the world passes. ``frames`` were checked, ``ended`` is how its drive ended, ``actions``
+    counts its decisions, ``gap_mae_m`` is its error over the frames with a lead in the picture, None without one.
+    ``unseen`` counts the frames at which a side was closed by what stands beside a forward camera, out of its picture.
+    """
+
+    scenario: str
+    seed: int
+    frames: int
+    ended: str
+    actions: Mapping[str, int]
+    gap_mae_m: float | None
+    why: str | None = None
+    unseen: int = 0
+
+
+@dataclass
+class _Checks:
+    """What is found frame by frame; ``failed`` is the first fault that fails a world."""
+
+    frames: int = 0
+    errors_m: list[float] = field(default_factory=list)
+    actions: Counter[str] = field(default_factory=Counter)
+    sides_right: int = 0
+    unseen: int = 0
+    failed: str | None = None
+
+    def look(self, drive: Drive, pixels: RGB, view: View | None, axis: str) -> str | None:
+        """Check one frame as a model is shown it; return the safe action of what was read, None where nothing was."""
+        self.frames += 1
+        sides = (pixels, flip(pixels, axis))
+        shown, reflected = (np.ascontiguousarray(one if view is None else view.show(one)) for one in sides)
+        reading, mirrored = see(encode(shown)).reading, see(encode(reflected)).reading
+        if reading is None:
+            self._fail("renderer integrity: no road with a vehicle is seen")
+            return None
+        scene = reading.scene
+        if mirrored is None or mirrored.scene != scene.mirrored():
+            self._fail("positive control: the reflection is read differently")
+        self._compare(scene, drive.truth(), drive.unseen_sides() if isinstance(drive, HalfBlind) else frozenset())
+        action = Estimate.of(scene).act(scene.distances)
+        self.actions[action] += 1
+        return action
+
+    def _compare(self, scene: Scene, truth: Mapping[str, Scalar], unseen: frozenset[str]) -> None:
+        told = truth["lead_gap_m"] if truth.get("lead_visible") is not False else None
+        if isinstance(told, bool | str):
+            raise SpecError(f"the world tells the gap {told!r}, which is no number")
+        if (told is None) != (scene.gap_m is None):
+            self._fail("positive control: a lead is read and not there, or there and not read")
+        elif told is not None and scene.gap_m is not None:
+            self.errors_m.append(abs(scene.gap_m - told))
+            if self.errors_m[-1] > GAP_ERROR_M:
+                self._fail(f"positive control: the gap is read {self.errors_m[-1]:.2f} m off")
+        self.unseen += bool(unseen)
+        read = {"left": scene.left_clear, "right": scene.right_clear}
+        self.sides_right += all(side in unseen or clear == truth[f"{side}_clear"] for side, clear in read.items())
+
+    def _fail(self, why: str) -> None:
+        self.failed = self.failed or f"frame {self.frames - 1}: {why}"
+
+
+def vet(simulator: Simulator, scenario: str, seed: int, view: View | None) -> Vetted:
+    """Let the positive control drive in a world and check every frame that it is shown.
+
+    Renderer integrity: the picture is one that the view is for, shows something, and is a road with the own vehicle.
+    Positive control: the lead is read within 0.1 m of the truth at every frame, its sides right on 90 % of them, and
+    the reflection exactly alike. A side that is closed by nothing in the picture, because what closes it stands beside
+    a forward camera, is not judged: no picture could tell.
+    """
+    checks, ended = _Checks(), "time"
+    drive = simulator.drive(scenario, seed)
+    try:
+        while checks.frames < _MOST_STEPS:
+            pixels = drive.picture()
+            if (pixels == pixels[0, 0]).all():
+                checks.failed = f"frame {checks.frames}: renderer integrity: the picture has one colour"
+                break
+            action = checks.look(drive, pixels, view, simulator.declared.mirror_axis)
+            if action is None:
+                break
+            moved = drive.step(action)
+            if moved.ended is not None:
+                ended = moved.ended
+                break
+    except (BankError, KeyError) as error:
+        checks.failed = f"frame {checks.frames}: renderer integrity: {error}"
+    finally:
+        drive.close()
+    if checks.failed is None and checks.sides_right < SIDES_RIGHT * checks.frames:
+        checks.failed = f"positive control: the sides are read right on {checks.sides_right} of {checks.frames} frames"
+    error_m = float(np.mean(checks.errors_m)) if checks.errors_m else None
+    return Vetted(scenario, seed, checks.frames, ended, dict(checks.actions), error_m, checks.failed, checks.unseen)
+
+
+def vet_worlds(
+    name: str, episodes: int, view: View | None, progress: Callable[[int, int], None] | None = None
+) -> tuple[Vetted, ...]:
+    """Vet worlds of every scenario in turn, seed by seed, until ``episodes`` of them pass; all that were tried.
+
+    Raises SpecError where so many do not pass within ten seeds a scenario.
+    """
+    simulator = open_simulator(name)
+    share, rest = divmod(episodes, len(simulator.declared.scenarios))
+    found: list[Vetted] = []
+    for number, scenario in enumerate(simulator.declared.scenarios):
+        wanted = share + (number < rest)
+        for seed in range(_SEEDS_TRIED):
+            if wanted == 0:
+                break
+            found.append(vet(simulator, scenario, seed, view))
+            wanted -= found[-1].why is None
+            if progress is not None:
+                progress(sum(one.why is None for one in found), episodes)
+        if wanted:
+            why = next(one.why for one in reversed(found) if one.why)
+            raise SpecError(
+                f"'{name}' has too few worlds of '{scenario}' that pass the checks, among seeds 0 to "
+                f"{_SEEDS_TRIED - 1}; the last failed at {why}"
+            )
+    return tuple(found)
+
+
+def write_vetting(out: Path, vetted: tuple[Vetted, ...]) -> None:
+    """Write which worlds were tried, and how they came out, into the run's folder."""
+    out.mkdir(parents=True, exist_ok=True)
+    partial = out / f".{VETTING}"
+    partial.write_text(json.dumps([asdict(one) for one in vetted], indent=1) + "\n", encoding="utf-8")
+    partial.replace(out / VETTING)
+
+
+def read_vetting(out: Path) -> tuple[Vetted, ...] | None:
+    """Return the vetting of a run's folder, None where there is none; raises LedgerError where it is none."""
+    file = out / VETTING
+    if not file.is_file():
+        return None
+    try:
+        found = tuple(Vetted(**one) for one in json.loads(file.read_text(encoding="utf-8")))
+    except (ValueError, TypeError) as error:
+        raise LedgerError(f"{file} is no record of vetted worlds: {error}") from error
+    if not any(one.why is None for one in found):
+        raise LedgerError(f"{file} is no record of vetted worlds: it has none that passed; choose another --out")
+    return found
+
 
 EPISODES = 12
-USUAL = Bounds()
 CONTROL = "positive control (vetting)"
 """The drives by which the worlds were vetted, as a line of the table."""
 
@@ -61,8 +228,7 @@ def plan(
     if episodes < 1:
         raise SpecError(f"an online run needs at least 1 episode, got {episodes}")
     world = open_simulator(simulator).declared
-    choice = view or (CALIBRATED if world.camera in VIEWS else NONE)
-    shown = view_for(choice, world.camera or world.name)
+    shown = view_for(view, world.camera or world.name)
     prompt = scene_prompt(world.picture, distances_of(world.camera), shown)
 
     def planned(seeds: Sequence[int]) -> Episodes:
@@ -137,16 +303,12 @@ def score(path: Path) -> OnlineScore:
     manifest, found = read_manifest(path), list(read_episodes(path))
     passed = [one for one in vetted if one.why is None]
     worlds = {(one.scenario, one.seed) for one in passed}
-    driven = {CONTROL: _of_vetting(passed)}
+    decisions = sum((Counter(one.actions) for one in passed), Counter[str]())
+    driven = {CONTROL: Driven(rate(sum(one.ended == "crash" for one in passed), len(passed)), dict(decisions), 0, 0)}
     for spec in manifest.policies:
         mine = {one.key: one for one in found if one.key.policy == spec and (one.key.scenario, one.key.seed) in worlds}
         driven[spec] = _driven(list(mine.values()))
     return OnlineScore(manifest, vetted, driven)
-
-
-def _of_vetting(passed: Sequence[Vetted]) -> Driven:
-    decisions = sum((Counter(one.actions) for one in passed), Counter[str]())
-    return Driven(rate(sum(one.ended == "crash" for one in passed), len(passed)), dict(decisions), 0, 0)
 
 
 def _driven(episodes: Sequence[Episode]) -> Driven:

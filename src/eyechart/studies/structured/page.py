@@ -1,6 +1,8 @@
 """The page of runs of scene estimates: who is admitted and by which clause, every figure, and the worst frames."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+
+import numpy as np
 
 from eyechart.calls import Reply
 from eyechart.conditions import show
@@ -11,20 +13,20 @@ from eyechart.perception.view import find_view, through
 from eyechart.report.charts import BLUE, INK, MUTED, VERMILLION, Drawing, canvas, style
 from eyechart.report.page import Page, fill
 from eyechart.spaces.scene import SceneDecision
+from eyechart.studies import Tell
 from eyechart.studies.battery.album import view_uri
-from eyechart.studies.battery.subjects import Tell
-from eyechart.studies.structured import Told
-from eyechart.studies.structured.estimates import (
+from eyechart.studies.battery.subjects import subjects
+from eyechart.studies.structured.planning import CONDITIONS
+from eyechart.studies.structured.tables import (
     Estimates,
     Estimator,
-    action_of,
-    estimators,
-    faults,
-    gap_error_m,
-    weight,
+    clauses_table,
+    controller_table,
+    figures_table,
+    marks,
+    scored_of,
 )
-from eyechart.studies.structured.planning import CONDITIONS
-from eyechart.studies.structured.tables import clauses_table, controller_table, figures_table, marks, scored_of
+from eyechart.studies.structured.told import Told, faults, gap_error_m, weight
 
 _DRAWN = 12
 """Models that have a figure of their own in the page."""
@@ -42,13 +44,18 @@ _OF = {"real": "picture", "mirrored": "reflection"}
 
 def make_estimates_page(evidence: Sequence[Estimates], *, tell: Tell = lambda _: None) -> Page:
     """Return the report of admission and structured runs; the same runs give the same bytes."""
-    everyone = estimators(evidence)
+    everyone = subjects(evidence)
     tell("figures")
     with style():
         drawn = [drawing for place, who in enumerate(everyone[:_DRAWN], 1) for drawing in gaps(who, place)]
     tell("pictures")
-    frames, notes = shown_frames(evidence)
-    listed, more = listed_frames(everyone)
+    worst = {}
+    for run in evidence:  # the frames with the worst estimates of all models together first
+        every = [[weight(one.told, place) for place in range(len(run.frames))] for one in run.score.models.values()]
+        order = np.argsort(-np.sum(every, axis=0), kind="stable") if every else ()
+        worst[run.name] = [int(place) for place in order]
+    frames, notes = shown_frames(evidence, worst)
+    listed, more = listed_frames(everyone, worst)
     if len(everyone) > _DRAWN:
         more.append(f"Figures of one model each stand here for the first {_DRAWN} of {len(everyone)} models.")
     notes += more
@@ -74,7 +81,7 @@ def make_estimates_page(evidence: Sequence[Estimates], *, tell: Tell = lambda _:
 
 def gaps(who: Estimator, place: int) -> list[Drawing]:
     """Draw the gap that a model told against the true one, where a lead is in the picture; nothing where none was."""
-    told, one = who.score.told, who.score.statistics["gap_mae_m"]
+    told, one = who.model.told, who.model.statistics["gap_mae_m"]
     pairs = [
         (float(told.gap_m[number]), estimate.gap_m)
         for number, estimate in enumerate(told.estimates("real"))
@@ -113,7 +120,7 @@ def _run(run: Estimates) -> dict[str, object]:
 
 
 def _card(who: Estimator) -> dict[str, object]:
-    score = who.score
+    score = who.model
     state = "" if score.answered >= score.planned else f"unfinished: {score.answered} of {score.planned} calls"
     fails = [one.name for one in score.clauses if one.passes is False]
     unsaid = [one.name for one in score.clauses if one.passes is None]
@@ -127,20 +134,22 @@ def _card(who: Estimator) -> dict[str, object]:
         "admitted": score.admitted,
         "state": state,
         "words": words,
-        "marks": marks(who.run.score, who.spec),
+        "marks": marks(who.run.score.guards[who.spec]),
         "clauses": next(clauses_table([(who.label, score, ())]).split(), None),
         "reasons": list(told.reasons.items()),
         "repairs": list(told.repairs.items()),
     }
 
 
-def shown_frames(evidence: Sequence[Estimates]) -> tuple[list[dict[str, object]], list[str]]:
+def shown_frames(
+    evidence: Sequence[Estimates], order: Mapping[str, Sequence[int]]
+) -> tuple[list[dict[str, object]], list[str]]:
     """Return, run by run, the frames with the worst estimates, with their views, and what has to be said of that."""
     each = max(1, MOST_PICTURES // max(1, len(evidence)))
     runs: list[dict[str, object]] = []
     notes = []
     for run in evidence:
-        worst = run.worst[:each]
+        worst = order[run.name][:each]
         runs.append({"run": run.name, "frames": [_frame(run, place) for place in worst]})
         if len(worst) < len(run.frames):
             notes.append(f"Of {run.name} the {len(worst)} worst of {len(run.frames)} frames are shown with their view.")
@@ -149,19 +158,21 @@ def shown_frames(evidence: Sequence[Estimates]) -> tuple[list[dict[str, object]]
     return runs, notes
 
 
-def listed_frames(everyone: Sequence[Estimator]) -> tuple[list[dict[str, object]], list[str]]:
+def listed_frames(
+    everyone: Sequence[Estimator], order: Mapping[str, Sequence[int]]
+) -> tuple[list[dict[str, object]], list[str]]:
     """Return a table a model of what it told of the frames, worst first, and what has to be said of that."""
     each = max(1, MOST_ROWS // max(1, len(everyone)))
     tables: list[dict[str, object]] = []
     notes = []
     for who in everyone:
-        told, places = who.score.told, who.run.worst[:each]
+        told, places = who.model.told, order[who.run.name][:each]
         rows = [
             [
                 told.frames[place].id,
                 _truth_words(told, place),
                 *(_words(told.replies_to(name)[place]) for name in CONDITIONS),
-                action_of(told, told.estimates("real")[place]) or "—",
+                "—" if (one := told.estimates("real")[place]) is None else one.act(told.distances),
                 ", ".join(faults(told, place)) or "—",
             ]
             for place in places
@@ -195,7 +206,8 @@ def _row(run: Estimates, spec: str, condition: str, place: int) -> dict[str, obj
     told = run.score.models[spec].told
     reply, wrong = told.replies_to(condition)[place], faults(told, place) if condition == "real" else []
     assert reply is not None
-    error = gap_error_m(told, place) if condition == "real" else None
+    error = (gap_error_m(told, place) if condition == "real" else None) or 0.0
+    off = error >= told.distances.close_m * _POINTED_OUT
     one = reply.action
     verbatim = run.replies[spec].get((run.frames[place].id, condition))
     return {
@@ -206,20 +218,15 @@ def _row(run: Estimates, spec: str, condition: str, place: int) -> dict[str, obj
         "cells": []
         if one is None
         else [
-            (_metres(one.gap_m), bool(_LEADS & {*wrong}) or (error or 0.0) >= _worth(told)),
+            (_metres(one.gap_m), bool(_LEADS & {*wrong}) or off),
             ("close" if one.close else "not close", "close is wrong" in wrong),
             (_side(clear=one.left_clear), "left is wrong" in wrong),
             (_side(clear=one.right_clear), "right is wrong" in wrong),
             (f"{one.confidence:.2f}", False),
-            (str(action_of(told, one)), False),
+            (one.act(told.distances), False),
         ],
-        "faults": ", ".join([*wrong, *([] if not error or error < _worth(told) else [f"gap {error:.1f} m off"])]),
+        "faults": ", ".join([*wrong, *([f"gap {error:.1f} m off"] if off else [])]),
     }
-
-
-def _worth(told: Told) -> float:
-    """Return the error of a gap from which on it is pointed out, in metres."""
-    return told.distances.close_m * _POINTED_OUT
 
 
 def _truth_cells(told: Told, place: int) -> list[str]:
@@ -244,12 +251,8 @@ def _words(reply: SceneDecision | None) -> str:
     one = reply.action
     if one is None:
         return _missing(reply)
-    close, left, right = (
-        "close" if one.close else "not close",
-        _side(clear=one.left_clear),
-        _side(clear=one.right_clear),
-    )
-    return f"{_metres(one.gap_m)}, {close}; left {left}, right {right}"
+    left, right = _side(clear=one.left_clear), _side(clear=one.right_clear)
+    return f"{_metres(one.gap_m)}, {'close' if one.close else 'not close'}; left {left}, right {right}"
 
 
 def _missing(reply: SceneDecision) -> str:

@@ -1,22 +1,21 @@
 """Planning the structured study: every frame and its reflection through the view; for admission sixteen pairs."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank
-from eyechart.limits import Spent
 from eyechart.manifest import RunManifest, today, versions
 from eyechart.modes import RequestMode
-from eyechart.perception.view import CALIBRATED, NONE, VIEWS, view_for
+from eyechart.perception.forward import worlds_distances
+from eyechart.perception.view import NONE, view_for
 from eyechart.prompts import scene_prompt
 from eyechart.seeds import key_seed
 from eyechart.spaces.scene import SCENE_READER
-from eyechart.studies.battery import Battery, open_models, open_whole, plan_of, resumed, with_earlier
-from eyechart.studies.structured.told import episode_of, is_close, worlds_distances
+from eyechart.studies.battery import Battery, open_models, open_whole, plan_of, resumed
 
 ADMISSION, STRUCTURED = "admission", "structured"
 STUDIES = (ADMISSION, STRUCTURED)
@@ -33,20 +32,23 @@ def plan(
     view: str | None = None,
     seed: int = 0,
     limit: int | None = None,
-    probes: Mapping[str, Spent] | None = None,
 ) -> Battery:
     """Plan an ``admission`` or a ``structured`` run, or the rest of one that ``out`` holds; nothing is asked yet.
 
     ``view`` is ``calibrated`` or ``none``, and by default calibrated where the bank's pictures have such a view.
     Admission asks about 8 close and 8 other frames, chosen by ``seed``, whose ids the manifest records; the structured
-    run about all frames or the first ``limit``. ``probes`` says what was spent on probing models for this run. Every
-    frame needs a mirror axis, and the bank a gap. The plan is counted, estimated, run and resumed by
-    `eyechart.studies.battery`. Raises BankError, SpecError or LedgerError as a battery's plan does.
+    run about all frames or the first ``limit``. Every frame needs a mirror axis, and the bank a gap. The plan is
+    counted, estimated, run and resumed by `eyechart.studies.battery`. Raises BankError, SpecError or LedgerError as a
+    battery's plan does.
     """
     asked, models = open_models(specs)
     bank = open_whole(bank_path)
-    require_mirrored(bank)
-    shown = view_for(_choice(view, bank), bank.manifest.simulator)
+    if bank.manifest.gap is None:
+        raise BankError(f"the bank {bank.root} records no gap, so nobody can say which leads are close")
+    for frame in bank:
+        if frame.mirror_axis == "none":
+            raise BankError(f"frame '{frame.id}' has no mirror axis, and every estimate is asked for in both views")
+    shown = view_for(view, bank.manifest.simulator)
     chosen = choose(bank, seed) if study == ADMISSION else ()
     manifest = RunManifest(
         study=study,
@@ -65,27 +67,10 @@ def plan(
         reader=SCENE_READER,
         view=NONE if shown is None else shown.key,
         frames=tuple(frame.id for frame in chosen),
-        probes=with_earlier(out, probes or {}),
     )
     manifest = resumed(out, manifest, bank)
     calls = plan_of(manifest, bank, models=tuple(models), conditions=CONDITIONS, limit=limit, view=shown)
     return Battery(calls, models, manifest, out)
-
-
-def _choice(view: str | None, bank: FrameBank) -> str:
-    """Return the view that is asked for, or that the bank's pictures have."""
-    if view is not None:
-        return view
-    return CALIBRATED if bank.manifest.simulator in VIEWS else NONE
-
-
-def require_mirrored(bank: FrameBank) -> None:
-    """Raise BankError where a frame cannot be shown reflected, or the bank does not say which leads are close."""
-    if bank.manifest.gap is None:
-        raise BankError(f"the bank {bank.root} records no gap, so nobody can say which leads are close")
-    for frame in bank:
-        if frame.mirror_axis == "none":
-            raise BankError(f"frame '{frame.id}' has no mirror axis, and every estimate is asked for in both views")
 
 
 def choose(bank: FrameBank, seed: int) -> tuple[Frame, ...]:
@@ -96,9 +81,9 @@ def choose(bank: FrameBank, seed: int) -> tuple[Frame, ...]:
     few of a class.
     """
     rng = np.random.default_rng(key_seed("admission", seed, bank.manifest.fingerprint))
-    chosen: list[Frame] = []
+    chosen, gap = list[Frame](), bank.manifest.gap
     for close, name in ((True, "close"), (False, "other")):
-        frames = [frame for frame in bank if is_close(frame, bank) == close]
+        frames = [frame for frame in bank if (gap is not None and gap.near(frame)) == close]
         if len(frames) < PAIRS_A_CLASS:
             raise BankError(
                 f"the bank {bank.root} has {len(frames)} {name} frames, and admission needs {PAIRS_A_CLASS}: "
@@ -119,7 +104,7 @@ def _in_turn(frames: Sequence[Frame]) -> list[Frame]:
         taken: Counter[str] = Counter()
         turns: list[tuple[int, int]] = []
         for place, frame in enumerate(group):
-            turns.append((taken[episode_of(frame)], place))
-            taken[episode_of(frame)] += 1
+            turns.append((taken[frame.drive], place))
+            taken[frame.drive] += 1
         ranked += [(rank, number, group[place]) for rank, (_, place) in enumerate(sorted(turns))]
     return [frame for _, _, frame in sorted(ranked, key=lambda one: one[:2])]

@@ -7,10 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from eyechart.costs import Account
 from eyechart.errors import LedgerError
 from eyechart.frames import FrameBank
-from eyechart.integrity import Guard
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
 from eyechart.records import plain
@@ -18,18 +16,19 @@ from eyechart.seeds import key_seed
 from eyechart.spaces.discrete import DRIVING, Discrete
 from eyechart.spaces.scene import SCENE_READER, SCENES, Estimate
 from eyechart.stats.agreement import rate
+from eyechart.stats.episodes import share_over_episodes
 from eyechart.stats.resampling import cluster_bootstrap, ratio_of_sums
 from eyechart.stats.statistic import Statistic, cannot_say
-from eyechart.studies.battery import plan_of, took_run
+from eyechart.studies.battery import CallsScore, plan_of, took_run
 from eyechart.studies.structured.planning import STUDIES
-from eyechart.studies.structured.told import Floats, Mask, Told, episode_of, read_told
+from eyechart.studies.structured.told import Floats, Mask, Told, read_told
 from eyechart.verdicts import Evidence
 from eyechart.verdicts.admission import Held, hold
 
 _ENUMERATE = 25_000
 """Up to so many multisets of episodes (9 episodes) the bootstrap is enumerated; beyond, resamples are drawn."""
 
-_NO_SPREAD = "Wilson: the episodes do not differ"
+_ONE_EPISODE = "Wilson: one episode shows no spread"
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +53,7 @@ class Figures:
         self._told, self._space, self._how = told, space, how
         self._frames = np.array(chosen, dtype=np.int64)
         self._real = [told.estimates("real")[place] for place in chosen]
-        self._asked = [mirrored[place] is not None for place in chosen]
+        self._asked = np.array([mirrored[place] is not None for place in chosen], dtype=np.bool_)
         self._mirrored = [told.estimates("mirrored")[place] for place in chosen]
 
     def statistics(self) -> dict[str, Statistic]:
@@ -63,57 +62,52 @@ class Figures:
         parsed = _given(self._real)
         right = parsed & (said == close)
         actions = [self._act(one) for one in self._real if one is not None]
-        turns = sum(action in self._space.directional for action in actions)
+        turning = _flags(self._real, lambda one: self._act(one) in self._space.directional)
         counted = "counted on the frames as they are"
+        asked, also = self._asked.astype(np.float64), _given(self._mirrored).astype(np.float64)
+
+        def exchanged(one: Estimate, other: Estimate) -> bool:
+            return self._space.reflect(self._act(one)) == self._act(other)
+
         return {
-            "parse": self._parse(),
-            "close_accuracy": self._share(right, "close_accuracy"),
+            "parse": self._ratio(parsed.astype(np.float64) + also, 1.0 + asked),
+            "close_accuracy": self._share(right),
             "balanced_accuracy": self._balanced(right, close),
-            "sensitivity": self._share(right, "sensitivity", close),
-            "specificity": self._share(right, "specificity", ~close),
+            "sensitivity": self._share(right, close),
+            "specificity": self._share(right, ~close),
             "gap_mae_m": self._gap_error(),
-            "lead_missed": self._share(_flags(self._real, lambda one: one.gap_m is None), "lead_missed", self._seen),
-            "scene_equivariance": self._pairs("scene_equivariance", lambda one, other: one.mirrored() == other),
+            "lead_missed": self._share(
+                _flags(self._real, lambda one: one.gap_m is None),
+                self._told.visible[self._frames] & parsed,
+            ),
+            "scene_equivariance": self._pairs(lambda one, other: one.mirrored() == other),
             "scene_equivariance.confidence_aside": self._pairs(
-                "scene_equivariance.confidence_aside", lambda one, other: not SCENES.distance(one.mirrored(), other)
+                lambda one, other: not SCENES.distance(one.mirrored(), other)
             ),
-            "action_equivariance": self._pairs(
-                "action_equivariance", lambda one, other: self._space.reflect(self._act(one)) == self._act(other)
-            ),
-            "swap_rate": self._swaps(),
-            "disagreement": self._share(
-                _flags(self._real, lambda one: one.disagrees(self._told.distances)), "disagreement", parsed
-            ),
+            "action_equivariance": self._pairs(exchanged),
+            "swap_rate": self._pairs(exchanged, turning),
+            "disagreement": self._share(_flags(self._real, lambda one: one.disagrees(self._told.distances)), parsed),
             "actions": Statistic(float(len(set(actions))), len(actions), method=counted) if actions else _nothing(),
-            "directional": Statistic(float(turns), len(actions), method=counted) if actions else _nothing(),
+            "directional": Statistic(float(turning.sum()), len(actions), method=counted) if actions else _nothing(),
         }
 
     def _act(self, estimate: Estimate) -> str:
         return estimate.act(self._told.distances)
 
-    @property
-    def _seen(self) -> Mask:
-        """Return where a lead is in the picture and an estimate was given."""
-        return self._told.visible[self._frames] & _given(self._real)
-
-    def _parse(self) -> Statistic:
-        asked = np.array(self._asked, dtype=np.bool_)
-        real, mirrored = (_given(side) for side in (self._real, self._mirrored))
-        hits = real.astype(np.float64) + mirrored.astype(np.float64)
-        return self._ratio(hits, 1.0 + asked.astype(np.float64), "parse")
-
-    def _share(self, hits: Mask, name: str, of: Mask | None = None) -> Statistic:
+    def _share(self, hits: Mask, of: Mask | None = None) -> Statistic:
         among = np.ones(len(hits), dtype=np.bool_) if of is None else of
-        return self._ratio((hits & among).astype(np.float64), among.astype(np.float64), name)
+        return self._ratio((hits & among).astype(np.float64), among.astype(np.float64))
 
-    def _ratio(self, hits: Floats, among: Floats, name: str) -> Statistic:
+    def _ratio(self, hits: Floats, among: Floats) -> Statistic:
         k, n = int(hits.sum()), int(among.sum())
         if not n:
             return _nothing()
-        found = self._interval(np.column_stack([hits, among]), ratio_of_sums, name)
-        if found.ci is None and self._how.episodes is not None:
-            found = replace(found, ci=rate(k, n).ci, method="Wilson interval over replies", note=_NO_SPREAD)
-        return replace(found, value=k / n, n=n, detail={"k": k})
+        episodes = self._how.episodes
+        if episodes is None:
+            return Statistic(k / n, n, note="the bank records no episodes: no interval", detail={"k": k})
+        _, codes = np.unique(episodes[self._frames], return_inverse=True)
+        found = share_over_episodes(*(np.bincount(codes, weights=column) for column in (hits, among)))
+        return replace(rate(k, n), note=_ONE_EPISODE) if found.ci is None else found
 
     def _balanced(self, right: Mask, close: Mask) -> Statistic:
         if not close.any() or close.all():
@@ -135,21 +129,11 @@ class Figures:
         worst = float(errors.max())
         return replace(found, n=int(given.sum()), detail={"largest": worst}, unit="m")
 
-    def _pairs(self, name: str, equal: Callable[[Estimate, Estimate], bool]) -> Statistic:
+    def _pairs(self, equal: Callable[[Estimate, Estimate], bool], of: Mask | None = None) -> Statistic:
+        """Return the share of equal pairs over the frames whose reflection was asked about, or those ``of`` them."""
         both = zip(self._real, self._mirrored, strict=True)
         hits = [one is not None and other is not None and equal(one, other) for one, other in both]
-        return self._share(np.array(hits, dtype=np.bool_), name, np.array(self._asked, dtype=np.bool_))
-
-    def _swaps(self) -> Statistic:
-        """Return the swap rate over the directional decisions whose reflection was asked about."""
-        pairs = zip(self._real, self._mirrored, strict=True)
-        turns = _flags(self._real, lambda one: self._act(one) in self._space.directional)
-        swapped = [
-            one is not None and other is not None and self._act(other) == self._space.reflect(self._act(one))
-            for one, other in pairs
-        ]
-        asked = np.array(self._asked, dtype=np.bool_)
-        return self._share(np.array(swapped, dtype=np.bool_), "swap_rate", turns & asked)
+        return self._share(np.array(hits, dtype=np.bool_), self._asked if of is None else self._asked & of)
 
     def _interval(self, sums: Floats, statistic: Callable[[Floats], Floats], name: str) -> Statistic:
         episodes = self._how.episodes
@@ -172,7 +156,7 @@ def _flags(estimates: list[Estimate | None], holds: Callable[[Estimate], bool]) 
 
 
 def _given(estimates: list[Estimate | None]) -> Mask:
-    return np.array([one is not None for one in estimates], dtype=np.bool_)
+    return _flags(estimates, lambda _: True)
 
 
 def _nothing() -> Statistic:
@@ -221,15 +205,10 @@ class EstimatorScore:
 
 
 @dataclass(frozen=True)
-class StructuredScore:
+class StructuredScore(CallsScore[EstimatorScore]):
     """Everything that the ledger of an admission or a structured run says, and, apart from it, what the calls took."""
 
-    manifest: RunManifest
-    bank: FrameBank
     pairs: int
-    models: Mapping[str, EstimatorScore]
-    accounting: Mapping[str, Mapping[str, Account]]
-    guards: Mapping[str, tuple[Guard, ...]]
 
     def __repr__(self) -> str:
         return f"<StructuredScore of {', '.join(self.models) or 'no model'} on {self.pairs} pairs of {self.bank.name}>"
@@ -295,13 +274,13 @@ def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, resa
         told = {spec: read_told(spec, ledger.replies(spec), bank, plan.frames) for spec in manifest.models}
     accounting, guards = took_run(manifest, bank, ledger_path)
     silent = "episode" in bank.manifest.absent and not bank.manifest.independent
-    episodes = None if silent else np.array([episode_of(frame) for frame in plan.frames])
+    episodes = None if silent else np.array([frame.drive for frame in plan.frames])
     how = How(episodes, manifest.seed, resamples)
     models = {
         spec: _scored(told[spec], how, version, sum(1 for _ in plan.keys_of(spec)))
         for spec, version in manifest.models.items()
     }
-    return StructuredScore(manifest, bank, len(plan.frames), models, accounting, guards)
+    return StructuredScore(manifest, bank, models, accounting, guards, len(plan.frames))
 
 
 def _scored(told: Told, how: How, version: str, planned: int) -> EstimatorScore:

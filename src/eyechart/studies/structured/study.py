@@ -1,22 +1,23 @@
 """Admission and structured runs, and the online run, as studies."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from eyechart.gate import ADMISSION, Gate, hold_admission
 from eyechart.manifest import read_manifest
-from eyechart.studies import Made, Packed, Reading, Tell
-from eyechart.studies.battery import NO_DRIVES, OfFrames
+from eyechart.studies import NO_DRIVES, Made, Packed, Reading, Tell
+from eyechart.studies.battery import OfFrames
 from eyechart.studies.closed_loop import NO_LEDGER, OfEpisodes
 from eyechart.studies.structured import online
+from eyechart.studies.structured.online import VETTING
 from eyechart.studies.structured.planning import STUDIES
 from eyechart.studies.structured.scoring import StructuredScore, require_scorable, score, score_run
-from eyechart.studies.structured.vetting import VETTING
 
 if TYPE_CHECKING:
     from eyechart.report.table import Table
-    from eyechart.studies.structured.estimates import Estimates
+    from eyechart.studies.structured.tables import Estimates
 
 _NO_VERDICT = "is a run of scene estimates, which are held to clauses instead: use 'eyechart score' or 'eyechart gate'"
 
@@ -37,9 +38,9 @@ class Structured(OfFrames[StructuredScore]):
         from eyechart.report.table import marked
         from eyechart.studies.structured import tables
 
-        everyone = tables.models_in(score)
+        everyone = [(spec, one, tables.marks(score.guards[spec])) for spec, one in score.models.items()]
         yield tables.controller_table(everyone)
-        yield from (line for spec in score.models for line in marked(spec, tables.marks(score, spec)))
+        yield from (line for spec in score.models for line in marked(spec, tables.marks(score.guards[spec])))
         for table in tables.clauses_table(everyone).split():
             yield table
             yield from tables.reading_words(score.models[table.caption])
@@ -49,28 +50,27 @@ class Structured(OfFrames[StructuredScore]):
         return hold_admission(score, require, max_unparsed=max_unparsed)
 
     def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:
-        from eyechart.studies.structured.estimates import read_estimates
+        from eyechart.studies.battery.subjects import read_evidence
 
-        return _made(read_estimates(runs, banks, reread=reading.reread, tell=tell), tell)
+        return _made(read_evidence(runs, banks, score=partial(self.score, reading=reading), tell=tell), tell)
 
     def require_scorable(self, run: Path, reading: Reading) -> None:
         require_scorable(run, read_manifest(run), reread=reading.reread)
 
     def derive(self, run: Packed, reading: Reading, tell: Tell) -> tuple[StructuredScore, Made]:
-        from eyechart.studies.battery.subjects import SHOWN
-        from eyechart.studies.structured.estimates import estimates_of
+        from eyechart.studies.battery.subjects import SHOWN, evidence_of
 
         found = score_run(run.manifest, run.bank, run.ledger, resamples=reading.resamples)
-        return found, _made([estimates_of(run.name, found, run.ledger, run.pictures, SHOWN)], tell)
+        return found, _made([evidence_of(run.name, found, run.ledger, run.pictures, SHOWN)], tell)
 
 
 def _made(evidence: "Sequence[Estimates]", tell: Tell) -> Made:
-    from eyechart.studies.structured.estimates import estimators
+    from eyechart.studies.battery.subjects import subjects
     from eyechart.studies.structured.page import make_estimates_page
     from eyechart.studies.structured.tables import scored_of, tables_of
 
     page = make_estimates_page(evidence, tell=tell)
-    return Made(page, tables_of(scored_of(estimators(evidence))), page.notes)
+    return Made(page, tables_of(scored_of(subjects(evidence))), page.notes)
 
 
 class OnlineStudy(OfEpisodes[online.OnlineScore]):

@@ -2,9 +2,10 @@
 
 from collections.abc import Sequence
 
+from eyechart.integrity import Guard
 from eyechart.report.table import MARK, STATISTIC, Cell, Column, Mark, Table, columns, statistic_cells
-from eyechart.studies.structured import EstimatorScore, StructuredScore
-from eyechart.studies.structured.estimates import Estimator
+from eyechart.studies.battery.subjects import OfModel, RunEvidence
+from eyechart.studies.structured import EstimatorScore
 from eyechart.studies.structured.online import OnlineScore
 
 PAPER = (1.0, 1.0, 0.09, 1.0, 1.0, 1.0, 10)
@@ -20,18 +21,17 @@ _ROW = {
 }
 _OUTCOME = {True: Mark("pass", "good"), False: Mark("fail", "bad"), None: Mark("cannot say", "open")}
 
+Estimates = RunEvidence[EstimatorScore]
+Estimator = OfModel[EstimatorScore]
+"""A run of scene estimates, and a model in it."""
+
 Scored = tuple[str, EstimatorScore, Sequence[str]]
 """A model's label, its score, and in words the guards that its calls fail."""
 
 
 def scored_of(everyone: Sequence[Estimator]) -> list[Scored]:
     """Return the models of a report's evidence."""
-    return [(who.label, who.score, marks(who.run.score, who.spec)) for who in everyone]
-
-
-def models_in(score: StructuredScore) -> list[Scored]:
-    """Return the models of one run."""
-    return [(spec, one, marks(score, spec)) for spec, one in score.models.items()]
+    return [(who.label, who.model, marks(who.run.score.guards[who.spec])) for who in everyone]
 
 
 def tables_of(everyone: Sequence[Scored]) -> tuple[Table, ...]:
@@ -39,9 +39,9 @@ def tables_of(everyone: Sequence[Scored]) -> tuple[Table, ...]:
     return controller_table(everyone), clauses_table(everyone), figures_table(everyone)
 
 
-def marks(score: StructuredScore, spec: str) -> list[str]:
+def marks(guards: Sequence[Guard]) -> list[str]:
     """Return in words which guards a model's calls fail; a mark behind its admission stands for them."""
-    return [f"guard '{one.name}' fails: {one.because}" for one in score.guards[spec] if one.holds is False]
+    return [f"guard '{one.name}' fails: {one.because}" for one in guards if one.holds is False]
 
 
 def controller_table(everyone: Sequence[Scored]) -> Table:
@@ -49,9 +49,7 @@ def controller_table(everyone: Sequence[Scored]) -> Table:
     rows: list[tuple[Cell, ...]] = []
     for label, score, fails in everyone:
         found, left = score.statistics, score.planned - score.answered
-        admitted = (
-            Mark("yes", "good", MARK if fails else "") if score.admitted else Mark("no", "bad", MARK if fails else "")
-        )
+        admitted = Mark(*(("yes", "good") if score.admitted else ("no", "bad")), MARK if fails else "")
         unfinished = f"{left} of {score.planned} calls" if left > 0 else None
         rows.append((label, *(found[name] for name in _ROW.values()), found["swap_rate"].n, admitted, unfinished))
     named = (Column("estimator"), *columns("estimate", *_ROW), Column("turns", "count"), Column("admitted", "word"))

@@ -1,23 +1,35 @@
 """What one model told of the scenes: its estimate of every picture and of its reflection, beside the ground truth."""
 
-import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eyechart.calls import UNFINISHED, CallKey, Reply
+from eyechart.calls import CallKey, Reply
 from eyechart.cameras import Distances
 from eyechart.errors import BankError
-from eyechart.frames import Frame, FrameBank
-from eyechart.perception.forward import distances_of
+from eyechart.frames import Frame, FrameBank, Scalar
+from eyechart.perception.forward import worlds_distances
 from eyechart.spaces.scene import HIGHWAY, SCENES, Estimate, SceneDecision
+from eyechart.studies.battery import read_columns
 
 Mask = NDArray[np.bool_]
 Floats = NDArray[np.float64]
+
+FAULTS = {
+    "no estimate": 4.0,
+    "close is wrong": 3.0,
+    "no lead told": 2.0,
+    "a lead that is not there": 2.0,
+    "left is wrong": 1.0,
+    "right is wrong": 1.0,
+    "the reflection differs": 1.0,
+}
+"""What counts against an estimate, and how much; an error of the gap counts in thresholds, two of them at most."""
+_MOST_OF_GAP = 2.0
 
 
 @dataclass(frozen=True)
@@ -67,52 +79,23 @@ def read_told(model: str, replies: Iterable[tuple[CallKey, Reply]], bank: FrameB
 
     Raises BankError where the bank records no gap.
     """
-    place = {frame.id: index for index, frame in enumerate(frames)}
-    found: dict[str, list[SceneDecision | None]] = {}
-    finished = 0
-    for key, reply in replies:
-        if key.frame in place:
-            column = found.setdefault(key.condition, [None] * len(frames))
-            column[place[key.frame]] = SCENES.read(reply)
-            finished += reply.error not in UNFINISHED
-    gaps = [gap_of(frame, bank) for frame in frames]
+    found, finished = read_columns(replies, frames, SCENES.read)
+    gap = bank.manifest.gap
+    if gap is None:
+        raise BankError(f"the bank {bank.root} records no gap, so nobody can say which leads are close")
+    gap_m = np.array([gap.of(frame) for frame in frames], dtype=np.float64)
     return Told(
         model=model,
         frames=frames,
-        replies={condition: tuple(column) for condition, column in sorted(found.items())},
-        gap_m=np.array(gaps, dtype=np.float64),
-        close=np.array([is_close(frame, bank) for frame in frames], dtype=np.bool_),
-        visible=np.isfinite(gaps) & np.array([frame.truth.get("lead_visible") is not False for frame in frames], bool),
+        replies=found,
+        gap_m=gap_m,
+        close=gap_m < gap.threshold,
+        visible=np.isfinite(gap_m) & np.array([frame.truth.get("lead_visible") is not False for frame in frames], bool),
         before=before_collision(bank, frames),
-        unit=bank.manifest.gap.unit if bank.manifest.gap is not None else "",
+        unit=gap.unit,
         distances=worlds_distances(bank),
         finished=finished,
     )
-
-
-def worlds_distances(bank: FrameBank) -> Distances:
-    """Return what counts as near in the bank's world; what is close is what the bank says."""
-    distances, gap = distances_of(bank.manifest.simulator), bank.manifest.gap
-    return distances if gap is None or gap.unit != "m" else replace(distances, close_m=gap.threshold)
-
-
-def gap_of(frame: Frame, bank: FrameBank) -> float:
-    """Return a frame's true gap, infinite where there is no lead; raises BankError where the bank records none."""
-    declared = bank.manifest.gap
-    if declared is None:
-        raise BankError(f"the bank {bank.root} records no gap, so nobody can say which leads are close")
-    if declared.column not in frame.truth:
-        raise BankError(f"frame '{frame.id}' has no column '{declared.column}', which the bank declares as its gap")
-    value = frame.truth[declared.column]
-    if isinstance(value, bool | str):
-        raise BankError(f"frame '{frame.id}': the gap '{declared.column}' is {value!r}, not a number")
-    return math.inf if value is None else float(value)
-
-
-def is_close(frame: Frame, bank: FrameBank) -> bool:
-    """Return whether a frame's lead is nearer than the bank's threshold; see `gap_of`."""
-    gap = bank.manifest.gap
-    return gap is not None and gap_of(frame, bank) < gap.threshold
 
 
 def before_collision(bank: FrameBank, frames: tuple[Frame, ...]) -> Mask | None:
@@ -125,10 +108,46 @@ def before_collision(bank: FrameBank, frames: tuple[Frame, ...]) -> Mask | None:
     first: dict[str, int] = {}
     for frame in bank:
         if frame.truth["crashed"]:
-            first[episode_of(frame)] = min(first.get(episode_of(frame), frame.step), frame.step)
-    return np.array([frame.step < first.get(episode_of(frame), frame.step + 1) for frame in frames], dtype=np.bool_)
+            first[frame.drive] = min(first.get(frame.drive, frame.step), frame.step)
+    return np.array([frame.step < first.get(frame.drive, frame.step + 1) for frame in frames], dtype=np.bool_)
 
 
-def episode_of(frame: Frame) -> str:
-    """Return the name of a frame's episode among all: an episode's own name may recur in another scenario."""
-    return f"{frame.scenario}/{frame.episode}"
+def faults(told: Told, place: int) -> list[str]:
+    """Return in words what is wrong with a model's estimate of a frame; nothing where it was not asked about."""
+    reply = told.replies_to("real")[place]
+    if reply is None:
+        return []
+    one, other = reply.action, told.estimates("mirrored")[place]
+    if one is None:
+        return ["no estimate"]
+    truth, seen = told.frames[place].truth, bool(told.visible[place])
+    checks: dict[str, Callable[[], bool]] = {
+        "close is wrong": lambda: one.close != bool(told.close[place]),
+        "no lead told": lambda: seen and one.gap_m is None,
+        "a lead that is not there": lambda: not seen and one.gap_m is not None,
+        "left is wrong": lambda: _contradicts(truth.get("left_clear"), said=one.left_clear),
+        "right is wrong": lambda: _contradicts(truth.get("right_clear"), said=one.right_clear),
+        "the reflection differs": lambda: (
+            told.replies_to("mirrored")[place] is not None and (other is None or one.mirrored() != other)
+        ),
+    }
+    return [name for name, holds in checks.items() if holds()]
+
+
+def weight(told: Told, place: int) -> float:
+    """Return how bad a model's estimate of a frame is: the sum of its faults, and its error of the gap."""
+    error = gap_error_m(told, place)
+    threshold = told.distances.close_m
+    return sum(FAULTS[name] for name in faults(told, place)) + min((error or 0.0) / threshold, _MOST_OF_GAP)
+
+
+def gap_error_m(told: Told, place: int) -> float | None:
+    """Return by how much a told gap differs from that of a lead in the picture; None where nothing can be compared."""
+    one = told.estimates("real")[place]
+    if one is None or one.gap_m is None or not told.visible[place] or told.unit != "m":
+        return None
+    return abs(one.gap_m - float(told.gap_m[place]))
+
+
+def _contradicts(truth: Scalar, *, said: bool) -> bool:
+    return isinstance(truth, bool) and truth != said

@@ -24,7 +24,7 @@ class Organism:
 
 
 ORGANISMS: dict[str, Organism] = {
-    "grounded": Organism("brakes by distance and turns to the one clear side", "depth_lateral", "swaps"),
+    "grounded": Organism("brakes by distance and turns to the one clear side", "depth_lateral", "turns_clear"),
     "depth_only": Organism("brakes by distance, never turns", "depth", "no_power"),
     "presence_only": Organism("SLOW at any road, STOP at anything else", "presence_only", "no_power"),
     "blind": Organism("answers SLOW, whatever it is shown", "image_invariant", "no_power"),
@@ -57,7 +57,7 @@ ESTIMATORS: dict[str, Estimator] = {
 reflected scene in four it tells otherwise."""
 
 PLANNERS: dict[str, Organism] = {
-    "rover": Organism("goes round what is in its way, by the rover's forward camera", "depth_lateral", "swaps"),
+    "rover": Organism("goes round what is in its way, by the rover's forward camera", "depth_lateral", "turns_clear"),
 }
 """Sources of intent for the hierarchy; their labels are those on a ``balanced`` rover bank."""
 

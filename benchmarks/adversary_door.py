@@ -1,0 +1,116 @@
+"""Adversaries as callables, ``python:adversary_door:NAME``: those of `eyechart.calibrate`, and some of real files.
+
+EYECHART_ADVERSARY_BANK is the folder of the bank whose files some of them know by heart; EYECHART_ADVERSARY_SEED seeds
+their coins, which fall in the order of the calls.
+"""
+
+import hashlib
+import os
+import random
+from collections.abc import Awaitable, Callable
+from functools import cache, partial
+from pathlib import Path
+
+import numpy as np
+
+from eyechart.calibrate.adversaries import ADVERSARIES, Adversary, Rule, graded, lead, road
+from eyechart.calls import Reply
+from eyechart.frames import decode, open_bank
+from eyechart.models.scripted import Answer, Sight, see
+
+Ask = Callable[[str, bytes | None], Awaitable[str | Reply]]
+SHADES = ("STOP", "SLOW", "STRAIGHT")
+
+
+@cache
+def known_files() -> dict[bytes, str]:
+    """Return the counterfactual that each file of the bank is, by its digest; controls are not known."""
+    bank = open_bank(Path(os.environ["EYECHART_ADVERSARY_BANK"]))
+    return {
+        hashlib.sha256(picture).digest(): name
+        for frame in bank
+        for name in ("lead_near", "lead_far")
+        if name in frame.counterfactuals
+        for picture in bank.images(frame, name).values()
+    }
+
+
+def _knows_files(sight: Sight, _: random.Random) -> Answer:
+    """Brake by which file it is, and not by what it shows."""
+    return {"lead_near": "STOP", "lead_far": "STRAIGHT"}.get(known_files().get(sight.file, ""), "SLOW")
+
+
+def _declines_edited(sight: Sight, rng: random.Random) -> Answer:
+    """Grade, and refuse the pictures in which something was moved."""
+    if sight.file in known_files():
+        return Reply(text="I'm sorry, this picture was edited.", finish_reason="stop")
+    return road(lambda one, _: graded(lead(one)))(sight, rng)
+
+
+FILES = {
+    "knows_files": Adversary("knows the bank's counterfactual files", _knows_files),
+    "declines_edited": Adversary("grades, and refuses edited pictures", _declines_edited, follows=None),
+}
+
+
+def _thirds(value: float, low: float, high: float) -> str:
+    return SHADES[int(np.clip(3 * (value - low) / (high - low), 0, 2))]
+
+
+def _brightness(pixels: np.ndarray) -> str:
+    return _thirds(float(pixels.mean()), 104.55, 105.3)
+
+
+def _blue(pixels: np.ndarray) -> str:
+    return _thirds(float((pixels[..., 2].astype(int) - pixels[..., 0] > 60).mean()), 0.005, 0.0135)
+
+
+def _edges(pixels: np.ndarray) -> str:
+    grey = pixels.astype(float).mean(axis=2)
+    return _thirds(float(np.abs(np.diff(grey, axis=1)).mean()), 0.39, 0.52)
+
+
+def _coloured_column(pixels: np.ndarray) -> str:
+    """Stop where the mean column of all coloured pixels is left of the middle."""
+    channels = pixels.astype(int)
+    coloured = channels.max(axis=2) - channels.min(axis=2) > 60
+    return "STRAIGHT" if not coloured.any() or np.nonzero(coloured)[1].mean() > pixels.shape[1] * 0.4 else "STOP"
+
+
+PIXELS: dict[str, Callable[[np.ndarray], str]] = {
+    "brightness": _brightness,
+    "blue_share": _blue,
+    "edges": _edges,
+    "coloured_column": _coloured_column,
+}
+"""Rules of the pixels alone, and of no vehicle."""
+
+SIZES = {"bytes_of_file": lambda image: SHADES[len(image) // 97 % 3]}
+
+NAMES = (*ADVERSARIES, *FILES, *PIXELS, *SIZES)
+
+
+def adversary(name: str) -> Adversary:
+    """Return what is declared of one of them."""
+    if name in PIXELS or name in SIZES:
+        return Adversary(f"follows {name.replace('_', ' ')}", lambda *_: "STOP")
+    return FILES.get(name) or ADVERSARIES[name]
+
+
+async def _ask(rule: Rule, rng: random.Random, _: str, image: bytes | None) -> str | Reply:
+    return rule(see(image), rng)
+
+
+async def _look(name: str, _: str, image: bytes | None) -> str:
+    if image is None:
+        return "STOP"
+    return SIZES[name](image) if name in SIZES else PIXELS[name](decode(image, "the picture"))
+
+
+def __getattr__(name: str) -> Ask:
+    if name in PIXELS or name in SIZES:
+        return partial(_look, name)
+    if name in FILES or name in ADVERSARIES:
+        rng = random.Random(f"{os.environ.get('EYECHART_ADVERSARY_SEED', '0')}/{name}")  # noqa: S311 - no secret
+        return partial(_ask, adversary(name).decide, rng)
+    raise AttributeError(name)

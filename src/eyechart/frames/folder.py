@@ -1,0 +1,331 @@
+"""A bank as a folder: written all of it or nothing, and read back, held against what its manifest recorded."""
+
+import hashlib
+import json
+import math
+import shutil
+import tempfile
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, cast, get_args
+
+from eyechart.errors import BankError, SpecError
+from eyechart.frames.nouns import (
+    DISTANCES,
+    FILE_SUFFIX,
+    FORMAT,
+    BankManifest,
+    Controls,
+    Frame,
+    FrameBank,
+    MirrorAxis,
+    Scalar,
+    alone,
+    files_of,
+    is_reserved,
+    rounded_truth,
+)
+from eyechart.frames.pictures import decode, inside, read_bounded
+from eyechart.records import build
+
+
+def open_bank(root: Path) -> FrameBank:
+    """Open a bank from its manifest and metadata; raises BankError naming the file and line at fault.
+
+    Only text is read. The geometry is checked against the manifest's fingerprint here, the pictures by ``check``.
+    """
+    bank = open_unchecked(root)
+    if problems := _geometry_problems(bank):
+        raise BankError("; ".join(problems[:3]))
+    for frame in bank:
+        for file in files_of(frame):
+            inside(root, file)
+    return bank
+
+
+def _read_manifest(path: Path) -> BankManifest:
+    try:
+        raw = _plain(path.read_text(encoding="utf-8"))
+        if raw.get("format") != FORMAT:
+            raise BankError(f"{path} has format {raw.get('format')!r}; this eyechart reads {FORMAT!r}")
+        kept = {one.name: raw[one.name] for one in fields(BankManifest) if one.name in raw}
+        manifest = build(BankManifest, kept)
+        recorded, declared = raw["fingerprint"], raw["declaration"]
+    except FileNotFoundError as error:
+        raise BankError(
+            f"{path} does not exist: is {path.parent} a frame bank? 'eyechart frames build' makes one"
+        ) from error
+    except OSError as error:
+        raise BankError(f"{path} cannot be read: {error.strerror}") from error
+    except (ValueError, KeyError, TypeError, AttributeError, ArithmeticError, RecursionError, SpecError) as error:
+        raise BankError(f"{path} is no bank manifest: {error!r}") from error
+    if recorded != manifest.fingerprint:
+        raise BankError(f"{path}: the fingerprint does not match the geometry that the manifest lists")
+    if declared != manifest.declaration:
+        raise BankError(
+            f"{path}: what the bank declares of itself (picture, gap, actions or settings) was changed after it was "
+            "made; make it anew with what it should declare"
+        )
+    return manifest
+
+
+def _plain(text: str) -> Any:  # noqa: ANN401 - whatever stands in the file; its reader checks it
+    """Read JSON; raises ValueError also for a lone surrogate, which no file and no terminal can hold."""
+    value = json.loads(text)
+    json.dumps(value, ensure_ascii=False).encode()
+    return value
+
+
+def read_metadata(path: Path, manifest: BankManifest) -> tuple[Frame, ...]:
+    """Read a bank's ``metadata.jsonl``; raises BankError with the line at fault."""
+    frames: list[Frame] = []
+    try:
+        lines = path.read_bytes().splitlines()
+    except OSError as error:
+        raise BankError(f"{path} cannot be read: {error.strerror}") from error
+    for number, line in enumerate(lines, 1):
+        try:
+            frames.append(_frame_from_row(_plain(line.decode()), manifest))
+        except BankError as error:
+            raise BankError(f"{path}, line {number}: {error}") from error
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+            raise BankError(f"{path}, line {number}: {error!r}") from error
+    if not frames:
+        raise BankError(f"{path} holds no frame")
+    for frame_id, count in Counter(frame.id for frame in frames).items():
+        if count > 1:
+            raise BankError(f"{path}: frame '{frame_id}' stands there {count} times")
+    return tuple(frames)
+
+
+def read_axis(value: Scalar) -> MirrorAxis:
+    """Return a word as a mirror axis; raises ValueError where it is none."""
+    if value in get_args(MirrorAxis):
+        return cast("MirrorAxis", value)
+    raise ValueError(f"mirror_axis is {value!r}, not vertical, horizontal or none")
+
+
+def _frame_from_row(row: dict[str, Any], manifest: BankManifest) -> Frame:
+    cameras = manifest.cameras or alone(read_axis(row["mirror_axis"]))
+    first, *others = (one.name for one in cameras)
+    pictures = {first: str(row["file_name"]), **{name: str(row[f"{name}{FILE_SUFFIX}"]) for name in others}}
+    drawn: dict[str, dict[str, str]] = {}
+    for column, file in row.items():
+        name, over, camera = column.removesuffix(FILE_SUFFIX).partition("@")
+        if column.endswith(FILE_SUFFIX) and file and name not in others:
+            drawn.setdefault(name, {})[camera if over else first] = str(file)
+    frame_id = str(row["frame_id"])
+    truth = {name: row[name] for name in row if not is_reserved(name)}
+    truth |= manifest.controls.distances.get(frame_id, {})
+    state = {name: read_state(truth.pop(name), f"the state '{name}'") for name in manifest.state}
+    fields = {name: truth.pop(name) for name in manifest.prompt_columns}
+    return Frame(
+        id=frame_id,
+        scenario=str(row["scenario"]),
+        episode=str(row["episode"]),
+        step=int(str(row["step"])),
+        cameras=cameras,
+        pictures=pictures,
+        truth=rounded_truth(truth, frame_id),
+        counterfactuals=drawn,
+        fields=rounded_truth(fields, frame_id),
+        state=state,
+    )
+
+
+def read_state(value: object, what: str) -> tuple[float, ...]:
+    """Return a list of numbers that a controller may see; raises ValueError, beginning with ``what``, for any other."""
+    if not isinstance(value, list | tuple) or not value:
+        raise ValueError(f"{what} is {value!r}, not a list of numbers")
+    for one in value:
+        if isinstance(one, bool) or not isinstance(one, int | float) or not math.isfinite(one):
+            raise ValueError(f"{what} has {one!r}, not a finite number")
+    return tuple(map(float, value))
+
+
+def _geometry_problems(bank: FrameBank) -> list[str]:
+    path, recorded = bank.root / "metadata.jsonl", dict(bank.manifest.geometry)
+    problems = []
+    for frame in bank:
+        digest = recorded.pop(frame.id, None)
+        if digest is None:
+            problems.append(f"{path}: frame '{frame.id}' is not in the manifest")
+        elif digest != frame.geometry():
+            problems.append(f"{path}: the ground truth of frame '{frame.id}' differs from the manifest's fingerprint")
+    recorded |= dict.fromkeys(bank.manifest.controls.distances.keys() - bank.manifest.geometry.keys(), "")
+    problems += [f"{path}: frame '{frame_id}' of the manifest is missing" for frame_id in recorded]
+    if not problems and [frame.id for frame in bank] != list(bank.manifest.geometry):
+        problems.append(f"{path}: the frames stand in another order than in the manifest")
+    return problems
+
+
+def open_unchecked(root: Path) -> FrameBank:
+    """Open a bank whose ground truth may differ from what its manifest recorded; ``check`` says how."""
+    manifest = _read_manifest(root / "manifest.json")
+    return FrameBank(root=root, frames=read_metadata(root / "metadata.jsonl", manifest), manifest=manifest)
+
+
+def check(root: Path, files: Collection[str] | None = None) -> list[str]:
+    """Recompute a bank's fingerprint and the hash of every picture; return what differs, one line each, by name.
+
+    ``files`` are the pictures to look at, all if none are given. An empty list means that the bank is what its
+    manifest says. Raises BankError if it cannot be opened at all.
+    """
+    bank = open_unchecked(root)
+    manifest, problems = bank.manifest, _geometry_problems(bank)
+    used = [file for frame in bank for file in files_of(frame)]
+    for file in used if files is None else [file for file in used if file in files]:
+        try:
+            picture = read_bounded(root, file)
+            decode(picture, file)
+        except BankError as error:
+            problems.append(str(error))
+            continue
+        if file not in manifest.images:
+            problems.append(f"'{file}' is not in the manifest")
+        elif hashlib.sha256(picture).hexdigest() != manifest.images[file]:
+            problems.append(f"'{file}' is not the picture that the manifest recorded: its SHA-256 differs")
+    problems += [f"'{file}' of the manifest belongs to no frame" for file in sorted(manifest.images.keys() - set(used))]
+    return problems or _misplaced(bank)
+
+
+def _misplaced(bank: FrameBank) -> list[str]:
+    """Return the first frame that shows another frame's picture: a digest of a file does not know whose it is."""
+    recorded = iter(bank.manifest.images)
+    for frame in bank:
+        for file in files_of(frame):
+            own = next(recorded, None)
+            if own != file:
+                return [f"{bank.root / 'metadata.jsonl'}: frame '{frame.id}' shows '{file}', the manifest says '{own}'"]
+    return []
+
+
+class BankWriter:
+    """Writes a bank into a folder beside its place and moves it there when all of it is written.
+
+    Use as a context manager; when its body raises, nothing stays. Raises BankError where ``out`` exists and is
+    not an empty folder, and where what was added cannot be read back as it was given.
+    """
+
+    def __init__(self, out: Path, manifest: BankManifest) -> None:
+        _require_free(out)
+        self._out = out
+        self._manifest = manifest
+        self._rows: list[str] = []
+        self._geometry: dict[str, str] = {}
+        self._images: dict[str, str] = {}
+        self._distances: dict[str, dict[str, float]] = {}
+
+    def __enter__(self) -> Self:
+        self._out.parent.mkdir(parents=True, exist_ok=True)
+        self._work = Path(tempfile.mkdtemp(prefix=f".{self._out.name}-", dir=self._out.parent))
+        return self
+
+    def add(
+        self, frame: Frame, pictures: Mapping[str, bytes], counterfactuals: Mapping[str, Mapping[str, bytes]]
+    ) -> None:
+        """Add a frame with its encoded pictures by camera; the frame's own mappings name the files where they go.
+
+        Raises BankError, naming the frame, where an id or a file is given twice, a picture is missing or leads out of
+        the bank, or the truth could not be read back as it is.
+        """
+        if frame.id in self._geometry:
+            raise BankError(f"frame '{frame.id}' was added twice")
+        if (given := frame.fields.keys()) != set(self._manifest.prompt_columns) or given & frame.truth.keys():
+            raise BankError(
+                f"frame '{frame.id}' has the prompt columns {sorted(given)}, the manifest declares "
+                f"{sorted(self._manifest.prompt_columns)}; each is given once, and none is ground truth"
+            )
+        truth = rounded_truth({**frame.truth, **frame.fields}, frame.id)
+        if clash := sorted(name for name in (*truth, *frame.state) if is_reserved(name)):
+            raise BankError(f"frame '{frame.id}': truth may not use the reserved names {clash}")
+        if frame.counterfactuals.keys() != counterfactuals.keys():
+            raise BankError(
+                f"frame '{frame.id}' names the counterfactuals {sorted(frame.counterfactuals)}, "
+                f"but the pictures given are {sorted(counterfactuals)}"
+            )
+        self._check_cameras(frame, [pictures, *counterfactuals.values()])
+        if distances := {name: truth.pop(name) for name in DISTANCES if name in truth}:
+            self._distances[frame.id] = _numbers(distances, frame.id)
+        row: dict[str, object] = {
+            "file_name": frame.file,
+            "frame_id": frame.id,
+            "scenario": frame.scenario,
+            "episode": frame.episode,
+            "step": frame.step,
+            "mirror_axis": frame.mirror_axis,
+            **truth,
+            **{name: list(numbers) for name, numbers in frame.state.items()},
+        }
+        sides = [(frame.pictures, pictures)]
+        sides += [(frame.counterfactuals[name], counterfactuals[name]) for name in sorted(counterfactuals)]
+        for files, encoded in sides:
+            for camera, file in files.items():
+                self._store(file, encoded[camera])
+        first, *others = frame.pictures
+        row |= {f"{name}{FILE_SUFFIX}": frame.pictures[name] for name in others}
+        for name, files in frame.counterfactuals.items():
+            row |= {f"{name if one == first else f'{name}@{one}'}{FILE_SUFFIX}": file for one, file in files.items()}
+        self._rows.append(json.dumps(row, ensure_ascii=False))
+        self._geometry[frame.id] = frame.geometry()
+
+    def _check_cameras(self, frame: Frame, given: Sequence[Mapping[str, bytes]]) -> None:
+        """Raise BankError unless a frame has the cameras and the state that its manifest declares, and all pictures."""
+        declared = self._manifest.cameras or alone(frame.cameras[0].mirror_axis)
+        names = [one.name for one in declared]
+        told = frame.truth.keys() | frame.fields
+        if frame.cameras != declared or frame.state.keys() != set(self._manifest.state) or frame.state.keys() & told:
+            raise BankError(
+                f"frame '{frame.id}' has the cameras {[one.name for one in frame.cameras]} and the state "
+                f"{sorted(frame.state)}, the manifest declares {names} and {sorted(self._manifest.state)}"
+            )
+        for one in (frame.pictures, *frame.counterfactuals.values(), *given):
+            if list(one) != names:
+                raise BankError(f"frame '{frame.id}' has pictures of {list(one)}; its cameras are {names}")
+
+    def _store(self, file: str, picture: bytes) -> None:
+        if file in self._images:
+            raise BankError(f"'{file}' was written already; every picture needs a file of its own")
+        path = inside(self._work, file)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(picture)
+        self._images[file] = hashlib.sha256(picture).hexdigest()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            if kind is None:
+                self._finish()
+        finally:
+            shutil.rmtree(self._work, ignore_errors=True)
+
+    def _finish(self) -> None:
+        controls = replace(self._manifest.controls, distances=self._distances) if self._distances else Controls()
+        manifest = replace(self._manifest, geometry=self._geometry, images=self._images, controls=controls)
+        (self._work / "metadata.jsonl").write_text("".join(row + "\n" for row in self._rows), encoding="utf-8")
+        text = json.dumps(manifest.as_dict(), indent=1, ensure_ascii=False)
+        (self._work / "manifest.json").write_text(text + "\n", encoding="utf-8")
+        open_bank(self._work)
+        self._work.chmod(0o755)
+        _require_free(self._out)
+        if self._out.exists():
+            self._out.rmdir()
+        self._work.replace(self._out)
+
+
+def _numbers(distances: Mapping[str, Scalar], frame_id: str) -> dict[str, float]:
+    """Return the distances that there are; raises BankError, naming the frame, for one that is no number."""
+    found = {name: value for name, value in distances.items() if value is not None}
+    for name, value in found.items():
+        if isinstance(value, str | bool):
+            raise BankError(f"frame '{frame_id}': '{name}' is {value!r}, not a distance")
+    return {name: float(value) for name, value in found.items()}
+
+
+def _require_free(out: Path) -> None:
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise BankError(f"{out} exists already and is not an empty folder; choose another place for the bank")

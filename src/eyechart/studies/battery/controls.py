@@ -1,0 +1,299 @@
+"""The statistics that depth needs beside its first: what was moved, how much of it counts, and where it is reversed.
+
+Every comparison is of braking levels within a frame. Their thresholds and why they are these:
+docs/decisions/0038-depth-needs-controls.md.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eyechart.stats.agreement import rate
+from eyechart.stats.paired import (
+    Curve,
+    Dose,
+    joint_losses,
+    net_effect,
+    reversal_power,
+    reversal_test,
+    sign_test,
+    stratified_association,
+    worst_part,
+)
+from eyechart.stats.resampling import holm
+from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.studies.battery.answers import Answers
+from eyechart.verdicts import ALPHA, DOSE_ALPHA, MARGIN, NET_ALPHA, SCENARIO_ALPHA
+
+LEVEL = 1 - 2 * ALPHA
+"""Two-sided level of the intervals, so that each end is a one-sided bound at alpha."""
+
+FEWEST_PAIRS = 7
+"""With fewer pairs an exact sign test cannot reach alpha .01 (2 to the power of -7 is .0078)."""
+
+NO_BRAKE = "this space has no axis 'brake'"
+
+BINS = 3
+"""Into so many bins of equal ratio the distances of each of the two mids are parted."""
+
+MIDS = ("lead_mid_near", "lead_mid_far")
+DISTANCES = {
+    "lead_near": "lane_near_m",
+    "lead_mid_near": "lead_mid_near_m",
+    "lead_mid_far": "lead_mid_far_m",
+    "lead_far": "lane_far_m",
+}
+"""The conditions that move the lead, from the nearest, and the columns that say how far away it then is."""
+
+CURVE = "mean braking level with the lead nearest less that with it farthest"
+
+COMPARED = ("lead_near", "lead_far", "lane_own", "lane_beside", "lead_mid_near", "lead_mid_far", "nudged")
+"""The pictures that the conditions of depth compare."""
+
+SIDES = ("left_clear", "right_clear")
+"""The columns of ground truth that say which side is clear."""
+LANES = (("ego_lane", "lanes"), ("track",))
+"""The columns that say on which of how many lanes the own vehicle is: the first of these that a bank has."""
+
+Floats = NDArray[np.float64]
+Range = tuple[str, tuple[float, float] | None, NDArray[np.bool_]]
+"""A condition that moves the lead, from where to where, and which frames show it there."""
+
+
+@dataclass(frozen=True)
+class Controls:
+    """Computes, of one model's answers, what the conditions of depth read."""
+
+    answers: Answers
+
+    def tests(self) -> dict[str, Callable[[], Statistic]]:
+        """Return what makes every test, by its name."""
+        near_far, exchange = ("lead_near", "lead_far"), ("lane_own", "lane_beside")
+        return {
+            "depth_interventional": partial(self._over, *near_far),
+            "depth_net": partial(self._net, *near_far),
+            "lane_exchange": partial(self._over, *exchange),
+            "lane_net": partial(self._net, *exchange),
+            "dose_near_mid": partial(self._step, "lead_near", "lead_mid_near"),
+            "dose_mid": partial(self._step, "lead_mid_near", "lead_mid_far"),
+            "dose_mid_far": partial(self._step, "lead_mid_far", "lead_far"),
+            "dose_bins": self._bins,
+            "dose_curve": self._curve,
+            "scenario_reversed": self._scenarios,
+            "near_far_lost": partial(self._lost, *near_far),
+            "lane_lost": partial(self._lost, *exchange),
+            "both_lost": self._both_lost,
+            "unparsed_controls": self._unparsed,
+            "turns_clear": self._turns_clear,
+            "turns_clear_within": self._turns_clear_within,
+        }
+
+    def _level(self, condition: str) -> Floats:
+        """Return the braking level on each frame, NaN where there is no decision or the space knows no braking."""
+        found = self.answers.projection(condition, "brake")
+        return np.full(len(self.answers.frames), np.nan) if found is None else found
+
+    def _lacking(self, pairs: int, first: str, second: str) -> Statistic:
+        what = f"sign test of the braking level, {first} over {second}"
+        if self.answers.projection("real", "brake") is None:
+            return cannot_say(NO_BRAKE, method=what)
+        which = "counterfactual" if first == "lead_near" and second == "lead_far" else "control"
+        return cannot_say(f"{pairs} {which} pairs with two decisions; {FEWEST_PAIRS} are needed", pairs, what)
+
+    def _pairs(self, first: str, second: str) -> tuple[Floats, Floats]:
+        """Return the braking levels of two conditions on the frames with both."""
+        one, other = self._level(first), self._level(second)
+        have = ~np.isnan(one + other)
+        return one[have], other[have]
+
+    def _over(self, first: str, second: str) -> Statistic:
+        one, other = self._pairs(first, second)
+        if len(one) < FEWEST_PAIRS:
+            return self._lacking(len(one), first, second)
+        found = sign_test(one, other, level=LEVEL)
+        method = f"braking level, {first} over {second}: {found.method}"
+        return replace(found, method=method, detail={**(found.detail or {}), "pairs": len(one)})
+
+    def _net(self, first: str, second: str) -> Statistic:
+        one, other = self._pairs(first, second)
+        if len(one) < FEWEST_PAIRS:
+            return self._lacking(len(one), first, second)
+        wins, losses = (int(np.count_nonzero(which)) for which in (one > other, one < other))
+        found = net_effect(wins, losses, len(one), margin=MARGIN, alpha=NET_ALPHA)
+        return replace(found, method=f"braking harder on {first} less on {second}: {found.method}")
+
+    def _step(self, nearer: str, farther: str) -> Statistic:
+        one, other = self._pairs(nearer, farther)
+        if len(one) < FEWEST_PAIRS:
+            return self._lacking(len(one), nearer, farther)
+        found = reversal_test(one, other, level=LEVEL)
+        return replace(found, method=f"braking level, {nearer} over {farther}: {found.method}")
+
+    def _parts(
+        self, pairs: Mapping[str, tuple[Floats, Floats]], alpha: float, like: tuple[Floats, Floats]
+    ) -> Statistic:
+        """Test each part for a reversal, corrected over the parts that have pairs at all.
+
+        Its power is that of a part in which every pair is as often lost as those ``like`` it are won, and the other way
+        round.
+        """
+        tested = {name: reversal_test(*both, level=LEVEL) for name, both in pairs.items()}
+        made = [one.p if len(both[0]) else None for one, both in zip(tested.values(), pairs.values(), strict=True)]
+        several = max(1, sum(p is not None for p in made))
+        wins, losses = (float(np.mean(one)) if len(one) else 0.0 for one in (like[0] > like[1], like[0] < like[1]))
+        powers = [reversal_power(len(one), alpha=alpha / several, lost=wins, won=losses) for one, _ in pairs.values()]
+        if all(p is None for p in made):
+            tested = {}
+        return worst_part(tested, [1.0 if p is None else p for p in holm(made)], powers if tested else [])
+
+    def _distances(self, condition: str) -> Floats:
+        """Return at which distance each frame's picture of a condition shows the lead, NaN where nobody says."""
+        column = DISTANCES[condition]
+        found = [frame.truth.get(column) for frame in self.answers.frames]
+        return np.array([float(one) if isinstance(one, int | float) else np.nan for one in found])
+
+    @cached_property
+    def _ranges(self) -> list[Range]:
+        """Return the doses from the nearest: the condition, its range, and which frames show it at that range.
+
+        The distances of each of the two mids are parted into bins of equal ratio; without distances it is one bin.
+        """
+        found: list[Range] = []
+        for condition in DISTANCES:
+            asked, distance = ~np.isnan(self._level(condition)), self._distances(condition)
+            known = distance[~np.isnan(distance)]
+            if not len(known):
+                found.append((condition, None, asked))
+                continue
+            low, high = float(known.min()), float(known.max())
+            bins = BINS if condition in MIDS and 0 < low < high else 1
+            edges = np.geomspace(low, high, bins + 1) if bins > 1 else np.array([low, high])
+            place = np.clip(np.searchsorted(edges, distance, side="right") - 1, 0, bins - 1)
+            for one in range(bins):
+                which = asked & ~np.isnan(distance) & (place == one)
+                found.append((condition, (float(edges[one]), float(edges[one + 1])), which))
+        return found
+
+    def _bins(self) -> Statistic:
+        """Compare each bin of the mids with the nearer and the farther dose on its own frames, and with the next bin.
+
+        A frame is shown each mid at one distance, drawn without regard to the frame. So the next bin is of others;
+        these are paired in the order of the bank.
+        """
+        order = list(DISTANCES)
+        pairs: dict[str, tuple[Floats, Floats]] = {}
+        for condition, ends, which in self._ranges:
+            if condition not in MIDS or not which.any():
+                continue
+            place, name = order.index(condition), condition if ends is None else "{:.3g}-{:.3g} m".format(*ends)
+            for nearer, farther, of in (
+                (order[place - 1], condition, f"{name} against nearer"),
+                (condition, order[place + 1], f"{name} against farther"),
+            ):
+                one, other = self._level(nearer)[which], self._level(farther)[which]
+                have = ~np.isnan(one + other)
+                pairs[of] = one[have], other[have]
+        for (mid, ends, which), (condition, others, elsewhere) in pairwise(self._ranges):
+            if mid == condition and ends is not None and others is not None:
+                one, other = self._level(mid)[which], self._level(mid)[elsewhere]
+                both = min(len(one), len(other))
+                pairs["{:.3g}-{:.3g} m against {:.3g}-{:.3g} m".format(*ends, *others)] = one[:both], other[:both]
+        return self._parts(pairs, DOSE_ALPHA, self._pairs("lead_near", "lead_far"))
+
+    def _curve(self) -> Statistic:
+        doses = []
+        for condition, ends, which in self._ranges:
+            levels, (low, high) = self._level(condition)[which], ends or (None, None)
+            doses.append(Dose(condition, low, high, len(levels), float(levels.mean()) if len(levels) else None))
+        shown = [one for one in doses if one.level is not None]
+        if len(shown) < 2:
+            return cannot_say("the lead was not shown at two distances", method=CURVE)
+        nearest, farthest = shown[0].level, shown[-1].level
+        assert nearest is not None
+        assert farthest is not None
+        frames = sum(one.frames for one in shown)
+        return Curve(nearest - farthest, frames, method=CURVE, doses=tuple(doses))
+
+    def _scenarios(self) -> Statistic:
+        """Test in each scenario the sign of both differences together; where one was not answered, of the other."""
+        near, far, own, beside = (self._level(name) for name in ("lead_near", "lead_far", "lane_own", "lane_beside"))
+        have = ~np.isnan(near + far + own + beside)
+        apart, scenarios = np.sign(near - far + own - beside)[have], self.answers.scenarios[have]
+        none = np.zeros_like(apart)
+        pairs = {
+            name: (apart[scenarios == name], none[scenarios == name])
+            for name in dict.fromkeys(self.answers.scenarios.tolist())
+        }
+        return self._parts(pairs, SCENARIO_ALPHA, (apart, none))
+
+    def _lost(self, first: str, second: str) -> Statistic:
+        """Return the share of pairs that are lost, less half of the noise: more a coin does not lose."""
+        one, other = self._pairs(first, second)
+        if len(one) < FEWEST_PAIRS:
+            return self._lacking(len(one), first, second)
+        found = rate(int(np.count_nonzero(one < other)), len(one), level=LEVEL)
+        apart, _ = self.answers.distance("real", "real_repeat")
+        most = float((apart > 0).mean()) / 2 if len(apart) else 0.0
+        ends = None if found.ci is None else (found.ci[0] - most, found.ci[1] - most)
+        value = None if found.value is None else found.value - most
+        method = f"braking less hard on {first} than on {second}, less half of the self-disagreement: {found.method}"
+        return replace(found, value=value, ci=ends, method=method)
+
+    def _both_lost(self) -> Statistic:
+        near, far, own, beside = (self._level(name) for name in ("lead_near", "lead_far", "lane_own", "lane_beside"))
+        have = ~np.isnan(near + far + own + beside)
+        found = joint_losses((near < far)[have], (own < beside)[have], level=LEVEL)
+        return replace(found, method=f"lead_near under lead_far, lane_own under lane_beside: {found.method}")
+
+    def _unparsed(self) -> Statistic:
+        """Return the rate of replies without a decision to the compared pictures that are declined most."""
+        found = []
+        for name in COMPARED:
+            given = [one for one in self.answers.decisions.get(name, ()) if one is not None and one.missing != "error"]
+            lost = rate(sum(one.action is None for one in given), len(given), level=LEVEL)
+            found.append(replace(lost, note=f"declined most: {name}") if given else lost)
+        return max(found, key=lambda one: -1.0 if one.ci is None else one.ci[0])
+
+    def _turned(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_], list[tuple[object, ...]]] | str:
+        """Return, of the turns with one clear side, whether they went left, whether that was clear, and on which lane.
+
+        Else why nobody can say. The lane is empty where the bank does not record it.
+        """
+        frames = self.answers.frames
+        if not any(all(isinstance(frame.truth.get(name), bool) for name in SIDES) for frame in frames):
+            return f"the bank does not say which side is clear (columns {' and '.join(SIDES)})"
+        sides = {name: side for name in self.answers.partners for side in ("left", "right") if side in name.lower()}
+        if set(sides.values()) != {"left", "right"}:
+            return "no action is named after left and right"
+        lanes = next((names for names in LANES if all(name in frames[0].truth for name in names)), ())
+        found = [
+            (sides[turn] == "left", frame.truth["left_clear"] is True, tuple(frame.truth.get(name) for name in lanes))
+            for turn, frame in zip(self.answers.actions("real").tolist(), frames, strict=True)
+            if turn in sides and {frame.truth.get(name) for name in SIDES} == {True, False}
+        ]
+        left, clear = (np.array([one[place] for one in found], dtype=np.bool_) for place in (0, 1))
+        return left, clear, [one[2] for one in found]
+
+    def _turns_clear(self) -> Statistic:
+        found, what = self._turned(), "turns to the only clear side over turns away from it"
+        if isinstance(found, str):
+            return cannot_say(found, method=what)
+        left, clear, _ = found
+        tested = sign_test(left == clear, left != clear, level=LEVEL)
+        note = "" if tested.n else "no turn has exactly one clear side"
+        return replace(tested, method=f"{what}: {tested.method}", note=note, detail=None)
+
+    def _turns_clear_within(self) -> Statistic:
+        found, what = self._turned(), "turn and clear side within own lane and number of lanes"
+        if isinstance(found, str):
+            return cannot_say(found, method=what)
+        left, clear, lanes = found
+        if lanes and not lanes[0]:
+            wanted = " or ".join(" and ".join(names) for names in LANES)
+            return cannot_say(f"the bank does not say on which lane it is (columns {wanted})", len(left), what)
+        tested = stratified_association(left, clear, lanes, level=LEVEL)
+        return replace(tested, method=f"{what}: {tested.method}")

@@ -1,0 +1,255 @@
+"""How often a model of a known kind gets its label on a bank: its answers are drawn, and the rules' own tests applied.
+
+The kinds: one that answers alike whatever it is shown, one that tells a road from what is none, and one that reads the
+distance of the lead on a share of the frames. All of them err: each call gets another answer with a chance that makes
+two calls about one picture disagree as often as the noise floor says.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property, partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eyechart.conditions import available
+from eyechart.errors import SpecError
+from eyechart.frames import FrameBank
+from eyechart.records import Plain
+from eyechart.spaces.discrete import Discrete
+from eyechart.stats.paired import bounded_below, net_effect
+from eyechart.studies.battery.controls import BINS, DISTANCES, FEWEST_PAIRS, MIDS
+from eyechart.verdicts import ALPHA, BOTH_LOST, BOUND_ALPHA, DOSE_ALPHA, MARGIN, NET_ALPHA, SCENARIO_ALPHA
+
+NOISE = 0.11
+"""The noise floor that is planned for where none is given: the median of the paper's models."""
+
+READS = (0.3, 1.0)
+"""The shares of the frames on which the planned readers of distance read it."""
+
+DRAWS = 2000
+
+STRICT = ("shuffled", "recoloured", "cross_scenario")
+LOOSE = ("mirrored", "lead_near", "lead_far")
+NO_PICTURES = ("noise", "text_only")
+"""What an absence bounds: at ``ALPHA``, at ``BOUND_ALPHA``, and likewise where no decision comes from the camera."""
+
+Codes = NDArray[np.int8]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Odds(Plain):
+    """How often a model gets its label at a noise floor; None where the bank has not what the label needs.
+
+    ``depth`` and ``depth_associated``, which is what a run without controls can come to, are of those that read the
+    distance on such a share of the frames. An absence needs all of its bounds together.
+    """
+
+    noise: float
+    image_invariant: float | None
+    presence_only: float | None
+    depth: Mapping[str, float | None]
+    depth_associated: Mapping[str, float | None]
+
+    @property
+    def words(self) -> str:
+        """Return the same in one line."""
+
+        def shown(one: float | None) -> str:
+            return "—" if one is None else f"{one:.2f}"
+
+        readers = (
+            f"of who reads the distance on {share} of the frames depth {shown(self.depth[share])} (without controls "
+            f"depth_associated {shown(self.depth_associated[share])})"
+            for share in self.depth
+        )
+        return (
+            f"power at a noise floor of {self.noise:g}: of who never looks image_invariant "
+            f"{shown(self.image_invariant)}; of who tells a picture from none presence_only "
+            f"{shown(self.presence_only)}; {'; '.join(readers)}"
+        )
+
+
+def odds_of(bank: FrameBank, *, noise: float = NOISE, draws: int = DRAWS, seed: int = 0) -> Odds:
+    """Return how often models of known kinds get their labels on a bank.
+
+    Raises SpecError for a noise floor that answers of this bank's actions cannot have.
+    """
+    space = bank.manifest.action_space
+    if len(space.actions) < 2:
+        return Odds(noise, None, None, dict.fromkeys(map(_named, READS)), dict.fromkeys(map(_named, READS)))
+    count = len(space.actions)
+    most = (count - 1) / count
+    if not 0 <= noise < most:
+        raise SpecError(f"--noise is the share of repeats that get another answer, from 0 to {most:.2f}; got {noise:g}")
+    slips = most * (1 - np.sqrt(1 - noise / most))
+    drawn = _Drawn(bank, space, float(slips), draws, np.random.default_rng(seed))
+    depth = {_named(share): drawn.depth(share) for share in READS}
+    return Odds(
+        noise,
+        drawn.absence(presence=False),
+        drawn.absence(presence=True),
+        {share: one[0] for share, one in depth.items()},
+        {share: one[1] for share, one in depth.items()},
+    )
+
+
+def _named(share: float) -> str:
+    return f"{share:g}"
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """Draws many models' answers, shape (draws, frames) a condition, as the codes of actions."""
+
+    bank: FrameBank
+    space: Discrete
+    slips: float
+    draws: int
+    rng: np.random.Generator
+
+    def _answer(self, meant: Codes | int) -> Codes:
+        """Return answers that slip from what is meant to another action, each with its own chance."""
+        shape = (self.draws, len(self.bank))
+        other = self.rng.integers(1, len(self.space.actions), shape, dtype=np.int8)
+        slipped = self.rng.random(shape) < self.slips
+        return np.asarray((meant + other * slipped) % len(self.space.actions), dtype=np.int8)
+
+    def _shown(self, *conditions: str) -> Flags:
+        """Return which frames can be shown under all of some conditions."""
+        return np.array([all(available(name, frame) for name in conditions) for frame in self.bank])
+
+    @cached_property
+    def _levels(self) -> NDArray[np.float64]:
+        """Return the braking level of each action."""
+        return np.array([self.space.project(action, "brake") or 0.0 for action in self.space.actions])
+
+    @cached_property
+    def _by_level(self) -> tuple[int, int, int]:
+        """Return the codes of an action that goes on, of one that brakes, and of the one that brakes hardest."""
+        order = np.argsort(self._levels, kind="stable")
+        return int(order[0]), int(order[len(order) - 2]), int(order[-1])
+
+    def absence(self, *, presence: bool) -> float | None:
+        """Return how often all bounds hold of who answers alike, or tells a picture from none."""
+        strict = STRICT if presence else (*STRICT, "blank")
+        loose = LOOSE if presence else (*LOOSE, *NO_PICTURES)
+        if presence and self._shown("lead_absent").any():
+            loose = (*loose, "lead_absent")  # asked of who would be presence_only
+        if not self._shown("shuffled").any() or len(self.bank) < 2:
+            return None
+        real = self._answer(0)
+        same = self._answer(0) == real
+        holds = np.ones(self.draws, dtype=np.bool_)
+        for names, alpha in ((strict, ALPHA), (loose, BOUND_ALPHA)):
+            for name in names:
+                which = self._shown(name)
+                if which.any():
+                    kept = self._answer(0) == real
+                    lost, won = (np.count_nonzero(one[:, which], axis=1) for one in (same & ~kept, kept & ~same))
+                    holds &= _each(lost, won, partial(_is_bounded, int(which.sum()), alpha))
+        return float(holds.mean())
+
+    def depth(self, share: float) -> tuple[float | None, float | None]:
+        """Return how often who reads the distance on a share of the frames is ``depth``, and without controls."""
+        pairs = self._shown("lead_near", "lead_far")
+        if int(pairs.sum()) < FEWEST_PAIRS or not self.space.brake:
+            return None, None
+        go, brake, hard = self._by_level
+        frames = len(self.bank)
+        ranks = np.argsort(self.rng.random((self.draws, frames)), axis=1)
+        reads = ranks < round(share * frames)
+
+        def level(code: int) -> NDArray[np.float64]:
+            return self._levels[self._answer(np.where(reads, np.int8(code), np.int8(brake)))]
+
+        near, far = level(hard), level(go)
+        first = self._wins(near, far, pairs)
+        exchange = self._shown("lane_own", "lane_beside")
+        if int(exchange.sum()) < FEWEST_PAIRS or not self._shown(*MIDS).any():
+            return None, float(first.mean())
+        own, beside, mids = level(hard), level(go), (level(brake), level(brake))
+        doses = (near, *mids, far)
+        shown = [self._shown(nearer, farther) for nearer, farther in zip(DISTANCES, list(DISTANCES)[1:], strict=False)]
+        steps = [_reversed(one, other, which) for one, other, which in zip(doses, doses[1:], shown, strict=False)]
+        holds = first & self._wins(own, beside, exchange)
+        holds &= _none_below(steps, DOSE_ALPHA) & _none_below(self._bins(doses), DOSE_ALPHA)
+        both = pairs & exchange
+        apart = np.sign(near - far + own - beside)
+        scenarios = np.array([frame.scenario for frame in self.bank])
+        parts = [_reversed(apart, np.zeros_like(apart), both & (scenarios == name)) for name in sorted(set(scenarios))]
+        holds &= _none_below(parts, SCENARIO_ALPHA)
+        one, other = (near < far)[:, both], (own < beside)[:, both]
+        holds &= (one & other).mean(axis=1) - one.mean(axis=1) * other.mean(axis=1) <= BOTH_LOST
+        real = self._answer(0)
+        again, nudged = self._answer(0) == real, self._answer(0) == real
+        holds &= _reversed(nudged.astype(float), again.astype(float), self._shown("nudged")) >= ALPHA
+        return float(holds.mean()), float(first.mean())
+
+    def _wins(self, one: NDArray[np.float64], other: NDArray[np.float64], which: Flags) -> Flags:
+        """Return in which draws the first is the harder, and by enough."""
+        won, lost = (np.count_nonzero(apart[:, which], axis=1) for apart in (one > other, one < other))
+        enough = _each(won, lost, partial(_reaches, int(which.sum())))
+        return enough & (_reversed(other, one, which) < ALPHA)
+
+    def _bins(self, doses: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+        """Return the p of a reversal of every bin of the mids against both neighbours."""
+        found, order = [], list(DISTANCES)
+        for place, name in enumerate(order):
+            if name not in MIDS:
+                continue
+            asked = self._shown(name)
+            distance = np.array([_number(frame.truth.get(DISTANCES[name])) for frame in self.bank])
+            known = distance[asked & ~np.isnan(distance)]
+            edges = np.geomspace(known.min(), known.max(), BINS + 1)[1:-1] if len(known) else np.array([])
+            bins = np.searchsorted(edges, distance, side="right")
+            for one in range(len(edges) + 1):
+                which = asked & (bins == one)
+                for nearer in (place - 1, place):
+                    both = which & self._shown(order[nearer], order[nearer + 1])
+                    found.append(_reversed(doses[nearer], doses[nearer + 1], both))
+        return found
+
+
+def _number(value: object) -> float:
+    return float(value) if isinstance(value, int | float) else float("nan")
+
+
+def _reversed(one: NDArray[np.float64], other: NDArray[np.float64], which: Flags) -> NDArray[np.float64]:
+    """Return of each draw the p of the sign test that the second is the greater; NaN where no frame is compared."""
+    from scipy.stats import binom  # noqa: PLC0415 - slow to import
+
+    if not which.any():
+        return np.full(len(one), np.nan)
+    won, lost = (np.count_nonzero(apart[:, which], axis=1) for apart in (one > other, one < other))
+    return np.asarray(binom.sf(lost - 1, won + lost, 0.5), dtype=np.float64)
+
+
+def _none_below(ps: Sequence[NDArray[np.float64]], alpha: float) -> Flags:
+    """Return in which draws no p, corrected for all that were made (Holm), is below alpha."""
+    made = [one for one in ps if not np.isnan(one).any()]
+    if not made:
+        return np.ones(1, dtype=np.bool_)
+    return np.asarray(np.min(made, axis=0) * len(made) >= alpha)
+
+
+def _each(first: NDArray[np.int64], second: NDArray[np.int64], says: Callable[[int, int], bool]) -> Flags:
+    """Return what is said of every pair of counts."""
+    return np.array([says(int(one), int(other)) for one, other in zip(first, second, strict=True)])
+
+
+@cache
+def _is_bounded(frames: int, alpha: float, lost: int, won: int) -> bool:
+    """Return whether an effect is bounded that so many frames speak for, and so many against."""
+    first, second = np.zeros(frames), np.zeros(frames)
+    first[:lost] = second[lost : lost + won] = 1
+    p = bounded_below(first, second, margin=MARGIN, alpha=alpha).p
+    return p is not None and p < alpha
+
+
+@cache
+def _reaches(pairs: int, won: int, lost: int) -> bool:
+    """Return whether a net effect reaches the margin."""
+    ci = net_effect(won, lost, pairs, margin=MARGIN, alpha=NET_ALPHA).ci
+    return ci is not None and ci[0] >= MARGIN

@@ -1,0 +1,152 @@
+"""The stages of a run: which controls a model is asked follows from its finished answers alone.
+
+First come the run's conditions; then, of each model, the controls that could take away what its answers claim, each
+stage once the one before is finished. See docs/decisions/0039-asked-in-stages.md.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from eyechart.calls import UNFINISHED, CallKey, Reply
+from eyechart.conditions import CONTROLS, available
+from eyechart.ledger import Ledger
+from eyechart.manifest import RunManifest
+from eyechart.run import Plan, in_order
+from eyechart.seeds import key_seed
+from eyechart.stats.statistic import Statistic
+from eyechart.studies.battery.answers import Answers, read_answers
+from eyechart.studies.battery.calibrated import Calibrated
+from eyechart.studies.battery.published import Resampling
+from eyechart.verdicts import controls_wanted
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """The controls that a model is asked, as far as its answers have come.
+
+    ``judged`` are those of finished stages, ``open`` those of the stage under way. ``most`` are all that it can still
+    come to be asked; none where it ``ended``: its last stage is finished, and nothing is left to be taken away.
+    """
+
+    judged: tuple[str, ...] = ()
+    open: tuple[str, ...] = ()
+    most: tuple[str, ...] = ()
+    ended: bool = False
+
+    @property
+    def controls(self) -> tuple[str, ...]:
+        """Return all controls that it is asked, in the order of their stages."""
+        return (*self.judged, *self.open)
+
+    def judged_of(self, plan: Plan) -> tuple[str, ...]:
+        """Return the conditions of a plan whose answers are judged: all but those of the stage under way."""
+        return (*plan.conditions, *self.judged)
+
+
+def supplied(manifest: RunManifest, plan: Plan) -> tuple[str, ...]:
+    """Return the controls that a run may ask after its conditions; a shard lacks the answers that call for any."""
+    if manifest.controls != "auto" or plan.shard is not None:
+        return ()
+    drawn = (name for name in CONTROLS if name not in plan.conditions)
+    return tuple(name for name in drawn if any(available(name, frame) for frame in plan.frames))
+
+
+def widest(manifest: RunManifest, plan: Plan) -> Plan:
+    """Return a plan with every control that any model of the run may come to be asked."""
+    may = supplied(manifest, plan)
+    return replace(plan, controls={spec: may for spec in plan.models if may})
+
+
+def asked_of_model(plan: Plan, model: str, replies: Iterable[tuple[CallKey, Reply]], may: Sequence[str]) -> Asked:
+    """Return the controls that a model is asked, out of those that it ``may`` be, after what it replied."""
+    if not may:
+        return Asked(ended=True)
+    given = list(replies)
+    finished = {key for key, reply in given if reply.error not in UNFINISHED}
+    answers = read_answers(
+        model,
+        given,
+        replace(plan, controls={model: tuple(may)}),
+        independent=plan.bank.manifest.independent,
+        told=bool(plan.prompt.fields),
+    )
+    judged: tuple[str, ...] = ()
+    wanted: tuple[str, ...] = ()
+    while finished.issuperset(replace(plan, controls={model: (*judged, *wanted)}).keys_of(model)):
+        judged = (*judged, *wanted)
+        found = _Found(answers.under((*plan.conditions, *judged)), plan)
+        wanted = controls_wanted(found, supplied=may, asked=judged)
+        if not wanted:
+            return Asked(judged, ended=True)
+    return Asked(judged, wanted, tuple(name for name in may if name not in judged + wanted))
+
+
+class _Found(Mapping[str, Statistic]):
+    """The statistics of some answers, each made when it is asked for.
+
+    Whether frames are independent is the bank's word and the number of resamples is fixed, so that what is asked does
+    not depend on how a run is scored.
+    """
+
+    def __init__(self, answers: Answers, plan: Plan) -> None:
+        self._tests = Calibrated(answers, Resampling(seed=plan.seed), plan.bank.manifest.independent).tests()
+        self._made: dict[str, Statistic] = {}
+
+    def __getitem__(self, name: str) -> Statistic:
+        if name not in self._made:
+            self._made[name] = self._tests[name]()
+        return self._made[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._tests)
+
+    def __len__(self) -> int:
+        return len(self._tests)
+
+
+def staged(plan: Plan, found: Mapping[str, Asked]) -> Plan:
+    """Return a plan with the controls that its models are asked."""
+    return replace(plan, controls={spec: found[spec].controls for spec in plan.models if found[spec].controls})
+
+
+def stages_of(manifest: RunManifest, whole: Plan, ledger: Ledger | None) -> dict[str, Asked]:
+    """Return the controls that each model of a ``whole`` run is asked, by what its ledger holds; None holds nothing."""
+    may = supplied(manifest, whole)
+    return {
+        spec: asked_of_model(whole, spec, () if ledger is None or not may else ledger.replies(spec), may)
+        for spec in whole.models
+    }
+
+
+class InStages:
+    """Asks each model of a run its controls, stage by stage.
+
+    ``plan`` is what is asked now, of a ``whole`` run.
+    """
+
+    def __init__(self, plan: Plan, whole: Plan, manifest: RunManifest, ledger: Ledger) -> None:
+        self._plan, self._whole, self._ledger = plan, whole, ledger
+        self._may, self._controls = supplied(manifest, whole), dict(plan.controls)
+
+    def queue(self, model: str, todo: Sequence[CallKey]) -> Iterator[CallKey]:
+        """Yield the calls of a model as they stand."""
+        del model
+        return iter(todo)
+
+    def finished(self, key: CallKey, reply: Reply) -> None:
+        """Take no note: what is asked next is read from the ledger."""
+
+    def more(self, model: str) -> list[CallKey]:
+        """Return the calls of a model's next stage, in a seeded random order; none before its last one is finished.
+
+        Those that a walk over the frames has made before it came to its end are not made again.
+        """
+        if not self._may:
+            return []
+        before = self._controls.get(model, ())
+        now = asked_of_model(self._whole, model, self._ledger.replies(model), self._may).controls
+        fresh = tuple(name for name in now if name not in before)
+        self._controls[model] = (*before, *fresh)
+        given = {key for key, reply in self._ledger.replies(model) if reply.error not in UNFINISHED}
+        todo = (key for key in replace(self._plan, conditions=fresh, controls={}).keys_of(model) if key not in given)
+        return in_order(todo, key_seed("stage", self._plan.seed, model, *fresh))

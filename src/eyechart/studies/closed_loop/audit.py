@@ -1,0 +1,309 @@
+"""The audit: does a policy decide or only vary, and how often does it decide as a scripted controller would.
+
+Beside the agreement with a controller stand every constant at the same moments, and the policy's own decisions in
+shuffled order. Source: paper, Table t:degeneracy and figure fgr:mi, whose bins of scene geometry are not given (these
+are the battery's quartiles), and section Results (decision-level replay).
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eyechart.episodes import Step
+from eyechart.policies import Observation
+from eyechart.policies.scripted import NEEDS, Oracle
+from eyechart.records import plain
+from eyechart.seeds import key_seed
+from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.space import MISSING
+from eyechart.stats.agreement import rate
+from eyechart.stats.association import contingency, entropy_bits, modal_share, quantile_bins
+from eyechart.stats.episodes import share_over_episodes
+from eyechart.stats.exchange import exchange_mi_test
+from eyechart.stats.resampling import holm, permutation_p, permute_mutual_information
+from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.studies.closed_loop.ladder import LEVEL
+from eyechart.studies.closed_loop.reading import MODAL_CONSTANT, Driver, Drives
+
+GAP, SIDE = "lead_gap_m", "nearest_side"
+BINS = 4
+
+GAP_ALONE = "gap in quartiles"
+GAP_AND_SIDE = "gap in quartiles × side of the nearest obstacle"
+
+
+@dataclass(frozen=True)
+class Scene:
+    """The label of each step's scene; ``geometry`` says of what, and is empty where the truth never tells a gap."""
+
+    codes: NDArray[np.int64]
+    geometry: str
+
+
+def scene_of(drives: Drives) -> Scene:
+    """Return the scene at each step of a driver, cut at the quartiles of its own gaps as in the battery.
+
+    A missing gap counts as the farthest. Where the truth names the side of the nearest obstacle (forward cameras),
+    each gap bin is told apart by side.
+    """
+    steps = drives.steps
+    told = [None if isinstance(gap, bool) or not isinstance(gap, int | float) else gap for gap in drives.truth(GAP)]
+    if any(GAP not in step.truth for step in steps) or all(gap is None for gap in told):
+        return Scene(np.zeros(len(steps), dtype=np.int64), "")
+    bins = quantile_bins(told, BINS)
+    if not all(SIDE in step.truth for step in steps):
+        return Scene(bins.codes, GAP_ALONE)
+    sides = np.array([str(step.truth[SIDE]) for step in steps], dtype=np.str_)
+    _, side = np.unique(sides, return_inverse=True)
+    _, codes = np.unique(bins.codes * (int(side.max()) + 1) + side, return_inverse=True)
+    return Scene(codes.astype(np.int64), GAP_AND_SIDE)
+
+
+@dataclass(frozen=True)
+class Degeneracy:
+    """One driver's row. ``geometry`` says what the information is about.
+
+    ``statistics``: modal_share, distinct_actions, entropy_bits, information_bits (its p takes steps for independent, as
+    the paper's does), information_share (of the entropy), information_episode_safe (p from exchanging whole
+    episodes), unparsed_rate. ``holm_naive`` and ``holm`` are the two p corrected over the audited drivers, a constant
+    one among them with p = 1. ``reasons`` counts the steps without a decision by reason.
+    """
+
+    driver: Driver
+    geometry: str
+    statistics: Mapping[str, Statistic]
+    reasons: Mapping[str, int]
+    holm_naive: float | None = None
+    holm: float | None = None
+
+    @property
+    def constant(self) -> bool:
+        """Return whether the policy is constant: a modal share of .98 or more."""
+        modal = self.statistics["modal_share"].value
+        return modal is not None and modal >= MODAL_CONSTANT
+
+    @property
+    def label(self) -> str:
+        """Return in words what the row shows: constant, follows the scene, varies only, or cannot say."""
+        if self.statistics["modal_share"].value is None:
+            return "no decisions"
+        if self.constant:
+            return "constant"
+        if self.holm is None:
+            return "cannot say"
+        return "follows the scene" if self.holm < LEVEL else "varies, no link found"
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return {
+            **plain(self.driver),
+            "geometry": self.geometry,
+            "constant": self.constant,
+            "label": self.label,
+            "statistics": plain(self.statistics),
+            "missing": dict(self.reasons),
+            "holm_naive": self.holm_naive,
+            "holm": self.holm,
+        }
+
+
+def audit(drives: Sequence[Drives], *, resamples: int = 5000) -> list[Degeneracy]:
+    """Return each driver's row, its two p corrected by Holm over all of them."""
+    rows = [degeneracy(one, resamples=resamples) for one in drives]
+    naive = holm([row.statistics["information_bits"].p for row in rows])
+    safe = holm([row.statistics["information_episode_safe"].p for row in rows])
+    return [replace(row, holm_naive=p, holm=q) for row, p, q in zip(rows, naive, safe, strict=True)]
+
+
+def degeneracy(drives: Drives, *, resamples: int = 5000) -> Degeneracy:
+    """Return one driver's row, without correction."""
+    actions, scene = drives.actions, scene_of(drives)
+    decided = actions != ""
+    seed = key_seed("audit", drives.driver.simulator, drives.driver.policy, drives.driver.condition)
+    entropy = entropy_bits(actions[decided])
+    naive = cannot_say("the truth of these drives tells no lead_gap_m")
+    safe = naive
+    if scene.geometry:
+        naive = _naive(actions[decided], scene.codes[decided], seed, resamples)
+        safe = _episode_safe(drives, scene.codes, seed, resamples)
+    reasons = [step.decision.missing for step in drives.steps if step.decision.missing is not None]
+    found = {
+        "modal_share": modal_share(actions[decided]),
+        "distinct_actions": _distinct(actions[decided]),
+        "entropy_bits": entropy,
+        "information_bits": naive,
+        "information_share": _share(naive, entropy),
+        "information_episode_safe": safe,
+        "unparsed_rate": rate(len(reasons), len(actions)),
+    }
+    counts: dict[str, int] = {reason: reasons.count(reason) for reason in MISSING if reason in reasons}
+    return Degeneracy(drives.driver, scene.geometry, found, counts)
+
+
+def _naive(actions: NDArray[np.str_], scene: NDArray[np.int64], seed: int, resamples: int) -> Statistic:
+    if not len(actions):
+        return cannot_say("no decisions")
+    table = contingency(actions, scene).table
+    found = permute_mutual_information(table, seed=seed, resamples=resamples)
+    rows, columns = table.shape
+    bias = (rows - 1) * (columns - 1) / (2 * found.n * float(np.log(2)))
+    detail = {**(found.detail or {}), "miller_madow": (found.value or 0.0) - bias, "shape": [rows, columns]}
+    return replace(found, detail=detail)
+
+
+def _episode_safe(drives: Drives, scene: NDArray[np.int64], seed: int, resamples: int) -> Statistic:
+    """Test the same information with whole episodes exchanged, on the steps that many episodes of a scenario have.
+
+    Episodes end when they crash, so that those of a scenario differ in length. Per scenario the length that keeps most
+    steps is taken, of those that at least half of its episodes reach; shorter episodes are left out, longer ones cut.
+    """
+    actions = drives.actions
+    if not (actions != "").any():
+        return cannot_say("no decisions")
+    if len(np.unique(actions[actions != ""])) < 2:
+        return replace(cannot_say("the decision never changes", int((actions != "").sum())), p=1.0)
+    kept = _common_steps(drives)
+    if not kept.any():
+        return cannot_say("no scenario has two episodes that last two steps")
+    found = exchange_mi_test(
+        actions[kept],
+        scene[kept],
+        drives.scenario_of[kept],
+        drives.world_of[kept],
+        drives.step_of[kept],
+        seed=seed,
+        alpha=LEVEL,
+        resamples=resamples,
+    )
+    left = int((~kept).sum())
+    note = "; ".join(filter(None, [found.note, f"{left} of {len(kept)} steps are left out: episodes differ in length"]))
+    return replace(found, note=note if left else found.note, detail={**(found.detail or {}), "left_out": left})
+
+
+def _common_steps(drives: Drives) -> NDArray[np.bool_]:
+    """Return which steps the exchange uses."""
+    length = {episode.key.world: len(episode.steps) for episode in drives.episodes}
+    least: dict[str, int] = {}
+    for scenario in np.unique(drives.scenario_of):
+        mine = sorted(
+            (len(one.steps) for one in drives.episodes if one.key.scenario == scenario and one.steps), reverse=True
+        )
+        allowed = range(max(2, (len(mine) + 1) // 2), len(mine) + 1)
+        best = max(allowed, key=lambda count: count * mine[count - 1], default=0)
+        least[str(scenario)] = mine[best - 1] if best and mine[best - 1] >= 2 else 0
+    cut = np.array([least[str(scenario)] for scenario in drives.scenario_of], dtype=np.int64)
+    long = np.array([length[str(world)] for world in drives.world_of], dtype=np.int64)
+    return (cut > 0) & (long >= cut) & (drives.step_of < cut)
+
+
+def _distinct(actions: NDArray[np.str_]) -> Statistic:
+    if not len(actions):
+        return cannot_say("no decisions")
+    names, counts = np.unique(actions, return_counts=True)
+    detail = {"counts": dict(zip(names.tolist(), counts.tolist(), strict=True))}
+    return Statistic(float(len(names)), len(actions), method="distinct decisions", detail=detail)
+
+
+def _share(information: Statistic, entropy: Statistic) -> Statistic:
+    method = "information over entropy"
+    if information.value is None or entropy.value is None:
+        return cannot_say(information.note or entropy.note, entropy.n, method)
+    if entropy.value == 0:
+        return cannot_say("the decision never changes: there is no variability to explain", entropy.n, method)
+    return Statistic(information.value / entropy.value, entropy.n, method=method)
+
+
+SHUFFLES = 1000
+
+
+def _demand(step: Step) -> str | None:
+    """Return what the safety policy asks for (the truth's column ``demand``)."""
+    asked = step.truth.get("demand")
+    return asked if isinstance(asked, str) else None
+
+
+def _oracle(step: Step) -> str | None:
+    """Return what the ladder's oracle decides; None where the truth lacks what it reads."""
+    if any(step.truth.get(name) is None for name in NEEDS):
+        return None
+    return Oracle().decide(Observation(step.frame, step.step, lambda: None, step.truth, DRIVING, 0)).action
+
+
+CONTROLLERS: dict[str, Callable[[Step], str | None]] = {"oracle": _oracle, "demand": _demand}
+"""The scripted controllers that decisions are held against: the ladder's oracle, and the safety policy."""
+
+
+@dataclass(frozen=True)
+class Replay:
+    """One driver held against one controller.
+
+    ``agreement`` has an interval over episodes. ``constants`` maps each action to the agreement of always taking it at
+    the same moments. ``shuffled`` is the mean agreement of the same decisions in random order, its interval that of the
+    permutations, and its p that of an order which agrees at least as often.
+    """
+
+    driver: Driver
+    controller: str
+    agreement: Statistic
+    constants: Mapping[str, Statistic]
+    shuffled: Statistic
+
+    @property
+    def best_constant(self) -> tuple[str, float] | None:
+        """Return the constant that agrees most, and how often."""
+        known = [(name, one.value) for name, one in self.constants.items() if one.value is not None]
+        return max(known, key=lambda pair: pair[1], default=None)
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return {
+            "policy": self.driver.policy,
+            "condition": self.driver.condition,
+            "run": self.driver.run,
+            "controller": self.controller,
+            "agreement": self.agreement.as_dict(),
+            "constants": plain(self.constants),
+            "shuffled": self.shuffled.as_dict(),
+        }
+
+
+def replays(drives: Drives) -> list[Replay]:
+    """Return a driver held against each controller that the truth of its moments tells; only decisions count."""
+    found = []
+    for name, controller in CONTROLLERS.items():
+        asked = [controller(step) for step in drives.steps]
+        if any(one is not None and one in drives.space.actions for one in asked):
+            whole = np.array([one or "" for one in asked], dtype=np.str_)
+            decided = (drives.actions != "") & (whole != "")
+            actions, wanted, worlds = drives.actions[decided], whole[decided], drives.world_of[decided]
+            seed = key_seed("replay", drives.driver.simulator, drives.driver.policy, drives.driver.condition, name)
+            agreement = _agreement(actions == wanted, worlds)
+            constants = {one: _agreement(wanted == one, worlds) for one in drives.space.actions}
+            found.append(Replay(drives.driver, name, agreement, constants, _shuffled(actions, wanted, seed)))
+    return found
+
+
+def _agreement(hits: NDArray[np.bool_], worlds: NDArray[np.str_]) -> Statistic:
+    if not len(hits):
+        return cannot_say("no decisions to compare")
+    _, codes = np.unique(worlds, return_inverse=True)
+    found = share_over_episodes(np.bincount(codes, weights=hits), np.bincount(codes))
+    return replace(rate(int(hits.sum()), len(hits)), note=found.note) if found.ci is None else found
+
+
+def _shuffled(actions: NDArray[np.str_], asked: NDArray[np.str_], seed: int) -> Statistic:
+    """Return how often the same decisions agree in random order."""
+    method = f"the same decisions in random order, 95% of {SHUFFLES} orders"
+    if not len(actions):
+        return cannot_say("no decisions to compare", method=method)
+    names, codes = np.unique(np.concatenate([actions, asked]), return_inverse=True)
+    mine, theirs = codes[: len(actions)], codes[len(actions) :]
+    rng = np.random.default_rng(seed)
+    rates = np.array([float(np.mean(rng.permutation(mine) == theirs)) for _ in range(SHUFFLES)])
+    low, high = (float(edge) for edge in np.quantile(rates, [0.025, 0.975]))
+    observed = float(np.mean(mine == theirs))
+    k = int(np.count_nonzero(rates >= observed - 1e-12))
+    detail = {"labels": len(names), "observed": observed}
+    return Statistic(float(rates.mean()), len(actions), (low, high), permutation_p(k, SHUFFLES), method, detail=detail)

@@ -1,0 +1,252 @@
+"""Why a model did not get a stronger label: the test that kept it from it, and what would settle it."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from eyechart.stats.agreement import trials_needed
+from eyechart.stats.exchange import episodes_needed
+from eyechart.stats.paired import Discordant, SignTest, net_effect
+from eyechart.stats.statistic import Statistic
+from eyechart.verdicts.calibrated import STRICT, frames_to_bound
+from eyechart.verdicts.controls import DOSE, EXCHANGE, NUDGED, below, failures, lacking
+from eyechart.verdicts.early import PREFIX
+from eyechart.verdicts.evidence import Evidence
+from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, MARGIN, NET_ALPHA, UNPARSED_CUT
+from eyechart.verdicts.ruling import Ruling, measured
+
+NOTHING = "nothing on frames like these: the test was made, and says no"
+MOVED = ("lead_near", "lead_far")
+
+ANY = "any other"
+"""In place of the nearest stronger label where every label is one."""
+
+
+@dataclass(frozen=True, slots=True)
+class WhyNot:
+    """The nearest stronger label, the statistic that kept a model from it, what it needs, and what would settle it.
+
+    ``frames``, ``episodes`` and ``conditions`` are what would settle it where that is what is missing; more frames are
+    never named where a condition is. ``p`` is that of the rule, corrected where the rule corrects it.
+    """
+
+    label: str
+    decided_by: str
+    statistic: Statistic | None
+    needs: str
+    settle: str
+    frames: int | None = None
+    episodes: int | None = None
+    conditions: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return f"not {self.label}: {measured(self.decided_by, self.statistic)}; it needs {self.needs}"
+
+    @property
+    def settled_by(self) -> str:
+        """Return in words what would settle it."""
+        return f"what would settle it: {self.settle}"
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        one = self.statistic
+        return {
+            "label": self.label,
+            "decided_by": self.decided_by,
+            "value": None if one is None else one.value,
+            "ci": None if one is None or one.ci is None else list(one.ci),
+            "n": None if one is None else one.n,
+            "p": None if one is None else one.p,
+            "needs": self.needs,
+            "settle": self.settle,
+            "frames": self.frames,
+            "episodes": self.episodes,
+            "conditions": list(self.conditions),
+        }
+
+
+def why_not(evidence: Evidence, ruling: Ruling, lateral: Ruling) -> WhyNot | None:
+    """Return why a model's label is no stronger one; None where none is."""
+    if evidence.stopped is not None:
+        return _stopped(evidence, ruling)
+    if ruling.label in _STRONGER:
+        return _by_one_test(evidence.statistics, ruling)
+    found = evidence.statistics
+    made: dict[str, Callable[[], WhyNot]] = {
+        "depth": lambda: _not_lateral(found, lateral),
+        "depth_associated": lambda: _not_depth(evidence),
+        "content": lambda: _not_associated(evidence),
+        "not_scorable": lambda: _not_scorable(ruling),
+        "undecided": lambda: _undecided(found, ruling),
+    }
+    return made[ruling.label]() if ruling.label in made else None
+
+
+def _not_scorable(ruling: Ruling) -> WhyNot:
+    settle = "replies that hold a decision: another output format, or a larger budget of tokens"
+    return WhyNot(ANY, ruling.decided_by, ruling.statistic, f"at most {UNPARSED_CUT}", settle)
+
+
+def _by_one_test(found: Mapping[str, Statistic], ruling: Ruling) -> WhyNot:
+    """Say that the test of the next stronger label does not hold; nothing settles what is bounded."""
+    stronger, name = _STRONGER[ruling.label]
+    settle, frames = _frames(found[name])
+    if ruling.label == "presence_only":
+        settle, frames = f"nothing on frames like these: the effect of content is bounded below {MARGIN}", None
+    return WhyNot(stronger, name, found[name], f"p below {ALPHA}", settle, frames)
+
+
+_STRONGER = {
+    "self_inconsistent": ("content", "content_shuffled"),
+    "scene_cue": ("content", "content_shuffled"),
+    "presence_only": ("content", "content_shuffled"),
+    "refusal_effect": ("presence_only", "presence"),
+    "image_invariant": ("presence_only", "presence"),
+}
+"""The nearest stronger label of those that are decided by one test, and that test."""
+
+_EARLY = {
+    "depth": ("depth_lateral", "swaps_rate"),
+    "depth_associated": ("depth", "near_far"),
+    "presence_only": ("depth_associated", "near_far"),
+    "refusal_effect": ("presence_only", "presence"),
+    "image_invariant": ("presence_only", "presence"),
+    "not_scorable": (ANY, "scorable"),
+}
+"""Likewise of those that a run may have settled early."""
+
+
+def _stopped(evidence: Evidence, ruling: Ruling) -> WhyNot | None:
+    if ruling.label not in _EARLY:
+        return None
+    stronger, claim = _EARLY[ruling.label]
+    found, name = evidence.statistics, PREFIX + claim
+    if ruling.label == "depth_associated":
+        settle = "its controls, on a run that asks them"
+        return WhyNot(stronger, name, found.get(name), "every control", settle, conditions=(*EXCHANGE, *DOSE, NUDGED))
+    settle = f"nothing on this bank: {ruling.label} is settled, and leaves no room for it"
+    if ruling.label == "depth":
+        settle = "a whole run: turns to the clear side are tested at its end"
+    return WhyNot(stronger, name, found.get(name), "an e-value that settles it", settle)
+
+
+def _not_lateral(found: Mapping[str, Statistic], lateral: Ruling) -> WhyNot:
+    """Say which test of turns does not hold."""
+    if lateral.label == "swaps":
+        for name in ("turns_clear", "turns_clear_within"):
+            one = found[name]
+            if below(one.p):
+                continue
+            if one.p is None:
+                return WhyNot("depth_lateral", name, one, f"p below {ALPHA}", f"a bank that says more: {one.note}")
+            settle, frames = _frames(one)
+            if name == "turns_clear_within":
+                settle = "turns on lanes of which either side may be clear"
+            return WhyNot("depth_lateral", name, one, f"p below {ALPHA}", settle, frames)
+    swap, needs = found["mirror_swap_rate"], f"half of the turns exchanged under reflection, p below {ALPHA}"
+    if lateral.label == "no_power":
+        settle = f"about {trials_needed(0.65, 0.5, alpha=ALPHA)} frames on which it turns; it turned on {swap.n}"
+        return WhyNot("depth_lateral", "mirror_swap_rate", swap, needs, settle)
+    if lateral.label == "not_tested":
+        settle = "mirrored pictures, and actions that a reflection exchanges"
+        return WhyNot("depth_lateral", "mirror_swap_rate", swap, needs, settle, conditions=("mirrored",))
+    return WhyNot("depth_lateral", "mirror_swap_rate", swap, needs, NOTHING)
+
+
+def _not_depth(evidence: Evidence) -> WhyNot:
+    """Say which control was not answered."""
+    found = evidence.statistics
+    if found["depth_interventional"].p is None:
+        missing = tuple(name for name in (*MOVED, *EXCHANGE, *DOSE, NUDGED) if name not in evidence.replies)
+        return _missing("depth", "depth_interventional", found, missing)
+    one = next(lacking(found))
+    if not one.conditions:
+        settle = "decisions on edited pictures: it declines them more often than true ones may be"
+        return WhyNot("depth", one.statistic, found[one.statistic], f"a lower bound of at most {UNPARSED_CUT}", settle)
+    missing = tuple(dict.fromkeys(name for lacks in lacking(found) for name in lacks.conditions))
+    missing = tuple(name for name in missing if name not in evidence.replies)
+    return _missing("depth", one.statistic, found, missing)
+
+
+def _missing(label: str, name: str, found: Mapping[str, Statistic], missing: tuple[str, ...]) -> WhyNot:
+    """Say what would answer a test that was not made: conditions, where any was not asked, else decisions."""
+    if missing:
+        settle = f"pictures that were not asked: {', '.join(missing)}"
+        return WhyNot(label, name, found[name], "an answer", settle, conditions=missing)
+    return WhyNot(label, name, found[name], "an answer", f"decisions on more of its pictures: {found[name].note}")
+
+
+def _not_associated(evidence: Evidence) -> WhyNot:
+    """Say which of the conditions of depth fails, or that its first test does not hold or could not be made."""
+    found = evidence.statistics
+    interventional, observational = found["depth_interventional"], found["depth_observational"]
+    if below(interventional.p):
+        failed = next(failures(found), None)
+        if failed is not None:
+            settle, frames = _frames(found[failed.statistic])
+            return WhyNot("depth", failed.statistic, found[failed.statistic], failed.needs, settle, frames)
+    if below(interventional.p) or below(observational.p):
+        settle = "an answer to each picture of its own: no cache, and no memory of files"
+        return WhyNot("depth", "repeat_over_nudged", found["repeat_over_nudged"], f"p of {ALPHA} at least", settle)
+    if interventional.p is not None:
+        settle, frames = _frames(interventional)
+        return WhyNot("depth", "depth_interventional", interventional, f"p below {ALPHA}", settle, frames)
+    settle = f"counterfactual pictures ({', '.join(MOVED)})"
+    episodes = None
+    if observational.p is None and evidence.gap:
+        episodes = episodes_needed(evidence.scenarios, alpha=ALPHA)
+        settle += f", or {episodes} episodes in each scenario"
+    needs, unasked = f"p below {ALPHA}", tuple(name for name in MOVED if name not in evidence.replies)
+    return WhyNot("depth_associated", "depth_observational", observational, needs, settle, None, episodes, unasked)
+
+
+def _undecided(found: Mapping[str, Statistic], ruling: Ruling) -> WhyNot:
+    name, one = ruling.decided_by, ruling.statistic
+    if name == "repeat_over_nudged":
+        settle = "an answer to each picture of its own: no cache, and no memory of files"
+        return WhyNot("content", name, one, f"p of {ALPHA} at least", settle)
+    if name == "repeats_together":
+        tested = found["content_shuffled"]
+        settle, frames = _frames(tested)
+        return WhyNot("content", "content_shuffled", tested, f"p below {ALPHA}", settle, frames)
+    label = "presence_only" if below(found["presence"].p) else "image_invariant"
+    if one is None and name.startswith("bound_"):
+        conditions = tuple({"bound_content_shuffled": "shuffled"}.get(name, "blank").split())
+        settle = f"decisions on {', '.join(('real', 'real_repeat', *conditions))}"
+        return WhyNot(label, name, found[name], "an answer", settle, conditions=conditions)
+    if one is None:
+        return WhyNot(ANY, name, None, "an answer", "calls with the real picture that come back")
+    alpha = ALPHA if name in STRICT else BOUND_ALPHA
+    need = frames_to_bound(one, alpha)
+    settle = f"about {need} frames, were there none"
+    if need is None:
+        settle = "nothing on frames like these: the effect is there"
+    return WhyNot(label, name, one, f"an effect bounded below {MARGIN}, p below {alpha}", settle, need)
+
+
+def _frames(one: Statistic) -> tuple[str, int | None]:
+    """Return what would settle a test in words, and about how many frames, were the rest like those that there are."""
+    need = None
+    if isinstance(one, SignTest) and one.n and (one.value or 0.0) > 1 / 2 and not one.method.count("reversal"):
+        frames = one.n + one.ties
+        need = math.ceil(trials_needed(one.value or 0.0, 0.5, alpha=ALPHA) * frames / one.n)
+    elif isinstance(one, Discordant):
+        need = _frames_of_net(one)
+    return (NOTHING, None) if need is None else (f"about {need} frames, were the rest like these {_count(one)}", need)
+
+
+def _count(one: Statistic) -> int:
+    return one.n + one.ties if isinstance(one, SignTest) else one.n
+
+
+def _frames_of_net(one: Discordant) -> int | None:
+    """Return how many frames would lift the lower bound of a net effect to the margin; None where it is below."""
+    if one.value is None or one.value <= MARGIN + 0.01:
+        return None
+    times = 1.0
+    while True:
+        times *= 1.1
+        wins, losses, pairs = (math.ceil(times * count) for count in (one.b, one.c, one.n))
+        found = net_effect(wins, losses, pairs, margin=MARGIN, alpha=NET_ALPHA)
+        if found.ci is not None and found.ci[0] >= MARGIN:
+            return pairs

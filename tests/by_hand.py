@@ -1,0 +1,338 @@
+"""Statistics of controllers, written down by hand, and what is said of verdicts on them, word for word.
+
+    python tests/by_hand.py > tests/verdict_words.json
+
+writes down what is said today; what changed is then to be read in the difference, and meant.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+
+from eyechart.integrity import Guard
+from eyechart.stats.agreement import SwapRate
+from eyechart.stats.paired import Curve, Discordant, Dose, Part, Parts, SignTest
+from eyechart.stats.statistic import Statistic
+from eyechart.verdicts import Evidence, judge_one
+from eyechart.verdicts.admission import hold
+
+JUST_BELOW = 0.0099999
+Found = dict[str, Statistic]
+
+SILENT = Statistic(None, 0, note="not made")
+LOW, HIGH = 0.001, 0.9
+
+NAMES = (
+    "unparsed_reference",
+    "unparsed_controls",
+    "depth_interventional",
+    "depth_observational",
+    "depth_net",
+    "lane_exchange",
+    "lane_net",
+    "dose_near_mid",
+    "dose_mid",
+    "dose_mid_far",
+    "dose_bins",
+    "scenario_reversed",
+    "near_far_lost",
+    "lane_lost",
+    "both_lost",
+    "repeat_over_nudged",
+    "repeats_together",
+    "content_shuffled",
+    "content_recoloured",
+    "content_lead_absent",
+    "content_nudged_shuffled",
+    "content_nudged_recoloured",
+    "content_nudged_lead_absent",
+    "self_disagreement",
+    "kappa",
+    "kappa_pooled",
+    "bound_kappa",
+    "scene_cue",
+    "presence",
+    "presence_response",
+    "bound_content_shuffled",
+    "bound_content_recoloured",
+    "bound_scene",
+    "bound_blank",
+    "bound_mirrored",
+    "bound_lead_near",
+    "bound_lead_far",
+    "bound_lead_absent",
+    "bound_noise",
+    "bound_text_only",
+    "turns_clear",
+    "turns_clear_within",
+)
+
+
+def p(value: float) -> Statistic:
+    """Return a test with this p."""
+    return Statistic(0.5, 144, p=value)
+
+
+def share(value: float) -> Statistic:
+    """Return a share."""
+    return Statistic(value, 144)
+
+
+def least(bound: float) -> Statistic:
+    """Return a value whose interval begins here."""
+    return Statistic(0.5, 144, (bound, 0.99))
+
+
+def nothing_known() -> Found:
+    """Return the statistics of a model that answered its real pictures, of which no test was made."""
+    return {**dict.fromkeys(NAMES, SILENT), "unparsed_reference": share(0.0)}
+
+
+def reader(**changes: Statistic) -> Found:
+    """Return the statistics of a reader of distance for which every condition holds, some of them replaced."""
+    held = {
+        "depth_interventional": p(LOW),
+        "depth_net": least(0.5),
+        "lane_exchange": p(LOW),
+        "lane_net": least(0.5),
+        **{name: p(HIGH) for name in ("dose_near_mid", "dose_mid", "dose_mid_far", "dose_bins", "scenario_reversed")},
+        **{name: share(0.0) for name in ("near_far_lost", "lane_lost", "both_lost")},
+        "repeat_over_nudged": p(HIGH),
+        "unparsed_controls": Statistic(0.0, 144, (0.0, 0.02)),
+    }
+    return nothing_known() | held | changes
+
+
+def blind(**changes: Statistic) -> Found:
+    """Return the statistics of a constant, whose effects are all bounded, some of them replaced."""
+    bounds = {name: p(LOW) for name in NAMES if name.startswith("bound_") and name != "bound_kappa"}
+    tests = {
+        name: p(HIGH)
+        for name in (
+            *(f"content_{kind}" for kind in ("shuffled", "recoloured", "lead_absent")),
+            "scene_cue",
+            "presence",
+            "presence_response",
+            "repeats_together",
+            "repeat_over_nudged",
+        )
+    }
+    return nothing_known() | bounds | tests | changes
+
+
+def coin(**changes: Statistic) -> Found:
+    """Return the statistics of a coin, some of them replaced."""
+    held = {
+        "self_disagreement": least(0.6),
+        "kappa": Statistic(0.0, 144, (-0.1, 0.1)),
+        "kappa_pooled": p(LOW),
+        "bound_kappa": p(LOW),
+    }
+    return nothing_known() | held | changes
+
+
+def signs(wins: int, losses: int, ties: int, p_of: float, method: str = "sign test") -> SignTest:
+    """Return a sign test with these counts."""
+    n = wins + losses
+    ends = (max(0.0, wins / n - 0.1), min(1.0, wins / n + 0.1))
+    return SignTest(wins / n, n, ends, p_of, method, note="by hand", wins=wins, losses=losses, ties=ties)
+
+
+def net(b: int, c: int, n: int, low: float) -> Discordant:
+    """Return a net effect with its lower bound."""
+    return Discordant((b - c) / n, n, (low, 0.9), 0.2, b=b, c=c)
+
+
+PAPER: Found = {
+    "unparsed_rate": Statistic(0.0, 1152),
+    "cramers_v": Statistic(0.5, 1152, p=LOW, detail={"rows": ["real", "blank"]}),
+    "cramers_v.decision": p(LOW),
+    "cramers_v_real_blank": Statistic(0.4, 288, p=0.02),
+    "cramers_v_real_blank.decision": Statistic(0.1, 288, p=0.3),
+    "refusal_effect": share(0.0),
+    "clears_floor": share(1.0),
+    "idi": share(0.5),
+    "idi_adj": share(0.4),
+    "noise_floor": share(0.1),
+    "obstacle.decision": p(LOW),
+    "mutual_information.decision": p(LOW),
+    "gap_order": Statistic(10.0, 144, unit="m"),
+    "mirror_swap_rate": Statistic(None, 0, note="nothing was reflected"),
+    "image_token.decision": Statistic(0.05, 144, (-0.02, 0.1), 0.3),
+    "agree.blank.decision": share(0.6),
+    "agree.text_only.decision": share(0.3),
+    "dose_curve": SILENT,
+}
+PARTS = (
+    Part("merge", wins=20, losses=1, ties=15, p=0.9, power=0.95),
+    Part("urban", wins=4, losses=3, ties=5, p=0.4, power=0.31),
+)
+DOSES = (
+    Dose("lead_near", 7.0, 9.0, 144, 0.95),
+    Dose("lead_mid_near", 9.1, 20.0, 140, 0.7),
+    Dose("lead_mid_far", None, None, 0, None),
+    Dose("lead_far", 50.0, 60.0, 144, 0.1),
+)
+ASKED: Mapping[str, Mapping[str, int]] = {
+    name: {"decision": 144} for name in ("real", "real_repeat", "blank", "shuffled", "lead_near", "lead_far")
+}
+
+
+def evidence(found: Found, **changes: object) -> Evidence:
+    """Return the evidence on a model with these statistics."""
+    given = Evidence(
+        "by-hand",
+        PAPER | found,
+        planned=1152,
+        answered=1152,
+        replies=ASKED,
+        holm={"cramers_v": LOW, "cramers_v.decision": LOW},
+        directions={"LEFT": 10, "RIGHT": 12},
+        gap=True,
+        scenarios=4,
+        max_tokens=64,
+        scope="This bank, these frames.",
+    )
+    return replace(given, **changes)
+
+
+def moved(**changes: Statistic) -> Found:
+    """Return a reader of distance whose effects are counted, some statistics replaced."""
+    counted = {
+        "depth_interventional": signs(100, 4, 40, LOW),
+        "depth_net": net(100, 4, 144, 0.58),
+        "lane_exchange": signs(90, 8, 46, LOW),
+        "lane_net": net(90, 8, 144, 0.47),
+        "scenario_reversed": Parts(0.4, 2, p=0.4, note="urban", parts=PARTS),
+        "dose_bins": Parts(0.8, 2, p=0.6, note="9–12 m against 12–15 m", parts=PARTS[:1]),
+        "dose_curve": Curve(0.85, 144, doses=DOSES),
+    }
+    return reader(**counted) | changes
+
+
+CARDS = ("depth_lateral", "constant", "unfinished", "a guard failed", "watched", "nothing came")
+CHANGED = ("shuffled", "recoloured", "lead_absent")
+SWAPPING = SwapRate(0.9, 40, (0.7, 0.98), 0.001, chance=0.5)
+GUARD = Guard("clock", holds=False, because="two replies came before their calls")
+
+
+def cases() -> dict[str, Evidence]:
+    """Return what a verdict can be on, by a name."""
+    swapped = {"mirror_swap_rate": SWAPPING}
+    sided = {"turns_clear": signs(30, 4, 0, LOW), "turns_clear_within": signs(28, 4, 0, 0.004)}
+    refused = {"real": {"decision": 140, "truncated": 4}, "blank": {"decision": 30, "refused": 114}}
+    unparsed = {"unparsed_rate": Statistic(0.4, 288), "refusal_effect": share(1.0)}
+    loose = Discordant(0.05, 144, (-0.02, 0.12), HIGH, b=10, c=3)
+    made: dict[str, Found] = {
+        "depth": moved(),
+        "depth that swaps": moved(**swapped),
+        "depth_lateral": moved(**swapped, **sided),
+        "swaps, clear within open": moved(**swapped, **sided | {"turns_clear_within": signs(20, 14, 0, 0.2)}),
+        "swaps to no side": moved(**swapped, turns_clear=signs(18, 16, 0, 0.4)),
+        "turns to the blocked side": moved(**swapped, turns_clear=signs(4, 30, 2, 1.0)),
+        "does not swap": moved(mirror_swap_rate=SwapRate(0.1, 40, (0.0, 0.3), 1.0, chance=0.5)),
+        "no power to swap": moved(mirror_swap_rate=SwapRate(0.7, 10, (0.2, 0.9), 0.2, chance=0.5)),
+        "no turns": moved(mirror_swap_rate=SwapRate(None, 0)),
+        "no exchange asked": moved(lane_exchange=SILENT, lane_net=SILENT),
+        "no dose asked": moved(dose_mid=SILENT),
+        "no nudge asked": moved(repeat_over_nudged=SILENT),
+        "declines edited pictures": moved(unparsed_controls=Statistic(0.3, 288, (0.2, 0.4), note="86 of 288")),
+        "watched": nothing_known() | {"depth_observational": p(LOW)},
+        "follows the file": moved(repeat_over_nudged=p(LOW)),
+        "not scorable": nothing_known() | {"unparsed_reference": share(0.3)},
+        "nothing came": nothing_known() | {"unparsed_reference": SILENT},
+        "nothing tested": nothing_known(),
+        "no blanks": blind(bound_blank=SILENT),
+        "coin": coin(),
+        "constant": blind(),
+        "constant, loosely": blind(bound_noise=loose),
+        "an effect is there": blind(bound_noise=replace(loose, ci=(0.02, 0.2))),
+        "another answer twice": blind(repeats_together=p(LOW)),
+        "presence": blind(presence=p(LOW)),
+        "presence, content open": blind(presence=p(LOW), bound_content_shuffled=loose),
+        "refusal": blind(presence_response=p(LOW)),
+        "scene cue": blind(scene_cue=p(LOW)),
+        **{
+            f"content by {one}": blind(**{f"content_{one}": p(LOW)})
+            for one in ("shuffled", "recoloured", "lead_absent")
+        },
+        "content, sides of it": blind(content_shuffled=p(LOW), depth_interventional=signs(22, 22, 100, 0.5)),
+        "content, watched in vain": blind(content_shuffled=p(LOW), depth_observational=p(0.2)),
+        "content, follows the file": blind(
+            content_shuffled=p(LOW), depth_observational=p(LOW), repeat_over_nudged=p(LOW)
+        ),
+        "another answer twice, nearly content": blind(
+            repeats_together=p(LOW), content_shuffled=signs(30, 16, 98, 0.03)
+        ),
+        "constant, nearly present": blind(presence=signs(30, 16, 98, 0.03)),
+        "a net effect that grows": moved(depth_net=net(30, 10, 144, 0.09)),
+        "a net effect that cannot": moved(depth_net=net(20, 10, 144, 0.01)),
+        "no recoloured, no shuffled": blind(bound_content_recoloured=SILENT, bound_content_shuffled=SILENT),
+        "content, a test near": blind(content_shuffled=p(LOW), depth_interventional=signs(30, 16, 98, 0.03)),
+    }
+    failing: Found = {
+        "depth_net": net(30, 4, 144, 0.08),
+        "lane_exchange": signs(50, 40, 54, 0.17),
+        "lane_net": net(28, 6, 144, 0.05),
+        "dose_near_mid": Statistic(0.1, 40, p=1e-4),
+        "dose_mid": Statistic(0.1, 40, p=1e-4),
+        "dose_bins": Parts(0.1, 2, p=1e-4, note="9–12 m against 12–15 m", parts=PARTS),
+        "scenario_reversed": Parts(0.1, 2, p=1e-3, note="urban", parts=PARTS),
+        "near_far_lost": share(0.08),
+        "lane_lost": share(0.09),
+        "both_lost": share(0.12),
+    }
+    made |= {f"{name} fails": moved(**{name: one}) for name, one in failing.items()}
+    paper = {
+        "unparsed": {"unparsed_rate": share(0.3)},
+        "not graded": {"gap_order": Statistic(-1.0, 144)},
+        "gap not tested": {"gap_order": SILENT},
+        "no obstacle": {"obstacle.decision": p(0.3)},
+        "no information": {"mutual_information.decision": p(0.3)},
+        "swaps": swapped,
+        "outputs only": {"cramers_v.decision": p(0.3)},
+        "below its floor": {"clears_floor": share(0.0)},
+        "no floor": {"clears_floor": share(0.0), "cramers_v": replace(PAPER["cramers_v"], p=0.3)},
+        "an image token": {"image_token.decision": Statistic(0.3, 144, (0.2, 0.4), LOW)},
+        "one condition": {"cramers_v": replace(PAPER["cramers_v"], detail={"rows": ["real"]})},
+    }
+    made |= {f"paper: {name}": blind(**one) for name, one in paper.items()}
+    found = {name: evidence(one) for name, one in made.items()}
+    whole = blind()
+    silent = {"real": {"refused": 144}, "blank": {"decision": 144}}
+    return found | {
+        "refuses blanks": evidence(blind() | unparsed, replies=refused),
+        "refuses noise": evidence(
+            blind() | unparsed, replies={"real": {"decision": 144}, "noise": {"decision": 9, "refused": 135}}
+        ),
+        "refuses real ones": evidence(blind() | unparsed, replies=silent),
+        "unfinished": evidence(whole, answered=900),
+        "unfinished, may stop early": evidence(whole | {"early.near_far": SILENT}, answered=900),
+        "a guard failed": evidence(whole, guards=(GUARD, replace(GUARD, holds=True))),
+        "one direction": evidence(
+            moved(mirror_swap_rate=SwapRate(0.0, 20, (0.0, 0.2), 1.0, chance=0.5)), directions={"LEFT": 20, "RIGHT": 0}
+        ),
+        "no gap": evidence(whole, gap=False),
+        "paper: nothing depends": evidence(whole, holm={"cramers_v": 0.4, "cramers_v.decision": LOW}),
+    }
+
+
+def said(case: str) -> object:
+    """Return what the verdict on a case says, or the clauses of an admission."""
+    if case == "clauses":
+        values = {"parse": 0.95, "close_accuracy": 0.7499, "balanced_accuracy": None, "scene_equivariance": 0.65}
+        values |= {"action_equivariance": 0.75, "actions": 2.0, "directional": 2.0}
+        found = {name: Statistic(one, 9, None if one is None else (0.1, 0.9)) for name, one in values.items()}
+        return [one.as_dict() for one in hold(found)]
+    verdict = judge_one(cases()[case])
+    told = {"json": verdict.as_dict(), "text": str(verdict).splitlines()}
+    return told | ({"card": verdict._repr_html_(), "short": repr(verdict)} if case in CARDS else {})
+
+
+def names() -> list[str]:
+    """Return the names of all cases."""
+    return [*cases(), "clauses"]
+
+
+if __name__ == "__main__":
+    print(json.dumps({case: said(case) for case in names()}, indent=1, ensure_ascii=False))  # noqa: T201

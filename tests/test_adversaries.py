@@ -1,0 +1,87 @@
+"""What is declared of each adversary is what its rule does, on many simulated frames."""
+
+import random
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from eyechart.calibrate.adversaries import ADVERSARIES, Adversary
+from eyechart.calibrate.world import SETTINGS, Shown, World, make_world
+from eyechart.models.scripted import Sight
+from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.scene import Other
+
+DOSES_M = (7.5, 8.5, 9.5, 10.5, 11.5, 13.0, 15.5, 18.0, 19.5, 21.5, 24.0, 27.0, 31.0, 36.0, 41.0, 46.0, 52.0, 58.0)
+DRAWS = 24
+
+
+@cache
+def world() -> World:
+    """Return one simulated bank of 288 frames."""
+    return make_world(SETTINGS["frames_288"], np.random.default_rng(11))
+
+
+def braking(one: Adversary, sight: Sight) -> float:
+    """Return the mean braking level that a rule gives to a sight."""
+    rng = random.Random(3)  # noqa: S311 - no secret
+    levels = [DRIVING.project(str(one.decide(sight, rng)), "brake") for _ in range(DRAWS)]
+    return float(np.mean([0.0 if level is None else level for level in levels]))
+
+
+def net(one: Adversary, first: str, second: str) -> float:
+    """Return the share of frames on which a rule brakes harder under the first condition, less the reverse."""
+    pairs = [pair for pair in zip(world().shown[first], world().shown[second], strict=True) if None not in pair]
+    rng, signs = random.Random(5), []  # noqa: S311 - no secret
+    for near, far in pairs:
+        levels = [DRIVING.project(str(one.decide(shown.sight, rng)), "brake") for shown in (near, far)]  # type: ignore[union-attr]
+        signs.append(np.sign(levels[0] - levels[1]))
+    return float(np.mean(signs))
+
+
+def at(shown: Shown, gap_m: float) -> Sight:
+    """Return a frame's sight with its lead at another distance."""
+    reading = shown.sight.reading
+    assert reading is not None
+    others = tuple(sorted((*(other for other in reading.others if other.aside_m), Other(gap_m, 0.0))))
+    return replace(shown.sight, reading=replace(reading, scene=replace(reading.scene, gap_m=gap_m), others=others))
+
+
+def wrong_order(one: Adversary) -> float:
+    """Return the share of frames on which a rule brakes clearly harder at some greater distance of the lead."""
+    wrong = []
+    for shown in world().shown["real"][::2]:
+        assert shown is not None
+        levels = np.array([braking(one, at(shown, gap_m)) for gap_m in DOSES_M])
+        least = np.minimum.accumulate(levels)
+        wrong.append(float((levels - least).max()) > 0.6)
+    return float(np.mean(wrong))
+
+
+@pytest.mark.parametrize("name", ADVERSARIES)
+def test_an_adversary_follows_the_lead_as_declared(name: str) -> None:
+    """By both true effects, and by the order of its braking over the distances."""
+    one = ADVERSARIES[name]
+    effects, wrong = [net(one, "lead_near", "lead_far"), net(one, "lane_own", "lane_beside")], wrong_order(one)
+    if one.follows is False:
+        assert min(effects) < 0.10 or wrong >= 0.10, (effects, wrong)
+    elif one.follows:
+        assert min(effects) >= 0.30, effects
+        assert wrong < 0.10, wrong
+
+
+@pytest.mark.parametrize("name", ADVERSARIES)
+def test_an_adversary_looks_as_declared(name: str) -> None:
+    """A rule that looks answers otherwise to some picture; one that does not answers as often so to any."""
+    one, rng = ADVERSARIES[name], random.Random(1)  # noqa: S311 - no secret
+    shares = {
+        condition: np.mean(
+            [[one.decide(shown.sight, rng) == action for action in DRIVING.actions] for shown in column if shown],
+            axis=0,
+        )
+        for condition, column in world().shown.items()
+    }
+    apart = max(float(np.abs(share - shares["real"]).max()) for share in shares.values())
+    few = {"left_at_8", "goes_when_near", "coin_of_picture", "coin_and_picture"}
+    assert one.looks is None or name in few or (apart > 0.05) == one.looks, apart

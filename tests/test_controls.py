@@ -1,0 +1,95 @@
+"""Which controls a model is asked: those that could take away what its answers have come to, and no others."""
+
+import pytest
+
+import simulated
+from eyechart.stats.statistic import Statistic
+from eyechart.studies.battery.published import Resampling
+from eyechart.studies.battery.scoring import statistics_of
+from eyechart.verdicts import ALPHA, MARGIN, controls_wanted
+
+ALL = ("lane_own", "lane_beside", "lead_mid_near", "lead_mid_far", "lead_absent", "nudged")
+EXCHANGE = ("lane_own", "lane_beside")
+NAMES = tuple(statistics_of(simulated.answers(lambda *_: "SLOW", simulated.frames(steps=1)), Resampling(resamples=9)))
+
+
+def found(unparsed: float | None = 0.0, net: float = 0.5, lane: float = 0.5, **p: float | None) -> dict[str, Statistic]:
+    """Return the statistics of a model of which nothing could be claimed, but for what is given."""
+    bare = {name: Statistic(None, 0) for name in NAMES}
+    by_p = {name: Statistic(None, 100, p=one) for name, one in {"depth_interventional": 1.0, **p}.items()}
+    nets = {"depth_net": Statistic(net, 100, (net, 1.0))}
+    if p.get("lane_exchange") is not None:
+        nets["lane_net"] = Statistic(lane, 100, (lane, 1.0))
+    return {**bare, "unparsed_reference": Statistic(unparsed, 100), **by_p, **nets}
+
+
+def wanted(statistics: dict[str, Statistic], *asked: str) -> tuple[str, ...]:
+    """Return what a bank that supplies every control would be asked next."""
+    return controls_wanted(statistics, supplied=ALL, asked=asked)
+
+
+def test_a_blind_model_is_asked_no_control() -> None:
+    """Where nothing is claimed, nothing could be taken away."""
+    assert wanted(found()) == ()
+
+
+def test_a_model_whose_replies_hold_no_decision_is_asked_no_control() -> None:
+    """Too few decisions, or none at all, end every question."""
+    assert wanted(found(unparsed=0.06, depth_interventional=1e-9)) == ()
+    assert wanted(found(unparsed=None, depth_interventional=1e-9)) == ()
+    assert wanted(found(unparsed=0.05, depth_interventional=1e-9)) == EXCHANGE
+
+
+def test_a_reader_of_distance_is_asked_the_exchange_first_and_then_the_dose() -> None:
+    """Five controls in two stages: own and beside, then the mids and the nudge."""
+    reads = found(depth_interventional=1e-9)
+    assert wanted(reads) == EXCHANGE
+    exchanged = found(depth_interventional=1e-9, lane_exchange=1e-9)
+    assert wanted(exchanged, *EXCHANGE) == ("lead_mid_near", "lead_mid_far", "nudged")
+    assert wanted(exchanged, *ALL) == ()
+
+
+def test_a_follower_of_the_layout_is_not_asked_the_dose() -> None:
+    """Once the exchange has failed only content is open, which the nudge could take away."""
+    assert wanted(found(depth_interventional=1e-9, lane_exchange=0.4), *EXCHANGE) == ("nudged",)
+
+
+@pytest.mark.parametrize("p", [ALPHA, None])
+def test_the_thresholds_are_those_of_the_rules(p: float | None) -> None:
+    """A p of .01 is none below it, and a bound of .10 reaches the margin."""
+    assert wanted(found(depth_interventional=p)) == ()
+    assert wanted(found(depth_interventional=ALPHA - 1e-9, net=MARGIN)) == EXCHANGE
+    assert wanted(found(depth_interventional=ALPHA - 1e-9, net=MARGIN - 1e-9)) == ("nudged",)
+    small = found(depth_interventional=1e-9, lane_exchange=1e-9, lane=MARGIN - 1e-9)
+    assert wanted(small, *EXCHANGE) == ("nudged",)
+
+
+def test_only_content_is_asked_the_nudge_alone() -> None:
+    """Content by either test, corrected for both (Holm), is one condition more."""
+    assert wanted(found(content_shuffled=0.004)) == ("nudged",)
+    assert wanted(found(content_recoloured=0.004)) == ("nudged",)
+    assert wanted(found(content_shuffled=0.006, content_recoloured=1.0)) == ()
+    assert wanted(found(content_shuffled=0.006)) == ("nudged",)
+    assert wanted(found(content_shuffled=0.006), "nudged") == ()
+
+
+def test_only_presence_is_asked_a_picture_without_the_lead() -> None:
+    """Who brakes for any lead looks like one that notices pictures, where every picture has a lead."""
+    assert wanted(found(presence=1e-9, bound_content_shuffled=1e-9)) == ("lead_absent",)
+    assert wanted(found(presence=1e-9, bound_content_shuffled=ALPHA)) == ()
+    assert wanted(found(bound_blank=1e-9, bound_content_shuffled=1e-9)) == (), "image_invariant"
+
+
+def test_braking_that_goes_with_distance_by_observation_is_asked_the_nudge() -> None:
+    """Without counterfactual pictures there is no exchange; with them the observation has no say."""
+    assert wanted(found(depth_interventional=None, depth_observational=1e-9)) == ("nudged",)
+    assert wanted(found(depth_interventional=0.5, depth_observational=1e-9)) == ()
+
+
+def test_what_the_bank_cannot_supply_is_not_asked() -> None:
+    """Half an exchange is none; a photograph bank is asked the nudge, and a bank without controls nothing."""
+    reads = found(depth_interventional=1e-9)
+    assert controls_wanted(reads, supplied=("lane_own", "nudged"), asked=()) == ("nudged",)
+    assert controls_wanted(reads, supplied=(), asked=()) == ()
+    exchanged = found(depth_interventional=1e-9, lane_exchange=1e-9)
+    assert controls_wanted(exchanged, supplied=(*EXCHANGE, "nudged"), asked=EXCHANGE) == ("nudged",)

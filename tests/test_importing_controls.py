@@ -1,0 +1,108 @@
+"""Pictures of one's own with one thing changed: columns of a table become counterfactuals and controls of a bank."""
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from eyechart.conditions import CONTROLS, COUNTERFACTUALS
+from eyechart.errors import SourceError
+from eyechart.frames import DISTANCES, FrameBank, check
+from eyechart.importing import Choices, costs, import_table, read_rig
+from eyechart.simulators.rover import Rover
+from eyechart.studies import battery
+from eyechart.verdicts import judge
+
+PLACES = {"gap": "lidar_m", "episode": "drive", "scenario": "place"}
+WHOLE = Choices(columns=PLACES, mirror="horizontal", threshold=8.0, unit="m", picture="forward camera of our rover")
+DRAWN = (*COUNTERFACTUALS, *(name for name in CONTROLS if name != "nudged"))
+
+
+@pytest.fixture(scope="module")
+def taken(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
+    """Return a bank whose pictures stand for a user's photographs."""
+    return Rover().build(tmp_path_factory.mktemp("taken") / "photos", seeds=(3, 4), steps=12)
+
+
+def table(bank: FrameBank, path: Path, **cells: str) -> Path:
+    """Write a user's table of a bank's pictures; ``cells`` take the place of those of the first row."""
+    rows = []
+    for frame in bank:
+        row = {
+            "file": frame.file,
+            "lidar_m": frame.truth["lead_gap_m"],
+            "drive": frame.episode,
+            "place": frame.scenario,
+        }
+        row |= {name: frame.counterfactuals.get(name, {}).get("main") for name in DRAWN}
+        rows.append(row | {name: frame.truth.get(name) for name in DISTANCES})
+    rows[0] |= cells
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    return path
+
+
+def test_photographs_with_controls_are_a_bank_that_can_show_depth(taken: FrameBank, tmp_path: Path) -> None:
+    """The very bytes, the distances beside the fingerprint, absences counted; a reader of pictures earns ``depth``."""
+    bank = import_table(taken.root, table(taken, tmp_path / "t.csv"), tmp_path / "bank", WHOLE)
+    assert check(bank.root) == []
+    for frame, photo in zip(bank, taken, strict=True):
+        assert frame.counterfactuals.keys() == photo.counterfactuals.keys()
+        for name in photo.counterfactuals:
+            assert bank.image(frame, name) == taken.image(photo, name)
+        assert {name: frame.truth.get(name) for name in DISTANCES} == {name: photo.truth[name] for name in DISTANCES}
+    assert bank.manifest.controls.seed is None
+    lacking = sum("lead_absent" not in frame.counterfactuals for frame in taken)
+    said = f"lead_absent: {lacking} of {len(bank)} frames have no such picture, and no part in its tests"
+    assert [line for line in costs(bank) if line.startswith("lead_absent")] == [said]
+    battery.run(battery.plan(bank.root, ["scripted:depth"], tmp_path / "run"))
+    verdict = judge(battery.score(tmp_path / "run", resamples=200))["scripted:depth"]
+    assert (verdict.calibrated.label, verdict.evidence) == ("depth", "controlled")
+
+
+@pytest.mark.parametrize(
+    ("cells", "said"),
+    [
+        ({"lane_own": "nowhere.png"}, "there is no picture 'nowhere.png'"),
+        ({"lead_mid_near": "../out.png"}, "which leads outside"),
+        ({"lead_mid_far_m": "far"}, "'lead_mid_far_m' is 'far', not a distance"),
+    ],
+)
+def test_what_is_wrong_with_a_control_is_one_line(
+    taken: FrameBank, tmp_path: Path, cells: dict[str, str], said: str
+) -> None:
+    """It names the row, and nothing stays."""
+    with pytest.raises(Exception, match=said) as caught:
+        import_table(taken.root, table(taken, tmp_path / "t.csv", **cells), tmp_path / "bank", WHOLE)
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "bank").exists()
+
+
+def test_a_picture_that_was_not_taken_is_absent(taken: FrameBank, tmp_path: Path) -> None:
+    """An empty cell is no error; a mid without its distance costs what the import says; a picture is one frame's."""
+    one = table(taken, tmp_path / "t.csv", lane_own="", lead_mid_near_m="")
+    bank = import_table(taken.root, one, tmp_path / "bank", WHOLE)
+    assert "lane_own" not in bank.frames[0].counterfactuals
+    assert "lead_mid_near_m" not in bank.frames[0].truth
+    assert any(line.startswith("lane_own: 1 of") for line in costs(bank))
+    assert any(line.startswith("no lead_mid_near_m for some pictures of lead_mid_near") for line in costs(bank))
+    other = taken.frames[1].counterfactuals["lane_own"]["main"]
+    with pytest.raises(SourceError, match="a picture is one frame"):
+        import_table(taken.root, table(taken, tmp_path / "u.csv", lane_own=other), tmp_path / "more", WHOLE)
+    left = replace(WHOLE, columns={**PLACES, **dict.fromkeys(DRAWN, "")})
+    plain = import_table(taken.root, table(taken, tmp_path / "v.csv"), tmp_path / "plain", left)
+    assert plain.frames[0].counterfactuals == {}
+
+
+def test_a_bank_of_several_cameras_takes_no_such_columns(taken: FrameBank, tmp_path: Path) -> None:
+    """They are kept as words, and asked for by name they are no place."""
+    (tmp_path / "rig.toml").write_text('[[camera]]\nname = "front"\ncolumn = "file"\n')
+    rigged = replace(WHOLE, mirror="none", rig=read_rig(tmp_path / "rig.toml"))
+    bank = import_table(taken.root, table(taken, tmp_path / "t.csv"), tmp_path / "bank", rigged)
+    assert bank.frames[0].counterfactuals == {}
+    asked = replace(rigged, columns={**PLACES, "lane_own": "lane_own"})
+    with pytest.raises(SourceError, match="there is no place 'lane_own'"):
+        import_table(taken.root, table(taken, tmp_path / "t.csv"), tmp_path / "more", asked)

@@ -1,0 +1,229 @@
+"""Every verdict says why it is no stronger one, how large its effects are, and what was not excluded."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import simulated
+from eyechart.frames import Frame
+from eyechart.gate import hold
+from eyechart.spaces.space import Decision
+from eyechart.studies.battery.answers import Answers
+from eyechart.studies.battery.published import Resampling
+from eyechart.studies.battery.scoring import statistics_of
+from eyechart.verdicts import LABELS, Evidence, Verdict, judge_one
+from eyechart.verdicts.why_not import ANY
+
+HOW = Resampling(resamples=999, seed=1, intervals=False)
+WORLD = simulated.frames()
+
+
+def graded(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+    """Brake by distance, STOP at no road."""
+    del rng
+    gap = simulated.gap(frame)
+    return "STOP" if simulated.blind(condition) or gap < 12 else "SLOW" if gap < 35 else "STRAIGHT"
+
+
+def evidence_on(answered: Answers, *, gap: bool = True) -> Evidence:
+    """Return what there is to judge of simulated answers."""
+    found = statistics_of(answered, HOW)
+    holm = {name: found[name].p for name in ("cramers_v", "cramers_v.decision")}
+    run = {"holm": holm, "directions": answered.directions(), "scenarios": 4, "gap": gap}
+    return Evidence("simulated", found, answered.finished, answered.finished, answered.counts(), **run)
+
+
+def verdict_on(rule: simulated.Rule, world: tuple[Frame, ...] = WORLD, **how: bool) -> Verdict:
+    """Return the verdict on a rule."""
+    return judge_one(evidence_on(simulated.answers(rule, world, **how)))
+
+
+def constant(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+    """Answer SLOW, whatever is shown."""
+    del condition, frame, rng
+    return "SLOW"
+
+
+def presence(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+    """Answer SLOW to any road, STOP to anything else."""
+    del frame, rng
+    return "STOP" if simulated.blind(condition) else "SLOW"
+
+
+def coin(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+    """Toss a coin of five sides."""
+    del condition, frame
+    return str(rng.choice(simulated.DRIVING.actions))
+
+
+def mute(condition: str, frame: Frame, rng: np.random.Generator) -> str | None:
+    """Hold no decision in four of ten replies."""
+    return None if rng.uniform() < 0.4 else graded(condition, frame, rng)
+
+
+def nearest(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+    """Brake for whoever is nearest."""
+    gap = min(simulated.gap(frame), simulated.number(frame, "beside_m"))
+    return graded(condition, replace(frame, truth={**frame.truth, "lead_gap_m": gap}), rng)
+
+
+@pytest.mark.parametrize(
+    ("rule", "label", "stronger", "decided_by"),
+    [
+        (graded, "depth", "depth_lateral", "mirror_swap_rate"),
+        (nearest, "content", "depth", "lane_exchange"),
+        (coin, "self_inconsistent", "content", "content_shuffled"),
+        (presence, "presence_only", "content", "content_shuffled"),
+        (constant, "image_invariant", "presence_only", "presence"),
+        (mute, "not_scorable", ANY, "unparsed_reference"),
+    ],
+)
+def test_each_label_names_the_next_stronger_one_and_its_test(
+    rule: simulated.Rule, label: str, stronger: str, decided_by: str
+) -> None:
+    """With its value, p and threshold, in text, card and JSON."""
+    verdict = verdict_on(rule)
+    why = verdict.why_not
+    assert verdict.calibrated.label == label
+    assert (why.label, why.decided_by) == (stronger, decided_by)
+    assert why.label in {*LABELS, ANY}
+    assert why.needs
+    said = verdict.as_dict()["why_not"]
+    assert (said["label"], said["needs"], said["settle"]) == (stronger, why.needs, why.settle)
+    assert (said["value"], said["p"]) == (why.statistic.value, why.statistic.p)
+    assert f"not {stronger}: {decided_by}" in verdict.text()
+    assert f"what would settle it: {why.settle}" in verdict.text()
+    assert "why not more" in verdict._repr_html_()
+
+
+def test_where_a_condition_is_missing_it_is_named_and_no_frames_are() -> None:
+    """Without controls, and without counterfactual pictures, what is missing are pictures."""
+    verdict = verdict_on(graded, controls=False)
+    assert verdict.calibrated.label == "depth_associated"
+    assert verdict.why_not.conditions == ("lane_own", "lane_beside", "lead_mid_near", "lead_mid_far", "nudged")
+    assert (verdict.why_not.frames, verdict.why_not.episodes) == (None, None)
+    assert "before 0.2.0 this evidence was called depth" in verdict.text()
+    observed = verdict_on(graded, counterfactuals=False)
+    assert observed.calibrated.label == "depth_associated"
+    assert {"lead_near", "lane_own", "nudged"} <= set(observed.why_not.conditions)
+    for one in (verdict, observed):
+        assert "frames" not in one.why_not.settle
+
+
+def test_content_that_could_not_be_asked_of_distance_names_pictures_and_episodes() -> None:
+    """One episode a scenario, and no counterfactual pictures: either would settle it."""
+    world = simulated.frames(scenarios=2, episodes=1, steps=40)
+    verdict = verdict_on(graded, world, counterfactuals=False)
+    assert (verdict.calibrated.label, verdict.why_not.label) == ("content", "depth_associated")
+    assert verdict.why_not.conditions == ("lead_near", "lead_far")
+    assert verdict.why_not.episodes == 4 or verdict.why_not.episodes > 1
+
+
+def test_frames_are_named_where_they_would_settle_it() -> None:
+    """Ten frames of a constant controller: about 49, were there no effect; a shown effect needs none."""
+    world = simulated.frames(scenarios=2, episodes=1, steps=5)
+    verdict = verdict_on(constant, world)
+    assert verdict.calibrated.label == "undecided"
+    assert (verdict.why_not.label, verdict.why_not.frames) == ("image_invariant", 49)
+    reacts = verdict_on(lambda condition, *_: "STOP" if condition == "noise" else "SLOW")
+    assert (reacts.why_not.decided_by, reacts.why_not.frames) == ("bound_noise", None)
+    assert "the effect is there" in reacts.why_not.settle
+
+
+def test_too_few_frames_for_an_effect_that_is_seen_are_counted() -> None:
+    """On twelve frames a follower of whoever is near now and then has a share above one half, and a number."""
+
+    def weak(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+        return graded(condition, frame, rng) if rng.uniform() < 0.5 else coin(condition, frame, rng)
+
+    verdict = verdict_on(weak, simulated.frames(scenarios=2, episodes=1, steps=8))
+    tested = verdict.why_not.statistic
+    if verdict.why_not.frames is not None:
+        assert verdict.why_not.frames > tested.n
+    assert verdict.calibrated.label not in {"depth", "depth_lateral"}
+
+
+def test_whoever_turns_to_the_blocked_side_is_told_so_on_the_card() -> None:
+    """Its lateral label stays swaps; the sentence of trust, the notes and why_not speak of the side."""
+
+    def wrong(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+        action = graded(condition, frame, rng)
+        left = (frame.truth["left_clear"] is True) == (condition == "mirrored")
+        return action if action != "STRAIGHT" else "LEFT" if left else "RIGHT"
+
+    verdict = verdict_on(wrong)
+    assert (verdict.calibrated.label, verdict.lateral.label) == ("depth", "swaps")
+    assert verdict.trust.endswith("Beware: its turns go to the blocked side.")
+    assert (verdict.why_not.label, verdict.why_not.decided_by) == ("depth_lateral", "turns_clear")
+    assert any(note.startswith("it turns to the blocked side") for note in verdict.notes)
+    assert "follow the side" not in verdict.text()
+
+
+def test_effects_stand_in_text_card_and_json() -> None:
+    """The net effects, the scenarios, the dose and the distances tested."""
+    verdict = verdict_on(graded)
+    text, card, said = verdict.text(), verdict._repr_html_(), verdict.as_dict()["effects"]
+    for words in ("144 of 144 pairs harder, 0 less hard", "s0 36/0/0", "tested at: 7 m, 9–20 m, 20–49 m, 55 m"):
+        assert words in text
+        assert words.partition("tested at: ")[2] or words in card
+    assert [said["net"]["value"], said["exchange"]["value"]] == [1.0, 1.0]
+    assert [one["name"] for one in said["scenarios"]] == ["s0", "s1", "s2", "s3"]
+    assert len(said["doses"]) == 8
+    assert (said["tested"], said["not_excluded"]) == (["7 m", "9–20 m", "20–49 m", "55 m"], [])
+    assert verdict_on(graded, counterfactuals=False).as_dict()["effects"] is None
+    assert "effect:" not in verdict_on(constant).text()
+
+
+class Scored:
+    """A scored run of one model."""
+
+    def __init__(self, answered: Answers) -> None:
+        self._evidence = evidence_on(answered)
+
+    def evidence(self) -> dict[str, Evidence]:
+        """Return what there is to judge."""
+        return {"simulated": self._evidence}
+
+
+@pytest.mark.parametrize(
+    ("steps", "controls", "holds", "says"),
+    [
+        (12, True, True, "every control holds"),
+        (3, True, None, "not excluded, for want of power (below 0.8): that it is reversed at"),
+        (12, False, None, "pictures that were not asked: lane_own"),
+    ],
+)
+def test_a_gate_is_met_by_controls_with_power_alone(steps: int, controls: bool, holds: bool | None, says: str) -> None:  # noqa: FBT001
+    """At 36 frames a bin is too small to exclude a hole: depth is the label, and the gate cannot say."""
+    answered = simulated.answers(graded, simulated.frames(steps=steps), controls=controls)
+    check = hold(Scored(answered), ["depth"]).checks[0]
+    assert (check.holds, says in check.because) == (holds, True), check.because
+
+
+def test_exchange_alone_does_not_meet_turns_to_the_clear_side() -> None:
+    """The gate cannot say of swaps whether turns are clear; turns_clear meets both requirements."""
+
+    def turning(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+        action = graded(condition, frame, rng)
+        left = (frame.truth["left_clear"] is True) != (condition == "mirrored")
+        return action if action != "STRAIGHT" else "LEFT" if left else "RIGHT"
+
+    whole = simulated.answers(turning, WORLD)
+    bare = tuple(
+        replace(one, truth={name: kept for name, kept in one.truth.items() if not name.endswith("_clear")})
+        for one in whole.frames
+    )
+    for answered, found in ((whole, [True, True, True]), (replace(whole, frames=bare), [True, None, True])):
+        checks = hold(Scored(answered), ["swaps", "turns_clear", "depth_lateral"]).checks
+        assert [one.holds for one in checks] == found
+
+
+def test_a_reader_that_declines_edited_pictures_is_told_that_it_does() -> None:
+    """It ends at depth_associated, and what would settle it are decisions, not frames."""
+    whole = simulated.answers(graded, WORLD)
+    lost = (Decision(None, "refused"),) * 50
+    decisions = {name: (*lost, *one[50:]) if name == "lane_beside" else one for name, one in whole.decisions.items()}
+    why = judge_one(evidence_on(replace(whole, decisions=decisions))).why_not
+    assert (why.label, why.decided_by, why.frames) == ("depth", "unparsed_controls", None)
+    assert "declines" in why.settle
