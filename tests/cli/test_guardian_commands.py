@@ -111,7 +111,7 @@ def test_each_command_speaks_json(say: Say, files: tuple[Path, Path], tmp_path: 
     assert found["bound"]["episodes_needed_for_one_percent_without_a_miss"] == 299
     assert found["warnings"] == []
     code, out, _ = say("guardian", "score", guardian, votes, "--about", about)
-    assert "In expectation only (conformal risk control, no confidence)" in out
+    assert "In expectation only (conformal risk control, no confidence; expected share of a next episode's" in out
     assert "from 5 episodes" in out
     code, out, _ = say("guardian", "export", guardian, "--out", stack, "--json")
     assert (code, "selection" in json.loads(out)) == (0, False)
