@@ -7,11 +7,13 @@ import sys
 import time
 import urllib.error
 import urllib.request
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from eyechart.conditions import CONTROLS
 from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER
@@ -137,7 +139,9 @@ def test_served_greedy_answers_are_equal_to_those_of_hf(
     for name in names:
         through_http = _replies(served[name], f"openai:{name}")
         here = _replies(tmp_path / "run", f"hf:organism:{name}")
-        assert len(here) == frames * len(conditions)
+        asked = Counter(condition for _, condition in here)
+        assert all(asked[condition] == frames for condition in conditions)
+        assert set(asked) <= {*conditions, *CONTROLS}  # the same controls are called for by the same answers
         assert through_http == here
 
 
