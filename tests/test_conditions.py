@@ -20,6 +20,7 @@ from eyechart.conditions import (
     flip,
     partner,
     require_partners,
+    sample,
     show,
     sources,
 )
@@ -255,3 +256,14 @@ def test_the_source_of_a_condition_is_the_file_that_it_shows(bank: FrameBank) ->
                 assert files == (frame.file,)
             else:
                 assert [(bank.root / file).read_bytes() for file in files] == [*images.values()]
+
+
+def test_a_sampled_control_adds_at_most_its_share_of_the_calls() -> None:
+    """Of a run of 99 calls a twentieth is four; another seed asks other frames, more calls the same ones and more."""
+    ids = [f"f{number:02d}" for number in range(30)]
+    few = sample("lead_absent", ids, 99, 1)
+    assert len(few) == 4
+    assert few < sample("lead_absent", ids, 200, 1)
+    assert len(sample("lead_absent", ids, 200, 1)) == 10
+    assert few != sample("lead_absent", ids, 99, 2)
+    assert sample("lead_absent", ids, 10_000, 1) == set(ids)

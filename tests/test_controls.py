@@ -28,8 +28,8 @@ def wanted(statistics: dict[str, Statistic], *asked: str) -> tuple[str, ...]:
     return controls_wanted(statistics, supplied=ALL, asked=asked)
 
 
-def test_a_blind_model_is_asked_no_control() -> None:
-    """Where nothing is claimed, nothing could be taken away."""
+def test_a_model_of_which_nothing_was_tested_is_asked_no_control() -> None:
+    """Where nothing could be claimed, nothing could be taken away."""
     assert wanted(found()) == ()
 
 
@@ -73,11 +73,26 @@ def test_only_content_is_asked_the_nudge_alone() -> None:
     assert wanted(found(content_shuffled=0.006), "nudged") == ()
 
 
-def test_only_presence_is_asked_a_picture_without_the_lead() -> None:
-    """Who brakes for any lead looks like one that notices pictures, where every picture has a lead."""
-    assert wanted(found(presence=1e-9, bound_content_shuffled=1e-9)) == ("lead_absent",)
-    assert wanted(found(presence=1e-9, bound_content_shuffled=ALPHA)) == ()
-    assert wanted(found(bound_blank=1e-9, bound_content_shuffled=1e-9)) == (), "image_invariant"
+@pytest.mark.parametrize(
+    "p",
+    [
+        {"presence": 1e-9, "bound_content_shuffled": 1e-9},
+        {"bound_blank": 1e-9, "bound_content_shuffled": 1e-9},
+        {"presence_response": 1e-9, "presence": 0.5, "bound_content_shuffled": 1e-9},
+        {"presence": 1e-9, "bound_content_shuffled": ALPHA, "bound_blank": 1.0},
+        {"bound_blank": 0.02, "bound_content_shuffled": 0.3},
+    ],
+    ids=["presence_only", "image_invariant", "refusal_effect", "undecided of content", "undecided of a blank"],
+)
+def test_an_absence_and_what_is_open_are_asked_a_picture_without_the_lead(p: dict[str, float]) -> None:
+    """Who brakes for any lead seems to look at nothing, or to notice pictures, where every picture has a lead."""
+    assert wanted(found(**p)) == ("lead_absent",)
+    assert wanted(found(**p), "lead_absent") == ()
+
+
+def test_who_follows_the_file_is_asked_no_picture_without_the_lead() -> None:
+    """It is undecided, and no answer to that picture would be sight."""
+    assert wanted(found(repeat_over_nudged=1e-9, bound_blank=0.3), "nudged") == ()
 
 
 def test_braking_that_goes_with_distance_by_observation_is_asked_the_nudge() -> None:

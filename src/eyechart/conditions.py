@@ -345,6 +345,23 @@ def available(name: str, frame: Frame) -> bool:
     return not ("axis" in needs and frame.mirror_axis == "none")
 
 
+SAMPLED: Mapping[str, float] = {"lead_absent": 0.05}
+"""Controls that are asked of some frames alone, where answers call for them: at most so much of a run's other calls."""
+
+
+def sample(name: str, shown: Sequence[str], calls: int, seed: int) -> frozenset[str]:
+    """Return of which frames a control in `SAMPLED` is asked: of those ``shown`` under it, in a run of so many calls.
+
+    They are the first in the order that comes from the seed and their ids, see `shuffled_order`.
+    """
+    return frozenset(shuffled_order(shown, seed)[: int(SAMPLED[name] * calls + 1e-9)])
+
+
+def shuffled_order(frames: Sequence[str], seed: int) -> list[str]:
+    """Return ids of frames in an order in which each one's place comes from the seed and the id alone."""
+    return sorted(frames, key=lambda one: (key_seed("stop early", seed, one), one))
+
+
 def undrawn_controls(source: Source) -> dict[str, int]:
     """Return, for each control that only some of the frames have, how many lack it."""
     have = {name: sum(available(name, frame) for frame in source.frames) for name in CONTROLS}

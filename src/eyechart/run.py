@@ -4,11 +4,12 @@ import asyncio
 import random
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Protocol
 
 from eyechart.attempts import Caller, budget_of, close, first_error
 from eyechart.calls import CallKey, Query, Reply
-from eyechart.conditions import available
+from eyechart.conditions import SAMPLED, available, sample
 from eyechart.errors import SpecError
 from eyechart.frames import Frame, FrameBank, Stimulus
 from eyechart.ledger import Ledger
@@ -44,7 +45,8 @@ class Stages(Protocol):
 class Plan:
     """Every call of a run: models × frames × conditions, those of one shard if it is sharded.
 
-    ``controls`` are the conditions that a model is asked beside ``conditions``, in the order of its stages.
+    ``controls`` are the conditions that a model is asked beside ``conditions``, in the order of its stages; those in
+    `SAMPLED` of some frames only.
     """
 
     study: str
@@ -67,6 +69,13 @@ class Plan:
         """Return the planned calls, in the bank's order."""
         return [key for model in self.models for key in self.keys_of(model)]
 
+    @cached_property
+    def _sampled(self) -> Mapping[str, frozenset[str]]:
+        """Return which frames each sampled control is asked of; one that is a condition of the run of all."""
+        calls = sum(available(name, frame) for name in self.conditions for frame in self.frames)
+        shown = {name: [frame.id for frame in self.frames if available(name, frame)] for name in SAMPLED}
+        return {name: sample(name, ids, calls, self.seed) for name, ids in shown.items() if name not in self.conditions}
+
     def query(self, key: CallKey, seen: Stimulus) -> Query:
         """Return what a model is asked in a call, of this stimulus."""
         return self.prompt.query(seen, key.seed(self.seed), self.space)
@@ -78,9 +87,10 @@ class Plan:
     def keys_of(self, model: str) -> Iterator[CallKey]:
         """Yield the planned calls of one model, in the bank's order."""
         prompt, asked = self.prompt.key, self.asked(model)
+        few = {name: self._sampled[name] for name in self.controls.get(model, ()) if name in self._sampled}
         for frame in self.frames:
             for condition in asked:
-                if available(condition, frame):
+                if available(condition, frame) and (condition not in few or frame.id in few[condition]):
                     key = CallKey(self.study, model, prompt, frame.id, condition)
                     if self.shard is None or in_shard(key, *self.shard):
                         yield key

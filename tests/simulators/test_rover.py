@@ -403,7 +403,10 @@ def test_the_planners_of_the_hierarchy_are_four_and_one_alone_sees_the_side() ->
     """One that goes round on the clear side, a one-sided one, one that brakes by distance, and one that stops."""
     deserved = {name: (one.declared.calibrated, one.declared.lateral) for name, one in PLANNERS.items()}
     assert deserved == {
-        "clear_side": ("content", "turns_clear"),  # a blocked side makes it brake too: not its own lane's distance alone
+        "clear_side": (
+            "content",
+            "turns_clear",
+        ),  # a blocked side makes it brake too: not its own lane's distance alone
         "left_side": ("depth", "one_sided"),
         "distance": ("depth", "no_power"),
         "stopping": ("image_invariant", "no_power"),

@@ -262,7 +262,6 @@ ADVERSARIES: Mapping[str, Adversary] = {
     "lead_present": Adversary(
         "stops for any lead, however far it is",
         road(lambda one, _: "STRAIGHT" if one.scene.gap_m is None else "STOP"),
-        looks=None,
     ),
     "own_lane": Adversary(
         "stops on the left lanes and goes on the right ones",

@@ -17,7 +17,7 @@ from eyechart.calibrate.known import KNOWN, NULLS, Known, Shows, answer_all, by_
 from eyechart.calibrate.tally import Calibration, Outcome, Ruled, Tried, called, tally
 from eyechart.calibrate.world import SETTINGS, Setting, World, make_world
 from eyechart.calls import Reply
-from eyechart.conditions import CONDITIONS, CONTROLS, COUNTERFACTUALS
+from eyechart.conditions import CONDITIONS, CONTROLS, COUNTERFACTUALS, SAMPLED, sample
 from eyechart.errors import SpecError
 from eyechart.frames import LEAD_GAP
 from eyechart.models.scripted import Answer
@@ -132,6 +132,7 @@ def try_adversaries(task: Task) -> list[Tried]:
 def staged(answers: Answers, how: Resampling) -> Answers:
     """Return those of a model's answers that a run would have asked for: controls only where they could matter."""
     asked = [name for name in answers.decisions if name not in CONTROLS]
+    answers = _sampled(answers, asked, how.seed)
     while True:
         part = replace(answers, decisions={name: answers.decisions[name] for name in asked})
         found = Calibrated(part, how).statistics()
@@ -139,6 +140,18 @@ def staged(answers: Answers, how: Resampling) -> Answers:
         if not more:
             return part
         asked += [name for name in more if name in answers.decisions]
+
+
+def _sampled(answers: Answers, asked: Sequence[str], seed: int) -> Answers:
+    """Return the answers without those to the sampled controls on frames of which a run would not ask them."""
+    calls = sum(one is not None for name in asked for one in answers.decisions[name])
+    decisions = dict(answers.decisions)
+    for name in SAMPLED:
+        shown = [frame.id for frame, one in zip(answers.frames, decisions[name], strict=True) if one is not None]
+        few = sample(name, shown, calls, seed)
+        kept = (one if frame.id in few else None for frame, one in zip(answers.frames, decisions[name], strict=True))
+        decisions[name] = tuple(kept)
+    return replace(answers, decisions=decisions)
 
 
 def replicate(task: Task) -> list[Outcome]:

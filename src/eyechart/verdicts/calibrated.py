@@ -20,7 +20,7 @@ CONTENT = {
 }
 """The tests of content, and what each picture changes."""
 
-CHANGES = ("mirrored", "lead_near", "lead_far", "lead_absent")
+CHANGES = ("mirrored", "lead_near", "lead_far", ABSENT)
 """What an absence bounds besides, at `BOUND_ALPHA`: these change the picture and are no other frame."""
 
 STRICT = ("bound_content_shuffled", "bound_content_recoloured", "bound_scene", "bound_blank")
@@ -62,11 +62,12 @@ def controls_wanted(
     None where nothing that could be claimed so far could be taken away by a control. It depends on the statistics
     alone, so that whoever scores a run finds the same.
     """
-    label = calibrated_rules(found, turns=False)[0].label
+    ruling = calibrated_rules(found, turns=False)[0]
+    label = ruling.label
     wanted: tuple[str, ...] = ()
     if label in {"content", "depth_associated"}:
         wanted = (NUDGED,)
-    elif label == "presence_only":
+    elif label in {"presence_only", "refusal_effect", "image_invariant"} or _may_be_blind(found, ruling):
         wanted = (ABSENT,)
     if label == "depth_associated" and found["depth_interventional"].p is not None:
         exchanged = found["lane_exchange"].p is not None
@@ -75,6 +76,11 @@ def controls_wanted(
         elif set(EXCHANGE) <= set(supplied) and not set(EXCHANGE) <= set(asked):
             wanted = EXCHANGE
     return tuple(name for name in wanted if name in supplied and name not in asked)
+
+
+def _may_be_blind(found: Mapping[str, Statistic], ruling: Ruling) -> bool:
+    """Return whether nothing is decided but that it follows no file: some absence may be true of it."""
+    return ruling.label == "undecided" and ruling.statistic is not None and not below(found["repeat_over_nudged"].p)
 
 
 def _depth(found: Mapping[str, Statistic], *, turns: bool) -> Ruling | None:

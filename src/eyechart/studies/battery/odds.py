@@ -5,6 +5,7 @@ distance of the lead on a share of the frames. All of them err: each call gets a
 two calls about one picture disagree as often as the noise floor says.
 """
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
@@ -12,7 +13,7 @@ from functools import cache, cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from eyechart.conditions import available
+from eyechart.conditions import CONDITIONS, CONTROLS, OF_BANKS, SAMPLED, available, sample
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank
 from eyechart.records import Plain
@@ -30,7 +31,7 @@ READS = (0.3, 1.0)
 DRAWS = 2000
 
 STRICT = ("shuffled", "recoloured", "cross_scenario")
-LOOSE = ("mirrored", "lead_near", "lead_far")
+LOOSE = ("mirrored", "lead_near", "lead_far", "lead_absent")
 NO_PICTURES = ("noise", "text_only")
 """What an absence bounds: at ``ALPHA``, at ``BOUND_ALPHA``, and likewise where no decision comes from the camera."""
 
@@ -99,6 +100,29 @@ def _named(share: float) -> str:
     return f"{share:g}"
 
 
+def calls_of(bank: FrameBank) -> dict[str, int]:
+    """Return how many frames can be shown under each condition that is always asked of a bank."""
+    of_scenario = Counter(frame.scenario for frame in bank)
+    calls = {}
+    for name in OF_BANKS:
+        if "text" in CONDITIONS[name].needs or name in CONTROLS:
+            continue
+        shown = [frame for frame in bank if available(name, frame)]
+        if (name == "shuffled" and min(of_scenario.values()) < 2) or (
+            name == "cross_scenario" and len(of_scenario) < 2
+        ):
+            shown = []
+        calls[name] = len(shown)
+    return calls
+
+
+def sampled_of(bank: FrameBank) -> dict[str, int]:
+    """Return of how many frames each sampled control is asked where answers call for it."""
+    calls = sum(calls_of(bank).values())
+    shown = {name: [frame.id for frame in bank if available(name, frame)] for name in SAMPLED}
+    return {name: len(sample(name, ids, calls, 0)) for name, ids in shown.items()}
+
+
 @dataclass(frozen=True)
 class _Drawn:
     """Draws many models' answers, shape (draws, frames) a condition, as the codes of actions."""
@@ -118,7 +142,10 @@ class _Drawn:
 
     def _shown(self, *conditions: str) -> Flags:
         """Return which frames can be shown under all of some conditions."""
-        return np.array([all(available(name, frame) for name in conditions) for frame in self.bank])
+        shown = np.array([all(available(name, frame) for name in conditions) for frame in self.bank])
+        for name in SAMPLED.keys() & set(conditions):
+            shown &= np.cumsum(shown) <= sampled_of(self.bank)[name]  # which of them makes no difference here
+        return shown
 
     @cached_property
     def _levels(self) -> NDArray[np.float64]:
@@ -135,8 +162,6 @@ class _Drawn:
         """Return how often all bounds hold of who answers alike, or tells a picture from none."""
         strict = STRICT if presence else (*STRICT, "blank")
         loose = LOOSE if presence else (*LOOSE, *NO_PICTURES)
-        if presence and self._shown("lead_absent").any():
-            loose = (*loose, "lead_absent")  # asked of who would be presence_only
         if not self._shown("shuffled").any() or len(self.bank) < 2:
             return None
         real = self._answer(0)

@@ -134,7 +134,8 @@ class Battery:
         """Return how many calls of controls may still come beside those planned, as each model's answers call for."""
         with self._ledger() as ledger:
             found = self._asked(ledger)
-        return {spec: len([*replace(self.plan, conditions=one.most).keys_of(spec)]) for spec, one in found.items()}
+        most = replace(self.plan, controls={spec: one.most for spec, one in found.items()})
+        return {spec: sum(key.condition in one.most for key in most.keys_of(spec)) for spec, one in found.items()}
 
     @contextmanager
     def _ledger(self) -> Iterator[Ledger | None]:

@@ -6,13 +6,13 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from eyechart.conditions import CONDITIONS, CONTROLS, OF_BANKS, available
+from eyechart.conditions import CONTROLS, available
 from eyechart.frames import FrameBank
 from eyechart.stats.agreement import detectable_share, trials_needed
 from eyechart.stats.exchange import exchange_test
 from eyechart.stats.paired import bounded_below, pairs_to_bound
 from eyechart.studies.battery.controls import FEWEST_PAIRS
-from eyechart.studies.battery.odds import NOISE, Odds, odds_of
+from eyechart.studies.battery.odds import NOISE, Odds, calls_of, odds_of, sampled_of
 from eyechart.studies.battery.stopping import layout_of, typical
 from eyechart.verdicts import ALPHA, MARGIN
 
@@ -121,7 +121,7 @@ def power_of(bank: FrameBank, *, noise: float = NOISE) -> BankPower:
 
     Raises SpecError for a noise floor that no model can have.
     """
-    calls = _calls(bank)
+    calls = calls_of(bank)
     pairs = sum(all(name in frame.counterfactuals for name in ("lead_near", "lead_far")) for frame in bank)
     demanded = [frame.truth.get(DEMAND) for frame in bank]
     directional = bank.manifest.action_space.directional
@@ -130,6 +130,7 @@ def power_of(bank: FrameBank, *, noise: float = NOISE) -> BankPower:
     never = np.zeros(len(bank))
     bound = bounded_below(never, never, margin=MARGIN, alpha=ALPHA).ci
     controls = {name: sum(available(name, frame) for frame in bank) for name in CONTROLS}
+    controls |= sampled_of(bank)
     shown = [name for name, count in (calls | controls).items() if count]
     asked = {frame.id: tuple(name for name in shown if available(name, frame)) for frame in bank}
     return BankPower(
@@ -158,22 +159,6 @@ def power_of(bank: FrameBank, *, noise: float = NOISE) -> BankPower:
         controls=controls,
         odds=odds_of(bank, noise=noise),
     )
-
-
-def _calls(bank: FrameBank) -> dict[str, int]:
-    """Return how many frames can be shown under each condition that is always asked of a bank."""
-    of_scenario = Counter(frame.scenario for frame in bank)
-    calls = {}
-    for name in OF_BANKS:
-        if "text" in CONDITIONS[name].needs or name in CONTROLS:
-            continue
-        shown = [frame for frame in bank if available(name, frame)]
-        if (name == "shuffled" and min(of_scenario.values()) < 2) or (
-            name == "cross_scenario" and len(of_scenario) < 2
-        ):
-            shown = []
-        calls[name] = len(shown)
-    return calls
 
 
 def _smallest_p(bank: FrameBank) -> tuple[float | None, str]:

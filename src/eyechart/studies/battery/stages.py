@@ -148,5 +148,6 @@ class InStages:
         fresh = tuple(name for name in now if name not in before)
         self._controls[model] = (*before, *fresh)
         given = {key for key, reply in self._ledger.replies(model) if reply.error not in UNFINISHED}
-        todo = (key for key in replace(self._plan, conditions=fresh, controls={}).keys_of(model) if key not in given)
+        keys = replace(self._plan, controls={model: fresh}).keys_of(model)
+        todo = (key for key in keys if key.condition in fresh and key not in given)
         return in_order(todo, key_seed("stage", self._plan.seed, model, *fresh))

@@ -8,11 +8,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
-from eyechart.conditions import CONTROLS
+from eyechart.conditions import CONTROLS, shuffled_order
 from eyechart.frames import Frame
 from eyechart.ledger import Ledger
 from eyechart.run import Plan, Stages
-from eyechart.seeds import key_seed
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.space import Decision
 from eyechart.stats.statistic import Statistic
@@ -76,7 +75,7 @@ def layout_of(frames: Sequence[Frame], every: Mapping[str, Sequence[str]], space
 
     Each frame's place in the order comes from the seed and its own id.
     """
-    order = sorted((frame.id for frame in frames), key=lambda one: (key_seed("stop early", seed, one), one))
+    order = shuffled_order([frame.id for frame in frames], seed)
     asked = {frame: tuple(name for name in names if name not in CONTROLS) for frame, names in every.items()}
     needed = set(CONTROLS) & set(CONTROLLED)
     controls = {frame: tuple(name for name in names if name in needed) for frame, names in every.items()}
