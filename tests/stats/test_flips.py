@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from eyechart.stats.flips import sign_flip_test
+from eyechart.stats.flips import follow, sign_flip_test
 
 
 def test_a_few_pairs_are_enumerated() -> None:
@@ -67,3 +67,47 @@ def test_it_keeps_its_level() -> None:
         for turn in range(400)
     ]
     assert 0.02 <= np.mean([p is not None and p <= 0.05 for p in ps]) <= 0.09
+
+
+def test_following_is_a_share_with_a_one_sided_p_by_episode() -> None:
+    """By hand: eight episodes that all follow halfway have a share of .5 and a p of 1 in 256."""
+    episodes = np.repeat(np.arange(8), 3)
+    found = follow(np.full(24, 2.0), np.full(24, 4.0), episodes, seed=0)
+    assert (found.value, found.p, found.n) == (0.5, 1 / 256, 24)
+    assert found.ci == pytest.approx((0.5, 0.5))
+    assert follow(np.full(24, -2.0), np.full(24, 4.0), episodes, seed=0).p == 1.0
+
+
+def test_following_below_seven_episodes_cannot_reach_one_in_a_hundred() -> None:
+    """Six have 64 patterns, seven have 128."""
+    for many, least in ((6, 1 / 64), (7, 1 / 128)):
+        assert follow(np.ones(many), np.ones(many), np.arange(many), seed=0).p == least
+
+
+def test_the_interval_of_following_is_a_jackknife_over_episodes() -> None:
+    """Written out in a loop, with scipy's t; an exchange of all signs is scipy's permutation test."""
+    rng = np.random.default_rng(2)
+    episodes, full = np.repeat(np.arange(10), 4), rng.uniform(2, 4, 40)
+    gains = 0.6 * full + rng.normal(size=40)
+    found = follow(gains, full, episodes, seed=0)
+    left = [gains[episodes != one].sum() / full[episodes != one].sum() for one in range(10)]
+    error = np.sqrt(9 / 10 * np.sum((left - np.mean(left)) ** 2))
+    wide = stats.t.ppf(0.99, 9) * error
+    assert found.ci == pytest.approx((found.value - wide, found.value + wide))
+    means = np.array([gains[episodes == one].mean() for one in range(10)])
+    theirs = stats.permutation_test(
+        (means, np.zeros(10)),
+        lambda x, y: np.mean(x - y),
+        permutation_type="samples",
+        alternative="greater",
+        n_resamples=np.inf,
+    )
+    assert found.p == pytest.approx(theirs.pvalue)
+
+
+def test_nothing_that_was_moved_cannot_be_followed() -> None:
+    """No frames, or a move that nobody would follow."""
+    assert follow([], [], [], seed=0).value is None
+    assert follow([1, 2], [0, 0], [0, 1], seed=0).value is None
+    with pytest.raises(ValueError, match="2 gains, 1 full"):
+        follow([1, 2], [1], [0, 1], seed=0)

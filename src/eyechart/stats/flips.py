@@ -1,4 +1,4 @@
-"""Do two drivers differ in the same worlds: a test that flips the signs of paired differences."""
+"""Tests that flip signs: do two drivers differ in the same worlds, and is what was moved followed."""
 
 import itertools
 
@@ -11,6 +11,9 @@ Floats = npt.NDArray[np.float64]
 
 ENUMERATED_FLIPS = 14
 """Up to so many differences other than 0 all sign patterns are enumerated instead of sampled."""
+
+FOLLOW_LEVEL = 0.98
+"""Each end of the interval of `follow` is passed with a chance of .01."""
 
 
 def sign_flip_test(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, resamples: int = 5000) -> Statistic:
@@ -55,6 +58,51 @@ def sign_flip_test(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, re
             k += int(np.count_nonzero(np.abs(signs @ moved) >= observed))
         p, how = (k + 1) / (resamples + 1), f"B={resamples}"
     return Statistic(value, len(a), p=p, method=f"{method}, {how}", detail=detail)
+
+
+def follow(gains: npt.ArrayLike, full: npt.ArrayLike, episodes: npt.ArrayLike, *, seed: int) -> Statistic:
+    """Return how far answers follow what was moved, as a share of what follows it fully, with a one-sided test.
+
+    Three arrays of one entry a frame: ``gains``, how far the answer goes along the way that something was moved;
+    ``full``, how far it would go if it followed fully; ``episodes``, labels. The value is sum(gains) / sum(full), its
+    interval a t interval over episodes of the ratio, by leaving each out. ``p`` is that of a mean gain over episodes
+    above 0, by flipping the signs of whole episodes: exact up to `ENUMERATED_FLIPS` of them. With fewer than seven
+    episodes it cannot be below .01. None without a frame, and where nothing would follow. ``n`` counts the frames;
+    ValueError where the lengths differ.
+    """
+    along, most = _numbers(gains, "gains"), _numbers(full, "full")
+    labels = np.asarray(episodes)
+    if not len(along) == len(most) == len(labels):
+        raise ValueError(f"{len(along)} gains, {len(most)} full ones and {len(labels)} episodes: give one a frame")
+    method = "share of what follows fully, one-sided test by flipping the signs of episodes"
+    if not len(along) or abs(most.sum()) <= TIE:
+        return cannot_say("nothing was moved that could be followed", len(along), method)
+    _, which = np.unique(labels, return_inverse=True)
+    sums, fulls, counts = (np.bincount(which, one) for one in (along, most, np.ones_like(along)))
+    means, share, many = sums / counts, float(along.sum() / most.sum()), len(sums)
+    p, smallest = _above(means, seed)
+    detail: dict[str, object] = {"episodes": many, "smallest_p": smallest}
+    if many < 2:
+        return Statistic(share, len(along), p=p, method=method, note="one episode shows no spread", detail=detail)
+    from scipy import special  # noqa: PLC0415 - slow to import
+
+    left = (sums.sum() - sums) / (fulls.sum() - fulls)
+    error = float(np.sqrt((many - 1) / many * ((left - left.mean()) ** 2).sum()))
+    wide = float(special.stdtrit(many - 1, (1 + FOLLOW_LEVEL) / 2)) * error
+    return Statistic(share, len(along), (share - wide, share + wide), p, method, detail=detail, level=FOLLOW_LEVEL)
+
+
+def _above(values: Floats, seed: int, resamples: int = 9999) -> tuple[float, float]:
+    """Return the one-sided p of a mean above 0 by flipped signs, and the smallest that could have come."""
+    observed = float(values.sum()) - TIE * float(np.abs(values).sum())
+    if len(values) <= ENUMERATED_FLIPS:
+        signs = np.array(list(itertools.product((-1.0, 1.0), repeat=len(values))))
+        return float(np.mean(signs @ values >= observed)), 2.0 ** -len(values)
+    rng, k = np.random.default_rng(seed), 0
+    for rows in chunks(resamples, len(values)):
+        signs = rng.integers(0, 2, size=(rows.stop - rows.start, len(values))) * 2.0 - 1.0
+        k += int(np.count_nonzero(signs @ values >= observed))
+    return (k + 1) / (resamples + 1), 1 / (resamples + 1)
 
 
 def _numbers(values: npt.ArrayLike, which: str) -> Floats:

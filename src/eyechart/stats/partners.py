@@ -1,0 +1,72 @@
+"""Whose channel a frame is shown: partners of other episodes, each used as often as any, or of a similar state."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from eyechart.stats.statistic import chunks
+
+Places = npt.NDArray[np.intp]
+_Marks = npt.NDArray[np.bool_]
+
+NOBODY = -1
+"""Stands for the partner of a frame that has none."""
+_ROUNDS = 20
+
+
+def balanced_partners(episodes: Sequence[object], values: Sequence[object], *, seed: int) -> Places:
+    """Return for each frame the place of its partner, shape (n,): of another episode, and with another value.
+
+    ``episodes`` and ``values`` are labels, one a frame. The partners are a random exchange, so that each frame is the
+    partner of one other; where there is no such exchange (an episode of more than half the frames, values of unequal
+    number) the frames that it leaves over get any partner that fits. A frame gets `NOBODY` only where no frame of
+    another episode has another value. ValueError where the lengths differ.
+    """
+    if len(episodes) != len(values):
+        raise ValueError(f"{len(episodes)} episodes and {len(values)} values: give one of each a frame")
+    episode, value = _numbered(episodes), _numbered(values)
+    rng, n = np.random.default_rng(seed), len(episode)
+
+    def fits(frame: Places | int, partner: Places | int) -> _Marks:
+        return np.asarray((episode[frame] != episode[partner]) & (value[frame] != value[partner]))
+
+    every, found = np.arange(n), rng.permutation(n)
+    for _ in range(_ROUNDS):
+        amiss = np.flatnonzero(~fits(every, found))
+        for place in map(int, amiss):
+            others = rng.permutation(n)
+            better = others[fits(place, found[others]) & fits(others, int(found[place]))]
+            if len(better):
+                found[[place, better[0]]] = found[[better[0], place]]
+    for place in map(int, np.flatnonzero(~fits(every, found))):
+        free = every[fits(place, every)]
+        found[place] = rng.choice(free) if len(free) else NOBODY
+    return found
+
+
+def matched_partners(episodes: Sequence[object], states: npt.ArrayLike) -> Places:
+    """Return for each frame the place of the frame of another episode whose state is nearest, shape (n,).
+
+    ``states`` has shape (n, d); each number counts in units of its own spread over the frames. `NOBODY` where all
+    frames are of one episode. ValueError where the lengths differ.
+    """
+    episode, given = _numbered(episodes), np.asarray(states, np.float64)
+    if given.ndim != 2 or len(given) != len(episode):
+        raise ValueError(f"{len(episode)} episodes and states of shape {given.shape}: give one row a frame")
+    spread = given.std(axis=0)
+    scaled = (given - given.mean(axis=0)) / np.where(spread > 0, spread, 1.0)
+    found = np.full(len(episode), NOBODY)
+    for rows in chunks(len(episode), scaled.size):
+        far = ((scaled[rows, None, :] - scaled[None]) ** 2).sum(axis=2)
+        far[episode[rows, None] == episode[None]] = np.inf
+        nearest = far.argmin(axis=1)
+        there = np.isfinite(np.take_along_axis(far, nearest[:, None], axis=1)[:, 0])
+        found[rows] = np.where(there, nearest, NOBODY)
+    return found
+
+
+def _numbered(labels: Sequence[object]) -> Places:
+    """Return equal labels as equal numbers, in the order of their first places."""
+    numbers: dict[object, int] = {}
+    return np.array([numbers.setdefault(one, len(numbers)) for one in labels], dtype=np.intp)

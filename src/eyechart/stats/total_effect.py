@@ -1,0 +1,207 @@
+"""How much of a controller's own variation goes when one of its channels is exchanged: a total-effect share.
+
+Answers are arrays of shape (answers, frames, …): so many answers of equal standing to each frame, in units of scale.
+One answer is enough of a controller that answers alike whenever it is asked alike; of one that draws its answers, two
+or more let its noise cancel.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import numpy.typing as npt
+
+from eyechart.stats.statistic import TIE, Statistic, cannot_say
+
+Floats = npt.NDArray[np.float64]
+Places = npt.NDArray[np.intp]
+
+LEVEL = 0.98
+"""Each end of an interval is passed with a chance of .01."""
+
+_SURE = 2.0
+"""A share so many standard errors above 0 has an interval on the scale of its logarithm alone."""
+_MOST_EXPONENT = 50.0
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Half the squared distance of two answers, frame by frame, and the episodes that it belongs to.
+
+    ``values``, shape (n,), is in units of scale squared; ``owner`` and ``partner``, shape (n,), number the episode of
+    the frame, and that of the frame whose channel was shown or whose answer it is compared with.
+    """
+
+    values: Floats
+    owner: Places
+    partner: Places
+
+    def __post_init__(self) -> None:
+        if not len(self.values) == len(self.owner) == len(self.partner) or not np.isfinite(self.values).all():
+            raise ValueError("give one finite value, one owner and one partner a frame")
+
+    def table(self, episodes: int) -> tuple[Floats, Floats]:
+        """Return the sum and the count of the values by owner and partner, each of shape (episodes, episodes)."""
+        place, size = self.owner * episodes + self.partner, episodes * episodes
+        sums = np.bincount(place, self.values, size).reshape(episodes, episodes)
+        counts = np.bincount(place, minlength=size).reshape(episodes, episodes).astype(np.float64)
+        return np.asarray(sums, np.float64), counts
+
+
+def half_squares(first: npt.ArrayLike, second: npt.ArrayLike) -> Floats:
+    """Return half the mean squared difference of two answers to each frame, shape (n,), net of noise.
+
+    Both have shape (k, n, …), with as many answers. With one answer it is ½ |r - s|²; with more, the mean of
+    ½ ⟨rₐ - sₐ, r_b - s_b⟩ over a ≠ b, whose expectation has no noise in it, and which may be negative. ValueError where
+    the shapes differ.
+    """
+    r, s = np.asarray(first, np.float64), np.asarray(second, np.float64)
+    if r.shape != s.shape or r.ndim < 3:
+        raise ValueError(f"need two arrays of one shape (answers, frames, numbers…), got {r.shape} and {s.shape}")
+    return np.asarray(half_products(r, s).reshape(r.shape[1], -1).mean(axis=1))
+
+
+def half_products(r: Floats, s: Floats) -> Floats:
+    """Return `half_squares` before its mean over the numbers of an answer, shape (n, …)."""
+    apart, k = r - s, len(r)
+    if k == 1:
+        return np.asarray(apart[0] ** 2 / 2)
+    together = apart.sum(axis=0) ** 2 - (apart**2).sum(axis=0)
+    return np.asarray(together / (2 * k * (k - 1)))
+
+
+def total_effect(effect: Pairs, variation: Pairs, *, sampled: bool = False, level: float = LEVEL) -> Statistic:
+    """Return the share of a controller's variation that goes with a channel: mean(effect) / mean(variation).
+
+    ``effect`` holds the half squared distances of answers with and without the channel exchanged, ``variation`` those
+    of answers to a frame and to another episode's. Episodes are numbered alike in both. The standard error is a
+    jackknife that leaves each episode out, both as owner and as partner; the interval is t with episodes - 1 degrees of
+    freedom, on the scale of the logarithm. With ``sampled``, where noise can make the share negative, the upper end is
+    never below the plain one. The share is of an intervention: channels that tell the same may each have none, or each
+    all, and it may exceed 1. ``n`` counts the frames. None below three episodes, and where the controller does not
+    vary.
+
+    Source: total-effect index (Homma and Saltelli 1996); delete-one-node jackknife for pairs (Fafchamps and Gubert
+    2007). Measured in docs/decisions/0050-any-policy-simulated.md.
+    """
+    method = f"share of own variation, jackknife over owners and partners, {100 * level:g}% interval"
+    episodes = int(max(np.max(one.owner, initial=-1) for one in (effect, variation))) + 1
+    n, there = len(effect.values), len(np.unique(effect.owner))
+    if there < 3:
+        return cannot_say(f"{there} episodes have both answers, and three are needed", n, method)
+    whole, without = _means(effect, episodes), _means(variation, episodes)
+    if not without[0] > 0:
+        return cannot_say("the answers do not vary from episode to episode", n, method)
+    shares = whole[1] / without[1]
+    left = shares[np.isfinite(shares)]
+    if len(left) < there:
+        return cannot_say("too few pairs of episodes: without one of them none is left", n, method)
+    share = float(whole[0] / without[0])
+    error = float(np.sqrt((len(left) - 1) / len(left) * ((left - left.mean()) ** 2).sum()))
+    detail = {"episodes": there, "standard_error": error, "effect": float(whole[0]), "variation": float(without[0])}
+    ci = _interval(share, error, _quantile(level, there - 1), sampled=sampled)
+    return Statistic(share, n, ci, method=method, detail=detail, level=level)
+
+
+def _means(pairs: Pairs, episodes: int) -> tuple[float, Floats]:
+    """Return the mean of all values, and that without each episode, NaN where none is left or it has none."""
+    sums, counts = pairs.table(episodes)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        parts = [one.sum() - one.sum(axis=0) - one.sum(axis=1) + np.diag(one) for one in (sums, counts)]
+        left = np.where(parts[1] > 0, parts[0] / parts[1], np.nan)
+    left[counts.sum(axis=1) == 0] = np.nan
+    return float(sums.sum() / counts.sum()), left
+
+
+def _interval(share: float, error: float, quantile: float, *, sampled: bool) -> tuple[float, float]:
+    wide = quantile * error
+    if share <= 0:
+        return 0.0, max(0.0, share + wide)
+    factor = float(np.exp(min(wide / share, _MOST_EXPONENT)))
+    if not sampled:
+        return share / factor, share * factor
+    upper = share + wide
+    return share / factor, max(upper, share * factor) if share > _SURE * error else upper
+
+
+def _quantile(level: float, freedom: int) -> float:
+    from scipy import special  # noqa: PLC0415 - slow to import
+
+    return float(special.stdtrit(freedom, (1 + level) / 2))
+
+
+def relabelling_p(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, resamples: int = 1999) -> float | None:
+    """Return the p of the hypothesis that exchanging the channel changes nothing at all; None with one answer each.
+
+    Both have shape (k, n, …). Under the hypothesis the 2 k answers to a frame stand in any order, so that they are
+    dealt out anew within each frame; the statistic is the sum over frames of the squared distance of the two means.
+    The test is exact for any noise: (j + 1) / (B + 1).
+    """
+    r, s = (np.asarray(one, np.float64) for one in (first, second))
+    k, n = r.shape[:2]
+    if k < 2 or not n:
+        return None
+    pool = np.concatenate([r, s]).reshape(2 * k, n, -1)
+    whole = pool.sum(axis=0)
+    dealt = [list(chosen) for chosen in combinations(range(2 * k), k) if 0 in chosen]
+    apart = np.stack([((2 * pool[chosen].sum(axis=0) - whole) ** 2).sum(axis=1) for chosen in dealt])
+    observed = float(apart[0].sum()) * (1 - TIE)
+    rng = np.random.default_rng(seed)
+    drawn = sum(apart[rng.integers(len(dealt), size=n), np.arange(n)].sum() >= observed for _ in range(resamples))
+    return float((drawn + 1) / (resamples + 1))
+
+
+def shares_of_parts(
+    first: Floats, second: Floats, one: Floats, other: Floats
+) -> Mapping[str, tuple[float | None, ...]]:
+    """Return the share by ``dimension`` and by ``step`` of the horizon, None where the controller does not vary.
+
+    Answers of shape (k, frames, steps, dimensions): with the channel, with it exchanged; and of two frames each.
+    """
+    effect, variation = half_products(first, second).mean(axis=0), half_products(one, other).mean(axis=0)
+    least = TIE * max(1.0, float(variation.mean()))
+    parts = {"dimension": 0, "step": 1}
+    found = {}
+    for name, axis in parts.items():
+        with np.errstate(invalid="ignore", divide="ignore"):
+            shares = effect.mean(axis=axis) / variation.mean(axis=axis)
+        varies = variation.mean(axis=axis) > least
+        found[name] = tuple(float(share) if good else None for share, good in zip(shares, varies, strict=True))
+    return found
+
+
+def noise_share(first: npt.ArrayLike, again: npt.ArrayLike, other: npt.ArrayLike) -> Statistic:
+    """Return which share of a controller's variation is there when nothing changes at all.
+
+    ``first`` and ``again``, shape (n, …), are two answers to the same frame, ``other`` an answer to another episode's.
+    It is the mean squared distance of the first two over that of ``first`` and ``other``; None where those do not vary.
+    """
+    a, b, c = (np.asarray(one, np.float64) for one in (first, again, other))
+    method = "squared distance of two answers to one frame, over that to another episode's"
+    if not len(a):
+        return cannot_say("no frame was answered twice", method=method)
+    whole = float(((a - c) ** 2).mean())
+    if not whole > 0:
+        return cannot_say("the answers do not vary from episode to episode", len(a), method)
+    return Statistic(float(((a - b) ** 2).mean()) / whole, len(a), method=method)
+
+
+def misfit_share(answers: npt.ArrayLike, logged: npt.ArrayLike, episodes: Places, *, level: float = LEVEL) -> Statistic:
+    """Return the mean squared error of answers, over the variance of the logged actions: 0 fits, 1 is their mean's.
+
+    Both have shape (n, steps, dimensions), in units of scale; the mean is that of each step and dimension. The interval
+    is a jackknife over episodes on the scale of the logarithm. None without logged actions that vary.
+    """
+    a, b = np.asarray(answers, np.float64), np.asarray(logged, np.float64)
+    method = f"squared error over the variance of the logged actions, {100 * level:g}% interval over episodes"
+    if not len(a):
+        return cannot_say("no frame has an answer and a logged action", method=method)
+    error = ((a - b) ** 2).reshape(len(a), -1).mean(axis=1)
+    spread = ((b - b.mean(axis=0)) ** 2).reshape(len(b), -1).mean(axis=1)
+    if not spread.mean() > 0:
+        return cannot_say("the logged actions are all the same", len(a), method)
+    _, numbered = np.unique(episodes, return_inverse=True)
+    if numbered.max() < 2:
+        return Statistic(float(error.mean() / spread.mean()), len(a), method=method, note="fewer than three episodes")
+    return total_effect(*(Pairs(one, numbered, numbered) for one in (error, spread)), level=level)

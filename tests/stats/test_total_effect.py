@@ -1,0 +1,181 @@
+"""Total-effect shares: by hand, by another way of computing, and on worlds whose share is known."""
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from eyechart.stats.partners import balanced_partners
+from eyechart.stats.total_effect import (
+    LEVEL,
+    Pairs,
+    half_squares,
+    misfit_share,
+    noise_share,
+    relabelling_p,
+    shares_of_parts,
+    total_effect,
+)
+
+EPISODES, EACH = 12, 6
+
+
+def world(share: float, rng: np.random.Generator, noise: float = 0.0, answers: int = 1) -> tuple[np.ndarray, ...]:
+    """Return answers to own and swapped pictures, places of partners and episodes; the picture carries ``share``."""
+    episodes = np.repeat(np.arange(EPISODES), EACH)
+    seen, other = (
+        0.9 * rng.normal(size=(EPISODES, 3))[episodes] + 0.44 * rng.normal(size=(len(episodes), 3)) for _ in range(2)
+    )
+    partners = balanced_partners(list(episodes), list(range(len(episodes))), seed=int(rng.integers(1 << 30)))
+
+    def answer(picture: np.ndarray) -> np.ndarray:
+        plain = np.sqrt(share) * picture + np.sqrt(1 - share) * other
+        return np.stack([plain + np.sqrt(noise) * rng.normal(size=plain.shape) for _ in range(answers)])
+
+    return answer(seen), answer(seen[partners]), partners, episodes
+
+
+def estimate(own: np.ndarray, swapped: np.ndarray, partners: np.ndarray, episodes: np.ndarray):  # noqa: ANN201
+    """Return the share of a world."""
+    owner, partner = episodes, episodes[partners]
+    effect = Pairs(half_squares(own, swapped), owner, partner)
+    return total_effect(effect, Pairs(half_squares(own, own[:, partners]), owner, partner), sampled=len(own) > 1)
+
+
+def test_half_squares_are_by_hand() -> None:
+    """One answer: ½ of the mean of 1, 4 and 1; two: ½ of the mean product of the two differences."""
+    one, other = np.array([[[1.0, 2.0, 3.0]]]), np.array([[[2.0, 4.0, 4.0]]])
+    assert half_squares(one, other) == pytest.approx([(1 + 4 + 1) / 3 / 2])
+    r, s = np.array([[[1.0, 0.0]], [[3.0, 1.0]]]), np.array([[[0.0, 0.0]], [[1.0, 2.0]]])
+    assert half_squares(r, s) == pytest.approx([(1 * 2 + 0 * -1) / 2 / 2])
+    with pytest.raises(ValueError, match="one shape"):
+        half_squares(one, other[:, :, :2])
+
+
+def test_several_answers_are_the_mean_over_ordered_pairs_of_different_answers() -> None:
+    """The closed form equals the double loop that defines it."""
+    rng = np.random.default_rng(1)
+    r, s = rng.normal(size=(4, 5, 8, 3)), rng.normal(size=(4, 5, 8, 3))
+    pairs = [(r[a] - s[a]) * (r[b] - s[b]) for a, b in itertools.permutations(range(4), 2)]
+    assert half_squares(r, s) == pytest.approx(np.mean(pairs, axis=0).mean(axis=(1, 2)) / 2)
+
+
+def test_the_interval_is_that_of_a_jackknife_written_out() -> None:
+    """Leaving an episode out as owner and as partner, in a loop over frames, gives the same standard error."""
+    own, swapped, partners, episodes = world(0.3, np.random.default_rng(5))
+    found = estimate(own, swapped, partners, episodes)
+    x, v = half_squares(own, swapped), half_squares(own, own[:, partners])
+    left = []
+    for one in range(EPISODES):
+        keep = [i for i in range(len(x)) if episodes[i] != one and episodes[partners[i]] != one]
+        left.append(x[keep].mean() / v[keep].mean())
+    error = np.sqrt((EPISODES - 1) / EPISODES * np.sum((left - np.mean(left)) ** 2))
+    share = x.mean() / v.mean()
+    wide = stats.t.ppf((1 + LEVEL) / 2, EPISODES - 1) * error / share
+    assert found.value == pytest.approx(share)
+    assert found.ci == pytest.approx((share * np.exp(-wide), share * np.exp(wide)))
+    assert found.n == len(x)
+
+
+def test_it_finds_the_share_of_a_known_world_and_holds_its_level() -> None:
+    """At .10 the upper end falls below .10 hardly more often than in .01 of the worlds, and at .02 nothing is used."""
+    rng = np.random.default_rng(8)
+    tenth = [estimate(*world(0.10, rng)) for _ in range(600)]
+    assert np.mean([one.value for one in tenth]) == pytest.approx(0.10, abs=0.01)
+    assert np.mean([one.ci[1] < 0.10 for one in tenth]) <= 0.025
+    none = [estimate(*world(0.02, rng)) for _ in range(600)]
+    assert np.mean([one.ci[0] > 0.02 for one in none]) <= 0.025
+    assert np.mean([one.ci[1] < 0.10 for one in none]) >= 0.75
+
+
+def test_noise_does_not_count_where_answers_are_repeated() -> None:
+    """With noise as large as the signal, one answer says that half of the variation is the picture's; two say none."""
+    rng = np.random.default_rng(3)
+    one = [estimate(*world(0.0, rng, noise=1.0)).value for _ in range(60)]
+    two = [estimate(*world(0.0, rng, noise=1.0, answers=2)) for _ in range(60)]
+    assert np.mean(one) == pytest.approx(0.5, abs=0.05)
+    assert np.mean([each.value for each in two]) == pytest.approx(0.0, abs=0.05)
+    assert all(each.ci[0] >= 0 for each in two)
+
+
+def test_a_controller_that_never_changes_with_the_channel_has_a_share_of_exactly_0() -> None:
+    """And one that does not vary at all has none."""
+    own, _, partners, episodes = world(0.3, np.random.default_rng(2))
+    found = estimate(own, own.copy(), partners, episodes)
+    assert (found.value, found.ci) == (0.0, (0.0, 0.0))
+    still = estimate(np.zeros_like(own), np.zeros_like(own), partners, episodes)
+    assert still.value is None
+    assert "do not vary" in still.note
+
+
+def test_two_episodes_cannot_say() -> None:
+    """Without one of them nothing is left."""
+    pairs = Pairs(np.ones(4), np.array([0, 0, 1, 1]), np.array([1, 1, 0, 0]))
+    assert total_effect(pairs, pairs).value is None
+    with pytest.raises(ValueError, match="finite"):
+        Pairs(np.array([np.nan]), np.array([0]), np.array([1]))
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10**6), st.floats(0.1, 50))
+def test_the_share_has_no_unit_and_no_order(seed: int, unit: float) -> None:
+    """Answers in other units, frames in another order and episodes with other numbers give the same."""
+    rng = np.random.default_rng(seed)
+    own, swapped, partners, episodes = world(0.4, rng)
+    plain, scaled = estimate(own, swapped, partners, episodes), estimate(own * unit, swapped * unit, partners, episodes)
+    assert scaled.value == pytest.approx(plain.value)
+    assert scaled.ci == pytest.approx(plain.ci)
+    order, names = rng.permutation(len(episodes)), rng.permutation(EPISODES)
+    where = np.argsort(order)
+    turned = estimate(own[:, order], swapped[:, order], where[partners[order]], names[episodes[order]])
+    assert turned.value == pytest.approx(plain.value)
+    assert turned.ci == pytest.approx(plain.ci)
+
+
+def test_relabelling_is_exact_and_needs_two_answers() -> None:
+    """By hand: one frame, answers 0 and 0 against 1 and 1; of three deals one is as far apart, so p tends to 1/3."""
+    r, s = np.zeros((2, 1, 1)), np.ones((2, 1, 1))
+    assert relabelling_p(r, s, seed=0, resamples=3000) == pytest.approx(1 / 3, abs=0.03)
+    assert relabelling_p(r[:1], s[:1], seed=0) is None
+    rng = np.random.default_rng(4)
+    ps = [relabelling_p(*rng.normal(size=(2, 2, 20, 3)), seed=turn, resamples=199) for turn in range(300)]
+    assert np.mean([p <= 0.05 for p in ps]) <= 0.085
+    assert relabelling_p(rng.normal(size=(2, 20, 3)), 2 + rng.normal(size=(2, 20, 3)), seed=1) == 1 / 2000
+
+
+def test_shares_of_dimensions_and_steps_are_ratios_of_their_own() -> None:
+    """Only the first dimension follows the picture; a dimension that never varies has no share."""
+    rng = np.random.default_rng(6)
+    own = rng.normal(size=(1, 40, 8, 3))
+    own[..., 2] = 7.0
+    swapped, others = own.copy(), own[:, ::-1]
+    swapped[..., 0] = others[..., 0]
+    found = shares_of_parts(own, swapped, own, others)
+    assert found["dimension"] == pytest.approx((1.0, 0.0, None), abs=1e-12)
+    assert len(found["step"]) == 8
+    assert all(0.3 < share < 0.7 for share in found["step"])
+
+
+def test_noise_is_a_share_of_what_varies() -> None:
+    """A controller that repeats itself has none; one whose answers have nothing to do with frames has all."""
+    rng = np.random.default_rng(7)
+    a, b, c = rng.normal(size=(3, 4000, 4))
+    assert noise_share(a, a, c).value == 0.0
+    assert noise_share(a, b, c).value == pytest.approx(1.0, abs=0.05)
+    assert noise_share(a[:0], b[:0], c[:0]).value is None
+    assert noise_share(np.ones((3, 2)), np.ones((3, 2)), np.ones((3, 2))).value is None
+
+
+def test_misfit_is_one_minus_r_squared() -> None:
+    """As the coefficient of determination has it, over all numbers of equal spread."""
+    rng = np.random.default_rng(9)
+    logged = rng.normal(size=(60, 2, 2))
+    answers = logged + 0.5 * rng.normal(size=logged.shape)
+    found = misfit_share(answers, logged, np.repeat(np.arange(6), 10))
+    spread = ((logged - logged.mean(axis=0)) ** 2).sum()
+    assert found.value == pytest.approx(((answers - logged) ** 2).sum() / spread)
+    assert found.ci[0] < found.value < found.ci[1]
+    assert misfit_share(logged, np.ones_like(logged), np.arange(60)).value is None
