@@ -112,7 +112,7 @@ def test_what_fails_is_missing_and_missing_is_never_clear(
         "late": "late",
         "raises": "RuntimeError: out of memory",
         "refused": "rate_limited",
-        "prose": "no scene",
+        "prose": "no vote: no_object",
         "misfit": "no reply: its text is a NoneType",
         "replaced": "another model answered: another, not itself",
     }

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+import reply_classes
 from eyechart.calls import Query, Reply
 from eyechart.frames import decode
 from eyechart.modes import RequestMode
@@ -57,6 +58,8 @@ class Voter:
             return Reply(error="rate_limited", error_detail="HTTP 429")
         if self.name == "prose":
             return Reply("The road is clear.", "stop")
+        if self.name.startswith("class "):
+            return reply_classes.reply(reply_classes.ROWS[int(self.name.removeprefix("class "))])
         if self.name == "misfit":
             return Reply(text=None)  # type: ignore[arg-type]
         fixed = {"always": 5.0, "never": None, "replaced": None}

@@ -264,6 +264,15 @@ SCENE = _scene(
 """What the structured study asks about the calibrated view of highway-env's picture."""
 
 
+_CLOSE = re.compile(r"^close: true if that .* is nearer than (\d+(?:\.\d+)?) m, else false\.$", re.MULTILINE)
+
+
+def close_m_of(prompt: Prompt) -> float | None:
+    """Return the distance in metres below which a question about a scene calls a lead close, None where it does not."""
+    said = _CLOSE.findall(prompt.user)
+    return float(said[0]) if len(said) == 1 else None
+
+
 def scene_prompt(picture: str, distances: Distances, view: View | None) -> Prompt:
     """Return the prompt for scene estimates through a view; without one it says what the pictures are, in words."""
     if view is None:

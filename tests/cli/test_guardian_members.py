@@ -62,42 +62,49 @@ def ids(bank: Path, tmp_path: Path) -> Path:
 def test_what_speaks_against_each_member_is_said_where_it_is_chosen_and_where_it_is_scored(
     say: Say, run: Path, ids: Path, tmp_path: Path
 ) -> None:
-    """Missing votes, votes against the own gap, clauses and guards by name; nobody is refused for them."""
+    """Missing votes with why they are, clauses and guards by name; nobody is refused for them."""
     guardian, page = tmp_path / "guardian.json", tmp_path / "guardian.html"
     fit = ("guardian", "fit", run, "--calibration", ids, "--out", guardian, "--size", 3)
     code, _, chosen = say(*fit)
     assert code == 0
-    assert "warning: voter:prose: 12 of 12 votes are missing; clauses of admission not met: parse, close_acc" in chosen
-    assert "warning: voter:torn: 0 of 12 votes are missing; 12 votes say clear and tell a gap below" in chosen
+    assert (
+        "warning: voter:prose: 12 of 12 votes are missing (12 no_object); clauses of admission not met: parse, close"
+        in chosen
+    )
+    assert "warning: voter:torn: 12 of 12 votes are missing (12 contradicts_itself); clauses" in chosen
     assert "guards failed: degeneracy" in chosen
     members = {one["model"]: one for one in json.loads(say(*fit, "--json")[1])["members"]}
     assert {name: (one["missing"], one["contradicting"]) for name, one in members.items()} == {
         "voter:prose": (12, 0),
         "voter:sees": (0, 0),
-        "voter:torn": (0, 12),
+        "voter:torn": (12, 12),
     }
     assert "parse" in members["voter:prose"]["clauses"]
     code, _, told = say("guardian", "score", guardian, run, "--unseen", "--html", page)
     assert code == 0
-    assert "warning: voter:prose: 24 of 24 votes are missing" in told
-    assert "voter:torn: 0 of 24 votes are missing; 24 votes say clear" in page.read_text(encoding="utf-8")
+    assert "warning: voter:prose: 24 of 24 votes are missing (24 no_object)" in told
+    assert "voter:torn: 24 of 24 votes are missing (24 contradicts_itself)" in page.read_text(encoding="utf-8")
     scored = json.loads(say("guardian", "score", guardian, run, "--unseen", "--json")[1])
-    assert [one["missing"] for one in scored["members"]] == [24, 0, 0]
+    assert [one["missing"] for one in scored["members"]] == [24, 0, 24]
     assert sum("votes are missing" in line for line in scored["warnings"]) == 3
 
 
-def test_votes_that_contradict_themselves_are_known_in_runs_that_are_joined(
+def test_why_replies_were_no_votes_is_known_in_runs_that_are_joined(
     run: Path, bank: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With another run of the same frames, and with a table that knows of none."""
     monkeypatch.setitem(ADAPTERS, "voter", "voters")
     other = voters.ask_all(bank, ("never",), tmp_path / "other")
-    for one in (other, replace(other, contradicting=None)):
+    for one in (other, replace(other, why=None)):
         joined = study.join([one, study.votes_of_run(run)])
         assert joined.models[0] == "voter:never"
-        assert joined.contradicting is not None
-        assert joined.contradicting.sum(axis=(1, 2)).tolist() == [0, 0, 0, 36]
-    assert study.join([replace(other, contradicting=None)]).contradicting is None
+        assert [joined.reasons(model) for model in joined.models] == [
+            {},
+            {"no_object": 36},
+            {},
+            {"contradicts_itself": 36},
+        ]
+    assert study.join([replace(other, why=None)]).why is None
 
 
 def test_frames_that_are_scored_give_no_bound_by_any_name(say: Say, tmp_path: Path) -> None:

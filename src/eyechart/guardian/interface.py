@@ -9,8 +9,9 @@ from eyechart.conditions import flip
 from eyechart.errors import GuardianError
 from eyechart.frames import Stimulus, decode, encode
 from eyechart.perception.view import find_view
+from eyechart.prompts import close_m_of
 from eyechart.spaces.scene import SCENE_READER, SCENES, SceneSpace
-from eyechart.studies.guardian import VIEWS, Frozen
+from eyechart.studies.guardian import VIEWS, VOTE_READER, Frozen, read_vote
 
 Answer = Literal["hazard", "clear", "abstain"]
 Vote = bool | None
@@ -77,10 +78,21 @@ def interface_of(frozen: Frozen) -> Interface:
     if not isinstance(prompt.space, SceneSpace) or prompt.fields:
         said = f"says {{{prompt.fields[0]}}} of a frame" if prompt.fields else "asks for no scene"
         raise GuardianError(f"the prompt '{prompt.name}' {said}, so it cannot be asked about a picture alone")
+    if about.voting not in {None, VOTE_READER}:
+        raise GuardianError(
+            f"what counts as a vote differs: this guardian was chosen under version {about.voting} of its rules, here "
+            f"is {VOTE_READER}; choose a guardian with 'eyechart guardian fit'"
+        )
     view, axis = find_view(about.view), about.axis
     axis = view.axis if view is not None else axis
     if axis not in {"vertical", "horizontal"}:
         raise GuardianError(f"this guardian's pictures have the mirror axis {axis!r}, so they cannot be reflected")
+
+    close_m = close_m_of(prompt)
+    if close_m is None:
+        raise GuardianError(
+            f"the prompt '{prompt.name}' does not say which leads are close, so that no reply can be held to it"
+        )
 
     def views(picture: bytes) -> Pictures:
         pixels = decode(picture, _PICTURE)
@@ -92,17 +104,13 @@ def interface_of(frozen: Frozen) -> Interface:
     def query(picture: bytes, seed: int) -> Query:
         return prompt.query(Stimulus.of(picture), seed, SCENES)
 
-    return Interface(about.view, prompt.key, SCENE_READER, views, query, read_vote)
+    def read(reply: Reply) -> tuple[Vote, str]:
+        found = read_vote(reply, close_m)
+        return found.hazard, "" if found.hazard is not None else f"no vote: {found}"
+
+    return Interface(about.view, prompt.key, SCENE_READER, views, query, read)
 
 
 def encodable(words: str) -> str:
     """Return words that UTF-8 can encode: a model's error may hold half a surrogate pair, which is written out."""
     return words.encode("utf-8", "backslashreplace").decode()
-
-
-def read_vote(reply: Reply) -> tuple[Vote, str]:
-    """Return the vote of a reply: whether its scene is close; None with the reason where it holds no scene."""
-    found = SCENES.read(reply)
-    if found.action is None:
-        return None, f"no scene: {found.why or found.missing}"
-    return found.action.close, ""

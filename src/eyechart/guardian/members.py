@@ -1,6 +1,6 @@
 """What is known against the members of a guardian: votes that are missing, clauses and guards that their run failed."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,28 +17,29 @@ _FEW = 10
 class Member(Plain):
     """How a member of a committee did in its run.
 
-    ``missing`` of its ``votes`` on the frames in question are missing, and ``contradicting`` say clear and tell a gap
-    below the threshold. ``clauses`` of admission are not met and ``guards`` failed, over all frames of its run.
+    ``missing`` of its ``votes`` on the frames in question are missing; ``reasons`` count by a word why replies were
+    none, and ``contradicting`` are those whose gap and ``close`` contradict each other. ``clauses`` of admission are
+    not met and ``guards`` failed, over all frames of its run.
     """
 
     model: str
     votes: int
     missing: int
     contradicting: int
+    reasons: Mapping[str, int]
     clauses: tuple[str, ...]
     guards: tuple[str, ...]
 
     @property
     def doubtful(self) -> bool:
         """Return whether anything speaks against it."""
-        return bool(self.missing or self.contradicting or self.clauses or self.guards)
+        return bool(self.missing or self.clauses or self.guards)
 
     @property
     def words(self) -> str:
         """Return on one line what is known of it."""
-        said = [f"{self.model}: {self.missing} of {self.votes} votes are missing"]
-        if self.contradicting:
-            said.append(f"{self.contradicting} votes say clear and tell a gap below the threshold")
+        why = ", ".join(f"{n} {reason}" for reason, n in self.reasons.items())
+        said = [f"{self.model}: {self.missing} of {self.votes} votes are missing{f' ({why})' if why else ''}"]
         if self.clauses:
             said.append(f"clauses of admission not met: {', '.join(self.clauses)}")
         if self.guards:
@@ -55,13 +56,14 @@ def members_of(
         if isinstance(study_of(run), Structured):
             found = structured.score(run, resamples=_FEW, reread=reread)
             scores.update(dict.fromkeys(found.models, found))
-    against = table.contradicting
+    reasons = {model: table.reasons(model) for model in committee if model in scores}
     return tuple(
         Member(
             model=model,
             votes=len(VIEWS) * len(table.frames),
             missing=table.missing(model),
-            contradicting=0 if against is None else int(against[table.models.index(model)].sum()),
+            contradicting=reasons[model].get("contradicts_itself", 0),
+            reasons=reasons[model],
             clauses=tuple(one.name for one in scores[model].models[model].clauses if not one.passes),
             guards=tuple(one.name for one in scores[model].guards[model] if one.holds is False),
         )

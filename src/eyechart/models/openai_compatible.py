@@ -174,16 +174,16 @@ def _failed(came: Response, error: object) -> Reply:
 
 def _reply(body: dict[str, object], choice: dict[str, object], message: dict[str, object]) -> Reply:
     text, finish = _text(message.get("content")), _line(choice.get("finish_reason"))
-    if not text and isinstance(message.get("refusal"), str):
-        text = str(message["refusal"])
-        finish = "refusal" if finish in {None, "stop"} else finish
+    refusal = _text(message.get("refusal"))
+    if finish not in {"length", "content_filter"}:  # what stands beside the text says more than that it ended
+        finish = "refusal" if refusal.strip() else "tool_calls" if _calls(message) else finish
     usage = body.get("usage")
     usage = usage if isinstance(usage, dict) else {}
     details = usage.get("completion_tokens_details")
     fingerprint = _line(body.get("system_fingerprint"))
     served = _line(body.get("model"))
     return Reply(
-        text=text,
+        text=text or refusal,
         finish_reason=finish,
         prompt_tokens=count_of(usage.get("prompt_tokens")),
         completion_tokens=count_of(usage.get("completion_tokens")),
@@ -194,6 +194,11 @@ def _reply(body: dict[str, object], choice: dict[str, object], message: dict[str
         system_fingerprint=fingerprint,
         cost_usd=number_of(usage.get("cost")),
     )
+
+
+def _calls(message: dict[str, object]) -> bool:
+    """Return whether a message calls a tool, which nobody offered it."""
+    return bool(message.get("tool_calls") or message.get("function_call"))
 
 
 def _text(content: object) -> str:

@@ -8,13 +8,22 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from typing import ClassVar, Literal, NamedTuple
 
 from eyechart.cameras import Distances
 from eyechart.spaces.discrete import DRIVING
-from eyechart.spaces.space import READ_AT_MOST, Answer, Decision, refuses, too_deep, unanswered, without_thinking
+from eyechart.spaces.space import (
+    READ_AT_MOST,
+    Answer,
+    Decision,
+    refuses,
+    thinks_behind,
+    too_deep,
+    unanswered,
+    without_thinking,
+)
 
 CLOSE_GAP_M = 18.0
 """A lead nearer than this, centre to centre, is close (paper, section The Input-Ablation Battery)."""
@@ -183,11 +192,29 @@ class Estimate:
         return json.dumps({"lead_gap_m": values.pop("gap_m"), **values})
 
 
+class Beside(NamedTuple):
+    """What a reply with an estimate says beside it, thinking left aside.
+
+    ``before`` and ``after`` stand around its first and its last object, of which there are ``objects``; ``names`` are
+    of all their fields, as often as they stand there. ``thinking_after`` is whether it thinks on behind the first.
+    """
+
+    before: str
+    after: str
+    objects: int
+    names: tuple[str, ...]
+    thinking_after: bool
+
+
 @dataclass(frozen=True, slots=True)
 class SceneDecision(Decision[Estimate]):
-    """An estimate, or the reason that a reply holds none, and how the reply's syntax was repaired."""
+    """An estimate, or the reason that a reply holds none, and how the reply's syntax was repaired.
+
+    ``beside`` is what else stands in a reply with an estimate, for those who act on it.
+    """
 
     repairs: tuple[Repair, ...] = ()
+    beside: Beside | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,16 +280,20 @@ def _read(text: str, finish_reason: str | None, error: str | None) -> SceneDecis
         return SceneDecision(None, "empty")
     repairs: dict[Repair, None] = {}
     try:
-        values = _only_one(visible, repairs)
-        return SceneDecision(_estimate(values), repairs=tuple(name for name in REPAIRS if name in repairs))
+        values, beside = _only_one(visible, repairs)
+        found, beside = _estimate(values), beside._replace(thinking_after=thinks_behind(text, "{"))
+        return SceneDecision(found, repairs=tuple(name for name in REPAIRS if name in repairs), beside=beside)
     except _Unreadable as unreadable:
         if unreadable.why == "no_object" and refuses(visible):
             return SceneDecision(None, "refused")
         return SceneDecision(None, "unparsed", unreadable.why)
 
 
-def _only_one(text: str, repairs: dict[Repair, None]) -> dict[str, object]:
-    """Return the one object of a text, noting what had to be set right; raises _Unreadable where there is not one."""
+def _only_one(text: str, repairs: dict[Repair, None]) -> tuple[dict[str, object], Beside]:
+    """Return the one object of a text and what stands beside it, noting what had to be set right.
+
+    Raises _Unreadable where there is not one.
+    """
     if len(text) > READ_AT_MOST:
         raise _Unreadable("too_long")
     spans = list(_spans(text))
@@ -277,7 +308,14 @@ def _only_one(text: str, repairs: dict[Repair, None]) -> dict[str, object]:
     broken += text[spans[-1][1] :].partition("{")[2:]
     if not objects or any(name in part for part in broken for name in FIELDS):
         raise _Unreadable("malformed")  # beside a broken estimate a whole one may be the one that was taken back
-    return _agreed(objects)
+    beside = Beside(
+        before=text[: spans[0][0]],
+        after=text[spans[-1][1] :],
+        objects=len(spans),
+        names=tuple(name for one in objects for name, _ in one),
+        thinking_after=False,
+    )
+    return _agreed([dict(one) for one in objects]), beside
 
 
 def _agreed(objects: Sequence[dict[str, object]]) -> dict[str, object]:
@@ -318,8 +356,8 @@ def _spans(text: str) -> Iterator[tuple[int, int]]:
                 yield start, place + 1
 
 
-def _loaded(text: str, repairs: dict[Repair, None]) -> dict[str, object] | None:
-    """Return the JSON object that a text is, with its commas mended where it needs that, or None."""
+def _loaded(text: str, repairs: dict[Repair, None]) -> Sequence[tuple[str, object]] | None:
+    """Return the fields of the JSON object that a text is, its commas mended where it needs that, or None."""
     try:
         return _json(text)
     except ValueError:
@@ -332,8 +370,8 @@ def _loaded(text: str, repairs: dict[Repair, None]) -> dict[str, object] | None:
     return found
 
 
-def _json(text: str) -> dict[str, object]:
-    """Return a JSON object; raises ValueError for what is none, _Unreadable for a field that contradicts itself.
+def _json(text: str) -> Sequence[tuple[str, object]]:
+    """Return a JSON object's fields; raises ValueError for what is none, _Unreadable for one that contradicts itself.
 
     Objects within it become lists, which no field may be.
     """
@@ -349,7 +387,7 @@ def _json(text: str) -> dict[str, object]:
         if name in FIELDS and name in found and _differ(found[name], value):
             raise _Unreadable("contradictory")
         found[name] = value
-    return found
+    return pairs
 
 
 def _differ(one: object, other: object) -> bool:

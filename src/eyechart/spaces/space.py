@@ -137,6 +137,21 @@ def without_thinking(text: str) -> str:
     return " ".join(visible)
 
 
+def thinks_behind(text: str, sign: str) -> bool:
+    """Return whether thinking begins behind the first ``sign`` that stands outside thinking."""
+    seen = thinking = False
+    for part in _THINK_TAG.split(text):
+        if not _THINK_TAG.fullmatch(part):
+            seen = seen or (not thinking and sign in part)
+        elif part.startswith("</"):
+            seen = thinking = False
+        elif seen:
+            return True
+        else:
+            thinking = True
+    return False
+
+
 def too_deep(text: str, start: int = 0) -> bool:
     """Return whether the JSON value that begins at ``start`` is nested in more than 100 levels, so that it is not read.
 

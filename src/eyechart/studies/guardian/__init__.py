@@ -9,16 +9,20 @@ from eyechart.studies.guardian.modular import Replay, reader_of, replay
 from eyechart.studies.guardian.reading import read_votes, votes_of_run
 from eyechart.studies.guardian.scoring import ESTIMANDS, Bound, GuardianScore, bound, score
 from eyechart.studies.guardian.votes import VIEWS, About, VoteTable, hazards_of, join, pictures_of
+from eyechart.studies.guardian.voting import ENDS, VOTE_READER, Vote, read_vote
 
 __all__ = [
+    "ENDS",
     "ESTIMANDS",
     "VIEWS",
+    "VOTE_READER",
     "About",
     "Bound",
     "Frozen",
     "GuardianScore",
     "Nested",
     "Replay",
+    "Vote",
     "VoteTable",
     "bound",
     "fit",
@@ -27,6 +31,7 @@ __all__ = [
     "nested",
     "pictures_of",
     "read_frozen",
+    "read_vote",
     "read_votes",
     "reader_of",
     "replay",

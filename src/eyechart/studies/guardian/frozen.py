@@ -155,6 +155,11 @@ class Frozen:
                     f"the {name} differs: this guardian was chosen with {_short(mine)}, {table.name} is of "
                     f"{_short(theirs)}; choose a guardian for this {name} with 'eyechart guardian fit'"
                 )
+        if None is not self.about.voting != table.about.voting is not None:
+            raise GuardianError(
+                f"what counts as a vote differs: this guardian was chosen under version {self.about.voting} of its "
+                f"rules, {table.name} is read under {table.about.voting}; choose one with 'eyechart guardian fit'"
+            )
         for model in self.models:
             mine, theirs = (
                 " served as ".join(filter(None, (one.versions.get(model), one.served.get(model))))
@@ -189,6 +194,7 @@ class Frozen:
             "view": about.view,
             "mirror_axis": about.axis,
             "reader": about.reader,
+            **({} if about.voting is None else {"voting": about.voting}),  # 0.1.0 had one way, and did not write it
             "bank": {"name": about.bank_name, "fingerprint": about.bank},
             **(
                 {"selection": {"rule": chosen.rule, **msgspec.to_builtins(chosen)}}
@@ -289,6 +295,7 @@ def _frozen(raw: Mapping[str, object]) -> Frozen:
         wording=Prompt.from_dict(wording) if isinstance(wording, dict) else None,
         axis=cast("MirrorAxis | None", raw["mirror_axis"]),
         reader=cast("int | None", raw["reader"]),
+        voting=cast("int | None", raw.get("voting")),
     )
     chosen = cast("dict[str, object] | None", raw.get("selection"))
     if chosen is not None:

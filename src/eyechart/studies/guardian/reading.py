@@ -17,9 +17,9 @@ from eyechart.importing.tables import open_table
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, read_run
 from eyechart.modes import RequestMode
-from eyechart.perception.forward import worlds_distances
+from eyechart.prompts import close_m_of
 from eyechart.spaces.discrete import read_toml
-from eyechart.spaces.scene import SCENE_READER, SCENES, SceneSpace
+from eyechart.spaces.scene import SCENE_READER, SceneSpace
 from eyechart.stats.committee import MISSING
 from eyechart.studies.battery import plan_of
 from eyechart.studies.guardian.votes import (
@@ -33,6 +33,7 @@ from eyechart.studies.guardian.votes import (
     hazards_of,
     pictures_of,
 )
+from eyechart.studies.guardian.voting import VOTE_READER, read_vote
 
 T = TypeVar("T")
 
@@ -196,7 +197,7 @@ CONDITIONS = ("real", "mirrored")
 
 
 def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = False) -> VoteTable:
-    """Return the votes of every model of a run on its frames; what holds no scene estimate is a missing vote.
+    """Return the votes of every model of a run on its frames; what is no vote is a missing one, with why.
 
     Truth is the bank's column ``hazard``, or where it has none whether the gap is below its threshold. Raises VoteError
     where the folder is no run of scene estimates, or was read by another version of the reader and not ``reread``.
@@ -209,14 +210,18 @@ def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = Fals
             f"{path} was begun under version {manifest.reader} of the reader of scenes; this is version "
             f"{SCENE_READER}: its votes may differ from those seen before; read its replies anew with --reread"
         )
+    if (close_m := close_m_of(manifest.prompt)) is None:
+        raise VoteError(
+            f"{path}: its prompt '{manifest.prompt.name}' does not say below which distance a lead is close"
+        )
     plan = replace(plan_of(manifest, bank), shard=None)  # a shard lacks the votes of the others
     frames, models = plan.frames, tuple(sorted(manifest.models))
     votes = np.full((len(models), len(frames), 2), MISSING, dtype=np.int8)
-    contradicting, nearest = np.zeros(votes.shape, dtype=np.bool_), worlds_distances(bank).close_m
+    why = np.full(votes.shape, "", dtype=object)
     with Ledger(path / LEDGER) as ledger:
         finished = ledger.finished()
         served = {
-            model: _cast(ledger.replies(model), frames, votes[number], contradicting[number], nearest)
+            model: _cast(ledger.replies(model), frames, votes[number], why[number], close_m)
             for number, model in enumerate(models)
         }
     truth, axes = hazards_of(bank, hazard), {frame.mirror_axis for frame in frames}
@@ -233,6 +238,7 @@ def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = Fals
         wording=manifest.prompt,
         axis=axes.pop() if len(axes) == 1 else None,
         reader=SCENE_READER,
+        voting=VOTE_READER,
     )
     return VoteTable(
         name=path.name,
@@ -247,7 +253,7 @@ def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = Fals
             model: sum(key.condition in CONDITIONS and key not in finished for key in plan.keys_of(model))
             for model in models
         },
-        contradicting=contradicting,
+        why=why,
     )
 
 
@@ -255,18 +261,16 @@ def _cast(
     replies: Iterable[tuple[CallKey, Reply]],
     frames: Sequence[Frame],
     votes: npt.NDArray[np.int8],
-    contradicting: npt.NDArray[np.bool_],
+    why: npt.NDArray[np.str_],
     close_m: float,
 ) -> set[str | None]:
-    """Fill in a model's votes and which contradict its own gap, both (frames, 2); return the names it served as."""
+    """Fill in a model's votes, and why some are none, both (frames, 2); return the names it served as."""
     place = {frame.id: number for number, frame in enumerate(frames)}
     served = set[str | None]()
     for key, reply in replies:
         if key.frame in place and key.condition in CONDITIONS:
             if reply.error is None:
                 served.add(reply.served)
-            found, at = SCENES.read(reply).action, (place[key.frame], CONDITIONS.index(key.condition))
-            votes[at] = MISSING if found is None else int(found.close)
-            near = found is not None and found.gap_m is not None and found.gap_m < close_m
-            contradicting[at] = near and not votes[at]
+            found, at = read_vote(reply, close_m), (place[key.frame], CONDITIONS.index(key.condition))
+            votes[at], why[at] = MISSING if found.hazard is None else int(found.hazard), found.why
     return served

@@ -300,6 +300,10 @@ class GuardianScore:
         }
 
 
+LAX = (
+    "eyechart {version} chose this guardian, and took for votes what is none today: replies that contradict "
+    "themselves, or say something else around their estimate; choose a guardian anew with 'eyechart guardian fit'"
+)
 WORDS = {HAZARD: "hazard", CLEAR: "clear", ABSTAIN: "abstain"}
 
 
@@ -364,6 +368,8 @@ def _warnings(frozen: Frozen, table: VoteTable) -> tuple[str, ...]:
         )
     if len(set(table.episodes)) < 2:
         found.append("all frames are of one episode: no interval over episodes can be given")
+    if frozen.about.lax:
+        found.append(LAX.format(version=frozen.made_by))
     if lacking := frozen.about.unrecorded(frozen.committee):
         found.append(f"not recorded, so that a change of it would not be found: {', '.join(lacking)}")
     return tuple(found)

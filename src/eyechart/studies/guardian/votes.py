@@ -1,5 +1,6 @@
 """A table of votes: what each model said of each frame, hazard or clear, for the picture and for its reflection."""
 
+from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -33,7 +34,7 @@ class About:
     ``bank`` is the bank's fingerprint and ``bank_name`` its short name, ``prompt`` and ``view`` are keys with
     digests; ``versions``, ``served`` (what replies name as their model, where they all name one) and ``modes`` are by
     model. ``wording`` is the prompt itself and ``axis`` the mirror axis of the pictures, which a stack needs;
-    ``reader`` is the version of the reader of scenes.
+    ``reader`` is the version of the reader of scenes, ``voting`` that of the rules by which a reply is a vote.
     """
 
     bank: str | None = None
@@ -46,6 +47,12 @@ class About:
     wording: Prompt | None = None
     axis: MirrorAxis | None = None
     reader: int | None = None
+    voting: int | None = None
+
+    @property
+    def lax(self) -> bool:
+        """Return whether the votes are of scenes that were read before votes had rules of their own."""
+        return self.reader is not None and self.voting is None
 
     def unrecorded(self, models: Collection[str]) -> list[str]:
         """Return in words what was not recorded of these models' votes."""
@@ -72,9 +79,9 @@ class VoteTable:
     its reflection: 1 hazard, 0 clear, -1 missing. ``hazard`` (frames,) is the truth. ``split`` says what each frame is
     for, where the table does. ``pictures`` are the SHA-256 digests of the frames' pictures, where the table is of a
     bank that records them: a frame is then known by its picture too. ``unfinished`` counts by model the votes that its
-    run has still to ask for, which are missing here. ``contradicting``, in the shape of the votes and of runs only,
-    says which clear votes tell a gap below the threshold, and so contradict themselves. Raises VoteError for a frame
-    that stands twice, and for shapes that do not fit.
+    run has still to ask for, which are missing here. ``why``, in the shape of the votes and of runs only, says in a
+    word why a reply was no vote; it is empty where there is one, or no reply. Raises VoteError for a frame that stands
+    twice, and for shapes that do not fit.
     """
 
     name: str
@@ -87,7 +94,7 @@ class VoteTable:
     split: tuple[str, ...] | None = None
     pictures: tuple[str, ...] | None = None
     unfinished: Mapping[str, int] = field(default_factory=dict)
-    contradicting: npt.NDArray[np.bool_] | None = None
+    why: npt.NDArray[np.str_] | None = None
 
     def __post_init__(self) -> None:
         if len(set(self.frames)) != len(self.frames):
@@ -112,6 +119,13 @@ class VoteTable:
     def missing(self, model: str) -> int:
         """Return how many of a model's votes are missing."""
         return int((self.of([model]) == -1).sum())
+
+    def reasons(self, model: str) -> dict[str, int]:
+        """Return how many of a model's replies were no vote, by their reason, the most frequent first."""
+        if self.why is None:
+            return {}
+        counted = Counter(self.why[self.models.index(model)].ravel().tolist())
+        return {why: n for why, n in counted.most_common() if why}
 
     def mute_words(self, models: Sequence[str]) -> list[str]:
         """Return in words which of these models vote hazard on no frame."""
@@ -178,7 +192,7 @@ class VoteTable:
             votes=self.votes[:, order],
             split=None if self.split is None else chosen(self.split),
             pictures=None if self.pictures is None else chosen(self.pictures),
-            contradicting=None if self.contradicting is None else self.contradicting[:, order],
+            why=None if self.why is None else self.why[:, order],
         )
 
 
@@ -232,21 +246,21 @@ def join(tables: Sequence[VoteTable]) -> VoteTable:
         models=tuple(model for model, _ in models),
         votes=np.concatenate([aligned[table].of([model]) for model, table in models]),
         about=about,
-        contradicting=_contradicting(aligned, models),
+        why=_why(aligned, models),
         unfinished={model: left for one in aligned for model, left in one.unfinished.items()},
     )
 
 
-def _contradicting(tables: Sequence[VoteTable], models: Sequence[tuple[str, int]]) -> npt.NDArray[np.bool_] | None:
-    """Return which votes contradict themselves, of these models by the numbers of their tables; None of no run."""
-    if all(one.contradicting is None for one in tables):
+def _why(tables: Sequence[VoteTable], models: Sequence[tuple[str, int]]) -> npt.NDArray[np.str_] | None:
+    """Return why votes of these models, by the numbers of their tables, are none; None where no table is of a run."""
+    if all(one.why is None for one in tables):
         return None
-    known = [np.zeros(one.votes.shape, np.bool_) if one.contradicting is None else one.contradicting for one in tables]
+    known = [np.full(one.votes.shape, "", dtype=object) if one.why is None else one.why for one in tables]
     return np.stack([known[table][tables[table].models.index(model)] for model, table in models])
 
 
 def _require_alike(first: VoteTable, other: VoteTable) -> None:
-    for what in ("bank", "prompt", "view", "reader"):
+    for what in ("bank", "prompt", "view", "reader", "voting"):
         if getattr(first.about, what) != getattr(other.about, what):
             raise VoteError(f"the {what} of {other.name} is not that of {first.name}, so their votes make no committee")
     if apart := sorted(set(first.frames) ^ set(other.frames)):

@@ -1,0 +1,116 @@
+"""A vote is read from a reply more strictly than an estimate is measured, because somebody acts on it.
+
+What a reply says around its estimate is not understood but compared with a list: beside what is known to be harmless
+there is no vote, so that no refusal, denial, quotation, hedge or example passes for want of a word in a list of bad
+ones. Whatever it says, hazard or clear, is held to the same rules.
+"""
+
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+from eyechart.spaces.scene import FIELDS, SCENES, Beside, Estimate
+from eyechart.spaces.space import Answer, refuses
+
+VOTE_READER = 1
+"""The version of these rules, which a guardian remembers."""
+
+Unvoted = Literal[
+    "ended",  # the reply reports another end than a normal one
+    "words_around",  # something else stands around the estimate than a lead-in, a fence and the marks of a turn
+    "several_objects",  # more than one pair of braces, also where they say the same
+    "repeated_field",  # a field stands there twice, also where it says the same
+    "extra_field",  # a field that the question does not have, which may say what it likes of the others
+    "thinking_after",  # thinking begins behind the estimate, and may take it back
+    "contradicts_itself",  # near and not close, or close and far
+    "no_confidence",  # a confidence of 0
+]
+"""Why a reply with an estimate is no vote; one without has a reason of the reader of scenes."""
+
+ENDS = frozenset({"stop", "end_turn", "stop_sequence", "eos", "eos_token", "complete"})
+"""Finish reasons of a reply that ended by itself, in small letters: OpenAI's, and what others call the same."""
+
+_LEAD_IN = """
+a answer answers are as based below certainly course estimate estimates final five following follows for from here
+here's image in is json measurement measurements my object of ok okay on output picture reply report requested response
+result results scene single sure the these to value values with your
+"""
+LEAD_IN = frozenset(_LEAD_IN.split())
+"""Words that may stand before an estimate. None of them denies, doubts, refuses, quotes or supposes anything."""
+
+_FENCE = re.compile(r"```(?:json|JSON)?[ \t]*(?=\n|$)|```(?=\s*$)")
+_MARKS = re.compile(r"<\|(?:begin_of_box|end_of_box|im_end|eot_id|endoftext|end)\|>|</s>|<end_of_turn>|<eos>")
+_WORD = re.compile(r"[A-Za-z]+(?:'[a-z]+)?")
+_HARMLESS = re.compile(r"[\s:.,!*#_\ufeff-]+")
+
+
+@dataclass(frozen=True, slots=True)
+class Vote:
+    """What a reply votes: True for hazard, False for clear, or None and ``why``, a word of `Unvoted` or the reader's.
+
+    ``words`` say more, in a few words for a person.
+    """
+
+    hazard: bool | None
+    why: str = ""
+    words: str = ""
+
+    def __str__(self) -> str:
+        """Return why there is none, on one line; nothing where there is."""
+        return f"{self.why}: {self.words}" if self.words else self.why
+
+
+def read_vote(reply: Answer, close_m: float) -> Vote:
+    """Return the vote of a reply to a question that calls a lead nearer than ``close_m`` close.
+
+    It needs a scene estimate as `SceneSpace.read` reads it, and nothing that speaks against acting on it. A finish
+    reason that is not reported is no fault.
+    """
+    found = SCENES.read(reply)
+    if found.missing == "unparsed":
+        return Vote(None, str(found.why))
+    if found.missing is not None:
+        return Vote(None, found.missing)
+    if reply.finish_reason is not None and reply.finish_reason.lower() not in ENDS:
+        return Vote(None, "ended", f"the reply ended with '{reply.finish_reason[:40]}'")
+    assert found.action is not None
+    assert found.beside is not None
+    return _beside(found.beside) or _within(found.action, close_m) or Vote(found.action.close)
+
+
+def _beside(said: Beside) -> Vote | None:
+    """Return why what stands beside an estimate makes it no vote."""
+    if said.objects != 1:
+        return Vote(None, "several_objects", f"{said.objects} objects stand in it")
+    if said.thinking_after:
+        return Vote(None, "thinking_after")
+    if extra := [name for name in said.names if name not in FIELDS]:
+        return Vote(None, "extra_field", f"'{extra[0][:40]}' was not asked for")
+    if len(said.names) != len(FIELDS):
+        return Vote(None, "repeated_field")
+    around = f"{said.before} {said.after}"
+    if refuses(around):
+        return Vote(None, "refused", "it declines in words, and gives an estimate all the same")
+    strange = _strange(said.before, LEAD_IN) or _strange(said.after)
+    return Vote(None, "words_around", f"'{strange}' stands beside its estimate") if strange else None
+
+
+def _strange(text: str, words: frozenset[str] = frozenset()) -> str:
+    """Return the first thing in a text that is none of these words, nor a fence, a mark of a turn or punctuation."""
+    plain = _MARKS.sub(" ", _FENCE.sub(" ", text)).replace("\u2019", "'")
+    for word in _WORD.findall(plain):
+        if word.lower() not in words:
+            return str(word)[:40]
+    rest = _HARMLESS.sub("", _WORD.sub("", plain))
+    return rest[:1]
+
+
+def _within(found: Estimate, close_m: float) -> Vote | None:
+    """Return why an estimate itself is no vote; at the very threshold both are allowed, for a number may be rounded."""
+    gap_m = found.gap_m
+    if gap_m is not None and gap_m < close_m and not found.close:
+        return Vote(None, "contradicts_itself", f"{gap_m:g} m and not close, which is below {close_m:g} m")
+    if found.close and (gap_m is None or gap_m > close_m):
+        told = "no lead" if gap_m is None else f"{gap_m:g} m"
+        return Vote(None, "contradicts_itself", f"{told} and close, which is below {close_m:g} m")
+    return Vote(None, "no_confidence") if found.confidence == 0 else None
