@@ -30,7 +30,7 @@ WIDE: set[str] = set()
 
 OTHERS = {
     "cli/drive.py: hasattr(os, 'sched_getaffinity')",
-    "importing/bank.py: getattr(opened, 'n_frames', 1)",
+    "frames/plain.py: getattr(found, 'n_frames', 1)",
     "models/huggingface/checkpoint.py: getattr(processor, 'chat_template', None)",
     "models/huggingface/checkpoint.py: getattr(processor, 'image_processor', None)",
     "models/huggingface/checkpoint.py: getattr(processor, 'tokenizer', None)",

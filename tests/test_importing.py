@@ -15,7 +15,7 @@ import photographs
 from eyechart import cli
 from eyechart.errors import EyechartError, SourceError, SpecError
 from eyechart.frames import FrameBank, check, open_bank
-from eyechart.importing import Choices, costs, import_lerobot, import_table, read_rig, tables
+from eyechart.importing import Choices, costs, import_lerobot, import_table, parquet, read_rig, tables
 from eyechart.importing import bank as making
 from eyechart.models import ADAPTERS
 from eyechart.run import Plan
@@ -381,7 +381,7 @@ def test_without_its_extra_an_adapter_names_the_extra(
     with pytest.raises(SourceError, match=r"pip install 'eyechart\[parquet\]'"):
         import_table(photos, tmp_path / "t.parquet", tmp_path / "bank", Choices())
     with pytest.raises(SourceError, match=r"pip install 'eyechart\[lerobot\]'"):
-        tables.require("pyarrow", "pyarrow", "lerobot")
+        parquet.require("pyarrow", "pyarrow", "lerobot")
     with pytest.raises(SourceError, match=r"info\.json does not exist: is .* a LeRobotDataset"):
         import_lerobot(photos, tmp_path / "bank", Choices())
 

@@ -99,7 +99,7 @@ OPENS_BY_NAME = {
     "eyechart.policies",
     "eyechart.simulators",
     "eyechart.studies",
-    "eyechart.importing.tables",
+    "eyechart.importing.parquet",
 }
 """The only modules that import by a name that is not written as an import: registries, extras, and a user's own."""
 

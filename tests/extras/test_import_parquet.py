@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import parquets
 import photographs
 from eyechart.errors import SourceError
 from eyechart.frames import check, decode
@@ -99,8 +100,8 @@ print(next(line.split()[1] for line in open("/proc/self/status") if line.startsw
     [
         ("cell", "unpacks to 3000000"),
         ("repeated", "row 1: 'file' has more than 100000 characters"),
-        ("rows", "has more than 100000 frames; take every Nth of them with --every N"),
-        ("prefixes", "is encoded as DELTA_BYTE_ARRAY"),
+        ("rows", "has more than 20000000 rows; cut it into parts"),
+        ("prefixes", "size is known only after reading (as DELTA_BYTE_ARRAY is)"),
     ],
 )
 def test_a_table_that_unpacks_to_gigabytes_is_refused_in_bounded_memory(tmp_path: Path, kind: str, said: str) -> None:
@@ -114,6 +115,101 @@ def test_a_table_that_unpacks_to_gigabytes_is_refused_in_bounded_memory(tmp_path
     assert said in out[0]
     assert int(out[1]) < 600_000, "kilobytes"
     assert not (tmp_path / "bank").exists()
+
+
+BEYOND = """
+import sys
+from pathlib import Path
+from eyechart.errors import SourceError
+from eyechart.importing.parquet import open_parquet
+for path in map(Path, sys.argv[1:]):
+    try:
+        print(path.stem, sum(1 for row in open_parquet(path, vectors={"listed": ("one", "two")}).rows()), "rows")
+    except SourceError as error:
+        print(path.stem, error)
+print("peak", next(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmHWM")))
+"""
+
+
+def zeros(count: int) -> bytes:
+    """Return so many bytes of 0, a multiple of 16 MB, as Zstandard packs them: half a kilobyte for each 16 MB."""
+    pa, _ = arrow()
+    packed: bytes = pa.Codec("zstd").compress(bytes(1 << 24), asbytes=True)
+    return packed * (count >> 24)
+
+
+def lies(folder: Path) -> dict[str, str]:
+    """Write files whose footers are modest and whose pages are not; return what is said of each."""
+    vast, name = 127 << 24, (8).to_bytes(4, "little") + b"0/00.jpg"
+    words = parquets.page(zeros(vast), kind=parquets.DICTIONARY, unpacked=vast, values=1)
+    indices = parquets.page(b"", unpacked=9, values=1, encoding=parquets.RLE_DICTIONARY)
+    told = parquets.page(zeros(vast), unpacked=5, values=1)
+    again = parquets.twice(told, len(told) - len(zeros(vast)), bytes([0x05, 0x04]) + parquets.whole(vast))
+    one = parquets.page(name, unpacked=12, values=1)
+    column, plain = parquets.Column, parquets.NONE
+    made = {
+        "page": [column("file", parquets.page(zeros(vast), unpacked=vast, values=1), 1)],
+        "claim": [column("file", parquets.page(name, unpacked=2**31 - 1, values=1), 1)],
+        "dictionary": [column("file", words + indices, 1, dictionary=len(words))],
+        "prefixes": [column("file", parquets.page(name, unpacked=12, values=1, encoding=parquets.DELTA_BYTES), 1)],
+        "lengths": [column("file", parquets.page(name, unpacked=12, values=1, encoding=parquets.DELTA_LENGTH), 1)],
+        "twice": [column("file", again, 1)],
+        "behind": [column("file", one[:-4], 1, codec=plain)],
+        "values": [column("file", parquets.page(name, unpacked=12, values=2**31 - 1), 1, codec=plain)],
+        "many": [column(f"c{n}", parquets.page(zeros(1 << 24), unpacked=1 << 24, values=1), 1) for n in range(5)],
+        "width": [column("file", one, 1, codec=plain, kind=parquets.FIXED, width=2**30, optional=True)],
+        "listed": [column("listed", parquets.page(b"", unpacked=9, values=2**31 - 1), 1, listed=True, kind=2)],
+    }
+    for kind, columns in made.items():
+        parquets.write(folder / f"{kind}.parquet", columns, 1)
+    deep = [parquets.Struct({3: 1, 4: b"a", 5: 1})] * 5_000
+    parquets.write(folder / "deep.parquet", [column("file", one, 1, codec=plain)], 1, extra=deep)
+    parquets.write(folder / "rows.parquet", [column("file", one, 1, codec=plain)], 10**15)
+    return {
+        "page": "unpacks to 2130706432 bytes at a time",
+        "claim": "unpacks to 2147483647 bytes at a time",
+        "dictionary": "unpacks to 2130706441 bytes at a time",
+        "prefixes": "size is known only after reading",
+        "lengths": "size is known only after reading",
+        "twice": "it says field 2 twice",
+        "behind": "goes on behind its end",
+        "values": "has 2147483647 values for 1 rows",
+        "many": "more than the limit of 192000000",
+        "width": "has values of 1073741824 bytes; the limit is 64",
+        "listed": "unpacks to 2147483647 numbers in vectors",
+        "deep": "its schema is nested too deep",
+        "rows": "has 1 values for 1000000000000000 rows",
+    }
+
+
+def test_a_footer_that_lies_is_found_out_before_a_page_is_unpacked(tmp_path: Path) -> None:
+    """Kilobytes that stand for 2 GB in a page, a dictionary, a claim or a null: one line each, within 150 MB."""
+    said = lies(tmp_path)
+    assert max(path.stat().st_size for path in tmp_path.iterdir()) < 100_000
+    words = [sys.executable, "-c", BEYOND, *(str(tmp_path / f"{kind}.parquet") for kind in said)]
+    *lines, peak = subprocess.run(words, check=True, capture_output=True, text=True).stdout.splitlines()
+    assert [line.split()[0] for line in lines] == list(said)
+    for line, expected in zip(lines, said.values(), strict=True):
+        assert expected in line
+    assert int(peak.split()[1]) < 150_000, "kilobytes"
+
+
+def test_what_is_just_within_the_bounds_is_read_within_700_mb(tmp_path: Path) -> None:
+    """The most words at a time, of the widest letters; the most numbers in one vector; every column the same word."""
+    pa, pq = arrow()
+    words = [f"{place:06d}{'x' * 89_000}😀" for place in range(700)]
+    pq.write_table(pa.table({"file": words}), tmp_path / "words.parquet", use_dictionary=False, data_page_size=1 << 30)
+    long = pa.array([np.full(15_900_000, 1.5), [2.5, 3.5]], pa.list_(pa.float64()))
+    pq.write_table(pa.table({"listed": long}), tmp_path / "listed.parquet", compression="zstd")
+    same = pa.DictionaryArray.from_arrays(pa.array([0] * 1024, pa.int8()), pa.array(["x" * 15_000]))
+    pq.write_table(pa.table({f"c{place}": same for place in range(1500)}), tmp_path / "wide.parquet")
+    paths = [str(tmp_path / f"{kind}.parquet") for kind in ("words", "listed", "wide")]
+    out = subprocess.run([sys.executable, "-c", BEYOND, *paths], check=True, capture_output=True, text=True).stdout
+    *lines, peak = out.splitlines()
+    assert lines[0] == "words 700 rows"
+    assert lines[1].endswith("row 1: 'listed' has 15900000 components, not 2")
+    assert lines[2] == "wide 1024 rows"
+    assert int(peak.split()[1]) < 700_000, "kilobytes"
 
 
 def test_a_file_that_is_no_parquet_is_one_line(photos: Path, tmp_path: Path) -> None:

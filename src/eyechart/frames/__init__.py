@@ -32,6 +32,7 @@ from eyechart.frames.pictures import (
     read_bounded,
     size_of,
 )
+from eyechart.frames.plain import made_plain, read_colour, require_plain
 
 __all__ = [
     "DISTANCES",
@@ -59,12 +60,15 @@ __all__ = [
     "encode",
     "inside",
     "is_reserved",
+    "made_plain",
     "open_bank",
     "open_unchecked",
     "read_axis",
     "read_bounded",
+    "read_colour",
     "read_metadata",
     "require_exchanged",
+    "require_plain",
     "rounded_truth",
     "size_of",
 ]

@@ -1,6 +1,7 @@
 """Pictures on disk: their bytes are bounded before they are read, their pixels before they are decoded."""
 
 import io
+import struct
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -17,6 +18,7 @@ from eyechart.errors import BankError
 RGB = NDArray[np.uint8]
 MAX_PIXELS = 25_000_000
 MAX_IMAGE_BYTES = 64_000_000
+_FORMATS = ("PNG", "JPEG", "WEBP", "BMP")
 
 
 def inside(root: Path, file: str) -> Path:
@@ -66,8 +68,8 @@ def size_of(picture: bytes, name: str) -> tuple[int, int]:
 
     Raises BankError, naming the picture, if it is no picture.
     """
-    with _opened(picture, name) as opened:
-        return opened.size
+    with _opened(picture, name, _FORMATS) as found:
+        return found.size
 
 
 def decode(picture: bytes, name: str) -> RGB:
@@ -75,25 +77,57 @@ def decode(picture: bytes, name: str) -> RGB:
 
     Raises BankError, naming the picture, if it is no picture, is truncated, or has more than 25 megapixels.
     """
-    with _opened(picture, name) as opened:
-        width, height = opened.size
-        if width * height > MAX_PIXELS:
-            raise BankError(f"'{name}' has {width}×{height} pixels; the limit is {MAX_PIXELS // 1_000_000} megapixels")
-        return np.asarray(opened.convert("RGB"), dtype=np.uint8)
+    with opened(picture, name, _FORMATS) as found:
+        return np.asarray(found.convert("RGB"), dtype=np.uint8)
 
 
 @contextmanager
-def _opened(picture: bytes, name: str) -> Iterator[Image.Image]:
+def opened(picture: bytes, name: str, formats: tuple[str, ...]) -> Iterator[Image.Image]:
+    """Open a picture of one of these formats, of which no pixel is decoded yet and which is not too large.
+
+    What is done with it may raise as Pillow does: raises BankError, naming the picture, if it is no such picture, is
+    truncated, or has more than 25 megapixels.
+    """
+    with _opened(picture, name, formats) as found:
+        width, height = found.size
+        if width * height > MAX_PIXELS:
+            raise BankError(f"'{name}' has {width}×{height} pixels; the limit is {MAX_PIXELS // 1_000_000} megapixels")
+        yield found
+
+
+@contextmanager
+def _opened(picture: bytes, name: str, formats: tuple[str, ...]) -> Iterator[Image.Image]:
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-            opened = Image.open(io.BytesIO(picture), formats=("PNG", "JPEG", "WEBP", "BMP"))
-        with opened:
-            yield opened
+            warnings.simplefilter("ignore")  # of what is odd in a picture; Pillow warns of it here, or later
+            _refuse_vast(picture)
+            found = Image.open(io.BytesIO(picture), formats=formats)
+            with found:
+                yield found
     except Image.DecompressionBombError as error:
         raise BankError(f"'{name}' has more than {MAX_PIXELS // 1_000_000} megapixels") from error
-    except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as error:
+    except UnidentifiedImageError as error:
+        raise BankError(f"'{name}' is damaged or no picture of {', '.join(formats)}") from error
+    except (OSError, SyntaxError, ValueError, TypeError, ArithmeticError, LookupError, struct.error) as error:
         raise BankError(f"'{name}' is damaged or no picture: {error}") from error
+
+
+def _refuse_vast(picture: bytes) -> None:
+    """Raise DecompressionBombError where a WebP claims too many pixels: opening one makes room for all, twice.
+
+    Source: RFC 9649, sections 2.5 to 2.7, of the three kinds of first chunks.
+    """
+    if picture[:4] != b"RIFF" or picture[8:12] != b"WEBP" or len(picture) < 30:
+        return
+    kind, bits = picture[12:16], int.from_bytes(picture[21:25], "little")
+    if kind == b"VP8X":
+        sides = [int.from_bytes(picture[at : at + 3], "little") + 1 for at in (24, 27)]
+    elif kind == b"VP8L":
+        sides = [(bits >> shift & 0x3FFF) + 1 for shift in (0, 14)]
+    else:
+        sides = [int.from_bytes(picture[at : at + 2], "little") & 0x3FFF for at in (26, 28)]
+    if sides[0] * sides[1] > MAX_PIXELS:
+        raise Image.DecompressionBombError
 
 
 def beside(images: Mapping[str, bytes], name: str) -> bytes | None:

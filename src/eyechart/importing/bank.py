@@ -3,16 +3,12 @@
 A picture of one's own is copied as it is, after a look at whether every model would see the same in it.
 """
 
-import io
-import warnings
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path, PurePosixPath
 from typing import TypeVar
-
-from PIL import Image, UnidentifiedImageError
 
 from eyechart.conditions import undrawn_controls
 from eyechart.errors import BankError, SourceError
@@ -26,21 +22,31 @@ from eyechart.frames import (
     Gap,
     MirrorAxis,
     alone,
-    decode,
     inside,
     is_reserved,
     open_bank,
+    require_plain,
 )
 from eyechart.importing import columns as reading
-from eyechart.importing.tables import MOST_CELL, Cell, Progress, Row, Table, open_table
+from eyechart.importing.cells import (
+    MOST_CELL,
+    Cell,
+    Progress,
+    Row,
+    read_label,
+    read_number,
+    read_part,
+    read_said,
+    read_step,
+    read_truth,
+)
+from eyechart.importing.parquet import MOST_ROWS
+from eyechart.importing.tables import Table, open_table
 from eyechart.spaces.discrete import DRIVING, Discrete
 
 T = TypeVar("T")
 
-FORMATS = ("PNG", "JPEG", "WEBP")
-_ORIENTATION = 0x0112
 MOST_FRAMES = 100_000
-MOST_ROWS = 20_000_000
 MOST_TEXT = 400_000_000
 """Characters of all kept cells together, with an allowance of 50 a cell."""
 ALL = "all"
@@ -192,8 +198,7 @@ def frames_of(kept: Kept, choices: Choices, locate: Callable[[str, str], str]) -
     """
     truth_names, _ = reading.others(kept.places, choices.prompt_columns, kept.table.columns)
     truth = {
-        name: reading.read_truth([row.get(name) for row in kept.rows], name, typed=kept.table.typed)
-        for name in truth_names
+        name: read_truth([row.get(name) for row in kept.rows], name, typed=kept.table.typed) for name in truth_names
     }
     roles = ("file", *(role for role in kept.places if role.startswith("camera ")))
     files = [_files(kept, role, locate) for role in roles]
@@ -202,13 +207,13 @@ def frames_of(kept: Kept, choices: Choices, locate: Callable[[str, str], str]) -
         raise SourceError(f"--rig: the state '{clash[0]}' has the name of a column that is kept; give it another name")
     cameras = alone(choices.mirror) if choices.rig is None else choices.rig.cameras
     if name := kept.places.get("gap"):
-        truth[name] = [*kept.read(name, reading.read_number, f"the gap '{name}'")]
+        truth[name] = [*kept.read(name, read_number, f"the gap '{name}'")]
         if all(gap is None for gap in truth[name]):
             empty = f"{kept.table.name}: the gap '{name}' is empty in every row"
             raise SourceError(f"{empty}; leave it out with --map gap=")
     scenarios, episodes, steps = _placed(kept, independent=choices.independent)
     drawn = _changed(kept, cameras[0].name, locate)
-    said = {name: kept.read(name, reading.read_said, f"'{name}'") for name in choices.prompt_columns}
+    said = {name: kept.read(name, read_said, f"'{name}'") for name in choices.prompt_columns}
     return [
         Frame(
             id=file,
@@ -231,7 +236,7 @@ def frames_of(kept: Kept, choices: Choices, locate: Callable[[str, str], str]) -
 def _states(rig: reading.Rig, kept: Kept) -> dict[str, list[tuple[float, ...]]]:
     """Return every state of a rig by its name, for each row."""
     numbers = {
-        name: [kept.read(one, reading.read_part, f"'{one}' of the state '{name}'") for one in parts]
+        name: [kept.read(one, read_part, f"'{one}' of the state '{name}'") for one in parts]
         for name, parts in rig.state.items()
     }
     return {name: list(zip(*columns, strict=True)) for name, columns in numbers.items()}
@@ -265,7 +270,7 @@ def _files(kept: Kept, role: str, locate: Callable[[str, str], str]) -> list[str
         if role in reading.PICTURED and (cell is None or not str(cell).strip()):
             files.append("")
             continue
-        file = locate(reading.read_label(cell, what), what)
+        file = locate(read_label(cell, what), what)
         if file in first:
             raise SourceError(f"{where}: '{file}' stands in row {first[file]} already; a picture is one frame")
         first[file] = number
@@ -284,10 +289,10 @@ def _placed(kept: Kept, *, independent: bool) -> tuple[list[str], list[str], lis
         return [] if name is None else kept.read(name, reader, f"the {place} '{name}'")
 
     made_up = [ALL] * len(kept.rows)
-    scenarios = read("scenario", reading.read_label) or made_up
+    scenarios = read("scenario", read_label) or made_up
     alike = [f"frame {number}" for number in kept.numbers] if independent else made_up
-    episodes = read("episode", reading.read_label) or alike
-    steps = read("step", reading.read_step)
+    episodes = read("episode", read_label) or alike
+    steps = read("step", read_step)
     if not steps:
         turns: dict[tuple[str, str], Iterator[int]] = defaultdict(count)
         return scenarios, episodes, [next(turns[key]) for key in zip(scenarios, episodes, strict=True)]
@@ -387,47 +392,22 @@ def place_of(folder: Path, name: str, what: str) -> str:
 
 
 def read_picture(folder: Path, file: str, what: str) -> bytes:
-    """Return a picture's bytes; raises SourceError, naming row and file, where models could see different things.
-
-    It must be one PNG, JPEG or WebP picture of 8 bits a channel, not above 25 megapixels or 64 MB, and not turned by
-    a note (EXIF orientation) that some programs follow and others do not.
-    """
-    path = folder / file
+    """Return a picture's bytes; raises SourceError, naming row and file, where it is not plain (`require_plain`)."""
     try:
-        if not path.is_file():
-            raise SourceError(f"{what}: there is no picture '{file}' in {folder}")
-        if path.stat().st_size > MAX_IMAGE_BYTES:
-            raise SourceError(f"{what}: '{file}' has {path.stat().st_size} bytes; the limit is {MAX_IMAGE_BYTES}")
-        picture = path.read_bytes()
-    except OSError as error:
-        raise SourceError(f"{what}: '{file}' cannot be read: {error.strerror}") from error
-    _check_kind(picture, file, what)
-    try:
-        decode(picture, file)
+        picture = _bytes_of(folder, file)
+        require_plain(picture, file)
     except BankError as error:
         raise SourceError(f"{what}: {error}") from error
     return picture
 
 
-def _check_kind(picture: bytes, file: str, what: str) -> None:
+def _bytes_of(folder: Path, file: str) -> bytes:
+    path = folder / file
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            with Image.open(io.BytesIO(picture), formats=FORMATS) as opened:
-                mode, frames = opened.mode, getattr(opened, "n_frames", 1)
-                turned = opened.getexif().get(_ORIENTATION, 1)
-    except Image.DecompressionBombError as error:
-        raise SourceError(f"{what}: '{file}' has too many pixels: {error}") from error
-    except UnidentifiedImageError as error:
-        raise SourceError(f"{what}: '{file}' is damaged or no picture of {', '.join(FORMATS)}") from error
-    except (OSError, SyntaxError, ValueError, TypeError) as error:
-        raise SourceError(f"{what}: '{file}' is damaged or no picture: {error}") from error
-    if frames > 1:
-        raise SourceError(f"{what}: '{file}' holds {frames} pictures; save one still picture a frame")
-    if mode.startswith(("I", "F")):
-        raise SourceError(f"{what}: '{file}' has more than 8 bits a channel; save it with 8")
-    if turned not in {0, 1}:
-        raise SourceError(
-            f"{what}: '{file}' is turned only by a note (EXIF orientation {turned}), which not every model follows; "
-            "turn its pixels, for example with 'mogrify -auto-orient'"
-        )
+        if not path.is_file():
+            raise BankError(f"there is no picture '{file}' in {folder}")
+        if path.stat().st_size > MAX_IMAGE_BYTES:
+            raise BankError(f"'{file}' has {path.stat().st_size} bytes; the limit is {MAX_IMAGE_BYTES}")
+        return path.read_bytes()
+    except OSError as error:
+        raise BankError(f"'{file}' cannot be read: {error.strerror}") from error

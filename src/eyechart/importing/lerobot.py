@@ -20,8 +20,11 @@ import numpy as np
 from eyechart.errors import BankError, SourceError
 from eyechart.frames import MAIN, MAX_PIXELS, Frame, FrameBank, encode, inside
 from eyechart.importing.bank import Choices, Shown, frames_of, keep, write
+from eyechart.importing.cells import Progress, Row
 from eyechart.importing.columns import PICTURED
-from eyechart.importing.tables import MOST_COMPONENTS, ParquetTable, Progress, Row, Table, open_parquet, require
+from eyechart.importing.pages import MOST_COMPONENTS
+from eyechart.importing.parquet import ParquetTable, open_parquet, require
+from eyechart.importing.tables import Table
 
 FILE = "file"
 """The column that names each frame's picture; the data set has none of its own."""

@@ -1,0 +1,116 @@
+"""A cell of a table, and how one is read as what its place needs: a number, a step, a name, ground truth."""
+
+import math
+import re
+import sys
+from collections.abc import Callable, Mapping, Sequence
+
+from eyechart.errors import SourceError
+from eyechart.frames import Scalar
+
+Cell = str | int | float | bool | None
+Row = Mapping[str, Cell]
+Progress = Callable[[int, int], None]
+"""Called with (done, in all) while a long work goes on."""
+
+MOST_CELL = 100_000
+"""Characters of one cell."""
+
+_NUMBER = re.compile(r"[+-]?(0|[1-9]\d*)(\.\d*)?([eE][+-]?\d+)?|[+-]?\.\d+([eE][+-]?\d+)?")
+_ZEROS = re.compile(r"(?<=[+-])0+(?=\d)|^0+(?=\d)")
+"""Zeros at the head of a number, as counters are padded; a column that nobody named as a number keeps them as words."""
+_WHOLE = re.compile(r"[+-]?(0|[1-9]\d*)")
+_EXACT = 2**53
+
+
+def read_number(cell: Cell, what: str) -> float | None:
+    """Return a cell as a finite number, None where it is empty; ``what`` names row and column in the SourceError.
+
+    Zeros at its head are no part of a number.
+    """
+    if cell is None:
+        return None
+    number = _number(cell)
+    if number is None:
+        raise SourceError(f"{what} is {_quoted(cell)}, not a number; leave the cell empty where there is none")
+    return number
+
+
+def read_part(cell: Cell, what: str) -> float:
+    """Return a cell as one number of a state; raises SourceError, beginning with ``what``, where it is none."""
+    number = _number(cell)
+    if number is None:
+        raise SourceError(f"{what} is {_quoted(cell)}, not a number; every row needs all numbers of a state")
+    return number
+
+
+def _number(cell: Cell) -> float | None:
+    """Return a cell as a finite number, None where it is none."""
+    if isinstance(cell, str) and _NUMBER.fullmatch(_ZEROS.sub("", cell.strip(), count=1)):
+        cell = float(cell)
+    if cell is None or isinstance(cell, bool | str) or not abs(cell) <= sys.float_info.max:
+        return None
+    return float(cell)
+
+
+def read_step(cell: Cell, what: str) -> int:
+    """Return a cell as a whole number; raises SourceError, beginning with ``what``, where it is none."""
+    number = _number(cell)
+    if number is None or number != int(number) or abs(number) > _EXACT:
+        raise SourceError(
+            f"{what} is {_quoted(cell)}, not a whole number; a step counts the frames of an episode: every row needs "
+            "one, or none: leave the column out with --map step="
+        )
+    return int(number)
+
+
+def read_label(cell: Cell, what: str) -> str:
+    """Return a cell as a name; 3.0 is '3'. Raises SourceError, beginning with ``what``, where it is empty."""
+    text = (
+        str(int(cell)) if isinstance(cell, float) and math.isfinite(cell) and cell == int(cell) else str(cell).strip()
+    )
+    if cell is None or not text:
+        raise SourceError(f"{what} is empty; every row needs one, or none: leave the column out with an empty --map")
+    return text
+
+
+def read_said(cell: Cell, what: str) -> Scalar:
+    """Return a cell as it will be said in a prompt: text as it stands. Raises SourceError where there is nothing."""
+    if cell is None or (isinstance(cell, float) and not math.isfinite(cell)):
+        raise SourceError(f"{what} is {_quoted(cell)}; a prompt column needs something to say in every row")
+    return cell
+
+
+def read_truth(cells: Sequence[Cell], name: str, *, typed: bool) -> list[Scalar]:
+    """Return a column of ground truth, all numbers or all words; where it is not ``typed``, its text decides."""
+    have = [cell for cell in cells if cell is not None]
+    if not typed and (read := _numbers(have)) is not None:
+        numbers = iter(read)
+        return [None if cell is None else next(numbers) for cell in cells]
+    kinds = {float if type(cell) is int else type(cell) for cell in have}
+    if len(kinds) > 1:
+        return [None if cell is None else str(cell) for cell in cells]
+    return [_finite(cell, name, row) for row, cell in enumerate(cells, 1)]
+
+
+def _numbers(cells: Sequence[Cell]) -> list[float] | None:
+    """Return cells of text as exact numbers, whole ones where all are; None where they are no such."""
+    texts = [str(cell).strip() for cell in cells]
+    if not all(map(_NUMBER.fullmatch, texts)) or not all(abs(float(text)) < _EXACT for text in texts):
+        return None
+    return [float(text) for text in texts] if not all(map(_WHOLE.fullmatch, texts)) else [int(text) for text in texts]
+
+
+def _finite(cell: Cell, name: str, row: int) -> Scalar:
+    if isinstance(cell, float) and not math.isfinite(cell):
+        if math.isnan(cell):
+            return None
+        raise SourceError(f"row {row}: '{name}' is {cell}, which no bank can hold; leave the cell empty")
+    if isinstance(cell, int) and abs(cell) > _EXACT:
+        return str(cell)
+    return cell
+
+
+def _quoted(cell: Cell) -> str:
+    text = "empty" if cell is None else repr(cell)
+    return text if len(text) <= 60 else f"{text[:60]}…"

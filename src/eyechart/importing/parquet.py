@@ -1,0 +1,145 @@
+"""A Parquet file is read in small batches, after its pages' headers were asked what they unpack to.
+
+A few kilobytes of Parquet can stand for gigabytes: repeated values, compressed pages, prefixes shared by all
+strings. So a file is opened only within the bounds of `eyechart.importing.pages`, and words stay in their dictionary
+until their length was checked.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from eyechart.errors import SourceError
+from eyechart.importing.cells import MOST_CELL, Cell
+from eyechart.importing.pages import BATCH_ROWS, MOST_FOOTER, require_bounded
+
+MOST_ROWS = 20_000_000
+"""Rows of one table."""
+_NUMBERS, _WORDS = ("integer", "floating", "boolean"), ("string", "large_string")
+_OTHERS, _LISTS = ("decimal", "date", "timestamp", "null"), ("list", "large_list", "fixed_size_list")
+_OPENING: dict[str, Any] = {"buffer_size": 1 << 20, "thrift_string_size_limit": MOST_FOOTER}
+
+
+def require(module: str, package: str, extra: str) -> Any:  # noqa: ANN401 - a module of an extra, without types
+    """Import a module of an extra; raises SourceError that names the extra where it is not installed."""
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise SourceError(f"this needs {package}: pip install 'eyechart[{extra}]'") from error
+
+
+@dataclass(frozen=True)
+class ParquetTable:
+    """A Parquet file's plain columns. ``vectors`` maps a column of vectors to the names of its components."""
+
+    path: Path
+    plain: tuple[str, ...]
+    count: int
+    vectors: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    words: tuple[str, ...] = ()
+    extra: str = "parquet"
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Return the names that its rows have, the vectors' components among them."""
+        return (*self.plain, *(name for names in self.vectors.values() for name in names))
+
+    def rows(self) -> Iterator[dict[str, Cell]]:
+        """Yield the rows in order, a batch in memory at a time; raises SourceError where the file cannot be read."""
+        pa, pq = require("pyarrow", "pyarrow", self.extra), require("pyarrow.parquet", "pyarrow", self.extra)
+        try:
+            with pq.ParquetFile(self.path, read_dictionary=list(self.words), **_OPENING) as file:
+                before = 0
+                names = [*self.plain, *self.vectors]
+                for group in range(file.num_row_groups if names else 0):  # a batch would go over several
+                    for batch in file.iter_batches(BATCH_ROWS, row_groups=[group], columns=names, use_threads=False):
+                        yield from self._unpack(batch, before)
+                        before += batch.num_rows
+        except (pa.ArrowException, OSError, ValueError, ArithmeticError, LookupError) as error:  # a date of no calendar
+            raise SourceError(f"{self.path} cannot be read as Parquet: {_first_line(error)}") from error
+
+    def _unpack(self, batch: Any, before: int) -> Iterator[dict[str, Cell]]:  # noqa: ANN401 - of pyarrow
+        values: dict[str, list[Cell]] = {}
+        for name in self.plain:
+            column = batch.column(batch.schema.get_field_index(name))
+            values[name] = (
+                self._said(name, column, before) if name in self.words else [*map(_plain, column.to_pylist())]
+            )
+        for name, components in self.vectors.items():
+            column = batch.column(batch.schema.get_field_index(name))
+            self._check_lengths(name, column, len(components), before)
+            listed = [value if value is not None else [None] * len(components) for value in column.to_pylist()]
+            for place, component in enumerate(components):
+                values[component] = [vector[place] for vector in listed]
+        for place in range(batch.num_rows):
+            yield {name: values[name][place] for name in self.columns}
+
+    def _said(self, name: str, column: Any, before: int) -> list[Cell]:  # noqa: ANN401 - of pyarrow
+        """Return a column of words: each that is used is made once, after its length was looked at."""
+        compute = require("pyarrow.compute", "pyarrow", self.extra)
+        indices = column.indices.to_pylist()
+        used = sorted({index for index in indices if index is not None})
+        words = column.dictionary.take(require("pyarrow", "pyarrow", self.extra).array(used, "int64"))
+        for index, length in zip(used, compute.binary_length(words).to_pylist(), strict=True):
+            if length is not None and length > MOST_CELL:
+                row = before + indices.index(index) + 1
+                raise SourceError(f"{self.path}, row {row}: '{name}' has more than {MOST_CELL} characters")
+        made = dict(zip(used, map(_plain, words.to_pylist()), strict=True))
+        return [None if index is None else made[index] for index in indices]
+
+    def _check_lengths(self, name: str, column: Any, length: int, before: int) -> None:  # noqa: ANN401 - of pyarrow
+        compute = require("pyarrow.compute", "pyarrow", self.extra)
+        for row, found in enumerate(compute.list_value_length(column).to_pylist(), before + 1):
+            if found not in {None, length}:
+                raise SourceError(f"{self.path}, row {row}: '{name}' has {found} components, not {length}")
+
+
+def open_parquet(
+    path: Path, *, vectors: Mapping[str, tuple[str, ...]] | None = None, extra: str = "parquet"
+) -> ParquetTable:
+    """Open a Parquet file; nested and binary columns are left out, except the ``vectors`` named.
+
+    Raises SourceError where pyarrow is missing, the file is damaged, or its columns would unpack to too much.
+    """
+    pa, pq = require("pyarrow", "pyarrow", extra), require("pyarrow.parquet", "pyarrow", extra)
+    try:
+        require_bounded(path, ())
+        with pq.ParquetFile(path, **_OPENING) as file:
+            schema, count = file.schema_arrow, int(file.metadata.num_rows)
+        plain = tuple(one.name for one in schema if _is(pa, one.type, (*_NUMBERS, *_WORDS, *_OTHERS)))
+        words = tuple(one.name for one in schema if one.name in plain and _is(pa, one.type, _WORDS))
+        lists = {name: of for name, of in (vectors or {}).items() if _is_vector(pa, schema, name)}
+        require_bounded(path, {*plain, *lists})
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise SourceError(f"{path} cannot be read as Parquet: {_first_line(error)}") from error
+    if count > MOST_ROWS:
+        raise SourceError(f"{path} has more than {MOST_ROWS} rows; cut it into parts")
+    return ParquetTable(path, plain, count, lists, words, extra)
+
+
+def _is(pa: Any, kind: Any, names: tuple[str, ...]) -> bool:  # noqa: ANN401 - of pyarrow
+    """Return whether a type is one of those that pyarrow calls so; a dictionary is what its values are."""
+    if pa.types.is_dictionary(kind):
+        kind = kind.value_type
+    return any(getattr(pa.types, f"is_{name}")(kind) for name in names)
+
+
+def _is_vector(pa: Any, schema: Any, name: str) -> bool:  # noqa: ANN401 - of pyarrow
+    place = schema.get_field_index(name)
+    if place < 0:
+        return False
+    kind = schema.field(place).type
+    return _is(pa, kind, _LISTS) and _is(pa, kind.value_type, _NUMBERS)
+
+
+def _plain(value: object) -> Cell:
+    """Return a cell as a plain value: a date or a decimal as its text, an empty text as None."""
+    if value is None or value == "":
+        return None
+    return value if isinstance(value, str | int | float | bool) else str(value)
+
+
+def _first_line(error: BaseException) -> str:
+    return str(error).partition("\n")[0]
