@@ -37,6 +37,7 @@ from eyechart.frames import (
     read_metadata,
     rounded_truth,
 )
+from eyechart.simulators import open_bank_simulator
 
 PICTURE = "images/dense-0-2.png"
 
@@ -637,3 +638,21 @@ def test_what_a_bank_declares_cannot_be_edited(tmp_path: Path, words: str, inste
     file.write_text(text.replace(words, instead), encoding="utf-8")
     with pytest.raises(BankError, match=r"manifest\.json: what the bank declares of itself"):
         open_bank(bank.root)
+
+
+def test_a_logged_motion_is_read_back_and_one_of_another_shape_is_refused(tmp_path: Path) -> None:
+    """The geometry knows it: a changed number is found out; a bank that declares no motions has none."""
+    made = open_bank_simulator("tabletop").build(tmp_path / "bank", seeds=(0,), steps=4)
+    assert np.shape(open_bank(made.root).frames[0].motion) == (8, 3)
+    text = (made.root / "metadata.jsonl").read_text(encoding="utf-8")
+    rows = [json.loads(line) for line in text.splitlines()]
+    for changed, words in (([[9.0, 9.0, 9.0]] * 8, "fingerprint"), ([[0.0] * 3] * 7, "shape"), (3.0, "not a list")):
+        rows[0]["motion"] = changed
+        (made.root / "metadata.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows), encoding="utf-8")
+        with pytest.raises(BankError, match=words):
+            open_bank(made.root)
+    with (
+        pytest.raises(BankError, match=r"frame 'red-left-0-00': the logged motion has the shape"),
+        BankWriter(tmp_path / "other", made.manifest) as writer,
+    ):
+        writer.add(replace(made.frames[0], motion=((0.0, 0.0, 0.0),)), {}, {})

@@ -30,6 +30,10 @@ from eyechart.frames.nouns import (
 )
 from eyechart.frames.pictures import decode, inside, read_bounded
 from eyechart.records import build
+from eyechart.spaces.motion import MotionSpace
+
+MOTION = "motion"
+"""The column of logged motions, in a bank that declares what they are."""
 
 
 def open_bank(root: Path) -> FrameBank:
@@ -122,6 +126,7 @@ def _frame_from_row(row: dict[str, Any], manifest: BankManifest) -> Frame:
     truth |= manifest.controls.distances.get(frame_id, {})
     state = {name: read_state(truth.pop(name), f"the state '{name}'") for name in manifest.state}
     fields = {name: truth.pop(name) for name in manifest.prompt_columns}
+    motion = read_motion(truth.pop(MOTION, []), manifest.motion) if manifest.motion is not None else ()
     return Frame(
         id=frame_id,
         scenario=str(row["scenario"]),
@@ -133,7 +138,18 @@ def _frame_from_row(row: dict[str, Any], manifest: BankManifest) -> Frame:
         counterfactuals=drawn,
         fields=rounded_truth(fields, frame_id),
         state=state,
+        motion=motion,
     )
+
+
+def read_motion(rows: object, space: MotionSpace) -> tuple[tuple[float, ...], ...]:
+    """Return a logged motion, none for an empty list; raises ValueError where it has another shape than the space."""
+    steps = rows if isinstance(rows, list | tuple) else [rows]
+    found = tuple(read_state(row, f"step {number} of the logged motion") for number, row in enumerate(steps))
+    shapes = {(len(found), len(row)) for row in found}
+    if shapes - {space.shape}:
+        raise ValueError(f"the logged motion has the shape {sorted(shapes)}, and the bank's motions have {space.shape}")
+    return found
 
 
 def read_state(value: object, what: str) -> tuple[float, ...]:
@@ -240,7 +256,8 @@ class BankWriter:
                 f"{sorted(self._manifest.prompt_columns)}; each is given once, and none is ground truth"
             )
         truth = rounded_truth({**frame.truth, **frame.fields}, frame.id)
-        if clash := sorted(name for name in (*truth, *frame.state) if is_reserved(name)):
+        logged = self._logged(frame)
+        if clash := sorted(name for name in (*truth, *frame.state) if is_reserved(name) or name in logged):
             raise BankError(f"frame '{frame.id}': truth may not use the reserved names {clash}")
         if frame.counterfactuals.keys() != counterfactuals.keys():
             raise BankError(
@@ -259,6 +276,7 @@ class BankWriter:
             "mirror_axis": frame.mirror_axis,
             **truth,
             **{name: list(numbers) for name, numbers in frame.state.items()},
+            **logged,
         }
         sides = [(frame.pictures, pictures)]
         sides += [(frame.counterfactuals[name], counterfactuals[name]) for name in sorted(counterfactuals)]
@@ -271,6 +289,15 @@ class BankWriter:
             row |= {f"{name if one == first else f'{name}@{one}'}{FILE_SUFFIX}": file for one, file in files.items()}
         self._rows.append(json.dumps(row, ensure_ascii=False))
         self._geometry[frame.id] = frame.geometry()
+
+    def _logged(self, frame: Frame) -> dict[str, object]:
+        """Return a frame's logged motion as its row has it, nothing where the manifest declares no motions."""
+        if self._manifest.motion is None:
+            return {}
+        try:
+            return {MOTION: read_motion(frame.motion, self._manifest.motion)}
+        except ValueError as error:
+            raise BankError(f"frame '{frame.id}': {error}") from error
 
     def _check_cameras(self, frame: Frame, given: Sequence[Mapping[str, bytes]]) -> None:
         """Raise BankError unless a frame has the cameras and the state that its manifest declares, and all pictures."""

@@ -17,6 +17,7 @@ from eyechart.errors import BankError
 from eyechart.frames.pictures import read_bounded, size_of
 from eyechart.records import plain
 from eyechart.spaces.discrete import Discrete
+from eyechart.spaces.motion import MotionSpace
 
 MirrorAxis = Literal["vertical", "horizontal", "none"]
 """The flip that exchanges left and right: vertical for a top-down horizontal road, horizontal for a forward camera."""
@@ -105,7 +106,8 @@ class Frame:
     ``pictures`` maps each of its ``cameras`` to a file inside the bank, ``counterfactuals`` a name to the same.
     ``truth`` maps a name with its unit (``lead_gap_m``) to a number, a flag, a word, or None for "there is none" (no
     lead). ``fields`` maps the bank's prompt columns to what a prompt may say of the frame, ``state`` a name to numbers
-    that a controller may see, such as the angles of its joints; neither is ground truth.
+    that a controller may see, such as the angles of its joints; neither is ground truth. ``motion`` is what was done
+    from here on in the log, a row a step, and empty where nobody logged it; no controller sees it.
     """
 
     id: str
@@ -118,6 +120,7 @@ class Frame:
     counterfactuals: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     fields: Mapping[str, Scalar] = field(default_factory=dict)
     state: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    motion: tuple[tuple[float, ...], ...] = ()
 
     @property
     def file(self) -> str:
@@ -147,6 +150,8 @@ class Frame:
             parts.append(["cameras", *([one.name, one.mirror_axis, one.mirrors] for one in self.cameras)])
         if self.state:
             parts.append(["state", {name: [*map(_canonical, self.state[name])] for name in sorted(self.state)}])
+        if self.motion:
+            parts.append(["motion", [[*map(_canonical, row)] for row in self.motion]])
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
 
 
@@ -216,7 +221,8 @@ class BankManifest:
     ``absent`` the places that the source did not record (scenario, episode, step), and ``independent`` its
     owner's word that the frames are independent draws. ``cameras`` are those of every frame where there are several,
     ``state`` the columns of numbers that a controller may see; a bank that says none of these is as it always was.
-    ``controls`` holds the truth of its control pictures.
+    ``controls`` holds the truth of its control pictures. ``motion`` says what its logged motions are, and what a
+    controller of motions answers with; None where it has none.
     """
 
     simulator: str
@@ -234,6 +240,7 @@ class BankManifest:
     cameras: tuple[Camera, ...] = ()
     state: tuple[str, ...] = ()
     controls: Controls = field(default_factory=Controls)
+    motion: MotionSpace | None = None
 
     def __post_init__(self) -> None:
         require_exchanged(self.cameras)
@@ -263,7 +270,7 @@ class BankManifest:
         }
 
     def _declared(self) -> dict[str, object]:
-        names = ("prompt_columns", "absent", "independent", "cameras", "state")
+        names = ("prompt_columns", "absent", "independent", "cameras", "state", "motion")
         return {
             "simulator": self.simulator,
             "preset": self.preset,

@@ -173,6 +173,7 @@ SIMULATORS: dict[str, str] = {
     "rover-mpc-lateral": "eyechart.simulators.rover.hierarchy:RoverMpcLateral",
     "drone": "eyechart.simulators.drone:Drone",
     "drone-pybullet": "eyechart.simulators.drone:PybulletDrone",
+    "tabletop": "eyechart.simulators.tabletop:Tabletop",
 }
 """What a simulator's name means: ``module:class``, imported when it is opened."""
 

@@ -18,11 +18,11 @@ from eyechart.frames import (
     RGB,
     BankManifest,
     BankWriter,
+    Camera,
     Controls,
     Frame,
     FrameBank,
     Gap,
-    MirrorAxis,
     Scalar,
     alone,
     encode,
@@ -32,8 +32,11 @@ from eyechart.records import build as build_record
 from eyechart.seeds import key_seed
 from eyechart.simulators import SIMULATORS, Declaration, open_bank_simulator
 from eyechart.simulators.plan import LEAST_STEPS
+from eyechart.spaces.motion import MotionSpace
 
 MOST_SEED = 2**63 - 1
+Seen = RGB | Mapping[str, RGB]
+"""What the one camera sees, or what each camera does by its name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,13 +57,17 @@ class Moment:
     """A picture (h, w, 3), its ground truth, and its counterfactual pictures by name.
 
     ``controls`` draws the moment's control pictures with a generator of their own. It is called before the next moment
-    is asked for: until then the world stands as it was.
+    is asked for: until then the world stands as it was. Where a preset has several cameras, a picture is one of each,
+    by name. ``fields``, ``state`` and ``motion`` are those of the frame.
     """
 
     truth: Mapping[str, Scalar]
-    picture: RGB
-    counterfactuals: Mapping[str, RGB]
+    picture: Seen
+    counterfactuals: Mapping[str, Seen]
     controls: Callable[[np.random.Generator], Drawn] = _none
+    fields: Mapping[str, Scalar] = field(default_factory=dict)
+    state: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    motion: tuple[tuple[float, ...], ...] = ()
 
 
 def check_seed(seed: int) -> None:
@@ -83,13 +90,18 @@ class Preset:
     """What a preset's banks hold.
 
     ``scenarios`` map each name to what a manifest records of it, ``moments(scenario, seed, steps)`` are those of an
-    episode, and ``settings`` what else is recorded.
+    episode, and ``settings`` what else is recorded. ``gap`` is None where there is no vehicle ahead. ``cameras``,
+    ``prompt_columns``, ``state`` and ``motion`` are those of the manifest; without ``cameras`` there is one alone.
     """
 
     scenarios: Mapping[str, object]
     moments: Callable[[str, int, int], Iterator[Moment]]
-    gap: Gap
+    gap: Gap | None
     settings: Mapping[str, object] = field(default_factory=dict)
+    cameras: tuple[Camera, ...] = ()
+    prompt_columns: tuple[str, ...] = ()
+    state: tuple[str, ...] = ()
+    motion: MotionSpace | None = None
 
 
 class BankMaker(ABC):
@@ -137,6 +149,10 @@ class BankMaker(ABC):
             settings={"seeds": seeds, "steps": steps, "scenarios": dict(made.scenarios), **made.settings},
             versions=self.versions(),
             controls=Controls(controls_seed),
+            cameras=made.cameras,
+            prompt_columns=made.prompt_columns,
+            state=made.state,
+            motion=made.motion,
         )
         episodes = list(product(made.scenarios, seeds))
         with BankWriter(out, manifest) as writer:
@@ -144,8 +160,16 @@ class BankMaker(ABC):
                 for step, moment in enumerate(made.moments(scenario, seed, steps)):
                     key = (declared.name, "controls", preset, scenario, seed, step, controls_seed)
                     drawn = moment.controls(np.random.default_rng(key_seed(*key)))
-                    episode, axis = f"{scenario}-{seed}", declared.mirror_axis
-                    _write(writer, moment, drawn, scenario=scenario, episode=episode, step=step, axis=axis)
+                    cameras = made.cameras or alone(declared.mirror_axis)
+                    _write(
+                        writer,
+                        moment,
+                        drawn,
+                        scenario=scenario,
+                        episode=f"{scenario}-{seed}",
+                        step=step,
+                        cameras=cameras,
+                    )
                     if progress is not None:
                         progress(number * steps + step + 1, len(episodes) * steps)
         return open_bank(out)
@@ -202,18 +226,41 @@ def _require(seeds: Sequence[int], steps: int) -> None:
 
 
 def _write(
-    writer: BankWriter, moment: Moment, drawn: Drawn, *, scenario: str, episode: str, step: int, axis: MirrorAxis
+    writer: BankWriter,
+    moment: Moment,
+    drawn: Drawn,
+    *,
+    scenario: str,
+    episode: str,
+    step: int,
+    cameras: tuple[Camera, ...],
 ) -> None:
     frame_id, pictures = f"{episode}-{step:02d}", {**moment.counterfactuals, **drawn.pictures}
+    names = [one.name for one in cameras]
     frame = Frame(
         id=frame_id,
         scenario=scenario,
         episode=episode,
         step=step,
-        cameras=alone(axis),
-        pictures={MAIN: f"images/{frame_id}.png"},
+        cameras=cameras,
+        pictures=_files("images", frame_id, names),
         truth={**moment.truth, **drawn.distances},
-        counterfactuals={name: {MAIN: f"counterfactuals/{frame_id}-{name}.png"} for name in pictures},
+        counterfactuals={name: _files("counterfactuals", f"{frame_id}-{name}", names) for name in pictures},
+        fields=moment.fields,
+        state=moment.state,
+        motion=moment.motion,
     )
-    encoded = {name: {MAIN: encode(picture)} for name, picture in pictures.items()}
-    writer.add(frame, {MAIN: encode(moment.picture)}, encoded)
+    encoded = {name: _encoded(picture) for name, picture in pictures.items()}
+    writer.add(frame, _encoded(moment.picture), encoded)
+
+
+def _files(folder: str, name: str, cameras: Sequence[str]) -> dict[str, str]:
+    """Return the files of a picture by camera, in a folder of each where there are several."""
+    if cameras == [MAIN]:
+        return {MAIN: f"{folder}/{name}.png"}
+    return {one: f"{folder}/{one}/{name}.png" for one in cameras}
+
+
+def _encoded(picture: Seen) -> dict[str, bytes]:
+    by_camera = picture if isinstance(picture, Mapping) else {MAIN: picture}
+    return {name: encode(one) for name, one in by_camera.items()}

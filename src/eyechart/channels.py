@@ -1,0 +1,244 @@
+"""What a policy is given comes by channels: cameras, state, instruction; a condition exchanges one of them.
+
+A condition over a channel is written ``swapped@camera:wrist``. Whose channel a frame is shown belongs to the bank:
+every run on it shows the same, and no frame is shown what another frame of its own episode has.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache, partial
+
+import numpy as np
+
+from eyechart.conditions import CONDITIONS, OVER, Condition, Source, available, find_condition
+from eyechart.conditions import show as show_pictures
+from eyechart.errors import BankError, SpecError
+from eyechart.frames import Frame, FrameBank, Stimulus
+from eyechart.seeds import key_seed
+from eyechart.spaces.motion import MotionSpace, reflect
+from eyechart.stats.partners import NOBODY, Places, balanced_partners, matched_partners
+
+CAMERAS, STATE, INSTRUCTION = "cameras", "state", "instruction"
+CAMERA = "camera:"
+"""Stands before the name of a camera that is a channel of its own."""
+PARTNERS = ("swapped", "matched", "kept")
+"""The conditions that show another frame's channel: any, that of a similar state; or all of another's but one."""
+OBJECTS = ("named", "other")
+"""What a world moves: what the instruction names, and what it does not."""
+TOLD = "told_"
+"""Stands before the name of a moved object where the instruction is another's too."""
+MOVES = tuple(f"{which}_{side}" for which in OBJECTS for side in ("plus", "minus"))
+
+_ASKS = {
+    "swapped": ("another episode's", "does the channel decide?"),
+    "matched": ("that of another episode at a similar state", "does it tell more than the state?"),
+    "kept": ("its own, all others another episode's", "is the channel enough?"),
+}
+_DRAWN = {
+    **{name: (f"same moment, {name.replace('_', ' moved ')}", "is the object followed?") for name in MOVES},
+    **{
+        f"{TOLD}{name}": (
+            f"same moment, {name.replace('_', ' moved ')}, another instruction",
+            "is the named one followed?",
+        )
+        for name in MOVES
+    },
+    "exchanged": ("same moment, the objects' colours exchanged", "does it know which is which?"),
+    "recoloured": ("same moment, another table", "does paint decide?"),
+    "decoys": ("same moment, further objects", "do others distract it?"),
+}
+_PLAIN = ("real", "real_repeat", "blank", "noise", "mirrored")
+
+
+def channels_of(bank: FrameBank) -> tuple[str, ...]:
+    """Return the channels of a bank: all cameras, each where there are several, the state and the instruction."""
+    names = [one.name for one in bank.frames[0].cameras]
+    found = [CAMERAS, *(f"{CAMERA}{name}" for name in names if len(names) > 1)]
+    found += [STATE] if bank.manifest.state else []
+    return (*found, *([INSTRUCTION] if instruction_column(bank) else []))
+
+
+def instruction_column(bank: FrameBank) -> str | None:
+    """Return the prompt column that tells a policy what to do: ``instruction``, or the one that there is, or none.
+
+    Raises BankError where there are several and none has that name.
+    """
+    columns = bank.manifest.prompt_columns
+    if INSTRUCTION in columns or len(columns) < 2:
+        return INSTRUCTION if INSTRUCTION in columns else next(iter(columns), None)
+    raise BankError(
+        f"the bank {bank.root} may say {', '.join(columns)}: which is the instruction? name it 'instruction'"
+    )
+
+
+def conditions_of(bank: FrameBank) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Return the conditions that a policy is asked on a bank, and why it is not asked the others."""
+    every, left_out = ["real", "real_repeat"], {}
+    for channel in channels_of(bank):
+        over = channel.removeprefix(CAMERA) if channel.startswith(CAMERA) else ""
+        every += [f"{name}{OVER}{channel}" for name in PARTNERS if not (over and name == "kept")]
+        if channel == CAMERAS:
+            every += ["blank", "noise"]
+        elif over:
+            every.append(f"blank{OVER}{over}")
+    every += ["mirrored", *_DRAWN]
+    for name in every:
+        if why := _lacking(name, bank):
+            left_out[name] = why
+    return tuple(name for name in every if name not in left_out), left_out
+
+
+def _lacking(name: str, bank: FrameBank) -> str:
+    """Return why a bank cannot show a condition, nothing where it can."""
+    base, _, channel = name.partition(OVER)
+    if base in PARTNERS:
+        return _unpartnered(base, channel, bank)
+    if base.startswith(TOLD) and instruction_column(bank) is None:
+        return "the bank has no instruction"
+    if name == "mirrored" and (bank.manifest.motion is None or not bank.manifest.motion.mirrored):
+        return "the bank does not say what a reflected motion is"
+    lacking = sum(not shown(name, frame) for frame in bank)
+    what = "mirror axis" if name == "mirrored" else "such picture"
+    return f"{lacking} of {len(bank)} frames have no {what}" if lacking else ""
+
+
+def _unpartnered(base: str, channel: str, bank: FrameBank) -> str:
+    """Return why not every frame has a partner, nothing where it has."""
+    if base == "matched" and channel in {STATE, INSTRUCTION}:
+        return "only pictures are matched by the state"
+    if base == "matched" and not bank.manifest.state:
+        return "the bank has no state to match by"
+    without = int((partners(bank.frames, *_whose(base, channel)) == NOBODY).sum())
+    return f"{without} frames have no frame of another episode that differs there" if without else ""
+
+
+def find_exchange(name: str) -> Condition:
+    """Return the condition of a policy of this name; raises SpecError that lists the known ones."""
+    base, over, channel = name.partition(OVER)
+    if base in PARTNERS and (channel in {CAMERAS, STATE, INSTRUCTION} or channel.startswith(CAMERA)):
+        image, asks = _ASKS[base]
+        return Condition(name, f"{channel}: {image}", asks, partial(_exchanged, base, channel))
+    if base in _DRAWN and not over:
+        return Condition(name, *_DRAWN[base], partial(_moved, base), frozenset({"counterfactual"}))
+    if base in _PLAIN:
+        return find_condition(name)
+    known = (*_PLAIN, *(f"{one}{OVER}CHANNEL" for one in PARTNERS), *_DRAWN)
+    raise SpecError(f"unknown condition '{name}' of a policy; known are {', '.join(known)}")
+
+
+def shown(name: str, frame: Frame) -> bool:
+    """Return whether a frame can be shown under a condition of a policy; partners are a matter of the whole bank."""
+    base = name.partition(OVER)[0]
+    if base in _DRAWN:
+        return base.removeprefix(TOLD) in frame.counterfactuals
+    return base in PARTNERS or available(name, frame)
+
+
+def show(condition: str, frame: Frame, source: Source, run_seed: int) -> Stimulus:
+    """Return what a policy is shown of a frame under a condition.
+
+    Pictures that are drawn at random are seeded from (condition, frame, run seed).
+    """
+    if condition.partition(OVER)[0] in CONDITIONS.keys() - _DRAWN:
+        return show_pictures(condition, frame, source, run_seed)
+    return find_exchange(condition).make(frame, source, key_seed("stimulus", run_seed, condition, frame.id))
+
+
+def reflected(seen: Stimulus, space: MotionSpace) -> Stimulus:
+    """Return a mirrored stimulus with the state that the reflected world has, where the space says it."""
+    if not space.state:
+        return seen
+    numbers = reflect(np.array(flat_state(seen.state)), space.state)
+    found, at = {}, 0
+    for name, values in seen.state.items():
+        found[name] = tuple(map(float, numbers[at : at + len(values)]))
+        at += len(values)
+    return replace(seen, state=found)
+
+
+def flat_state(state: Mapping[str, tuple[float, ...]]) -> tuple[float, ...]:
+    """Return all numbers of a state in its order, as a policy gets them."""
+    return tuple(number for numbers in state.values() for number in numbers)
+
+
+def partner_of(frame: Frame, source: Source, base: str, channel: str) -> Frame:
+    """Return whose channel a frame is shown; raises BankError where nobody's can be."""
+    places = partners(source.frames, *_whose(base, channel))
+    place = int(places[_place(source.frames)[frame.id]])
+    if place == NOBODY:
+        raise BankError(f"frame '{frame.id}' has no partner for {base}{OVER}{channel}: no other episode differs there")
+    return source.frames[place]
+
+
+def partners(frames: Sequence[Frame], how: str, channel: str) -> Places:
+    """Return the place of each frame's partner, shape (n,), NOBODY where it has none.
+
+    ``how`` is ``swapped`` or ``matched``. Pictures of two episodes are taken to differ.
+    """
+    return _partners(_Same(frames), how, channel)
+
+
+def _whose(base: str, channel: str) -> tuple[str, str]:
+    """Return by which partners a condition is shown: one camera's are those of all cameras."""
+    one = CAMERAS if channel.startswith(CAMERA) or base == "kept" else channel
+    return ("matched" if base == "matched" else "swapped"), one
+
+
+class _Same:
+    """Frames as a key, by which tuple they are."""
+
+    def __init__(self, frames: Sequence[Frame]) -> None:
+        self.frames = frames
+
+    def __hash__(self) -> int:
+        return id(self.frames)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and other.frames is self.frames
+
+
+@lru_cache(maxsize=16)
+def _partners(same: _Same, how: str, channel: str) -> Places:
+    frames = same.frames
+    episodes = [frame.drive for frame in frames]
+    if how == "matched":
+        return matched_partners(episodes, [flat_state(frame.state) for frame in frames])
+    values: dict[str, Sequence[object]] = {
+        STATE: [tuple(frame.state.items()) for frame in frames],
+        INSTRUCTION: [tuple(frame.fields.items()) for frame in frames],
+    }
+    seed = key_seed("partners", channel, *(frame.id for frame in frames))
+    return balanced_partners(episodes, values.get(channel, range(len(frames))), seed=seed)
+
+
+@lru_cache(maxsize=16)
+def _places(same: _Same) -> Mapping[str, int]:
+    return {frame.id: place for place, frame in enumerate(same.frames)}
+
+
+def _place(frames: Sequence[Frame]) -> Mapping[str, int]:
+    return _places(_Same(frames))
+
+
+def _exchanged(base: str, channel: str, frame: Frame, source: Source, _: int) -> Stimulus:
+    """Return a frame with one channel of its partner, or, where it is kept, with all of the partner's but one."""
+    own, other = frame, partner_of(frame, source, base, channel)
+    given, taken = (other, own) if base == "kept" else (own, other)
+    images = dict(source.images(given))
+    if channel == CAMERAS:
+        images = dict(source.images(taken))
+    elif channel.startswith(CAMERA):
+        name = channel.removeprefix(CAMERA)
+        if name not in images:
+            raise BankError(f"frame '{frame.id}' has no camera '{name}'; it has {', '.join(images)}")
+        images[name] = source.images(taken)[name]
+    fields = taken.fields if channel == INSTRUCTION else given.fields
+    return Stimulus(images, fields, taken.state if channel == STATE else given.state)
+
+
+def _moved(name: str, frame: Frame, source: Source, _: int) -> Stimulus:
+    """Return the pictures of the same moment with something moved, with another's instruction where that is told."""
+    fields = frame.fields
+    if name.startswith(TOLD):
+        fields = partner_of(frame, source, "swapped", INSTRUCTION).fields
+    return Stimulus(source.images(frame, name.removeprefix(TOLD)), fields, frame.state)

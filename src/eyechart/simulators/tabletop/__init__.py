@@ -1,0 +1,150 @@
+"""A tabletop on which a tool reaches for the block that it is told: banks of two cameras and a state."""
+
+from collections.abc import Iterator
+from functools import partial
+
+import numpy as np
+
+from eyechart.frames import Camera, Scalar
+from eyechart.seeds import key_seed
+from eyechart.simulators import Declaration
+from eyechart.simulators.banks import BankMaker, Moment, Preset, Seen, versions_of
+from eyechart.simulators.tabletop.drawing import BLOCKS, CAMERAS, HALF, OTHER_TABLE, Look, cameras
+from eyechart.simulators.tabletop.world import (
+    COLOURS,
+    HORIZON,
+    MOVED,
+    Object,
+    Table,
+    direction,
+    episode,
+    instruction,
+    oracle,
+    scene,
+)
+from eyechart.spaces.discrete import Discrete
+from eyechart.spaces.motion import Dimension, MotionSpace
+
+INSTRUCTION = "instruction"
+STATE = "state"
+MOVES = 16
+"""Moments of a reach, of which an episode holds some, evenly spread; of longer episodes all."""
+_TOOL = (
+    Dimension("x", along="x", sign=-1.0, about=0.5),
+    Dimension("y", along="y"),
+    Dimension("grip"),
+)
+_TARGET = (Dimension("target_x", sign=-1.0, about=0.5), Dimension("target_y"))
+_DIMENSIONS = (
+    Dimension("dx", unit="0.06 of the table", along="x", sign=-1.0),
+    Dimension("dy", unit="0.06 of the table", along="y"),
+    Dimension("grip", unit="1 closed"),
+)
+_SCENARIOS = {f"{named}-{side}": {"named": named, "side": side} for named in COLOURS for side in ("left", "right")}
+OBJECTS: tuple[Object, Object] = ("named", "other")
+
+
+class Tabletop(BankMaker):
+    """A reach for one of two blocks: two cameras, the tool's state, an instruction, and what the oracle does."""
+
+    declared = Declaration(
+        name="tabletop",
+        picture="drawn tabletop with two blocks and a tool, from above and from the wrist, 32 × 32 pixels",
+        mirror_axis="horizontal",
+        action_space=Discrete(
+            "tabletop", ("LEFT", "RIGHT", "UP", "DOWN", "STAY"), mirror_pairs=(("LEFT", "RIGHT"),), brake=(), proceed=()
+        ),
+        presets={
+            "balanced": "Both blocks anywhere, the named one to the left or the right; the state is the tool's alone.",
+            "fixed": "Both blocks always at the same two places, so that the state tells what the pictures tell.",
+            "privileged": "As balanced, and the state tells where the named block is.",
+        },
+    )
+
+    def open_preset(self, name: str) -> Preset:
+        """Return what the banks of a preset hold."""
+        told = (*_TOOL, *_TARGET) if name == "privileged" else _TOOL
+        return Preset(
+            _SCENARIOS,
+            partial(_moments, name),
+            None,
+            cameras=tuple(Camera(one, "horizontal") for one in CAMERAS),
+            prompt_columns=(INSTRUCTION,),
+            state=(STATE,),
+            motion=MotionSpace("reach", _DIMENSIONS, HORIZON, "delta", state=told, mirrored=True),
+        )
+
+    def versions(self) -> dict[str, str]:
+        """Return the versions of this world and of what draws it."""
+        return {"tabletop": "1", **versions_of(("numpy",))}
+
+
+def _moments(preset: str, scenario: str, seed: int, steps: int) -> Iterator[Moment]:
+    """Yield the moments of an episode with their counterfactual pictures, all drawn from the episode's key."""
+    rng = np.random.default_rng(key_seed("tabletop", preset, scenario, seed))
+    named, side = scenario.split("-")
+    colour = COLOURS[named == COLOURS[1]]
+    blocks = scene(rng, colour, left=side == "left", fixed=preset == "fixed")
+    reach = episode(rng, blocks, colour, max(MOVES, steps))
+    chosen = np.linspace(0, len(reach) - 1, steps).round().astype(int)
+    tables = [reach[place] for place in chosen]
+    ways = [{which: direction(table, which, rng) for which in OBJECTS} for table in tables]
+    decoys = _decoys(blocks, rng)
+    drawn = {"": cameras(tables), **_changed(tables, ways, decoys)}
+    for number, (table, way) in enumerate(zip(tables, ways, strict=True)):
+        seen = {name: {one: many[number] for one, many in views.items()} for name, views in drawn.items()}
+        own: Seen = seen.pop("")
+        yield Moment(
+            truth=_truth(table, way),
+            picture=own,
+            counterfactuals=seen,
+            fields={INSTRUCTION: instruction(table.named)},
+            state={STATE: _state(table, told=preset == "privileged")},
+            motion=tuple(tuple(map(float, np.round(row, 6))) for row in oracle(table)),
+        )
+
+
+def _changed(
+    tables: list[Table], ways: list[dict[Object, np.ndarray]], decoys: np.ndarray
+) -> dict[str, dict[str, np.ndarray]]:
+    """Return the pictures of all moments with one thing changed, by its name."""
+    found = {}
+    for which in OBJECTS:
+        for name, sign in (("plus", 1), ("minus", -1)):
+            moved = [table.moved(which, sign * MOVED * way[which]) for table, way in zip(tables, ways, strict=True)]
+            found[f"{which}_{name}"] = cameras(moved)
+    found["exchanged"] = cameras(tables, Look(blocks=BLOCKS[::-1]))
+    found["recoloured"] = cameras(tables, Look(table=OTHER_TABLE))
+    found["decoys"] = cameras(tables, Look(decoys=decoys))
+    return found
+
+
+def _decoys(blocks: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Return the places of two grey blocks that cover neither of the others, shape (2, 2)."""
+    drawn = rng.uniform(HALF, 1 - HALF, (64, 2))
+    far = np.linalg.norm(drawn[:, None] - blocks[None], axis=2).min(axis=1)
+    return np.asarray(drawn[np.argsort(far < 3 * HALF, kind="stable")[:2]])
+
+
+def _state(table: Table, *, told: bool) -> tuple[float, ...]:
+    numbers = [*table.tool, table.grip, *(table.target if told else ())]
+    return tuple(round(float(one), 6) for one in numbers)
+
+
+def _truth(table: Table, way: dict[Object, np.ndarray]) -> dict[str, Scalar]:
+    """Return where things are, along which way each block is moved, and how far the oracle follows it then.
+
+    ``named_follow`` is how much farther along the way its motion goes with the block moved forth than moved back, in
+    units of dx and dy; ``other_follow`` the same of the other block, were that one named.
+    """
+    found: dict[str, Scalar] = {"named": table.named}
+    found |= {f"{colour}_{axis}": float(table.blocks[row, i]) for row, colour in enumerate(COLOURS) for i, axis in _XY}
+    for which in OBJECTS:
+        told = table if which == "named" else table.told_otherwise()
+        ends = [oracle(told.moved("named", sign * MOVED * way[which]))[:, :2].sum(axis=0) for sign in (1, -1)]
+        found |= {f"{which}_along_{axis}": float(way[which][i]) for i, axis in _XY}
+        found[f"{which}_follow"] = float((ends[0] - ends[1]) @ way[which])
+    return found
+
+
+_XY = ((0, "x"), (1, "y"))

@@ -1,0 +1,274 @@
+"""A motion is an array of numbers, so many steps ahead in so many dimensions; what they mean, a space says.
+
+A controller's array is kept to the byte: its text names its shape and its type, and holds the bytes and their digest.
+"""
+
+import base64
+import binascii
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from eyechart.errors import SpecError
+from eyechart.spaces.space import Answer, Decision, unanswered
+
+Kind = Literal["delta", "absolute", "velocity", "waypoints"]
+"""What the numbers of a step are: a change to make, a place to be at, a speed, or a place to pass."""
+
+MOTION_READER = 1
+"""The version of these rules. A run records it, so that motions read by other rules are never taken for these."""
+
+PLACES: tuple[Kind, ...] = ("absolute", "waypoints")
+_TYPES = ("<f2", "<f4", "<f8")
+MOST_NUMBERS = 100_000
+"""An array with more is not kept."""
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """An array as it came: ``shape``, the ``type`` of its numbers in numpy's words, and their bytes in C order."""
+
+    shape: tuple[int, ...]
+    type: str
+    data: bytes
+
+    @classmethod
+    def of(cls, given: object) -> "Motion":
+        """Return what a controller answered; raises ValueError where that is no array of numbers, or too large."""
+        try:
+            array = np.asarray(given)
+        except Exception as error:
+            raise ValueError(f"a {type(given).__name__} is no array: {error}") from error
+        if array.dtype.kind not in "fiu" or array.dtype.itemsize > 8:
+            raise ValueError(f"an array of {array.dtype} has no numbers of up to 64 bits")
+        if array.size > MOST_NUMBERS:
+            raise ValueError(f"an array of {array.size} numbers is too large; {MOST_NUMBERS} may be kept")
+        kind = f"<f{array.dtype.itemsize}" if array.dtype.kind == "f" else "<f8"
+        return cls(array.shape, kind, np.ascontiguousarray(array, dtype=kind).tobytes())
+
+    @cached_property
+    def array(self) -> Floats:
+        """Return the numbers, in double precision."""
+        return np.frombuffer(self.data, self.type).reshape(self.shape).astype(np.float64)
+
+    @property
+    def sha256(self) -> str:
+        """Return the digest of the bytes."""
+        return hashlib.sha256(self.data).hexdigest()
+
+    @property
+    def text(self) -> str:
+        """Return the text that a ledger keeps."""
+        kept = {"shape": list(self.shape), "type": self.type, "sha256": self.sha256}
+        return json.dumps({"motion": {**kept, "base64": base64.b64encode(self.data).decode()}})
+
+    @classmethod
+    def read(cls, text: str) -> "Motion":
+        """Return the motion of such a text; raises ValueError where it holds none, or not the bytes of its digest."""
+        try:
+            kept = json.loads(text)["motion"]
+            shape, kind = tuple(map(int, kept["shape"])), str(kept["type"])
+            made = cls(shape, kind, base64.b64decode(kept["base64"], validate=True))
+            known = kept["sha256"]
+        except (ValueError, LookupError, TypeError, RecursionError, binascii.Error) as error:
+            raise ValueError("not_a_motion") from error
+        if kind not in _TYPES or any(one < 0 for one in shape):
+            raise ValueError("not_a_motion")
+        if made.sha256 != known or len(made.data) != math.prod(shape) * np.dtype(kind).itemsize:
+            raise ValueError("other_bytes")
+        return made
+
+    def __str__(self) -> str:
+        return f"motion {'×'.join(map(str, self.shape))} {self.sha256[:12]}"
+
+
+@dataclass(frozen=True, slots=True)
+class Dimension:
+    """One number of a motion's step, or of a state.
+
+    Differences count in units of ``scale``; where it is None, in those of the spread that the bank's logged motions
+    have. A number along an axis of the world, as the bank names it, is ``along`` it. In the reflected world it is the
+    number of ``mirrors``, its own where that is empty, times ``sign``, about ``about``: a place x between 0 and 1 has
+    sign -1 about .5. ``state`` is the place of the number in the state that it belongs to, where that tells it too.
+    """
+
+    name: str
+    unit: str = ""
+    scale: float | None = None
+    along: str = ""
+    mirrors: str = ""
+    sign: float = 1.0
+    about: float = 0.0
+    state: int | None = None
+
+    def __post_init__(self) -> None:
+        if not self.name or (self.scale is not None and not (np.isfinite(self.scale) and self.scale > 0)):
+            raise SpecError(f"a dimension has a name and a scale above 0; '{self.name}' has {self.scale}")
+        if self.sign not in {1.0, -1.0} or not np.isfinite(self.about):
+            raise SpecError(f"dimension '{self.name}': a reflection has sign 1 or -1 about a number")
+
+
+def reflect(numbers: Floats, dimensions: Sequence[Dimension]) -> Floats:
+    """Return numbers of shape (…, dimensions) as the reflected world has them."""
+    place = {one.name: number for number, one in enumerate(dimensions)}
+    taken = [place[one.mirrors or one.name] for one in dimensions]
+    sign, about = (np.array([getattr(one, name) for one in dimensions]) for name in ("sign", "about"))
+    return np.asarray(sign * (numbers[..., taken] - about) + about)
+
+
+def require_mirrored(dimensions: Sequence[Dimension], what: str) -> None:
+    """Raise SpecError where two dimensions have one name, or one mirrors another that does not mirror it."""
+    by_name = {one.name: one for one in dimensions}
+    if len(by_name) < len(dimensions):
+        raise SpecError(f"{what}: two dimensions have one name: {', '.join(one.name for one in dimensions)}")
+    for one in dimensions:
+        if one.mirrors and (one.mirrors not in by_name or by_name[one.mirrors].mirrors != one.name):
+            raise SpecError(f"{what}: '{one.name}' mirrors '{one.mirrors}', which must be there and mirror it too")
+
+
+@dataclass(frozen=True)
+class MotionSpace:
+    """Motions of ``horizon`` steps, ``rate_hz`` a second, in these ``dimensions``.
+
+    ``state`` says what the numbers of the state are, all of them in the order in which a controller gets them, none
+    where nobody says. A dimension of a place (``absolute``, ``waypoints``) that names its number in the state is
+    measured relative to it. Without ``mirrored`` nobody says what the reflected world would call for.
+    """
+
+    reader: ClassVar[int] = MOTION_READER
+    actions: ClassVar[tuple[str, ...]] = ()
+    name: str
+    dimensions: tuple[Dimension, ...]
+    horizon: int
+    kind: Kind = "delta"
+    rate_hz: float | None = None
+    state: tuple[Dimension, ...] = ()
+    mirrored: bool = False
+
+    def __post_init__(self) -> None:
+        if self.horizon < 1 or not self.dimensions:
+            raise SpecError(f"motion '{self.name}' needs a horizon of 1 or more and a dimension")
+        require_mirrored(self.dimensions, f"motion '{self.name}'")
+        require_mirrored(self.state, f"the state of motion '{self.name}'")
+        for one in self.dimensions:
+            if one.state is not None and not 0 <= one.state < len(self.state):
+                raise SpecError(f"motion '{self.name}': '{one.name}' belongs to number {one.state} of no such state")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Return the shape of a motion: steps and dimensions."""
+        return self.horizon, len(self.dimensions)
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Return the axes of the world along which it has a dimension."""
+        return tuple(dict.fromkeys(one.along for one in self.dimensions if one.along))
+
+    def schema(self) -> dict[str, object]:
+        """Return the JSON schema of the numbers; it changes with whatever the space says of them."""
+        steps, wide = self.shape
+        row = {"type": "array", "items": {"type": "number"}, "minItems": wide, "maxItems": wide}
+        return {"type": "array", "items": row, "minItems": steps, "maxItems": steps, "description": self._words()}
+
+    def _words(self) -> str:
+        parts = (f"{one.name} ({one.unit})" if one.unit else one.name for one in self.dimensions)
+        rate = "" if self.rate_hz is None else f", {self.rate_hz:g} Hz"
+        return f"{self.name}: {self.kind}{rate}: {', '.join(parts)}"
+
+    def read(self, reply: Answer) -> Decision[Motion]:
+        """Return the motion that a reply holds: of this shape and finite, or none."""
+        if (missing := unanswered(reply.finish_reason, reply.error)) is not None:
+            return Decision(None, missing)
+        if not reply.text:
+            return Decision(None, "empty")
+        try:
+            motion = Motion.read(reply.text)
+        except ValueError as error:
+            return Decision(None, "unparsed", str(error))
+        if motion.shape != self.shape:
+            return Decision(None, "unparsed", "wrong_shape")
+        if not np.isfinite(motion.array).all():
+            return Decision(None, "unparsed", "not_finite")
+        return Decision(motion)
+
+    def relative(self, numbers: Floats, states: Floats | None) -> Floats:
+        """Return places relative to the states that they belong to, shape (…, steps, dimensions).
+
+        ``states`` has shape (…, numbers). What is no place, or names no number of the state, stays as it is.
+        """
+        if self.kind not in PLACES or states is None:
+            return numbers
+        found = numbers.copy()
+        for number, one in enumerate(self.dimensions):
+            if one.state is not None:
+                found[..., number] -= states[..., one.state, None]
+        return found
+
+    def scales(self, logged: Floats | None = None) -> Floats:
+        """Return the scale of each dimension, shape (dimensions,): declared, else the spread of logged motions.
+
+        ``logged`` has shape (frames, steps, dimensions). 1 where neither says; so a dimension that never moved in the
+        log counts in its own unit.
+        """
+        spread = None if logged is None or not len(logged) else logged.reshape(-1, len(self.dimensions)).std(axis=0)
+        own = [one.scale for one in self.dimensions]
+        found = np.ones(len(own)) if spread is None else np.where(spread > 1e-9, spread, 1.0)
+        return np.array([far if scale is None else scale for scale, far in zip(own, found, strict=True)])
+
+    def displacement(self, numbers: Floats, axis: str) -> Floats:
+        """Return how far motions of shape (…, steps, dimensions) go along an axis, shape (…).
+
+        Deltas add up, velocities too, by their rate, and a place is that of the last step.
+        """
+        along = [number for number, one in enumerate(self.dimensions) if one.along == axis]
+        rows = numbers[..., along].sum(axis=-1)
+        if self.kind in PLACES:
+            return np.asarray(rows[..., -1])
+        return np.asarray(rows.sum(axis=-1) / (self.rate_hz or 1.0 if self.kind == "velocity" else 1.0))
+
+    def distance(self, one: Motion, other: Motion) -> float:
+        """Return the root mean square of the difference over steps and dimensions, in units of scale."""
+        return float(np.sqrt(np.mean(((one.array - other.array) / self.scales()) ** 2)))
+
+    def project(self, action: Motion, axis: str) -> float | None:
+        """Return how far a motion goes along an axis of the world; None where it has no dimension along it."""
+        return float(self.displacement(action.array, axis)) if axis in self.axes else None
+
+    def reflect(self, action: Motion) -> Motion | None:
+        """Return the motion that the reflected world calls for; None where nobody can say."""
+        return Motion.of(reflect(action.array, self.dimensions)) if self.mirrored else None
+
+    def symbol(self, action: Motion) -> str:
+        """Return a motion in words: its first step."""
+        first = action.array.reshape(-1, len(self.dimensions))[0]
+        return ", ".join(f"{one.name} {number:.3g}" for one, number in zip(self.dimensions, first, strict=True))
+
+    def role(self, symbol: str) -> str:
+        """Return that no motion has a role."""
+        del symbol
+        return "other"
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the space as plain JSON values."""
+        parts: Mapping[str, tuple[Dimension, ...]] = {"dimensions": self.dimensions, "state": self.state}
+        return {
+            "name": self.name,
+            "horizon": self.horizon,
+            "kind": self.kind,
+            "rate_hz": self.rate_hz,
+            "mirrored": self.mirrored,
+            **{name: [_plain(one) for one in many] for name, many in parts.items()},
+        }
+
+
+def _plain(one: Dimension) -> dict[str, object]:
+    return {name: getattr(one, name) for name in Dimension.__slots__}

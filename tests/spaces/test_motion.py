@@ -1,0 +1,139 @@
+"""Motions: kept to the byte, read strictly, measured in units of scale, and reflected as the world is."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from eyechart.calls import Reply
+from eyechart.errors import SpecError
+from eyechart.spaces.motion import Dimension, Motion, MotionSpace
+
+REACH = MotionSpace(
+    "reach",
+    (Dimension("dx", along="x", sign=-1), Dimension("dy", scale=2.0, along="y"), Dimension("grip")),
+    horizon=8,
+    mirrored=True,
+)
+ARMS = MotionSpace(
+    "arms",
+    (Dimension("left", mirrors="right", state=0, sign=-1), Dimension("right", mirrors="left", state=1, sign=-1)),
+    horizon=4,
+    kind="absolute",
+    state=(Dimension("left"), Dimension("right")),
+    mirrored=True,
+)
+
+
+def reply(given: object) -> Reply:
+    """Return what a ledger keeps of an answer."""
+    return Reply(Motion.of(given).text, "stop")
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    hnp.arrays(
+        st.sampled_from([np.float16, np.float32, np.float64, np.int32]),
+        hnp.array_shapes(max_dims=3, max_side=6),
+        elements={"min_value": -100, "max_value": 100},
+    )
+)
+def test_a_motion_comes_back_to_the_byte(array: np.ndarray) -> None:
+    """Whatever its shape and type; its text is plain JSON."""
+    motion = Motion.of(array)
+    again = Motion.read(motion.text)
+    assert again == motion
+    assert (again.array == array).all()
+    assert json.loads(motion.text)["motion"]["shape"] == list(array.shape)
+
+
+def test_the_digest_is_of_the_bytes() -> None:
+    """A byte that was changed, and a shape that does not fit, are found out."""
+    kept = json.loads(Motion.of(np.zeros((2, 2), np.float32)).text)
+    for name, value in (("base64", "AAAA"), ("sha256", "0"), ("shape", [2, 3]), ("shape", [2**40, 2**40])):
+        changed = {"motion": {**kept["motion"], name: value}}
+        with pytest.raises(ValueError, match="other_bytes"):
+            Motion.read(json.dumps(changed))
+    for text in ("", "[1, 2]", '{"motion": 3}', json.dumps({"motion": {**kept["motion"], "type": "|O"}})):
+        with pytest.raises(ValueError, match="not_a_motion"):
+            Motion.read(text)
+
+
+@pytest.mark.parametrize(
+    ("given", "why"),
+    [
+        (np.zeros((4, 3)), "wrong_shape"),
+        (np.zeros((1, 8, 3)), "wrong_shape"),
+        (np.full((8, 3), np.nan), "not_finite"),
+        (np.full((8, 3), np.inf), "not_finite"),
+    ],
+)
+def test_what_is_no_motion_of_the_space_is_none_and_says_why(given: np.ndarray, why: str) -> None:
+    """Half a chunk, another layout, and what is no number."""
+    found = REACH.read(reply(given))
+    assert (found.action, found.missing, found.why) == (None, "unparsed", why)
+    assert REACH.read(Reply(error="timeout")).missing == "error"
+    assert REACH.read(Reply("SLOW", "stop")).why == "not_a_motion"
+    assert REACH.read(Reply("", "stop")).missing == "empty"
+
+
+@pytest.mark.parametrize("given", ["left", None, object(), [[1], [2, 3]], np.zeros(3, complex), np.zeros(200_000)])
+def test_what_holds_no_numbers_is_refused_in_words(given: object) -> None:
+    """Before it reaches a ledger."""
+    with pytest.raises(ValueError, match="array"):
+        Motion.of(given)
+
+
+def test_a_distance_is_in_units_of_scale() -> None:
+    """By hand: dy differs by 2 of scale 2 in every step, so the mean over three dimensions is 1/3."""
+    one, other = np.zeros((8, 3)), np.zeros((8, 3))
+    other[:, 1] = 2.0
+    assert REACH.distance(Motion.of(one), Motion.of(other)) == pytest.approx(np.sqrt(1 / 3))
+    logged = np.random.default_rng(0).normal(0, [3, 1, 0], (500, 8, 3))
+    assert REACH.scales(logged) == pytest.approx([3, 2, 1], rel=0.05)
+
+
+def test_places_are_measured_relative_to_their_state() -> None:
+    """Each number from its own of the state; deltas are not touched."""
+    numbers, states = np.ones((5, 4, 2)), np.column_stack([np.arange(5.0), np.zeros(5)])
+    found = ARMS.relative(numbers, states)
+    assert found[3, 0].tolist() == [-2.0, 1.0]
+    assert (REACH.relative(np.ones((5, 8, 3)), states) == 1).all()
+
+
+def test_displacement_is_how_far_it_goes_along_an_axis() -> None:
+    """Deltas add up; nothing is along an axis that no dimension is along."""
+    motion = Motion.of(np.tile([0.5, -1.0, 1.0], (8, 1)))
+    assert REACH.project(motion, "x") == 4.0
+    assert REACH.project(motion, "y") == -8.0
+    assert REACH.project(motion, "z") is None
+    speeds = MotionSpace("speed", (Dimension("vx", along="x"),), 4, "velocity", rate_hz=2.0)
+    assert speeds.project(Motion.of(np.ones((4, 1))), "x") == 2.0
+    places = MotionSpace("place", (Dimension("x", along="x"),), 3, "waypoints")
+    assert places.project(Motion.of([[1], [2], [5]]), "x") == 5.0
+
+
+@settings(max_examples=30, deadline=None)
+@given(hnp.arrays(np.float64, (4, 2), elements=st.floats(-10, 10)))
+def test_reflecting_twice_is_the_same_motion(numbers: np.ndarray) -> None:
+    """Dimensions that exchange places, with or without a sign."""
+    once = ARMS.reflect(Motion.of(numbers))
+    assert once.array == pytest.approx(-numbers[:, ::-1])
+    assert ARMS.reflect(once).array == pytest.approx(numbers)
+
+
+def test_what_cannot_be_a_space_is_refused() -> None:
+    """Each with what is wrong."""
+    for made, words in (
+        (lambda: MotionSpace("m", (Dimension("a", mirrors="b"),), 1), "must be there"),
+        (lambda: MotionSpace("m", (Dimension("a"), Dimension("a")), 1), "one name"),
+        (lambda: MotionSpace("m", (), 1), "needs a horizon"),
+        (lambda: MotionSpace("m", (Dimension("a", state=2),), 1), "no such state"),
+        (lambda: Dimension("a", scale=0.0), "scale above 0"),
+        (lambda: Dimension("a", sign=2.0), "sign 1 or -1"),
+    ):
+        with pytest.raises(SpecError, match=words):
+            made()
