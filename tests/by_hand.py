@@ -38,6 +38,9 @@ NAMES = (
     "near_far_lost",
     "lane_lost",
     "both_lost",
+    "dose_lost",
+    "dose_by_frame",
+    "dose_scan",
     "repeat_over_nudged",
     "repeats_together",
     "content_shuffled",
@@ -65,6 +68,7 @@ NAMES = (
     "bound_text_only",
     "turns_clear",
     "turns_clear_within",
+    "turns_against",
 )
 
 
@@ -97,6 +101,7 @@ def reader(**changes: Statistic) -> Found:
         "lane_net": least(0.5),
         **{name: p(HIGH) for name in ("dose_near_mid", "dose_mid", "dose_mid_far", "dose_bins", "scenario_reversed")},
         **{name: share(0.0) for name in ("near_far_lost", "lane_lost", "both_lost")},
+        **{name: p(HIGH) for name in ("dose_lost", "dose_by_frame", "dose_scan")},
         "repeat_over_nudged": p(HIGH),
         "unparsed_controls": Statistic(0.0, 144, (0.0, 0.02)),
     }
@@ -227,6 +232,9 @@ def cases() -> dict[str, Evidence]:
         "depth": moved(),
         "depth that swaps": moved(**swapped),
         "depth_lateral": moved(**swapped, **sided),
+        "swaps, many turns blocked": moved(
+            **swapped, **sided | {"turns_against": Statistic(0.2, 34, (0.08, 0.38), p=0.0001)}
+        ),
         "swaps, clear within open": moved(**swapped, **sided | {"turns_clear_within": signs(20, 14, 0, 0.2)}),
         "swaps to no side": moved(**swapped, turns_clear=signs(18, 16, 0, 0.4)),
         "turns to the blocked side": moved(**swapped, turns_clear=signs(4, 30, 2, 1.0)),
@@ -281,6 +289,9 @@ def cases() -> dict[str, Evidence]:
         "near_far_lost": share(0.08),
         "lane_lost": share(0.09),
         "both_lost": share(0.12),
+        "dose_lost": Statistic(0.14, 144, (0.06, 0.25), p=1e-6, note="most: lead_mid_near over lead_mid_far"),
+        "dose_by_frame": Statistic(0.14, 144, (0.06, 0.25), p=1e-6, note="most: lead_mid_near over lead_mid_far"),
+        "dose_scan": Statistic(5.1, 288, p=0.001, note="most from 10.1-11.2 to 11.3-12.6"),
     }
     made |= {f"{name} fails": moved(**{name: one}) for name, one in failing.items()}
     paper = {

@@ -10,6 +10,11 @@ from eyechart.verdicts import calibrated_rules, lateral_rules, paper_rules
 from eyechart.verdicts.calibrated import earns_lateral, grade
 
 
+def with_p(value: float, of: float) -> Statistic:
+    """Return a value with its p."""
+    return Statistic(value, 144, p=of)
+
+
 def label(found: Found, *, turns: bool = False) -> str:
     """Return the calibrated label."""
     return calibrated_rules(found, turns=turns)[0].label
@@ -40,6 +45,11 @@ def test_the_statistics_by_hand_earn_their_labels() -> None:
         ("near_far_lost", share(0.05), share(0.0500001), "content"),
         ("lane_lost", share(0.05), share(0.0500001), "content"),
         ("both_lost", share(0.05), share(0.0500001), "content"),
+        ("dose_lost", with_p(0.05, LOW), with_p(0.0500001, LOW), "content"),
+        ("dose_lost", with_p(0.5, 0.005), with_p(0.5, 0.0049999), "content"),
+        ("dose_by_frame", with_p(0.05, LOW), with_p(0.0500001, LOW), "content"),
+        ("dose_by_frame", with_p(0.5, 0.005), with_p(0.5, 0.0049999), "content"),
+        ("dose_scan", p(0.005), p(0.0049999), "content"),
         ("repeat_over_nudged", p(0.01), p(JUST_BELOW), "undecided"),
         ("unparsed_reference", share(0.05), share(0.0500001), "not_scorable"),
         ("unparsed_controls", least(0.05), least(0.0500001), "depth_associated"),
@@ -245,6 +255,10 @@ def test_turns_are_clear_where_both_tests_reject_at_one_percent() -> None:
         assert lateral(**good | {name: p(0.01)}) == "swaps"
         assert lateral(**good | {name: SILENT}) == "swaps"
     assert lateral(rate(p_of=0.5), **good) == "no_power"
+    assert lateral(**good, turns_against=with_p(0.1, LOW)) == "turns_clear"
+    assert lateral(**good, turns_against=with_p(0.1000001, LOW)) == "swaps"
+    assert lateral(**good, turns_against=with_p(0.5, 0.01)) == "turns_clear"
+    assert lateral(**good, turns_against=with_p(0.5, JUST_BELOW)) == "swaps"
     assert earns_lateral(nothing_known(), "turns_clear")
     assert earns_lateral(nothing_known(), "swaps")
     assert not earns_lateral(nothing_known(), "one_sided")

@@ -124,8 +124,24 @@ def _reversed(share: float, when: Callable[[Reading], bool] | None = None) -> Ru
     return road(look)
 
 
-def _hole(low: float, high: float) -> Rule:
-    return road(lambda one, _: "STRAIGHT" if low <= lead(one) < high else graded(lead(one)))
+def _hole(low: float, high: float, answer: str = "STRAIGHT") -> Rule:
+    return road(lambda one, _: answer if low <= lead(one) < high else graded(lead(one)))
+
+
+def _comb(one: Reading, _: random.Random) -> str:
+    gap = lead(one)
+    return graded(gap) if not 9 < gap < 50 or int(math.log(gap) / 0.06) % 4 else "STRAIGHT"
+
+
+def _between_reversed(share: float, when: Callable[[Reading], bool] | None = None) -> Rule:
+    """Return a rule that grades, but for the distances between those of near and far, on some of the frames."""
+
+    def look(reading: Reading, _: random.Random) -> str:
+        gap, wrong = lead(reading), hashed(reading) < share if when is None else when(reading)
+        between = wrong and 9.05 <= gap < 49.5
+        return ("STRAIGHT" if gap < 20 else "STOP") if between else graded(gap)
+
+    return road(look)
 
 
 def _zigzag(one: Reading, _: random.Random) -> str:
@@ -210,6 +226,12 @@ def _clear(one: Reading) -> int:
     return one.scene.left_clear + one.scene.right_clear
 
 
+def _exchanged(one: Reading) -> bool:
+    """Return whether a neighbour is near, or far and the lead near, as in pictures that exchange the two."""
+    beside = [far for far, _ in ahead(one, own=False)]
+    return any(far < 9 for far in beside) or (lead(one) < 9 and any(50 <= far < 60 for far in beside))
+
+
 def _at_ends(one: Reading) -> bool:
     return 7 <= lead(one) < 9 or 50 <= lead(one) < 60
 
@@ -285,6 +307,13 @@ ADVERSARIES: Mapping[str, Adversary] = {
     "hole_noise": Adversary(
         "grades, but goes on from 12 to 20 m, behind a coin in 3 of 10 answers", noisy(0.3, _hole(12, 20))
     ),
+    "hole_10_11": Adversary("grades, but goes on from 10 to 11 m", _hole(10, 11)),
+    "hole_24_30": Adversary("grades, but goes on from 24 to 30 m", _hole(24, 30)),
+    "alarm_20_24": Adversary("grades, but stops from 20 to 24 m", _hole(20, 24, "STOP")),
+    "alarm_44_49": Adversary("grades, but stops from 44 to 49.5 m", _hole(44, 49.5, "STOP")),
+    "comb": Adversary(
+        "stops at 7 to 9 m, goes on at 50 to 60 m, and goes on in each fourth narrow band between", road(_comb)
+    ),
     "far_alarm": Adversary(
         "stops below 12 m and from 25 to 49 m",
         road(lambda one, _: "STOP" if lead(one) < STOP_M or 25 <= lead(one) < 49 else "STRAIGHT"),
@@ -303,6 +332,21 @@ ADVERSARIES: Mapping[str, Adversary] = {
     "reversed_25_noisy": Adversary(
         "grades, the wrong way round on a quarter of the frames, behind a coin in 3 of 10 answers",
         noisy(0.3, _reversed(0.25)),
+    ),
+    "reversed_15": Adversary("grades, the wrong way round on 15 % of the frames", _reversed(0.15)),
+    "between_reversed_20": Adversary(
+        "grades, but between 9 and 49 m goes on near and stops far on a fifth of the frames", _between_reversed(0.20)
+    ),
+    "between_reversed_25": Adversary(
+        "grades, but between 9 and 49 m goes on near and stops far on a quarter of the frames", _between_reversed(0.25)
+    ),
+    "between_reversed_left": Adversary(
+        "grades, but between 9 and 49 m goes on near and stops far where the left side is clear",
+        _between_reversed(0.0, lambda one: one.scene.left_clear),
+    ),
+    "exchange_reversed_35": Adversary(
+        "grades, the wrong way round on 35 % of the frames where a neighbour is near, or far and the lead near",
+        _reversed(0.0, lambda one: hashed(one) < 0.35 and _exchanged(one)),
     ),
     "reversed_merge": Adversary(
         "grades, the wrong way round at ramps and on two lanes", _reversed(0.0, lambda one: one.place == 0)
@@ -359,6 +403,17 @@ ADVERSARIES: Mapping[str, Adversary] = {
         _braking_and(_from_nearest_beside),
         follows=None,
         turns=None,
+    ),
+    "wrong_way_15": Adversary(
+        "grades, and turns to the clear side, but to the blocked one on 15 % of the frames",
+        _braking_and(lambda one: _turn(one, to_clear=hashed(one) > 0.15)),
+        follows=None,
+        turns=None,
+    ),
+    "wrong_way_30": Adversary(
+        "grades, and turns to the clear side, but to the blocked one on 30 % of the frames",
+        _braking_and(lambda one: _turn(one, to_clear=hashed(one) > 0.30)),
+        follows=None,
     ),
     "turns_clear_only": Adversary(
         "turns to the one clear side, and never brakes",

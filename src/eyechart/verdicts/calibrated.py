@@ -250,7 +250,10 @@ def lateral_rules(found: Mapping[str, Statistic], seen: Mapping[str, int]) -> Ru
 
 def _swaps(found: Mapping[str, Statistic], swap: SwapRate) -> Ruling:
     """Return what turns earn that are exchanged: that they go to the clear side, where that was tested and holds."""
-    clear, within = found["turns_clear"], found["turns_clear_within"]
+    clear, within, against = (found[f"turns_{name}"] for name in ("clear", "clear_within", "against"))
+    if below(against.p) and against.value is not None and against.value > MARGIN:
+        words = "directions are exchanged, but {share:.2f} of its turns, beyond its noise, go to the blocked side"
+        return decided("swaps", "turns_against", against, words, share=against.value)
     if below(clear.p) and below(within.p):
         words = "directions are exchanged and go to the clear side, within each lane too (p = {within})"
         return decided("turns_clear", "turns_clear", clear, words, within=p_value(within.p or 0.0))

@@ -38,6 +38,13 @@ VETOES = {"dose_bins": DOSE_ALPHA, "scenario_reversed": SCENARIO_ALPHA}
 """The vetoes that look at parts of a bank, and the level of each."""
 
 
+ORDER = {
+    "dose_lost": "less hard the nearer on more frames than its noise explains",
+    "dose_by_frame": "the wrong way round on some of the frames, each time",
+    "dose_scan": "less hard the nearer somewhere between",
+}
+"""What each test of the order between means where it rejects; of the first two also more frames than `BOTH_LOST`."""
+
 LOST = {
     "near_far_lost": "harder for the far lead on more frames than its noise explains",
     "lane_lost": "harder for the neighbour on more frames than its noise explains",
@@ -96,6 +103,11 @@ def failures(found: Mapping[str, Statistic]) -> Iterator[Failure]:
         lost = found[name].value
         if lost is not None and lost > BOTH_LOST:
             yield Failure(name, says, f"at most {BOTH_LOST}")
+    for name, says in ORDER.items():
+        one = found[name]
+        enough = name == "dose_scan" or (one.value is not None and one.value > BOTH_LOST)
+        if enough and below(one.p, DOSE_ALPHA):
+            yield Failure(name, f"{says} ({one.note})", f"p of {DOSE_ALPHA} at least")
 
 
 def _too_little(found: Mapping[str, Statistic], name: str, says: str) -> Iterator[Failure]:

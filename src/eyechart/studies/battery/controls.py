@@ -12,7 +12,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from eyechart.frames import LEAD_GAP
+from eyechart.seeds import key_seed
 from eyechart.stats.agreement import rate
+from eyechart.stats.order import falls_everywhere, lost_beyond_noise
 from eyechart.stats.paired import (
     Curve,
     Dose,
@@ -49,6 +52,9 @@ DISTANCES = {
 }
 """The conditions that move the lead, from the nearest, and the columns that say how far away it then is."""
 
+APART = 1.1
+"""The true picture is compared with a dose that is farther or nearer by this factor at least."""
+
 CURVE = "mean braking level with the lead nearest less that with it farthest"
 
 COMPARED = ("lead_near", "lead_far", "lane_own", "lane_beside", "lead_mid_near", "lead_mid_far", "nudged")
@@ -82,6 +88,9 @@ class Controls:
             "dose_mid": partial(self._step, "lead_mid_near", "lead_mid_far"),
             "dose_mid_far": partial(self._step, "lead_mid_far", "lead_far"),
             "dose_bins": self._bins,
+            "dose_lost": self._dose_lost,
+            "dose_by_frame": self._by_frame,
+            "dose_scan": self._scan,
             "dose_curve": self._curve,
             "scenario_reversed": self._scenarios,
             "near_far_lost": partial(self._lost, *near_far),
@@ -90,6 +99,7 @@ class Controls:
             "unparsed_controls": self._unparsed,
             "turns_clear": self._turns_clear,
             "turns_clear_within": self._turns_clear_within,
+            "turns_against": self._turns_against,
         }
 
     def _level(self, condition: str) -> Floats:
@@ -204,6 +214,72 @@ class Controls:
                 pairs["{:.3g}-{:.3g} m against {:.3g}-{:.3g} m".format(*ends, *others)] = one[:both], other[:both]
         return self._parts(pairs, DOSE_ALPHA, self._pairs("lead_near", "lead_far"))
 
+    def _dose_lost(self) -> Statistic:
+        """Return the greatest share of pairs lost, less half of the noise: of the steps, and of the true picture.
+
+        That stands among the others at the distance at which it shows the lead. ``p`` is the smallest, corrected.
+        """
+        what = "share of a step of the dose lost, less half of the self-disagreement"
+        apart, _ = self.answers.distance("real", "real_repeat")
+        wavered = int(np.count_nonzero(apart > 0))
+        found = {}
+        for name, nearer, farther in (*self._steps(), *self._of_real()):
+            have = ~np.isnan(nearer + farther)
+            lost, pairs = int(np.count_nonzero((nearer < farther)[have])), int(np.count_nonzero(have))
+            if pairs >= FEWEST_PAIRS and len(apart):
+                found[name] = (lost, pairs, lost_beyond_noise(lost, pairs, wavered, len(apart)))
+        if not found:
+            return cannot_say("no step of the dose has pairs with two decisions", method=what)
+        corrected = dict(zip(found, holm([p for *_, p in found.values()]), strict=True))
+        worst = min(found, key=lambda name: (corrected[name] or 0.0, -found[name][0] / found[name][1]))
+        lost, pairs, _ = found[worst]
+        share, most = rate(lost, pairs, level=LEVEL), wavered / len(apart) / 2
+        ends = None if share.ci is None else (share.ci[0] - most, share.ci[1] - most)
+        note, method = f"most: {worst}", f"{what}; p: binomial against repeats, Holm over {len(found)}"
+        return replace(share, value=lost / pairs - most, ci=ends, p=corrected[worst], method=method, note=note)
+
+    def _steps(self) -> list[tuple[str, Floats, Floats]]:
+        """Return the braking levels of each two neighbouring doses, with both names."""
+        return [(f"{one} over {other}", self._level(one), self._level(other)) for one, other in pairwise(DISTANCES)]
+
+    def _of_real(self) -> list[tuple[str, Floats, Floats]]:
+        """Return the braking levels of the true picture and of each dose, the nearer first, NaN where about as near."""
+        gaps = [frame.truth.get(LEAD_GAP.column) for frame in self.answers.frames]
+        known = np.array([float(one) if isinstance(one, int | float) else np.nan for one in gaps])
+        real, found = self._level("real"), []
+        for condition in DISTANCES:
+            level, distance = self._level(condition), self._distances(condition)
+            before, after = known * APART < distance, known > distance * APART
+            nearer, farther = np.where(before, real, level), np.where(before, level, real)
+            nearer[~(before | after)] = np.nan
+            found.append((f"real and {condition} by their distances", nearer, farther))
+        return found
+
+    def _by_frame(self) -> Statistic:
+        """Return on how many frames a pair is the wrong way round beyond what independent answers would be."""
+        near_far, exchange = ("lead_near", "lead_far"), ("lane_own", "lane_beside")
+        what = "share of frames with a pair the wrong way round, less what independent answers would give"
+        found = []
+        for first, second in (near_far, exchange, *pairwise(DISTANCES)):
+            one, other = self._pairs(first, second)
+            if len(one) >= FEWEST_PAIRS:
+                each = (joint_losses(one < of, other >= of, level=LEVEL) for of in np.unique([one, other])[1:])
+                found += [replace(lost, note=f"most: {first} over {second}") for lost in each]
+        if not found:
+            return cannot_say("no two braking levels were given", method=what)
+        corrected = [1.0 if p is None else p for p in holm([one.p for one in found])]
+        place = min(range(len(found)), key=lambda one: (corrected[one], -(found[one].value or 0.0)))
+        method = f"{what}; p: Fisher's exact test, one-sided, Holm over {len(found)}"
+        return replace(found[place], p=corrected[place], method=method)
+
+    def _scan(self) -> Statistic:
+        """Test whether braking rises with distance anywhere along the two mids."""
+        places, levels = (np.concatenate([of(name) for name in MIDS]) for of in (self._distances, self._level))
+        have = ~np.isnan(places + levels)
+        seed = key_seed("dose_scan", *(frame.id for frame in self.answers.frames))
+        found = falls_everywhere(places[have], levels[have], seed=seed)
+        return replace(found, method=f"braking level along {' and '.join(MIDS)}: {found.method}")
+
     def _curve(self) -> Statistic:
         doses = []
         for condition, ends, which in self._ranges:
@@ -277,6 +353,21 @@ class Controls:
         ]
         left, clear = (np.array([one[place] for one in found], dtype=np.bool_) for place in (0, 1))
         return left, clear, [one[2] for one in found]
+
+    def _turns_against(self) -> Statistic:
+        """Return the share of turns to the only side that is not clear, less half of the noise."""
+        found, what = self._turned(), "share of turns to the only blocked side, less half of the self-disagreement"
+        if isinstance(found, str):
+            return cannot_say(found, method=what)
+        left, clear, _ = found
+        apart, _ = self.answers.distance("real", "real_repeat")
+        if not len(left) or not len(apart):
+            return cannot_say("no turn with exactly one clear side, or no repeat", method=what)
+        wrong, wavered = int(np.count_nonzero(left != clear)), int(np.count_nonzero(apart > 0))
+        share, most = rate(wrong, len(left), level=LEVEL), wavered / len(apart) / 2
+        ends = None if share.ci is None else (share.ci[0] - most, share.ci[1] - most)
+        p, method = lost_beyond_noise(wrong, len(left), wavered, len(apart)), f"{what}; p: binomial against repeats"
+        return replace(share, value=wrong / len(left) - most, ci=ends, p=p, method=method)
 
     def _turns_clear(self) -> Statistic:
         found, what = self._turned(), "turns to the only clear side over turns away from it"

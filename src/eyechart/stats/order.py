@@ -1,0 +1,72 @@
+"""Whether answers that should fall along a scale do: pairs lost beyond noise, and rises in some range of it."""
+
+import numpy as np
+import numpy.typing as npt
+
+from eyechart.stats.statistic import Statistic, cannot_say
+
+Floats = npt.NDArray[np.float64]
+
+FEWEST = 6
+"""No window of `falls_everywhere` is narrower."""
+WIDEST = 1 / 4
+"""Nor wider than this share of the answers."""
+
+
+def lost_beyond_noise(lost: int, pairs: int, wavered: int, repeats: int) -> float:
+    """Return the p of so many pairs lost, where noise alone loses at most half as many as repeats disagree.
+
+    ``lost`` of ``pairs`` and ``wavered`` of ``repeats``. Two answers of one law disagree at least twice as often as the
+    second is the greater of them. Given their sum the lost ones are binomial, as they are of rare events; of frequent
+    ones, which vary less, p is too large. Raises ValueError where there are none.
+    """
+    from scipy.stats import binom  # noqa: PLC0415 - slow to import
+
+    if not pairs or not repeats:
+        msg = "no pairs, or no repeats"
+        raise ValueError(msg)
+    share = pairs / (pairs + 2 * repeats)
+    return float(binom.sf(lost - 1, lost + wavered, share))
+
+
+def falls_everywhere(places: npt.ArrayLike, levels: npt.ArrayLike, *, seed: int, resamples: int = 999) -> Statistic:
+    """Test whether levels rise anywhere along places at which they should fall or stay.
+
+    Two arrays of one length. Two neighbouring windows of equally many answers are compared, at every place and at
+    several widths; ``value`` is the greatest rise of the mean from one to the next, each in standard deviations of a
+    mean of so many. ``p`` is of all orders of the levels alike, of which so many are drawn: where levels fall instead,
+    rises are smaller. ``note`` says between which places the greatest rise is.
+    """
+    at, of = np.asarray(places, dtype=np.float64), np.asarray(levels, dtype=np.float64)
+    n, method = len(at), "greatest rise between neighbouring windows along the scale; p: permutation"
+    widths = sorted({int(one) for one in np.geomspace(FEWEST, max(FEWEST, n * WIDEST), 6)})
+    if n < 2 * FEWEST:
+        return cannot_say(f"{n} answers; {2 * FEWEST} are needed", n, method)
+    if float(of.std()) == 0.0:
+        return Statistic(0.0, n, p=1.0, method=method, note="all levels are alike")
+    order = np.argsort(at, kind="stable")
+    at, of = at[order], of[order] / of.std()
+    seen = _rises(of[None, :], widths)
+    place = max(range(len(widths)), key=lambda one: float(seen[one].max()))
+    value, width, start = float(seen[place].max()), widths[place], int(seen[place].argmax())
+    ends = (at[start], at[start + width - 1], at[start + width], at[start + 2 * width - 1])
+    note = "most from {:.3g}-{:.3g} to {:.3g}-{:.3g}".format(*ends)
+    if value <= 0:
+        return Statistic(value, n, p=1.0, method=method, note="nowhere")
+    rng = np.random.default_rng(seed)
+    drawn = rng.permuted(np.tile(of, (resamples, 1)), axis=1)
+    greatest = np.max([one.max(axis=1) for one in _rises(drawn, widths)], axis=0)
+    p = (1 + int(np.count_nonzero(greatest >= value - 1e-12))) / (resamples + 1)
+    return Statistic(value, n, p=p, method=method, note=note)
+
+
+def _rises(levels: Floats, widths: list[int]) -> list[Floats]:
+    """Return of each row, for each width, the rise between the two windows that begin at each place."""
+    sums = np.concatenate((np.zeros((len(levels), 1)), np.cumsum(levels, axis=1)), axis=1)
+    found = []
+    for width in widths:
+        if 2 * width > levels.shape[1]:
+            continue
+        windows = sums[:, width:] - sums[:, :-width]
+        found.append((windows[:, width:] - windows[:, :-width]) / np.sqrt(2 * width))
+    return found
