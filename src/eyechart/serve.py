@@ -29,7 +29,7 @@ from eyechart.studies.guardian import VIEWS
 
 _QUIET = logging.getLogger("eyechart.serve")
 _QUIET.setLevel(logging.CRITICAL + 1)  # what cannot be understood is answered with 400, and needs no traceback
-_SIGNS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"RIFF", b"BM")
+_SIGNS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"RIFF")
 _LEAST_S = 0.01
 """With less time than this left no model is asked."""
 _REAP_S = 1.0
@@ -39,7 +39,7 @@ _FADING = 0.95
 _TELLING_S = 5.0
 _LINGERING_S = 1.0
 """So long what is left of a refused body is read, for its sender to see the refusal."""
-TYPES = ("image/png", "image/jpeg", "image/webp", "image/bmp", "application/octet-stream")
+TYPES = ("image/png", "image/jpeg", "image/webp", "application/octet-stream")
 """What a picture may be sent as; what it is, its bytes say."""
 _BUCKETS = (0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0)
 
@@ -215,7 +215,7 @@ class Server:
         if not body:
             raise _Refused(400, "the body is empty; it must be an encoded picture, PNG or JPEG")
         if not body.startswith(_SIGNS):
-            raise _Refused(422, "no picture that can be shown: it begins as none of PNG, JPEG, WebP and BMP")
+            raise _Refused(422, "no picture that can be shown: it begins as none of PNG, JPEG and WebP")
         return bytes(body)
 
     async def _asked(self, picture: bytes, start: float) -> Assessment:

@@ -29,6 +29,7 @@ from eyechart.frames.pictures import (
     decode,
     encode,
     inside,
+    media_type,
     read_bounded,
     size_of,
 )
@@ -61,6 +62,7 @@ __all__ = [
     "inside",
     "is_reserved",
     "made_plain",
+    "media_type",
     "open_bank",
     "open_unchecked",
     "read_axis",

@@ -19,6 +19,7 @@ RGB = NDArray[np.uint8]
 MAX_PIXELS = 25_000_000
 MAX_IMAGE_BYTES = 64_000_000
 _FORMATS = ("PNG", "JPEG", "WEBP", "BMP")
+_TYPES = {b"\x89PNG": "image/png", b"\xff\xd8": "image/jpeg", b"RIFF": "image/webp", b"BM": "image/bmp"}
 
 
 def inside(root: Path, file: str) -> Path:
@@ -61,6 +62,11 @@ def read_bounded(root: Path, file: str) -> bytes:
         return path.read_bytes()
     except OSError as error:
         raise BankError(f"'{file}' of the bank {root} cannot be read: {error.strerror}") from error
+
+
+def media_type(picture: bytes) -> str:
+    """Return the media type of an encoded picture by its first bytes; PNG's where they are of none that is known."""
+    return next((kind for sign, kind in _TYPES.items() if picture.startswith(sign)), "image/png")
 
 
 def size_of(picture: bytes, name: str) -> tuple[int, int]:

@@ -10,6 +10,7 @@ from PIL import Image, ImageColor, ImageOps
 
 from eyechart.errors import BankError, SpecError
 from eyechart.frames.pictures import RGB, opened
+from eyechart.frames.whole import damages
 
 PLAIN_FORMATS = ("PNG", "JPEG", "WEBP")
 """What may be kept as it is."""
@@ -34,12 +35,15 @@ def require_plain(picture: bytes, name: str) -> str:
     """Return the media type of a plain picture that decodes; raises BankError that says all in which it is none.
 
     It must be a PNG, JPEG or WebP of one picture, 8 bits a channel, red, green and blue without transparency, not
-    above 25 megapixels, and not turned by a note (EXIF orientation) that some programs follow and others do not.
+    above 25 megapixels, and not turned by a note (EXIF orientation) that some programs follow and others do not. It
+    must hold all pixels that it declares, and nothing behind them.
     """
     with opened(picture, name, PLAIN_FORMATS) as found:
         if odd := [*_oddities(found, picture)]:
             raise BankError(f"'{name}' {'; it '.join(odd)}")
-        found.load()
+        pixels = np.asarray(found, dtype=np.uint8)
+        if odd := [one.words for one in damages(picture, str(found.format), pixels)]:
+            raise BankError(f"'{name}' {'; it '.join(odd)}")
         return MEDIA_TYPES[str(found.format)]
 
 
@@ -88,6 +92,10 @@ def made_plain(
     with opened(picture, name, FORMATS) as found:
         done = [f"first of {frames}"] if (frames := getattr(found, "n_frames", 1)) > 1 else []
         deep = _is_deep(found, picture)
+        for one in damages(picture, str(found.format), np.asarray(found.convert("RGB"), dtype=np.uint8)):
+            if one.lost:
+                raise BankError(f"'{name}' {one.words}")
+            done.append("bytes behind it")
         if found.mode == "F" or (found.mode == "I" and found.format != "PNG"):
             raise BankError(f"'{name}' has more than 16 bits a channel, and nobody says what is white; save it with 8")
         if found.getexif().get(_ORIENTATION, 1) not in {0, 1}:

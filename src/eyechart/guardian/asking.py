@@ -19,7 +19,7 @@ import numpy as np
 
 from eyechart.calls import Reply, misfit
 from eyechart.errors import BankError, GuardianError
-from eyechart.frames import encode
+from eyechart.frames import encode, require_plain
 from eyechart.guardian.interface import Answer, Assessment, Interface, Pictures, Vote, encodable, interface_of
 from eyechart.models import Model, open_model
 from eyechart.modes import RequestMode, without_secrets
@@ -104,8 +104,9 @@ class Guardian:
     def assess(self, image: bytes, *, deadline_s: float | None = None) -> Assessment:
         """Return what the committee says of an encoded picture, by the deadline.
 
-        What is no picture, or one of more than 25 megapixels as in a bank, is abstained from; at most four are decoded
-        at once. Raises GuardianError after `close`, and never for what a model does.
+        What no bank would take is abstained from: what is no picture, damaged, turned by a note, not in RGB of 8 bits,
+        or of more than 25 megapixels; at most four are decoded at once. Raises GuardianError after `close`, and never
+        for what a model does.
         """
         start, limit = time.perf_counter(), self._limit(deadline_s)
         future = self._submit(self._assess(image, start, limit))
@@ -123,7 +124,8 @@ class Guardian:
         return await self._awaited(self._assess(image, start, limit), start, limit)
 
     def show(self, image: bytes) -> Pictures:
-        """Return what the models would be shown of an encoded picture; raises BankError for what is none."""
+        """Return what the models would be shown of an encoded picture; raises BankError for what no bank would take."""
+        require_plain(image, "the picture")
         return self._interface.views(image)
 
     async def ask_async(self, pictures: Pictures, *, deadline_s: float | None = None) -> Assessment:
@@ -231,7 +233,7 @@ class Guardian:
     async def _assess(self, image: bytes, start: float, limit: float) -> Assessment:
         try:
             async with asyncio.timeout(_left(start, limit)):
-                pictures = await asyncio.get_running_loop().run_in_executor(self._pool, self._interface.views, image)
+                pictures = await asyncio.get_running_loop().run_in_executor(self._pool, self.show, image)
         except TimeoutError:
             return self._silent(start, "the picture was not ready to be shown by the deadline")
         except BankError as error:

@@ -266,11 +266,6 @@ def number_of(value: object) -> float | None:
     return None
 
 
-def media_type(image: bytes) -> str:
-    """Return the media type of an encoded picture, PNG or JPEG."""
-    return "image/jpeg" if image.startswith(b"\xff\xd8") else "image/png"
-
-
 def is_loopback(base_url: str) -> bool:
     """Return whether an address is one of this machine."""
     host = urlsplit(base_url).hostname or ""

@@ -13,6 +13,7 @@ import orjson
 
 from eyechart.calls import ErrorKind, Query, Reply
 from eyechart.errors import SpecError
+from eyechart.frames import media_type
 from eyechart.models import require_options
 from eyechart.models.energy import metered
 from eyechart.models.http import (
@@ -21,7 +22,6 @@ from eyechart.models.http import (
     count_of,
     is_loopback,
     kind_of_status,
-    media_type,
     number_of,
     read_json,
     words_of,
