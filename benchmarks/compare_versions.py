@@ -54,7 +54,8 @@ MAKES: Mapping[str, str] = {
     "hierarchy": "run hierarchy --out hierarchy",
     "ladder": "ladder --out ladder --seeds 3",
     "drone": "frames build drone --seeds 0 --steps 4 --out drone",
-    "flown": "run closed-loop --out flown --simulator drone --policy oracle --policy scripted:distance --seeds 1",
+    "flown": "run closed-loop --out flown --simulator drone --policy oracle --policy scripted:distance --seeds 1 "
+    "--condition real",
     "planned": "run closed-loop --out planned --simulator rover-mpc --policy scripted:clear_side --policy route "
     "--scenarios offset,slalom --seeds 2 --condition real --condition mirrored --condition frozen",
     "six": "run prompts --frames highway --out six --model scripted:self_inconsistent --model scripted:depth_left "

@@ -144,6 +144,21 @@ def test_too_few_frames_for_an_effect_that_is_seen_are_counted() -> None:
     assert verdict.calibrated.label not in {"depth", "depth_lateral"}
 
 
+def test_an_effect_of_a_hair_asks_for_no_million_of_frames() -> None:
+    """One pair more won than lost, and many pairs: nothing on frames like these would settle it."""
+    half = {frame.id for frame in WORLD[: len(WORLD) // 2 + 1]}
+
+    def hair(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+        del rng
+        if condition in {"lead_near", "lead_far"}:
+            return "STOP" if (condition == "lead_near") == (frame.id in half) else "SLOW"
+        return "STOP" if condition == "shuffled" else "STRAIGHT"
+
+    verdict = verdict_on(hair)
+    assert (verdict.calibrated.label, verdict.why_not.decided_by) == ("content", "depth_interventional")
+    assert (verdict.why_not.frames, "nothing" in verdict.why_not.settle) == (None, True)
+
+
 def test_whoever_turns_to_the_blocked_side_is_told_so_on_the_card() -> None:
     """Its lateral label stays swaps; the sentence of trust, the notes and why_not speak of the side."""
 

@@ -2,6 +2,7 @@
 
 import html
 import json
+import shutil
 import sys
 from collections.abc import Callable
 from functools import partial
@@ -142,12 +143,13 @@ def test_episodes_that_cannot_be_written_end_the_run_with_the_place_and_a_way_on
 def test_a_run_that_ends_unfinished_says_why_by_policy(drive: Drive) -> None:
     """The errors of the last attempts by kind and count, for people and as JSON; what limits cut met none."""
     words = ("--policy", FAILING, "--policy", LOOK, "--scenarios", "whole", "--seeds", 2, "--concurrency", 1)
+    words = (*words, "--condition", "real")
     told = drive(*words)
     assert told.code == 1
     why = "episodes are unfinished, 1 of them begun; their calls last met: exception 10, as: RuntimeError: out of mem"
     assert f"{FAILING}: 2 {why}" in told.err
     assert "2 episodes are unfinished; the same command goes on" in told.err
-    found = json.loads(drive("--policy", LOOK, "--seeds", 3, *words[4:6], "--max-calls", 35, "--json").out)
+    found = json.loads(drive("--policy", LOOK, "--seeds", 3, *words[4:6], *words[-2:], "--max-calls", 35, "--json").out)
     (left,) = found["unfinished"]
     assert (left["policy"], left["errors"], left["episodes"], found["left"]) == (LOOK, {}, 1, 1)
 
@@ -159,7 +161,7 @@ def test_calls_that_keep_failing_in_a_way_that_may_pass_are_counted_by_kind(
     monkeypatch.setattr(attempts, "pause_s", lambda *_: 0.0)
     with FaultServer(["500 for ever"]) as server:
         words = ("--policy", "openai:m", "--base-url", server.base_url, "--no-probe", "--policy", "oracle")
-        told = drive(*words, "--scenarios", "whole", "--seeds", 2)
+        told = drive(*words, "--scenarios", "whole", "--seeds", 2, "--condition", "real")
     assert told.code == 1
     assert (
         "openai:m: 2 episodes are unfinished, 2 of them begun; their calls last met: server_error 2, as: " in told.err
@@ -169,6 +171,23 @@ def test_calls_that_keep_failing_in_a_way_that_may_pass_are_counted_by_kind(
     assert [(one.policy, one.errors) for one in left[""]] == [("openai:m", {"server_error": 2})]
     page = make_drives_page([run], score(run), pictured=0).html.decode()
     assert "their calls last met: server_error 2" in page
+
+
+def test_a_model_drives_by_other_worlds_pictures_too_where_no_condition_is_named(drive: Drive, tmp_path: Path) -> None:
+    """So its claim is tested; a policy that sees nothing drives once, and a run that goes on keeps its conditions."""
+    words, run = ("--scenarios", "whole", "--seeds", 1), tmp_path / "run"
+
+    def driven() -> set[tuple[str, str]]:
+        return {(one.key.policy, one.key.condition) for one in episodes.read_episodes(run)}
+
+    assert drive("--policy", "oracle", *words).code == 0
+    assert driven() == {("oracle", "real")}
+    assert drive("--policy", "oracle", "--policy", LOOK, *words).code == 0
+    assert driven() == {("oracle", "real"), (LOOK, "real")}
+    shutil.rmtree(run)
+    told = drive("--policy", LOOK, *words)
+    assert (told.code, driven()) == (0, {(LOOK, "real"), (LOOK, "shuffled")})
+    assert "1 seed × 2 conditions: 2 episodes" in told.err
 
 
 def test_what_a_bound_on_steps_ended_goes_on_under_a_larger_one(drive: Drive) -> None:
@@ -197,7 +216,7 @@ def test_drives_that_converge_and_a_planted_cache_are_told_apart(
     drive: Drive, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A constant model drives as the constant policy does; two models behind one cache by content are suspect."""
-    words = ("--scenarios", "whole", "--seeds", 4)
+    words = ("--scenarios", "whole", "--seeds", 4, "--condition", "real")
     assert drive("--policy", "python:tiny_worlds:onward", "--policy", "constant:LEFT", *words).code == 0
     code, told, _ = audit(tmp_path, capsys, monkeypatch)
     assert code == 0

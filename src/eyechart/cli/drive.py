@@ -47,7 +47,10 @@ def closed_loop(
     seeds: Annotated[str, typer.Option(help="So many worlds a scenario; or which ones, with commas.")] = "8",
     condition: Annotated[
         list[str] | None,
-        typer.Option(help="real, blank, noise, shuffled, frozen or mirrored; again for more. Default: real."),
+        typer.Option(
+            help="real, shuffled (another world's pictures), blank, noise, frozen or mirrored; again for more. "
+            "Default: real and shuffled, or real alone where no model drives; a run that goes on keeps its own."
+        ),
     ] = None,
     processes: Annotated[
         int | None, typer.Option(min=1, help="Processes that hold worlds; default: one a processor.")
@@ -72,8 +75,9 @@ def closed_loop(
     The options from --base-url to --option are for the models without a --mode file; of these, one that is served
     elsewhere is probed first, with the first pictures of the first worlds. Exit 1: episodes are unfinished, or ended in
     an error; 3: stopped at --max-calls or --max-cost.
-    Example: eyechart run closed-loop --policy constant:SLOW --policy oracle --policy scripted:depth_lateral
-    --condition real --condition blank --out drives
+    A model drives by real pictures and by those of another world: without the latter nothing says whether its driving
+    depends on what the camera shows. That doubles its calls; --condition real leaves it out.
+    Example: eyechart run closed-loop --policy constant:SLOW --policy scripted:depth_lateral --out drives
     """
     from eyechart import episodes as study
 
@@ -87,7 +91,7 @@ def closed_loop(
             out,
             scenarios=None if scenarios is None else [name.strip() for name in scenarios.split(",")],
             seeds=_seeds(seeds),
-            conditions=condition or ("real",),
+            conditions=condition or study.usual_conditions(drivers, out),
             prompt=prompt,
         )
         return replace(made, again=again).counting(probes)

@@ -9,6 +9,7 @@ from eyechart.episodes.planning import (
     require_engine,
     run,
     sample_of,
+    usual_conditions,
 )
 from eyechart.episodes.records import (
     EPISODES,
@@ -55,5 +56,6 @@ __all__ = [
     "sample_of",
     "summarise",
     "unfinished",
+    "usual_conditions",
     "write_episodes",
 ]

@@ -140,6 +140,17 @@ def plan(
     return replace(planned, manifest=_resumed(planned))
 
 
+def usual_conditions(specs: Sequence[str | RequestMode], out: Path) -> tuple[str, ...]:
+    """Return the conditions of a run that is told none: those that ``out`` holds, or else those that its claims need.
+
+    A model drives by the true pictures and by those of another world: what blank pictures change is only whether there
+    is a picture. A policy that is no model sees none.
+    """
+    if is_episodes_run(out) and (held := read_episodes_manifest(out).conditions):
+        return held
+    return ("real", "shuffled") if _modes(specs) else ("real",)
+
+
 def _drivers(
     world: Declaration, setup: Setup, names: Sequence[str], modes: Mapping[str, RequestMode], prompt: Prompt
 ) -> Drivers:

@@ -227,9 +227,10 @@ def _undecided(found: Mapping[str, Statistic], ruling: Ruling) -> WhyNot:
 def _frames(one: Statistic) -> tuple[str, int | None]:
     """Return what would settle a test in words, and about how many frames, were the rest like those that there are."""
     need = None
-    if isinstance(one, SignTest) and one.n and (one.value or 0.0) > 1 / 2 and not one.method.count("reversal"):
-        frames = one.n + one.ties
-        need = math.ceil(trials_needed(one.value or 0.0, 0.5, alpha=ALPHA) * frames / one.n)
+    if isinstance(one, SignTest) and one.n and not one.method.count("reversal"):
+        rate, frames = one.value or 0.0, one.n + one.ties
+        if rate > 0.51:  # nearer to one half, tens of thousands of frames would not settle it
+            need = math.ceil(trials_needed(rate, 0.5, alpha=ALPHA) * frames / one.n)
     elif isinstance(one, Discordant):
         need = _frames_of_net(one)
     return (NOTHING, None) if need is None else (f"about {need} frames, were the rest like these {_count(one)}", need)
