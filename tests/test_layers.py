@@ -71,6 +71,7 @@ ASSEMBLED = {
     "models.huggingface",
     "probe",
     "report",
+    "serve",
     "simulators.drone",
     "simulators.gym",
     "simulators.highway",

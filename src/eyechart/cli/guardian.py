@@ -318,6 +318,10 @@ def serve(
     max_pixels: Annotated[
         int, typer.Option(help="Pixels of a picture, width × height in its header; none is decoded above it.", min=1)
     ] = 2_100_000,
+    allow_host: Annotated[
+        list[str] | None,
+        typer.Option(help="A name under which it may be asked, beside this machine's own on loopback; repeat it."),
+    ] = None,
     no_warm_up: Annotated[
         bool, typer.Option("--no-warm-up", help="Do not first ask each model about a blank picture, for at most 60 s.")
     ] = False,
@@ -339,7 +343,13 @@ def serve(
     from eyechart.serve import serve as run
 
     modes = {one.spec: one for one in map(read_mode, mode or ())}
-    limits = ServerLimits(concurrency=concurrency, queue=queue, most_bytes=max_bytes, most_pixels=max_pixels)
+    limits = ServerLimits(
+        concurrency=concurrency,
+        queue=queue,
+        most_bytes=max_bytes,
+        most_pixels=max_pixels,
+        hosts=tuple(allow_host or ()),
+    )
     with Guardian.load(guardian, deadline_s=deadline, modes=modes) as loaded:
         served = run(
             loaded,

@@ -1,18 +1,11 @@
-"""A guardian over HTTP: one picture a request, an answer by the deadline, and a refusal rather than a long queue.
-
-It listens on this machine only unless told otherwise, has no password, and keeps no picture.
-"""
+"""A guardian with the state of its server: what is read, refused, asked about and counted."""
 
 import asyncio
-import errno
-import logging
 import math
-import signal
 import time
 from collections import Counter as Counts
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from dataclasses import dataclass, field
 
 import orjson
@@ -22,57 +15,24 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Proc
 from prometheus_client.exposition import CONTENT_TYPE_LATEST
 
 from eyechart import __version__
-from eyechart.errors import BankError, GuardianError
+from eyechart.errors import BankError
 from eyechart.frames import size_of
-from eyechart.guardian import MOST_AT_ONCE, Assessment, Guardian, Pictures, encodable
+from eyechart.guardian import Assessment, Guardian, Pictures, encodable
+from eyechart.serve.described import TYPES, openapi
+from eyechart.serve.limits import ServerLimits
+from eyechart.serve.names import Names, crosses
 from eyechart.studies.guardian import VIEWS
 
-_QUIET = logging.getLogger("eyechart.serve")
-_QUIET.setLevel(logging.CRITICAL + 1)  # what cannot be understood is answered with 400, and needs no traceback
 _SIGNS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"RIFF")
+_READS = {"GET", "HEAD"}
+_CLOSING = {403, 408, 413, 421}
 _LEAST_S = 0.01
 """With less time than this left no model is asked."""
 _REAP_S = 1.0
 _TICK_S = 0.1
 _FADING = 0.95
 """A lag is remembered for about a second."""
-_TELLING_S = 5.0
-_LINGERING_S = 1.0
-"""So long what is left of a refused body is read, for its sender to see the refusal."""
-TYPES = ("image/png", "image/jpeg", "image/webp", "application/octet-stream")
-"""What a picture may be sent as; what it is, its bytes say."""
 _BUCKETS = (0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0)
-
-
-@dataclass(frozen=True, slots=True)
-class ServerLimits:
-    """What bounds the server; raises GuardianError, in the words of the command, for what is no limit.
-
-    ``concurrency`` pictures are asked about at a time, ``queue`` more may wait, and ``uploads`` be read; what comes
-    then is refused with 503. A picture has at most ``most_bytes``, and ``most_pixels`` by its header, before
-    one is decoded. A connection without a request is closed after
-    ``idle_s``. The deadline, from a request's head to its answer, is the guardian's.
-    """
-
-    concurrency: int = 8
-    queue: int = 32
-    uploads: int = 64
-    most_bytes: int = 4_000_000
-    most_pixels: int = 2_100_000
-    idle_s: float = 10.0
-
-    def __post_init__(self) -> None:
-        for name in ("concurrency", "uploads", "most_bytes", "most_pixels"):
-            if getattr(self, name) < 1:
-                raise GuardianError(f"{name} must be at least 1, got {getattr(self, name)}")
-        if self.queue < 0:
-            raise GuardianError(f"the queue must have 0 places or more, got {self.queue}")
-        if not self.idle_s > 0:
-            raise GuardianError(f"idle_s must be a number of seconds above 0, got {self.idle_s:g}")
-        if self.concurrency > MOST_AT_ONCE:
-            raise GuardianError(
-                f"a guardian takes at most {MOST_AT_ONCE} pictures at a time, got concurrency={self.concurrency}"
-            )
 
 
 class Metrics:
@@ -103,13 +63,20 @@ class Metrics:
 
 @dataclass(slots=True)
 class Server:
-    """A guardian with the state of its server: how many pictures it reads, holds and asks about."""
+    """A guardian with the state of its server: how many pictures it reads, holds and asks about.
+
+    ``quiet`` is set where no request is under way; one that comes when it is ``ending`` is refused.
+    """
 
     guardian: Guardian
     limits: ServerLimits
     metrics: Metrics = field(default_factory=Metrics)
     turns: asyncio.Semaphore = field(init=False)
     decoding: ThreadPoolExecutor = field(init=False)
+    names: Names = field(default_factory=Names)
+    ending: bool = False
+    under_way: int = 0
+    quiet: asyncio.Event = field(default_factory=asyncio.Event)
     held: int = 0
     reading: int = 0
     usual_s: float = 0.1
@@ -118,6 +85,7 @@ class Server:
     last: dict[object, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        self.quiet.set()
         self.turns = asyncio.Semaphore(self.limits.concurrency)
         # A turn ends at its deadline, its decoding when it is done: the threads bound what is decoded at once.
         self.decoding = ThreadPoolExecutor(self.limits.concurrency, "eyechart-decoding")
@@ -125,11 +93,8 @@ class Server:
     async def assess(self, request: web.Request) -> web.Response:
         """Answer a picture, or say in one line why not."""
         start = time.perf_counter()
-        try:
-            picture = await self._read(request, start)
-            assessment = await self._asked(picture, start)
-        except _Refused as refused:
-            return self._refuse(refused)
+        picture = await self._read(request, start)
+        assessment = await self._asked(picture, start)
         response = _json(assessment.as_dict())
         self.metrics.seconds.observe(time.perf_counter() - start)
         self.metrics.note(assessment)
@@ -169,10 +134,18 @@ class Server:
 
     @web.middleware
     async def watch(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Count a request by its status; answer in JSON whatever goes wrong, and never with a traceback."""
+        """Count a request by its status; answer in JSON whatever goes wrong, and never with a traceback.
+
+        What is not for this server, or comes when it ends, is refused before anything of it is read.
+        """
         self.busy[request.protocol] += 1
+        self.under_way += 1
+        self.quiet.clear()
         try:
+            self._require_welcome(request)
             response = await handler(request)
+        except _Refused as refused:
+            response = self._refuse(refused)
         except web.HTTPException as raised:
             response = _json({"error": f"{raised.status} {raised.reason}: see /openapi.json"}, raised.status)
             response.headers.update({name: value for name, value in raised.headers.items() if name == "Allow"})
@@ -182,16 +155,27 @@ class Server:
         except Exception:  # noqa: BLE001 - the server must not fall over one request
             response = _json({"error": "an error inside the server"}, 500)
         finally:
+            self.under_way -= 1
+            if not self.under_way:
+                self.quiet.set()
             self.busy[request.protocol] -= 1
             self.last[request.protocol] = time.monotonic()
         self.metrics.requests.labels(str(response.status)).inc()
         return response
 
+    def _require_welcome(self, request: web.Request) -> None:
+        """Refuse what comes when the server ends, under a name that is not its own, or from another site's page."""
+        if self.ending:
+            raise _Refused(503, "the server is ending")
+        if (why := self.names.refuses(request.headers)) is not None:
+            raise _Refused(421, why)
+        if request.method not in _READS and crosses(request.headers):
+            raise _Refused(403, "another site's page may not ask this server")
+
     async def _read(self, request: web.Request, start: float) -> bytes:
         """Read a picture's bytes within bounds of size, time and number."""
         most = self.limits.most_bytes
-        if request.content_type not in TYPES:
-            raise _Refused(415, f"a picture is sent as one of {', '.join(TYPES)}, not as {request.content_type[:80]}")
+        self._require_picture(request)
         if (request.content_length or 0) > most:
             raise _Refused(413, f"the picture has {request.content_length} bytes; the limit is {most}")
         self._require_room(self._left(start))  # before it is read: refusing must stay cheap
@@ -209,7 +193,7 @@ class Server:
             limit = self.guardian.deadline_s
             raise _Refused(408, f"the picture was not here within {limit:g} s; {len(body)} bytes were") from None
         except web.RequestPayloadError:
-            raise _Refused(400, "the body cannot be read: it is not what its Content-Encoding says") from None
+            raise _Refused(400, "the body cannot be read: it is not as its headers say") from None
         finally:
             self.reading -= 1
         if not body:
@@ -217,6 +201,15 @@ class Server:
         if not body.startswith(_SIGNS):
             raise _Refused(422, "no picture that can be shown: it begins as none of PNG, JPEG and WebP")
         return bytes(body)
+
+    def _require_picture(self, request: web.Request) -> None:
+        """Refuse what is not said to be a picture; a browser sends a page's form without asking, but not a picture."""
+        kinds, given = ", ".join(TYPES), request.headers.getall("Content-Type", [])
+        if len(given) != 1 or given[0].partition(";")[0].strip().lower() not in TYPES:
+            sent = f"as {encodable(given[0])[:80]}" if given else "without a Content-Type"
+            raise _Refused(415, f"a picture is sent as one of {kinds}, not {sent}")
+        if request.headers.get("Content-Encoding", "identity").lower() != "identity":
+            raise _Refused(415, "a picture is sent as it is, without a Content-Encoding")
 
     async def _asked(self, picture: bytes, start: float) -> Assessment:
         """Wait for a turn, and ask the guardian; refuse where too many wait, or no time is left."""
@@ -275,7 +268,7 @@ class Server:
         if refused.status == 503:
             wait = math.ceil(self.usual_s * self.held / self.limits.concurrency)
             response.headers["Retry-After"] = str(min(max(1, wait), 60))
-        if refused.status in {408, 413}:
+        if self.ending or refused.status in _CLOSING:
             response.force_close()  # what is left of the body is not read
         return response
 
@@ -318,123 +311,5 @@ def application(guardian: Guardian, limits: ServerLimits | None = None) -> tuple
     return app, server
 
 
-async def serve(
-    guardian: Guardian,
-    *,
-    host: str = "127.0.0.1",
-    port: int = 8600,
-    limits: ServerLimits | None = None,
-    warm_up_s: float = 0.0,
-    tell: Callable[[str], None] = lambda _: None,
-    started: Callable[[str], None] = lambda _: None,
-    until: Callable[[], Awaitable[object]] | None = None,
-) -> None:
-    """Serve a guardian until SIGINT or SIGTERM, or ``until`` returns; requests under way are answered first.
-
-    For at most ``warm_up_s`` each model is first asked about a blank picture, since a first answer may take long;
-    ``tell`` is told how that goes, and what a model lacks ends nothing. ``started`` is then told the address; port 0
-    takes a free one. Raises GuardianError where the address is taken or is none.
-    """
-    app, server = application(guardian, limits)
-    runner = web.AppRunner(
-        app, access_log=None, logger=_QUIET, shutdown_timeout=guardian.deadline_s + 1, lingering_time=_LINGERING_S
-    )
-    await runner.setup()
-    keeper = asyncio.create_task(server.tend(lambda: list(runner.server.connections) if runner.server else []))
-    try:
-        try:
-            await web.TCPSite(runner, host, port).start()
-        except OSError as error:
-            other = "--port" if error.errno in {errno.EADDRINUSE, errno.EACCES} else "--host"
-            words = f"{host}:{port} cannot be listened on: {error.strerror}; give another {other}"
-            raise GuardianError(words) from error
-        if warm_up_s > 0:
-            await _warm_up(guardian, warm_up_s, tell)
-        bound = runner.addresses[0]
-        started(f"http://{f'[{bound[0]}]' if ':' in bound[0] else bound[0]}:{bound[1]}")
-        await (until() if until else _ended())
-    finally:
-        keeper.cancel()
-        with suppress(asyncio.CancelledError):
-            await keeper
-        await runner.cleanup()
-
-
-async def _warm_up(guardian: Guardian, limit_s: float, tell: Callable[[str], None]) -> None:
-    """Ask each model once, and tell every few seconds that it still takes."""
-    tell(f"asking each of {len(guardian.models)} models once, for at most {limit_s:g} s")
-    asked, start = asyncio.create_task(guardian.warm_up(limit_s)), time.perf_counter()
-    try:
-        while not (await asyncio.wait([asked], timeout=_TELLING_S))[0]:
-            tell(f"still waiting for a first reply after {time.perf_counter() - start:.0f} s")
-        for spec, why in (await asked).items():
-            tell(f"warning: '{spec}' does not answer: {why}; without its votes nothing is called clear")
-    finally:
-        asked.cancel()
-
-
-async def _ended() -> None:
-    over, loop = asyncio.Event(), asyncio.get_running_loop()
-    for one in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(one, over.set)
-    await over.wait()
-
-
 def _json(values: object, status: int = 200) -> web.Response:
     return web.Response(body=orjson.dumps(values), status=status, content_type="application/json")
-
-
-def openapi(limits: ServerLimits, deadline_s: float) -> dict[str, object]:
-    """Return the OpenAPI document of the server."""
-    vote = {"type": ["boolean", "null"], "description": "true: hazard, false: clear, null: missing"}
-    votes = {"type": "object", "properties": dict.fromkeys(VIEWS, vote)}
-    assessment = {
-        "type": "object",
-        "required": ["answer", "votes", "missing", "latency_s", "why"],
-        "properties": {
-            "answer": {"type": "string", "enum": ["hazard", "clear", "abstain"]},
-            "votes": {"type": "object", "additionalProperties": votes},
-            "missing": {"type": "object", "additionalProperties": {"type": "string"}},
-            "latency_s": {"type": "number", "description": "seconds from when the guardian was asked to its answer"},
-            "why": {"type": "string"},
-        },
-    }
-    error = {"type": "object", "required": ["error"], "properties": {"error": {"type": "string"}}}
-
-    def said(words: str, schema: object) -> dict[str, object]:
-        return {"description": words, "content": {"application/json": {"schema": schema}}}
-
-    refusals = {
-        "400": "the body is empty",
-        "408": f"the picture was not here within {deadline_s:g} s",
-        "413": f"the picture has more than {limits.most_bytes} bytes",
-        "415": "the body is sent as no picture",
-        "422": f"the body is no picture that can be shown, or one of more than {limits.most_pixels} pixels",
-        "500": "an error inside the server",
-    }
-    full = said("too much to do; ask again after Retry-After seconds", error)
-    full["headers"] = {"Retry-After": {"schema": {"type": "integer"}, "description": "seconds"}}
-    picture = {"schema": {"type": "string", "format": "binary"}}
-    post = {
-        "summary": f"What the committee says of a picture, within {deadline_s:g} s",
-        "requestBody": {"required": True, "content": dict.fromkeys(TYPES, picture)},
-        "responses": {
-            "200": said("hazard, clear, or abstain; missing votes never count as clear", assessment),
-            **{status: said(words, error) for status, words in refusals.items()},
-            "503": full,
-        },
-    }
-
-    def get(words: str, kind: str = "application/json") -> dict[str, object]:
-        return {"get": {"summary": words, "responses": {"200": {"description": words, "content": {kind: {}}}}}}
-
-    return {
-        "openapi": "3.1.0",
-        "info": {"title": "eyechart guardian", "version": __version__},
-        "paths": {
-            "/assess": {"post": post},
-            "/health": get("that the server is there, with which guardian, and the seconds since each model voted"),
-            "/metrics": get("metrics as Prometheus reads them", "text/plain"),
-            "/openapi.json": get("this document"),
-        },
-    }

@@ -1,0 +1,184 @@
+"""A server's life: it listens, asks its models once, serves, and ends when what is under way was answered.
+
+It ends on SIGINT or SIGTERM, whenever they come: requests under way are answered, others get 503. A second signal ends
+the process at once.
+"""
+
+import asyncio
+import errno
+import logging
+import os
+import signal
+import time
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager, nullcontext, suppress
+
+import orjson
+from aiohttp import web
+
+from eyechart.errors import GuardianError
+from eyechart.guardian import Guardian
+from eyechart.serve.limits import ServerLimits
+from eyechart.serve.names import Names
+from eyechart.serve.server import Server, application
+
+_QUIET = logging.getLogger("eyechart.serve")
+_QUIET.setLevel(logging.CRITICAL + 1)  # what cannot be understood is answered with 400, and needs no traceback
+_TELLING_S = 5.0
+_LINGERING_S = 1.0
+"""So long what is left of a refused body is read, for its sender to see the refusal."""
+_LINE_BYTES = 8190
+"""Of the first line of a head, and of each header."""
+
+
+async def serve(
+    guardian: Guardian,
+    *,
+    host: str = "127.0.0.1",
+    port: int = 8600,
+    limits: ServerLimits | None = None,
+    warm_up_s: float = 0.0,
+    tell: Callable[[str], None] = lambda _: None,
+    started: Callable[[str], None] = lambda _: None,
+    until: Callable[[], Awaitable[object]] | None = None,
+) -> None:
+    """Serve a guardian until SIGINT or SIGTERM, or ``until`` returns; requests under way are answered first.
+
+    For at most ``warm_up_s`` each model is first asked about a blank picture, since a first answer may take long;
+    ``tell`` is told how that goes, and what a model lacks ends nothing. ``started`` is then told the address; port 0
+    takes a free one. Pictures are answered from the beginning. Raises GuardianError where the address is taken or is
+    none.
+    """
+
+    async def live() -> None:
+        if warm_up_s > 0:
+            await _warm_up(guardian, warm_up_s, tell)
+        started(url)
+        await (until() if until else asyncio.Event().wait())
+
+    over = asyncio.Event()
+    with _signalled(over) if until is None else nullcontext():
+        app, server = application(guardian, limits)
+        runner = _runner(app, server)
+        await runner.setup()
+        keeper = asyncio.create_task(server.tend(lambda: list(runner.server.connections) if runner.server else []))
+        listening: asyncio.Server | None = None
+        try:
+            listening, url = await _listen(runner, server, host, port)
+            await _first(live(), over.wait())
+            await _drain(server, tell)
+        finally:
+            if listening is not None:
+                listening.close()
+            keeper.cancel()
+            with suppress(asyncio.CancelledError):
+                await keeper
+            await runner.cleanup()
+
+
+@contextmanager
+def _signalled(over: asyncio.Event) -> Iterator[None]:
+    """Set an event at the first signal to end; the second one is what it would be to any other program."""
+    loop, ends = asyncio.get_running_loop(), (signal.SIGINT, signal.SIGTERM)
+
+    def heard(one: signal.Signals) -> None:
+        if over.is_set():
+            signal.signal(one, signal.SIG_DFL)
+            os.kill(os.getpid(), one)
+        over.set()
+
+    for one in ends:
+        loop.add_signal_handler(one, heard, one)
+    try:
+        yield
+    finally:
+        for one in ends:
+            loop.remove_signal_handler(one)
+
+
+def _runner(app: web.Application, server: Server) -> web.AppRunner:
+    return web.AppRunner(
+        app,
+        access_log=None,
+        logger=_QUIET,
+        shutdown_timeout=server.guardian.deadline_s + 1,
+        lingering_time=_LINGERING_S,
+        max_line_size=_LINE_BYTES,
+        max_field_size=_LINE_BYTES,
+        max_headers=server.limits.headers,
+        auto_decompress=False,
+    )
+
+
+class _Full(asyncio.Protocol):
+    """A connection too many: it is told so, and closed before anything of it is read."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Write the answer."""
+        assert isinstance(transport, asyncio.WriteTransport)
+        body = orjson.dumps({"error": "too many connections"})
+        head = b"HTTP/1.1 503 Service Unavailable\r\nContent-Type: application/json\r\nRetry-After: 1\r\n"
+        transport.write(head + b"Connection: close\r\nContent-Length: %d\r\n\r\n" % len(body) + body)
+        transport.close()
+
+
+async def _listen(runner: web.AppRunner, server: Server, host: str, port: int) -> tuple[asyncio.Server, str]:
+    """Listen, and return with it the address; the server then knows its names."""
+    handlers = runner.server
+    assert handlers is not None
+
+    def connection() -> asyncio.BaseProtocol:
+        if len(handlers.connections) < server.limits.connections:
+            return handlers()
+        server.metrics.requests.labels("503").inc()
+        return _Full()
+
+    loop = asyncio.get_running_loop()
+    try:
+        listening = await loop.create_server(connection, host, port, start_serving=False)
+    except OSError as error:
+        other = "--port" if error.errno in {errno.EADDRINUSE, errno.EACCES} else "--host"
+        raise GuardianError(f"{host}:{port} cannot be listened on: {error.strerror}; give another {other}") from error
+    except UnicodeError as error:
+        raise GuardianError(f"{host[:80]!r} is no address to listen on; give another --host") from error
+    bound = [one.getsockname() for one in listening.sockets]
+    server.names = Names.of(server.limits.hosts, [address for address, *_ in bound])
+    await listening.start_serving()
+    name, number = bound[0][:2]
+    return listening, f"http://{f'[{name}]' if ':' in name else name}:{number}"
+
+
+async def _first(*works: Awaitable[object]) -> None:
+    """Wait for one of several works, and end the others; raises what that one raised."""
+    tasks = [asyncio.ensure_future(one) for one in works]
+    try:
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for one in done:
+            one.result()
+    finally:
+        for one in tasks:
+            one.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def _drain(server: Server, tell: Callable[[str], None]) -> None:
+    """Refuse what comes from now on, and wait until what is under way was answered, as long as that may take."""
+    server.ending = True
+    if server.under_way:
+        tell(f"ending: {server.under_way} requests are answered first")
+    with suppress(TimeoutError):
+        async with asyncio.timeout(server.guardian.deadline_s + 1):
+            await server.quiet.wait()
+
+
+async def _warm_up(guardian: Guardian, limit_s: float, tell: Callable[[str], None]) -> None:
+    """Ask each model once, and tell every few seconds that it still takes."""
+    tell(f"asking each of {len(guardian.models)} models once, for at most {limit_s:g} s")
+    asked, start = asyncio.create_task(guardian.warm_up(limit_s)), time.perf_counter()
+    try:
+        while not (await asyncio.wait([asked], timeout=_TELLING_S))[0]:
+            tell(f"still waiting for a first reply after {time.perf_counter() - start:.0f} s")
+        for spec, why in (await asked).items():
+            tell(f"warning: '{spec}' does not answer: {why}; without its votes nothing is called clear")
+    finally:
+        asked.cancel()

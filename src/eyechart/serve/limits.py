@@ -1,0 +1,45 @@
+"""What bounds a server."""
+
+from dataclasses import dataclass
+
+from eyechart.errors import GuardianError
+from eyechart.guardian import MOST_AT_ONCE
+from eyechart.serve.names import require_name
+
+
+@dataclass(frozen=True, slots=True)
+class ServerLimits:
+    """What bounds the server; raises GuardianError, in the words of the command, for what is no limit.
+
+    ``concurrency`` pictures are asked about at a time, ``queue`` more may wait, and ``uploads`` be read; what comes
+    then is refused with 503. A picture has at most ``most_bytes``, and ``most_pixels`` by its header, before
+    one is decoded. A connection without a request is closed after
+    ``idle_s``; of more than ``connections`` at a time one more gets 503. A head has at most ``headers`` headers.
+    ``hosts`` are names under which it may be asked, beside those of this machine where it listens there only; none are
+    any name where it listens elsewhere. The deadline, from a request's head to its answer, is the guardian's.
+    """
+
+    concurrency: int = 8
+    queue: int = 32
+    uploads: int = 64
+    most_bytes: int = 4_000_000
+    most_pixels: int = 2_100_000
+    idle_s: float = 10.0
+    connections: int = 256
+    headers: int = 64
+    hosts: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("concurrency", "uploads", "most_bytes", "most_pixels", "connections", "headers"):
+            if getattr(self, name) < 1:
+                raise GuardianError(f"{name} must be at least 1, got {getattr(self, name)}")
+        if self.queue < 0:
+            raise GuardianError(f"the queue must have 0 places or more, got {self.queue}")
+        if not self.idle_s > 0:
+            raise GuardianError(f"idle_s must be a number of seconds above 0, got {self.idle_s:g}")
+        for name in self.hosts:
+            require_name(name)
+        if self.concurrency > MOST_AT_ONCE:
+            raise GuardianError(
+                f"a guardian takes at most {MOST_AT_ONCE} pictures at a time, got concurrency={self.concurrency}"
+            )

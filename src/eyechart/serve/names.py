@@ -1,0 +1,90 @@
+"""The names that a server answers to, and the pages that may not ask it.
+
+A page of the web can ask what listens on its reader's machine: under a name of its own that it lets lead there (DNS
+rebinding), or from another origin. The first is known by the Host, the second by what a browser says of itself.
+"""
+
+import ipaddress
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from urllib.parse import urlsplit
+
+from aiohttp import hdrs
+from multidict import CIMultiDictProxy
+
+from eyechart.errors import GuardianError
+
+_HOST = re.compile(r"(?P<name>\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9_.-]+)(?::(?P<port>\d{1,5}))?")
+_PORTS = {"http": 80, "https": 443}
+_OWN = {"same-origin", "none"}
+"""What Sec-Fetch-Site says where no other site is behind a request."""
+
+
+def require_name(name: str) -> str:
+    """Return a name in small letters; raises GuardianError where it is none that a Host header could have."""
+    found = _HOST.fullmatch(name)
+    if found is None or found["port"] is not None:
+        raise GuardianError(f"'{name[:80]}' is no name of a host: give it as in cam.example or [::1], without a port")
+    return _plain(found["name"])
+
+
+@dataclass(frozen=True, slots=True)
+class Names:
+    """The names under which a server may be asked.
+
+    ``given`` are those of its operator. A server on ``loopback`` answers to them and to this machine's own names; bound
+    elsewhere it answers to them alone, and to any where none is given.
+    """
+
+    given: frozenset[str] = frozenset()
+    loopback: bool = True
+
+    @classmethod
+    def of(cls, given: Sequence[str], addresses: Sequence[str]) -> "Names":
+        """Return the names of a server that listens at these addresses, numbers all."""
+        return cls(frozenset(map(require_name, given)), all(_is_loopback(one) for one in addresses))
+
+    def refuses(self, headers: CIMultiDictProxy[str]) -> str | None:
+        """Return why a request with these headers is not for this server, None where it is."""
+        hosts = headers.getall(hdrs.HOST, [])
+        found = _HOST.fullmatch(hosts[0]) if len(hosts) == 1 else None
+        if found is None:
+            return "the Host must be given once, as a name with or without a port"
+        name = _plain(found["name"])
+        if name in self.given or (not self.given and not self.loopback):
+            return None
+        if self.loopback and (name == "localhost" or _is_loopback(name)):
+            return None
+        return f"the Host '{name[:80]}' is none of this server's names; another is allowed with --allow-host"
+
+
+def crosses(headers: Mapping[str, str]) -> bool:
+    """Return whether a browser says that another site's page is behind a request."""
+    if headers.get("Sec-Fetch-Site", "none") not in _OWN:
+        return True
+    origin = headers.get(hdrs.ORIGIN)
+    if origin is None:
+        return False
+    own = f"{origin.partition('://')[0]}://{headers[hdrs.HOST]}"
+    try:
+        return _authority(origin) != _authority(own)
+    except (ValueError, KeyError):  # null, or what is no address
+        return True
+
+
+def _authority(url: str) -> tuple[str, int]:
+    """Return the host and port of an address; raises ValueError or KeyError for what is none."""
+    parts = urlsplit(url)
+    return _plain(parts.hostname or ""), parts.port or _PORTS[parts.scheme]
+
+
+def _plain(name: str) -> str:
+    return name.strip("[]").rstrip(".").lower()
+
+
+def _is_loopback(name: str) -> bool:
+    try:
+        return ipaddress.ip_address(name).is_loopback
+    except ValueError:
+        return False
