@@ -68,6 +68,7 @@ ASSEMBLED = {
     "frames",
     "guardian",
     "importing",
+    "ledger",
     "models.huggingface",
     "probe",
     "report",
@@ -236,7 +237,11 @@ def test_no_module_imports_itself_through_others() -> None:
             "import eyechart.frames",
             "eyechart.spaces.space imports eyechart.frames, which stands above it",
         ),
-        ("ledger.py", "from eyechart import prompts", "eyechart.ledger imports eyechart.prompts, its peer"),
+        (
+            "ledger/ledger.py",
+            "from eyechart import prompts",
+            "eyechart.ledger.ledger imports eyechart.prompts, its peer",
+        ),
         (
             "stats/paired.py",
             "from eyechart.stats.flips import sign_flip_test",

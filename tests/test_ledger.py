@@ -18,7 +18,8 @@ from hypothesis import strategies as st
 from eyechart.attempts import budget_of
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.errors import LedgerError
-from eyechart.ledger import _APPEND_ONLY, _SCHEMA, UNKNOWN, Ledger, damage
+from eyechart.ledger import UNKNOWN, Ledger
+from eyechart.ledger.schema import SCHEMAS
 from eyechart.limits import Limits
 
 MODEL = "standin:steady"
@@ -28,16 +29,6 @@ FULL = Reply("STOP", "stop", None, "", 10, 1, 0.5)
 EVERY = Reply(
     "GO", "stop", None, "", 10, 9, 0.5, "so so", 8, 0.25, 200, 1.5, "m-2026", "upstream", 0.001, 2.5, "fp", 7, "ab"
 )
-FORMAT_1 = """
-CREATE TABLE calls (id INTEGER PRIMARY KEY, study TEXT NOT NULL, model TEXT NOT NULL, prompt TEXT NOT NULL,
-    frame TEXT NOT NULL, condition TEXT NOT NULL, repeat INTEGER NOT NULL,
-    UNIQUE (study, model, prompt, frame, condition, repeat)) STRICT;
-CREATE TABLE attempts (id INTEGER PRIMARY KEY, call INTEGER NOT NULL REFERENCES calls (id), number INTEGER NOT NULL,
-    request_sha256 TEXT NOT NULL, sent_at TEXT NOT NULL, UNIQUE (call, number)) STRICT;
-CREATE TABLE replies (attempt INTEGER PRIMARY KEY REFERENCES attempts (id), call INTEGER NOT NULL REFERENCES calls (id),
-    final INTEGER NOT NULL, closed_at TEXT NOT NULL, text TEXT NOT NULL, finish_reason TEXT, error TEXT,
-    error_detail TEXT NOT NULL, prompt_tokens INTEGER, completion_tokens INTEGER, seconds REAL) STRICT;
-"""
 COLUMNS = {1: 7, 2: 16}
 """How many fields of a Reply an older ledger holds."""
 
@@ -70,7 +61,7 @@ def older(path: Path, version: int, *replies: Reply) -> None:
         sql.execute(f"INSERT INTO {table} VALUES ({', '.join('?' * len(values))})", values)  # noqa: S608 - our own
 
     with closing(sqlite3.connect(path)) as sql:
-        sql.executescript("PRAGMA journal_mode = WAL;" + (FORMAT_1 if version == 1 else _SCHEMA + _APPEND_ONLY))
+        sql.executescript(f"PRAGMA journal_mode = WAL; {SCHEMAS[version]}")
         sql.execute(f"PRAGMA user_version = {version}")
         for number, reply in enumerate(replies, 1):
             add("calls", number, *KEY._replace(frame=f"f{number}"))
@@ -244,7 +235,6 @@ def test_a_ledger_of_format_2_grows_in_a_run_with_a_copy_of_the_old_one_beside_i
         ledger.close(ledger.begin(KEY._replace(frame="f9"), "digest"), FULL)
     assert sorted(files(tmp_path)) == ["ledger.sqlite", "ledger.sqlite.format2.bak"]
     with Ledger(path) as ledger:
-        ledger.require_plain()
         assert [reply.text for _, reply in ledger.replies(MODEL)] == ["GO", "STOP"]
     assert [row[-1] is None for row in rows(path, "replies")] == [True, False]
     with closing(sqlite3.connect(tmp_path / "ledger.sqlite.format2.bak")) as sql:
@@ -258,11 +248,13 @@ def test_a_migration_that_was_cut_begins_anew(tmp_path: Path, monkeypatch: pytes
     older(path, 2, EVERY)
     (tmp_path / ".ledger.sqlite.format2.bak").write_text("half a copy", encoding="utf-8")
     with monkeypatch.context() as broken:
-        broken.setattr("eyechart.ledger._MIGRATION", "ALTER TABLE replies ADD COLUMN row_sha256 TEXT; SELECT absent;")
+        broken.setattr(
+            "eyechart.ledger.ledger.MIGRATION", "ALTER TABLE replies ADD COLUMN row_sha256 TEXT; SELECT absent;"
+        )
         with pytest.raises(LedgerError, match="no such column: absent"):
             Ledger(path, create=True)
     with Ledger(path) as ledger:
-        ledger.require_plain()
+        assert [reply.text for _, reply in ledger.replies(MODEL)] == ["GO"]
     with Ledger(path, create=True) as ledger:
         assert [reply.text for _, reply in ledger.replies(MODEL)] == ["GO"]
     assert sorted(files(tmp_path)) == ["ledger.sqlite", "ledger.sqlite.format2.bak"]
@@ -271,8 +263,8 @@ def test_a_migration_that_was_cut_begins_anew(tmp_path: Path, monkeypatch: pytes
 KILLED = {
     "while its copy is written": "ledger.os.fsync = lambda _: die()",
     "before its copy is in place": "ledger.Path.replace = lambda *_: die()",
-    "in the change": "ledger._MIGRATION = ledger._MIGRATION.replace('DROP INDEX', 'SELECT die(); DROP INDEX')",
-    "before the change counts": "ledger._MIGRATION += 'SELECT die();'",
+    "in the change": "ledger.MIGRATION = ledger.MIGRATION.replace('DROP INDEX', 'SELECT die(); DROP INDEX')",
+    "before the change counts": "ledger.MIGRATION += 'SELECT die();'",
 }
 
 
@@ -284,13 +276,13 @@ def test_a_migration_that_is_killed_loses_nothing(tmp_path: Path, when: str) -> 
     says = f"""
 import os, signal
 from pathlib import Path
-from eyechart import ledger
-die, connect = lambda: os.kill(os.getpid(), signal.SIGKILL), ledger._connect
+from eyechart.ledger import ledger
+die, connect = lambda: os.kill(os.getpid(), signal.SIGKILL), ledger.connect
 def connected(path, mode):
     opened = connect(path, mode)
     opened.create_function("die", 0, die)
     return opened
-ledger._connect = connected
+ledger.connect = connected
 {KILLED[when]}
 ledger.Ledger(Path({str(path)!r}), create=True)
 """
@@ -299,35 +291,18 @@ ledger.Ledger(Path({str(path)!r}), create=True)
         assert ledger._format == 2
         assert [reply.text for _, reply in ledger.replies(MODEL)] == ["GO", "STOP"]
     with Ledger(path, create=True) as ledger:
-        ledger.require_plain()
         assert [reply.text for _, reply in ledger.replies(MODEL)] == ["GO", "STOP"]
     assert sorted(files(tmp_path)) == ["ledger.sqlite", "ledger.sqlite.format2.bak"]
 
 
-def test_only_a_plain_ledger_is_migrated(tmp_path: Path) -> None:
-    """One of format 1, and a database that only says that it is one, are left as they are."""
-    for version, words in ((1, "format 1, which is read and not appended to"), (2, "no plain ledger: attempts")):
-        path = tmp_path / f"of{version}"
-        older(path, 1)
-        with closing(sqlite3.connect(path)) as sql:
-            sql.execute(f"PRAGMA user_version = {version}")
-        with pytest.raises(LedgerError, match=words):
-            Ledger(path, create=True)
-    assert sorted(files(tmp_path)) == ["of1", "of2"]
-
-
-def test_a_row_that_is_not_what_its_checksum_says_is_named(path: Path) -> None:
-    """Whatever the values were given as: whole numbers as seconds, a negative zero, what is no number."""
-    odd = Reply("a\0b\ud800ü", seconds=-0.0, first_byte_s=2, energy_j=float("nan"), prompt_tokens=True)
-    fill(path, (KEY, odd), (OTHER, EVERY), (KEY._replace(frame="f3"), Reply(error="timeout")))
-    with Ledger(path) as ledger:
-        assert ledger.damaged() == []
-    with closing(sqlite3.connect(path)) as sql:
-        sql.executescript("DROP TRIGGER replies_UPDATE; UPDATE replies SET text = 'STOP' WHERE attempt = 2;")
-    with Ledger(path) as ledger:
-        assert ledger.damaged() == [OTHER]
-    (words,) = damage(path.parent)
-    assert words.startswith(f"1 replies in {path} are not what their checksums say, first {MODEL}'s to f2 under real")
+def test_a_ledger_of_format_1_is_not_appended_to(tmp_path: Path) -> None:
+    """It is left as it is, and nothing is put beside it."""
+    path = tmp_path / "ledger.sqlite"
+    older(path, 1)
+    before = files(tmp_path)
+    with pytest.raises(LedgerError, match="format 1, which is read and not appended to"):
+        Ledger(path, create=True)
+    assert files(tmp_path) == before
 
 
 def test_a_merged_ledger_keeps_its_checksums(path: Path, tmp_path: Path) -> None:
@@ -427,7 +402,7 @@ def test_a_failed_absorption_is_undone(path: Path, tmp_path: Path, monkeypatch: 
     fill(tmp_path / "more", (OTHER, FULL))
     with Ledger(path, create=True) as ledger, Ledger(tmp_path / "more") as more:
         with monkeypatch.context() as broken:
-            broken.setattr("eyechart.ledger._COPY_REPLIES", "INSERT INTO nowhere VALUES (?)")
+            broken.setattr("eyechart.ledger.ledger._COPY_REPLIES", "INSERT INTO nowhere VALUES (?)")
             with pytest.raises(sqlite3.OperationalError):
                 ledger.absorb(more)
         assert [len(rows(path, table)) for table in ("calls", "attempts", "replies")] == [1, 1, 1]
@@ -448,19 +423,9 @@ def test_what_is_no_ledger_is_refused_by_name_and_left_alone(path: Path) -> None
         sql.execute("CREATE TABLE songs (name)")
     before = path.read_bytes()
     for create in (False, True):
-        with pytest.raises(LedgerError, match=r"ledger\.sqlite is a ledger of format 0"):
+        with pytest.raises(LedgerError, match=r"ledger\.sqlite is a ledger of format 0; this"):
             Ledger(path, create=create)
     assert path.read_bytes() == before
-
-
-def test_a_file_that_was_cut_before_its_first_table_is_an_empty_ledger(path: Path) -> None:
-    """A run that was killed while it made its ledger reads as empty, and resumes."""
-    path.touch()
-    with Ledger(path) as ledger:
-        assert ledger.finished() == set()
-    with Ledger(path, create=True) as ledger:
-        ledger.close(ledger.begin(KEY, "digest"), FULL)
-        assert ledger.finished() == {KEY}
 
 
 def test_a_ledger_that_is_read_is_not_written(path: Path) -> None:

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from eyechart.cli.options import Against, Independent, Json, PriceFile, Reread
-from eyechart.cli.terminal import print_each, print_json, say, table_console
+from eyechart.cli.terminal import print_each, print_json, table_console
 
 _HELD = {True: "holds", False: "FAILS", None: "cannot say"}
 _Run = Annotated[Path, typer.Argument(help="Folder of the run.")]
@@ -20,14 +20,11 @@ def score(
     against: Against = None,
 ) -> None:
     """Print every statistic of a run with its interval, n and p. Example: eyechart score run --json."""
-    from eyechart.ledger import damage
     from eyechart.studies import Reading, study_of
 
     study = study_of(run, "score" if against is None else "score --against")
     scored = study.score(run, Reading(independent, reread, against))
     print_json(scored.as_dict()) if json else print_each(study.printed(scored), 160)
-    for words in damage(run):
-        say(f"warning: {words}")
 
 
 def verdict(run: _Run, json: Json = False, independent: Independent = False, reread: Reread = False) -> None:

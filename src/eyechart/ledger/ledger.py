@@ -1,0 +1,260 @@
+"""The ledger itself: opened to append, or to be read, and never changed."""
+
+import os
+import sqlite3
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from eyechart.calls import UNFINISHED, CallKey, Reply
+from eyechart.errors import LedgerError, printable
+from eyechart.ledger.rows import (
+    KEY,
+    KEY_IS,
+    KEY_OF_CALL,
+    OF_KEY,
+    REPLY,
+    REPLY_OF,
+    UNKNOWN,
+    Attempt,
+    Sent,
+    checksum,
+    now,
+    row_of,
+)
+from eyechart.ledger.schema import APPENDED, MIGRATION, OLDER, SCHEMAS, VERSION, format_of
+from eyechart.ledger.snapshot import connect, open_copy
+from eyechart.ledger.soundness import damaged, require_sound, require_whole
+
+_ADD_CALL = f"INSERT OR IGNORE INTO calls ({KEY}) VALUES (?, ?, ?, ?, ?, ?)"
+_LAST_ATTEMPT = (
+    f"SELECT c.id, a.number, coalesce(r.error, '{UNKNOWN}'), "
+    "EXISTS (SELECT 1 FROM replies f WHERE f.call = c.id AND f.final = 1) "
+    "FROM calls c LEFT JOIN attempts a ON a.call = c.id LEFT JOIN replies r ON r.attempt = a.id "
+    f"WHERE {KEY_IS} ORDER BY a.number DESC LIMIT 1"
+)
+_ADD_REPLY = (
+    f"INSERT INTO replies (attempt, call, final, closed_at, {', '.join(REPLY)}, row_sha256) "
+    f"VALUES ({', '.join('?' * (5 + len(REPLY)))})"
+)
+_ADD_ATTEMPT = "INSERT INTO attempts (call, number, reason, request_sha256, sent_at) VALUES (?, ?, ?, ?, ?)"
+_COPY_ATTEMPTS = f"""
+INSERT INTO attempts (id, call, number, reason, request_sha256, sent_at)
+SELECT ?, id, ? + coalesce((SELECT max(number) FROM attempts b WHERE b.call = calls.id AND b.id <= ?), 0), ?, ?, ?
+FROM calls WHERE {KEY_IS}
+"""
+_COPY_REPLIES = _ADD_REPLY.replace("VALUES (?, ?", "VALUES (?, (SELECT call FROM attempts WHERE id = ?)")
+_EVERY_ATTEMPT = (
+    f"SELECT a.id, a.number, a.reason, a.request_sha256, a.sent_at, {KEY_OF_CALL} "
+    "FROM attempts a JOIN calls c ON c.id = a.call ORDER BY a.id"
+)
+_EVERY_REPLY = f"SELECT r.attempt, r.final, r.closed_at, {REPLY_OF}, r.row_sha256 FROM replies r ORDER BY r.attempt"
+_TAKEN: set[str] = set()
+"""Digests of files that were found to be sound, or are taken as they are; the same bytes are not looked into twice."""
+
+
+class Ledger:
+    """One run's ledger. Every write is committed before the method returns, so a killed process loses none.
+
+    Writes inside ``together`` are committed at its end.
+
+    Without ``create`` it is opened to be read only: a copy of the file as it stands, so that nothing is written beside
+    it, whatever its format and whoever writes to it. With ``create`` a ledger of format 2 becomes one of format 3, with
+    a copy of the old one beside it. Use as a context manager. Raises LedgerError where the file is missing (unless
+    ``create``), holds nothing, is no plain ledger, or is damaged; before anything is appended. Who names damaged
+    replies, by ``damaged``, opens it with ``sound`` false: only damage to the file as a database is then an error.
+    """
+
+    def __init__(self, path: Path, *, create: bool = False, sound: bool = True) -> None:
+        if not create and not path.is_file():
+            raise LedgerError(f"{path} does not exist: is {path.parent} a run? 'eyechart run battery' makes one")
+        self.path = path
+        try:
+            with ExitStack() as opening:
+                self._sql = self._append(opening) if create else self._read(opening, sound=sound)
+                self._opened = opening.pop_all()
+        except (sqlite3.Error, UnicodeError) as error:  # the second, of a word of SQLite's that quotes the file
+            raise LedgerError(f"{path} is no ledger: {printable(str(error))}") from error
+        except OSError as error:
+            raise LedgerError(f"{path} cannot be read: {error.strerror or error}") from error
+
+    def _read(self, opening: ExitStack, *, sound: bool) -> sqlite3.Connection:
+        """Open a copy, and see that it is whole; what was found to be sound once is not looked into again."""
+        sql, self._digest = open_copy(self.path, opening)
+        opening.callback(sql.close)
+        self._format = format_of(sql, self.path)
+        sql.executescript(OLDER.get(self._format, ""))
+        if self._digest not in _TAKEN:
+            (require_sound if sound else require_whole)(sql, self.path)
+            if sound:
+                self.take()
+        return sql
+
+    def _append(self, opening: ExitStack) -> sqlite3.Connection:
+        """Open the file itself, which is made where it is missing, once a copy of it was found to be sound."""
+        if self.path.exists():
+            with ExitStack() as looking:
+                self._read(looking, sound=True)
+        else:
+            self._make()
+        sql = connect(self.path, "mode=rw")
+        opening.callback(sql.close)
+        for pragma in ("journal_mode = WAL", "synchronous = NORMAL", "foreign_keys = ON"):
+            sql.execute(f"PRAGMA {pragma}")
+        if self._format < VERSION:
+            self._migrate(sql)
+        return sql
+
+    def _make(self) -> None:
+        """Make an empty ledger, which is there with its schema or not at all."""
+        partial = self.path.with_name(f".{self.path.name}.new")
+        for one in (partial, partial.with_name(f"{partial.name}-wal")):  # of a run that was killed while it made it
+            one.unlink(missing_ok=True)
+        with closing(connect(partial, "mode=rwc")) as sql:
+            sql.execute("PRAGMA journal_mode = WAL")
+            sql.executescript(f"BEGIN; {SCHEMAS[VERSION]} COMMIT;")
+        partial.replace(self.path)
+        self._format = VERSION
+
+    def _migrate(self, sql: sqlite3.Connection) -> None:
+        """Bring the ledger to today's format in one transaction, once a copy of the old one stands beside it."""
+        if self._format not in APPENDED:
+            raise LedgerError(
+                f"{self.path} is a ledger of format {self._format}, which is read and not appended to any more: run "
+                "anew with another --out"
+            )
+        kept = self.path.with_name(f"{self.path.name}.format{self._format}.bak")
+        partial = kept.with_name(f".{kept.name}")
+        partial.unlink(missing_ok=True)
+        sql.execute("VACUUM INTO ?", (str(partial),))
+        with partial.open("rb+") as file:
+            os.fsync(file.fileno())
+        partial.replace(kept)
+        sql.executescript(f"BEGIN IMMEDIATE; {MIGRATION} COMMIT;")
+        self._format = VERSION
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._opened.close()
+
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        """Commit what is written inside as one: all of it, or none where one write fails."""
+        self._sql.execute("BEGIN IMMEDIATE")
+        try:
+            yield
+            self._sql.execute("COMMIT")
+        except BaseException:
+            if self._sql.in_transaction:  # SQLite itself may have rolled it back: a full disk
+                self._sql.execute("ROLLBACK")
+            raise
+
+    def begin(self, key: CallKey, request_sha256: str) -> Attempt:
+        """Record that an attempt at a call is about to be sent.
+
+        Raises LedgerError where the call is finished already: it must not be paid for twice.
+        """
+        sql = self._sql
+        added = sql.execute(_ADD_CALL, key)
+        number, reason = 1, None
+        if added.rowcount:
+            call = int(added.lastrowid or 0)
+        else:
+            call, before, reason, finished = sql.execute(_LAST_ATTEMPT, key).fetchone()
+            if finished:
+                raise LedgerError(f"the call {key} is finished already")
+            number = (before or 0) + 1
+            reason = reason if before else None
+        sent_at = now()
+        added = sql.execute(_ADD_ATTEMPT, (call, number, reason, request_sha256, sent_at))
+        return Attempt(int(added.lastrowid or 0), call, number, reason, key, request_sha256, sent_at)
+
+    def close(self, attempt: Attempt, reply: Reply, *, silence: bool = False) -> None:
+        """Record what came back. An error that may pass, or that somebody can mend, leaves the call unfinished.
+
+        With ``silence`` such an error finishes it too: the model said nothing, and is not asked again.
+        """
+        row = row_of(reply, final=silence or reply.error not in UNFINISHED)
+        digest = checksum((*attempt.key, attempt.reason, attempt.request_sha256, attempt.sent_at, *row))
+        self._sql.execute(_ADD_REPLY, (attempt.id, attempt.call, *row, digest))
+
+    def finished(self) -> set[CallKey]:
+        """Return the keys of every finished call."""
+        rows = self._sql.execute(f"SELECT {KEY} FROM calls JOIN replies ON call = calls.id WHERE final = 1")
+        return {CallKey(*row) for row in rows}
+
+    def unknown(self) -> set[CallKey]:
+        """Return the keys of unfinished calls with an attempt that was sent and whose outcome is unknown."""
+        rows = self._sql.execute(
+            f"SELECT {KEY} FROM calls WHERE id IN "
+            "(SELECT call FROM attempts WHERE id NOT IN (SELECT attempt FROM replies)) "
+            "AND id NOT IN (SELECT call FROM replies WHERE final = 1)"
+        )
+        return {CallKey(*row) for row in rows}
+
+    def models(self) -> list[str]:
+        """Return the models that calls were begun of, by name."""
+        return [name for (name,) in self._sql.execute("SELECT DISTINCT model FROM calls ORDER BY model")]
+
+    def replies(self, model: str) -> Iterator[tuple[CallKey, Reply]]:
+        """Yield each call of a model that has a reply: its last final one, or its last failure while it has none."""
+        rows = self._sql.execute(
+            f"SELECT {KEY_OF_CALL}, {REPLY_OF} FROM calls c JOIN replies r ON r.attempt = coalesce("
+            "(SELECT max(attempt) FROM replies f WHERE f.call = c.id AND f.final = 1), "
+            "(SELECT max(attempt) FROM replies f WHERE f.call = c.id)) WHERE model = ?",
+            (model,),
+        )
+        for row in rows:
+            yield CallKey(*row[:OF_KEY]), Reply(*row[OF_KEY:])
+
+    def attempts(self, model: str) -> Iterator[Sent]:
+        """Yield every attempt at a model's calls in the order of sending, with what came back."""
+        rows = self._sql.execute(
+            f"SELECT {KEY_OF_CALL}, a.number, a.reason, a.request_sha256, r.final, {REPLY_OF} "
+            "FROM attempts a JOIN calls c ON c.id = a.call "
+            "LEFT JOIN replies r ON r.attempt = a.id WHERE c.model = ? ORDER BY a.id",
+            (model,),
+        )
+        for row in rows:
+            number, reason, digest, came = row[OF_KEY : OF_KEY + 4]
+            reply = None if came is None else Reply(*row[OF_KEY + 4 :])
+            yield Sent(CallKey(*row[:OF_KEY]), number, reason, reply, digest, bool(came))
+
+    def take(self) -> None:
+        """Take the file as it is whenever it is read from now on: somebody has said what in it is damaged."""
+        if self._digest is not None:
+            _TAKEN.add(self._digest)
+
+    def damaged(self) -> list[str]:
+        """Return in words the rows that are not what was written; a reply without a checksum cannot say."""
+        return list(damaged(self._sql))
+
+    def unchecked(self) -> int:
+        """Return how many replies have no checksum: they are older than format 3."""
+        (count,) = self._sql.execute("SELECT count(*) FROM replies WHERE row_sha256 IS NULL").fetchone()
+        return int(count)
+
+    def copy_to(self, path: Path) -> None:
+        """Write a copy of the ledger as it stands, also while a run appends; the same rows give the same bytes."""
+        self._sql.execute("VACUUM INTO ?", (str(path),))
+
+    def absorb(self, other: "Ledger") -> int:
+        """Copy every call of another ledger into this one, attempts and replies included; return how many are new.
+
+        Raises LedgerError, and copies nothing, where a call was finished in both.
+        """
+        if twice := self.finished() & other.finished():
+            raise LedgerError(f"{other.path}: {len(twice)} calls are finished in both ledgers, first {min(twice)}")
+        with self.together():
+            (base,) = self._sql.execute("SELECT coalesce(max(id), 0) FROM attempts").fetchone()
+            new = self._sql.executemany(_ADD_CALL, other._sql.execute(f"SELECT {KEY} FROM calls")).rowcount  # noqa: SLF001
+            attempts, replies = map(other._sql.execute, (_EVERY_ATTEMPT, _EVERY_REPLY))  # noqa: SLF001
+            self._sql.executemany(_COPY_ATTEMPTS, ((id_ + base, number, base, *row) for id_, number, *row in attempts))
+            self._sql.executemany(_COPY_REPLIES, ((id_ + base, id_ + base, *row) for id_, *row in replies))
+        return new

@@ -1,0 +1,130 @@
+"""The schema of a ledger, format by format, and whether a file has it."""
+
+import sqlite3
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from contextlib import closing
+from functools import cache
+from pathlib import Path
+from types import MappingProxyType
+
+from eyechart.errors import LedgerError, printable
+
+VERSION = 3
+"""The format that is written."""
+_TABLES = """
+CREATE TABLE IF NOT EXISTS calls (
+    id INTEGER PRIMARY KEY,
+    study TEXT NOT NULL, model TEXT NOT NULL, prompt TEXT NOT NULL,
+    frame TEXT NOT NULL, condition TEXT NOT NULL, repeat INTEGER NOT NULL,
+    UNIQUE (study, model, prompt, frame, condition, repeat)
+) STRICT;
+CREATE TABLE IF NOT EXISTS attempts (
+    id INTEGER PRIMARY KEY,
+    call INTEGER NOT NULL REFERENCES calls (id),
+    number INTEGER NOT NULL,{reason} request_sha256 TEXT NOT NULL, sent_at TEXT NOT NULL,
+    UNIQUE (call, number)
+) STRICT;
+CREATE TABLE IF NOT EXISTS replies (
+    attempt INTEGER PRIMARY KEY REFERENCES attempts (id),
+    call INTEGER NOT NULL REFERENCES calls (id),
+    final INTEGER NOT NULL, closed_at TEXT NOT NULL,
+    text TEXT NOT NULL, finish_reason TEXT, error TEXT, error_detail TEXT NOT NULL,
+    prompt_tokens INTEGER, completion_tokens INTEGER, seconds REAL{measured}
+) STRICT;
+CREATE UNIQUE INDEX IF NOT EXISTS one_final_reply_a_call ON replies (call) WHERE final = 1;
+CREATE INDEX IF NOT EXISTS replies_of_a_call ON replies (call);
+"""
+_MEASURED = """,
+    reasoning TEXT NOT NULL, reasoning_tokens INTEGER, first_byte_s REAL, status INTEGER, retry_after_s REAL,
+    served TEXT, provider TEXT, cost_usd REAL, energy_j REAL"""
+MIGRATION = """
+ALTER TABLE replies ADD COLUMN system_fingerprint TEXT;
+ALTER TABLE replies ADD COLUMN payload_bytes INTEGER;
+ALTER TABLE replies ADD COLUMN payload_sha256 TEXT;
+ALTER TABLE replies ADD COLUMN row_sha256 TEXT;
+DROP INDEX one_final_reply_a_call;
+CREATE INDEX final_replies ON replies (call) WHERE final = 1;
+PRAGMA user_version = 3;
+"""
+"""From format 2, which 0.1.0 writes, to 3; a new ledger takes the same way, so that both have one schema."""
+_APPEND_ONLY = "".join(
+    f"CREATE TRIGGER IF NOT EXISTS {table}_{verb} BEFORE {verb} ON {table} "
+    "BEGIN SELECT RAISE(ABORT, 'the ledger is append-only'); END;\n"
+    for table in ("calls", "attempts", "replies")
+    for verb in ("UPDATE", "DELETE")
+)
+_FORMAT_2 = f"{_TABLES.format(reason=' reason TEXT,', measured=_MEASURED)} {_APPEND_ONLY}"
+SCHEMAS: Mapping[int, str] = MappingProxyType(
+    {
+        1: f"{_TABLES.format(reason='', measured='')} {_APPEND_ONLY}",
+        2: _FORMAT_2,
+        3: f"{_FORMAT_2} {MIGRATION}",
+    }
+)
+"""What makes an empty ledger of each format; the number of the format apart."""
+APPENDED = (2, 3)
+"""The formats that a run appends to, older ones once they are of today's."""
+SINCE_FORMAT_3 = ("system_fingerprint", "payload_bytes", "payload_sha256")
+"""The fields of a Reply that an older ledger does not hold."""
+_ADDED_BY_3 = ", ".join(f"NULL AS {name}" for name in (*SINCE_FORMAT_3, "row_sha256"))
+_ADDED_BY_2 = (
+    "'' AS reasoning, NULL AS reasoning_tokens, NULL AS first_byte_s, NULL AS status, NULL AS retry_after_s, "
+    "NULL AS served, NULL AS provider, NULL AS cost_usd, NULL AS energy_j"
+)
+OLDER: Mapping[int, str] = MappingProxyType(
+    {
+        2: f"CREATE TEMP VIEW replies AS SELECT *, {_ADDED_BY_3} FROM main.replies;",
+        1: f"CREATE TEMP VIEW replies AS SELECT *, {_ADDED_BY_2}, {_ADDED_BY_3} FROM main.replies;"
+        "CREATE TEMP VIEW attempts AS SELECT *, NULL AS reason FROM main.attempts;",
+    }
+)
+"""How an older format is read: by views that stand before its tables and hold None for what it does not know."""
+_OBJECTS = "SELECT type, name, tbl_name, sql FROM main.sqlite_master"
+_SHOWN = 3
+
+
+def format_of(sql: sqlite3.Connection, path: Path) -> int:
+    """Return the format of a ledger that is open.
+
+    Raises LedgerError where the file holds nothing, is another program's database or of a format that is not read, or
+    where its schema is not, object by object, that of its format: a view or a virtual table in a table's place, a
+    trigger too many, or one that keeps rows from being changed too few.
+    """
+    (said,) = sql.execute("PRAGMA user_version").fetchone()
+    (program,) = sql.execute("PRAGMA application_id").fetchone()
+    rows = sql.execute(_OBJECTS).fetchall()
+    found = set(rows)
+    if not found and (said, program) == (0, 0):
+        size = path.stat().st_size
+        raise LedgerError(
+            f"{path} holds no table ({size} bytes): restore it from a copy, or let 'run' go on without what it held, "
+            "with --accept-loss"
+        )
+    if program:
+        raise LedgerError(f"{path} is no ledger: it says that it is a database of program {program}")
+    if said not in SCHEMAS:
+        raise LedgerError(
+            f"{path} is a ledger of format {said}; this eyechart reads formats 1 to {VERSION}: "
+            "use the eyechart that wrote it, or run anew with another --out"
+        )
+    strange = sorted({str(name) for _, name, _, _ in found ^ _objects(said)} | _twice(name for _, name, _, _ in rows))
+    if strange:
+        named = printable(", ".join(strange[:_SHOWN]))
+        more = f" and {len(strange) - _SHOWN} more" if len(strange) > _SHOWN else ""
+        raise LedgerError(
+            f"{path} is no plain ledger: {named}{more} of its schema differ from those of format {said}; restore it "
+            "from a copy"
+        )
+    return int(said)
+
+
+def _twice(names: Iterable[object]) -> set[str]:
+    return {str(name) for name, times in Counter(names).items() if times > 1}
+
+
+@cache
+def _objects(version: int) -> frozenset[tuple[object, ...]]:
+    with closing(sqlite3.connect(":memory:")) as own:
+        own.executescript(SCHEMAS[version])
+        return frozenset(own.execute(_OBJECTS))

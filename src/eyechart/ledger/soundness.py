@@ -1,0 +1,53 @@
+"""Whether what stands in a ledger is what was written: checksums of its replies, and how its rows hang together."""
+
+import sqlite3
+from collections.abc import Iterator
+from pathlib import Path
+
+from eyechart.errors import LedgerError, printable
+from eyechart.ledger.rows import KEY_OF_CALL, OF_KEY, REPLY_OF, checksum
+
+_EVERY_ROW = (
+    f"SELECT r.attempt, r.call IS a.call, {KEY_OF_CALL}, a.reason, a.request_sha256, a.sent_at, "
+    f"r.final, r.closed_at, {REPLY_OF}, r.row_sha256 FROM replies r "
+    "LEFT JOIN attempts a ON a.id = r.attempt LEFT JOIN calls c ON c.id = a.call ORDER BY r.attempt"
+)
+_WITHOUT_CALL = "SELECT id FROM attempts WHERE call NOT IN (SELECT id FROM calls)"
+_MISCOUNTED = "SELECT min(id) FROM attempts GROUP BY call HAVING min(number) != 1 OR max(number) != count(*)"
+
+
+def require_sound(sql: sqlite3.Connection, path: Path) -> None:
+    """Raise LedgerError where a file is damaged: as a database, or in rows that are not what was written."""
+    require_whole(sql, path)
+    found = list(damaged(sql))
+    if found:
+        more = f" and {len(found) - 1} more" if len(found) > 1 else ""
+        raise LedgerError(
+            f"{path} is damaged: not what its checksum says is {printable(found[0])}{more}; restore it from a copy"
+        )
+
+
+def require_whole(sql: sqlite3.Connection, path: Path) -> None:
+    """Raise LedgerError where a file is damaged as a database."""
+    try:
+        (said,) = sql.execute("PRAGMA main.integrity_check(1)").fetchone()
+    except sqlite3.Error as error:
+        said = str(error)
+    if said != "ok":
+        raise LedgerError(f"{path} is damaged: {printable(said)}; restore it from a copy")
+
+
+def damaged(sql: sqlite3.Connection) -> Iterator[str]:
+    """Yield in words which rows are not what was written.
+
+    A reply is held against its checksum, where it has one: of format 3 on. Of every row it is asked whether it belongs
+    to a call, and whether the attempts at a call are counted from 1.
+    """
+    for attempt, its, *row, digest in sql.execute(_EVERY_ROW):
+        study, model, _, frame, condition, _ = row[:OF_KEY]
+        if study is None:
+            yield f"the reply to attempt {attempt}, which belongs to no call"
+        elif not its or (digest is not None and checksum(tuple(row)) != digest):
+            yield f"{model}'s reply about {frame} under {condition}"
+    for (attempt,) in sql.execute(f"{_WITHOUT_CALL} UNION {_MISCOUNTED}"):
+        yield f"attempt {attempt}, which is not the next of its call's"

@@ -1,0 +1,112 @@
+"""What every command says of a run whose ledger is damaged, is no ledger, or lacks calls: one line, and exit code 2."""
+
+import shutil
+import sqlite3
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+import banks
+import stand_ins
+from eyechart import models
+from eyechart.cli.app import app
+from eyechart.errors import EyechartError
+from eyechart.limits import Limits
+from eyechart.studies import battery
+
+READING = {
+    "score": "score RUN",
+    "score --json": "score RUN --json",
+    "verdict": "verdict RUN",
+    "costs": "costs RUN",
+    "gate": "gate RUN",
+    "report": "report RUN --out page.html",
+    "bundle": "bundle RUN --out run.zip",
+    "compare": "compare RUN SOUND",
+    "transfer": "transfer RUN --scores scores.csv",
+    "merge": "merge RUN --out merged",
+    "run": "run battery --frames BANK --out RUN --model standin:noisy",
+}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a bank and a run of it, of which 30 calls are made."""
+    folder = tmp_path_factory.mktemp("made")
+    bank = banks.build_bank(folder / "bank", drawn=False)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setitem(models.ADAPTERS, "standin", "stand_ins")
+        battery.run(battery.plan(bank.root, stand_ins.SPECS[:1], folder / "run"), limits=Limits(calls=30))
+    return folder
+
+
+@pytest.fixture
+def run(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a copy of the run, to be changed, in the folder in which commands are given."""
+    monkeypatch.setitem(models.ADAPTERS, "standin", "stand_ins")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scores.csv").write_text("model,score\nstandin:noisy,0.5\n", encoding="utf-8")
+    shutil.copytree(made / "run", tmp_path / "sound")
+    return shutil.copytree(made / "run", tmp_path / "run")
+
+
+@pytest.fixture
+def say(made: Path) -> Callable[[str], Result]:
+    """Return a function that gives a command by its name."""
+
+    def give(name: str) -> Result:
+        words = READING[name].replace("RUN", "run").replace("BANK", str(made / "bank")).replace("SOUND", "sound")
+        return CliRunner().invoke(app, words.split())
+
+    return give
+
+
+def flip(run: Path) -> None:
+    """Change one sign of one reply in a run's ledger, as a damaged disk does, without a word to SQLite."""
+    ledger = run / "ledger.sqlite"
+    with closing(sqlite3.connect(ledger)) as sql:
+        sql.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        ((digest,),) = sql.execute("SELECT row_sha256 FROM replies WHERE attempt = 17")
+    whole = ledger.read_bytes()
+    at = whole.index(digest.encode()) + 3
+    ledger.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
+
+
+@pytest.mark.parametrize("command", READING)
+def test_a_flipped_bit_in_a_reply_is_named_by_every_command(
+    run: Path, say: Callable[[str], Result], command: str
+) -> None:
+    """With the call that it answered; nothing is printed or written that rests on it, and no call is made."""
+    flip(run)
+    before = sorted(Path().rglob("*"))
+    said = say(command)
+    assert isinstance(said.exception, EyechartError)  # which the command line prints, and exits 2
+    assert "run/ledger.sqlite is damaged: not what its checksum says is standin:" in str(said.exception)
+    assert "'s reply about " in str(said.exception)
+    assert said.stdout == ""
+    assert sorted(Path().rglob("*")) == before
+
+
+@pytest.mark.parametrize("command", READING)
+def test_an_empty_ledger_is_refused_by_every_command(run: Path, say: Callable[[str], Result], command: str) -> None:
+    """It is no run without calls, but one whose calls were lost."""
+    for one in run.glob("ledger.sqlite*"):
+        one.unlink()
+    (run / "ledger.sqlite").touch()
+    said = say(command)
+    assert isinstance(said.exception, EyechartError)
+    assert "run/ledger.sqlite holds no table (0 bytes)" in str(said.exception)
+    assert said.stdout == ""
+
+
+@pytest.mark.parametrize("command", READING)
+def test_a_foreign_trigger_is_refused_by_every_command(run: Path, say: Callable[[str], Result], command: str) -> None:
+    """Not in bundles alone: what it does to rows that are appended nobody knows."""
+    with closing(sqlite3.connect(run / "ledger.sqlite")) as sql:
+        sql.execute("CREATE TRIGGER loud AFTER INSERT ON replies BEGIN DELETE FROM calls; END")
+    said = say(command)
+    assert isinstance(said.exception, EyechartError)
+    assert "run/ledger.sqlite is no plain ledger: loud of its schema differ" in str(said.exception)

@@ -1,0 +1,249 @@
+"""A ledger that is not what was written, or whose schema is not ours, is refused by name, read or appended to."""
+
+import random
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from eyechart.calls import CallKey, Reply
+from eyechart.errors import LedgerError
+from eyechart.ledger import Ledger
+from eyechart.ledger.schema import SCHEMAS
+
+MODEL = "standin:steady"
+KEYS = [CallKey("battery", MODEL, "baseline@0", f"f{number}", "real") for number in range(4)]
+MANY = 400
+FULL = Reply("GO", "stop", None, "", 10, 9, 0.5, "so", 8, 0.25, 200, 1.5, "m-2026", "up", 0.001, 2.5, "fp", 7, "ab")
+
+
+def rows_of(path: Path) -> tuple[object, ...]:
+    """Return all that a ledger says of what came, in the order of its rows, and of how many calls nothing did."""
+    with Ledger(path) as ledger:
+        came = [one for one in ledger.attempts(MODEL) if one.reply is not None]
+        return ledger.finished(), list(ledger.replies(MODEL)), came, len(ledger.unknown())
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """Return where a ledger lies with an unfinished call, a failure that was repeated, and finished calls."""
+    path = tmp_path / "ledger.sqlite"
+    with Ledger(path, create=True) as ledger:
+        ledger.begin(KEYS[0], "digest")
+        ledger.close(ledger.begin(KEYS[1], "digest"), Reply(error="timeout", error_detail="late"))
+        for key in KEYS[1:]:
+            ledger.close(ledger.begin(key, "digest"), FULL)
+    return path
+
+
+def change(path: Path, script: str) -> None:
+    """Change a file through a connection that lets anything be done to it."""
+    with closing(sqlite3.connect(path)) as sql:
+        triggers = sql.execute("SELECT name, sql FROM sqlite_master WHERE type = 'trigger'").fetchall()
+        for name, _ in triggers:
+            sql.execute(f"DROP TRIGGER {name}")
+        sql.executescript(script)
+        for _, text in triggers:
+            sql.execute(text)
+        sql.commit()
+
+
+@pytest.mark.parametrize("column", sorted({"attempt", "call", "final", "closed_at", "row_sha256", *Reply.__slots__}))
+def test_a_value_of_a_reply_that_was_changed_is_named_with_its_call(path: Path, column: str) -> None:
+    """Every column of its row; commands that read refuse the ledger, and nothing is appended to it."""
+    with closing(sqlite3.connect(path)) as sql:
+        (kind,) = sql.execute("SELECT type FROM pragma_table_info('replies') WHERE name = ?", (column,)).fetchone()
+    values = {"TEXT": "'x' || ifnull({0}, '')", "INTEGER": "ifnull({0}, 0) + 1", "REAL": "ifnull({0}, 0) + 1"}
+    to = "9" if column == "attempt" else values[kind].format(column)
+    change(path, f"UPDATE replies SET {column} = {to} WHERE attempt = 5")  # noqa: S608 - our own names
+    belongs = "the reply to attempt 9, which belongs to no call"
+    named = belongs if column == "attempt" else f"{MODEL}'s reply about f3 under real"
+    for create in (False, True):
+        with pytest.raises(LedgerError, match=rf"ledger\.sqlite is damaged: .* is {named}; restore it from a copy"):
+            Ledger(path, create=create)
+    with Ledger(path, sound=False) as ledger:
+        assert ledger.damaged() == [named]
+
+
+@pytest.mark.parametrize(
+    "script",
+    [
+        *(f"calls SET {one} = {one} || 'x' WHERE frame = 'f3'" for one in CallKey._fields),
+        *(f"attempts SET {one} = 'x' WHERE id = 5" for one in ("reason", "request_sha256", "sent_at")),
+        "attempts SET call = 1, number = 2 WHERE id = 5",
+    ],
+)
+def test_what_was_asked_in_a_call_is_part_of_its_checksum(path: Path, script: str) -> None:
+    """A reply whose call or attempt was changed is another reply."""
+    change(path, f"UPDATE {script}".replace("repeat || 'x'", "repeat + 1"))
+    with pytest.raises(LedgerError, match=f"is damaged: .*{MODEL}x?'s reply about f"):
+        Ledger(path)
+
+
+@pytest.mark.parametrize("script", ["number = 3 WHERE id = 5", "call = 99 WHERE id = 1", "number = 2 WHERE id = 1"])
+def test_an_attempt_that_is_none_of_its_calls_is_named(path: Path, script: str) -> None:
+    """Also one that nothing came of, which has no checksum."""
+    change(path, f"UPDATE attempts SET {script}")  # noqa: S608 - our own words
+    with pytest.raises(LedgerError, match=f"attempt {script[-1]}, which is not the next of its call's"):
+        Ledger(path)
+
+
+def test_several_damaged_rows_are_counted(path: Path) -> None:
+    """The first is named."""
+    change(path, "UPDATE replies SET text = 'STOP'")
+    with pytest.raises(LedgerError, match=f"{MODEL}'s reply about f1 under real and 3 more; restore"):
+        Ledger(path)
+
+
+def test_no_flipped_bit_changes_what_is_read(path: Path, tmp_path: Path) -> None:
+    """Anywhere in the file: all that is said of the calls is what it was, or the ledger is refused."""
+    whole, truth, bits = path.read_bytes(), rows_of(path), random.Random(1)  # noqa: S311 - which bits, no secret
+    copy, refused = tmp_path / "copy.sqlite", 0
+    used = [at for at, byte in enumerate(whole) if byte] + [bits.randrange(len(whole)) for _ in range(100)]
+    for at in bits.sample(used, MANY):
+        flipped = bytearray(whole)
+        flipped[at] ^= 1 << bits.randrange(8)
+        copy.write_bytes(flipped)
+        try:
+            found = rows_of(copy)
+        except LedgerError:
+            refused += 1
+            continue
+        assert found == truth, (at, whole[at])
+    assert refused > 150
+
+
+SCHEMA = {
+    "a view in a table's place": "ALTER TABLE replies RENAME TO old; CREATE VIEW replies AS SELECT * FROM old;",
+    "a trigger of somebody else's": "CREATE TRIGGER loud AFTER INSERT ON replies BEGIN DELETE FROM calls; END;",
+    "rows can be changed": "DROP TRIGGER replies_UPDATE;",
+    "rows can be removed": "DROP TRIGGER calls_DELETE;",
+    "a trigger that does nothing": "DROP TRIGGER replies_UPDATE; CREATE TRIGGER replies_UPDATE BEFORE UPDATE ON calls "
+    "BEGIN SELECT 1; END;",
+    "a column more": "ALTER TABLE replies ADD COLUMN mood TEXT;",
+    "a column less": "ALTER TABLE replies DROP COLUMN provider;",
+    "an index less": "DROP INDEX final_replies;",
+    "a table more": "CREATE TABLE songs (name);",
+    "a virtual table": "CREATE VIRTUAL TABLE words USING fts5(text);",
+    "a virtual table in a table's place": "DROP TABLE replies; CREATE VIRTUAL TABLE replies USING fts5(attempt, call);",
+    "no table": "DROP TABLE replies; DROP TABLE attempts; DROP TABLE calls;",
+    "another program's": "PRAGMA application_id = 1196444487;",
+    "no version": "PRAGMA user_version = 0;",
+    "an older version": "PRAGMA user_version = 2;",
+    "a later version": "PRAGMA user_version = 4;",
+    "a negative version": "PRAGMA user_version = -3;",
+}
+
+
+@pytest.mark.parametrize("what", SCHEMA)
+def test_a_ledger_with_another_schema_is_refused(path: Path, what: str) -> None:
+    """To read and to append, in words; the file stays as it is."""
+    with closing(sqlite3.connect(path)) as sql:
+        sql.executescript(SCHEMA[what])
+    before = path.read_bytes()
+    for create in (False, True):
+        with pytest.raises(LedgerError, match=r"ledger\.sqlite (is no|is a ledger of format|holds no)"):
+            Ledger(path, create=create)
+    assert path.read_bytes() == before
+    assert sorted(one.name for one in path.parent.iterdir()) == ["ledger.sqlite"]
+
+
+def test_the_names_of_a_foreign_schema_cannot_move_a_terminal(path: Path) -> None:
+    """They come from a file of anybody's."""
+    with closing(sqlite3.connect(path)) as sql:
+        sql.execute('CREATE TABLE "a\x1b[2Jb" (x)')
+    with pytest.raises(LedgerError) as said:
+        Ledger(path)
+    assert str(said.value).isprintable()
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_an_older_ledger_has_its_own_schema(tmp_path: Path, version: int) -> None:
+    """It is held against that of its format; damage to its tables, not to the words of a reply, is seen."""
+    path = tmp_path / "ledger.sqlite"
+    with closing(sqlite3.connect(path)) as sql:
+        sql.executescript(f"{SCHEMAS[version]} PRAGMA user_version = {version};")
+    with Ledger(path) as ledger:
+        assert ledger.unchecked() == 0
+    with closing(sqlite3.connect(path)) as sql:
+        sql.executescript("CREATE TABLE songs (name);")
+    with pytest.raises(LedgerError, match=f"songs of its schema differ from those of format {version}"):
+        Ledger(path)
+
+
+def test_a_ledger_that_holds_nothing_is_refused(path: Path) -> None:
+    """Empty, or cut to nothing: no run leaves such a file, so something was lost."""
+    path.write_bytes(b"")
+    for create in (False, True):
+        with pytest.raises(LedgerError, match=r"ledger\.sqlite holds no table \(0 bytes\): restore it from a copy"):
+            Ledger(path, create=create)
+    assert path.read_bytes() == b""
+
+
+@pytest.mark.parametrize("keep", [0.3, 0.6, 0.95])
+def test_a_ledger_that_was_cut_is_refused(path: Path, keep: float) -> None:
+    """Wherever."""
+    path.write_bytes(path.read_bytes()[: int(keep * path.stat().st_size)])
+    for create in (False, True):
+        with pytest.raises(LedgerError, match=r"ledger\.sqlite is (damaged|no ledger)"):
+            Ledger(path, create=create)
+
+
+@pytest.mark.parametrize("at", ["ledger.SCHEMAS", "connect", "Path.replace"])
+def test_a_run_that_is_killed_while_it_makes_its_ledger_begins_anew(tmp_path: Path, at: str) -> None:
+    """No file without tables stands in the ledger's place, at no time."""
+    path = tmp_path / "ledger.sqlite"
+    die = {
+        "connect": "ledger.connect = lambda *_: die()",
+        "ledger.SCHEMAS": "ledger.SCHEMAS = {3: ledger.SCHEMAS[3].replace('DROP INDEX', 'SELECT die(); DROP INDEX')}",
+        "Path.replace": "ledger.Path.replace = lambda *_: die()",
+    }[at]
+    says = f"""
+import os, signal
+from pathlib import Path
+from eyechart.ledger import ledger
+die, connect = lambda: os.kill(os.getpid(), signal.SIGKILL), ledger.connect
+def connected(path, mode):
+    opened = connect(path, mode)
+    opened.create_function("die", 0, die)
+    return opened
+ledger.connect = connected
+{die}
+ledger.Ledger(Path({str(path)!r}), create=True)
+"""
+    assert subprocess.run([sys.executable, "-c", says], check=False).returncode == -signal.SIGKILL
+    assert not path.exists()
+    with Ledger(path, create=True) as ledger:
+        ledger.close(ledger.begin(KEYS[0], "digest"), FULL)
+        assert ledger.finished() == {KEYS[0]}
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["ledger.sqlite"]
+
+
+def test_a_ledger_that_was_found_sound_is_looked_into_again_when_it_changed(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its bytes are what is remembered, not its name or its times."""
+    asked: list[Path] = []
+
+    def counted(look: Callable[[sqlite3.Connection, Path], None]) -> Callable[[sqlite3.Connection, Path], None]:
+        return lambda sql, path: asked.append(path) or look(sql, path)
+
+    from eyechart.ledger import ledger as module  # noqa: PLC0415 - to patch
+
+    monkeypatch.setattr(module, "require_sound", counted(module.require_sound))
+    copy = path.with_name("copy.sqlite")
+    shutil.copyfile(path, copy)
+    for _ in range(3):
+        Ledger(path).__exit__(None, None, None)
+        Ledger(copy).__exit__(None, None, None)
+    assert asked == [path]
+    with Ledger(path, create=True) as ledger:
+        ledger.close(ledger.begin(KEYS[0], "digest"), FULL)
+    Ledger(path).__exit__(None, None, None)
+    assert asked == [path, path]
