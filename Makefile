@@ -14,7 +14,7 @@ DOCS := $(VENV)/.docs
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm ladder hierarchy test test-models test-browser lint format docs wheel bench long-compare long-speed long-adversaries long-coverage long-power mutants clean
+.PHONY: help demo demo-vlm ladder hierarchy test test-models test-browser lint format docs wheel bench long-compare long-speed long-adversaries long-coverage long-power long-serve mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -110,6 +110,9 @@ mutants: $(MUTANTS)
 
 long-power: $(CORE)
 	$(BIN)/python benchmarks/planned_power.py
+
+long-serve: $(CORE)
+	$(BIN)/python benchmarks/hostile_serve.py
 
 $(OLD)/.venv/bin/python:
 	rm -rf $(OLD) && mkdir -p $(OLD)
