@@ -31,6 +31,7 @@ help:
 	@echo "make long-compare 0.1.0, installed beside, and this version make the same studies: what differs, by key"
 	@echo "make long-adversaries  adversaries on fresh banks through the real run: which claims they get that are untrue"
 	@echo "make long-power   the power that a plan prints, against models that are drawn, scored and judged"
+	@echo "make long-serve   a served guardian under hostile load, against the table of classes of replies"
 	@echo "make long-coverage how often intervals of shares hold a known truth, and how wide they are"
 	@echo "make mutants      small faults put into the rules and the statistics one at a time: how many the tests notice"
 	@echo "make long-speed   processor time of commands in 0.1.0 and in this version, in pairs"

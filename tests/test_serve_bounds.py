@@ -3,9 +3,10 @@
 import asyncio
 import json
 import threading
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
 import aiohttp
 import pytest
@@ -286,7 +287,19 @@ def test_an_answer_that_nobody_reads_holds_nothing_for_long() -> None:
     served(ask, guardian_of())
 
 
-Ask = Callable[[aiohttp.ClientSession, str], Awaitable[None]]
+def test_no_picture_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No file is written, neither where the server was started nor where temporary ones lie."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+
+    async def ask(session: aiohttp.ClientSession, url: str) -> None:
+        assert (await post(session, url, FAR))[0] == 200
+        for picture in (FAR, NEAR, NEAR[:60]):
+            await post(session, url, picture)
+
+    served(ask, guardian_of())
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("name", ["connections", "headers"])
