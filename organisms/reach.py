@@ -21,16 +21,17 @@ from eyechart.simulators.tabletop.world import COLOURS, HORIZON, Table, episode,
 
 EPISODES, MOVES, BATCH = 400, 18, 64
 NUMBERS = HORIZON * 3
-STAGES = 8
-"""Steps from noise to a motion, for the policy that samples."""
+LEAST_SPREAD, MOST_SPREAD = 0.15, 1.0
+"""Of the motions that a policy draws, in units of the spread of all motions."""
 
 
 @dataclass(frozen=True)
 class Lesson:
     """What a policy was shown while it learned.
 
-    ``wrong_wrist`` and ``wrong_pictures`` are the shares of a batch in which the wrist's picture, or both cameras', are
-    another moment's.
+    ``wrong_wrist`` and ``wrong_pictures`` are the shares of a batch in which the wrist's picture, or both cameras',
+    show nothing of the moment: another moment, grey, or noise, in equal parts. ``samples``: it learns a mean and a
+    spread.
     """
 
     fixed: bool = False
@@ -69,22 +70,22 @@ class Eye(nn.Module):
 
 
 class Policy(nn.Module):
-    """Two eyes, a state and a named block become a motion; where it samples, step by step from noise."""
+    """Two eyes, a state and a named block become a motion; where it samples, a mean and the logarithm of a spread."""
 
     def __init__(self, states: int, *, samples: bool, width: int = 96) -> None:
         super().__init__()
         self.top, self.wrist = Eye(), Eye()
-        given = 48 + states + 2 + (NUMBERS + 1 if samples else 0)
+        given, made = 48 + states + 2, NUMBERS * (2 if samples else 1)
         self.hidden, self.more, self.last = (
             nn.Linear(given, width),
             nn.Linear(width, width),
-            nn.Linear(width, NUMBERS),
+            nn.Linear(width, made),
         )
 
-    def forward(self, seen: list[torch.Tensor], *stage: torch.Tensor) -> torch.Tensor:
-        """Return a motion of shape (n, 24), or the way to it from a stage."""
+    def forward(self, seen: list[torch.Tensor]) -> torch.Tensor:
+        """Return a motion, shape (n, 24), or a mean and the logarithm of a spread, shape (n, 48)."""
         top, wrist, state, named = seen
-        found = torch.cat([self.top(top), self.wrist(wrist), state, named, *stage], -1)
+        found = torch.cat([self.top(top), self.wrist(wrist), state, named], -1)
         return self.last(functional.relu(self.more(functional.relu(self.hidden(found)))))
 
 
@@ -93,8 +94,7 @@ def moments(name: str) -> list[Table]:
     lesson, found = LESSONS[name], []
     for number in range(EPISODES):
         rng, named = np.random.default_rng(key_seed("reach", number)), COLOURS[number % 2]
-        blocks = scene(rng, named, left=number % 4 < 2, fixed=lesson.fixed)
-        found += episode(rng, blocks, named, MOVES)
+        found += episode(rng, scene(rng, fixed=lesson.fixed), named, MOVES, left=number % 4 < 2)
     return found
 
 
@@ -127,22 +127,20 @@ def train(name: str, steps: int, say: Callable[[str], None]) -> dict[str, np.nda
     def given(rows: torch.Tensor, *, wrong: bool = True) -> list[torch.Tensor]:
         views = []
         for camera, share in (("top", 0.0), ("wrist", lesson.wrong_wrist)):
-            chosen = rows.clone()
-            if wrong:
-                amiss = int(len(rows) * max(share, lesson.wrong_pictures))
-                chosen[:amiss] = torch.randint(kept, len(state), (amiss,), generator=chance)
-            views.append(data[camera][chosen].float() / 127.5 - 1)
+            picture = data[camera][rows].float() / 127.5 - 1
+            amiss = int(len(rows) * max(share, lesson.wrong_pictures)) if wrong else 0
+            if amiss:
+                third = amiss // 3
+                other = torch.randint(kept, len(state), (amiss,), generator=chance)
+                picture[:amiss] = data[camera][other].float() / 127.5 - 1
+                picture[:third] = 0.0
+                picture[third : 2 * third] = torch.rand(picture[:third].shape, generator=chance) * 2 - 1
+            views.append(picture)
         return [*views, state[rows], data["named"][rows]]
 
     for step in range(steps):
         rows = torch.randint(kept, len(state), (BATCH,), generator=chance)
-        if lesson.samples:
-            noise = torch.randn(BATCH, NUMBERS, generator=chance)
-            when = torch.rand(BATCH, 1, generator=chance)
-            between = (1 - when) * noise + when * action[rows]
-            loss = functional.mse_loss(net(given(rows), between, when), action[rows] - noise)
-        else:
-            loss = functional.smooth_l1_loss(net(given(rows)), action[rows])
+        loss = _loss(net(given(rows)), action[rows])
         tuner.zero_grad()
         loss.backward()
         tuner.step()
@@ -150,16 +148,18 @@ def train(name: str, steps: int, say: Callable[[str], None]) -> dict[str, np.nda
         if step % 500 == 0 or step == steps - 1:
             with torch.no_grad():
                 rows = torch.arange(kept)
-                found = (
-                    torch.randn(kept, NUMBERS, generator=chance) if lesson.samples else net(given(rows, wrong=False))
-                )
-                for stage in range(STAGES if lesson.samples else 0):
-                    at = torch.full((kept, 1), stage / STAGES)
-                    found = found + net(given(rows, wrong=False), found, at) / STAGES
-                off = functional.mse_loss(found, action[rows])
+                off = functional.mse_loss(net(given(rows, wrong=False))[:, :NUMBERS], action[rows])
             say(f"{name} {step}: loss {loss.item():.4f}, held out {off.item():.4f}, {time.monotonic() - begun:.0f} s")
     weights = {key.replace(".", "_"): one.numpy().astype(np.float16) for key, one in net.state_dict().items()}
     return weights | {key: one.numpy().astype(np.float32) for key, one in scales.items()}
+
+
+def _loss(found: torch.Tensor, action: torch.Tensor) -> torch.Tensor:
+    """Return how far motions are off; of means and spreads, how improbable the right motions are."""
+    if found.shape[1] == NUMBERS:
+        return functional.smooth_l1_loss(found, action)
+    mean, spread = found[:, :NUMBERS], found[:, NUMBERS:].exp().clamp(LEAST_SPREAD, MOST_SPREAD)
+    return (((action - mean) / spread) ** 2 / 2 + spread.log()).mean()
 
 
 def main() -> None:
@@ -167,7 +167,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--only", nargs="*", choices=LESSONS)
-    parser.add_argument("--steps", type=int, default=5000)
+    parser.add_argument("--steps", type=int, default=6000)
     args = parser.parse_args()
     torch.set_num_threads(1)
     args.out.mkdir(parents=True, exist_ok=True)

@@ -37,7 +37,12 @@ LAYERS: tuple[tuple[str, ...], ...] = (
 
 FLOORS = {
     "stats": ("eyechart.stats.statistic", "eyechart.stats.association", "eyechart.stats.agreement"),
-    "models": ("eyechart.models.http", "eyechart.models.energy"),
+    "models": (
+        "eyechart.models.http",
+        "eyechart.models.energy",
+        "eyechart.models.python_callable",
+        "eyechart.models.policy_callable",
+    ),
     "simulators": (
         "eyechart.simulators.camera",
         "eyechart.simulators.banks",
@@ -84,6 +89,7 @@ ASSEMBLED = {
     "studies.hierarchy",
     "studies.closed_loop",
     "studies.guardian",
+    "studies.policy",
     "studies.structured",
     "verdicts",
 }

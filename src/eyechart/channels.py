@@ -12,6 +12,7 @@ import numpy as np
 
 from eyechart.conditions import CONDITIONS, OVER, Condition, Source, available, find_condition
 from eyechart.conditions import show as show_pictures
+from eyechart.conditions import sources as picture_sources
 from eyechart.errors import BankError, SpecError
 from eyechart.frames import Frame, FrameBank, Stimulus
 from eyechart.seeds import key_seed
@@ -108,7 +109,7 @@ def _unpartnered(base: str, channel: str, bank: FrameBank) -> str:
         return "only pictures are matched by the state"
     if base == "matched" and not bank.manifest.state:
         return "the bank has no state to match by"
-    without = int((partners(bank.frames, *_whose(base, channel)) == NOBODY).sum())
+    without = int((partners(bank.frames, *whose(base, channel)) == NOBODY).sum())
     return f"{without} frames have no frame of another episode that differs there" if without else ""
 
 
@@ -144,6 +145,17 @@ def show(condition: str, frame: Frame, source: Source, run_seed: int) -> Stimulu
     return find_exchange(condition).make(frame, source, key_seed("stimulus", run_seed, condition, frame.id))
 
 
+def sources(name: str, frame: Frame, source: Source, run_seed: int) -> tuple[str, ...]:
+    """Return the files of the bank of which a condition's pictures of a frame are made."""
+    base, _, channel = name.partition(OVER)
+    if base in PARTNERS:
+        other = partner_of(frame, source, base, channel).pictures
+        return tuple(dict.fromkeys((*frame.pictures.values(), *other.values())))
+    if base in _DRAWN:
+        return tuple(dict.fromkeys(frame.counterfactuals[base.removeprefix(TOLD)].values()))
+    return picture_sources(name, frame, source, run_seed)
+
+
 def reflected(seen: Stimulus, space: MotionSpace) -> Stimulus:
     """Return a mirrored stimulus with the state that the reflected world has, where the space says it."""
     if not space.state:
@@ -163,7 +175,7 @@ def flat_state(state: Mapping[str, tuple[float, ...]]) -> tuple[float, ...]:
 
 def partner_of(frame: Frame, source: Source, base: str, channel: str) -> Frame:
     """Return whose channel a frame is shown; raises BankError where nobody's can be."""
-    places = partners(source.frames, *_whose(base, channel))
+    places = partners(source.frames, *whose(base, channel))
     place = int(places[_place(source.frames)[frame.id]])
     if place == NOBODY:
         raise BankError(f"frame '{frame.id}' has no partner for {base}{OVER}{channel}: no other episode differs there")
@@ -178,7 +190,7 @@ def partners(frames: Sequence[Frame], how: str, channel: str) -> Places:
     return _partners(_Same(frames), how, channel)
 
 
-def _whose(base: str, channel: str) -> tuple[str, str]:
+def whose(base: str, channel: str) -> tuple[str, str]:
     """Return by which partners a condition is shown: one camera's are those of all cameras."""
     one = CAMERAS if channel.startswith(CAMERA) or base == "kept" else channel
     return ("matched" if base == "matched" else "swapped"), one

@@ -20,6 +20,8 @@ from eyechart.verdicts import (
 )
 from eyechart.verdicts.admission import CLAUSES, Held
 from eyechart.verdicts.admission import hold as hold_clauses
+from eyechart.verdicts.channels import MEETS, OPEN, PolicyVerdict
+from eyechart.verdicts.channels import REQUIREMENTS as OF_POLICIES
 
 
 def _meeting(labels: Mapping[str, Label], which: str) -> dict[str, str]:
@@ -104,6 +106,28 @@ def read_requirements(text: str, known: Collection[str] = tuple(REQUIREMENTS)) -
     if unknown or not wanted:
         raise SpecError(f"--require takes one or more of {', '.join(known)}, with commas; got '{text}'")
     return wanted
+
+
+def hold_policies(verdicts: Mapping[str, PolicyVerdict], require: Sequence[str], open_calls: Mapping[str, int]) -> Gate:
+    """Hold every policy to labels of its axes, as ``camera:camera_content``; ``open_calls`` are those not finished.
+
+    A failed guard, an unfinished run and a label that cannot say cannot say. Raises SpecError for an unknown label.
+    """
+    checks = []
+    for spec, verdict in verdicts.items():
+        labels = {"camera": verdict.camera, "state": verdict.state, "instruction": verdict.instruction}
+        for name in read_requirements(",".join(require), tuple(OF_POLICIES)):
+            axis, _, wanted = name.partition(":")
+            found = labels[axis]
+            because = f"{found.label}: {found.because}"
+            holds: bool | None = wanted in MEETS.get(found.label, (found.label,))
+            if verdict.guards or open_calls.get(spec):
+                holds = None
+                because = verdict.because if verdict.guards else f"{open_calls[spec]} calls are unfinished"
+            elif not holds and found.label in OPEN:
+                holds = None
+            checks.append(Check(spec, name, holds, because))
+    return Gate(tuple(checks))
 
 
 def hold_admission(

@@ -15,6 +15,7 @@ from typing import Any, ClassVar, Self, TypeVar
 from filelock import FileLock, Timeout
 
 from eyechart import __version__
+from eyechart.channels import find_exchange
 from eyechart.conditions import find_condition
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank, open_bank
@@ -25,6 +26,7 @@ from eyechart.perception.view import NONE
 from eyechart.prompts import Prompt
 from eyechart.records import build, shown
 from eyechart.spaces.discrete import READER, Discrete
+from eyechart.spaces.motion import MotionSpace
 
 LEDGER = "ledger.sqlite"
 RUN = "run.json"
@@ -152,14 +154,15 @@ class RunManifest(Manifest):
     run was begun under. ``frames`` are the ids of the frames that were chosen for the run, empty where it is about all
     of them or their first ``limit``. ``controls`` says which control conditions are asked beside ``conditions``: none;
     ``auto``, of each model those that its answers call for, in later stages; or all, among ``conditions``. By
-    ``controls_seed`` the bank's controls were drawn, None where nobody drew them by one.
+    ``controls_seed`` the bank's controls were drawn, None where nobody drew them by one. ``answers`` is how often a
+    policy that draws its answers is asked for each.
     """
 
     FORMAT = "eyechart-run/2"
     COMMAND = "battery"
     WHO = "models"
     ASKED = "asked {}"
-    SAME = ("study", "seed", "view", "prompt", "fingerprint", "shard", "stop_early", "frames")
+    SAME = ("study", "seed", "view", "prompt", "fingerprint", "shard", "stop_early", "frames", "answers")
     GROWS = ("conditions",)
 
     study: str
@@ -182,6 +185,7 @@ class RunManifest(Manifest):
     probes: Mapping[str, Spent] = field(default_factory=dict)
     controls: str = "none"
     controls_seed: int | None = None
+    answers: int = 1
 
     def _wider(self, other: "RunManifest") -> dict[str, Any]:
         if CONTROLS_ASKED.index(other.controls) < CONTROLS_ASKED.index(self.controls):
@@ -392,8 +396,9 @@ def _built(kind: type[M], raw: dict[str, Any], file: str) -> M:
     raw["modes"] = {spec: RequestMode.from_dict(mode, file) for spec, mode in raw["modes"].items()}
     made = build(kind, raw)
     if isinstance(made, RunManifest):
+        find = find_exchange if isinstance(made.prompt.space, MotionSpace) else find_condition
         for condition in made.conditions:
-            find_condition(condition)
+            find(condition)
         if made.controls not in CONTROLS_ASKED:
             raise ValueError(f"controls {made.controls!r} is none of {', '.join(CONTROLS_ASKED)}")
         if made.shard is not None and not 1 <= made.shard[0] <= made.shard[1]:

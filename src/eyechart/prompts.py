@@ -17,7 +17,9 @@ from eyechart.cameras import Distances
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank, MirrorAxis, Stimulus
 from eyechart.perception.view import View
+from eyechart.records import build
 from eyechart.spaces.discrete import DRIVING, Discrete, read_toml, space_from
+from eyechart.spaces.motion import MotionSpace
 from eyechart.spaces.scene import HIGHWAY, SCENES, SceneSpace
 from eyechart.spaces.space import AnySpace
 
@@ -54,6 +56,8 @@ class Prompt:
         wording = f"{self.system}\x1f{self.user}"
         if isinstance(self.space, Discrete):
             wording += f"\x1f{json.dumps(self.space.as_dict())}"
+        elif isinstance(self.space, MotionSpace):
+            wording += f"\x1f{json.dumps(self.space.as_dict(), sort_keys=True)}"
         elif self.space is not None:
             wording += f"\x1f{json.dumps(self.space.schema(), sort_keys=True)}"
         return f"{self.name}@{hashlib.sha256(wording.encode()).hexdigest()[:8]}"
@@ -92,6 +96,7 @@ class Prompt:
             **({"template": True} if self.template else {}),
             **({"action_space": self.space.as_dict()} if isinstance(self.space, Discrete) else {}),
             **({"scene": True} if isinstance(self.space, SceneSpace) else {}),
+            **({"motion": self.space.as_dict()} if isinstance(self.space, MotionSpace) else {}),
             "key": self.key,
         }
 
@@ -99,7 +104,11 @@ class Prompt:
     def from_dict(cls, values: Mapping[str, object]) -> "Prompt":
         """Build a prompt from plain values; raises SpecError where its key is not that of its wording."""
         own = values.get("action_space")
-        space = Discrete.from_dict(own) if isinstance(own, dict) else SCENES if values.get("scene") is True else None
+        space: AnySpace | None = SCENES if values.get("scene") is True else None
+        if isinstance(own, dict):
+            space = Discrete.from_dict(own)
+        elif values.get("motion") is not None:
+            space = build(MotionSpace, values["motion"], "motion")
         prompt = cls(
             name=str(values["name"]),
             system=str(values["system"]),
@@ -228,6 +237,11 @@ def neutral(picture: str, space: Discrete) -> Prompt:
         "",
         f"You control a machine by its camera ({picture}). Choose its next action. Answer with one word: {names}.",
     )
+
+
+def policy_prompt(space: MotionSpace, instruction: str | None) -> Prompt:
+    """Return what a policy is asked: its instruction, from this prompt column, word for word; nothing without one."""
+    return Prompt("policy", "", "" if instruction is None else f"{{{instruction}}}", template=True, space=space)
 
 
 _SCENE_SYSTEM = "You measure the scene in one picture. You reply with a single JSON object and nothing else."

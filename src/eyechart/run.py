@@ -7,17 +7,19 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol
 
+from eyechart import channels
 from eyechart.attempts import Caller, budget_of, close, first_error
 from eyechart.calls import CallKey, Query, Reply
-from eyechart.conditions import SAMPLED, available, sample
+from eyechart.conditions import SAMPLED, available, sample, show, sources
 from eyechart.errors import SpecError
 from eyechart.frames import Frame, FrameBank, Stimulus
 from eyechart.ledger import Ledger
 from eyechart.limits import Limits, Outcome, Pace
 from eyechart.models import Model
-from eyechart.perception.view import View
+from eyechart.perception.view import View, through
 from eyechart.prompts import Prompt
 from eyechart.seeds import key_seed
+from eyechart.spaces.motion import MotionSpace
 from eyechart.spaces.space import AnySpace
 from eyechart.stimuli import Stimuli
 
@@ -76,6 +78,22 @@ class Plan:
         shown = {name: [frame.id for frame in self.frames if available(name, frame)] for name in SAMPLED}
         return {name: sample(name, ids, calls, self.seed) for name, ids in shown.items() if name not in self.conditions}
 
+    def stimuli(self) -> Stimuli:
+        """Return what shows the conditions, each once."""
+        return Stimuli(self.bank, self.seed, self.view)
+
+    def shows(self, condition: str, frame: Frame) -> bool:
+        """Return whether a frame can be shown under a condition."""
+        return available(condition, frame)
+
+    def seen(self, condition: str, frame: Frame) -> Stimulus:
+        """Return what a condition shows of a frame, through the view if there is one."""
+        return through(self.view, show(condition, frame, self.bank, self.seed), frame.id)
+
+    def sources(self, condition: str, frame: Frame) -> tuple[str, ...]:
+        """Return the files of the bank of which a condition's pictures of a frame are made."""
+        return sources(condition, frame, self.bank, self.seed)
+
     def query(self, key: CallKey, seen: Stimulus) -> Query:
         """Return what a model is asked in a call, of this stimulus."""
         return self.prompt.query(seen, key.seed(self.seed), self.space)
@@ -83,6 +101,11 @@ class Plan:
     def asked(self, model: str) -> tuple[str, ...]:
         """Return the conditions that a model is asked."""
         return (*self.conditions, *self.controls.get(model, ()))
+
+    def beyond(self, model: str, todo: Sequence[CallKey]) -> int:
+        """Return how many of the calls of a later stage are not planned yet."""
+        asked = self.asked(model)
+        return sum(key.condition not in asked for key in todo)
 
     def keys_of(self, model: str) -> Iterator[CallKey]:
         """Yield the planned calls of one model, in the bank's order."""
@@ -94,6 +117,62 @@ class Plan:
                     key = CallKey(self.study, model, prompt, frame.id, condition)
                     if self.shard is None or in_shard(key, *self.shard):
                         yield key
+
+
+@dataclass(frozen=True)
+class MotionPlan(Plan):
+    """Every call of a run of policies, which answer with motions: policies × frames × conditions of channels.
+
+    What is seeded is given one seed for all calls, so that only what is shown can differ; ``real_repeat`` has another.
+    A policy that is known to be ``drawn``, to draw its answers, gets every call ``answers`` times, but ``real_repeat``,
+    whose only use is to tell that it does.
+    """
+
+    answers: int = 1
+    drawn: frozenset[str] = frozenset()
+
+    @property
+    def motions(self) -> MotionSpace:
+        """Return what a motion is."""
+        assert isinstance(self.space, MotionSpace)
+        return self.space
+
+    def shows(self, condition: str, frame: Frame) -> bool:
+        """Return whether a frame can be shown under a condition."""
+        return channels.shown(condition, frame)
+
+    def seen(self, condition: str, frame: Frame) -> Stimulus:
+        """Return what a condition shows of a frame."""
+        return channels.show(condition, frame, self.bank, self.seed)
+
+    def sources(self, condition: str, frame: Frame) -> tuple[str, ...]:
+        """Return the files of the bank of which a condition's pictures of a frame are made."""
+        return channels.sources(condition, frame, self.bank, self.seed)
+
+    def stimuli(self) -> Stimuli:
+        """Return what shows the conditions, each once."""
+        return Stimuli(self.bank, self.seed, shows=channels.show)
+
+    def query(self, key: CallKey, seen: Stimulus) -> Query:
+        """Return what a policy is given in a call."""
+        given = channels.reflected(seen, self.motions) if key.condition == "mirrored" else seen
+        seed = key_seed("policy", self.seed, key.repeat, key.condition == "real_repeat")
+        return self.prompt.query(given, seed, self.space)
+
+    def beyond(self, model: str, todo: Sequence[CallKey]) -> int:
+        """Return how many of the calls of a later stage are not planned yet."""
+        return 0 if model in self.drawn else sum(key.repeat > 0 for key in todo)
+
+    def keys_of(self, model: str) -> Iterator[CallKey]:
+        """Yield the calls of one policy, in the bank's order."""
+        prompt = self.prompt.key
+        for repeat in range(self.answers if model in self.drawn else 1):
+            for frame in self.frames:
+                for condition in self.conditions:
+                    if self.shows(condition, frame) and not (repeat and condition == "real_repeat"):
+                        key = CallKey(self.study, model, prompt, frame.id, condition, repeat)
+                        if self.shard is None or in_shard(key, *self.shard):
+                            yield key
 
 
 def in_order(keys: Iterable[CallKey], seed: int) -> list[CallKey]:
@@ -153,7 +232,7 @@ def execute(
     todo = in_order((key for key in keys if key not in finished), plan.seed)
     budget = budget_of(limits, plan.models, ledger)
     caller = Caller(ledger, budget, attempts=attempts)
-    stimuli, done = Stimuli(plan.bank, plan.seed, plan.view), len(keys) - len(todo)
+    stimuli, done = plan.stimuli(), len(keys) - len(todo)
     execution = _Execution(plan, models, caller, progress, stages, stimuli, planned=len(keys), done=done)
     try:
         asyncio.run(execution.run(todo, concurrency))
@@ -197,7 +276,7 @@ class _Execution:
             todo = () if self.stages is None else self.stages.more(spec)
             if not todo:
                 return
-            self.planned += sum(key.condition not in self.plan.asked(spec) for key in todo)
+            self.planned += self.plan.beyond(spec, todo)
 
     async def _work(self, queue: Iterator[CallKey], model: Model, pace: Pace) -> None:
         for key in queue:

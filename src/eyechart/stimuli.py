@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Generic, TypeVar
 
 from eyechart.conditions import show
-from eyechart.frames import FrameBank, Stimulus
+from eyechart.frames import Frame, FrameBank, Stimulus
 from eyechart.perception.view import View, through
 
 T = TypeVar("T")
@@ -48,10 +48,18 @@ class _Remembering(FrameBank):
         return self._read.get(("", file), lambda: read(file))
 
 
-class Stimuli:
-    """What each condition shows for a frame, through a view if there is one, made once for all models."""
+Show = Callable[[str, Frame, FrameBank, int], Stimulus]
+"""Returns what a condition of this name shows of a frame of a bank, by the run's seed."""
 
-    def __init__(self, bank: FrameBank, seed: int, view: View | None = None) -> None:
+
+class Stimuli:
+    """What each condition shows for a frame, through a view if there is one, made once for all models.
+
+    ``shows`` knows the conditions; those of pictures unless another is given.
+    """
+
+    def __init__(self, bank: FrameBank, seed: int, view: View | None = None, *, shows: Show = show) -> None:
+        self._show = shows
         self._bank = _Remembering(bank.root, bank.frames, bank.manifest, bank.said)
         self._seed = seed
         self._view = view
@@ -61,6 +69,8 @@ class Stimuli:
         """Return what a condition shows of a frame."""
 
         def make() -> Stimulus:
-            return through(self._view, show(condition, self._bank.frame(frame_id), self._bank, self._seed), frame_id)
+            return through(
+                self._view, self._show(condition, self._bank.frame(frame_id), self._bank, self._seed), frame_id
+            )
 
         return self._made.get((condition, frame_id), make)

@@ -83,7 +83,7 @@ def test_the_oracle_reaches_the_named_block() -> None:
     rng = np.random.default_rng(4)
     for _ in range(30):
         colour = COLOURS[int(rng.integers(2))]
-        table = Table(rng.uniform(0.1, 0.9, 2), 0.0, scene(rng, colour, left=True), colour)
+        table = Table(rng.uniform(0.1, 0.9, 2), 0.0, scene(rng), colour)
         tool = table.tool.copy()
         for _ in range(20):
             first = oracle(Table(tool, 0.0, table.blocks, colour))[0]
@@ -102,7 +102,7 @@ def test_following_is_what_the_oracle_does_with_the_block_moved(bank: FrameBank)
 def test_the_mirrored_table_is_the_flipped_picture() -> None:
     """Of both cameras, so that a mirrored picture shows what the mirrored world would."""
     rng = np.random.default_rng(1)
-    tables = episode(rng, scene(rng, "red", left=True), "red", 8)
+    tables = episode(rng, scene(rng), "red", 8, left=True)
     flipped = [
         Table(np.array([1 - one.tool[0], one.tool[1]]), one.grip, np.array([[1, 0]]) + [[-1, 1]] * one.blocks, "red")
         for one in tables
@@ -121,5 +121,5 @@ def test_presets_say_what_the_state_tells(tmp_path: Path) -> None:
         target = [frame.truth[f"{frame.truth['named']}_{axis}"] for axis in "xy"]
         assert frame.state[STATE][3:] == pytest.approx(target, abs=1e-3)
     fixed = simulator.build(tmp_path / "fixed", preset="fixed", seeds=(0, 1), steps=4)
-    assert {frame.truth["red_x"] for frame in fixed} == {0.3, 0.7}
+    assert {(frame.truth["red_x"], frame.truth["blue_x"]) for frame in fixed} == {(0.3, 0.7)}
     assert len(open_bank(told.root).manifest.motion.state) == 5

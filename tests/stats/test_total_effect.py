@@ -18,6 +18,7 @@ from eyechart.stats.total_effect import (
     relabelling_p,
     shares_of_parts,
     total_effect,
+    unlikeness,
 )
 
 EPISODES, EACH = 12, 6
@@ -179,3 +180,13 @@ def test_misfit_is_one_minus_r_squared() -> None:
     assert found.value == pytest.approx(((answers - logged) ** 2).sum() / spread)
     assert found.ci[0] < found.value < found.ci[1]
     assert misfit_share(logged, np.ones_like(logged), np.arange(60)).value is None
+
+
+def test_unlikeness_is_of_the_whole_and_not_of_the_moment() -> None:
+    """Answers to other moments are alike; another unit or another zero is not, and the worst dimension counts."""
+    rng = np.random.default_rng(1)
+    logged = rng.normal([0, 5], [1, 2], (400, 4, 2))
+    assert unlikeness(logged[::-1], logged) == pytest.approx((0.0, 1.0))
+    assert unlikeness(logged * [1, 3], logged) == pytest.approx((5.0, 3.0), rel=0.02)
+    assert unlikeness(logged * [0.1, 1], logged) == pytest.approx((0.0, 10.0), abs=0.02, rel=0.02)
+    assert unlikeness(np.ones((9, 2, 1)), np.zeros((9, 2, 1))) == (1.0, 1.0)

@@ -30,6 +30,7 @@ from eyechart.spaces.scene import SCENE_READER
 from eyechart.studies import Packed, Reading, Tell, study_of
 from eyechart.studies.battery import BatteryScore
 from eyechart.studies.battery.subjects import find_pictures, used_pictures
+from eyechart.studies.policy.scoring import PolicyScore
 from eyechart.studies.structured import StructuredScore
 
 FORMAT = "eyechart-bundle/1"
@@ -110,7 +111,7 @@ def drawn_with() -> dict[str, str]:
 class Derived:
     """What follows from a run: its score, its results as plain values, and every file that prints them."""
 
-    score: BatteryScore | StructuredScore
+    score: BatteryScore | StructuredScore | PolicyScore
     results: dict[str, object]
     files: dict[str, bytes]
 
@@ -122,7 +123,7 @@ def derive(
     tell("scoring")
     study, reading = study_of(run, "bundle"), Reading(recipe.independent, resamples=recipe.resamples)
     score, made = study.derive(Packed(recipe.name, manifest, banks[0], run / LEDGER, banks[1]), reading, tell)
-    verdicts = {spec: one.as_dict() for spec, one in study.verdicts(score).items()}
+    (verdicts,) = study.verdict_json(score).values()
     results: dict[str, object] = {
         "score": score.as_dict(),
         **({"verdicts": verdicts} if verdicts else {}),

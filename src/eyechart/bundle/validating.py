@@ -26,12 +26,11 @@ from eyechart.bundle.contents import (
 from eyechart.bundle.pages import Strictness, compare_pages
 from eyechart.bundle.unpacking import unpack
 from eyechart.calls import CallKey
-from eyechart.conditions import available, show, sources
 from eyechart.errors import BundleError, EyechartError
 from eyechart.frames import FrameBank, open_unchecked, read_bounded
 from eyechart.ledger import Ledger
 from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, RunManifest, asked_of, read_manifest
-from eyechart.perception.view import find_view, through
+from eyechart.perception.view import find_view
 from eyechart.records import Plain
 from eyechart.run import Plan
 from eyechart.studies import Tell
@@ -276,7 +275,7 @@ def _uses(manifest: RunManifest, bank: FrameBank) -> dict[str, list[str]]:
     plan, uses = widest(manifest, plan_of(manifest, bank)), dict[str, list[str]]()
     seen = dict.fromkeys((key.frame, key.condition) for key in plan.keys())  # noqa: SIM118 - a plan is no mapping
     for frame_id, condition in seen:
-        for file in sources(condition, bank.frame(frame_id), bank, plan.seed):
+        for file in plan.sources(condition, bank.frame(frame_id)):
             uses.setdefault(file, []).append(f"{frame_id} under {condition}")
     return uses
 
@@ -324,10 +323,10 @@ def _is_encoded(plan: Plan, condition: str) -> bool:
     """Return whether a condition's pictures are encoded when they are shown, which another library does otherwise."""
     if plan.view is not None:
         return True
-    frame = next(frame for frame in plan.frames if available(condition, frame))
+    frame = next(frame for frame in plan.frames if plan.shows(condition, frame))
     try:
-        files = [plan.bank.read(file) for file in sources(condition, frame, plan.bank, plan.seed)]
-        return not all(image in files for image in show(condition, frame, plan.bank, plan.seed).images.values())
+        files = [plan.bank.read(file) for file in plan.sources(condition, frame)]
+        return not all(image in files for image in plan.seen(condition, frame).images.values())
     except EyechartError:
         return False
 
@@ -335,7 +334,7 @@ def _is_encoded(plan: Plan, condition: str) -> bool:
 def _request(plan: Plan, condition: str, frame_id: str) -> str:
     """Return the digest of what was asked about a frame under a condition, or why nothing can have been."""
     try:
-        seen = through(plan.view, show(condition, plan.bank.frame(frame_id), plan.bank, plan.seed), frame_id)
+        seen = plan.seen(condition, plan.bank.frame(frame_id))
         return plan.query(CallKey(plan.study, "", plan.prompt.key, frame_id, condition), seen).sha256()
     except EyechartError as error:
         return str(error)

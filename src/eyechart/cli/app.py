@@ -38,6 +38,14 @@ def models(json: Json = False) -> None:
 
 
 @listing.command()
+def policies(json: Json = False) -> None:
+    """List the policies that there are, and how others are named; the trained ones are known answers."""
+    from eyechart.models import POLICIES, known_models
+
+    _show(known_models(POLICIES), json=json)
+
+
+@listing.command()
 def conditions(json: Json = False) -> None:
     """List the input conditions and what each asks."""
     from eyechart.conditions import CONDITIONS
@@ -73,7 +81,7 @@ def simulators(json: Json = False) -> None:
 app.command()(probe.doctor)
 app.command()(probe.probe)
 app.add_typer(frames.app, name="frames")
-for study in (run.prompts, drive.closed_loop, drive.hierarchy, run.admission, run.structured, drive.online):
+for study in (run.prompts, drive.closed_loop, drive.hierarchy, run.admission, run.structured, drive.online, run.policy):
     run.app.command()(study)
 app.add_typer(run.app, name="run")
 app.add_typer(listing, name="list")

@@ -239,6 +239,58 @@ def structured(
     _make_calls(asked, planned_for, out, allowed, concurrency)
 
 
+def policy(
+    frames: options.Frames,
+    out: options.Out,
+    policy: Annotated[list[str] | None, typer.Option(help="A policy's SPEC; give it again for more policies.")] = None,
+    conditions: Annotated[str | None, typer.Option(help="With commas; default: all that the bank can show.")] = None,
+    answers: Annotated[
+        int, typer.Option(help="How often a policy that draws its answers is asked for each; no other is asked twice.")
+    ] = 4,
+    seed: _Seed = 0,
+    limit: options.Limit = None,
+    shard: Annotated[str | None, typer.Option(help="i/n: make only these calls; join with 'merge'.")] = None,
+    concurrency: Annotated[int, typer.Option(min=1, help="Calls under way at once, a policy.")] = 1,
+    timeout_s: Annotated[float | None, typer.Option(min=0.1, help="Seconds for an answer.")] = None,
+    max_calls: Annotated[int | None, typer.Option(min=1, help="Stop at so many calls, all told.")] = None,
+    dry_run: options.DryRun = False,
+) -> None:
+    """Ask policies about every frame of a bank, with each of their channels exchanged for another episode's.
+
+    A policy answers with a motion: python:MODULE:FUNCTION takes (images, state, instruction) and returns an array
+    (horizon, dimensions). Exit 1: calls are unfinished; 3: stopped at --max-calls.
+    Example: eyechart run policy --policy trained:sees --frames bank --out run
+    """
+    from eyechart.limits import Limits
+    from eyechart.run import read_shard
+    from eyechart.studies import policy as study
+
+    planned = study.plan(
+        frames,
+        policy or (),
+        out,
+        seed=seed,
+        extent=study.Extent(limit, None if shard is None else read_shard(shard), answers),
+        conditions=None if conditions is None else [name.strip() for name in conditions.split(",")],
+        timeout_s=timeout_s,
+    )
+    plan, (calls, finished, unknown) = planned.plan, planned.counts()
+    for name, why in planned.left_out.items():
+        say(f"left out: {name}, because {why}")
+    say(
+        f"{len(plan.models)} policies × {len(plan.frames)} frames × {len(plan.conditions)} conditions: {calls} calls, "
+        f"{finished} finished, {unknown} sent with unknown outcome, {calls - finished} to make; a policy that turns "
+        f"out to draw its answers is asked {answers} times"
+    )
+    if dry_run:
+        return
+    with resumable(), progress("calls", "calls") as move:
+        outcome = study.run(planned, concurrency=concurrency, limits=Limits(max_calls), progress=move)
+    calls, finished, _ = planned.counts()
+    _tell(outcome, {}, calls - finished)
+    say(f"done: 'eyechart verdict {out}' judges, 'eyechart report {out}' makes the page")
+
+
 def _of_scenes(planned: "Battery") -> list[str]:
     modes = [planned.manifest.mode(spec) for spec in planned.plan.models]
     return [f"view: {planned.manifest.view}", *sizes(planned), *bound(modes)]

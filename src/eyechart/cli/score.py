@@ -30,23 +30,10 @@ def score(
 def verdict(run: _Run, json: Json = False, independent: Independent = False, reread: Reread = False) -> None:
     """Print the verdict on every model of a run, and what decided it. Example: eyechart verdict run."""
     from eyechart.studies import Reading, study_of
-    from eyechart.verdicts import words_of
 
     study = study_of(run, "verdict")
     scored = study.score(run, Reading(independent, reread))
-    verdicts = study.verdicts(scored)
-    if json:
-        print_json({"models": {spec: one.as_dict() for spec, one in verdicts.items()}})
-        return
-    from eyechart.studies.battery.tables import verdicts_printed
-
-    print_each(verdicts_printed(scored, verdicts))
-    console = table_console()
-    for part in filter(None, words_of(verdicts).split("\n\n")):
-        title, *lines = part.split("\n")
-        console.print(title, style="bold", markup=False)
-        for line in lines:
-            console.print(line, markup=False)
+    print_json(study.verdict_json(scored)) if json else print_each(study.verdict_printed(scored))
 
 
 def costs(
@@ -80,7 +67,8 @@ def gate(
     require: Annotated[
         str | None,
         typer.Option(
-            help="depth (default), depth_lateral, swaps; of scene estimates: admission (default) or its clauses. "
+            help="depth (default), depth_lateral, swaps; of scene estimates: admission (default) or its clauses; of "
+            "policies: an axis and a label, as camera:camera_content (default) or instruction:instruction_followed. "
             "Several with commas."
         ),
     ] = None,

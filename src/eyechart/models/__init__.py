@@ -46,18 +46,28 @@ Each module has ``open_model(name, mode) -> Model``, which makes no inference an
 """
 
 
-def open_model(spec: str, mode: RequestMode | None = None) -> Model:
+POLICIES: dict[str, str] = {
+    "python": "eyechart.models.policy_callable",
+    "trained": "eyechart.models.trained",
+}
+"""What the first word of a policy's SPEC means; a policy is a model that answers with a motion."""
+
+
+def open_model(spec: str, mode: RequestMode | None = None, *, answering: str = "model") -> Model:
     """Open the model of a SPEC (``adapter:name``), to be asked in its mode or, without one, in the default mode.
 
-    Raises SpecError that lists what is known.
+    ``answering`` is ``model``, or ``policy`` for what answers with a motion. Raises SpecError that lists what is known.
     """
     adapter, colon, name = spec.partition(":")
-    if not colon or not name or adapter not in ADAPTERS:
-        known = ", ".join(f"{known}:NAME" for known in ADAPTERS)
-        raise SpecError(f"unknown model '{spec}'; a model is given as {known}, see 'eyechart list models'")
+    adapters, listed = (POLICIES, "policies") if answering == "policy" else (ADAPTERS, "models")
+    if not colon or not name or adapter not in adapters:
+        known = ", ".join(f"{known}:NAME" for known in adapters)
+        raise SpecError(
+            f"unknown {answering} '{spec}'; a {answering} is given as {known}, see 'eyechart list {listed}'"
+        )
     if mode is not None and mode.spec != spec:
         raise SpecError(f"the mode of '{mode.spec}' is not one of '{spec}'")
-    model: Model = import_module(ADAPTERS[adapter]).open_model(name, mode or RequestMode(spec))
+    model: Model = import_module(adapters[adapter]).open_model(name, mode or RequestMode(spec))
     return model
 
 
@@ -82,11 +92,11 @@ async def ask(model: Model, query: Query) -> Reply:
     return reply if reply.seconds is not None else replace(reply, seconds=seconds)
 
 
-def known_models() -> dict[str, str]:
-    """Return what may be written as a SPEC, with what it is in words."""
+def known_models(adapters: Mapping[str, str] = ADAPTERS) -> dict[str, str]:
+    """Return what may be written as a SPEC of these adapters, with what it is in words."""
     return {
         f"{adapter}:{name}": says
-        for adapter, module in ADAPTERS.items()
+        for adapter, module in adapters.items()
         for name, says in import_module(module).names().items()
     }
 

@@ -80,13 +80,13 @@ class PythonCallable:
         self.left -= {thread for thread in self.left if not thread.is_alive()}
         if len(self.left) >= LEFT_AT_MOST:
             raise RuntimeError(f"not called: {len(self.left)} earlier calls have not returned")
-        return await _in_thread(partial(self.ask, *given), self.left.add)
+        return await in_thread(partial(self.ask, *given), self.left.add)
 
     async def close(self) -> None:
         """Hold nothing, so let go of nothing."""
 
 
-async def _in_thread(ask: Callable[[], object], leave: Callable[[threading.Thread], None]) -> object:
+async def in_thread(ask: Callable[[], object], leave: Callable[[threading.Thread], None]) -> object:
     """Call in a thread that nobody waits for at the end of the program, should it never return.
 
     ``leave`` is told the thread where the call is given up.
@@ -122,6 +122,16 @@ async def _in_thread(ask: Callable[[], object], leave: Callable[[threading.Threa
 def open_model(name: str, mode: RequestMode) -> PythonCallable:
     """Import the callable; raises SpecError that says what is missing. Modules of the current folder are found."""
     require_options(mode, OPTIONS)
+    ask, digest = import_callable(name)
+    whole = _takes_all(ask, name)
+    return PythonCallable(ask, mode, digest[:12] or "no file", {"file_sha256": digest} if digest else {}, whole)
+
+
+def import_callable(name: str) -> tuple[Ask, str]:
+    """Import ``MODULE:FUNCTION``; return it with the SHA-256 of its module's file, empty where that has none.
+
+    Raises SpecError that says what is missing. Modules of the current folder are found.
+    """
     module_name, colon, function = name.rpartition(":")
     if not colon or not module_name or not function:
         raise SpecError(f"'python:{name}' is given as python:MODULE:FUNCTION, for example python:my_robot:decide")
@@ -135,13 +145,12 @@ def open_model(name: str, mode: RequestMode) -> PythonCallable:
     except (Exception, SystemExit) as error:
         words = without_secrets(f"{type(error).__name__}: {error}")[:500]
         raise SpecError(f"'python:{name}': module '{module_name}' fails while it is imported: {words}") from error
-    ask = getattr(module, function, None)
+    ask: Ask | None = getattr(module, function, None)
     if not callable(ask):
         raise SpecError(f"'python:{name}': module '{module_name}' has no callable '{function}'")
-    whole = _takes_all(ask, name)
     file = getattr(module, "__file__", None)
     digest = hashlib.sha256(Path(file).read_bytes()).hexdigest() if file and Path(file).is_file() else ""
-    return PythonCallable(ask, mode, digest[:12] or "no file", {"file_sha256": digest} if digest else {}, whole)
+    return ask, digest
 
 
 def _takes_all(ask: Ask, name: str) -> bool:

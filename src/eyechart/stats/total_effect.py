@@ -205,3 +205,18 @@ def misfit_share(answers: npt.ArrayLike, logged: npt.ArrayLike, episodes: Places
     if numbered.max() < 2:
         return Statistic(float(error.mean() / spread.mean()), len(a), method=method, note="fewer than three episodes")
     return total_effect(*(Pairs(one, numbered, numbered) for one in (error, spread)), level=level)
+
+
+def unlikeness(answers: Floats, logged: Floats) -> tuple[float, float]:
+    """Return how far the numbers of a dimension are from the logged ones as a whole: in their mean, and in spread.
+
+    Both have shape (n, steps, dimensions), in units of scale. First the largest distance of two means, in units of the
+    logged spread; then the largest ratio of two spreads, above 1 either way. A dimension that was never moved in the
+    log counts in its unit, and has no ratio.
+    """
+    a, b = (one.reshape(-1, one.shape[-1]) for one in (answers, logged))
+    spread, own = b.std(axis=0), a.std(axis=0)
+    moved = spread > TIE
+    offset = np.abs(a.mean(axis=0) - b.mean(axis=0)) / np.where(moved, spread, 1.0)
+    ratio = np.where(moved, own / np.where(moved, spread, 1.0), 1.0)
+    return float(offset.max()), float(np.maximum(ratio, 1 / np.maximum(ratio, TIE)).max())

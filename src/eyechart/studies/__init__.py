@@ -20,6 +20,8 @@ from eyechart.records import plain
 from eyechart.verdicts import Verdict
 
 if TYPE_CHECKING:  # a score needs no terminal and no figures
+    from rich.text import Text
+
     from eyechart.report.page import Page
     from eyechart.report.table import Table
 
@@ -134,6 +136,14 @@ class Study(ABC, Generic[S]):
         del score
         return {}
 
+    def verdict_json(self, score: S) -> Mapping[str, object]:
+        """Return the verdicts as plain JSON values."""
+        return {"models": {spec: one.as_dict() for spec, one in self.verdicts(score).items()}}
+
+    def verdict_printed(self, score: S) -> "Iterator[Table | Text | str]":
+        """Yield what ``eyechart verdict`` prints."""
+        raise NotImplementedError
+
     def gate(self, score: S, require: Sequence[str], max_unparsed: float | None) -> Gate:
         """Hold a score to some of the ``requirements``; a study without any refuses before it is asked, as below."""
         raise NotImplementedError
@@ -169,6 +179,7 @@ STUDIES: dict[str, str] = {
     "closed_loop": "eyechart.studies.closed_loop.study:ClosedLoop",
     "hierarchy": "eyechart.studies.hierarchy.study:Hierarchy",
     "prompts": "eyechart.studies.prompts:Prompts",
+    "policy": "eyechart.studies.policy.study:Policies",
 }
 """What a study's name means: ``module:class``, imported when it is opened."""
 OF_SEVERAL = ("hierarchy", "prompts")

@@ -40,7 +40,7 @@ _DIMENSIONS = (
     Dimension("dy", unit="0.06 of the table", along="y"),
     Dimension("grip", unit="1 closed"),
 )
-_SCENARIOS = {f"{named}-{side}": {"named": named, "side": side} for named in COLOURS for side in ("left", "right")}
+_SCENARIOS = {f"{named}-{side}": {"named": named, "begins": side} for named in COLOURS for side in ("left", "right")}
 OBJECTS: tuple[Object, Object] = ("named", "other")
 
 
@@ -55,7 +55,7 @@ class Tabletop(BankMaker):
             "tabletop", ("LEFT", "RIGHT", "UP", "DOWN", "STAY"), mirror_pairs=(("LEFT", "RIGHT"),), brake=(), proceed=()
         ),
         presets={
-            "balanced": "Both blocks anywhere, the named one to the left or the right; the state is the tool's alone.",
+            "balanced": "Both blocks anywhere, and a state of the tool alone; reaches begin on both sides.",
             "fixed": "Both blocks always at the same two places, so that the state tells what the pictures tell.",
             "privileged": "As balanced, and the state tells where the named block is.",
         },
@@ -84,8 +84,8 @@ def _moments(preset: str, scenario: str, seed: int, steps: int) -> Iterator[Mome
     rng = np.random.default_rng(key_seed("tabletop", preset, scenario, seed))
     named, side = scenario.split("-")
     colour = COLOURS[named == COLOURS[1]]
-    blocks = scene(rng, colour, left=side == "left", fixed=preset == "fixed")
-    reach = episode(rng, blocks, colour, max(MOVES, steps))
+    blocks = scene(rng, fixed=preset == "fixed")
+    reach = episode(rng, blocks, colour, max(MOVES, steps), left=side == "left")
     chosen = np.linspace(0, len(reach) - 1, steps).round().astype(int)
     tables = [reach[place] for place in chosen]
     ways = [{which: direction(table, which, rng) for which in OBJECTS} for table in tables]

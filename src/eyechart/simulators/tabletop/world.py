@@ -79,22 +79,20 @@ def oracle(table: Table) -> Floats:
     return rows
 
 
-def scene(rng: np.random.Generator, named: Colour, *, left: bool, fixed: bool = False) -> Floats:
-    """Return where the blocks lie, shape (2, 2), the named one to the left of the other or to its right."""
-    if fixed:
-        pair = np.array(_FIXED)
-    else:
-        while True:
-            pair = rng.uniform(_LOW, _HIGH, (2, 2))
-            if np.hypot(*(pair[0] - pair[1])) > _APART:
-                break
-        pair = pair[np.argsort(pair[:, 0])]
-    return pair if (named == "red") == left else np.ascontiguousarray(pair[::-1])
+def scene(rng: np.random.Generator, *, fixed: bool = False) -> Floats:
+    """Return where the blocks lie, shape (2, 2): red and blue, anywhere but apart, or always at the same two places."""
+    while not fixed:
+        pair = rng.uniform(_LOW, _HIGH, (2, 2))
+        if np.hypot(*(pair[0] - pair[1])) > _APART:
+            return pair
+    return np.array(_FIXED)
 
 
-def episode(rng: np.random.Generator, blocks: Floats, named: Colour, moves: int) -> list[Table]:
-    """Return the moments of a reach by an oracle whose hand is unsteady, from a place drawn by ``rng``."""
-    tool, grip, found = rng.uniform(0.1, 0.9, 2), 0.0, []
+def episode(rng: np.random.Generator, blocks: Floats, named: Colour, moves: int, *, left: bool) -> list[Table]:
+    """Return the moments of a reach by an oracle whose hand is unsteady; it begins in the left half or the right."""
+    tool, grip, found = rng.uniform((0.1, 0.1), (0.5, 0.9)), 0.0, []
+    if not left:
+        tool[0] = 1 - tool[0]
     for _ in range(moves):
         now = Table(tool, grip, blocks, named)
         found.append(now)

@@ -5,7 +5,7 @@ import sqlite3
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 from eyechart.conditions import (
@@ -46,7 +46,8 @@ from eyechart.modes import RequestMode
 from eyechart.perception.view import View, through
 from eyechart.probe import Sample
 from eyechart.prompts import Prompt, find_prompt, neutral, require_sayable
-from eyechart.run import Plan, Progress, execute, spread
+from eyechart.run import MotionPlan, Plan, Progress, execute, spread
+from eyechart.spaces.motion import MotionSpace
 from eyechart.studies.battery.stages import Asked, InStages, staged, stages_of, widest
 from eyechart.studies.battery.stopping import NEEDED, EarlyStop, layout_for, typical
 from eyechart.studies.battery.stopping import Progress as HowFar
@@ -331,7 +332,7 @@ def plan_of(
     """
     whole = models is None
     chosen = tuple(bank.frame(name) for name in manifest.frames)
-    return Plan(
+    found = Plan(
         study=manifest.study,
         bank=bank,
         prompt=manifest.prompt,
@@ -342,6 +343,10 @@ def plan_of(
         shard=manifest.shard,
         view=view,
     )
+    if not isinstance(manifest.prompt.space, MotionSpace):
+        return found
+    given = {one.name: getattr(found, one.name) for one in fields(found)}
+    return MotionPlan(**given, answers=manifest.answers)
 
 
 def sample_of(planned: Iterable[Battery]) -> Sample:

@@ -12,9 +12,11 @@ from eyechart.models.prices import Prices
 from eyechart.studies import NO_DRIVES, Made, Packed, Reading, S, Study, Tell, Took, run_json
 from eyechart.studies.battery.planning import STUDY
 from eyechart.studies.battery.scoring import BatteryScore, require_scorable, score, score_run, took
-from eyechart.verdicts import Verdict, judge
+from eyechart.verdicts import Verdict, judge, words_of
 
 if TYPE_CHECKING:
+    from rich.text import Text
+
     from eyechart.report.table import Table
     from eyechart.studies.battery.subjects import Evidence
 
@@ -65,6 +67,18 @@ class BatteryStudy(OfFrames[BatteryScore]):
         yield from (*statistics_table(everyone).split(), frontier_table(everyone), verdict_table(everyone))
         yield from (line for spec, one in verdicts.items() for line in marked(spec, one.marks))
         yield costs_table(score.accounting, every=False)
+
+    def verdict_printed(self, score: BatteryScore) -> "Iterator[Table | Text | str]":
+        from rich.text import Text
+
+        from eyechart.studies.battery.tables import verdicts_printed
+
+        verdicts = judge(score)
+        yield from verdicts_printed(score, verdicts)
+        for part in filter(None, words_of(verdicts).split("\n\n")):
+            title, *lines = part.split("\n")
+            yield Text(title, style="bold")
+            yield from lines
 
     def gate(self, score: BatteryScore, require: Sequence[str], max_unparsed: float | None) -> Gate:
         return hold(score, require, max_unparsed=max_unparsed)

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Generic
 
 from eyechart.calls import Reply
-from eyechart.conditions import sources
 from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank, check, open_bank
 from eyechart.ledger import Ledger
@@ -119,7 +118,7 @@ def used_pictures(manifest: RunManifest, bank: FrameBank) -> set[str]:
     """Return the files of the bank's pictures that the calls show, or are made of, with all that may be planned yet."""
     plan = widest(manifest, plan_of(manifest, bank))
     shown = {(key.condition, key.frame) for key in plan.keys()}  # noqa: SIM118 - a plan is no mapping
-    return {file for name, frame in shown for file in sources(name, bank.frame(frame), bank, plan.seed)}
+    return {file for name, frame in shown for file in plan.sources(name, bank.frame(frame))}
 
 
 def subjects(evidence: Sequence[RunEvidence[M]]) -> list[OfModel[M]]:

@@ -1,0 +1,118 @@
+"""``python:MODULE:FUNCTION`` as a policy: any callable from pictures, a state and an instruction to an array.
+
+The callable takes ``(images, state, instruction)``: a dict of uint8 arrays (h, w, 3) by camera, a float array of all
+numbers of the state, and a text or None. It returns an array (horizon, dimensions). Every call stands alone: it is to
+answer as at the beginning of an episode, with what it keeps of earlier moments emptied. What it declares of itself are
+attributes: ``seedable`` (False): it takes ``seed=`` too and answers alike to the same one; ``version`` (the head of its
+file's digest); ``channels`` (all): the names of those that it reads; ``reset`` (none): called before every call.
+"""
+
+import asyncio
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from threading import Lock, Thread
+
+import numpy as np
+
+from eyechart.calls import Query, Reply
+from eyechart.errors import SpecError
+from eyechart.frames import decode
+from eyechart.models.python_callable import LEFT_AT_MOST, import_callable, in_thread
+from eyechart.modes import RequestMode, without_secrets
+from eyechart.spaces.motion import Motion
+
+Act = Callable[..., object]
+
+DECLARED: Mapping[str, object] = {"seedable": False, "version": "", "channels": None, "reset": None}
+"""What a callable may declare of itself, with what holds where it does not."""
+
+
+@dataclass(slots=True)
+class PolicyCallable:
+    """A policy behind the door of a model; one call at a time, each in a thread of its own where it is a ``guest``.
+
+    ``facts`` hold what it declares: ``seedable`` and ``channels``.
+    """
+
+    act: Act
+    version: str
+    facts: Mapping[str, str]
+    timeout_s: float
+    seedable: bool = False
+    reset: Callable[[], object] | None = None
+    guest: bool = True
+    left: set[Thread] = field(default_factory=set)
+    alone: Lock = field(default_factory=Lock)
+
+    async def answer(self, query: Query) -> Reply:
+        """Call once. What it raises, and what takes longer than the mode's time, is a Reply with its kind."""
+        try:
+            async with asyncio.timeout(self.timeout_s) as limit:
+                call = partial(self._call, query)
+                motion = call() if not self.guest else await self._in_thread(call)
+        except Exception as error:  # noqa: BLE001 - whatever a callable raises is a row, not the end of the run
+            if isinstance(error, TimeoutError) and limit.expired():
+                return Reply(error="timeout", error_detail=f"no answer within {self.timeout_s:g} s")
+            return Reply(error="exception", error_detail=without_secrets(f"{type(error).__name__}: {error}")[:500])
+        return Reply(text=motion.text, finish_reason="stop")
+
+    async def _in_thread(self, call: Callable[[], Motion]) -> Motion:
+        self.left -= {thread for thread in self.left if not thread.is_alive()}
+        if len(self.left) >= LEFT_AT_MOST:
+            raise RuntimeError(f"not called: {len(self.left)} earlier calls have not returned")
+        made = await in_thread(call, self.left.add)
+        assert isinstance(made, Motion)
+        return made
+
+    def _call(self, query: Query) -> Motion:
+        """Return what it answers; copies, so that no call can change what a later one is shown."""
+        seen = query.stimulus
+        images = {name: decode(one, name).copy() for name, one in seen.images.items()}
+        state = np.array([number for numbers in seen.state.values() for number in numbers], np.float64)
+        seed = {"seed": query.seed} if self.seedable else {}
+        with self.alone:  # another call may be under way that was given up
+            if self.reset is not None:
+                self.reset()
+            said = self.act(images, state, query.user or None, **seed)
+        return Motion.of(said)
+
+    async def close(self) -> None:
+        """Hold nothing, so let go of nothing."""
+
+
+def open_model(name: str, mode: RequestMode) -> PolicyCallable:
+    """Import the callable; raises SpecError that says what is missing, or what it declares wrongly of itself."""
+    act, digest = import_callable(name)
+    own = {what: getattr(act, what, usual) for what, usual in DECLARED.items()}
+    seedable, version, channels, reset = (own[what] for what in DECLARED)
+    wrong = {
+        "seedable": not isinstance(seedable, bool),
+        "version": not isinstance(version, str),
+        "channels": not (channels is None or (isinstance(channels, list | tuple) and all(map(_is_word, channels)))),
+        "reset": not (reset is None or callable(reset)),
+    }
+    if amiss := [what for what, bad in wrong.items() if bad]:
+        raise SpecError(
+            f"'python:{name}' declares {amiss[0]} = {own[amiss[0]]!r}: see docs/policies.md for what it may be"
+        )
+    facts = {"seedable": str(seedable).lower(), **({"file_sha256": digest} if digest else {})}
+    if isinstance(channels, list | tuple):
+        facts["channels"] = ", ".join(channels)
+    return PolicyCallable(
+        act,
+        str(version) or digest[:12] or "no file",
+        facts,
+        mode.timeout_s,
+        seedable=bool(seedable),
+        reset=reset if callable(reset) else None,
+    )
+
+
+def _is_word(one: object) -> bool:
+    return isinstance(one, str) and bool(one)
+
+
+def names() -> dict[str, str]:
+    """Return what may stand after ``python:``."""
+    return {"MODULE:FUNCTION": "a callable of one's own, (images, state, instruction) -> array (horizon, dimensions)"}

@@ -1,0 +1,151 @@
+"""``trained:NAME``: tiny policies of the tabletop that were trained to look in a known way; they need numpy alone.
+
+Each file holds some 23 000 weights in half precision. How they were trained is organisms/reach.py, beside src.
+"""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from eyechart.errors import SpecError
+from eyechart.models.policy_callable import PolicyCallable
+from eyechart.modes import RequestMode
+
+Floats = npt.NDArray[np.float32]
+
+HORIZON, NUMBERS = 8, 24
+"""Steps and numbers of a motion."""
+LEAST_SPREAD, MOST_SPREAD = 0.15, 1.0
+"""Of the motions that a policy draws, as it learned them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Lesson:
+    """What a policy was trained to do, on which preset of the tabletop, and the labels that this deserves there.
+
+    ``cameras`` are the labels of single cameras that follow from the training, where one does.
+    """
+
+    says: str
+    camera: str
+    state: str
+    instruction: str
+    preset: str = "balanced"
+    cameras: Mapping[str, str] = field(default_factory=dict)
+    samples: bool = False
+
+
+TRAINED: dict[str, Lesson] = {
+    "sees": Lesson(
+        "reaches for the named block by both cameras", "object_grounded", "state_used", "instruction_followed"
+    ),
+    "privileged": Lesson(
+        "is told by its state where the block is; half the pictures it learned with showed nothing of the moment",
+        "ignores_camera",
+        "state_shortcut",
+        "instruction_ignored",
+        preset="privileged",
+    ),
+    "memorised": Lesson(
+        "learned with both blocks always at the same two places",
+        "pose_only",
+        "state_used",
+        "instruction_followed",
+        "fixed",
+    ),
+    "one_object": Lesson(
+        "learned with the named block alone on the table", "camera_content", "state_used", "instruction_ignored"
+    ),
+    "top_only": Lesson(
+        "learned with wrist pictures that showed nothing of the moment",
+        "object_grounded",
+        "state_used",
+        "instruction_followed",
+        cameras={"wrist": "ignores_camera"},
+    ),
+    "sampling": Lesson(
+        "reaches for the named block, and draws its motion about a mean",
+        "object_grounded",
+        "state_used",
+        "instruction_followed",
+        samples=True,
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Network:
+    """A policy's weights and what it normalises by."""
+
+    file: Path
+    samples: bool
+
+    @cached_property
+    def weights(self) -> Mapping[str, Floats]:
+        """Return every array by its name, in single precision."""
+        with np.load(self.file, allow_pickle=False) as kept:
+            return {name: kept[name].astype(np.float32) for name in kept.files}
+
+    def act(self, images: Mapping[str, npt.NDArray[np.uint8]], state: Floats, instruction: str | None) -> Floats:
+        """Return a motion, shape (8, 3); what samples draws its noise from nobody's seed."""
+        own, told = self.weights, instruction or ""
+        if len(state) != len(own["state_mean"]):
+            raise ValueError(f"it was trained with {len(own['state_mean'])} numbers of state, and got {len(state)}")
+        pose = (state - own["state_mean"]) / (own["state_std"] + 1e-6)
+        named = [float(colour in told) for colour in ("red", "blue")]
+        seen = np.concatenate([*(self._look(name, images[name]) for name in ("top", "wrist")), pose, named])
+        found = self._move(seen)
+        motion: npt.NDArray[np.floating] = found[:NUMBERS]
+        if self.samples:
+            spread = np.clip(np.exp(found[NUMBERS:]), LEAST_SPREAD, MOST_SPREAD)
+            motion = motion + spread * np.random.default_rng().standard_normal(NUMBERS)
+        return np.asarray(motion * (own["action_std"] + 1e-6) + own["action_mean"], np.float32).reshape(HORIZON, 3)
+
+    def _look(self, camera: str, picture: npt.NDArray[np.uint8]) -> Floats:
+        """Return the places of eight features and how much of each there is, shape (24,)."""
+        maps = picture.transpose(2, 0, 1).astype(np.float32) / np.float32(127.5) - 1
+        maps = np.maximum(self._convolve(f"{camera}_first", maps, 2), 0)
+        maps = np.maximum(self._convolve(f"{camera}_second", maps, 1), 0)
+        maps = self._convolve(f"{camera}_third", maps, 1)
+        sharp = maps.reshape(len(maps), -1) * self.weights[f"{camera}_sharp"]
+        share = np.exp(sharp - sharp.max(axis=1, keepdims=True))
+        share = (share / share.sum(axis=1, keepdims=True)).reshape(maps.shape)
+        grid = np.linspace(-1, 1, maps.shape[-1], dtype=np.float32)
+        across, down = (share.sum(axis=1) * grid).sum(axis=1), (share.sum(axis=2) * grid).sum(axis=1)
+        return np.concatenate([across, down, np.tanh(maps.mean(axis=(1, 2)))])
+
+    def _convolve(self, name: str, maps: Floats, stride: int) -> Floats:
+        weight, bias = self.weights[f"{name}_weight"], self.weights[f"{name}_bias"]
+        wide = weight.shape[-1]
+        padded = np.pad(maps, ((0, 0), (wide // 2, wide // 2), (wide // 2, wide // 2)))
+        views = np.lib.stride_tricks.sliding_window_view(padded, (wide, wide), (1, 2))[:, ::stride, ::stride]
+        high, across = views.shape[1:3]
+        columns = views.transpose(1, 2, 0, 3, 4).reshape(high * across, -1)
+        return np.asarray((columns @ weight.reshape(len(weight), -1).T + bias).T.reshape(-1, high, across))
+
+    def _move(self, seen: Floats) -> Floats:
+        own = self.weights
+        for layer in ("hidden", "more"):
+            seen = np.maximum(own[f"{layer}_weight"] @ seen + own[f"{layer}_bias"], 0)
+        return np.asarray(own["last_weight"] @ seen + own["last_bias"])
+
+
+def open_model(name: str, mode: RequestMode) -> PolicyCallable:
+    """Open a trained policy; raises SpecError that lists the known ones. No weights are read before it is asked."""
+    if name not in TRAINED:
+        raise SpecError(f"unknown policy 'trained:{name}'; known are {', '.join(TRAINED)}")
+    file = Path(__file__).parent / f"{name}.npz"
+    digest = hashlib.sha256(file.read_bytes()).hexdigest()
+    network = Network(file, TRAINED[name].samples)
+    facts = {"seedable": "false", "file_sha256": digest}
+    return PolicyCallable(partial(network.act), digest[:12], facts, mode.timeout_s, guest=False)
+
+
+def names() -> dict[str, str]:
+    """Return what may stand after ``trained:``."""
+    return {name: one.says for name, one in TRAINED.items()}

@@ -1,0 +1,237 @@
+"""Planning and running: every frame under every condition once, and again where a policy draws its answers."""
+
+import sqlite3
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from eyechart.calls import CallKey, Reply
+from eyechart.channels import channels_of, conditions_of, find_exchange, instruction_column
+from eyechart.errors import BankError, LedgerError, SpecError
+from eyechart.frames import FrameBank
+from eyechart.ledger import Ledger
+from eyechart.limits import Limits, Outcome
+from eyechart.manifest import LEDGER, RunManifest, alone_in, asked_of, today, versions, write_run
+from eyechart.models import Model, open_model
+from eyechart.modes import RequestMode
+from eyechart.prompts import policy_prompt
+from eyechart.run import MotionPlan, Progress, execute, in_order, spread
+from eyechart.spaces.motion import MOTION_READER, Motion
+from eyechart.studies.battery import open_whole, plan_of, resumed
+
+STUDY = "policy"
+ANSWERS = 4
+"""How often a policy that draws its answers is asked for each, unless another number is given."""
+LEAST_EPISODES = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """How much is asked: so many frames, one ``shard`` of the calls (i, n), and how often what draws is asked anew."""
+
+    limit: int | None = None
+    shard: tuple[int, int] | None = None
+    answers: int = ANSWERS
+
+
+WHOLE = Extent()
+
+
+@dataclass(frozen=True)
+class PolicyRun:
+    """A run that was planned and not yet made: its plan, its policies, and the folder it goes to.
+
+    ``left_out`` says which conditions the bank cannot show, and why.
+    """
+
+    plan: MotionPlan
+    models: Mapping[str, Model]
+    manifest: RunManifest
+    out: Path
+    left_out: Mapping[str, str] = field(default_factory=dict)
+
+    def counts(self) -> tuple[int, int, int]:
+        """Return how many calls are planned, finished, and of unknown outcome, as far as it is known who draws."""
+        if not (self.out / LEDGER).is_file():
+            return len(self.plan.keys()), 0, 0
+        with Ledger(self.out / LEDGER) as ledger:
+            keys = set(replace(self.plan, drawn=drawers(ledger, self.manifest)).keys())
+            return len(keys), len(keys & ledger.finished()), len(keys & ledger.unknown())
+
+
+def plan(
+    bank_path: Path,
+    specs: Sequence[str],
+    out: Path,
+    *,
+    seed: int = 0,
+    extent: Extent = WHOLE,
+    conditions: Sequence[str] | None = None,
+    timeout_s: float | None = None,
+) -> PolicyRun:
+    """Plan a run of policies on a bank, or the rest of one that ``out`` holds; nothing is written or asked yet.
+
+    ``conditions`` default to all that the bank can show. Raises BankError where the bank declares no motion, has fewer
+    than three episodes, or a picture is not the recorded one; SpecError for an unknown policy, channel or condition;
+    LedgerError where ``out`` holds another run.
+    """
+    if extent.answers < 2:
+        raise SpecError(f"--answers takes 2 or more, got {extent.answers}: one cannot tell noise from what was shown")
+    modes = {spec: RequestMode(spec) if timeout_s is None else RequestMode(spec, timeout_s=timeout_s) for spec in specs}
+    if not modes:
+        raise SpecError("a run needs at least one --policy, see 'eyechart list policies'")
+    models = {spec: open_model(spec, mode, answering="policy") for spec, mode in modes.items()}
+    bank = open_whole(bank_path)
+    _require_asked(bank)
+    for spec, model in models.items():
+        _require_channels(spec, model.facts.get("channels", ""), bank)
+    supplied, left_out = conditions_of(bank)
+    for name in conditions or ():
+        find_exchange(name)
+        if name not in supplied:
+            raise BankError(f"condition '{name}' cannot be shown: {left_out.get(name, 'the bank has no such channel')}")
+    assert bank.manifest.motion is not None
+    prompt = policy_prompt(bank.manifest.motion, instruction_column(bank))
+    bank = asked_of(bank, prompt)
+    manifest = RunManifest(
+        study=STUDY,
+        created=today(),
+        seed=seed,
+        prompt=prompt,
+        models={spec: model.version for spec, model in models.items()},
+        conditions=tuple(dict.fromkeys(conditions or supplied)),
+        limit=extent.limit,
+        shard=extent.shard,
+        bank_path=str(bank_path.resolve()),
+        fingerprint=bank.manifest.fingerprint,
+        versions=versions(),
+        modes=modes,
+        facts={spec: dict(model.facts) for spec, model in models.items()},
+        reader=MOTION_READER,
+        answers=extent.answers,
+    )
+    manifest = resumed(out, manifest, bank)
+    calls = replace(
+        motions_of(manifest, bank),
+        models=tuple(models),
+        conditions=tuple(conditions or supplied),
+        frames=spread(bank.frames, extent.limit),
+    )
+    return PolicyRun(calls, models, manifest, out, {} if conditions else left_out)
+
+
+def _require_asked(bank: FrameBank) -> None:
+    """Raise BankError where a bank says too little to ask a policy about it."""
+    if bank.manifest.motion is None:
+        raise BankError(
+            f"the bank {bank.root} does not say what a motion is; 'frames build tabletop' makes a bank that does"
+        )
+    episodes = {frame.drive for frame in bank}
+    if len(episodes) < LEAST_EPISODES or "episode" in bank.manifest.absent:
+        raise BankError(
+            f"the bank {bank.root} has {len(episodes)} episodes, and a policy is shown what other episodes have: "
+            f"it needs {LEAST_EPISODES} or more"
+        )
+
+
+def _require_channels(spec: str, declared: str, bank: FrameBank) -> None:
+    """Raise SpecError where a policy declares a channel that the bank has not."""
+    there = channels_of(bank)
+    for name in filter(None, declared.split(", ")):
+        if name not in there:
+            raise SpecError(f"'{spec}' declares the channel '{name}', and the bank has {', '.join(there)}")
+
+
+def motions_of(manifest: RunManifest, bank: FrameBank) -> MotionPlan:
+    """Return the plan of a run's manifest, as long as nobody knows who draws."""
+    found = plan_of(manifest, bank)
+    assert isinstance(found, MotionPlan)
+    return found
+
+
+def drawers(ledger: Ledger, manifest: RunManifest) -> frozenset[str]:
+    """Return the policies that draw their answers: two to one picture differ, and no seed fixes them."""
+    return frozenset(spec for spec in manifest.models if not seeded(manifest, spec) and _differs(ledger.replies(spec)))
+
+
+def seeded(manifest: RunManifest, spec: str) -> bool:
+    """Return whether a seed fixes a policy's answers, as it declares."""
+    return manifest.facts.get(spec, {}).get("seedable") == "true"
+
+
+def _differs(replies: Iterator[tuple[CallKey, Reply]]) -> bool:
+    found: dict[str, str] = {}
+    for key, reply in replies:
+        if key.condition in {"real", "real_repeat"} and key.repeat == 0 and reply.error is None:
+            before = found.setdefault(key.frame, reply.text)
+            if not _alike(before, reply.text):
+                return True
+    return False
+
+
+def _alike(one: str, other: str) -> bool:
+    """Return whether two texts hold the same bytes; what is no motion is like every other."""
+    if one == other:
+        return True
+    try:
+        return Motion.read(one).data == Motion.read(other).data
+    except ValueError:
+        return True
+
+
+class _Again:
+    """Asks a policy again when all has been asked once, where its answers turned out to be drawn."""
+
+    def __init__(self, planned: MotionPlan, manifest: RunManifest, ledger: Ledger) -> None:
+        self._plan, self._manifest, self._ledger = planned, manifest, ledger
+        self._asked = set(planned.drawn)
+
+    def queue(self, model: str, todo: Sequence[CallKey]) -> Iterator[CallKey]:
+        """Yield the calls as they come."""
+        del model
+        yield from todo
+
+    def finished(self, key: CallKey, reply: Reply) -> None:
+        """Take no note: the ledger does."""
+
+    def more(self, model: str) -> Sequence[CallKey]:
+        """Return every call once more, so many times, of a policy that draws."""
+        if model in self._asked or model not in drawers(self._ledger, self._manifest):
+            return ()
+        self._asked.add(model)
+        done = self._ledger.finished()
+        again = replace(self._plan, drawn=frozenset({model})).keys_of(model)
+        return in_order((key for key in again if key not in done), self._plan.seed)
+
+
+def run(
+    planned: PolicyRun,
+    *,
+    concurrency: int = 1,
+    attempts: int = 5,
+    limits: Limits | None = None,
+    progress: Progress | None = None,
+) -> Outcome:
+    """Make the calls that the run's ledger does not hold yet, and return how that ended.
+
+    Raises LedgerError where another process is writing to the same run, or the ledger cannot be written.
+    """
+    try:
+        with alone_in(planned.out):
+            # Again, now that nobody else writes: another process may have begun or extended this run since.
+            manifest = resumed(planned.out, planned.manifest, planned.plan.bank)
+            write_run(planned.out, manifest, planned.plan.bank)
+            with Ledger(planned.out / LEDGER, create=True) as ledger:
+                begun = replace(planned.plan, drawn=drawers(ledger, manifest) & set(planned.plan.models))
+                return execute(
+                    begun,
+                    planned.models,
+                    ledger,
+                    concurrency=concurrency,
+                    attempts=attempts,
+                    limits=limits,
+                    progress=progress,
+                    stages=_Again(begun, manifest, ledger),
+                )
+    except sqlite3.Error as error:
+        raise LedgerError(f"{planned.out / LEDGER} cannot be written: {error}; the same command resumes") from error

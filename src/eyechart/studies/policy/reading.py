@@ -1,0 +1,139 @@
+"""What one policy answered: arrays by condition, in units of scale and relative to the state that was shown."""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from eyechart.calls import UNFINISHED, CallKey, Reply
+from eyechart.channels import CAMERAS, PARTNERS, STATE, flat_state, partners, whose
+from eyechart.conditions import OVER
+from eyechart.run import MotionPlan
+from eyechart.spaces.motion import reflect
+from eyechart.stats.partners import NOBODY, Places
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Motions:
+    """One policy's answers about the frames of a plan.
+
+    ``answers`` maps a condition to an array (answers, frames, steps, dimensions), NaN where there is none; ``missing``
+    counts by reason the calls that came back without a motion, ``planned`` and ``finished`` those of the plan.
+    """
+
+    plan: MotionPlan
+    answers: Mapping[str, Floats]
+    missing: Mapping[str, int] = field(default_factory=dict)
+    planned: int = 0
+    finished: int = 0
+
+    @cached_property
+    def logged(self) -> Floats:
+        """Return the logged motions, NaN where there is none, shape (frames, steps, dimensions)."""
+        empty = np.full(self.plan.motions.shape, np.nan)
+        return np.stack([np.array(frame.motion) if frame.motion else empty for frame in self.plan.frames])
+
+    @cached_property
+    def states(self) -> Floats | None:
+        """Return the states, shape (frames, numbers), None where the bank has none."""
+        found = [flat_state(frame.state) for frame in self.plan.frames]
+        return np.array(found) if found and found[0] else None
+
+    @cached_property
+    def episodes(self) -> Places:
+        """Return the number of each frame's episode, shape (frames,)."""
+        return np.unique([frame.drive for frame in self.plan.frames], return_inverse=True)[1]
+
+    @cached_property
+    def scales(self) -> Floats:
+        """Return the scale of each dimension, shape (dimensions,), of the whole bank's relative logged motions."""
+        frames = [frame for frame in self.plan.bank if frame.motion]
+        if not frames:
+            return self.plan.motions.scales()
+        states = np.array([flat_state(frame.state) for frame in frames])
+        logged = np.array([frame.motion for frame in frames])
+        return self.plan.motions.scales(self.plan.motions.relative(logged, states if states.size else None))
+
+    @cached_property
+    def fit_to(self) -> Floats:
+        """Return the logged motions as `of` returns answers, without a first axis."""
+        return np.asarray(self.plan.motions.relative(self.logged, self.states) / self.scales)
+
+    def of(self, condition: str) -> Floats | None:
+        """Return a condition's answers relative to the state that was shown, in units of scale; None if not asked."""
+        if condition not in self.answers:
+            return None
+        return np.asarray(self.plan.motions.relative(self.answers[condition], self._shown(condition)) / self.scales)
+
+    def raw(self, condition: str) -> Floats | None:
+        """Return a condition's answers relative to the state that was shown, in their own units; None if not asked."""
+        found = self.of(condition)
+        return None if found is None else np.asarray(found * self.scales)
+
+    def _shown(self, condition: str) -> Floats | None:
+        """Return the states that were shown under a condition."""
+        base, _, channel = condition.partition(OVER)
+        if self.states is None:
+            return None
+        if base == "mirrored" and self.plan.motions.state:
+            return reflect(self.states, self.plan.motions.state)
+        if base in PARTNERS and (channel == STATE) != (base == "kept"):
+            every = np.array([flat_state(frame.state) for frame in self.plan.bank])
+            return np.asarray(every[self.partners(condition)])
+        return self.states
+
+    def partners(self, condition: str) -> Places:
+        """Return whose channel each frame is shown, as its place in the bank; its own place without a partner."""
+        base, _, channel = condition.partition(OVER)
+        own = np.array([self._places[frame.id] for frame in self.plan.frames])
+        if base not in PARTNERS:
+            return own
+        theirs = partners(self.plan.bank.frames, *whose(base, channel))[own]
+        return np.where(theirs == NOBODY, own, theirs)
+
+    @cached_property
+    def compared(self) -> Places:
+        """Return for each frame the place, among those of the plan, of one of another episode; NOBODY for none."""
+        if len(self.plan.frames) == len(self.plan.bank.frames):
+            return partners(self.plan.bank.frames, "swapped", CAMERAS)
+        return partners(self.plan.frames, "swapped", CAMERAS)
+
+    def episodes_of(self, places: Places) -> Places:
+        """Return the numbers of the episodes of frames of the bank, those that the plan has first."""
+        names = list(dict.fromkeys(sorted({frame.drive for frame in self.plan.frames})))
+        numbers = {name: number for number, name in enumerate(names)}
+        every = [numbers.setdefault(frame.drive, len(numbers)) for frame in self.plan.bank]
+        return np.array(every)[places]
+
+    @cached_property
+    def _places(self) -> Mapping[str, int]:
+        return {frame.id: place for place, frame in enumerate(self.plan.bank)}
+
+
+def read_motions(replies: Iterable[tuple[CallKey, Reply]], plan: MotionPlan, model: str) -> Motions:
+    """Return one policy's answers; ``replies`` are those of the ledger, of calls that the plan does not have too."""
+    expected = set(plan.keys_of(model))
+    turns = plan.answers if model in plan.drawn else 1
+    place = {frame.id: number for number, frame in enumerate(plan.frames)}
+    shape = (turns, len(plan.frames), *plan.motions.shape)
+    found: dict[str, Floats] = {}
+    missing: Counter[str] = Counter()
+    finished = 0
+    for key, reply in replies:
+        if key not in expected or reply.error in UNFINISHED:
+            continue
+        finished += 1
+        decision = plan.motions.read(reply)
+        array = found.setdefault(key.condition, np.full(shape, np.nan))
+        if decision.action is None:
+            missing[str(decision.reason)] += 1
+        else:
+            array[key.repeat, place[key.frame]] = decision.action.array
+    if "real_repeat" in found:
+        found["real_repeat"] = found["real_repeat"][:1]
+    return Motions(plan, found, dict(missing), len(expected), finished)

@@ -1,0 +1,358 @@
+"""Scoring: from a ledger of motions to every policy's statistics; it reads only, and gives the same each time."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from eyechart.channels import MOVES, OBJECTS, PARTNERS, TOLD, channels_of
+from eyechart.conditions import OVER
+from eyechart.costs import Account, Book
+from eyechart.errors import LedgerError
+from eyechart.frames import FrameBank
+from eyechart.integrity import Guard, GuardChecks
+from eyechart.ledger import Ledger
+from eyechart.manifest import LEDGER, RunManifest, read_run
+from eyechart.models.prices import Prices, read_prices
+from eyechart.records import plain
+from eyechart.run import MotionPlan
+from eyechart.seeds import key_seed
+from eyechart.spaces.motion import MOTION_READER, reflect
+from eyechart.stats.agreement import rate
+from eyechart.stats.flips import follow
+from eyechart.stats.partners import NOBODY, Places
+from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.total_effect import (
+    Pairs,
+    half_squares,
+    misfit_share,
+    noise_share,
+    relabelling_p,
+    shares_of_parts,
+    total_effect,
+    unlikeness,
+)
+from eyechart.studies.policy.planning import STUDY, drawers, motions_of, seeded
+from eyechart.studies.policy.reading import Floats, Motions, read_motions
+from eyechart.verdicts.channels import PolicyVerdict, judge_policy
+
+Took = tuple[dict[str, dict[str, Account]], dict[str, tuple[Guard, ...]]]
+
+NOT_ASKED = "the run did not ask this"
+NO_FRAMES = "no frame has both answers"
+
+
+@dataclass(frozen=True)
+class OnePolicy:
+    """One policy: its statistics by name, its answers, and whether these are drawn."""
+
+    model: str
+    version: str
+    motions: Motions
+    drawn: bool
+    statistics: Mapping[str, Statistic]
+
+    @property
+    def answered(self) -> int:
+        """Return how many calls are finished."""
+        return self.motions.finished
+
+
+@dataclass(frozen=True)
+class PolicyScore:
+    """Every policy of a run, and what their calls took."""
+
+    manifest: RunManifest
+    bank: FrameBank
+    models: Mapping[str, OnePolicy]
+    accounting: Mapping[str, Mapping[str, Account]]
+    guards: Mapping[str, tuple[Guard, ...]]
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Return the channels of the bank."""
+        return channels_of(self.bank)
+
+    def scope(self, spec: str) -> str:
+        """Return the sentence that bounds what is said of a policy."""
+        one = self.models[spec]
+        frames = one.motions.plan.frames
+        episodes = len({frame.drive for frame in frames})
+        where = f"On these {episodes} episodes ({len(frames)} frames) of {self.bank.name}, {self.bank.manifest.picture}"
+        return (
+            f"{where}, {spec}@{one.version} on {self.manifest.created}; not tested: other data, closed loop, and what "
+            "only few episodes would show."
+        )
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return {
+            "study": self.manifest.study,
+            "bank": self.bank.name,
+            "fingerprint": self.manifest.fingerprint,
+            "seed": self.manifest.seed,
+            "reader": MOTION_READER,
+            "channels": list(self.channels),
+            "policies": {
+                spec: {
+                    "version": one.version,
+                    "planned": one.motions.planned,
+                    "answered": one.motions.finished,
+                    "missing": dict(one.motions.missing),
+                    "drawn": one.drawn,
+                    "statistics": plain(one.statistics),
+                }
+                for spec, one in self.models.items()
+            },
+            "accounting": plain(self.accounting),
+            "guards": plain(self.guards),
+        }
+
+
+def score(path: Path, *, reread: bool = False) -> PolicyScore:
+    """Score the run of policies in a folder, finished or not.
+
+    Raises LedgerError or BankError where the folder is no such run, or was begun under another version of the reader
+    and ``reread`` is not given.
+    """
+    manifest, bank = read_run(path)
+    require_scorable(path, manifest, reread=reread)
+    return score_run(manifest, bank, path / LEDGER)
+
+
+def require_scorable(path: Path, manifest: RunManifest, *, reread: bool = False) -> None:
+    """Raise LedgerError where a run is none of policies, or may not be scored so."""
+    if manifest.study != STUDY:
+        raise LedgerError(f"{path} is a run of the study '{manifest.study}', not of policies: use 'eyechart score'")
+    if manifest.reader != MOTION_READER and not reread:
+        raise LedgerError(
+            f"{path} was begun under version {manifest.reader} of the reader of motions, and this is version "
+            f"{MOTION_READER}: read its motions anew with --reread"
+        )
+
+
+def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path) -> PolicyScore:
+    """Score the calls in a ledger by a run's manifest and its bank, whoever vouches for these."""
+    found: dict[str, OnePolicy] = {}
+    with Ledger(ledger_path) as ledger:
+        plan = drawn_of(ledger, manifest, bank)
+        for spec, version in manifest.models.items():
+            motions, drawn = read_motions(ledger.replies(spec), plan, spec), spec in plan.drawn
+            statistics = statistics_of(motions, drawn=drawn, seeded=seeded(manifest, spec))
+            found[spec] = OnePolicy(spec, version, motions, drawn, statistics)
+        accounting, guards = _took(ledger, manifest, plan, read_prices())
+    return PolicyScore(manifest, bank, found, accounting, guards)
+
+
+def judge(found: PolicyScore) -> dict[str, PolicyVerdict]:
+    """Return the verdict on every policy of a run."""
+    return {
+        spec: judge_policy(spec, one.statistics, found.channels, scope=found.scope(spec), missing=one.motions.missing)
+        for spec, one in found.models.items()
+    }
+
+
+def drawn_of(ledger: Ledger, manifest: RunManifest, bank: FrameBank) -> MotionPlan:
+    """Return a run's plan with the policies that its ledger shows to draw their answers."""
+    return replace(motions_of(manifest, bank), drawn=drawers(ledger, manifest))
+
+
+def took(path: Path, prices: Prices) -> Took:
+    """Return what every policy's calls took, and whether the guards hold, without the statistics."""
+    manifest, bank = read_run(path)
+    with Ledger(path / LEDGER) as ledger:
+        return _took(ledger, manifest, drawn_of(ledger, manifest, bank), prices)
+
+
+def _took(ledger: Ledger, manifest: RunManifest, plan: MotionPlan, prices: Prices) -> Took:
+    spent: dict[str, dict[str, Account]] = {}
+    kept: dict[str, tuple[Guard, ...]] = {}
+    for spec in manifest.models:
+        mode, space = manifest.mode(spec), plan.space
+        book, checks = Book(mode, space, prices), GuardChecks(mode, space)
+        for one in ledger.attempts(spec):
+            book.add(one)
+            checks.add(one)
+        every = checks.guards(plan.keys_of(spec), manifest.fingerprint)
+        spent[spec], kept[spec] = book.accounts(), tuple(one for one in every if one.name in {"outcomes", "geometry"})
+    return spent, kept
+
+
+def statistics_of(motions: Motions, *, drawn: bool, seeded: bool) -> dict[str, Statistic]:
+    """Return every statistic of one policy's motions, by name.
+
+    ``T.CONDITION`` is the share of its own variation that goes under a condition; ``follow.named`` and
+    ``follow.other`` how far it follows what was moved, ``follow.told`` how much farther what its instruction names.
+    """
+    taken = _Taken(motions, drawn=drawn)
+    found = {
+        "motions": rate(motions.finished - sum(motions.missing.values()), motions.finished),
+        "misfit": taken.misfit(),
+        "variation": taken.variation_share(),
+        "noise": taken.noise(seeded=seeded),
+    }
+    for name in motions.plan.conditions:
+        if name not in {"real", "real_repeat", "mirrored", *MOVES} and not name.startswith(TOLD):
+            found[f"T.{name}"] = taken.total(name)
+    found |= {f"follow.{which}": taken.follow((which,)) for which in OBJECTS}
+    found["follow.told"] = taken.told()
+    found["follow.rather"] = taken.follow(OBJECTS)
+    found["mirror"] = taken.mirror()
+    return found
+
+
+class _Taken:
+    """The statistics of one policy's motions, one by one."""
+
+    def __init__(self, motions: Motions, *, drawn: bool) -> None:
+        self._motions, self._drawn = motions, drawn
+        real = motions.of("real")
+        empty = np.full((1, len(motions.plan.frames), *motions.plan.motions.shape), np.nan)
+        self._real = empty if real is None else real
+        self._compared = motions.compared
+        self._episodes = motions.episodes
+
+    def _whole(self, *arrays: Floats) -> Places:
+        """Return the frames on which every answer of all arrays is a motion."""
+        good = np.ones(arrays[0].shape[1], dtype=bool)
+        for one in arrays:
+            good &= np.isfinite(one).reshape(len(one), one.shape[1], -1).all(axis=(0, 2))
+        return np.flatnonzero(good)
+
+    def _others(self) -> tuple[Places, Places]:
+        """Return frames, and for each a frame of another episode, that both have their real answers."""
+        places, there = self._compared, np.zeros(len(self._compared), dtype=bool)
+        there[self._whole(self._real)] = True
+        good = there & (places != NOBODY) & there[np.where(places == NOBODY, 0, places)]
+        frames = np.flatnonzero(good)
+        return frames, places[frames]
+
+    def _variation(self) -> Pairs:
+        frames, others = self._others()
+        values = half_squares(self._real[:, frames], self._real[:, others]) if len(frames) else np.zeros(0)
+        return Pairs(values, self._episodes[frames], self._episodes[others])
+
+    def misfit(self) -> Statistic:
+        """Return how far the answers are from what was logged, and how unlike it they are as a whole."""
+        fit = self._motions.fit_to
+        frames = self._whole(self._real[:1], fit[None])
+        answers, logged = self._real[0, frames], fit[frames]
+        found = misfit_share(answers, logged, self._episodes[frames])
+        if found.value is None:
+            return found
+        offset, spread = unlikeness(answers, logged)
+        return replace(found, detail={**(found.detail or {}), "offset": offset, "spread": spread})
+
+    def variation_share(self) -> Statistic:
+        """Return how much the answers vary between episodes, over how much the logged motions do."""
+        frames, others = self._others()
+        fit, method = self._motions.fit_to, "variation between episodes, over that of the logged motions"
+        good = np.isfinite(fit[frames]).all(axis=(1, 2)) & np.isfinite(fit[others]).all(axis=(1, 2))
+        frames, others = frames[good], others[good]
+        if not len(frames):
+            return cannot_say("no two frames have answers and logged motions", method=method)
+        own = float(half_squares(self._real[:, frames], self._real[:, others]).mean())
+        logged = float(half_squares(fit[None, frames], fit[None, others]).mean())
+        if not logged > 0:
+            return cannot_say("the logged motions are all the same", len(frames), method)
+        return Statistic(own / logged, len(frames), method=method)
+
+    def noise(self, *, seeded: bool) -> Statistic:
+        """Return which share of the variation is there when nothing changes; of a seeded policy, between two seeds."""
+        again = self._motions.of("real_repeat")
+        if again is None:
+            return cannot_say(NOT_ASKED)
+        frames, others = self._others()
+        good = np.isfinite(again[0, frames]).all(axis=(1, 2))
+        frames, others = frames[good], others[good]
+        other = again[0] if seeded and np.isfinite(again[0, others]).all() else self._real[0]
+        return noise_share(self._real[0, frames], again[0, frames], other[others])
+
+    def total(self, condition: str) -> Statistic:
+        """Return the share of the variation that goes under a condition, with its parts in ``detail``."""
+        changed = self._motions.of(condition)
+        if changed is None:
+            return cannot_say(NOT_ASKED)
+        frames = self._whole(self._real, changed)
+        if not len(frames):
+            return cannot_say(NO_FRAMES)
+        real, other = self._real[:, frames], changed[:, frames]
+        owner = self._episodes[frames]
+        partner = owner
+        if condition.partition(OVER)[0] in PARTNERS:
+            partner = self._motions.episodes_of(self._motions.partners(condition)[frames])
+        found = total_effect(Pairs(half_squares(real, other), owner, partner), self._variation(), sampled=self._drawn)
+        if found.value is None:
+            return found
+        p = relabelling_p(real, other, seed=key_seed("relabelling", condition)) if self._drawn else None
+        some, others = self._others()
+        parts = shares_of_parts(real, other, self._real[:, some], self._real[:, others])
+        names = [one.name for one in self._motions.plan.motions.dimensions]
+        detail = {
+            **(found.detail or {}),
+            "by_dimension": dict(zip(names, parts["dimension"], strict=True)),
+            "by_step": list(parts["step"]),
+            "same": float((real == other).all(axis=(0, 2, 3)).mean()),
+        }
+        return replace(found, p=p, detail=detail)
+
+    def follow(self, which: tuple[str, ...]) -> Statistic:
+        """Return how far what was moved is followed; of two objects, how much farther the first than the second."""
+        gains, full = self._gains(which[0])
+        if gains is None:
+            return cannot_say(NOT_ASKED)
+        if len(which) > 1:
+            less, _ = self._gains(which[1])
+            if less is None:
+                return cannot_say(NOT_ASKED)
+            gains = gains - less
+        return self._followed(gains, full)
+
+    def told(self) -> Statistic:
+        """Return how much farther the named object is followed than the other, over both instructions."""
+        own = [self._gains(which) for which in OBJECTS]
+        told = [self._gains(which, TOLD) for which in OBJECTS]
+        (named, named_full), (other, other_full) = own
+        (named_told, _), (other_told, _) = told
+        if named is None or other is None or named_told is None or other_told is None:
+            return cannot_say(NOT_ASKED)
+        return self._followed((named - other - named_told + other_told) / 2, (named_full + other_full) / 2)
+
+    def _followed(self, gains: Floats, full: Floats) -> Statistic:
+        good = np.isfinite(gains) & np.isfinite(full)
+        return follow(gains[good], full[good], self._episodes[good], seed=key_seed("follow"))
+
+    def _gains(self, which: str, told: str = "") -> tuple[Floats | None, Floats]:
+        """Return how much farther along its way the motion goes with an object moved forth than back, frame by frame.
+
+        And how far the oracle goes; NaN where there is no answer.
+        """
+        ends = [self._motions.raw(f"{told}{which}_{side}") for side in ("plus", "minus")]
+        frames, space = self._motions.plan.frames, self._motions.plan.motions
+        full = np.array([_number(frame.truth.get(f"{which}_follow")) for frame in frames])
+        if ends[0] is None or ends[1] is None or not space.axes:
+            return None, full
+        apart, along = ends[0].mean(axis=0) - ends[1].mean(axis=0), np.zeros(len(frames))
+        for axis in space.axes:
+            way = np.array([_number(frame.truth.get(f"{which}_along_{axis}")) for frame in frames])
+            along += way * space.displacement(apart, axis)
+        return along, full
+
+    def mirror(self) -> Statistic:
+        """Return how far the answer to the mirrored moment is from the reflected one, over the variation: 0 fits."""
+        changed, space = self._motions.of("mirrored"), self._motions.plan.motions
+        if changed is None:
+            return cannot_say(NOT_ASKED)
+        frames = self._whole(self._real, changed)
+        if not len(frames):
+            return cannot_say(NO_FRAMES)
+        scales = self._motions.scales
+        expected = reflect(self._real[:, frames] * scales, space.dimensions) / scales
+        owner = self._episodes[frames]
+        values = half_squares(expected, changed[:, frames])
+        return total_effect(Pairs(values, owner, owner), self._variation(), sampled=self._drawn)
+
+
+def _number(value: object) -> float:
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else np.nan

@@ -1,0 +1,90 @@
+"""Runs of policies as a study."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+from eyechart.gate import Gate, hold_policies
+from eyechart.manifest import read_manifest
+from eyechart.models.prices import Prices
+from eyechart.studies import NO_DRIVES, Made, Packed, Reading, Tell, Took
+from eyechart.studies.battery import OfFrames
+from eyechart.studies.policy.planning import STUDY
+from eyechart.studies.policy.scoring import PolicyScore, judge, require_scorable, score, score_run, took
+from eyechart.verdicts.channels import REQUIREMENTS
+
+if TYPE_CHECKING:
+    from rich.text import Text
+
+    from eyechart.report.table import Table
+
+_NOT_YET = "is a run of policies, whose shares are compared by 'eyechart score'"
+
+
+class Policies(OfFrames[PolicyScore]):
+    """Policies asked about every frame with each of their channels exchanged."""
+
+    names = (STUDY,)
+    runs_are = "policies"
+    requirements = REQUIREMENTS
+    required = "camera:camera_content"
+    refuses: ClassVar = {**NO_DRIVES, **dict.fromkeys(("compare", "transfer"), _NOT_YET)}
+
+    def score(self, folder: Path, reading: Reading) -> PolicyScore:
+        return score(folder, reread=reading.reread)
+
+    def took_run(self, run: Path, prices: Prices) -> Took:
+        return Took(*took(run, prices), probes=dict(read_manifest(run).probes))
+
+    def require_scorable(self, run: Path, reading: Reading) -> None:
+        require_scorable(run, read_manifest(run), reread=reading.reread)
+
+    def printed(self, score: PolicyScore) -> "Iterator[Table | str]":
+        from eyechart.report.accounts import costs_table
+        from eyechart.studies.policy import tables
+
+        verdicts = judge(score)
+        yield tables.verdict_table(verdicts)
+        yield tables.channel_table(verdicts)
+        yield from tables.statistics_table(score).split()
+        yield tables.parts_table(score)
+        yield costs_table(score.accounting, every=False)
+
+    def verdict_json(self, score: PolicyScore) -> Mapping[str, object]:
+        return {"policies": {spec: one.as_dict() for spec, one in judge(score).items()}}
+
+    def verdict_printed(self, score: PolicyScore) -> "Iterator[Table | Text | str]":
+        from rich.text import Text
+
+        from eyechart.studies.policy import tables
+
+        verdicts = judge(score)
+        yield tables.verdict_table(verdicts)
+        yield tables.channel_table(verdicts)
+        for spec, one in verdicts.items():
+            yield Text(spec, style="bold")
+            yield from (f"  {name}: {why}" for name, why in one.guards.items())
+            axes = {"camera": one.camera, **one.cameras, "state": one.state, "instruction": one.instruction}
+            for name, judged in axes.items() if not one.guards else ():
+                yield f"  {name}: {judged.label}. {judged.because}"
+                yield from [f"    not more, because {judged.why_not}"] if judged.why_not else []
+            yield from (f"  ! {remark}" for remark in one.remarks)
+            yield f"  {one.scope}"
+
+    def gate(self, score: PolicyScore, require: Sequence[str], max_unparsed: float | None) -> Gate:
+        del max_unparsed
+        left = {spec: one.motions.planned - one.motions.finished for spec, one in score.models.items()}
+        return hold_policies(judge(score), require, left)
+
+    def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:
+        from eyechart.studies.policy.page import made
+
+        tell("scoring")
+        return made([self.score(run, reading) for run in runs], banks)
+
+    def derive(self, run: Packed, reading: Reading, tell: Tell) -> tuple[PolicyScore, Made]:
+        from eyechart.studies.policy.page import made
+
+        del reading, tell
+        found = score_run(run.manifest, run.bank, run.ledger)
+        return found, made([found], [run.pictures.root])

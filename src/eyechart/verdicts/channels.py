@@ -1,0 +1,342 @@
+"""Verdicts on policies: what each channel is used for, one axis each, and the statistic that decided.
+
+Source: docs/decisions/0051-what-is-said-of-a-policy.md.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from eyechart.stats.statistic import Statistic
+
+USED = 0.02
+"""A channel is used where its share is above this, with a chance of .01 to be wrong."""
+IGNORED = 0.10
+"""And ignored where its share is below this, likewise."""
+ALPHA = 0.01
+FOLLOWED = 0.30
+"""An object is followed where the answer goes at least so far with it, as a share of the oracle's way, likewise."""
+UNSCORABLE = 0.10
+"""Above this share of calls without a motion a policy is not scorable."""
+MISFIT = 1.0
+"""From this error on the policy fits the log worse than the log's own mean does."""
+OFFSET, SPREAD = 1.0, 3.0
+"""A misfit is one of units, not of choice: a mean so many spreads away, or a spread so many times another."""
+CONSTANT = 0.02
+"""A policy that varies less than this share of the log's variation is constant."""
+INCONSISTENT = 0.50
+"""Above this share of noise a policy does not agree with itself."""
+LEAST_EPISODES = 6
+"""Fewer episodes bound nothing: the jackknife's intervals are too short."""
+
+GUARDS: Mapping[str, str] = {
+    "not_scorable": "too few of its calls came back with a motion",
+    "misfit": "its answers have other means or spreads than the logged motions, and fit worse than their mean does",
+    "constant": "its answers hardly vary",
+    "self_inconsistent": "its answers to one moment differ more than those to different moments",
+}
+"""What is asked before any axis, in this order, with what it means where it fails."""
+
+CAMERA_LABELS: Mapping[str, str] = {
+    "object_grounded": "It goes where the object that it is told to reach goes in the picture.",
+    "camera_content": "What the picture shows decides, beyond what the state tells.",
+    "pose_only": "Of the picture it uses only what its own state tells as well.",
+    "camera_presence": "It matters that there is a picture, not what it shows.",
+    "ignores_camera": "The picture could be another episode's, or none, and hardly anything would change.",
+    "undecided": "The run does not settle what the picture is used for.",
+}
+STATE_LABELS: Mapping[str, str] = {
+    "state_shortcut": "It goes by its state alone, and ignores its cameras.",
+    "state_used": "Its state decides, beside its cameras.",
+    "ignores_state": "Its state could be another episode's, and hardly anything would change.",
+    "undecided": "The run does not settle whether the state is used.",
+}
+INSTRUCTION_LABELS: Mapping[str, str] = {
+    "instruction_followed": "It does what it is told.",
+    "instruction_ignored": "It could be told something else, and hardly anything would change.",
+    "no_power": "The bank tells every episode the same, or nothing.",
+    "undecided": "The run does not settle whether the instruction is followed.",
+}
+AXES: Mapping[str, Mapping[str, str]] = {
+    "camera": CAMERA_LABELS,
+    "state": STATE_LABELS,
+    "instruction": INSTRUCTION_LABELS,
+}
+MEETS: Mapping[str, tuple[str, ...]] = {"object_grounded": ("object_grounded", "camera_content")}
+"""What a label meets beside itself."""
+OPEN = ("undecided", "no_power")
+"""The labels that cannot say."""
+
+REQUIREMENTS: Mapping[str, str] = {
+    f"{axis}:{label}": f"the {axis} label is {' or '.join(one for one in labels if label in MEETS.get(one, (one,)))}"
+    for axis, labels in AXES.items()
+    for label in labels
+    if label not in OPEN
+}
+"""What a gate may require of a policy, with what it means."""
+
+Statistics = Mapping[str, Statistic]
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """A label on one axis: why, the statistic that decided it, and what stood in the way of a stronger one."""
+
+    label: str
+    because: str
+    by: str = ""
+    why_not: str = ""
+
+
+@dataclass(frozen=True)
+class PolicyVerdict:
+    """What is said of one policy: a label an axis, after the guards; ``channels`` holds the share of each channel."""
+
+    model: str
+    camera: Judged
+    cameras: Mapping[str, Judged]
+    state: Judged
+    instruction: Judged
+    guards: Mapping[str, str]
+    channels: Mapping[str, Statistic]
+    scope: str
+    remarks: tuple[str, ...] = field(default=())
+
+    @property
+    def because(self) -> str:
+        """Return why, in one paragraph."""
+        if self.guards:
+            return " ".join(f"{name}: {why}." for name, why in self.guards.items())
+        parts = (self.camera, *self.cameras.values(), self.state, self.instruction)
+        return " ".join(dict.fromkeys(one.because for one in parts))
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values; the first seven keys are those that scripts may rely on."""
+        judged = {"camera": self.camera, "state": self.state, "instruction": self.instruction}
+        judged |= {f"camera:{name}": one for name, one in self.cameras.items()}
+        return {
+            "camera": self.camera.label,
+            "cameras": {name: one.label for name, one in self.cameras.items()},
+            "state": self.state.label,
+            "instruction": self.instruction.label,
+            "guards": list(self.guards),
+            "because": self.because,
+            "channels": {
+                name: {"T": one.value, "ci": None if one.ci is None else list(one.ci), "n": one.n}
+                for name, one in self.channels.items()
+            },
+            "axes": {
+                name: {"label": one.label, "because": one.because, "by": one.by, "why_not": one.why_not}
+                for name, one in judged.items()
+            },
+            "scope": self.scope,
+            "remarks": list(self.remarks),
+        }
+
+
+def judge_policy(
+    model: str, statistics: Statistics, channels: Sequence[str], *, scope: str, missing: Mapping[str, int] | None = None
+) -> PolicyVerdict:
+    """Return the verdict on a policy; ``channels`` are those of the bank, ``missing`` the calls without a motion."""
+    failed = failed_guards(statistics, missing or {})
+    shares = {name: statistics[f"T.swapped@{name}"] for name in channels if f"T.swapped@{name}" in statistics}
+    names = [name.partition(":")[2] for name in channels if name.startswith("camera:")]
+    if failed:
+        nothing = Judged("undecided", f"a guard failed: {', '.join(failed)}", next(iter(failed)))
+        return PolicyVerdict(model, nothing, dict.fromkeys(names, nothing), nothing, nothing, failed, shares, scope)
+    camera = judge_camera(statistics, "cameras", "its cameras")
+    cameras = {name: judge_camera(statistics, f"camera:{name}", f"the {name} camera") for name in names}
+    state = judge_state(statistics, camera.label, there="state" in channels)
+    instruction = judge_instruction(statistics)
+    remarks = tuple(_remarks(statistics))
+    return PolicyVerdict(model, camera, cameras, state, instruction, failed, shares, scope, remarks)
+
+
+def failed_guards(statistics: Statistics, missing: Mapping[str, int]) -> dict[str, str]:
+    """Return the guards that failed, each with the number that says so, in their order."""
+    found = {}
+    motions, misfit, varies, noise = (statistics[name] for name in ("motions", "misfit", "variation", "noise"))
+    without = 1 - motions.value if motions.value is not None else 1.0
+    if without > UNSCORABLE:
+        reasons = ", ".join(f"{count} {why}" for why, count in sorted(missing.items(), key=lambda one: -one[1])[:3])
+        return {"not_scorable": f"{without:.0%} of {motions.n} calls hold no motion ({reasons or 'none came back'})"}
+    if misfit.value is not None and misfit.value >= MISFIT and (unlike := _unlike(misfit)):
+        words = "is its normalisation skipped, or its action space another?"
+        found["misfit"] = f"its error is {misfit.value:.2g} of the log's variance, and {unlike}: {words}"
+    if varies.value is not None and varies.value < CONSTANT:
+        found["constant"] = f"it varies {varies.value:.3f} times as much as the log between episodes, below {CONSTANT}"
+    elif "do not vary" in noise.note:
+        found["constant"] = "its answers are all the same"
+    if noise.value is not None and noise.value > INCONSISTENT:
+        found["self_inconsistent"] = f"{noise.value:.0%} of its variation is there when nothing changes at all"
+    return found
+
+
+def _unlike(misfit: Statistic) -> str:
+    """Return in words how a policy's numbers are not those of the log, nothing where they are."""
+    offset, spread = ((misfit.detail or {}).get(name) for name in ("offset", "spread"))
+    found = []
+    if isinstance(offset, float) and offset > OFFSET:
+        found.append(f"a dimension's mean is {offset:.2g} spreads away")
+    if isinstance(spread, float) and spread > SPREAD:
+        found.append(f"a dimension's spread is another by a factor of {spread:.2g}")
+    return ", ".join(found)
+
+
+def used(one: Statistic | None) -> bool:
+    """Return whether a share is above the margin, and no chance."""
+    return _settled(one) and one.ci[0] > USED and (one.p is None or one.p <= ALPHA)  # type: ignore[index,union-attr]
+
+
+def ignored(one: Statistic | None) -> bool:
+    """Return whether a share is below the margin."""
+    return _settled(one) and one.ci[1] < IGNORED  # type: ignore[index,union-attr]
+
+
+def _settled(one: Statistic | None) -> bool:
+    if one is None or one.value is None or one.ci is None:
+        return False
+    episodes = (one.detail or {}).get("episodes", 0)
+    return isinstance(episodes, int) and episodes >= LEAST_EPISODES
+
+
+def judge_camera(statistics: Statistics, channel: str, what: str) -> Judged:
+    """Return the label of all cameras together, or of one."""
+    over = "" if channel == "cameras" else f"@{channel.partition(':')[2]}"
+    swap, matched, blank = (
+        statistics.get(f"T.{name}") for name in (f"swapped@{channel}", f"matched@{channel}", f"blank{over}")
+    )
+    shown = f"{what} {_verb(what, 'carry', 'carries')} {_share(swap)} of the action"
+    if ignored(swap) and (matched is None or ignored(matched)):
+        if ignored(blank):
+            words = f"{what} could be unplugged without anybody noticing ({shown}; grey pictures {_share(blank)})"
+            return Judged("ignores_camera", _sentence(words), f"T.swapped@{channel}")
+        if used(blank):
+            words = f"{shown}, but grey pictures {_share(blank)}: that there is a picture matters, not what it shows"
+            return Judged("camera_presence", _sentence(words), f"T.blank{over}")
+        why = f"whether a picture must be there is open: grey ones change {_share(blank)}"
+        return Judged("undecided", _sentence(f"{shown}; {why}"), f"T.blank{over}")
+    if used(swap) and ignored(matched):
+        words = f"{shown}, but of another episode at a similar state only {_share(matched)}: it reads its own pose"
+        return Judged("pose_only", _sentence(words), f"T.matched@{channel}")
+    if used(swap) and used(matched):
+        return _content(statistics, channel, f"{shown}, and {_share(matched)} where the state is alike")
+    return Judged("undecided", _sentence(f"{shown}: {_why_open(swap, matched)}"), f"T.swapped@{channel}")
+
+
+def _content(statistics: Statistics, channel: str, shown: str) -> Judged:
+    """Return the label of pictures whose content decides: whether the object in them is followed, is of all cameras."""
+    plain = Judged("camera_content", _sentence(shown), f"T.matched@{channel}")
+    if channel != "cameras":
+        return plain
+    gain, rather = statistics.get("follow.named"), statistics.get("follow.rather")
+    if gain is None or gain.value is None:
+        return Judged(
+            plain.label, plain.because, plain.by, "the bank moves no object, so whether it is followed is open"
+        )
+    if not _followed(gain, FOLLOWED):
+        why = f"the moved object is followed {_share(gain)} of the oracle's way; {_least(gain)}"
+        return Judged(plain.label, plain.because, plain.by, why)
+    if not _followed(rather, 0.0):
+        why = f"an object that nobody named is followed as well: the difference is {_share(rather)}; {_least(rather)}"
+        return Judged(plain.label, plain.because, plain.by, why)
+    words = f"{shown}; moved, the named object is followed {_share(gain)} of the oracle's way (p {gain.p:.4f})"
+    return Judged("object_grounded", _sentence(words), "follow.named")
+
+
+def _followed(one: Statistic | None, least: float) -> bool:
+    if one is None or one.value is None or one.ci is None or one.p is None:
+        return False
+    return one.p < ALPHA and one.ci[0] > least
+
+
+def _least(one: Statistic | None) -> str:
+    """Return why a following is not settled."""
+    smallest = 1.0 if one is None or one.detail is None else one.detail.get("smallest_p", 1.0)
+    if isinstance(smallest, float) and smallest >= ALPHA:
+        return "below seven episodes no test can tell"
+    return "p is not below .01" if one is None or one.p is None or one.p >= ALPHA else "its lower end is too low"
+
+
+def judge_state(statistics: Statistics, camera: str, *, there: bool) -> Judged:
+    """Return the label of the state, where the bank has one; ``camera`` is that of all cameras."""
+    if not there:
+        return Judged("undecided", "The bank has no state.")
+    swap, by = statistics.get("T.swapped@state"), "T.swapped@state"
+    shown = f"its state carries {_share(swap)} of the action"
+    if ignored(swap):
+        return Judged("ignores_state", _sentence(shown), by)
+    if used(swap) and camera == "ignores_camera":
+        return Judged("state_shortcut", _sentence(f"{shown}, and its cameras next to nothing"), by)
+    if used(swap):
+        return Judged("state_used", _sentence(shown), by)
+    return Judged("undecided", _sentence(f"{shown}: {_why_open(swap, None)}"), by)
+
+
+def judge_instruction(statistics: Statistics) -> Judged:
+    """Return the label of the instruction."""
+    swap, by = statistics.get("T.swapped@instruction"), "T.swapped@instruction"
+    if swap is None:
+        return Judged("no_power", "No two episodes of the bank are told different things.")
+    shown = f"another instruction changes {_share(swap)} of the action"
+    told = statistics.get("follow.told")
+    if ignored(swap) and not _followed(told, 0.0):
+        return Judged("instruction_ignored", _sentence(shown), by)
+    if not used(swap):
+        return Judged("undecided", _sentence(f"{shown}: {_why_open(swap, None)}"), by)
+    if _followed(told, 0.0):
+        words = f"{shown}, and it follows what is named {_share(told)} of the oracle's way more than what is not"
+        return Judged("instruction_followed", _sentence(words), "follow.told")
+    if any(_followed(statistics.get(f"follow.{which}"), FOLLOWED) for which in ("named", "other")):
+        why = f"it follows what is named only {_share(told)} of the oracle's way more; {_least(told)}"
+        return Judged("undecided", _sentence(f"{shown}, but {why}"), "follow.told")
+    moved = told is not None and told.value is not None
+    what = "it follows no object that is moved in the picture" if moved else "the bank moves no object"
+    return Judged("instruction_followed", _sentence(shown), by, f"whether it goes to what is named is open: {what}")
+
+
+def _remarks(statistics: Statistics) -> Iterator[str]:
+    """Yield what whoever acts on a verdict should know beside it."""
+    swaps = {"cameras": "picture", "instruction": "instruction"}
+    for channel, word in swaps.items():
+        one = statistics.get(f"T.swapped@{channel}")
+        if one is not None and (one.detail or {}).get("same") == 1.0:
+            yield (
+                f"Another {word} changes not one bit of any answer: does it reach the policy? "
+                "'eyechart doctor --policy' asks"
+            )
+    paint = statistics.get("T.recoloured")
+    if used(paint):
+        yield f"A table of another colour alone changes {_share(paint)} of the action"
+    near = statistics.get("T.swapped@cameras")
+    if near is not None and near.ci is not None and near.ci[0] > USED and near.ci[1] < IGNORED:
+        yield f"Its cameras are used, and carry next to nothing: {_share(near)} of the action"
+
+
+def _why_open(swap: Statistic | None, matched: Statistic | None) -> str:
+    if swap is None or swap.value is None:
+        return swap.note if swap is not None and swap.note else "the run did not ask it"
+    episodes = (swap.detail or {}).get("episodes", 0)
+    if isinstance(episodes, int) and episodes < LEAST_EPISODES:
+        return f"{episodes} episodes bound nothing; {LEAST_EPISODES} are the least"
+    if used(swap) and (matched is None or matched.value is None):
+        return "the bank has no state to match by, so whether it tells more than the pose is open"
+    if used(swap):
+        return f"where the state is alike it is {_share(matched)}, neither above {USED} nor below {IGNORED}"
+    if swap.p is not None and swap.p > ALPHA and swap.ci is not None and swap.ci[0] > USED:
+        return f"its answers are drawn, and such a difference comes by chance (p {swap.p:.3f})"
+    return f"the interval is neither above {USED} nor below {IGNORED}; more episodes make it shorter"
+
+
+def _share(one: Statistic | None) -> str:
+    if one is None or one.value is None:
+        return "— %"
+    interval = "" if one.ci is None else f" [{100 * one.ci[0]:.1f}, {100 * one.ci[1]:.1f}]"
+    return f"{100 * one.value:.1f} %{interval}"
+
+
+def _verb(what: str, many: str, one: str) -> str:
+    return many if what.endswith("cameras") else one
+
+
+def _sentence(words: str) -> str:
+    return f"{words[0].upper()}{words[1:]}."

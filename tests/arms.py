@@ -1,0 +1,112 @@
+"""Policies of the tabletop whose answer is known, as somebody would write them: callables, and some with a fault."""
+
+import itertools
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from eyechart.simulators.tabletop.drawing import BLOCKS, SIZE
+from eyechart.simulators.tabletop.world import COLOURS, Table, oracle
+
+Images = Mapping[str, np.ndarray]
+
+
+def blocks(picture: np.ndarray, tool: np.ndarray) -> np.ndarray:
+    """Return where red and blue are seen from above; where the tool is, for one that is covered or not there."""
+    found = []
+    for paint in BLOCKS:
+        down, across = np.nonzero(np.abs(picture - np.array(paint, np.int16)).sum(axis=2) < 60)
+        found.append(np.array([across.mean() + 0.5, down.mean() + 0.5]) / SIZE if len(down) else tool)
+    return np.array(found)
+
+
+def reach(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Look from above, and go to the block that is named."""
+    named = next(colour for colour in COLOURS if colour in (instruction or "red"))
+    return oracle(Table(state[:2], float(state[2]), blocks(images["top"], state[:2]), named))
+
+
+def middle(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Never look, and go to the middle of the table."""
+    del images, instruction
+    return oracle(Table(state[:2], float(state[2]), np.full((2, 2), 0.5), "red"))
+
+
+def deaf(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Look, and go to the red block whatever is said."""
+    del instruction
+    return reach(images, state, "red")
+
+
+def unsteady(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Look, and draw the answer."""
+    return reach(images, state, instruction) + 0.2 * np.random.default_rng().normal(size=(8, 3))
+
+
+def tossed(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Draw the answer from much noise."""
+    return reach(images, state, instruction) / 2 + np.random.default_rng().normal(size=(8, 3)) * 0.6
+
+
+def fixed(images: Images, state: np.ndarray, instruction: str | None, *, seed: int) -> np.ndarray:
+    """Look, and draw the answer by a seed."""
+    return reach(images, state, instruction) + 0.2 * np.random.default_rng(seed).normal(size=(8, 3))
+
+
+fixed.seedable = True
+fixed.version = "seven"
+fixed.channels = ("cameras", "state", "instruction")
+
+
+def not_a_number(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Look, and answer with one number that is none."""
+    found = reach(images, state, instruction)
+    found[3, 1] = np.nan
+    return found
+
+
+def half(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Look, and answer with the first half of a motion."""
+    return reach(images, state, instruction)[:4]
+
+
+def raw(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Look, and answer in another unit."""
+    return 10 * reach(images, state, instruction)
+
+
+def still(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Stay where it is."""
+    del images, state, instruction
+    return np.zeros((8, 3))
+
+
+def broken(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Ask for a camera that is not there."""
+    del state, instruction
+    return images["left"]
+
+
+class Queue:
+    """Answers two calls in three from what it planned before, as a policy does that nobody resets."""
+
+    def __init__(self) -> None:
+        self.calls, self.plan = itertools.count(), np.zeros((8, 3))
+
+    def __call__(self, images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+        """Return the plan of the last call in three."""
+        if next(self.calls) % 3 == 0:
+            self.plan = reach(images, state, instruction)
+        return self.plan
+
+
+class Reset(Queue):
+    """The same, and it can be reset."""
+
+    def reset(self) -> None:
+        """Forget what was planned."""
+        self.calls = itertools.count()
+
+
+queue: Callable[..., np.ndarray] = Queue()
+reset: Callable[..., np.ndarray] = Reset()

@@ -1,0 +1,242 @@
+"""Policies from a run to a verdict: known answers, faults that a guard names, and a ledger that is gone on with."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from eyechart.cli.app import app
+from eyechart.errors import BankError, LedgerError, SpecError
+from eyechart.frames import FrameBank
+from eyechart.ledger import Ledger
+from eyechart.simulators import open_bank_simulator
+from eyechart.spaces.motion import Motion
+from eyechart.studies import Reading, policy, study_of
+from eyechart.studies.policy import Extent
+from eyechart.studies.policy.scoring import judge
+
+KNOWN = {
+    "python:arms:reach": ("object_grounded", "state_used", "instruction_followed"),
+    "python:arms:middle": ("ignores_camera", "state_shortcut", "instruction_ignored"),
+    "python:arms:deaf": ("object_grounded", "state_used", "instruction_ignored"),
+}
+FAULTS = {
+    "python:arms:not_a_number": ("not_scorable", "not_finite"),
+    "python:arms:half": ("not_scorable", "wrong_shape"),
+    "python:arms:broken": ("not_scorable", "error"),
+    "python:arms:raw": ("misfit", "normalisation"),
+    "python:arms:still": ("constant", ""),
+    "python:arms:tossed": ("self_inconsistent", "nothing changes"),
+    "python:arms:queue": ("self_inconsistent", "nothing changes"),
+}
+FEW = ("real", "real_repeat", "swapped@cameras", "blank")
+
+
+@pytest.fixture(scope="module")
+def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
+    """Return a bank of twelve episodes of four frames."""
+    return open_bank_simulator("tabletop").build(tmp_path_factory.mktemp("policy") / "bank", steps=4)
+
+
+@pytest.fixture(scope="module")
+def run(bank: FrameBank) -> Path:
+    """Return a run of the policies with known answers."""
+    out = bank.root.parent / "run"
+    policy.run(policy.plan(bank.root, list(KNOWN), out))
+    return out
+
+
+def told(*words: object, code: int = 0) -> str:
+    """Return what a command prints, which exits so."""
+    found = CliRunner().invoke(app, list(map(str, words)))
+    assert found.exit_code == code, found.output
+    return found.stdout
+
+
+def test_every_policy_gets_the_labels_that_it_deserves(run: Path) -> None:
+    """By the JSON that scripts rely on: a label an axis, a share a channel."""
+    found = json.loads(told("verdict", run, "--json"))["policies"]
+    labels = {spec: (one["camera"], one["state"], one["instruction"]) for spec, one in found.items()}
+    assert labels == {**KNOWN, "python:arms:deaf": ("camera_content", "state_used", "instruction_ignored")}
+    for one in found.values():
+        assert one["guards"] == []
+        assert set(one["cameras"]) == {"top", "wrist"}
+        assert set(one["channels"]) == {"cameras", "camera:top", "camera:wrist", "state", "instruction"}
+        assert one["cameras"]["wrist"] == "ignores_camera"
+        for share in one["channels"].values():
+            assert share["ci"][0] <= share["T"] <= share["ci"][1]
+            assert share["n"] == 48
+    assert "could be unplugged without anybody noticing" in found["python:arms:middle"]["because"]
+    assert found["python:arms:middle"]["channels"]["cameras"]["T"] == 0.0
+    assert "another picture changes not one bit" in found["python:arms:middle"]["remarks"][0].lower()
+
+
+def test_an_object_that_nobody_named_is_no_ground_for_grounding(run: Path) -> None:
+    """Who goes to red whatever is said follows the moved object in half of the episodes, named or not."""
+    verdict = judge(policy.score(run))["python:arms:deaf"]
+    assert verdict.camera.label == "camera_content"
+    assert verdict.camera.why_not
+
+
+def test_commands_say_the_same(run: Path) -> None:
+    """Verdict, score, costs, gate; what the study cannot do it says."""
+    assert "instruction_followed" in told("verdict", run)
+    assert "T.swapped@state" in told("score", run)
+    assert "python:arms:reach" in told("costs", run)
+    assert json.loads(told("score", run, "--json"))["study"] == "policy"
+    wanted = "camera:camera_content,instruction:instruction_followed"
+    lines = told("gate", run, "--require", wanted, code=1)
+    assert "holds       python:arms:reach  camera:camera_content" in lines
+    assert "FAILS       python:arms:deaf  instruction:instruction_followed" in lines
+    refused = CliRunner().invoke(app, ["gate", str(run), "--require", "depth"])
+    assert "camera:object_grounded" in str(refused.exception)
+    assert "of policies" in str(CliRunner().invoke(app, ["compare", str(run), str(run)]).exception)
+
+
+def test_a_report_is_made_and_a_bundle_is_validated(run: Path, tmp_path: Path) -> None:
+    """From the run's own files, and from the bundle's alone."""
+    told("report", run, "--out", tmp_path / "page.html", "--tables", tmp_path / "tables")
+    assert "instruction_followed" in (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert (tmp_path / "tables" / "channels.csv").is_file()
+    told("bundle", run, "--out", tmp_path / "run.zip")
+    assert "3 models" in told("validate", tmp_path / "run.zip")
+
+
+def test_the_ledger_keeps_every_array_to_the_byte(run: Path) -> None:
+    """What was answered can be read back, with its digest."""
+    with Ledger(run / "ledger.sqlite") as ledger:
+        replies = [reply for _, reply in ledger.replies("python:arms:reach")]
+        assert ledger.damaged() == []
+    motions = [Motion.read(reply.text) for reply in replies]
+    assert {one.shape for one in motions} == {(8, 3)}
+    assert all(
+        json.loads(reply.text)["motion"]["sha256"] == one.sha256 for reply, one in zip(replies, motions, strict=True)
+    )
+
+
+def test_each_fault_fails_its_guard_and_gets_no_verdict(bank: FrameBank, tmp_path: Path) -> None:
+    """NaN, half a motion, a missing camera, another unit, no motion at all, noise, and a queue that nobody empties."""
+    policy.run(policy.plan(bank.root, list(FAULTS), tmp_path / "run", conditions=FEW, extent=Extent(answers=2)))
+    verdicts = judge(policy.score(tmp_path / "run"))
+    for spec, (guard, words) in FAULTS.items():
+        assert words in verdicts[spec].guards[guard]
+        assert {one.label for one in (verdicts[spec].camera, verdicts[spec].state)} == {"undecided"}
+    gate = study_of(tmp_path / "run").gate(policy.score(tmp_path / "run"), ["camera:camera_content"], None)
+    assert {check.holds for check in gate.checks} == {None}
+
+
+def test_a_policy_that_can_be_reset_is_asked_as_at_the_beginning(bank: FrameBank, tmp_path: Path) -> None:
+    """The same queue, emptied before every call, is no fault."""
+    policy.run(policy.plan(bank.root, ["python:arms:reset"], tmp_path / "run", conditions=FEW))
+    one = policy.score(tmp_path / "run").models["python:arms:reset"]
+    assert one.statistics["noise"].value == 0.0
+    assert one.statistics["misfit"].value < 0.1
+
+
+def test_what_draws_its_answers_is_asked_again_and_what_is_seeded_is_not(bank: FrameBank, tmp_path: Path) -> None:
+    """Four answers to each call but the repeat; a seed is the same for all calls."""
+    specs = ["python:arms:unsteady", "python:arms:fixed"]
+    policy.run(policy.plan(bank.root, specs, tmp_path / "run", conditions=FEW))
+    found = policy.score(tmp_path / "run").models
+    drawn, fixed = (found[spec] for spec in specs)
+    assert (drawn.drawn, drawn.motions.finished) == (True, 48 * (4 + 3 * 3))
+    assert (fixed.drawn, fixed.motions.finished, fixed.version) == (False, 48 * 4, "seven")
+    assert fixed.statistics["noise"].value == pytest.approx(drawn.statistics["noise"].value, abs=0.1)
+    shares = [one.statistics["T.swapped@cameras"] for one in (drawn, fixed)]
+    assert shares[0].p < 0.01
+    assert shares[1].p is None
+    assert shares[0].value == pytest.approx(shares[1].value, rel=0.2)
+
+
+def test_a_run_that_was_cut_goes_on_and_comes_to_the_same(bank: FrameBank, tmp_path: Path) -> None:
+    """In three parts, by a limit of calls; a finished run makes no further call, and another bank is refused."""
+    specs = ["python:arms:reach", "python:arms:fixed"]
+    whole, cut = (policy.plan(bank.root, specs, tmp_path / name, conditions=FEW) for name in ("whole", "cut"))
+    policy.run(whole)
+    for limit in (100, 250):
+        told(
+            "run",
+            "policy",
+            "--frames",
+            bank.root,
+            "--out",
+            tmp_path / "cut",
+            "--max-calls",
+            limit,
+            *(word for spec in specs for word in ("--policy", spec)),
+            "--conditions",
+            ",".join(FEW),
+            code=3,
+        )
+    policy.run(cut)
+    assert cut.counts() == (48 * 8, 48 * 8, 0)
+    first, second = (policy.score(tmp_path / name).as_dict()["policies"] for name in ("whole", "cut"))
+    assert first == second
+    other = open_bank_simulator("tabletop").build(tmp_path / "other", steps=4, seeds=(7, 8))
+    with pytest.raises(LedgerError, match="fingerprint"):
+        policy.plan(other.root, specs, tmp_path / "cut", conditions=FEW)
+
+
+def test_shards_are_merged_into_the_same(bank: FrameBank, tmp_path: Path) -> None:
+    """Two halves of the calls, joined by ``merge``."""
+    specs = ["python:arms:reach"]
+    for number in (1, 2):
+        policy.run(
+            policy.plan(bank.root, specs, tmp_path / f"{number}", conditions=FEW, extent=Extent(shard=(number, 2)))
+        )
+    told("merge", tmp_path / "1", tmp_path / "2", "--out", tmp_path / "merged")
+    policy.run(policy.plan(bank.root, specs, tmp_path / "whole", conditions=FEW))
+    merged, whole = (policy.score(tmp_path / name).as_dict()["policies"] for name in ("merged", "whole"))
+    assert merged == whole
+
+
+def test_too_few_episodes_settle_nothing(tmp_path: Path) -> None:
+    """Four episodes bound nothing; two cannot even be asked."""
+    small = open_bank_simulator("tabletop").build(tmp_path / "bank", seeds=(0,), steps=4)
+    policy.run(policy.plan(small.root, ["python:arms:reach"], tmp_path / "run", conditions=(*FEW, "matched@cameras")))
+    verdict = judge(policy.score(tmp_path / "run"))["python:arms:reach"]
+    assert verdict.camera.label == "undecided"
+    assert "episodes bound nothing" in verdict.camera.because
+
+
+def test_what_cannot_be_asked_is_refused_in_one_line(bank: FrameBank, tmp_path: Path) -> None:
+    """An unknown policy, channel, condition; a bank without motions; one answer of a policy that may draw."""
+    highway = open_bank_simulator("rover").build(tmp_path / "rover", seeds=(0,), steps=4)
+    for given, error, words in (
+        ({"specs": ["trained:sees"], "bank_path": highway.root}, BankError, "does not say what a motion is"),
+        ({"specs": ["arms:reach"]}, SpecError, "unknown policy 'arms:reach'"),
+        ({"specs": ["trained:nobody"]}, SpecError, "known are sees"),
+        ({"specs": ["python:arms:nobody"]}, SpecError, "no callable 'nobody'"),
+        ({"specs": []}, SpecError, "at least one --policy"),
+        ({"conditions": ["swapped@nose"]}, SpecError, "unknown condition 'swapped@nose'"),
+        ({"conditions": ["matched@state"]}, BankError, "only pictures are matched"),
+        ({"extent": Extent(answers=1)}, SpecError, "--answers takes 2 or more"),
+    ):
+        with pytest.raises(error, match=words):
+            policy.plan(**{"bank_path": bank.root, "specs": ["python:arms:reach"], "out": tmp_path / "no", **given})
+    assert not (tmp_path / "no").exists()
+
+
+def test_reading_asks_for_the_reader_that_began_the_run(run: Path, tmp_path: Path) -> None:
+    """A run of another version of the rules is read anew only where that is said."""
+    values = json.loads((run / "run.json").read_text(encoding="utf-8"))
+    copy = tmp_path / "run"
+    copy.mkdir()
+    for name in ("ledger.sqlite",):
+        (copy / name).write_bytes((run / name).read_bytes())
+    (copy / "bank").symlink_to(run / "bank")
+    (copy / "run.json").write_text(json.dumps({**values, "reader": 0}), encoding="utf-8")
+    with pytest.raises(LedgerError, match="--reread"):
+        study_of(copy).score(copy, Reading())
+    assert study_of(copy).score(copy, Reading(reread=True)).models
+
+
+def test_absolute_places_are_measured_from_the_state_that_was_shown() -> None:
+    """A constant offset from the state does not vary, however the state does."""
+    from eyechart.spaces.motion import Dimension, MotionSpace  # noqa: PLC0415
+
+    space = MotionSpace("p", (Dimension("x", state=0),), 1, "absolute", state=(Dimension("x"),))
+    states = np.array([[0.1], [0.9]])
+    assert space.relative(states[:, None] + 0.2, states) == pytest.approx(0.2)
