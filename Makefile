@@ -14,11 +14,12 @@ DOCS := $(VENV)/.docs
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm ladder hierarchy test test-models test-browser lint format docs wheel bench long-compare long-speed long-adversaries long-coverage long-power long-serve mutants clean
+.PHONY: help demo demo-vlm demo-policy ladder hierarchy test test-models test-browser lint format docs wheel bench long-compare long-speed long-adversaries long-coverage long-power long-serve mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
 	@echo "make demo-vlm     the same on five tiny real vision-language models, on a CPU, offline once installed"
+	@echo "make demo-policy  the same on six tiny trained robot policies, offline"
 	@echo "make ladder       the baselines of the closed loop beside the paper's, offline, in a few minutes"
 	@echo "make hierarchy    intents above a model-predictive controller beside the paper's tables, offline"
 	@echo "make test         the tests of the core"
@@ -41,6 +42,9 @@ demo: $(CORE)
 
 demo-vlm: $(VLM)
 	$(BIN)/eyechart demo --vlm --out demo
+
+demo-policy: $(CORE)
+	$(BIN)/eyechart demo --policy --out demo
 
 hierarchy: $(CORE)
 	$(BIN)/eyechart run hierarchy --out hierarchy --processes 2

@@ -45,7 +45,7 @@ class Lesson:
 LESSONS = {
     "sees": Lesson(),
     "privileged": Lesson(target=True, wrong_pictures=0.5),
-    "memorised": Lesson(fixed=True),
+    "memorised": Lesson(fixed=True, wrong_pictures=0.1),
     "one_object": Lesson(alone=True),
     "top_only": Lesson(wrong_wrist=1.0),
     "sampling": Lesson(samples=True),

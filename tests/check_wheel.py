@@ -11,6 +11,7 @@ NEEDED = (
     "eyechart/py.typed",
     "eyechart/models/prices.toml",
     "eyechart/models/huggingface/organisms/grounded/model.safetensors",
+    "eyechart/models/trained/sees.npz",
     "eyechart/report/template/page.html",
 )
 """One of each kind of file that is no Python: without any of them a command fails."""

@@ -42,6 +42,7 @@ COMMANDS = (
     "run hierarchy",
     "run admission",
     "run structured",
+    "run policy",
     "run online",
     "merge",
     "report",
@@ -69,6 +70,7 @@ COMMANDS = (
     "list models",
     "list conditions",
     "list prompts",
+    "list policies",
     "list simulators",
 )
 

@@ -18,13 +18,22 @@ def demo(
     vlm: Annotated[
         bool, typer.Option("--vlm", help="Ask the five model organisms: needs eyechart[transformers].")
     ] = False,
+    policy: Annotated[
+        bool, typer.Option("--policy", help="Ask six tiny robot policies, which answer with motions.")
+    ] = False,
 ) -> None:
     """Build a highway bank, run all known-answer controllers, and print their verdicts.
 
     There are sixteen scripted ones; --vlm asks instead five tiny real vision-language models, trained to look in a
-    known way. Every one declares the verdict that it deserves; exit 1 where one got another. A second call uses the
-    bank and the finished calls of the first. Example: eyechart demo --out demo
+    known way, and --policy six tiny robot policies on a tabletop. Every one declares the verdict that it deserves;
+    exit 1 where one got another. A second call uses the bank and the finished calls of the first.
+    Example: eyechart demo --out demo
     """
+    if policy:
+        if vlm:
+            raise typer.BadParameter("--vlm and --policy are two demos: give one of them")
+        _demo_policies(out, seed)
+        return
     from eyechart.models.scripted import CONTROLLERS
     from eyechart.modes import RequestMode
     from eyechart.simulators import open_bank_simulator
@@ -61,6 +70,28 @@ def demo(
     typer.echo(f"{len(verdicts) - len(wrong)} of {len(verdicts)} verdicts are as the {who}.")
     say(f"the pictures: 'eyechart frames show {bank} --out sheet.png'; every number: 'eyechart score {run}'")
     if wrong:
+        raise typer.Exit(1)
+
+
+def _demo_policies(out: Path, seed: int) -> None:
+    """Ask six trained policies about a tabletop, and print their verdicts beside what each was trained to do."""
+    from contextlib import ExitStack
+
+    from eyechart.studies.policy import demo as study
+
+    with resumable(), ExitStack() as bars:
+        _, found = study.make(out, seed, lambda preset: bars.enter_context(progress(preset, "calls")))
+    print_each(study.tables(found))
+    print_each(
+        f"{spec}: {one.verdict.because if one.verdict.guards else one.verdict.camera.because}"
+        for spec, one in found.items()
+    )
+    print_each(f"not as trained: {spec}: {words}" for spec, one in found.items() for words in one.wrong)
+    right = sum(not one.wrong for one in found.values())
+    print_each([f"{right} of {len(found)} policies got the labels that they were trained for."])
+    run = out / f"run-balanced-{seed}"
+    say(f"every number: 'eyechart score {run}', the page: 'eyechart report {run}'")
+    if right < len(found):
         raise typer.Exit(1)
 
 

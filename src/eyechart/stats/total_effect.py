@@ -12,7 +12,7 @@ from itertools import combinations
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.stats.statistic import TIE, Statistic, cannot_say
+from eyechart.stats.statistic import TIE, Statistic, cannot_say, chunks
 
 Floats = npt.NDArray[np.float64]
 Places = npt.NDArray[np.intp]
@@ -148,8 +148,11 @@ def relabelling_p(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, res
     apart = np.stack([((2 * pool[chosen].sum(axis=0) - whole) ** 2).sum(axis=1) for chosen in dealt])
     observed = float(apart[0].sum()) * (1 - TIE)
     rng = np.random.default_rng(seed)
-    drawn = sum(apart[rng.integers(len(dealt), size=n), np.arange(n)].sum() >= observed for _ in range(resamples))
-    return float((drawn + 1) / (resamples + 1))
+    drawn = 0
+    for rows in chunks(resamples, n):
+        turns = rng.integers(len(dealt), size=(rows.stop - rows.start, n))
+        drawn += int(np.count_nonzero(apart[turns, np.arange(n)].sum(axis=1) >= observed))
+    return (drawn + 1) / (resamples + 1)
 
 
 def shares_of_parts(

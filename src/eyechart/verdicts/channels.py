@@ -228,7 +228,9 @@ def _content(statistics: Statistics, channel: str, shown: str) -> Judged:
     plain = Judged("camera_content", _sentence(shown), f"T.matched@{channel}")
     if channel != "cameras":
         return plain
-    gain, rather = statistics.get("follow.named"), statistics.get("follow.rather")
+    gain, control = statistics.get("follow.named"), "follow.told"
+    if (told := statistics.get(control)) is None or told.value is None:
+        control = "follow.rather"
     if gain is None or gain.value is None:
         return Judged(
             plain.label, plain.because, plain.by, "the bank moves no object, so whether it is followed is open"
@@ -236,8 +238,10 @@ def _content(statistics: Statistics, channel: str, shown: str) -> Judged:
     if not _followed(gain, FOLLOWED):
         why = f"the moved object is followed {_share(gain)} of the oracle's way; {_least(gain)}"
         return Judged(plain.label, plain.because, plain.by, why)
-    if not _followed(rather, 0.0):
-        why = f"an object that nobody named is followed as well: the difference is {_share(rather)}; {_least(rather)}"
+    if not _followed(rather := statistics.get(control), 0.0):
+        why = (
+            f"objects are followed as well where another is named: the difference is {_share(rather)}; {_least(rather)}"
+        )
         return Judged(plain.label, plain.because, plain.by, why)
     words = f"{shown}; moved, the named object is followed {_share(gain)} of the oracle's way (p {gain.p:.4f})"
     return Judged("object_grounded", _sentence(words), "follow.named")

@@ -1,0 +1,83 @@
+"""The demo of policies: six tiny ones, trained to look in a known way, and what a run says of each."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from eyechart.models.trained import TRAINED
+from eyechart.report.table import Cell, Column, Table
+from eyechart.run import Progress
+from eyechart.simulators import open_bank_simulator
+from eyechart.studies.policy.planning import Extent, plan, run
+from eyechart.studies.policy.scoring import PolicyScore, judge, score
+from eyechart.studies.policy.tables import channel_table, mark
+from eyechart.verdicts.channels import PolicyVerdict
+
+STEPS, SEEDS, ANSWERS = 6, 3, 2
+"""Frames of an episode and seeds: 12 episodes, 72 frames; how often what draws its answers is asked."""
+
+Watch = Callable[[str], Progress]
+"""Returns what is told of the progress of a run on this preset."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A policy of the demo: its verdict, and the labels that its training deserves, by axis."""
+
+    verdict: PolicyVerdict
+    says: str
+    deserved: dict[str, str]
+
+    @property
+    def wrong(self) -> list[str]:
+        """Return the axes whose label is not the one that it deserves, in words."""
+        return [
+            f"{axis} is {self.found[axis]}, deserved {label}"
+            for axis, label in self.deserved.items()
+            if self.found[axis] != label
+        ]
+
+    @property
+    def found(self) -> dict[str, str]:
+        """Return the labels that it got, by axis."""
+        one = self.verdict
+        labels = {"camera": one.camera, "state": one.state, "instruction": one.instruction}
+        labels |= {f"{name} camera": judged for name, judged in one.cameras.items()}
+        return {axis: labels[axis].label for axis in self.deserved}
+
+
+def make(out: Path, seed: int, watch: Watch) -> tuple[list[PolicyScore], dict[str, Shown]]:
+    """Build the banks and ask every trained policy on the preset that it was trained for; a second call goes on."""
+    scores: list[PolicyScore] = []
+    found: dict[str, Shown] = {}
+    for preset in dict.fromkeys(one.preset for one in TRAINED.values()):
+        bank, folder = out / f"bank-{preset}-{seed}", out / f"run-{preset}-{seed}"
+        if not bank.exists():
+            seeds = range(SEEDS * seed, SEEDS * (seed + 1))
+            open_bank_simulator("tabletop").build(bank, preset=preset, seeds=seeds, steps=STEPS)
+        specs = [f"trained:{name}" for name, one in TRAINED.items() if one.preset == preset]
+        run(plan(bank, specs, folder, seed=seed, extent=Extent(answers=ANSWERS)), progress=watch(preset))
+        scored = score(folder)
+        scores.append(scored)
+        found |= {spec: shown(spec, verdict) for spec, verdict in judge(scored).items()}
+    return scores, {f"trained:{name}": found[f"trained:{name}"] for name in TRAINED}
+
+
+def shown(spec: str, verdict: PolicyVerdict) -> Shown:
+    """Return a verdict beside what the policy was trained to do."""
+    lesson = TRAINED[spec.removeprefix("trained:")]
+    deserved = {"camera": lesson.camera, "state": lesson.state, "instruction": lesson.instruction}
+    deserved |= {f"{name} camera": label for name, label in lesson.cameras.items()}
+    return Shown(verdict, lesson.says, deserved)
+
+
+def tables(found: dict[str, Shown]) -> Iterator[Table]:
+    """Yield what every policy got and was trained to do, and the share of each of its channels."""
+    names = {spec: spec.removeprefix("trained:") for spec in found}
+    axes = ("camera", "state", "instruction")
+    rows: list[tuple[Cell, ...]] = [
+        (names[spec], *(mark(one.found[axis]) for axis in axes), f"it {one.says}") for spec, one in found.items()
+    ]
+    head = [Column(name, "word") for name in ("policy", *axes)]
+    yield Table("demo", "what each was found to do, and trained to do", (*head, Column("trained")), tuple(rows))
+    yield channel_table({names[spec]: one.verdict for spec, one in found.items()})
