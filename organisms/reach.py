@@ -45,7 +45,7 @@ class Lesson:
 LESSONS = {
     "sees": Lesson(),
     "privileged": Lesson(target=True, wrong_pictures=0.5),
-    "memorised": Lesson(fixed=True, wrong_pictures=0.1),
+    "memorised": Lesson(fixed=True, wrong_pictures=1 / 256),
     "one_object": Lesson(alone=True),
     "top_only": Lesson(wrong_wrist=1.0),
     "sampling": Lesson(samples=True),
@@ -128,7 +128,7 @@ def train(name: str, steps: int, say: Callable[[str], None]) -> dict[str, np.nda
         views = []
         for camera, share in (("top", 0.0), ("wrist", lesson.wrong_wrist)):
             picture = data[camera][rows].float() / 127.5 - 1
-            amiss = int(len(rows) * max(share, lesson.wrong_pictures)) if wrong else 0
+            amiss = _amiss(len(rows) * max(share, lesson.wrong_pictures), chance) if wrong else 0
             if amiss:
                 third = amiss // 3
                 other = torch.randint(kept, len(state), (amiss,), generator=chance)
@@ -152,6 +152,13 @@ def train(name: str, steps: int, say: Callable[[str], None]) -> dict[str, np.nda
             say(f"{name} {step}: loss {loss.item():.4f}, held out {off.item():.4f}, {time.monotonic() - begun:.0f} s")
     weights = {key.replace(".", "_"): one.numpy().astype(np.float16) for key, one in net.state_dict().items()}
     return weights | {key: one.numpy().astype(np.float32) for key, one in scales.items()}
+
+
+def _amiss(expected: float, chance: torch.Generator) -> int:
+    """Return how many of a batch are to be wrong; of less than one, one now and then."""
+    if not 0 < expected < 1:
+        return int(expected)
+    return int(torch.rand(1, generator=chance).item() < expected)
 
 
 def _loss(found: torch.Tensor, action: torch.Tensor) -> torch.Tensor:

@@ -100,13 +100,20 @@ def calibrate(
     seed: Annotated[int, typer.Option(min=0, help="Seed of everything that is drawn.")] = 0,
     processes: Annotated[int, typer.Option(min=1, help="Processes; the result does not depend on it.")] = 2,
     setting: Annotated[list[str] | None, typer.Option(help="Only this setting; give it again for more.")] = None,
+    policies: Annotated[
+        bool, typer.Option("--policies", help="The rules on policies instead; a setting is part of its name.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Test the battery's tests and both sets of rules on simulated controllers whose answer is known.
 
-    Prints confusion matrices, error rates, power and the share of undecided verdicts; see docs/calibration.md.
-    Exit 0: all targets hold, 1: one is missed. Example: eyechart calibrate --replications 200
+    Prints confusion matrices, error rates, power and the share of undecided verdicts; see docs/calibration.md. With
+    --policies, how often each label was said of simulated policies, and how often it was untrue. Exit 0: all targets
+    hold, 1: one is missed. Example: eyechart calibrate --replications 200
     """
+    if policies:
+        _calibrate_policies(replications, seed, processes, setting, json=json)
+        return
     from eyechart.calibrate import calibrate as run
     from eyechart.calibrate.table import tables
 
@@ -114,4 +121,15 @@ def calibrate(
         found = run(replications=replications, seed=seed, processes=processes, settings=setting or None, progress=move)
     print_json(found.as_dict()) if json else typer.echo(tables(found))
     if found.misses():
+        raise typer.Exit(1)
+
+
+def _calibrate_policies(draws: int, seed: int, processes: int, chosen: list[str] | None, *, json: bool) -> None:
+    """Print how often each label was said in every setting; exit 1 where an untrue one comes too often."""
+    from eyechart.calibrate import policies as simulated
+
+    with progress("settings", "settings") as move:
+        tried = list(simulated.try_rules(draws, seed=seed, processes=processes, chosen=chosen, progress=move))
+    print_json([one.as_dict() for one in tried]) if json else print_each([simulated.table(tried)], 200)
+    if any(one.missed for one in tried):
         raise typer.Exit(1)

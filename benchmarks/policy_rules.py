@@ -1,0 +1,48 @@
+"""The rules on policies, in the settings of docs/decisions/0050, of 5000 data sets each.
+
+    make long-policies
+    python benchmarks/policy_rules.py --draws 5000 --processes 2
+
+Every setting is kept on disk, so an interrupted measurement goes on. Writes ``benchmarks/results/policies.json``; exit
+1 where an untrue label comes more often than .01 plus two standard errors.
+"""
+
+import argparse
+import datetime as dt
+import json
+import sys
+from pathlib import Path
+
+import eyechart
+from eyechart.calibrate.policies import Setting, Tried, settings, try_rules
+
+RESULT = Path(__file__).parent / "results" / "policies.json"
+
+
+def measured(cache: Path, setting: Setting, draws: int, processes: int) -> Tried:
+    """Return what the rules say in a setting, from disk where it was measured already."""
+    file = cache / f"{setting.name}, {draws}.json".replace(" ", "_").replace("%", "")
+    if not file.is_file():
+        (found,) = (one for one in try_rules(draws, processes=processes, chosen=[setting.name], exact=True))
+        file.write_text(json.dumps(dict(found.labels)), encoding="utf-8")
+        print(f"{setting.name}: {found.false}{'  MISSED' if found.missed else ''}", flush=True)
+    return Tried(setting, json.loads(file.read_text(encoding="utf-8")), draws)
+
+
+def main() -> int:
+    """Measure every setting and write the result; returns the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--draws", type=int, default=5000)
+    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--cache", type=Path, default=Path("build/policy-rules"))
+    args = parser.parse_args()
+    args.cache.mkdir(parents=True, exist_ok=True)
+    tried = [measured(args.cache, one, args.draws, args.processes) for one in settings()]
+    about = {"eyechart": eyechart.__version__, "date": dt.datetime.now(dt.UTC).date().isoformat(), "draws": args.draws}
+    rows = [one.as_dict() for one in tried]
+    RESULT.write_text(json.dumps({**about, "settings": rows}, indent=1) + "\n", encoding="utf-8")
+    return int(any(one.missed for one in tried))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

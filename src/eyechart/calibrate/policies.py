@@ -1,0 +1,332 @@
+"""The rules on policies, tried on simulated ones whose shares, noise and objects are known.
+
+Source: docs/decisions/0050-any-policy-simulated.md, whose settings these are.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+import numpy.typing as npt
+
+from eyechart.errors import SpecError
+from eyechart.report.table import Column, Table
+from eyechart.seeds import key_seed
+from eyechart.stats.flips import follow
+from eyechart.stats.partners import balanced_partners
+from eyechart.stats.statistic import Statistic
+from eyechart.stats.total_effect import Pairs, half_squares, relabelling_p, total_effect
+from eyechart.verdicts.channels import judge_camera, judge_instruction, judge_state
+
+Floats = npt.NDArray[np.float64]
+
+LATENT, STEPS, NUMBERS = 3, 8, 3
+WITHIN = 0.8
+"""The correlation of the latent numbers of an episode's frames."""
+WANTED = 0.01
+"""The largest share of false claims that is wanted, before two standard errors."""
+SHARES = (0.0, 0.02, 0.05, 0.10, 0.20, 0.40)
+NOISES, ANSWERS = (0.05, 0.25, 1.0), (2, 4)
+_BATCH = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """One kind of simulated policy and data set. ``share`` is that of the channel whose bound is at its margin.
+
+    ``margin`` says which: ``swap``, ``matched``, ``blank``, ``instruction``, or, of moved objects, ``follow`` and
+    ``control``. ``response`` is the share of frames, or of ``whole`` episodes, that respond at all.
+    """
+
+    margin: str = "swap"
+    share: float = 0.10
+    episodes: int = 12
+    frames: int = 72
+    response: float = 1.0
+    whole: bool = False
+    numbers: str = "plain"
+    noise: float = 0.0
+    answers: int = 1
+    artefact: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """Return what is moved from the base, in words."""
+        parts = [f"{self.margin} {self.share:g}", f"{self.episodes} episodes", f"{self.frames} frames"]
+        if self.response < 1:
+            parts.append(f"{self.response:.0%} of {'episodes' if self.whole else 'frames'} respond")
+        parts += [self.numbers] if self.numbers != "plain" else []
+        parts += [f"noise {self.noise:g}, {self.answers} answers"] if self.answers > 1 else []
+        parts += [f"artefacts {self.artefact:g}"] if self.artefact else []
+        return ", ".join(parts)
+
+    @property
+    def false(self) -> frozenset[str]:
+        """Return the labels that are untrue here."""
+        return frozenset(label for label, untrue in FALSE[self.margin].items() if untrue(self.share))
+
+
+def _at_least(bound: float) -> Callable[[float], bool]:
+    return lambda share: share >= bound
+
+
+def _at_most(bound: float) -> Callable[[float], bool]:
+    return lambda share: share <= bound
+
+
+_USES = ("camera_content", "pose_only", "camera_presence")
+FALSE: Mapping[str, Mapping[str, Callable[[float], bool]]] = {
+    "swap": {
+        "ignores_camera": _at_least(0.10),
+        "state_shortcut": _at_least(0.10),
+        **dict.fromkeys(_USES, _at_most(0.02)),
+    },
+    "matched": {"pose_only": _at_least(0.10), "camera_content": _at_most(0.02)},
+    "blank": {"ignores_camera": _at_least(0.10), "camera_presence": _at_most(0.02)},
+    "instruction": {"instruction_ignored": _at_least(0.10), "instruction_followed": _at_most(0.02)},
+    "follow": {"object_grounded": _at_most(0.30)},
+    "control": {"object_grounded": _at_most(1.0)},
+}
+"""Which labels are untrue at which share, by the bound that is at its margin."""
+
+
+def settings() -> tuple[Setting, ...]:
+    """Return every setting, the base first."""
+    base, found = Setting(), list[Setting]()
+    found += [replace(base, share=share) for share in SHARES]
+    margins = (0.02, 0.10, 0.20)
+    for share in margins:
+        found += [replace(base, share=share, frames=frames) for frames in (36, 144, 288)]
+        found += [replace(base, share=share, episodes=episodes) for episodes in (6, 24, 50)]
+        found += [replace(base, share=share, numbers=numbers) for numbers in ("bang-bang", "heavy tails")]
+        for response in (0.15, 0.25):
+            found += [replace(base, share=share, response=response, whole=whole) for whole in (False, True)]
+    for episodes, response in ((24, 0.15), (24, 0.25), (50, 0.15), (50, 0.25)):
+        found.append(replace(base, episodes=episodes, response=response, whole=True))
+    for noise in NOISES:
+        for answers in ANSWERS:
+            found += [replace(base, share=share, noise=noise, answers=answers) for share in SHARES]
+    for margin in ("matched", "blank", "instruction"):
+        found += [replace(base, margin=margin, share=share) for share in (0.0, *margins)]
+        found += [replace(base, margin=margin, share=share, episodes=6) for share in (0.02, 0.10)]
+    for episodes in (6, 7, 8, 12, 24):
+        for share in (0.0, 0.30, 0.50, 0.70):
+            for artefact in (0.0, 1.0):
+                found.append(replace(base, margin="follow", share=share, episodes=episodes, artefact=artefact))
+        found.append(replace(base, margin="control", share=0.60, episodes=episodes))
+    return tuple(dict.fromkeys(found))
+
+
+@dataclass(frozen=True)
+class Tried:
+    """How often each label was said in a setting, of so many data sets."""
+
+    setting: Setting
+    labels: Mapping[str, int]
+    draws: int
+
+    @property
+    def false(self) -> float | None:
+        """Return the share of data sets with the most frequent untrue label; None where none is untrue."""
+        counts = [self.labels.get(label, 0) for label in self.setting.false]
+        return max(counts) / self.draws if counts else None
+
+    @property
+    def missed(self) -> bool:
+        """Return whether an untrue label comes more often than is wanted, beyond two standard errors."""
+        most = WANTED + 2 * np.sqrt(WANTED * (1 - WANTED) / self.draws)
+        return self.false is not None and self.false > most
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        shares = {label: count / self.draws for label, count in sorted(self.labels.items())}
+        return {"setting": self.setting.name, "draws": self.draws, "labels": shares, "false": self.false}
+
+
+def try_rules(
+    draws: int,
+    *,
+    seed: int = 0,
+    processes: int = 1,
+    chosen: Sequence[str] | None = None,
+    exact: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> Iterator[Tried]:
+    """Yield what the rules say in every setting, or in those whose names hold one of ``chosen``, or are it ``exact``.
+
+    The result does not depend on ``processes``. Raises SpecError where no setting is meant.
+    """
+    every = list(settings())
+    if chosen is not None:
+        every = [one for one in every if any(word == one.name if exact else word in one.name for word in chosen)]
+    if not every:
+        raise SpecError(f"no setting of policies is named like {', '.join(chosen or ())}; see docs/decisions/0050")
+    parts = [(start, min(_BATCH, draws - start)) for start in range(0, draws, _BATCH)]
+    with ProcessPoolExecutor(processes) as pool:
+        for place, setting in enumerate(every):
+            labels: Counter[str] = Counter()
+            for counted in pool.map(partial(_batch, setting, seed), *zip(*parts, strict=True)):
+                labels.update(counted)
+            if progress is not None:
+                progress(place + 1, len(every))
+            yield Tried(setting, dict(labels), draws)
+
+
+def _batch(setting: Setting, seed: int, start: int, count: int) -> Counter[str]:
+    found: Counter[str] = Counter()
+    for number in range(start, start + count):
+        found.update(labels_of(setting, np.random.default_rng(key_seed("policies", seed, setting.name, number))))
+    return found
+
+
+def labels_of(setting: Setting, rng: np.random.Generator) -> tuple[str, ...]:
+    """Return the labels of one simulated data set."""
+    world = _World(setting, rng)
+    statistics = world.statistics()
+    if setting.margin == "instruction":
+        return (judge_instruction(statistics).label,)
+    camera = judge_camera(statistics, "cameras", "its cameras").label
+    if setting.margin in {"matched", "follow", "control"}:
+        return (camera,)
+    state = judge_state(statistics, camera, there=True).label
+    return camera, state
+
+
+class _World:
+    """One data set: latent numbers of frames, and the motions that follow from them."""
+
+    def __init__(self, setting: Setting, rng: np.random.Generator) -> None:
+        self._set, self._rng = setting, rng
+        sizes = np.full(setting.episodes, setting.frames // setting.episodes)
+        sizes[: setting.frames % setting.episodes] += 1
+        self._episode = np.repeat(np.arange(setting.episodes), sizes)
+        self._map = rng.normal(size=(LATENT, STEPS * NUMBERS))
+        self._map /= np.sqrt((self._map**2).sum(axis=0))
+        self._rest = self._latent()
+        self._gate = self._gates()
+
+    def _latent(self) -> Floats:
+        """Return latent numbers of variance 1 a frame, alike within an episode, shape (frames, 3)."""
+        episode, frame = (self._draw((size, LATENT)) for size in (self._set.episodes, len(self._episode)))
+        return np.asarray(np.sqrt(WITHIN) * episode[self._episode] + np.sqrt(1 - WITHIN) * frame)
+
+    def _draw(self, shape: tuple[int, int]) -> Floats:
+        if self._set.numbers == "heavy tails":
+            return np.asarray(self._rng.standard_t(3, shape) / np.sqrt(3))
+        return self._rng.standard_normal(shape)
+
+    def _gates(self) -> Floats:
+        one = self._set
+        if one.whole:
+            responds = (self._rng.random(one.episodes) < one.response)[self._episode]
+        else:
+            responds = self._rng.random(len(self._episode)) < one.response
+        return np.asarray(responds / np.sqrt(one.response))[:, None]
+
+    def _answers(self, part: Floats, share: float) -> Floats:
+        """Return the motions where this is what the channel shows, shape (answers, frames, steps, numbers)."""
+        plain = np.sqrt(share) * self._gate * part + np.sqrt(1 - share) * self._rest
+        noise = np.sqrt(self._set.noise) * self._rng.standard_normal((self._set.answers, *plain.shape))
+        numbers = np.asarray((plain + noise) @ self._map).reshape(self._set.answers, len(plain), STEPS, NUMBERS)
+        if self._set.numbers == "bang-bang":
+            numbers[..., -1] = 2.0 * (numbers[..., -1] > 0)
+        return np.asarray(numbers)
+
+    def statistics(self) -> dict[str, Statistic]:
+        """Return the statistics that the rules of this margin read."""
+        one, picture, wanted = self._set, self._latent(), _wanted(self._set)
+        share, every = wanted["swapped"], list(range(len(self._episode)))
+        partner = balanced_partners(self._episode.tolist(), every, seed=int(self._rng.integers(2**32)))
+        theirs, real = self._episode[partner], self._answers(picture, share)
+        variation = Pairs(half_squares(real, real[:, partner]), self._episode, theirs)
+        found = {}
+        for name, changed in wanted.items():
+            other = picture[partner] if name == "swapped" else self._latent()
+            shown = self._changed(picture, other, share, changed)
+            found[name] = self._total(real, shown, self._episode if name == "blank" else theirs, variation)
+        if one.margin == "instruction":
+            return {"T.swapped@instruction": found["swapped"]}
+        named = {"swapped": "T.swapped@cameras", "matched": "T.matched@cameras", "blank": "T.blank"}
+        state = Statistic(1.0, one.frames, (0.5, 2.0), 0.0, detail={"episodes": one.episodes})
+        given = {named[name]: statistic for name, statistic in found.items()} | {"T.swapped@state": state}
+        return given | (self._followed() if one.margin in _CONTENT else {})
+
+    def _changed(self, own: Floats, other: Floats, share: float, changed: float) -> Floats:
+        """Return the motions where ``changed`` of the variance comes from another picture, of the ``share`` it carries.
+
+        The picture keeps its variance; where it carries nothing, the other's part is added.
+        """
+        if changed > share:
+            more = np.asarray(np.sqrt(2 * changed) * self._gate * other @ self._map)
+            return np.asarray(self._answers(own, share) + more.reshape(1, len(own), STEPS, NUMBERS))
+        new = changed / share if share else 0.0
+        return self._answers((1 - new) * own + np.sqrt(new * (2 - new)) * other, share)
+
+    def _total(self, real: Floats, other: Floats, theirs: npt.NDArray[np.intp], variation: Pairs) -> Statistic:
+        drawn = self._set.answers > 1
+        found = total_effect(Pairs(half_squares(real, other), self._episode, theirs), variation, sampled=drawn)
+        seed = int(self._rng.integers(2**32))
+        return replace(found, p=relabelling_p(real, other, seed=seed, resamples=999) if drawn else None)
+
+    def _followed(self) -> dict[str, Statistic]:
+        """Return how far moved objects are followed, and how much of that because they are named."""
+        one, n = self._set, len(self._episode)
+        full = self._rng.uniform(2, 4, n)
+        jitter = 0.5 * (np.sqrt(WITHIN) * self._rng.normal(size=one.episodes)[self._episode])
+        noise = one.artefact * full.mean() * self._rng.normal(size=n) + 0.3 * self._rng.normal(size=n)
+        gains = one.share * full * (1 + jitter) + noise
+        because = 0.0 if one.margin == "control" else one.share
+        told = because * full * (1 + jitter) + one.artefact * full.mean() * self._rng.normal(size=n) / 2
+        told = told + 0.3 * self._rng.normal(size=n)
+        return {
+            "follow.named": follow(gains, full, self._episode, seed=1),
+            "follow.told": follow(told, full, self._episode, seed=2),
+        }
+
+
+_CONTENT = ("follow", "control")
+
+
+def _wanted(one: Setting) -> dict[str, float]:
+    """Return which share of the latent variance each condition is to change; the swap's is what the channel carries."""
+    share = _latent_share(one.share) if one.numbers == "bang-bang" else one.share
+    if one.margin in _CONTENT:
+        return {"swapped": 0.40, "matched": 0.40, "blank": 0.40}
+    if one.margin == "instruction":
+        return {"swapped": share}
+    none = {"swapped": 0.0, "matched": 0.0, "blank": 0.0}
+    return {**none, **({"swapped": 0.40} if one.margin == "matched" else {}), _CONDITIONS[one.margin]: share}
+
+
+_CONDITIONS = {"swap": "swapped", "matched": "matched", "blank": "blank"}
+
+
+def _latent_share(share: float) -> float:
+    """Return the latent share with which plain numbers and one of three of two values have this share together."""
+    low, high = 0.0, 1.0
+    for _ in range(60):
+        middle = (low + high) / 2
+        found = middle * (NUMBERS - 1) / NUMBERS + 2 * np.arccos(1 - middle) / np.pi / NUMBERS
+        low, high = (middle, high) if found < share else (low, middle)
+    return high
+
+
+def table(tried: Sequence[Tried]) -> Table:
+    """Return a setting a row: how often each label was said, and the untrue one."""
+    labels = list(dict.fromkeys(label for one in tried for label in sorted(one.labels)))
+    rows = [
+        (
+            one.setting.name,
+            *(one.labels.get(label, 0) / one.draws for label in labels),
+            ", ".join(sorted(one.setting.false)),
+            one.false,
+            "!" if one.missed else "",
+        )
+        for one in tried
+    ]
+    head = [Column("setting"), *(Column(label, "number") for label in labels), Column("untrue here")]
+    note = f"! more than {WANTED} plus two standard errors"
+    return Table("policies", "", (*head, Column("false", "number", 4), Column("")), tuple(rows), note)
