@@ -26,6 +26,8 @@ PARTNERS = ("swapped", "matched", "kept")
 """The conditions that show another frame's channel: any, that of a similar state; or all of another's but one."""
 OBJECTS = ("named", "other")
 """What a world moves: what the instruction names, and what it does not."""
+LEAST_MATCHED = 0.25
+"""Of fewer frames with a partner at a similar state nothing is asked of those that have one."""
 TOLD = "told_"
 """Stands before the name of a moved object where the instruction is another's too."""
 MOVES = tuple(f"{which}_{side}" for which in OBJECTS for side in ("plus", "minus"))
@@ -98,18 +100,21 @@ def _lacking(name: str, bank: FrameBank) -> str:
         return "the bank has no instruction"
     if name == "mirrored" and (bank.manifest.motion is None or not bank.manifest.motion.mirrored):
         return "the bank does not say what a reflected motion is"
-    lacking = sum(not shown(name, frame) for frame in bank)
+    lacking = sum(not shown(name, frame, bank) for frame in bank)
     what = "mirror axis" if name == "mirrored" else "such picture"
     return f"{lacking} of {len(bank)} frames have no {what}" if lacking else ""
 
 
 def _unpartnered(base: str, channel: str, bank: FrameBank) -> str:
-    """Return why not every frame has a partner, nothing where it has."""
+    """Return why not every frame has a partner, or of a similar state hardly one; nothing where they have."""
     if base == "matched" and channel in {STATE, INSTRUCTION}:
         return "only pictures are matched by the state"
     if base == "matched" and not bank.manifest.state:
         return "the bank has no state to match by"
     without = int((partners(bank.frames, *whose(base, channel)) == NOBODY).sum())
+    if base == "matched":
+        few = without > (1 - LEAST_MATCHED) * len(bank)
+        return f"{without} of {len(bank)} frames have no frame of another episode at a similar state" if few else ""
     return f"{without} frames have no frame of another episode that differs there" if without else ""
 
 
@@ -127,12 +132,14 @@ def find_exchange(name: str) -> Condition:
     raise SpecError(f"unknown condition '{name}' of a policy; known are {', '.join(known)}")
 
 
-def shown(name: str, frame: Frame) -> bool:
-    """Return whether a frame can be shown under a condition of a policy; partners are a matter of the whole bank."""
-    base = name.partition(OVER)[0]
+def shown(name: str, frame: Frame, source: Source) -> bool:
+    """Return whether a frame can be shown under a condition of a policy."""
+    base, _, channel = name.partition(OVER)
     if base in _DRAWN:
         return base.removeprefix(TOLD) in frame.counterfactuals
-    return base in PARTNERS or available(name, frame)
+    if base in PARTNERS:
+        return _partnered(frame, source, base, channel) != NOBODY
+    return available(name, frame)
 
 
 def show(condition: str, frame: Frame, source: Source, run_seed: int) -> Stimulus:
@@ -175,11 +182,14 @@ def flat_state(state: Mapping[str, tuple[float, ...]]) -> tuple[float, ...]:
 
 def partner_of(frame: Frame, source: Source, base: str, channel: str) -> Frame:
     """Return whose channel a frame is shown; raises BankError where nobody's can be."""
-    places = partners(source.frames, *whose(base, channel))
-    place = int(places[_place(source.frames)[frame.id]])
+    place = _partnered(frame, source, base, channel)
     if place == NOBODY:
         raise BankError(f"frame '{frame.id}' has no partner for {base}{OVER}{channel}: no other episode differs there")
     return source.frames[place]
+
+
+def _partnered(frame: Frame, source: Source, base: str, channel: str) -> int:
+    return int(partners(source.frames, *whose(base, channel))[_place(source.frames)[frame.id]])
 
 
 def partners(frames: Sequence[Frame], how: str, channel: str) -> Places:

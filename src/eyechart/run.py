@@ -139,7 +139,7 @@ class MotionPlan(Plan):
 
     def shows(self, condition: str, frame: Frame) -> bool:
         """Return whether a frame can be shown under a condition."""
-        return channels.shown(condition, frame)
+        return channels.shown(condition, frame, self.bank)
 
     def seen(self, condition: str, frame: Frame) -> Stimulus:
         """Return what a condition shows of a frame."""

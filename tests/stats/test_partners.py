@@ -49,6 +49,8 @@ def test_matched_partners_are_the_nearest_of_another_episode() -> None:
     """Each number in its own spread: the second one, in another unit, counts as much as the first."""
     states = np.array([[0.0, 0], [0.1, 0], [0.2, 10], [1.0, 900], [0.9, 1000]])
     assert matched_partners([0, 0, 1, 1, 2], states).tolist() == [2, 2, 1, 4, 3]
+    assert matched_partners([0, 0, 1, 1, 2], states, within=0.02).tolist() == [NOBODY, 2, 1, NOBODY, NOBODY]
+    assert matched_partners([0, 1], [[5.0], [5.0]]).tolist() == [1, 0]
     assert set(matched_partners([0, 0], [[1.0], [2.0]])) == {NOBODY}
     with pytest.raises(ValueError, match="one row a frame"):
         matched_partners([0, 1], [[1.0]])

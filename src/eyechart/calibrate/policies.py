@@ -138,7 +138,7 @@ class Tried:
     def missed(self) -> bool:
         """Return whether an untrue label comes more often than is wanted, beyond two standard errors."""
         most = WANTED + 2 * np.sqrt(WANTED * (1 - WANTED) / self.draws)
-        return self.false is not None and self.false > most
+        return self.false is not None and bool(self.false > most)
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
@@ -184,8 +184,7 @@ def _batch(setting: Setting, seed: int, start: int, count: int) -> Counter[str]:
 
 def labels_of(setting: Setting, rng: np.random.Generator) -> tuple[str, ...]:
     """Return the labels of one simulated data set."""
-    world = _World(setting, rng)
-    statistics = world.statistics()
+    statistics = simulated(setting, rng)
     if setting.margin == "instruction":
         return (judge_instruction(statistics).label,)
     camera = judge_camera(statistics, "cameras", "its cameras").label
@@ -193,6 +192,11 @@ def labels_of(setting: Setting, rng: np.random.Generator) -> tuple[str, ...]:
         return (camera,)
     state = judge_state(statistics, camera, there=True).label
     return camera, state
+
+
+def simulated(setting: Setting, rng: np.random.Generator) -> dict[str, Statistic]:
+    """Return the statistics of one simulated data set that the rules of its margin read."""
+    return _World(setting, rng).statistics()
 
 
 class _World:

@@ -12,6 +12,8 @@ _Marks = npt.NDArray[np.bool_]
 
 NOBODY = -1
 """Stands for the partner of a frame that has none."""
+SIMILAR = 0.10
+"""Two states are similar where their squared distance is at most this share of that of two states drawn at random."""
 _ROUNDS = 20
 
 
@@ -45,11 +47,12 @@ def balanced_partners(episodes: Sequence[object], values: Sequence[object], *, s
     return found
 
 
-def matched_partners(episodes: Sequence[object], states: npt.ArrayLike) -> Places:
+def matched_partners(episodes: Sequence[object], states: npt.ArrayLike, *, within: float = SIMILAR) -> Places:
     """Return for each frame the place of the frame of another episode whose state is nearest, shape (n,).
 
-    ``states`` has shape (n, d); each number counts in units of its own spread over the frames. `NOBODY` where all
-    frames are of one episode. ValueError where the lengths differ.
+    ``states`` has shape (n, d); each number counts in units of its own spread over the frames. `NOBODY` where none is
+    similar: nearer than a share ``within`` of the squared distance of two states at random. ValueError where the
+    lengths differ.
     """
     episode, given = _numbered(episodes), np.asarray(states, np.float64)
     if given.ndim != 2 or len(given) != len(episode):
@@ -61,7 +64,8 @@ def matched_partners(episodes: Sequence[object], states: npt.ArrayLike) -> Place
         far = ((scaled[rows, None, :] - scaled[None]) ** 2).sum(axis=2)
         far[episode[rows, None] == episode[None]] = np.inf
         nearest = far.argmin(axis=1)
-        there = np.isfinite(np.take_along_axis(far, nearest[:, None], axis=1)[:, 0])
+        most = within * 2 * np.count_nonzero(spread)
+        there = np.take_along_axis(far, nearest[:, None], axis=1)[:, 0] <= most
         found[rows] = np.where(there, nearest, NOBODY)
     return found
 

@@ -255,7 +255,7 @@ def _followed(one: Statistic | None, least: float) -> bool:
 
 def _least(one: Statistic | None) -> str:
     """Return why a following is not settled."""
-    smallest = 1.0 if one is None or one.detail is None else one.detail.get("smallest_p", 1.0)
+    smallest = None if one is None or one.detail is None else one.detail.get("smallest_p")
     if isinstance(smallest, float) and smallest >= ALPHA:
         return "below seven episodes no test can tell"
     return "p is not below .01" if one is None or one.p is None or one.p >= ALPHA else "its lower end is too low"

@@ -1,0 +1,118 @@
+"""Callables as policies: what they are given, what becomes of what they answer, and what they declare."""
+
+import asyncio
+import sys
+import time
+import types
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from eyechart.calls import Query, Reply
+from eyechart.errors import SpecError
+from eyechart.frames import Stimulus, encode
+from eyechart.models import open_model
+from eyechart.modes import RequestMode
+from eyechart.spaces.motion import Motion
+
+PICTURE = np.arange(48, dtype=np.uint8).reshape(4, 4, 3)
+SEEN = Stimulus({"top": encode(PICTURE)}, {}, {"arm": (0.5, 1.0), "hand": (2.0,)})
+
+
+def opened(act: object, monkeypatch: pytest.MonkeyPatch, timeout_s: float = 5.0):  # noqa: ANN201
+    """Return a policy that is this callable."""
+    module = types.ModuleType("an_arm")
+    module.act = act
+    monkeypatch.setitem(sys.modules, "an_arm", module)
+    return open_model("python:an_arm:act", RequestMode("python:an_arm:act", timeout_s=timeout_s), answering="policy")
+
+
+def answer(act: Callable[..., object], monkeypatch: pytest.MonkeyPatch, told: str = "go", seed: int = 3) -> Reply:
+    """Return what becomes of one call."""
+    return asyncio.run(opened(act, monkeypatch).answer(Query("", told, SEEN, seed)))
+
+
+def test_it_is_given_pictures_by_camera_a_flat_state_and_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of its own: what it changes no later call sees."""
+    given = []
+
+    def act(images: dict, state: np.ndarray, instruction: str | None) -> np.ndarray:
+        given.append((images["top"].copy(), state.copy(), instruction))
+        images["top"][:], state[:] = 0, 0
+        return np.ones((2, 3))
+
+    policy = opened(act, monkeypatch)
+    for told in ("go", ""):
+        assert asyncio.run(policy.answer(Query("", told, SEEN, 3))).error is None
+    for (picture, state, _), told in zip(given, ("go", None), strict=True):
+        assert (picture == PICTURE).all()
+        assert state.tolist() == [0.5, 1.0, 2.0]
+        assert given[0 if told else 1][2] == told
+
+
+@pytest.mark.parametrize(
+    ("said", "words"),
+    [
+        ("left", "no numbers"),
+        (None, "no numbers"),
+        ([[1.0], [2.0, 3.0]], "no array"),
+        (np.zeros(200_000), "too large"),
+    ],
+)
+def test_what_is_no_array_is_an_error_in_words(monkeypatch: pytest.MonkeyPatch, said: object, words: str) -> None:
+    """And no made-up motion."""
+    reply = answer(lambda *_: said, monkeypatch)
+    assert (reply.error, reply.text) == ("exception", "")
+    assert words in reply.error_detail
+
+
+def test_numbers_that_are_none_are_kept_as_they_came(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The space says that they are no motion; the ledger holds what was answered."""
+    reply = answer(lambda *_: np.full((2, 2), np.nan, np.float32), monkeypatch)
+    assert reply.error is None
+    assert np.isnan(Motion.read(reply.text).array).all()
+
+
+def test_what_it_raises_and_what_takes_too_long_has_its_kind(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither ends a run."""
+
+    def slow(*_: object) -> np.ndarray:
+        time.sleep(1)
+        return np.zeros((1, 1))
+
+    assert "KeyError: 'wrist'" in answer(lambda images, *_: images["wrist"], monkeypatch).error_detail
+    late = asyncio.run(opened(slow, monkeypatch, timeout_s=0.1).answer(Query("", "go", SEEN, 3)))
+    assert late.error == "timeout"
+
+
+def test_a_seed_is_given_only_to_whom_takes_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And every call is preceded by a reset where there is one."""
+    calls = []
+
+    def act(*_: object, **more: int) -> np.ndarray:
+        calls.append(more)
+        return np.zeros((1, 1))
+
+    answer(act, monkeypatch)
+    act.seedable, act.reset = True, lambda: calls.append("reset")
+    answer(act, monkeypatch, seed=9)
+    assert calls == [{}, "reset", {"seed": 9}]
+
+
+def test_what_it_declares_of_itself_is_kept_or_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its version stands for it; a declaration of another kind is an error that names it."""
+
+    def act(*_: object) -> np.ndarray:
+        return np.zeros((1, 1))
+
+    act.version, act.channels = "v7", ["cameras", "state"]
+    policy = opened(act, monkeypatch)
+    assert (policy.version, policy.facts["channels"], policy.facts["seedable"]) == ("v7", "cameras, state", "false")
+    for name, value in (("seedable", 1), ("version", 7), ("channels", "state"), ("reset", 3)):
+        setattr(act, name, value)
+        with pytest.raises(SpecError, match=f"declares {name} = "):
+            opened(act, monkeypatch)
+        delattr(act, name)
+    with pytest.raises(SpecError, match="no callable 'act'"):
+        opened("words", monkeypatch)

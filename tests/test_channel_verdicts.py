@@ -1,0 +1,180 @@
+"""Verdicts on channels: every label at both sides of its bounds, and what stands in the way said in words."""
+
+from collections.abc import Mapping
+
+import pytest
+
+from eyechart.gate import hold_policies
+from eyechart.stats.statistic import Statistic
+from eyechart.verdicts.channels import REQUIREMENTS, PolicyVerdict, judge_camera, judge_policy, judge_state
+
+CHANNELS = ("cameras", "camera:top", "camera:wrist", "state", "instruction")
+
+
+def share(low: float, high: float, p: float | None = None, episodes: int = 12) -> Statistic:
+    """Return a share with this interval."""
+    return Statistic((low + high) / 2, 72, (low, high), p, detail={"episodes": episodes})
+
+
+USED, IGNORED, OPEN = share(0.021, 0.5), share(0.0, 0.099), share(0.019, 0.101)
+FOLLOWED = Statistic(0.6, 72, (0.31, 0.9), 0.009, detail={"smallest_p": 0.0002})
+UNFOLLOWED = Statistic(0.0, 72, (-0.1, 0.1), 0.5, detail={"smallest_p": 0.0002})
+GOOD = {
+    "motions": Statistic(1.0, 72),
+    "misfit": Statistic(0.2, 72, detail={"offset": 0.1, "spread": 1.1}),
+    "variation": Statistic(0.9, 72),
+    "noise": Statistic(0.0, 72),
+}
+
+
+def verdict(**changed: Statistic | None) -> PolicyVerdict:
+    """Return the verdict on a policy that sees, hears and knows its state, but for what is changed."""
+    names = {
+        "swap": "T.swapped@cameras",
+        "matched": "T.matched@cameras",
+        "blank": "T.blank",
+        "state": "T.swapped@state",
+    }
+    names |= {"told": "T.swapped@instruction", "follow": "follow.named", "named": "follow.told"}
+    usual = dict.fromkeys(("swap", "matched", "blank", "state", "told"), USED)
+    usual |= {"follow": FOLLOWED, "named": FOLLOWED}
+    statistics: Mapping[str, Statistic] = {
+        **GOOD,
+        **{f"T.{kind}@camera:{name}": USED for kind in ("swapped", "matched") for name in ("top", "wrist")},
+        **{names.get(name, name): one for name, one in (usual | changed).items() if one is not None},
+    }
+    return judge_policy("m", statistics, CHANNELS, scope="here.", missing={"unparsed: not_finite": 9})
+
+
+@pytest.mark.parametrize(
+    ("changed", "label", "words"),
+    [
+        ({}, "object_grounded", "followed 60.0 %"),
+        ({"follow": None}, "camera_content", "moves no object"),
+        ({"follow": Statistic(0.6, 72, (0.30, 0.9), 0.009)}, "camera_content", "lower end is too low"),
+        ({"follow": Statistic(0.6, 72, (0.31, 0.9), 0.010)}, "camera_content", "p is not below .01"),
+        (
+            {"follow": Statistic(0.6, 36, (0.31, 0.9), 1 / 64, detail={"smallest_p": 1 / 64})},
+            "camera_content",
+            "below seven episodes",
+        ),
+        ({"named": UNFOLLOWED}, "camera_content", "where another is named"),
+        ({"matched": IGNORED}, "pose_only", "it reads its own pose"),
+        ({"matched": None}, "undecided", "no state to match by"),
+        ({"matched": OPEN}, "undecided", "where the state is alike"),
+        ({"swap": OPEN}, "undecided", "more episodes make it shorter"),
+        ({"swap": IGNORED, "matched": IGNORED, "blank": IGNORED}, "ignores_camera", "could be unplugged"),
+        ({"swap": IGNORED, "matched": None, "blank": IGNORED}, "ignores_camera", "could be unplugged"),
+        ({"swap": IGNORED, "matched": IGNORED}, "camera_presence", "that there is a picture matters"),
+        ({"swap": IGNORED, "matched": IGNORED, "blank": OPEN}, "undecided", "is open: grey ones"),
+        ({"swap": IGNORED, "matched": OPEN, "blank": IGNORED}, "undecided", ""),
+        ({"swap": share(0.021, 0.5, p=0.02)}, "undecided", "by chance (p 0.020)"),
+        ({"swap": share(0.021, 0.5, p=0.01)}, "object_grounded", ""),
+        ({"swap": share(0.0, 0.05, episodes=5)}, "undecided", "5 episodes bound nothing"),
+        ({"swap": None}, "undecided", "did not ask"),
+    ],
+)
+def test_the_camera_axis(changed: dict[str, Statistic | None], label: str, words: str) -> None:
+    """Each label, and just outside it."""
+    found = verdict(**changed).camera
+    assert found.label == label
+    assert words in f"{found.because} {found.why_not}"
+
+
+def test_each_camera_has_a_label_of_its_own() -> None:
+    """One may be ignored where both together are used; no single one is grounded in an object."""
+    found = verdict(**{"T.swapped@camera:wrist": IGNORED, "T.matched@camera:wrist": IGNORED, "T.blank@wrist": IGNORED})
+    assert {name: one.label for name, one in found.cameras.items()} == {
+        "top": "camera_content",
+        "wrist": "ignores_camera",
+    }
+    assert "The wrist camera could be unplugged without anybody noticing" in found.because
+
+
+@pytest.mark.parametrize(
+    ("changed", "label"),
+    [
+        ({}, "state_used"),
+        ({"swap": IGNORED, "matched": IGNORED, "blank": IGNORED}, "state_shortcut"),
+        ({"state": IGNORED}, "ignores_state"),
+        ({"state": OPEN}, "undecided"),
+        ({"state": None}, "undecided"),
+    ],
+)
+def test_the_state_axis(changed: dict[str, Statistic | None], label: str) -> None:
+    """A shortcut only where the cameras are ignored."""
+    assert verdict(**changed).state.label == label
+    assert judge_state({}, "undecided", there=False).label == "undecided"
+
+
+@pytest.mark.parametrize(
+    ("changed", "label"),
+    [
+        ({}, "instruction_followed"),
+        ({"told": IGNORED, "named": UNFOLLOWED}, "instruction_ignored"),
+        ({"told": IGNORED}, "undecided"),
+        ({"told": OPEN}, "undecided"),
+        ({"told": None}, "no_power"),
+        ({"named": UNFOLLOWED}, "undecided"),
+        ({"named": UNFOLLOWED, "follow": UNFOLLOWED}, "instruction_followed"),
+        ({"named": None, "follow": None}, "instruction_followed"),
+    ],
+)
+def test_the_instruction_axis(changed: dict[str, Statistic | None], label: str) -> None:
+    """Used, and towards what is named wherever a moved object can tell."""
+    assert verdict(**changed).instruction.label == label
+
+
+@pytest.mark.parametrize(
+    ("changed", "guards"),
+    [
+        ({"motions": Statistic(0.9, 100)}, []),
+        ({"motions": Statistic(0.89, 100)}, ["not_scorable"]),
+        ({"motions": Statistic(None, 0)}, ["not_scorable"]),
+        ({"misfit": Statistic(1.0, 9, detail={"offset": 1.01, "spread": 1.0})}, ["misfit"]),
+        ({"misfit": Statistic(1.0, 9, detail={"offset": 1.0, "spread": 3.1})}, ["misfit"]),
+        ({"misfit": Statistic(1.0, 9, detail={"offset": 1.0, "spread": 3.0})}, []),
+        ({"misfit": Statistic(0.99, 9, detail={"offset": 9.0, "spread": 9.0})}, []),
+        ({"variation": Statistic(0.019, 9)}, ["constant"]),
+        ({"variation": Statistic(0.02, 9)}, []),
+        ({"noise": Statistic(0.51, 9)}, ["self_inconsistent"]),
+        ({"noise": Statistic(0.5, 9)}, []),
+        ({"variation": Statistic(0.01, 9), "noise": Statistic(0.9, 9)}, ["constant", "self_inconsistent"]),
+    ],
+)
+def test_guards_come_before_every_axis(changed: dict[str, Statistic], guards: list[str]) -> None:
+    """Where one fails nothing else is said, and a gate cannot say."""
+    found = verdict(**changed)
+    assert list(found.guards) == guards
+    if guards:
+        labels = {one.label for one in (found.camera, found.state, found.instruction, *found.cameras.values())}
+        assert labels == {"undecided"}
+        assert found.because.startswith(guards[0])
+        assert hold_policies({"m": found}, ["camera:object_grounded"], {}).exit_code == 2
+
+
+def test_a_gate_holds_fails_or_cannot_say() -> None:
+    """Object grounded meets content; an open label and an unfinished run cannot say; another label fails."""
+    asks = ["camera:camera_content", "instruction:instruction_followed"]
+    assert set(asks) <= REQUIREMENTS.keys()
+    assert hold_policies({"m": verdict()}, asks, {}).exit_code == 0
+    assert hold_policies({"m": verdict(matched=IGNORED)}, asks, {}).exit_code == 1
+    assert hold_policies({"m": verdict(swap=OPEN)}, asks, {}).exit_code == 2
+    assert hold_policies({"m": verdict()}, asks, {"m": 3}).exit_code == 2
+    assert hold_policies({"m": verdict(told=None)}, asks, {}).exit_code == 2
+    assert "camera:undecided" not in REQUIREMENTS
+
+
+def test_what_a_verdict_says_beside_its_labels() -> None:
+    """Paint that decides, a camera that carries next to nothing, and a channel that changes not one bit."""
+    assert verdict().remarks == ()
+    assert "another colour" in verdict(**{"T.recoloured": USED}).remarks[0]
+    assert "next to nothing" in verdict(swap=share(0.021, 0.099)).remarks[0]
+    same = Statistic(0.0, 72, (0.0, 0.0), detail={"episodes": 12, "same": 1.0})
+    assert "not one bit" in verdict(swap=same).remarks[0]
+    assert "does it reach the policy" in verdict(told=same).remarks[0]
+
+
+def test_judging_nothing_decides_nothing() -> None:
+    """Without any statistic of a channel."""
+    assert judge_camera({}, "cameras", "its cameras").label == "undecided"

@@ -1,0 +1,170 @@
+"""Channels: what each condition exchanges of what a policy is given, and whose it is."""
+
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import banks
+from eyechart.channels import (
+    CAMERAS,
+    INSTRUCTION,
+    MOVES,
+    STATE,
+    TOLD,
+    channels_of,
+    conditions_of,
+    find_exchange,
+    flat_state,
+    instruction_column,
+    partner_of,
+    reflected,
+    show,
+    shown,
+    sources,
+)
+from eyechart.errors import BankError, SpecError
+from eyechart.frames import Frame, FrameBank, Stimulus, decode
+from eyechart.simulators import open_bank_simulator
+
+
+@pytest.fixture(scope="module")
+def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
+    """Return a tabletop of eight episodes."""
+    return open_bank_simulator("tabletop").build(tmp_path_factory.mktemp("channels") / "bank", seeds=(0, 1), steps=4)
+
+
+def own(bank: FrameBank, frame: Frame) -> Stimulus:
+    """Return what a frame is."""
+    return Stimulus(bank.images(frame), frame.fields, frame.state)
+
+
+def test_a_bank_has_its_cameras_its_state_and_its_instruction(bank: FrameBank) -> None:
+    """Each camera is a channel where there are several."""
+    assert channels_of(bank) == (CAMERAS, "camera:top", "camera:wrist", STATE, INSTRUCTION)
+    assert instruction_column(bank) == INSTRUCTION
+
+
+def far_apart(one: Frame, other: Frame, spread: np.ndarray) -> float:
+    """Return the squared distance of two states, as a share of that of two at random."""
+    apart = (np.array(flat_state(one.state)) - flat_state(other.state)) / spread
+    return float((apart**2).sum() / (2 * len(spread)))
+
+
+@pytest.mark.parametrize("channel", [CAMERAS, "camera:top", "camera:wrist", STATE, INSTRUCTION])
+def test_a_swap_exchanges_one_channel_for_another_episodes_and_nothing_else(bank: FrameBank, channel: str) -> None:
+    """It differs there, and all other channels are the frame's own; what is kept is the reverse."""
+    for frame in bank:
+        seen, mine = show(f"swapped@{channel}", frame, bank, 0), own(bank, frame)
+        other = partner_of(frame, bank, "swapped", channel)
+        assert other.drive != frame.drive
+        whole = {**mine.images, STATE: mine.state, INSTRUCTION: mine.fields}
+        theirs = {**bank.images(other), STATE: other.state, INSTRUCTION: other.fields}
+        found = {**seen.images, STATE: seen.state, INSTRUCTION: seen.fields}
+        names = ("top", "wrist") if channel == CAMERAS else (channel.removeprefix("camera:"),)
+        assert found == {name: (theirs if name in names else whole)[name] for name in whole}
+        assert found != whole
+
+
+def test_what_is_kept_is_all_that_is_the_frames_own(bank: FrameBank) -> None:
+    """The other channels come from one frame of another episode together."""
+    for frame in bank:
+        seen, other = show("kept@state", frame, bank, 0), partner_of(frame, bank, "kept", STATE)
+        assert seen == Stimulus(bank.images(other), other.fields, frame.state)
+
+
+def test_every_frame_is_shown_as_often_as_any_other(bank: FrameBank) -> None:
+    """Of the cameras and of the instruction; so nobody's picture weighs more."""
+    for channel in (CAMERAS, INSTRUCTION, STATE):
+        counts = Counter(partner_of(frame, bank, "swapped", channel).id for frame in bank)
+        assert set(counts.values()) == {1}
+
+
+def test_a_match_is_the_nearest_state_of_another_episode(bank: FrameBank) -> None:
+    """Nearer than a swap's on the whole, and the nearest there is."""
+    states = np.array([flat_state(frame.state) for frame in bank])
+    spread = states.std(axis=0)
+    for place, frame in enumerate(bank):
+        if not shown("matched@cameras", frame, bank):
+            continue
+        other = partner_of(frame, bank, "matched", CAMERAS)
+        assert far_apart(frame, other, spread) <= 0.1
+        far = (((states - states[place]) / spread) ** 2).sum(axis=1)
+        elsewhere = [far[number] for number, one in enumerate(bank) if one.drive != frame.drive]
+        assert far[[one.id for one in bank].index(other.id)] == min(elsewhere)
+
+
+def test_moved_objects_are_shown_with_the_own_instruction_or_another(bank: FrameBank) -> None:
+    """The pictures are the same; only what is told differs."""
+    for frame in bank.frames[:6]:
+        for name in MOVES:
+            plain, told = show(name, frame, bank, 0), show(f"{TOLD}{name}", frame, bank, 0)
+            assert plain.images == told.images == bank.images(frame, name)
+            assert plain.fields == frame.fields != told.fields
+            assert plain.state == told.state == frame.state
+
+
+def test_a_bank_says_what_it_cannot_show(bank: FrameBank) -> None:
+    """Without instructions that differ, without a state, and without objects."""
+    every, left_out = conditions_of(bank)
+    assert {"swapped@instruction", "matched@camera:wrist", "blank@top", "told_other_minus", "mirrored"} <= set(every)
+    assert left_out == dict.fromkeys(("matched@state", "matched@instruction"), "only pictures are matched by the state")
+    alike = tuple(replace(frame, fields={INSTRUCTION: "reach"}, counterfactuals={}) for frame in bank)
+    poor = replace(bank, frames=alike, manifest=replace(bank.manifest, motion=None))
+    every, left_out = conditions_of(poor)
+    assert "no frame of another episode that differs" in left_out["swapped@instruction"]
+    assert "have no such picture" in left_out["named_plus"]
+    assert "reflected motion" in left_out["mirrored"]
+    assert "swapped@cameras" in every
+    with pytest.raises(BankError, match="has no partner"):
+        show("swapped@instruction", alike[0], poor, 0)
+
+
+def test_conditions_of_pictures_are_those_of_a_battery(bank: FrameBank) -> None:
+    """Grey over one camera leaves the other."""
+    frame = bank.frames[0]
+    seen = show("blank@wrist", frame, bank, 0)
+    assert seen.images["top"] == bank.images(frame)["top"]
+    assert set(np.unique(decode(seen.images["wrist"], "wrist"))) == {128}
+    assert show("noise", frame, bank, 1) != show("noise", frame, bank, 2)
+
+
+def test_the_state_is_reflected_with_the_pictures(bank: FrameBank) -> None:
+    """X about the middle of the table; y and grip stay."""
+    frame = bank.frames[0]
+    x, y, grip = frame.state["state"]
+    seen = reflected(show("mirrored", frame, bank, 0), bank.manifest.motion)
+    assert seen.state["state"] == pytest.approx((1 - x, y, grip))
+
+
+def test_the_files_of_a_condition_are_those_that_it_shows(bank: FrameBank) -> None:
+    """So that a bundle holds them all."""
+    frame = bank.frames[0]
+    for name in conditions_of(bank)[0]:
+        assert shown(name, frame, bank) or name.startswith("matched")
+        if not shown(name, frame, bank):
+            continue
+        files = sources(name, frame, bank, 0)
+        seen = {bank.read(file) for file in files}
+        assert (
+            name.startswith(("blank", "noise", "mirrored")) or set(show(name, frame, bank, 0).images.values()) <= seen
+        )
+
+
+def test_an_unknown_condition_is_refused_with_what_is_known(bank: FrameBank) -> None:
+    """Also a camera that is not there, and a bank whose instruction nobody can tell."""
+    for name in ("swapped", "swapped@nose", "named_plus@state", "shuffled"):
+        with pytest.raises(SpecError, match="known are real"):
+            find_exchange(name)
+    with pytest.raises(BankError, match="has no camera 'left'"):
+        show("swapped@camera:left", bank.frames[0], bank, 0)
+    several = replace(bank, manifest=replace(bank.manifest, prompt_columns=("task", "hint")))
+    with pytest.raises(BankError, match="which is the instruction"):
+        instruction_column(several)
+
+
+def test_a_bank_of_one_camera_has_no_camera_of_its_own(tmp_path) -> None:  # noqa: ANN001
+    """All cameras are that one."""
+    one = banks.build_bank(tmp_path / "bank")
+    assert channels_of(one) == (CAMERAS,)
