@@ -1,6 +1,7 @@
 """Policies from a run to a verdict: known answers, faults that a guard names, and a ledger that is gone on with."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -98,7 +99,13 @@ def test_commands_say_the_same(run: Path) -> None:
 def test_a_report_is_made_and_a_bundle_is_validated(run: Path, tmp_path: Path) -> None:
     """From the run's own files, and from the bundle's alone."""
     told("report", run, "--out", tmp_path / "page.html", "--tables", tmp_path / "tables")
-    assert "instruction_followed" in (tmp_path / "page.html").read_text(encoding="utf-8")
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "python:arms:reach: object_grounded (top camera_content, wrist ignores_camera); state_used" in page
+    assert "It goes where the object that it is told to reach goes in the picture." in page
+    assert "Next: train with several instructions in one scene" in page
+    assert page.count("shares-python-arms-reach-title") == 2
+    assert len(set(re.findall(r'aria-labelledby="(moment-python-arms-[\w-]+)-title', page))) == 6
+    assert "data:image/png;base64" in page
     assert (tmp_path / "tables" / "channels.csv").is_file()
     told("bundle", run, "--out", tmp_path / "run.zip")
     assert "3 models" in told("validate", tmp_path / "run.zip")

@@ -1,23 +1,27 @@
-"""The page of policies: a verdict each, and the evidence below it."""
+"""The page of policies: for each what is said of it and why, its shares, two moments; then all numbers."""
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
+from eyechart.frames import FrameBank
 from eyechart.report.accounts import costs_table
 from eyechart.report.page import Section, page_of
 from eyechart.report.table import Table
 from eyechart.studies import Made
+from eyechart.studies.policy.figures import moments, shares
 from eyechart.studies.policy.scoring import PolicyScore, judge
 from eyechart.studies.policy.tables import channel_table, parts_table, statistics_table, verdict_table
+from eyechart.verdicts.channels import CAMERA_LABELS, GUARDS, INSTRUCTION_LABELS, STATE_LABELS, PolicyVerdict
+
+Shown = tuple[PolicyScore, FrameBank | None]
+"""A scored run, and its bank with the pictures where they are at hand."""
 
 
-def made(scores: Sequence[PolicyScore], banks: Sequence[Path]) -> Made:
+def made(runs: Sequence[Shown], notes: Sequence[str] = ()) -> Made:
     """Return the report of runs of policies."""
-    del banks
-    sections = [section for score in scores for section in _sections(score)]
-    title = ", ".join(score.bank.name for score in scores)
-    page = page_of("Does it look, and does it listen?", title, sections)
-    return Made(page, [table for score in scores for table in _tables(score)], page.notes)
+    sections = [section for run in runs for section in _sections(*run)]
+    title = ", ".join(dict.fromkeys(score.bank.name for score, _ in runs))
+    page = page_of("Does it look, and does it listen?", title, sections, notes)
+    return Made(page, [table for score, _ in runs for table in _tables(score)], page.notes)
 
 
 def _tables(score: PolicyScore) -> list[Table]:
@@ -27,12 +31,62 @@ def _tables(score: PolicyScore) -> list[Table]:
     return [verdict_table(verdicts), channel_table(verdicts), statistics_table(score), parts_table(score), costs]
 
 
-def _sections(score: PolicyScore) -> Iterator[Section]:
+def _sections(score: PolicyScore, pictures: FrameBank | None) -> Iterator[Section]:
     verdicts = judge(score)
-    yield Section("Verdicts", tables=[verdict_table(verdicts), channel_table(verdicts)])
+    yield Section("In short", lines=[f"{spec}: {_labels_of(one)}" for spec, one in verdicts.items()])
     for spec, one in verdicts.items():
-        lines = [f"{name}: {why}" for name, why in one.guards.items()]
-        lines += [] if one.guards else [one.because]
-        yield Section(spec, lines=[*lines, *one.remarks, one.scope])
+        drawings = [shares(spec, score.models[spec]), *moments(spec, score.models[spec], pictures)]
+        yield Section(spec, _answer(one), drawings, lines=list(_why(one)))
+    intro = "The share of a policy's own variation that goes when a channel is another episode's, and what follows."
+    yield Section("Side by side", intro, tables=[verdict_table(verdicts), channel_table(verdicts)])
     yield Section("Every statistic", tables=[*statistics_table(score).split(), parts_table(score)])
     yield Section("What the calls took", tables=[costs_table(score.accounting, every=False)])
+
+
+def _labels_of(one: PolicyVerdict) -> str:
+    """Return a policy's labels in a line."""
+    if one.guards:
+        return f"no verdict, because of {', '.join(one.guards)}."
+    single = ", ".join(f"{name} {judged.label}" for name, judged in one.cameras.items())
+    cameras = f"{one.camera.label} ({single})" if single else one.camera.label
+    return f"{cameras}; {one.state.label}; {one.instruction.label}."
+
+
+def _answer(one: PolicyVerdict) -> str:
+    """Return in a few sentences what is said of a policy."""
+    if one.guards:
+        return " ".join(f"{name}: {GUARDS[name]}." for name in one.guards) + " Nothing else is said of it."
+    said = (CAMERA_LABELS[one.camera.label], STATE_LABELS[one.state.label], INSTRUCTION_LABELS[one.instruction.label])
+    return " ".join(said)
+
+
+def _why(one: PolicyVerdict) -> Iterator[str]:
+    """Yield why, axis by axis, what stands in the way of more, and what to do next."""
+    yield from (f"{name}: {why}." for name, why in one.guards.items())
+    axes = {"cameras": one.camera, **{f"{name} camera": judged for name, judged in one.cameras.items()}}
+    axes |= {"state": one.state, "instruction": one.instruction}
+    for name, judged in axes.items() if not one.guards else ():
+        more = f" Not more, because {judged.why_not}." if judged.why_not else ""
+        yield f"{name}: {judged.label}. {judged.because}{more}"
+    yield from (f"{remark}." for remark in one.remarks)
+    yield from (f"Next: {advice}" for label, advice in NEXT.items() if label in _labels(one))
+    yield f"Scope: {one.scope}"
+
+
+def _labels(one: PolicyVerdict) -> set[str]:
+    judged = (one.camera, one.state, one.instruction, *one.cameras.values())
+    return {*one.guards, *(each.label for each in judged if not one.guards)}
+
+
+NEXT = {
+    "not_scorable": "call it once by hand with a frame of the bank, and look at the shape and numbers of its answer.",
+    "misfit": "compare the means and spreads of its answers with the log's: un-normalise, or declare the unit.",
+    "constant": "look at what reaches it: an input that is always the same, or an output that is scaled away.",
+    "self_inconsistent": "empty its queue and its history before every call (reset), or give it a seed.",
+    "state_shortcut": "take from its state what tells where the object is, or train with that number at random.",
+    "ignores_camera": "check that the picture reaches it; then train where the state alone does not tell what to do.",
+    "pose_only": "train with objects in more places: what it sees now tells it only where its own arm is.",
+    "camera_presence": "train with pictures that differ where the action does.",
+    "instruction_ignored": "train with several instructions in one scene, so that the picture does not tell the task.",
+}
+"""What somebody who trains policies could do next, by label."""

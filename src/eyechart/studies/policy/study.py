@@ -77,14 +77,21 @@ class Policies(OfFrames[PolicyScore]):
         return hold_policies(judge(score), require, left)
 
     def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:
+        from eyechart.studies.battery.subjects import find_pictures
         from eyechart.studies.policy.page import made
 
-        tell("scoring")
-        return made([self.score(run, reading) for run in runs], banks)
+        found, notes = [], []
+        for run in runs:
+            tell(f"scoring {run.name}")
+            scored = self.score(run, reading)
+            pictures, about = find_pictures(scored.manifest, scored.bank, run, banks)
+            notes += [] if pictures is not None else [f"{run.name}: without pictures, because {about}; give --frames"]
+            found.append((scored, pictures))
+        return made(found, notes)
 
     def derive(self, run: Packed, reading: Reading, tell: Tell) -> tuple[PolicyScore, Made]:
         from eyechart.studies.policy.page import made
 
         del reading, tell
         found = score_run(run.manifest, run.bank, run.ledger)
-        return found, made([found], [run.pictures.root])
+        return found, made([(found, run.pictures)])

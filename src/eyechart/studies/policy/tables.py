@@ -7,11 +7,9 @@ from eyechart.studies.policy.scoring import PolicyScore
 from eyechart.verdicts.channels import PolicyVerdict
 
 _TONES = {
-    "object_grounded": "sees",
-    "camera_content": "sees",
-    "pose_only": "partly",
-    "camera_presence": "partly",
-    "ignores_camera": "blind",
+    "object_grounded": "good",
+    "camera_content": "good",
+    "ignores_camera": "bad",
     "instruction_followed": "good",
     "instruction_ignored": "bad",
     "state_shortcut": "bad",

@@ -1,0 +1,183 @@
+"""Figures of policies: how much each channel carries, and what one moment becomes when a channel is exchanged."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from eyechart.channels import CAMERAS, INSTRUCTION, STATE
+from eyechart.errors import EyechartError
+from eyechart.frames import FrameBank, decode
+from eyechart.report.charts import BLUE, INK, LINE, MUTED, SOFT, VERMILLION, Drawing, canvas, named_rows, style
+from eyechart.report.table import number
+from eyechart.stats.statistic import Statistic
+from eyechart.studies.policy.reading import Floats, Motions
+from eyechart.studies.policy.scoring import OnePolicy
+from eyechart.verdicts.channels import IGNORED, USED, ignored, used
+
+_TICKS = (0, 0.1, 0.3, 0.6, 1, 2, 4)
+_SHOWN = {
+    "real": ("its answer", INK, "-"),
+    f"swapped@{CAMERAS}": ("other pictures", VERMILLION, "-"),
+    f"swapped@{INSTRUCTION}": ("another instruction", VERMILLION, "--"),
+    f"swapped@{STATE}": ("another state", MUTED, "--"),
+    "named_plus": ("its object moved", BLUE, "-"),
+}
+"""The conditions of which a moment's motion is drawn: what each is, its colour and its line."""
+_MOMENTS = 2
+
+
+def shares(spec: str, policy: OnePolicy) -> Drawing:
+    """Draw the share of every channel, and of pictures at a similar state and of grey ones, with the two margins."""
+    rows = [(name.removeprefix("T."), one) for name, one in policy.statistics.items() if _is_drawn(name, one)]
+    with style():
+        figure, axes = canvas(4.4, 0.7 + 0.25 * max(1, len(rows)), (1.6, 0.15, 0.5, 0.08))
+        axes.set_xscale("function", functions=(np.sqrt, np.square))
+        axes.axvspan(0, USED, color=SOFT, zorder=0)
+        axes.axvline(IGNORED, color=MUTED, linewidth=0.9, linestyle=(0, (4, 3)), zorder=1)
+        for y, (_, one) in enumerate(rows):
+            colour = BLUE if used(one) else VERMILLION if ignored(one) else MUTED
+            _interval(axes, y, one, colour)
+        named_rows(axes, [name for name, _ in rows], 0.5)
+        ends = [one.ci[1] for _, one in rows if one.ci is not None]
+        axes.set_xlim(0, min(4.5, max([1.2, *ends]) * 1.05))
+        ticks = [tick for tick in _TICKS if tick <= axes.get_xlim()[1]]
+        axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+        axes.set_xlabel("share of its own variation", fontsize=8.5)
+    told = "; ".join(f"{name} {number(one.value, 3)}" for name, one in rows)
+    title = "How much each channel carries: blue is used, red ignored (left of the dashes), grey open"
+    return Drawing(_slug(f"shares-{spec}"), title, f"Shares with 98 % intervals. {told}", figure)
+
+
+def _is_drawn(name: str, one: Statistic) -> bool:
+    base = name.removeprefix("T.").partition("@")[0]
+    return name.startswith("T.") and base in {"swapped", "matched", "blank"} and one.value is not None
+
+
+def _interval(axes: Axes, y: int, one: Statistic, colour: str) -> None:
+    axes.axhline(y, color=LINE, linewidth=0.6, zorder=0)
+    if one.ci is not None:
+        axes.plot(np.clip(one.ci, 0, 4.5), [y, y], color=colour, lw=1.8, solid_capstyle="butt", zorder=2)
+    if one.value is not None:
+        axes.scatter([np.clip(one.value, 0, 4.5)], [y], s=30, color=colour, zorder=3)
+
+
+def moments(spec: str, policy: OnePolicy, pictures: FrameBank | None) -> list[Drawing]:
+    """Draw moments that tell most: their pictures, and the motion as it was and with each channel exchanged."""
+    found = policy.motions
+    names = [name for name in _SHOWN if name in found.answers]
+    if "real" not in names or len(names) < 2:
+        return []
+    return [
+        made for place in _telling(found) if (made := _moment(spec, found, int(place), names, pictures)) is not None
+    ]
+
+
+def _telling(found: Motions) -> Sequence[int]:
+    """Return the moments at which other pictures change the answer most, and in the middle, of different episodes."""
+    real, other = found.of("real"), found.of(f"swapped@{CAMERAS}")
+    if real is None or other is None:
+        return range(min(_MOMENTS, len(found.plan.frames)))
+    apart = ((real.mean(axis=0) - other.mean(axis=0)) ** 2).mean(axis=(1, 2))
+    order = np.argsort(np.where(np.isfinite(apart), -apart, np.inf), kind="stable")
+    good = order[: int(np.isfinite(apart).sum())]
+    if not len(good):
+        return ()
+    middle = [place for place in good[len(good) // 2 :] if found.episodes[place] != found.episodes[good[0]]]
+    return [int(good[0]), *(int(place) for place in middle[: _MOMENTS - 1])]
+
+
+def _moment(spec: str, found: Motions, place: int, names: Sequence[str], pictures: FrameBank | None) -> Drawing | None:
+    frame, space = found.plan.frames[place], found.plan.motions
+    seen = {} if pictures is None else _pictures(pictures, frame.id)
+    left = 1.35 if seen else 0.1
+    with style():
+        figure = Figure(figsize=(4.4, 3.3))
+        for turn, (camera, picture) in enumerate(list(seen.items())[:2]):
+            axes = figure.add_axes((0.05 / 4.4, (1.95 - 1.5 * turn) / 3.3, 1.1 / 4.4, 1.1 / 3.3))
+            axes.imshow(picture, interpolation="nearest")
+            axes.set_title(camera, fontsize=8.5)
+            axes.set_axis_off()
+        axes = figure.add_axes(((left + 0.4) / 4.4, 1.0 / 3.3, (3.85 - left) / 4.4, 2.1 / 3.3))
+        drawn = _paths(axes, found, place, names) if len(space.axes) > 1 else _curves(axes, found, place, names)
+        axes.legend(
+            loc="upper center",
+            bbox_to_anchor=(0.45, -0.2),
+            ncols=2,
+            fontsize=7.5,
+            frameon=False,
+            handlelength=1.8,
+            columnspacing=1.0,
+        )
+    if not drawn:
+        return None
+    told = f"“{found.plan.prompt.render({**frame.fields}, ())[1]}”" if frame.fields else "no instruction"
+    title = f"{frame.id}, {told}"
+    says = "Its motion as it was, and with one channel of another episode: " + ", ".join(drawn)
+    return Drawing(_slug(f"moment-{spec}-{frame.id}"), title, says, figure)
+
+
+def _pictures(bank: FrameBank, frame_id: str) -> dict[str, Floats]:
+    """Return a frame's pictures by camera, none where they cannot be read."""
+    try:
+        frame = bank.frame(frame_id)
+        return {name: np.asarray(decode(one, name)) for name, one in bank.images(frame).items()}
+    except EyechartError:
+        return {}
+
+
+def _paths(axes: Axes, found: Motions, place: int, names: Sequence[str]) -> list[str]:
+    """Draw where motions lead along the first two axes of the world, y downwards as in a picture."""
+    space, drawn = found.plan.motions, []
+    across, down = space.axes[:2]
+    for name in names:
+        raw = found.raw(name)
+        if raw is None or not np.isfinite(raw[0, place]).all():
+            continue
+        words, colour, line = _SHOWN[name]
+        ways = [
+            [0.0, *(float(space.displacement(raw[0, place][:end], axis)) for end in range(1, space.horizon + 1))]
+            for axis in (across, down)
+        ]
+        axes.plot(*ways, color=colour, linestyle=line, linewidth=1.8 if name == "real" else 1.4, label=words)
+        axes.scatter([ways[0][-1]], [ways[1][-1]], s=16, color=colour, zorder=3)
+        drawn.append(words)
+    axes.scatter([0], [0], s=26, facecolors="none", edgecolors=INK, zorder=4)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.invert_yaxis()
+    _quiet(axes, across, down)
+    return drawn
+
+
+def _curves(axes: Axes, found: Motions, place: int, names: Sequence[str]) -> list[str]:
+    """Draw every dimension over the horizon, one below the other, each in its own scale."""
+    drawn = []
+    for name in names:
+        answers = found.of(name)
+        if answers is None or not np.isfinite(answers[0, place]).all():
+            continue
+        words, colour, line = _SHOWN[name]
+        for number_of, column in enumerate(answers[0, place].T):
+            label = words if number_of == 0 else None
+            axes.plot(column - 3.0 * number_of, color=colour, linestyle=line, linewidth=1.3, label=label)
+        drawn.append(words)
+    dimensions = [one.name for one in found.plan.motions.dimensions]
+    axes.set_yticks([-3.0 * turn for turn in range(len(dimensions))], dimensions)
+    _quiet(axes, "step", "")
+    return drawn
+
+
+def _quiet(axes: Axes, across: str, down: str) -> None:
+    axes.set_xlabel(across, fontsize=8)
+    axes.set_ylabel(down, fontsize=8)
+    axes.tick_params(labelsize=7)
+    axes.grid(color=LINE, linewidth=0.5)
+    axes.set_axisbelow(True)
+
+
+def _slug(text: str) -> str:
+    """Return text as the stem of a file: letters, digits and single hyphens."""
+    signs = [sign if sign.isalnum() and sign.isascii() else "-" for sign in text]
+    return "".join(sign for before, sign in pairwise(["-", *signs]) if sign != "-" or before != "-").strip("-")
