@@ -33,14 +33,21 @@ def doctor(
     how: Options = AS_USUAL,
     max_cost: _MaxCost = None,
     prices: PriceFile = None,
+    frames: Annotated[
+        Path | None, typer.Option(help="A bank with motions: SPEC is a policy, and is asked about a few of its frames.")
+    ] = None,
     json: Json = False,
 ) -> None:
     """Find out in at most 20 calls, without a bank, whether a model sees pictures at all, and if not, why.
 
-    Also whether it answers twice the same, whether a schema binds, and whether the token budget is enough. Exit 0: it
-    sees; 1: it is blind, or what answers does not look; 2: cannot say, or bad input.
+    Also whether it answers twice the same, whether a schema binds, and whether the token budget is enough. With
+    --frames, of a policy: whether its answers are motions, which of its channels reach it, whether it answers from a
+    queue, and whether its numbers are of the log's size. Exit 0: it sees, or nothing is amiss; 1: it is blind, or what
+    answers does not look, or something is amiss; 2: cannot say, or bad input.
     Example: eyechart doctor openai:MODEL --base-url http://127.0.0.1:8000/v1
     """
+    if frames is not None:
+        _doctor_policy(spec, frames, json=json)
     from eyechart.models.prices import read_prices
     from eyechart.probe import doctor as examine
     from eyechart.probe.doctor import MOST_CALLS
@@ -106,6 +113,21 @@ def probe(
     say(f"wrote {out}: ask this model with --mode {out}")
     if found.sight.outcome == "blind":
         raise typer.Exit(1)
+
+
+def _doctor_policy(spec: str, frames: Path, *, json: bool) -> NoReturn:
+    """Say what is amiss with a policy; exit 0, 1 or 2."""
+    from eyechart.frames import open_bank
+    from eyechart.probe.policies import examine_policy
+
+    found = examine_policy(spec, open_bank(frames))
+    words = {True: "fine", False: "AMISS", None: "cannot say"}
+    if json:
+        print_json(found.as_dict())
+    else:
+        print_each(f"{words[one.fine]:<10}  {one.name}: {one.says}" for one in found.findings)
+        print_each([f"asked: {found.calls} calls"])
+    raise typer.Exit(found.exit_code)
 
 
 def _mode(spec: str, given: Mapping[str, object]) -> "RequestMode":

@@ -306,7 +306,7 @@ def _remarks(statistics: Statistics) -> Iterator[str]:
         if one is not None and (one.detail or {}).get("same") == 1.0:
             yield (
                 f"Another {word} changes not one bit of any answer: does it reach the policy? "
-                "'eyechart doctor --policy' asks"
+                "'eyechart doctor SPEC --frames BANK' asks"
             )
     paint = statistics.get("T.recoloured")
     if used(paint):

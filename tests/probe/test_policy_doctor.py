@@ -1,0 +1,70 @@
+"""The doctor of policies: each fault is named in words, and a sound policy is found sound."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from eyechart.cli.app import app
+from eyechart.errors import BankError
+from eyechart.frames import FrameBank
+from eyechart.probe.policies import MOST_CALLS, examine_policy
+from eyechart.simulators import open_bank_simulator
+
+
+@pytest.fixture(scope="module")
+def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
+    """Return a small tabletop."""
+    return open_bank_simulator("tabletop").build(tmp_path_factory.mktemp("doctor") / "bank", seeds=(0,), steps=4)
+
+
+@pytest.mark.parametrize(
+    ("name", "amiss", "words"),
+    [
+        ("not_a_number", {"motions"}, "NaN"),
+        ("half", {"motions"}, "(4, 3), and the bank's motions (8, 3)"),
+        ("broken", {"motions"}, "KeyError: 'left'"),
+        ("raw", {"camera:wrist", "unit"}, "times as large as in the log"),
+        ("middle", {"cameras", "grey", "instruction", "camera:top", "camera:wrist"}, "changes not one bit"),
+        ("deaf", {"instruction", "camera:wrist"}, "another instruction changes not one bit"),
+        ("queue", {"same"}, "answer from a queue"),
+        ("still", {"cameras", "grey", "instruction", "state", "camera:top", "camera:wrist", "constant"}, "same answer"),
+        ("reach", {"camera:wrist"}, "changes not one bit"),
+    ],
+)
+def test_each_fault_is_named(bank: FrameBank, name: str, amiss: set[str], words: str) -> None:
+    """In at most twenty calls; what is sound is said to be."""
+    found = examine_policy(f"python:arms:{name}", bank)
+    said = {one.name: one for one in found.findings}
+    assert amiss <= {one.name for one in found.findings if one.fine is False}
+    assert words in " ".join(one.says for one in found.findings if one.fine is False)
+    assert found.exit_code == 1
+    assert found.calls <= MOST_CALLS
+    if name in {"raw", "deaf", "reach", "middle", "still"}:
+        assert said["motions"].fine
+        assert said["same"].fine
+
+
+def test_a_sound_policy_has_nothing_amiss(bank: FrameBank) -> None:
+    """A trained one that uses all of its channels; one that draws its answers cannot be told by single calls."""
+    sound = examine_policy("trained:sees", bank)
+    assert {one.name for one in sound.findings if one.fine is not True} == set()
+    assert sound.exit_code == 0
+    drawn = {one.name: one for one in examine_policy("trained:sampling", bank).findings}
+    assert drawn["motions"].fine
+    assert drawn["unit"].fine
+    assert drawn["cameras"].fine is None
+    assert "drawn" in drawn["cameras"].says
+    reset = {one.name: one.fine for one in examine_policy("python:arms:reset", bank).findings}
+    assert reset["same"]
+
+
+def test_the_command_prints_it_and_exits_so(bank: FrameBank, tmp_path) -> None:  # noqa: ANN001
+    """For people and as JSON; a bank without motions is refused."""
+    done = CliRunner().invoke(app, ["doctor", "trained:sees", "--frames", str(bank.root)])
+    assert (done.exit_code, "fine        instruction: it reaches the policy" in done.stdout) == (0, True)
+    amiss = CliRunner().invoke(app, ["doctor", "python:arms:half", "--frames", str(bank.root), "--json"])
+    assert amiss.exit_code == 1
+    assert json.loads(amiss.stdout)["findings"][0]["outcome"] == "amiss"
+    with pytest.raises(BankError, match="does not say what a motion is"):
+        examine_policy("trained:sees", open_bank_simulator("rover").build(tmp_path / "r", seeds=(0,), steps=4))
