@@ -1,13 +1,18 @@
 """Policies from a run to a verdict: known answers, faults that a guard names, and a ledger that is gone on with."""
 
 import json
+import os
 import re
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import stand_ins
 from eyechart.cli.app import app
 from eyechart.errors import BankError, LedgerError, SpecError
 from eyechart.frames import FrameBank
@@ -184,6 +189,33 @@ def test_a_run_that_was_cut_goes_on_and_comes_to_the_same(bank: FrameBank, tmp_p
     other = open_bank_simulator("tabletop").build(tmp_path / "other", steps=4, seeds=(7, 8))
     with pytest.raises(LedgerError, match="fingerprint"):
         policy.plan(other.root, specs, tmp_path / "cut", conditions=FEW)
+
+
+def test_a_run_that_is_killed_goes_on_and_loses_no_finished_call(bank: FrameBank, tmp_path: Path) -> None:
+    """Killed three times by SIGKILL, it makes no finished call again, and comes to what nobody disturbed."""
+    specs, out = ["python:arms:reach", "python:arms:fixed"], tmp_path / "cut"
+    words = [*("run", "policy", "--frames", bank.root, "--out", out), "--conditions", ",".join(FEW)]
+    words += [word for spec in specs for word in ("--policy", spec)]
+    program = [sys.executable, "-c", "from eyechart.cli import main; main()", *map(str, words)]
+    env = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
+    finished = 0
+    for number in range(4):
+        wanted = stand_ins.rows_in(out / "ledger.sqlite", "replies") + 60
+        with subprocess.Popen(program, env=env, stderr=subprocess.DEVNULL) as running:
+            while number < 3 and running.poll() is None:
+                if stand_ins.rows_in(out / "ledger.sqlite", "replies") >= wanted:
+                    running.kill()
+                time.sleep(0.002)
+        with Ledger(out / "ledger.sqlite") as ledger:
+            assert len(ledger.finished()) >= max(finished, min(wanted, 48 * 8))
+            finished = len(ledger.finished())
+    assert finished == 48 * 8
+    policy.run(policy.plan(bank.root, specs, tmp_path / "whole", conditions=FEW))
+    with Ledger(out / "ledger.sqlite") as ledger:
+        finals = [sent.key for spec in specs for sent in ledger.attempts(spec) if sent.final]
+        assert len(finals) == len(set(finals))
+    first, second = (policy.score(tmp_path / name).as_dict()["policies"] for name in ("whole", "cut"))
+    assert first == second
 
 
 def test_shards_are_merged_into_the_same(bank: FrameBank, tmp_path: Path) -> None:

@@ -1,0 +1,44 @@
+"""The page on policies: its examples run as they stand, and it names every label, guard and condition that there is."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from eyechart.channels import conditions_of
+from eyechart.models.policy_callable import DECLARED
+from eyechart.simulators import open_bank_simulator
+from eyechart.verdicts.channels import AXES, GUARDS
+
+PAGE = (Path(__file__).parents[2] / "docs" / "policies.md").read_text(encoding="utf-8")
+FUNCTION, PYTHON = re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+
+
+def test_the_function_is_a_policy_and_the_example_in_python_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The first is asked by the doctor, which finds that it never moves; the second prints a shortcut."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "my_robot.py").write_text(FUNCTION, encoding="utf-8")
+    exec(compile(PYTHON, "docs/policies.md", "exec"), {})  # noqa: S102 - it is what is tested
+    assert capsys.readouterr().out == "ignores_camera state_shortcut\n"
+    from eyechart.frames import open_bank  # noqa: PLC0415 - the page made the bank
+    from eyechart.probe.policies import examine_policy  # noqa: PLC0415
+
+    found = examine_policy("python:my_robot:act", open_bank(tmp_path / "bank")).findings
+    assert [one.fine for one in found if one.name == "motions"] == [True]
+    assert [one.fine for one in found if one.name == "constant"] == [False]
+
+
+def test_it_names_every_label_guard_attribute_and_condition(tmp_path: Path) -> None:
+    """All of them, in signs of code."""
+    text = re.sub(r"^```.*?^```", "", PAGE, flags=re.MULTILINE | re.DOTALL)
+    named = set(re.findall(r"`([^`]+)`", text))
+    assert {label for labels in AXES.values() for label in labels} <= named
+    assert set(GUARDS) <= named
+    assert set(DECLARED) <= named
+    bank = open_bank_simulator("tabletop").build(tmp_path / "bank", seeds=(0,), steps=4)
+    bases = {name.partition("@")[0] for name in conditions_of(bank)[0]}
+    said = {name.partition("@")[0] for name in named}
+    assert {name for name in bases if not name.startswith("told_")} <= said
