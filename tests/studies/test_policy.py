@@ -182,7 +182,9 @@ def test_a_run_that_was_cut_goes_on_and_comes_to_the_same(bank: FrameBank, tmp_p
             ",".join(FEW),
             code=3,
         )
+    assert "calls are unfinished" in judge(policy.score(tmp_path / "cut"))[specs[0]].remarks[0]
     policy.run(cut)
+    assert judge(policy.score(tmp_path / "cut"))[specs[0]].remarks == ()
     assert cut.counts() == (48 * 8, 48 * 8, 0)
     first, second = (policy.score(tmp_path / name).as_dict()["policies"] for name in ("whole", "cut"))
     assert first == second

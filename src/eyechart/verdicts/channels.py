@@ -134,20 +134,30 @@ class PolicyVerdict:
 
 
 def judge_policy(
-    model: str, statistics: Statistics, channels: Sequence[str], *, scope: str, missing: Mapping[str, int] | None = None
+    model: str,
+    statistics: Statistics,
+    channels: Sequence[str],
+    *,
+    scope: str,
+    missing: Mapping[str, int] | None = None,
+    left: int = 0,
 ) -> PolicyVerdict:
-    """Return the verdict on a policy; ``channels`` are those of the bank, ``missing`` the calls without a motion."""
+    """Return the verdict on a policy; ``channels`` are those of the bank, ``missing`` the calls without a motion.
+
+    ``left`` calls are not finished.
+    """
     failed = failed_guards(statistics, missing or {})
     shares = {name: statistics[f"T.swapped@{name}"] for name in channels if f"T.swapped@{name}" in statistics}
     names = [name.partition(":")[2] for name in channels if name.startswith("camera:")]
     if failed:
         nothing = Judged("undecided", f"a guard failed: {', '.join(failed)}", next(iter(failed)))
-        return PolicyVerdict(model, nothing, dict.fromkeys(names, nothing), nothing, nothing, failed, shares, scope)
+        every = dict.fromkeys(names, nothing)
+        return PolicyVerdict(model, nothing, every, nothing, nothing, failed, shares, scope, _unfinished(left))
     camera = judge_camera(statistics, "cameras", "its cameras")
     cameras = {name: judge_camera(statistics, f"camera:{name}", f"the {name} camera") for name in names}
     state = judge_state(statistics, camera.label, there="state" in channels)
     instruction = judge_instruction(statistics)
-    remarks = tuple(_remarks(statistics))
+    remarks = (*_unfinished(left), *_remarks(statistics))
     return PolicyVerdict(model, camera, cameras, state, instruction, failed, shares, scope, remarks)
 
 
@@ -296,6 +306,10 @@ def judge_instruction(statistics: Statistics) -> Judged:
     moved = told is not None and told.value is not None
     what = "it follows no object that is moved in the picture" if moved else "the bank moves no object"
     return Judged("instruction_followed", _sentence(shown), by, f"whether it goes to what is named is open: {what}")
+
+
+def _unfinished(left: int) -> tuple[str, ...]:
+    return (f"{left} calls are unfinished: what is said of part of a run may change",) if left else ()
 
 
 def _remarks(statistics: Statistics) -> Iterator[str]:

@@ -148,7 +148,14 @@ def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path) -> Poli
 def judge(found: PolicyScore) -> dict[str, PolicyVerdict]:
     """Return the verdict on every policy of a run."""
     return {
-        spec: judge_policy(spec, one.statistics, found.channels, scope=found.scope(spec), missing=one.motions.missing)
+        spec: judge_policy(
+            spec,
+            one.statistics,
+            found.channels,
+            scope=found.scope(spec),
+            missing=one.motions.missing,
+            left=one.motions.planned - one.motions.finished,
+        )
         for spec, one in found.models.items()
     }
 
