@@ -39,6 +39,9 @@ BESIDE = ("vetting.json",)
 """What may stand in a folder before its episodes begin: which worlds the structured study's online run chose."""
 
 
+STORED, PNG = ENCODINGS = ("stored", "png")
+"""How pictures leave: as the bank holds them, or all as 8-bit PNGs of pixels alone, which look alike as files."""
+
 CONTROLS_ASKED = ("none", "auto", "all")
 """Which control conditions a run may ask, from the fewest."""
 
@@ -155,14 +158,14 @@ class RunManifest(Manifest):
     of them or their first ``limit``. ``controls`` says which control conditions are asked beside ``conditions``: none;
     ``auto``, of each model those that its answers call for, in later stages; or all, among ``conditions``. By
     ``controls_seed`` the bank's controls were drawn, None where nobody drew them by one. ``answers`` is how often a
-    policy that draws its answers is asked for each.
+    policy that draws its answers is asked for each. ``encoding`` is how pictures leave.
     """
 
     FORMAT = "eyechart-run/2"
     COMMAND = "battery"
     WHO = "models"
     ASKED = "asked {}"
-    SAME = ("study", "seed", "view", "prompt", "fingerprint", "shard", "stop_early", "frames", "answers")
+    SAME = ("study", "seed", "view", "prompt", "fingerprint", "shard", "stop_early", "frames", "answers", "encoding")
     GROWS = ("conditions",)
 
     study: str
@@ -186,6 +189,7 @@ class RunManifest(Manifest):
     controls: str = "none"
     controls_seed: int | None = None
     answers: int = 1
+    encoding: str = STORED
 
     def _wider(self, other: "RunManifest") -> dict[str, Any]:
         if CONTROLS_ASKED.index(other.controls) < CONTROLS_ASKED.index(self.controls):
@@ -401,6 +405,8 @@ def _built(kind: type[M], raw: dict[str, Any], file: str) -> M:
             find(condition)
         if made.controls not in CONTROLS_ASKED:
             raise ValueError(f"controls {made.controls!r} is none of {', '.join(CONTROLS_ASKED)}")
+        if made.encoding not in ENCODINGS:
+            raise ValueError(f"encoding {made.encoding!r} is none of {', '.join(ENCODINGS)}")
         if made.shard is not None and not 1 <= made.shard[0] <= made.shard[1]:
             raise ValueError(f"shard {made.shard[0]}/{made.shard[1]} does not satisfy 1 <= i <= n")
     return made

@@ -60,7 +60,7 @@ class Stimuli:
 
     def __init__(self, bank: FrameBank, seed: int, view: View | None = None, *, shows: Show = show) -> None:
         self._show = shows
-        self._bank = _Remembering(bank.root, bank.frames, bank.manifest, bank.said)
+        self._bank = _Remembering(bank.root, bank.frames, bank.manifest, bank.said, bank.plain)
         self._seed = seed
         self._view = view
         self._made = _Kept[Stimulus](lambda made: sum(map(len, made.images.values())))

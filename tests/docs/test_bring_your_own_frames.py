@@ -55,4 +55,4 @@ def test_its_example_runs_as_it_stands(tmp_path: Path, monkeypatch: pytest.Monke
 
 def test_it_has_a_row_for_every_place() -> None:
     """What each missing column costs."""
-    assert [place for place in ROLES if f"| `{place}` |" not in PAGE] == []
+    assert [place for place in ROLES if f"| `{place}`" not in PAGE] == []

@@ -5,7 +5,7 @@ import json
 import sqlite3
 import tempfile
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from eyechart.bundle.comparing import Difference, Rounding, compare_tables, compare_values, printable, same_writing
@@ -325,7 +325,8 @@ def _is_encoded(plan: Plan, condition: str) -> bool:
         return True
     frame = next(frame for frame in plan.frames if plan.shows(condition, frame))
     try:
-        files = [plan.bank.read(file) for file in plan.sources(condition, frame)]
+        stored = replace(plan.bank, plain=False)
+        files = [stored.read(file) for file in plan.sources(condition, frame)]
         return not all(image in files for image in plan.seen(condition, frame).images.values())
     except EyechartError:
         return False

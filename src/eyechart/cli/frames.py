@@ -41,7 +41,8 @@ def import_(
     out: Annotated[Path, typer.Option(help="Folder of the new bank.")],
     table: Annotated[Path | None, typer.Option(help="CSV, JSON lines or Parquet; a row a picture.")] = None,
     map_: Annotated[
-        list[str] | None, typer.Option("--map", help="PLACE=COLUMN; places: file, gap, episode, step, scenario.")
+        list[str] | None,
+        typer.Option("--map", help="PLACE=COLUMN; places: file, gap, episode, step, scenario, mirror; lead_near, …."),
     ] = None,
     mirror: Annotated[
         str, typer.Option(help="vertical (seen from above), horizontal (forward camera) or none.")
@@ -60,17 +61,28 @@ def import_(
         Path | None, typer.Option(help="TOML file of several cameras: the column and mirror axis of each; state.")
     ] = None,
     every: Annotated[int, typer.Option(min=1, help="Take every Nth frame of an episode.")] = 1,
+    convert: Annotated[
+        bool, typer.Option("--convert", help="Make upright 8-bit RGB of pictures that are not; else they are refused.")
+    ] = False,
+    background: Annotated[
+        str | None, typer.Option(help="With --convert: what transparent pixels show, white or #rrggbb; default: white.")
+    ] = None,
+    longest: Annotated[
+        int | None, typer.Option(min=1, help="With --convert: the most pixels of a picture's longer side.")
+    ] = None,
 ) -> None:
-    """Make a bank of pictures of your own; says what the columns that are missing cost."""
+    """Make a bank of pictures of your own; says all that is wrong at once, and what missing columns cost."""
     from eyechart.errors import SpecError
     from eyechart.frames import read_axis
-    from eyechart.importing import Choices, costs, import_lerobot, import_table, read_rig
+    from eyechart.importing import Choices, Convert, costs, import_lerobot, import_table, read_rig, taken
     from eyechart.spaces.discrete import DRIVING, read_space
 
     try:
         axis = read_axis(mirror)
     except ValueError as error:
         raise SpecError(f"--mirror takes vertical, horizontal or none, not '{mirror}'") from error
+    if not convert and (background, longest) != (None, None):
+        raise SpecError("--background and --longest say how --convert makes pictures: give --convert too")
     choices = Choices(
         columns=_places(map_ or []),
         mirror=axis,
@@ -82,11 +94,14 @@ def import_(
         prompt_columns=tuple(name.strip() for name in prompt_columns.split(",") if name.strip()),
         independent=independent,
         every=every,
+        convert=Convert(background or "white", longest) if convert else None,
     )
     if format_ not in {"table", "lerobot"}:
         raise SpecError(f"--format takes table or lerobot, not '{format_}'")
     if (format_ == "table") != (table is not None):
         raise SpecError("give --table FILE of the pictures, or --format lerobot, and not both")
+    if convert and table is None:
+        raise SpecError("--convert is for the pictures of --table: those of a LeRobotDataset are made from its videos")
     if rig is not None and (table is None or mirror != "none"):
         raise SpecError("--rig is for --table, and says the mirror axis of each camera: leave out --mirror")
     with progress("import", "rows and frames") as move:
@@ -95,7 +110,7 @@ def import_(
         else:
             bank = import_table(folder, table, out, choices, reads=move, progress=move)
     say(f"{len(bank)} frames in {out}, fingerprint {bank.manifest.fingerprint[:16]}")
-    for line in costs(bank):
+    for line in (*taken(bank), *costs(bank)):
         say(line)
 
 

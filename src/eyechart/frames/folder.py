@@ -299,6 +299,10 @@ class BankWriter:
         except ValueError as error:
             raise BankError(f"frame '{frame.id}': {error}") from error
 
+    def note(self, name: str, value: object) -> None:
+        """Add to the bank's settings what is known only when all was added; it has no part in the fingerprint."""
+        self._manifest = replace(self._manifest, settings={**self._manifest.settings, name: value})
+
     def _check_cameras(self, frame: Frame, given: Sequence[Mapping[str, bytes]]) -> None:
         """Raise BankError unless a frame has the cameras and the state that its manifest declares, and all pictures."""
         declared = self._manifest.cameras or alone(frame.cameras[0].mirror_axis)

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from eyechart.errors import BankError
-from eyechart.frames.pictures import read_bounded, size_of
+from eyechart.frames.pictures import as_png, read_bounded, size_of
 from eyechart.records import plain
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.motion import MotionSpace
@@ -287,13 +287,15 @@ class BankManifest:
 class FrameBank:
     """Frames on disk with their manifest. Opening one reads text only; pictures are read when asked for.
 
-    ``said`` are the prompt columns that the prompt of a run says of its frames.
+    ``said`` are the prompt columns that the prompt of a run says of its frames. With ``plain`` all pictures are read as
+    8-bit PNGs of pixels alone (`eyechart.frames.as_png`), so that no file's kind tells them apart.
     """
 
     root: Path
     frames: tuple[Frame, ...]
     manifest: BankManifest
     said: tuple[str, ...] = ()
+    plain: bool = False
 
     def __repr__(self) -> str:
         episodes = len({frame.episode for frame in self.frames})
@@ -331,7 +333,8 @@ class FrameBank:
 
     def read(self, file: str) -> bytes:
         """Return an encoded picture, read from disk."""
-        return read_bounded(self.root, file)
+        picture = read_bounded(self.root, file)
+        return as_png(picture, file) if self.plain else picture
 
     def shapes(self, frame: Frame) -> dict[str, tuple[int, int, int]]:
         """Return the shape (h, w, 3) of a frame's pictures by camera, as their headers say."""
@@ -340,7 +343,7 @@ class FrameBank:
 
     def recorded(self, frame: Frame) -> bytes:
         """Return the encoded picture of a frame; raises BankError where it is not the one that was recorded."""
-        picture = self.image(frame)
+        picture = read_bounded(self.root, frame.file)
         if hashlib.sha256(picture).hexdigest() != self.manifest.images.get(frame.file):
             raise BankError(
                 f"'{frame.file}' of {self.root} is not the picture that the bank's manifest recorded: its SHA-256 "

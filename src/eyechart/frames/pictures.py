@@ -18,6 +18,7 @@ from eyechart.errors import BankError
 RGB = NDArray[np.uint8]
 MAX_PIXELS = 25_000_000
 MAX_IMAGE_BYTES = 64_000_000
+_PNG, _BARE = b"\x89PNG\r\n\x1a\n", bytes([8, 2, 0, 0, 0])
 _FORMATS = ("PNG", "JPEG", "WEBP", "BMP")
 _TYPES = {b"\x89PNG": "image/png", b"\xff\xd8": "image/jpeg", b"RIFF": "image/webp", b"BM": "image/bmp"}
 
@@ -143,6 +144,25 @@ def beside(images: Mapping[str, bytes], name: str) -> bytes | None:
     seen = [decode(image, f"{name}, {camera}") for camera, image in images.items()]
     high = max(one.shape[0] for one in seen)
     return encode(np.hstack([np.pad(one, ((0, high - one.shape[0]), (0, 0), (0, 0))) for one in seen]))
+
+
+def as_png(picture: bytes, name: str) -> bytes:
+    """Return a picture as an 8-bit PNG of pixels alone, which is what `encode` writes; one that is such stays as it is.
+
+    Raises BankError as `decode` does.
+    """
+    return picture if _is_bare(picture) else encode(decode(picture, name))
+
+
+def _is_bare(picture: bytes) -> bool:
+    """Return whether a picture is an 8-bit PNG of red, green and blue, not interlaced, with pixels alone in it."""
+    if picture[:8] != _PNG or picture[24:29] != _BARE:
+        return False
+    at, kinds = 8, set[bytes]()
+    while at + 8 <= len(picture):
+        kinds.add(picture[at + 4 : at + 8])
+        at += 12 + int.from_bytes(picture[at : at + 4], "big")
+    return kinds == {b"IHDR", b"IDAT", b"IEND"} and at == len(picture)
 
 
 def encode(rgb: RGB) -> bytes:

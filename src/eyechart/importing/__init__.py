@@ -1,7 +1,8 @@
 """Pictures of one's own become a frame bank: a folder with a table, or a LeRobotDataset."""
 
-from eyechart.importing.bank import Choices, costs, import_table
+from eyechart.importing.bank import Choices, costs, import_table, taken
 from eyechart.importing.columns import read_rig
 from eyechart.importing.lerobot import import_lerobot
+from eyechart.importing.photographs import Convert
 
-__all__ = ["Choices", "costs", "import_lerobot", "import_table", "read_rig"]
+__all__ = ["Choices", "Convert", "costs", "import_lerobot", "import_table", "read_rig", "taken"]

@@ -1,31 +1,31 @@
-"""Rows and pictures become a bank, or one line that says why not; nothing half-written stays.
+"""Rows and pictures become a bank, or words that say all that is wrong; nothing half-written stays.
 
-A picture of one's own is copied as it is, after a look at whether every model would see the same in it.
+A picture of one's own is copied as it is, after a look at whether every program shows the same of it.
 """
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import count
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import TypeVar
 
 from eyechart.conditions import undrawn_controls
-from eyechart.errors import BankError, SourceError
+from eyechart.errors import SourceError
 from eyechart.frames import (
     IMPORTED,
-    MAX_IMAGE_BYTES,
     BankManifest,
     BankWriter,
     Frame,
     FrameBank,
     Gap,
     MirrorAxis,
+    Scalar,
     alone,
-    inside,
     is_reserved,
     open_bank,
-    require_plain,
+    read_axis,
 )
 from eyechart.importing import columns as reading
 from eyechart.importing.cells import (
@@ -40,8 +40,11 @@ from eyechart.importing.cells import (
     read_step,
     read_truth,
 )
+from eyechart.importing.faults import Faults
 from eyechart.importing.parquet import MOST_ROWS
+from eyechart.importing.photographs import Convert, Photographs
 from eyechart.importing.tables import Table, open_table
+from eyechart.records import plain
 from eyechart.spaces.discrete import DRIVING, Discrete
 
 T = TypeVar("T")
@@ -49,6 +52,8 @@ T = TypeVar("T")
 MOST_FRAMES = 100_000
 MOST_TEXT = 400_000_000
 """Characters of all kept cells together, with an allowance of 50 a cell."""
+_LARGE = 3_000_000
+"""Pixels from which on a picture leaves as 5 MB and more, by 1.7 bytes a pixel of a photograph."""
 ALL = "all"
 """The name of the one scenario, and of the one episode, of a bank whose source records none."""
 
@@ -60,11 +65,13 @@ Shown = tuple[Frame, Mapping[str, bytes], Mapping[str, Mapping[str, bytes]]]
 class Choices:
     """What the owner of the pictures says of them.
 
-    ``columns`` maps a place (file, gap, episode, step, scenario; lead_near, lane_own and the other pictures with one
-    thing changed) to a column, an empty name to none; ``rig`` says which
-    are of several cameras and of the state, and else ``mirror`` is the axis of the one. ``threshold`` and ``unit``
-    belong to the gap. ``independent`` declares frames without episodes to be independent draws, and
-    ``prompt_columns`` what a prompt may say. Every ``every``-th frame of an episode is taken.
+    ``columns`` maps a place (file, gap, episode, step, scenario, mirror; lead_near, lane_own and the other pictures
+    with one thing changed) to a column, an empty name to none; ``rig`` says which
+    are of several cameras and of the state, and else ``mirror`` is the axis of the one, unless a column says it of each
+    frame. ``threshold`` and ``unit`` belong to the gap; a column as ``gap_m`` tells its unit. ``independent`` declares
+    frames without episodes to be independent draws, and ``prompt_columns`` what a prompt may say. Every ``every``-th
+    frame of an episode is taken. ``convert`` says how pictures are made plain; without it those that are not are
+    refused.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -77,24 +84,43 @@ class Choices:
     independent: bool = False
     every: int = 1
     rig: reading.Rig | None = None
+    convert: Convert | None = None
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where pictures come from: the folder, what yields each frame with its own, in any order, and what to record.
+
+    ``settings`` are known before, ``converted`` counts meanwhile what is done to make pictures plain.
+    """
+
+    folder: Path
+    pictures: Callable[[Sequence[Frame]], Iterator[Shown]]
+    settings: Mapping[str, object] = field(default_factory=dict)
+    converted: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Kept:
-    """The rows that become frames, with the number of each in its table, and the column of each place."""
+    """The rows that become frames, with the number of each in its table, the column of each place, and faults."""
 
     rows: list[Row]
     numbers: list[int]
     places: Mapping[str, str]
     table: Table
+    faults: Faults
 
     def named(self) -> Iterator[tuple[Row, str]]:
         """Yield the rows with what a message calls each."""
         return zip(self.rows, (f"{self.table.name}, row {number}" for number in self.numbers), strict=True)
 
     def read(self, column: str, reader: Callable[[Cell, str], T], what: str) -> list[T]:
-        """Read the cells of a column, which are ``what``; raises SourceError, naming the row, for one that is not."""
-        return [reader(row.get(column), f"{where}: {what}") for row, where in self.named()]
+        """Read the cells of a column, which are ``what``; one that is not is a fault, and left out."""
+        found = []
+        for row, where in self.named():
+            with self.faults.noted():
+                found.append(reader(row.get(column), f"{where}: {what}"))
+        return found
 
 
 def import_table(
@@ -108,32 +134,64 @@ def import_table(
 ) -> FrameBank:
     """Make a bank at ``out`` of the pictures in ``folder`` that a table (CSV, JSON lines, Parquet) lists.
 
-    ``reads`` counts the table as it is read, ``progress`` the frames written. Raises SourceError that names the row,
-    and leaves nothing at ``out``.
+    ``reads`` counts the table as it is read, ``progress`` the frames written. Raises SourceError that names all that is
+    wrong, by row, and leaves nothing at ``out``.
     """
     if not folder.is_dir():
         raise SourceError(f"{folder} is no folder; the first argument is the folder of the pictures")
+    photographs = Photographs(folder, table.parent, choices.convert)
     kept = keep(open_table(table, reads), choices)
+    cells = cells_of(kept, choices, photographs.locate)
+    if kept.faults:
+        for where, file in cells.files():
+            with kept.faults.noted():
+                photographs.read(file, where)
+        kept.faults.require_none(table.name)
 
     def pictures(frames: Sequence[Frame]) -> Iterator[Shown]:
         for frame, (_, where) in zip(frames, kept.named(), strict=True):
-            files = {name: file.removeprefix(_under(choices, name)) for name, file in frame.pictures.items()}
-            drawn = {
-                kind: {
-                    name: read_picture(folder, file.removeprefix(_beside(kind)), where) for name, file in one.items()
-                }
-                for kind, one in frame.counterfactuals.items()
-            }
-            yield frame, {name: read_picture(folder, file, where) for name, file in files.items()}, drawn
+            with kept.faults.noted():
+                yield _shown(frame, where, photographs, choices)
+        kept.faults.require_none(table.name)
 
-    frames = frames_of(kept, choices, lambda name, what: place_of(folder, name, what))
-    return write(out, folder, frames, pictures, kept=kept, choices=choices, progress=progress)
+    source = Source(folder, pictures, converted=photographs.done)
+    return write(out, source, frames_of(kept, choices, cells), kept=kept, choices=choices, progress=progress)
+
+
+def _shown(frame: Frame, where: str, photographs: Photographs, choices: Choices) -> Shown:
+    """Return a frame with its pictures, under the names that they get; raises SourceError where one is not plain."""
+
+    def read(files: Mapping[str, str], under: Callable[[str], str]) -> tuple[dict[str, bytes], dict[str, str]]:
+        found = {name: photographs.read(file.removeprefix(under(name)), where) for name, file in files.items()}
+        return {name: one for name, (one, _) in found.items()}, {
+            name: under(name) + to for name, (_, to) in found.items()
+        }
+
+    images, files = read(frame.pictures, lambda name: _under(choices, name))
+    drawn = {kind: read(one, partial(_beside, choices, kind)) for kind, one in frame.counterfactuals.items()}
+    changed = {kind: named for kind, (_, named) in drawn.items()}
+    return (
+        replace(frame, pictures=files, counterfactuals=changed),
+        images,
+        {kind: one for kind, (one, _) in drawn.items()},
+    )
 
 
 def keep(table: Table, choices: Choices) -> Kept:
-    """Read the rows that become frames; raises SourceError where they are none, or too many to keep."""
-    places = reading.places(choices.columns, table.columns, table.name, choices.rig)
-    _check_choices(choices, places, table)
+    """Read the rows that become frames; raises SourceError where they are none, or too many to keep.
+
+    What is wrong with the choices is a fault of what is returned.
+    """
+    faults = Faults()
+    asked = {**choices.columns}
+    if choices.mirror != "none" and choices.rig is None:
+        if asked.get("mirror"):
+            faults.add(f"--mirror and --map mirror={asked['mirror']} both say the mirror axis: leave out one")
+        asked.setdefault("mirror", "")
+    kept = (*choices.prompt_columns, *(() if choices.rig is None else choices.rig.places().values()))
+    own = (*(["gap"] if choices.threshold is None else []), *(["episode"] if choices.independent else []))
+    places = reading.places(asked, table, faults, rig=choices.rig, kept=kept, own=own)
+    _check_choices(choices, places, table, faults)
     rows: list[Row] = []
     numbers: list[int] = []
     seen: dict[object, int] = {}
@@ -150,13 +208,13 @@ def keep(table: Table, choices: Choices) -> Kept:
         for name, cell in row.items():
             text += 50 + (len(cell) if isinstance(cell, str) else 0)
             if isinstance(cell, str) and len(cell) > MOST_CELL:
-                raise SourceError(f"{table.name}, row {number}: '{name}' has more than {MOST_CELL} characters")
+                faults.add(f"{table.name}, row {number}: '{name}' has more than {MOST_CELL} characters")
         _check_count(table, number, len(rows))
         if text > MOST_TEXT:
             raise SourceError(f"{table.name} holds more than {MOST_TEXT} characters; take every Nth row with --every N")
     if not rows:
-        raise SourceError(f"{table.name} has no rows; each row is a frame")
-    return Kept(rows, numbers, places, table)
+        faults.add(f"{table.name} has no rows; each row is a frame")
+    return Kept(rows, numbers, places, table, faults)
 
 
 def _check_count(table: Table, rows: int, frames: int) -> None:
@@ -166,80 +224,155 @@ def _check_count(table: Table, rows: int, frames: int) -> None:
         raise SourceError(f"{table.name} has more than {MOST_ROWS} rows; cut it into parts")
 
 
-def _check_choices(choices: Choices, places: Mapping[str, str], table: Table) -> None:
+def _check_choices(choices: Choices, places: Mapping[str, str], table: Table, faults: Faults) -> None:
     if choices.every < 1:
         raise SourceError(f"--every takes a number of 1 or more, not {choices.every}")
-    if "gap" in places and (choices.threshold is None or not choices.unit):
-        raise SourceError(
-            f"the gap '{places['gap']}' needs what counts as near: --threshold and --unit, for example 18 and m"
-        )
-    if "gap" not in places and choices.threshold is not None:
+    if "gap" in places and (choices.threshold is None or not _unit(choices, places)):
+        faults.add(f"the gap '{places['gap']}' needs what counts as near: --threshold and --unit, for example 18 and m")
+    if "gap" not in places and choices.threshold is not None and not choices.columns.get("gap"):
         has = reading.no_column("gap", table.columns, table.name)
-        raise SourceError(f"--threshold belongs to a gap, and {has}; name one with --map gap=COLUMN")
+        faults.add(f"--threshold belongs to a gap, and {has}; name one with --map gap=COLUMN")
     if choices.independent and "episode" in places:
-        raise SourceError(
+        faults.add(
             f"the frames of an episode are not independent: leave out --independent, or the column "
             f"'{places['episode']}' with --map episode="
         )
     for name in choices.prompt_columns:
         if name not in table.columns:
-            raise SourceError(f"--prompt-columns {name}: {reading.no_column(name, table.columns, table.name)}")
+            faults.add(f"--prompt-columns {name}: {reading.no_column(name, table.columns, table.name)}")
         for place, column in places.items():
             if name == column:
-                raise SourceError(f"--prompt-columns {name}: it is the {place} of a frame, which no prompt may say")
+                faults.add(f"--prompt-columns {name}: it is the {place} of a frame, which no prompt may say")
         if name == "actions" or is_reserved(name):
-            raise SourceError(f"--prompt-columns {name}: this name is taken; rename the column")
+            faults.add(f"--prompt-columns {name}: this name is taken; rename the column")
 
 
-def frames_of(kept: Kept, choices: Choices, locate: Callable[[str, str], str]) -> list[Frame]:
-    """Return the frames that the rows say, no picture looked at yet; ``locate`` makes a path of a file's name.
+def _unit(choices: Choices, places: Mapping[str, str]) -> str:
+    """Return the unit of the gap: that which was given, or that in its column's name."""
+    return choices.unit or reading.unit_of(places["gap"]) or ""
 
-    Raises SourceError, naming table and row, for a cell that is not what its place needs.
+
+@dataclass(frozen=True)
+class Cells:
+    """What the rows say, column by column, each as long as the rows where nothing in it is wrong.
+
+    ``pictures`` maps a camera to its files, ``changed`` a kind of pictures with one thing changed to the same, where an
+    empty name is a picture that was not taken.
     """
-    truth_names, _ = reading.others(kept.places, choices.prompt_columns, kept.table.columns)
-    truth = {
-        name: read_truth([row.get(name) for row in kept.rows], name, typed=kept.table.typed) for name in truth_names
-    }
-    roles = ("file", *(role for role in kept.places if role.startswith("camera ")))
-    files = [_files(kept, role, locate) for role in roles]
-    state = {} if choices.rig is None else _states(choices.rig, kept)
-    if clash := sorted(state.keys() & {*truth, *choices.prompt_columns}):
-        raise SourceError(f"--rig: the state '{clash[0]}' has the name of a column that is kept; give it another name")
+
+    pictures: Mapping[str, list[str]]
+    changed: Mapping[str, Mapping[str, list[str]]]
+    named: Sequence[str]
+    truth: Mapping[str, Sequence[Scalar]]
+    state: Mapping[str, Sequence[tuple[float, ...]]]
+    said: Mapping[str, Sequence[Scalar]]
+    axes: Sequence[MirrorAxis]
+    placed: tuple[list[str], list[str], list[int]]
+
+    def files(self) -> Iterator[tuple[str, str]]:
+        """Yield every picture's file, and what a message calls its row; a file that is wrong is left out."""
+        for columns in (self.pictures, *self.changed.values()):
+            for files in columns.values():
+                yield from ((where, file) for where, file in zip(self.named, files, strict=True) if file)
+
+
+def cells_of(kept: Kept, choices: Choices, locate: Callable[[str, str], str]) -> Cells:
+    """Read the cells of all columns; what is wrong is noted as a fault of ``kept``, by row.
+
+    ``locate`` makes a path of a file's name; no picture is looked at.
+    """
     cameras = alone(choices.mirror) if choices.rig is None else choices.rig.cameras
-    if name := kept.places.get("gap"):
-        truth[name] = [*kept.read(name, read_number, f"the gap '{name}'")]
-        if all(gap is None for gap in truth[name]):
-            empty = f"{kept.table.name}: the gap '{name}' is empty in every row"
-            raise SourceError(f"{empty}; leave it out with --map gap=")
-    scenarios, episodes, steps = _placed(kept, independent=choices.independent)
-    drawn = _changed(kept, cameras[0].name, locate)
-    said = {name: kept.read(name, read_said, f"'{name}'") for name in choices.prompt_columns}
+    first, *others = (one.name for one in cameras)
+    pictures = {first: _files(kept, "file", locate)}
+    pictures |= {name: _files(kept, f"camera {name}", locate) for name in others}
+    if choices.rig is None:
+        changed = {kind: {first: _files(kept, kind, locate)} for kind in reading.PICTURED if kind in kept.places}
+    else:
+        names = (first, *others)
+        changed = {kind: {one: _files(kept, f"{kind} {one}", locate) for one in names} for kind in choices.rig.changed}
+    _check_taken(kept, changed)
+    truth, state = _truths(kept, choices), {} if choices.rig is None else _states(choices.rig, kept)
+    if clash := sorted(state.keys() & {*truth, *choices.prompt_columns}):
+        kept.faults.add(f"--rig: the state '{clash[0]}' has the name of a column that is kept; give it another name")
+    axis, free = kept.places.get("mirror"), {*kept.table.columns} - {*kept.places.values()}
+    return Cells(
+        pictures=pictures,
+        changed=changed,
+        named=[where for _, where in kept.named()],
+        truth=truth,
+        state=state,
+        said={name: kept.read(name, read_said, f"'{name}'") for name in choices.prompt_columns if name in free},
+        axes=[] if axis is None else kept.read(axis, _read_axis, f"the mirror axis '{axis}'"),
+        placed=_placed(kept, independent=choices.independent),
+    )
+
+
+def _truths(kept: Kept, choices: Choices) -> dict[str, Sequence[Scalar]]:
+    """Return the columns of ground truth, the gap the last of them."""
+    names, _ = reading.others(kept.places, choices.prompt_columns, kept.table.columns)
+    truth: dict[str, Sequence[Scalar]] = {}
+    for name in names:
+        with kept.faults.noted():
+            truth[name] = read_truth([row.get(name) for row in kept.rows], name, typed=kept.table.typed)
+    if gap := kept.places.get("gap"):
+        truth[gap] = [*kept.read(gap, read_number, f"the gap '{gap}'")]
+        if all(one is None for one in truth[gap]) and kept.rows and not kept.faults:
+            kept.faults.add(f"{kept.table.name}: the gap '{gap}' is empty in every row; leave it out with --map gap=")
+    return truth
+
+
+def _read_axis(cell: Cell, what: str) -> MirrorAxis:
+    """Return a cell as a mirror axis, none where it is empty; raises SourceError where it is none."""
+    try:
+        return read_axis(str(cell).strip().lower() if cell is not None else "none")
+    except ValueError as error:
+        raise SourceError(f"{what} is {str(cell)[:60]!r}, not vertical, horizontal or none") from error
+
+
+def _check_taken(kept: Kept, changed: Mapping[str, Mapping[str, list[str]]]) -> None:
+    """Note as a fault where a picture with one thing changed was taken by some cameras of a rig, and not by others."""
+    for kind, columns in changed.items():
+        for (_, where), files in zip(kept.named(), zip(*columns.values(), strict=True), strict=True):
+            if any(files) and not all(files):
+                lacking = ", ".join(name for name, file in zip(columns, files, strict=True) if not file)
+                kept.faults.add(f"{where}: {kind} has no picture of {lacking}; take it by every camera, or by none")
+
+
+def frames_of(kept: Kept, choices: Choices, cells: Cells) -> list[Frame]:
+    """Return the frames that the cells say, no picture looked at yet; raises SourceError where any was a fault."""
+    kept.faults.require_none(kept.table.name)
+    scenarios, episodes, steps = cells.placed
+    cameras = alone(choices.mirror) if choices.rig is None else choices.rig.cameras
     return [
         Frame(
             id=file,
             scenario=scenarios[place],
             episode=episodes[place],
             step=steps[place],
-            cameras=cameras,
-            pictures={
-                one.name: f"{_under(choices, one.name)}{many[place]}" for one, many in zip(cameras, files, strict=True)
+            cameras=alone(cells.axes[place]) if cells.axes else cameras,
+            pictures={name: _under(choices, name) + files[place] for name, files in cells.pictures.items()},
+            truth={name: column[place] for name, column in cells.truth.items()},
+            counterfactuals={
+                kind: {name: _beside(choices, kind, name) + files[place] for name, files in one.items()}
+                for kind, one in cells.changed.items()
+                if all(files[place] for files in one.values())
             },
-            truth={name: column[place] for name, column in truth.items()},
-            counterfactuals=drawn[place],
-            fields={name: column[place] for name, column in said.items()},
-            state={name: column[place] for name, column in state.items()},
+            fields={name: column[place] for name, column in cells.said.items()},
+            state={name: column[place] for name, column in cells.state.items()},
         )
-        for place, file in enumerate(files[0])
+        for place, file in enumerate(next(iter(cells.pictures.values())))
     ]
 
 
 def _states(rig: reading.Rig, kept: Kept) -> dict[str, list[tuple[float, ...]]]:
     """Return every state of a rig by its name, for each row."""
     numbers = {
-        name: [kept.read(one, read_part, f"'{one}' of the state '{name}'") for one in parts]
+        name: [
+            kept.read(one, read_part, f"'{one}' of the state '{name}'") for one in parts if one in kept.table.columns
+        ]
         for name, parts in rig.state.items()
     }
-    return {name: list(zip(*columns, strict=True)) for name, columns in numbers.items()}
+    return {name: list(zip(*columns, strict=not kept.faults)) for name, columns in numbers.items()}
 
 
 def _under(choices: Choices, camera: str) -> str:
@@ -247,32 +380,27 @@ def _under(choices: Choices, camera: str) -> str:
     return "images/" if choices.rig is None else f"images/{camera}/"
 
 
-def _changed(kept: Kept, camera: str, locate: Callable[[str, str], str]) -> list[dict[str, dict[str, str]]]:
-    """Return each row's pictures with one thing changed, those that were taken."""
-    files = {kind: _files(kept, kind, locate) for kind in reading.PICTURED if kind in kept.places}
-    return [
-        {kind: {camera: f"{_beside(kind)}{many[place]}"} for kind, many in files.items() if many[place]}
-        for place in range(len(kept.rows))
-    ]
-
-
-def _beside(kind: str) -> str:
+def _beside(choices: Choices, kind: str, camera: str) -> str:
     """Return the folder of the bank for pictures with one thing changed; they may be other frames' true ones."""
-    return f"counterfactuals/{kind}/"
+    return f"counterfactuals/{kind}/" if choices.rig is None else f"counterfactuals/{kind}/{camera}/"
 
 
 def _files(kept: Kept, role: str, locate: Callable[[str, str], str]) -> list[str]:
-    """Return the file of each row, empty where a cell is that may be."""
+    """Return the file of each row, empty where a cell is that may be, or is wrong."""
+    if role not in kept.places:
+        return [""] * len(kept.rows)
     first: dict[str, int] = {}
     files = []
+    may_lack = role.partition(" ")[0] in reading.PICTURED
     for (row, where), number in zip(kept.named(), kept.numbers, strict=True):
         what, cell = f"{where}: the {role} '{kept.places[role]}'", row.get(kept.places[role])
-        if role in reading.PICTURED and (cell is None or not str(cell).strip()):
-            files.append("")
-            continue
-        file = locate(read_label(cell, what), what)
-        if file in first:
-            raise SourceError(f"{where}: '{file}' stands in row {first[file]} already; a picture is one frame")
+        file = ""
+        if not (may_lack and (cell is None or not str(cell).strip())):
+            with kept.faults.noted():
+                file = locate(read_label(cell, what), what)
+        if file and file in first:
+            kept.faults.add(f"{where}: '{file}' stands in row {first[file]} already; a picture is one frame")
+            file = ""
         first[file] = number
         files.append(file)
     return files
@@ -293,43 +421,45 @@ def _placed(kept: Kept, *, independent: bool) -> tuple[list[str], list[str], lis
     alike = [f"frame {number}" for number in kept.numbers] if independent else made_up
     episodes = read("episode", read_label) or alike
     steps = read("step", read_step)
+    if not len(scenarios) == len(episodes) == (len(steps) or len(kept.rows)) == len(kept.rows):
+        return scenarios, episodes, steps  # some of their cells are faults
     if not steps:
         turns: dict[tuple[str, str], Iterator[int]] = defaultdict(count)
         return scenarios, episodes, [next(turns[key]) for key in zip(scenarios, episodes, strict=True)]
     seen: set[tuple[str, str, int]] = set()
     for key, (_, where) in zip(zip(scenarios, episodes, steps, strict=True), kept.named(), strict=True):
         if key in seen and "episode" in kept.places:
-            raise SourceError(f"{where}: step {key[2]} of episode '{key[1]}' stands there twice; a step is one frame")
+            kept.faults.add(f"{where}: step {key[2]} of episode '{key[1]}' stands there twice; a step is one frame")
         seen.add(key)
     return scenarios, episodes, steps
 
 
+def _pixels(bank: FrameBank) -> Iterator[int]:
+    """Yield the pixels of some of the bank's pictures."""
+    for frame in bank.frames[:: max(1, len(bank) // 20)]:
+        for high, wide, _ in bank.shapes(frame).values():
+            yield high * wide
+
+
 def write(
-    out: Path,
-    folder: Path,
-    frames: Sequence[Frame],
-    pictures: Callable[[Sequence[Frame]], Iterator[Shown]],
-    *,
-    kept: Kept,
-    choices: Choices,
-    progress: Progress | None,
-    settings: Mapping[str, object] | None = None,
+    out: Path, source: Source, frames: Sequence[Frame], *, kept: Kept, choices: Choices, progress: Progress | None
 ) -> FrameBank:
-    """Write the bank, one picture in memory at a time; ``pictures`` yields every frame, in any order."""
+    """Write the bank, one picture in memory at a time."""
     gap = kept.places.get("gap")
     _, left_out = reading.others(kept.places, choices.prompt_columns, kept.table.columns)
     manifest = BankManifest(
         simulator=IMPORTED,
-        preset=folder.resolve().name or "frames",
+        preset=source.folder.resolve().name or "frames",
         picture=choices.picture,
         action_space=choices.space,
-        gap=None if gap is None else Gap(gap, float(choices.threshold or 0.0), str(choices.unit)),
+        gap=None if gap is None else Gap(gap, float(choices.threshold or 0.0), _unit(choices, kept.places)),
         settings={
             "table": kept.table.name,
             "columns": dict(kept.places),
             "left_out": left_out,
             "every": choices.every,
-            **(settings or {}),
+            **({} if choices.convert is None else {"convert": plain(choices.convert)}),
+            **source.settings,
         },
         prompt_columns=choices.prompt_columns,
         absent=tuple(place for place in ("scenario", "episode", "step") if place not in kept.places),
@@ -338,11 +468,28 @@ def write(
         state=() if choices.rig is None else tuple(choices.rig.state),
     )
     with BankWriter(out, manifest) as writer:
-        for done, (frame, images, drawn) in enumerate(pictures(frames), 1):
+        for number, (frame, images, drawn) in enumerate(source.pictures(frames), 1):
             writer.add(frame, images, drawn)
             if progress is not None:
-                progress(done, len(frames))
+                progress(number, len(frames))
+        if source.converted:
+            writer.note("converted", dict(sorted(source.converted.items())))
     return open_bank(out)
+
+
+def taken(bank: FrameBank) -> list[str]:
+    """Return what an imported bank took: the column of each place that has another name, and how pictures changed."""
+    settings, lines = bank.manifest.settings, []
+    columns, done, how = (settings.get(name) for name in ("columns", "converted", "convert"))
+    own = {(place, of) for place, names in reading.ROLES.items() for of in names}
+    if isinstance(columns, dict) and (other := {place: of for place, of in columns.items() if (place, of) not in own}):
+        unit = f" in {bank.manifest.gap.unit}" if bank.manifest.gap is not None else ""
+        said = (f"{place} from '{of}'{unit if place == 'gap' else ''}" for place, of in other.items())
+        lines.append(f"columns: {', '.join(said)}")
+    if isinstance(done, dict) and isinstance(how, dict):
+        kinds = ", ".join(f"{count} {kind}" for kind, count in done.items() if kind != "pictures")
+        lines.append(f"converted to PNG: {done.get('pictures')} pictures ({kinds}), over {how.get('background')}")
+    return lines
 
 
 def costs(bank: FrameBank) -> list[str]:
@@ -367,47 +514,12 @@ def costs(bank: FrameBank) -> list[str]:
         for name in ("lead_mid_near", "lead_mid_far")
         if any(name in one.counterfactuals and f"{name}_m" not in one.truth for one in bank)
     ]
+    if (wide := max(_pixels(bank))) > _LARGE:
+        lines.append(
+            f"large pictures: they leave as PNG, about {wide * 1.7e-6:.0f} MB each, which many servers refuse; import "
+            "them with --convert --longest 1280"
+        )
     left_out = manifest.settings.get("left_out")
     if isinstance(left_out, list) and left_out:
         lines.append(f"left out, because a bank needs these names: {', '.join(map(str, left_out))}")
     return lines
-
-
-def place_of(folder: Path, name: str, what: str) -> str:
-    """Return a picture's path inside the folder, with '/' between its parts; raises SourceError where it leads outside.
-
-    ``what`` names row and column in the message.
-    """
-    path = name.strip()
-    if "\\" in path and "/" not in path:
-        path = path.replace("\\", "/")
-    pure = PurePosixPath(path)
-    if pure.is_absolute() and pure.is_relative_to(folder.resolve().as_posix()):
-        pure = pure.relative_to(folder.resolve().as_posix())
-    try:
-        inside(folder, str(pure))
-    except BankError as error:
-        raise SourceError(f"{what} is '{name}', which leads outside {folder}, where the pictures must lie") from error
-    return str(pure)
-
-
-def read_picture(folder: Path, file: str, what: str) -> bytes:
-    """Return a picture's bytes; raises SourceError, naming row and file, where it is not plain (`require_plain`)."""
-    try:
-        picture = _bytes_of(folder, file)
-        require_plain(picture, file)
-    except BankError as error:
-        raise SourceError(f"{what}: {error}") from error
-    return picture
-
-
-def _bytes_of(folder: Path, file: str) -> bytes:
-    path = folder / file
-    try:
-        if not path.is_file():
-            raise BankError(f"there is no picture '{file}' in {folder}")
-        if path.stat().st_size > MAX_IMAGE_BYTES:
-            raise BankError(f"'{file}' has {path.stat().st_size} bytes; the limit is {MAX_IMAGE_BYTES}")
-        return path.read_bytes()
-    except OSError as error:
-        raise BankError(f"'{file}' cannot be read: {error.strerror}") from error

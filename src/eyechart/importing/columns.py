@@ -1,15 +1,18 @@
 """Columns get their places: which one names the picture, the gap, the episode; the others are kept as ground truth."""
 
 import difflib
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
 import msgspec
 
 from eyechart.conditions import CONDITIONS
-from eyechart.errors import BankError, SourceError, SpecError
+from eyechart.errors import BankError, SpecError
 from eyechart.frames import FILE_SUFFIX, Camera, MirrorAxis, is_reserved, require_exchanged
+from eyechart.importing.faults import Faults
+from eyechart.importing.tables import Table
 from eyechart.spaces.discrete import read_toml
 
 PICTURED = tuple(name for name, one in CONDITIONS.items() if "counterfactual" in one.needs)
@@ -21,18 +24,32 @@ ROLES: dict[str, tuple[str, ...]] = {
     "episode": ("episode",),
     "step": ("step",),
     "scenario": ("scenario",),
+    "mirror": ("mirror_axis",),
     **{name: (name, f"{name}{FILE_SUFFIX}") for name in PICTURED},
 }
-"""The places of a bank, each with the columns that are taken for it where ``--map`` names none."""
+"""The places of a bank, each with the columns that are its own."""
+
+USUAL: dict[str, tuple[str, ...]] = {
+    "file": ("filename", "file_path", "filepath", "path", "image", "image_path", "img", "photo"),
+    "gap": ("gap_m", "lead_gap", "lead_gap_m", "distance", "distance_m", "lead_distance", "lead_distance_m", "range_m"),
+    "episode": ("episode_id", "episode_index", "drive", "drive_id", "sequence", "sequence_id", "trajectory"),
+    "step": ("frame_index", "frame_number", "tick", "timestep", "time_step"),
+    "scenario": ("scenario_name", "place", "environment", "location"),
+}
+"""Columns that are usually called so, taken in this order where the table has none of the place's own."""
+
+UNITS = ("mm", "cm", "m", "km", "ft", "px")
+"""Units that a column's name may end with, as in ``distance_m``."""
 
 
 class Column(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A camera of a rig, and the column of its pictures."""
+    """A camera of a rig, the column of its pictures, and those of its pictures with one thing changed."""
 
     name: str
     column: str
     mirror_axis: MirrorAxis = "none"
     mirrors: str = ""
+    changed: dict[str, str] = {}
 
 
 class Rig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -46,10 +63,16 @@ class Rig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """Return the cameras as frames have them."""
         return tuple(Camera(one.name, one.mirror_axis, one.mirrors) for one in self.camera)
 
+    @property
+    def changed(self) -> tuple[str, ...]:
+        """Return which pictures with one thing changed it has, the same of every camera."""
+        return tuple(self.camera[0].changed)
+
     def places(self) -> dict[str, str]:
         """Return the columns that it takes by what they are; the first camera's is the file."""
         first, *others = self.camera
         taken = {"file": first.column, **{f"camera {one.name}": one.column for one in others}}
+        taken |= {f"{kind} {one.name}": column for one in self.camera for kind, column in one.changed.items()}
         numbers = [(name, place, one) for name, many in self.state.items() for place, one in enumerate(many)]
         return taken | {f"state {name} {place}": one for name, place, one in numbers}
 
@@ -57,45 +80,95 @@ class Rig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 def read_rig(path: Path) -> Rig:
     """Read a rig from a TOML file: a ``[[camera]]`` each, with name, column, mirror_axis and mirrors, and ``[state]``.
 
-    Raises SpecError naming the file and what is wrong in it.
+    ``[camera.changed]`` names the columns of its pictures with one thing changed. Raises SpecError naming the file and
+    what is wrong in it.
     """
     try:
         rig = msgspec.convert(read_toml(path), Rig)
         require_exchanged(rig.cameras)
+        _require_changed_alike(rig.camera)
     except (msgspec.ValidationError, BankError) as error:
         raise SpecError(f"{path} is no rig of cameras: {error}") from error
     return rig
 
 
-def places(asked: Mapping[str, str], columns: Sequence[str], table: str, rig: Rig | None = None) -> dict[str, str]:
+def _require_changed_alike(cameras: Sequence[Column]) -> None:
+    for one in cameras:
+        if one.changed.keys() != cameras[0].changed.keys():
+            raise BankError(f"camera '{one.name}' has other pictures with one thing changed than '{cameras[0].name}'")
+        if unknown := sorted(one.changed.keys() - set(PICTURED)):
+            raise BankError(f"camera '{one.name}': changed.{unknown[0]} is none of {', '.join(PICTURED)}")
+
+
+def places(
+    asked: Mapping[str, str],
+    table: Table,
+    faults: Faults,
+    *,
+    rig: Rig | None = None,
+    kept: Collection[str] = (),
+    own: Collection[str] = (),
+) -> dict[str, str]:
     """Return the column of each place that has one, and those that a rig takes; an empty name leaves a place without.
 
-    Pictures with one thing changed are of a bank of one camera. Raises SourceError for an unknown place, and for a
-    column that the table has not, with the nearest that it has.
+    A column that is only usually called so is not taken for a place of ``own``, nor where it is one of ``kept``. An
+    unknown place, a column that the table has not (with the nearest that it has), and one that is two places is a
+    fault.
     """
-    roles = {place: names for place, names in ROLES.items() if rig is None or place not in PICTURED}
+    roles = {place: names for place, names in ROLES.items() if rig is None or place not in {*PICTURED, "mirror"}}
+    of_rig = {} if rig is None else rig.places()
+    found = _given(of_rig, asked, roles, table, faults)
+    for place in (one for one in roles if one not in of_rig and one not in asked):
+        usual = () if place in own else USUAL.get(place, ())
+        found[place] = _called(roles[place], usual, table.columns, {*found.values(), *kept})
+    if not (found.get("file") or of_rig or asked.get("file")):
+        lacking = f"{table.name} has no column 'file'; name the pictures' column with --map file=COLUMN"
+        faults.add(f"{lacking}; {_has(table.columns)}")
+    found = {place: found[place] for place in (*roles, *of_rig) if found.get(place)}
+    _require_once(found, faults)
+    return found
+
+
+def _given(
+    of_rig: Mapping[str, str], asked: Mapping[str, str], roles: Collection[str], table: Table, faults: Faults
+) -> dict[str, str]:
+    """Return the columns that a rig and ``--map`` name; an unknown place or column is a fault."""
+    found: dict[str, str] = {}
     for place, column in asked.items():
         if place not in roles:
-            raise SourceError(f"--map {place}={column}: there is no place '{place}'; places are {', '.join(roles)}")
-        if column and column not in columns:
-            raise SourceError(f"--map {place}={column}: {no_column(column, columns, table)}")
-    found = {} if rig is None else rig.places()
-    if lacking := [(place, column) for place, column in found.items() if column not in columns]:
-        place, column = lacking[0]
-        raise SourceError(f"--rig: the {place} is to be in column '{column}'; {no_column(column, columns, table)}")
-    for place, names in roles.items():
-        column = asked.get(place, next((name for name in names if name in columns), ""))
-        if column and place not in found:
+            faults.add(f"--map {place}={column}: there is no place '{place}'; places are {', '.join(roles)}")
+        elif column and column not in table.columns:
+            faults.add(f"--map {place}={column}: {no_column(column, table.columns, table.name)}")
+        else:
             found[place] = column
-    if "file" not in found:
-        raise SourceError(
-            f"{table} has no column 'file'; name the pictures' column with --map file=COLUMN; {_has(columns)}"
-        )
-    taken = list(found.values())
-    for place, column in found.items():
-        if taken.count(column) > 1:
-            raise SourceError(f"column '{column}' cannot be {place} and something else too")
+    for place, column in of_rig.items():
+        if column not in table.columns:
+            faults.add(
+                f"--rig: the {place} is to be in column '{column}': {no_column(column, table.columns, table.name)}"
+            )
+        else:
+            found[place] = column
     return found
+
+
+def _require_once(found: Mapping[str, str], faults: Faults) -> None:
+    """Note as a fault where a column has several places."""
+    for column in dict.fromkeys(found.values()):
+        if len(several := [place for place, one in found.items() if one == column]) > 1:
+            faults.add(f"column '{column}' cannot be {' and '.join(several)} at once")
+
+
+def _called(own: Sequence[str], usual: Sequence[str], columns: Sequence[str], taken: Collection[str]) -> str:
+    """Return the column that is called so, or usually so in whatever letters and not taken; "" where none is."""
+    by_name = {re.sub(r"[\s-]+", "_", column.lower()): column for column in reversed(columns) if column not in taken}
+    named = [*(one for one in own if one in columns), *(by_name[one] for one in usual if one in by_name)]
+    return next(iter(named), "")
+
+
+def unit_of(column: str) -> str | None:
+    """Return the unit that a column's name ends with, None where it ends with none."""
+    unit = column.rpartition("_")[2].lower()
+    return unit if unit in UNITS and "_" in column else None
 
 
 def no_column(column: str, columns: Sequence[str], table: str) -> str:

@@ -19,7 +19,7 @@ import numpy as np
 
 from eyechart.errors import BankError, SourceError
 from eyechart.frames import MAIN, MAX_PIXELS, Frame, FrameBank, encode, inside
-from eyechart.importing.bank import Choices, Shown, frames_of, keep, write
+from eyechart.importing.bank import Choices, Shown, Source, cells_of, frames_of, keep, write
 from eyechart.importing.cells import Progress, Row
 from eyechart.importing.columns import PICTURED
 from eyechart.importing.pages import MOST_COMPONENTS
@@ -75,11 +75,10 @@ def import_lerobot(
         raise SourceError(f"--map {min(own)}=…: a LeRobotDataset says itself which {min(own)} a frame is")
     chosen = replace(choices, columns={**dict.fromkeys(PICTURED, ""), **PLACES, **choices.columns})
     kept = keep(_table(data, reads), chosen)
-
-    frames = frames_of(kept, chosen, lambda name, what: name)  # noqa: ARG005 - made here, so it leads nowhere else
-    settings = {"format": "lerobot v3", "camera": data.camera}
-    pictures = partial(_pictures, data)
-    return write(out, folder, frames, pictures, kept=kept, choices=chosen, progress=progress, settings=settings)
+    cells = cells_of(kept, chosen, lambda name, what: name)  # noqa: ARG005 - made here, so it leads nowhere else
+    frames = frames_of(kept, chosen, cells)
+    source = Source(folder, partial(_pictures, data), {"format": "lerobot v3", "camera": data.camera})
+    return write(out, source, frames, kept=kept, choices=chosen, progress=progress)
 
 
 def read_meta(folder: Path, camera: str | None) -> Dataset:

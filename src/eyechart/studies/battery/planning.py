@@ -28,6 +28,7 @@ from eyechart.limits import Limits, Outcome, Spent
 from eyechart.manifest import (
     CONTROLS_ASKED,
     LEDGER,
+    PNG,
     RunManifest,
     alone_in,
     asked_of,
@@ -225,6 +226,7 @@ def plan(
         stop_early=extent.stop_early,
         controls=controls,
         controls_seed=bank.manifest.controls.seed,
+        encoding=PNG,
     )
     manifest = resumed(out, manifest, bank)
     the_plan = plan_of(manifest, bank, models=tuple(models), conditions=chosen, limit=extent.limit)
@@ -284,7 +286,7 @@ def conditions_of(bank: FrameBank, prompt: Prompt) -> tuple[tuple[str, ...], dic
 
 
 def resumed(out: Path, manifest: RunManifest, bank: FrameBank) -> RunManifest:
-    """Return a run's manifest joined with that of what ``out`` holds already.
+    """Return a run's manifest joined with that of what ``out`` holds already, whose pictures leave as they did.
 
     Raises LedgerError where that is another run, or none.
     """
@@ -294,7 +296,7 @@ def resumed(out: Path, manifest: RunManifest, bank: FrameBank) -> RunManifest:
             raise LedgerError(
                 f"{out} was run on other pictures of the same geometry; choose another --out for this bank"
             )
-        extended = before.extended(manifest)
+        extended = before.extended(replace(manifest, encoding=before.encoding))
         if manifest.stop_early:
             _require_as_begun(before, manifest)
         return extended
@@ -334,7 +336,7 @@ def plan_of(
     chosen = tuple(bank.frame(name) for name in manifest.frames)
     found = Plan(
         study=manifest.study,
-        bank=bank,
+        bank=replace(bank, plain=manifest.encoding == PNG),
         prompt=manifest.prompt,
         models=tuple(manifest.models if models is None else models),
         conditions=tuple(conditions or manifest.conditions),

@@ -11,7 +11,7 @@ from eyechart.errors import BankError, LedgerError, SpecError
 from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
 from eyechart.limits import Limits, Outcome
-from eyechart.manifest import LEDGER, RunManifest, alone_in, asked_of, today, versions, write_run
+from eyechart.manifest import LEDGER, PNG, RunManifest, alone_in, asked_of, today, versions, write_run
 from eyechart.models import Model, open_model
 from eyechart.modes import RequestMode
 from eyechart.prompts import policy_prompt
@@ -109,6 +109,7 @@ def plan(
         facts={spec: dict(model.facts) for spec, model in models.items()},
         reader=MOTION_READER,
         answers=extent.answers,
+        encoding=PNG,
     )
     manifest = resumed(out, manifest, bank)
     calls = replace(

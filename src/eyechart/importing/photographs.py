@@ -1,0 +1,107 @@
+"""A photograph that a table names: where it lies, whether it is plain, and how it is made plain where that is asked."""
+
+from collections import Counter
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path, PurePosixPath
+
+from eyechart.errors import BankError, SourceError
+from eyechart.frames import MAX_IMAGE_BYTES, encode, inside, made_plain, read_colour, require_plain
+
+
+@dataclass(frozen=True)
+class Convert:
+    """How pictures are made plain (`eyechart.frames.made_plain`): as 8-bit PNG, upright, in red, green and blue.
+
+    What is transparent shows ``background``, a colour's name or #rrggbb; pictures whose longer side has more than
+    ``longest`` pixels are made smaller. A picture that is plain, and not too large, stays as it is.
+    """
+
+    background: str = "white"
+    longest: int | None = None
+
+    def __post_init__(self) -> None:
+        read_colour(self.background)
+        if self.longest is not None and self.longest < 1:
+            raise SourceError(f"--longest takes a number of pixels of 1 or more, not {self.longest}")
+
+
+@dataclass(frozen=True)
+class Photographs:
+    """The folder of a table's pictures; the table itself stands in ``beside``. ``done`` counts what was converted."""
+
+    folder: Path
+    beside: Path
+    convert: Convert | None = None
+    done: Counter[str] = field(default_factory=Counter)
+
+    @cached_property
+    def _home(self) -> Path:
+        return self.folder.resolve()
+
+    def locate(self, name: str, what: str) -> str:
+        """Return a picture's path inside the folder, with '/' between its parts; ``what`` names row and column.
+
+        A path may also be given from the table's own place, where it leads into the folder. Raises SourceError where
+        it leads outside.
+        """
+        path = name.strip()
+        if "\\" in path and "/" not in path:
+            path = path.replace("\\", "/")
+        pure = PurePosixPath(path)
+        if pure.is_absolute() and pure.is_relative_to(self._home.as_posix()):
+            pure = pure.relative_to(self._home.as_posix())
+        elif not pure.is_absolute() and not self._is_file(self.folder / pure):
+            pure = self._from_table(pure) or pure
+        try:
+            inside(self.folder, str(pure))
+        except BankError as error:
+            raise SourceError(
+                f"{what} is '{name}', which leads outside {self.folder}, where the pictures must lie"
+            ) from error
+        return str(pure)
+
+    def _from_table(self, pure: PurePosixPath) -> PurePosixPath | None:
+        path = self.beside / pure
+        if ".." in pure.parts or not self._is_file(path):
+            return None
+        home = path.resolve()
+        return PurePosixPath(home.relative_to(self._home)) if home.is_relative_to(self._home) else None
+
+    @staticmethod
+    def _is_file(path: Path) -> bool:
+        try:
+            return path.is_file()
+        except (OSError, ValueError):  # a name too long, or with a NUL
+            return False
+
+    def read(self, file: str, what: str) -> tuple[bytes, str]:
+        """Return a picture's bytes and its name in a bank.
+
+        Raises SourceError, naming row and file, where it is not plain and nobody asked to make it so.
+        """
+        try:
+            picture = self._bytes_of(file)
+            if self.convert is None:
+                require_plain(picture, file)
+                return picture, file
+            pixels, done = made_plain(
+                picture, file, background=read_colour(self.convert.background), longest=self.convert.longest
+            )
+        except BankError as error:
+            raise SourceError(f"{what}: {error}") from error
+        if not done:
+            return picture, file
+        self.done.update(["pictures", *done])
+        return encode(pixels), file if file.lower().endswith(".png") else f"{file}.png"
+
+    def _bytes_of(self, file: str) -> bytes:
+        path = self.folder / file
+        try:
+            if not path.is_file():
+                raise BankError(f"there is no picture '{file}' in {self.folder}")
+            if path.stat().st_size > MAX_IMAGE_BYTES:
+                raise BankError(f"'{file}' has {path.stat().st_size} bytes; the limit is {MAX_IMAGE_BYTES}")
+            return path.read_bytes()
+        except OSError as error:
+            raise BankError(f"'{file}' cannot be read: {error.strerror}") from error
