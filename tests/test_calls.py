@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eyechart.calls import ANY_ACTION, TRANSIENT, CallKey, Query, Reply
+from eyechart.calls import ANY_ACTION, MOST, TRANSIENT, CallKey, Query, Reply, bounded
 from eyechart.frames import Stimulus
 from eyechart.spaces.discrete import Discrete
 
@@ -99,3 +99,21 @@ def test_no_reply_is_an_error_of_its_own_accord() -> None:
     """An empty Reply says nothing, and claims neither a token nor a second."""
     assert Reply() == Reply("", None, None, "", None, None, None)
     assert "exception" not in TRANSIENT
+
+
+NOBODY = (float("nan"), float("inf"), -float("inf"), 1e308, -1, -1e-9, 2**63, 10**400)
+
+
+@pytest.mark.parametrize("name", MOST)
+@pytest.mark.parametrize("value", NOBODY)
+def test_a_number_that_nobody_can_have_measured_is_not_reported(name: str, value: float) -> None:
+    """Each number of a reply has a bound; the rest of the reply, and numbers at their bounds, stay."""
+    assert bounded(replace(Reply("GO", served="m"), **{name: value})) == Reply("GO", served="m")
+    for possible in (0, MOST[name], None):
+        whole = replace(Reply("GO"), **{name: possible})
+        assert bounded(whole) is whole
+
+
+def test_every_number_of_a_reply_has_a_bound() -> None:
+    """A field that is added later too."""
+    assert {one.name for one in fields(Reply) if one.type in (int | None, float | None)} == MOST.keys()

@@ -481,7 +481,7 @@ def test_where_controls_were_drawn_is_truth_of_the_pictures_and_not_of_the_momen
     recorded = json.loads((bank.root / "manifest.json").read_text())
     for distances, named in (
         ({bank.frames[0].id: {"lead_gap_m": 3.0}}, "ground truth of frame"),
-        ({bank.frames[0].id: {"lead_mid_near_m": math.inf}}, "is inf"),
+        ({bank.frames[0].id: {"lead_mid_near_m": math.inf}}, "is Infinity"),
         ({bank.frames[0].id: {"lead_mid_near_m": "near"}}, "no bank manifest"),
         ({"another": {"lead_mid_near_m": 3.0}}, "'another' of the manifest is missing"),
     ):

@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import astuple
+from dataclasses import astuple, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eyechart.attempts import budget_of
-from eyechart.calls import UNFINISHED, CallKey, Reply
+from eyechart.calls import MOST, UNFINISHED, CallKey, Reply
 from eyechart.errors import LedgerError
 from eyechart.ledger import UNKNOWN, Ledger
 from eyechart.ledger.schema import SCHEMAS
@@ -29,6 +29,7 @@ FULL = Reply("STOP", "stop", None, "", 10, 1, 0.5)
 EVERY = Reply(
     "GO", "stop", None, "", 10, 9, 0.5, "so so", 8, 0.25, 200, 1.5, "m-2026", "upstream", 0.001, 2.5, "fp", 7, "ab"
 )
+WHOLE = ("prompt_tokens", "completion_tokens", "reasoning_tokens", "status", "payload_bytes")
 COLUMNS = {1: 7, 2: 16}
 """How many fields of a Reply an older ledger holds."""
 
@@ -108,6 +109,24 @@ def test_a_reply_comes_back_verbatim(path: Path) -> None:
     with Ledger(path, create=True) as ledger:
         assert {key.frame: reply for key, reply in ledger.replies(MODEL)} == replies
         assert list(ledger.replies("nobody")) == []
+
+
+@pytest.mark.parametrize("value", ["1e308", "-1e308", "9e999", "-1", "9223372036854775807"])
+def test_a_number_in_a_ledger_that_nobody_can_have_measured_reads_as_not_reported(path: Path, value: str) -> None:
+    """An older eyechart kept what a server said; its row stays as it is, and its checksum holds."""
+    fill(path, (KEY, EVERY))
+    columns = [name for name in MOST if "e" not in value or name not in WHOLE]
+    with closing(sqlite3.connect(path)) as sql:
+        ((trigger,),) = sql.execute("SELECT sql FROM sqlite_master WHERE name = 'replies_UPDATE'")
+        sql.execute("DROP TRIGGER replies_UPDATE")
+        for name, to in ({"row_sha256": "NULL"} | dict.fromkeys(columns, value)).items():
+            sql.execute(f"UPDATE replies SET {name} = {to}")  # noqa: S608 - our own
+        sql.execute(trigger)
+        sql.commit()
+    with Ledger(path) as ledger:
+        ((_, reply),) = ledger.replies(MODEL)
+        (sent,) = ledger.attempts(MODEL)
+    assert reply == sent.reply == replace(EVERY, **dict.fromkeys(columns))
 
 
 @given(st.text(st.characters()))

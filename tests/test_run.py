@@ -95,7 +95,6 @@ def test_calls_go_out_in_a_seeded_random_order(plan: Plan, tmp_path: Path) -> No
     [
         (Reply(text=None), "its text is a NoneType"),  # type: ignore[arg-type]
         (Reply("GO", prompt_tokens=np.int64(7)), "its prompt_tokens is a int64"),  # type: ignore[arg-type]
-        (Reply("GO", completion_tokens=2**70), "its completion_tokens has more than 63 bits"),
         (Reply("GO", served=["m"]), "its served is a list"),  # type: ignore[arg-type]
         (Reply("GO", error="odd"), "its error is none of exception, timeout"),  # type: ignore[arg-type]
     ],

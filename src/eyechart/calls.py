@@ -3,7 +3,8 @@
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Literal, NamedTuple, get_args, get_type_hints
 
 from eyechart.frames import Stimulus
@@ -136,11 +137,33 @@ class Reply:
     payload_sha256: str | None = None
 
 
+MOST: Mapping[str, float] = MappingProxyType(
+    {
+        "prompt_tokens": 1e9,
+        "completion_tokens": 1e9,
+        "reasoning_tokens": 1e9,
+        "seconds": 1e7,
+        "first_byte_s": 1e7,
+        "status": 999,
+        "retry_after_s": 1e9,
+        "cost_usd": 1e6,
+        "energy_j": 1e12,
+        "payload_bytes": 1e12,
+    }
+)
+"""What each number of a Reply may be at most; at least, 0. One beyond was not measured: it counts as not reported."""
 _KINDS = {
     name: kind | int if kind == float | None else kind
     for name, kind in get_type_hints(Reply).items()
     if name != "error"
 }
+
+
+def bounded(reply: Reply) -> Reply:
+    """Return a reply without the numbers that nobody can have measured: none, infinite, negative, or beyond `MOST`."""
+    numbers = ((name, getattr(reply, name), most) for name, most in MOST.items())
+    wrong = [name for name, one, most in numbers if isinstance(one, int | float) and not 0 <= one <= most]
+    return replace(reply, **dict.fromkeys(wrong)) if wrong else reply  # type: ignore[arg-type]
 
 
 def misfit(reply: Reply) -> str | None:
@@ -149,8 +172,6 @@ def misfit(reply: Reply) -> str | None:
         value = getattr(reply, name)
         if not isinstance(value, kind):
             return f"its {name} is a {type(value).__name__}"
-        if isinstance(value, int) and not -(2**63) <= value < 2**63:
-            return f"its {name} has more than 63 bits"
     if reply.error is not None and reply.error not in get_args(ErrorKind):
         return f"its error is none of {', '.join(get_args(ErrorKind))}"
     return None

@@ -16,6 +16,7 @@ import msgspec
 import tomli_w
 
 from eyechart.errors import SpecError
+from eyechart.records import LARGEST
 from eyechart.spaces.discrete import read_toml
 
 Scalar = str | int | float | bool
@@ -204,7 +205,7 @@ def _is(kind: object) -> Callable[[object], bool]:
 
 _Check = tuple[Callable[[object], bool], str]
 _Count = Annotated[int, msgspec.Meta(ge=0, lt=2**53)]
-_Number = Annotated[float, msgspec.Meta(ge=0)]
+_Number = Annotated[float, msgspec.Meta(ge=0, le=LARGEST)]
 _MODE: dict[str, _Check] = {
     "spec": (lambda value: _is_line(value) and value != "", "a model's SPEC, for example openai:MODEL"),
     "base_url": (_is_url, "a URL that begins with http:// or https://"),
@@ -214,7 +215,7 @@ _MODE: dict[str, _Check] = {
     "structured": (lambda value: value in STRUCTURED, f"one of {', '.join(STRUCTURED)}"),
     "temperature": (_is(_Number | None), f'a number of at least 0, or "{DEFAULT}"'),
     "seed": (_is(bool), "true or false"),
-    "timeout_s": (_is(Annotated[float, msgspec.Meta(gt=0)]), "a number of seconds above 0"),
+    "timeout_s": (_is(Annotated[float, msgspec.Meta(gt=0, le=LARGEST)]), "a number of seconds above 0"),
     "headers": (_is_lines, "a table of lines of text"),
     "body": (lambda value: isinstance(value, Mapping) and _is_plain(value), "a table of plain JSON values, no null"),
     "options": (_is(dict[str, Scalar]), "a table of texts, numbers and booleans"),

@@ -13,6 +13,8 @@ T = TypeVar("T")
 Name = Annotated[str, msgspec.Meta(min_length=1)]
 Count = Annotated[int, msgspec.Meta(ge=0)]
 Amount = Annotated[float, msgspec.Meta(ge=0)]
+LARGEST = 1e30
+"""No number of a file is larger, so that moments and sums of them are finite; a seed may have more than 64 bits."""
 
 _LONGEST = 60
 _SAID = re.compile(
@@ -115,8 +117,8 @@ def _refuse_strange(raw: object, made: object, where: str) -> None:
             if name not in made:
                 raise ValueError(f"{where} has a field {shown(name)}, which this eyechart does not know")
             _refuse_strange(value, made[name], name if where == "it" else f"{where}.{name}")
-    elif isinstance(raw, int) and abs(raw) >= 2**63:
-        raise ValueError(f"{where} is {shown(raw)}, not a number of at most 63 bits")
+    elif isinstance(raw, int | float) and not abs(raw) <= LARGEST:
+        raise ValueError(f"{where} is {shown(raw)}, not a number up to {LARGEST:g}")
     elif isinstance(raw, list) and isinstance(made, list | tuple):
         for place, (one, other) in enumerate(zip(raw, made, strict=True)):
             _refuse_strange(one, other, f"{where}[{place}]")

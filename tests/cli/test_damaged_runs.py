@@ -1,5 +1,7 @@
 """What every command says of a run whose ledger is damaged, is no ledger, or lacks calls: one line, and exit code 2."""
 
+import json
+import re
 import shutil
 import sqlite3
 from collections.abc import Callable
@@ -12,6 +14,8 @@ from typer.testing import CliRunner, Result
 import banks
 import stand_ins
 from eyechart import models
+from eyechart.bundle import validate
+from eyechart.calls import MOST
 from eyechart.cli.app import app
 from eyechart.errors import EyechartError
 from eyechart.limits import Limits
@@ -24,7 +28,7 @@ READING = {
     "costs": "costs RUN",
     "gate": "gate RUN",
     "report": "report RUN --out page.html",
-    "bundle": "bundle RUN --out run.zip",
+    "bundle": "bundle RUN --out run.zip --frames BANK",
     "compare": "compare RUN SOUND",
     "transfer": "transfer RUN --scores scores.csv",
     "merge": "merge RUN --out merged",
@@ -110,3 +114,29 @@ def test_a_foreign_trigger_is_refused_by_every_command(run: Path, say: Callable[
     said = say(command)
     assert isinstance(said.exception, EyechartError)
     assert "run/ledger.sqlite is no plain ledger: loud of its schema differ" in str(said.exception)
+
+
+def test_no_command_falls_over_a_number_that_nobody_can_have_measured(run: Path, say: Callable[[str], Result]) -> None:
+    """What an older eyechart kept of a server that said so is shown as not reported, and a bundle of it validates."""
+    with closing(sqlite3.connect(run / "ledger.sqlite")) as sql:
+        ((trigger,),) = sql.execute("SELECT sql FROM sqlite_master WHERE name = 'replies_UPDATE'")
+        sql.execute("DROP TRIGGER replies_UPDATE")
+        whole = [name for name in MOST if name.endswith(("tokens", "bytes")) or name == "status"]
+        for values, names in ((("-1", 2**63 - 1), whole), (("1e308", "9e999", "-1"), MOST.keys() - set(whole))):
+            for place, name in enumerate(sorted(names)):
+                value = values[place % len(values)]
+                sql.execute(f"UPDATE replies SET row_sha256 = NULL, {name} = {value}")  # noqa: S608 - our own names
+        sql.execute(trigger)
+        sql.commit()
+    for command in (*READING, "costs RUN --json", "verdict RUN --json", "report RUN --tables tables --out page.html"):
+        if command in {"merge", "run"}:
+            continue
+        said = say(command) if command in READING else CliRunner().invoke(app, command.replace("RUN", "run").split())
+        assert said.exception is None or isinstance(said.exception, SystemExit | EyechartError), command
+        assert not isinstance(said.exception, EyechartError) or command == "compare", command
+        if "--json" in command:
+            assert not re.search(r"1e\+?308|Infinity|NaN", said.stdout)
+        if command == "costs RUN --json":
+            account = json.loads(said.stdout)["accounting"]["standin:noisy"]["all"]
+            assert (account["cost_usd"], account["latency_median_s"], account["energy_j"]) == (None, None, None)
+    assert [one.where for one in validate(Path("run.zip")).differences] == []

@@ -101,6 +101,14 @@ def test_bytes_that_are_no_episode_are_an_error_of_their_line(
     [
         (("steps", 1, "reward"), [1.0], r"steps\[1\].reward is \[1.0\], not a number"),
         (("steps", 1, "reward"), float("nan"), "it holds NaN, which is no number"),
+        (("steps", 1, "reward"), -1e308, r"steps\[1\].reward is -1e\+308, not a number up to 1e\+30"),
+        (("steps", 1, "distance_m"), 10**90, r"steps\[1\].distance_m is 10+…, not a number up to 1e\+30"),
+        (
+            ("steps", 0, "truth", "lead_gap_m"),
+            1e31,
+            r"steps\[0\].truth.lead_gap_m is 1e\+31, not a number up to 1e\+30",
+        ),
+        (("key", "seed"), 10**4000, r"key.seed is 10+…, not a number up to 1e\+30"),
         (("steps", 0, "crashed"), 1, r"steps\[0\].crashed is 1, not true or false"),
         (("steps", 0, "truth", "lead_gap_m"), {}, r"steps\[0\].truth.lead_gap_m is {}, not a number"),
         (("steps", 2, "step"), 1, r"steps\[2\].step is 1, not 2, which is this step's"),

@@ -1,7 +1,6 @@
 """Worlds live in a worker: each drives one episode on, shows its camera's picture, and keeps the record of it."""
 
 import hashlib
-import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -16,6 +15,7 @@ from eyechart.errors import SpecError
 from eyechart.frames import MAIN, RGB, Frame, Scalar, Stimulus, alone, decode, encode, rounded_truth
 from eyechart.modes import without_secrets
 from eyechart.policies import Observation, Policy, open_policy
+from eyechart.records import LARGEST
 from eyechart.seeds import key_seed
 from eyechart.simulators import SIMULATORS, Drive, Simulator, StepResult, execute, open_simulator
 from eyechart.spaces.space import Decision
@@ -292,8 +292,8 @@ def _digest(drive: Drive, decimals: int | None = None) -> str | None:
 def _require_finite(moved: StepResult) -> None:
     for name in ("reward", "speed_mps", "distance_m"):
         value = getattr(moved, name)
-        if not (value is None and name != "reward") and not math.isfinite(value):
-            raise SpecError(f"the world's {name} is {value}, which is no number")
+        if not (value is None and name != "reward") and not abs(value) <= LARGEST:
+            raise SpecError(f"the world's {name} is {value}, not a number up to {LARGEST:g}")
 
 
 def _words(error: BaseException) -> str:

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import math
 import shutil
 import tempfile
 from collections import Counter
@@ -29,7 +28,7 @@ from eyechart.frames.nouns import (
     rounded_truth,
 )
 from eyechart.frames.pictures import decode, inside, read_bounded
-from eyechart.records import build
+from eyechart.records import LARGEST, build, shown
 from eyechart.spaces.motion import MotionSpace
 
 MOTION = "motion"
@@ -157,8 +156,8 @@ def read_state(value: object, what: str) -> tuple[float, ...]:
     if not isinstance(value, list | tuple) or not value:
         raise ValueError(f"{what} is {value!r}, not a list of numbers")
     for one in value:
-        if isinstance(one, bool) or not isinstance(one, int | float) or not math.isfinite(one):
-            raise ValueError(f"{what} has {one!r}, not a finite number")
+        if isinstance(one, bool) or not isinstance(one, int | float) or not abs(one) <= LARGEST:
+            raise ValueError(f"{what} has {shown(one)}, not a number up to {LARGEST:g}")
     return tuple(map(float, value))
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from eyechart.errors import BankError
 from eyechart.frames.pictures import as_png, read_bounded, size_of
-from eyechart.records import plain
+from eyechart.records import LARGEST, plain
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.motion import MotionSpace
 
@@ -46,7 +46,7 @@ class Gap:
     unit: str
 
     def __post_init__(self) -> None:
-        if not math.isfinite(self.threshold):
+        if not abs(self.threshold) <= LARGEST:
             raise ValueError(f"the gap's threshold is {self.threshold!r}, not a number")
 
     def of(self, frame: "Frame") -> float:
@@ -190,8 +190,11 @@ def rounded_truth(truth: Mapping[str, object], frame_id: str) -> dict[str, Scala
     for name, raw in truth.items():
         value = raw.item() if isinstance(raw, np.generic) else raw
         if isinstance(value, float):
-            if not math.isfinite(value):
-                raise BankError(f"frame '{frame_id}': truth '{name}' is {value}; use None for 'there is none'")
+            if not abs(value) <= LARGEST:
+                raise BankError(
+                    f"frame '{frame_id}': truth '{name}' is {value}, not a number up to {LARGEST:g}; use None for "
+                    "'there is none'"
+                )
             value = round(value, 3) + 0.0
         if isinstance(value, int) and abs(value) > _EXACT:
             raise BankError(f"frame '{frame_id}': truth '{name}' is too large a number to be exact; write it as a word")

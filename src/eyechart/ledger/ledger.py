@@ -17,6 +17,7 @@ from eyechart.ledger.rows import (
     OF_KEY,
     REPLY,
     REPLY_OF,
+    REPORTED,
     UNKNOWN,
     Attempt,
     Sent,
@@ -205,7 +206,7 @@ class Ledger:
     def replies(self, model: str) -> Iterator[tuple[CallKey, Reply]]:
         """Yield each call of a model that has a reply: its last final one, or its last failure while it has none."""
         rows = self._sql.execute(
-            f"SELECT {KEY_OF_CALL}, {REPLY_OF} FROM calls c JOIN replies r ON r.attempt = coalesce("
+            f"SELECT {KEY_OF_CALL}, {REPORTED} FROM calls c JOIN replies r ON r.attempt = coalesce("
             "(SELECT max(attempt) FROM replies f WHERE f.call = c.id AND f.final = 1), "
             "(SELECT max(attempt) FROM replies f WHERE f.call = c.id)) WHERE model = ?",
             (model,),
@@ -216,7 +217,7 @@ class Ledger:
     def attempts(self, model: str) -> Iterator[Sent]:
         """Yield every attempt at a model's calls in the order of sending, with what came back."""
         rows = self._sql.execute(
-            f"SELECT {KEY_OF_CALL}, a.number, a.reason, a.request_sha256, r.final, {REPLY_OF} "
+            f"SELECT {KEY_OF_CALL}, a.number, a.reason, a.request_sha256, r.final, {REPORTED} "
             "FROM attempts a JOIN calls c ON c.id = a.call "
             "LEFT JOIN replies r ON r.attempt = a.id WHERE c.model = ? ORDER BY a.id",
             (model,),
@@ -242,7 +243,11 @@ class Ledger:
 
     def copy_to(self, path: Path) -> None:
         """Write a copy of the ledger as it stands, also while a run appends; the same rows give the same bytes."""
+        older = OLDER.get(self._format, "")
+        for view in ("replies", "attempts") if older else ():  # which SQLite takes for the tables that it copies
+            self._sql.execute(f"DROP VIEW IF EXISTS temp.{view}")
         self._sql.execute("VACUUM INTO ?", (str(path),))
+        self._sql.executescript(older)
 
     def absorb(self, other: "Ledger") -> int:
         """Copy every call of another ledger into this one, attempts and replies included; return how many are new.

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from msgspec import msgpack
 
-from eyechart.calls import CallKey, Reply
+from eyechart.calls import MOST, CallKey, Reply
 
 UNKNOWN = "unknown"
 """The reason of an attempt that repeats one whose outcome is unknown: it was sent, and the run was killed."""
@@ -21,6 +21,10 @@ KEY_IS = " AND ".join(f"{name} = ?" for name in CallKey._fields)
 OF_KEY = len(CallKey._fields)
 REPLY = tuple(field.name for field in fields(Reply))
 REPLY_OF = ", ".join(f"r.{name}" for name in REPLY)
+"""The fields of a reply as they stand in its row."""
+_BOUNDED = {name: f"CASE WHEN r.{name} BETWEEN 0 AND {most!r} THEN r.{name} END" for name, most in MOST.items()}
+REPORTED = ", ".join(_BOUNDED.get(name, f"r.{name}") for name in REPLY)
+"""The same as they are read: a number that nobody can have measured, which an older ledger may hold, is none."""
 _values = attrgetter(*REPLY)
 
 

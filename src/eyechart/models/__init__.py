@@ -7,7 +7,7 @@ from dataclasses import replace
 from importlib import import_module
 from typing import Protocol
 
-from eyechart.calls import Query, Reply, misfit
+from eyechart.calls import Query, Reply, bounded, misfit
 from eyechart.errors import SpecError
 from eyechart.modes import RequestMode, without_secrets
 
@@ -78,6 +78,7 @@ async def ask(model: Model, query: Query) -> Reply:
         reply = await model.answer(query)
         if not isinstance(reply, Reply):
             raise TypeError(f"the model answered with a {type(reply).__name__}, not with a Reply")  # noqa: TRY301
+        reply = bounded(reply)
         if wrong := misfit(reply):
             raise TypeError(f"the model's Reply cannot be kept: {wrong}")  # noqa: TRY301
     except asyncio.CancelledError:

@@ -68,6 +68,10 @@ class Prices:
         return known, "unknown" if known is None else "priced"
 
 
+_MOST = 1e6
+"""Nobody asks more dollars for a million tokens."""
+
+
 def read_prices(path: Path | None = None) -> Prices:
     """Read the table of prices, those of a file of one's own before it; raises SpecError naming what is wrong there."""
     own = () if path is None else _entries(path)
@@ -88,7 +92,7 @@ def _entry(values: object, where: str) -> Price:
         raise SpecError(f"{where}: a price has {', '.join(need)}, and base_url where it is one server's")
     for name, value in values.items():
         kind = need.get(name, str)
-        right = isinstance(value, int | float) and not isinstance(value, bool) and value >= 0
+        right = isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= _MOST
         if not (right if kind is float else isinstance(value, str)):
             raise SpecError(f"{where}: {name} must be {'a number of dollars' if kind is float else 'a text'}")
     if not values["date"]:

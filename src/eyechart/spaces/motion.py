@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.errors import SpecError
+from eyechart.records import LARGEST
 from eyechart.spaces.space import Answer, Decision, unanswered
 
 Kind = Literal["delta", "absolute", "velocity", "waypoints"]
@@ -196,7 +197,7 @@ class MotionSpace:
             return Decision(None, "unparsed", str(error))
         if motion.shape != self.shape:
             return Decision(None, "unparsed", "wrong_shape")
-        if not np.isfinite(motion.array).all():
+        if not (np.abs(motion.array) <= LARGEST).all():
             return Decision(None, "unparsed", "not_finite")
         return Decision(motion)
 

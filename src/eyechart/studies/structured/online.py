@@ -25,7 +25,7 @@ from eyechart.modes import RequestMode
 from eyechart.perception.forward import distances_of
 from eyechart.perception.view import View, view_for
 from eyechart.prompts import scene_prompt
-from eyechart.records import Plain
+from eyechart.records import Plain, build
 from eyechart.run import Progress
 from eyechart.simulators import Drive, HalfBlind, Simulator, open_simulator
 from eyechart.spaces.scene import Estimate, Scene
@@ -183,8 +183,8 @@ def read_vetting(out: Path) -> tuple[Vetted, ...] | None:
     if not file.is_file():
         return None
     try:
-        found = tuple(Vetted(**one) for one in json.loads(file.read_text(encoding="utf-8")))
-    except (ValueError, TypeError) as error:
+        found = build(tuple[Vetted, ...], json.loads(file.read_text(encoding="utf-8")))
+    except (ValueError, RecursionError) as error:
         raise LedgerError(f"{file} is no record of vetted worlds: {error}") from error
     if not any(one.why is None for one in found):
         raise LedgerError(f"{file} is no record of vetted worlds: it has none that passed; choose another --out")
