@@ -14,11 +14,15 @@ import os
 import subprocess
 import sys
 from collections import Counter, defaultdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import adversary_door
 import eyechart
+from adversary_truth import Pictures, Truth, find_truth
+from eyechart.calibrate.adversaries import Adversary
 from eyechart.calibrate.tally import AGAINST, RIGHT
+from eyechart.frames import open_bank
 from eyechart.models.scripted import CONTROLLERS
 
 ROOT = Path(__file__).parents[1]
@@ -68,17 +72,61 @@ def main() -> int:
     options.add_argument("--result", type=Path, default=RESULT, help="file of the result")
     given = options.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
-    called: dict[str, dict[str, Counter[str]]] = defaultdict(lambda: defaultdict(Counter))
+    said: dict[str, list[Said]] = {}
     for asked in given.banks.split(","):
         simulator, _, count = asked.partition("=")
+        said[simulator] = []
         for number in range(int(count)):
-            for spec, one in verdicts_on(simulator, number, given.out.resolve(), given.steps).items():
-                called[simulator][spec][f"{one['calibrated']}/{one['lateral']}"] += 1
+            verdicts = verdicts_on(simulator, number, given.out.resolve(), given.steps)
+            truths = truths_on(simulator, number, given.out.resolve(), list(verdicts))
+            for spec, one in verdicts.items():
+                said[simulator].append(Said(spec, str(one["calibrated"]), str(one["lateral"]), truths.get(spec)))
             print(f"{simulator} {number + 1} of {count}", file=sys.stderr)
-    return write(called, given.result)
+    return write(said, given.result)
 
 
-def write(called: dict[str, dict[str, Counter[str]]], result: Path) -> int:
+@dataclass(frozen=True)
+class Said:
+    """What one run said of one controller, and what that does on the bank; None for the known answers."""
+
+    spec: str
+    calibrated: str
+    lateral: str
+    truth: Truth | None
+
+    @property
+    def name(self) -> str:
+        """Return the controller's name."""
+        return self.spec.rpartition(":")[2]
+
+    @property
+    def deserves(self) -> Adversary:
+        """Return what an adversary deserves on this bank."""
+        assert self.truth is not None
+        return self.truth.of(adversary_door.adversary(self.name), self.calibrated)
+
+    @property
+    def is_depth(self) -> bool:
+        """Return whether authority was said."""
+        return self.calibrated in {"depth", "depth_lateral"}
+
+
+def truths_on(simulator: str, number: int, folder: Path, specs: list[str]) -> dict[str, Truth]:
+    """Return what each adversary does on the pictures of a bank."""
+    kept = folder / f"truths-{simulator}-{number}.json"
+    names = [spec.rpartition(":")[2] for spec in specs if spec.startswith("python:")]
+    if not kept.is_file():
+        bank = folder / f"{simulator}-{number}"
+        os.environ["EYECHART_ADVERSARY_BANK"] = str(bank)
+        adversary_door.frame_numbers.cache_clear()
+        adversary_door.known_files.cache_clear()
+        pictures = Pictures(open_bank(bank))
+        kept.write_text(json.dumps({name: asdict(find_truth(name, pictures)) for name in names}), encoding="utf-8")
+    found = json.loads(kept.read_text())
+    return {spec: Truth(**found[spec.rpartition(":")[2]]) for spec in specs if spec.startswith("python:")}
+
+
+def write(said: dict[str, list[Said]], result: Path) -> int:
     """Write and print what was called untruly, by simulator; returns the exit code."""
     found: dict[str, object] = {
         "eyechart": eyechart.__version__,
@@ -87,57 +135,53 @@ def write(called: dict[str, dict[str, Counter[str]]], result: Path) -> int:
             ["git", "rev-parse", "HEAD"], check=True, capture_output=True, text=True, cwd=ROOT
         ).stdout.strip(),
     }
-    misses = []
-    for simulator, by in called.items():
-        adversaries = {spec.rpartition(":")[2]: counts for spec, counts in by.items() if spec.startswith("python:")}
-        untrue: dict[str, dict[str, str]] = {}
-        for claim, wanted in AGAINST.items():
-            wronged = {n: c for n, c in adversaries.items() if adversary_door.adversary(n).may_be_wronged(claim)}
-            each = {
-                name: sum(
-                    n
-                    for label, n in counts.items()
-                    if claim in adversary_door.adversary(name).is_false(*label.split("/"))
-                )
-                for name, counts in wronged.items()
-            }
-            total, runs = sum(each.values()), sum(sum(counts.values()) for counts in wronged.values())
-            untrue[claim] = {
-                "all": f"{total} of {runs}",
-                **{n: f"{k} of {sum(wronged[n].values())}" for n, k in each.items() if k},
-            }
-            misses += [f"{simulator}: {name} gets {claim} {k} times" for name, k in each.items() if k > 1]
-            if total > max(1, wanted * runs):
-                misses.append(f"{simulator}: {claim} untrue {total} of {runs}, wanted {wanted}")
-        readers = {n: c for n, c in adversaries.items() if adversary_door.adversary(n).follows}
-        right = sum(
-            k for c in readers.values() for label, k in c.items() if label.split("/")[0] in {"depth", "depth_lateral"}
-        )
-        runs = sum(sum(counts.values()) for counts in readers.values())
-        if runs and right / runs < RIGHT:
-            misses.append(f"{simulator}: readers of distance told so {right} of {runs}, wanted {RIGHT}")
-        known = {spec.rpartition(":")[2]: counts for spec, counts in by.items() if spec.startswith("scripted:")}
-        hits = sum(
-            k
-            for n, c in known.items()
-            for label, k in c.items()
-            if label.split("/")[0] == CONTROLLERS[n].declared.calibrated
-        )
-        tried = sum(sum(counts.values()) for counts in known.values())
-        if tried and hits / tried < RIGHT:
-            misses.append(f"{simulator}: known answers right {hits} of {tried}, wanted {RIGHT}")
-        found[simulator] = {
-            "adversaries": len(adversaries),
-            "untrue": untrue,
-            "readers of distance": f"{right} of {runs}",
-            "known answers": f"{hits} of {tried}",
-            "called": {name: dict(counts) for name, counts in (*adversaries.items(), *known.items())},
-        }
+    misses: list[str] = []
+    for simulator, every in said.items():
+        mine, missed = _judge(every)
+        found[simulator] = mine
+        misses += [f"{simulator}: {one}" for one in missed]
     found["misses"] = misses
     result.parent.mkdir(exist_ok=True)
     result.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     print("\n".join(misses) or "no claim is untrue more often than is promised")
     return int(bool(misses))
+
+
+def _judge(every: list[Said]) -> tuple[dict[str, object], list[str]]:
+    """Return what is written of one simulator, and what fell short of what is promised."""
+    tried, known = ([one for one in every if (one.truth is None) is which] for which in (False, True))
+    untrue: dict[str, dict[str, str]] = {}
+    misses = []
+    for claim, wanted in AGAINST.items():
+        wronged = [one for one in tried if one.deserves.may_be_wronged(claim)]
+        runs = Counter(one.name for one in wronged)
+        each = Counter(one.name for one in wronged if claim in one.deserves.is_false(one.calibrated, one.lateral))
+        untrue[claim] = {
+            "all": f"{each.total()} of {runs.total()}",
+            **{name: f"{count} of {runs[name]}" for name, count in each.items()},
+        }
+        misses += [f"{name} gets {claim} {count} times" for name, count in each.items() if count > 1]
+        if each.total() > max(1, wanted * runs.total()):
+            misses.append(f"{claim} untrue {each.total()} of {runs.total()}, wanted {wanted}")
+    readers = [one for one in tried if one.deserves.follows]
+    lost = Counter(one.name for one in readers if not one.is_depth)
+    hits = sum(one.calibrated == CONTROLLERS[one.name].declared.calibrated for one in known)
+    for what, right, of in (
+        ("readers of distance told so", len(readers) - lost.total(), len(readers)),
+        ("known answers right", hits, len(known)),
+    ):
+        if of and right / of < RIGHT:
+            misses.append(f"{what} {right} of {of}, wanted {RIGHT}")
+    called: dict[str, Counter[str]] = defaultdict(Counter)
+    for one in (*tried, *known):
+        called[one.name][f"{one.calibrated}/{one.lateral}"] += 1
+    return {
+        "adversaries": len({one.name for one in tried}),
+        "untrue": untrue,
+        "readers of distance": {"all": f"{len(readers) - lost.total()} of {len(readers)}", "lost": dict(lost)},
+        "known answers": f"{hits} of {len(known)}",
+        "called": {name: dict(counts) for name, counts in called.items()},
+    }, misses
 
 
 if __name__ == "__main__":
