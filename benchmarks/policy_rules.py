@@ -3,12 +3,14 @@
     make long-policies
     python benchmarks/policy_rules.py --draws 5000 --processes 2
 
-Every setting is kept on disk, so an interrupted measurement goes on. Writes ``benchmarks/results/policies.json``; exit
-1 where an untrue label comes more often than .01 plus two standard errors.
+Every setting is kept on disk beside the digest of the rules, so an interrupted measurement goes on, and one of other
+rules begins anew. Writes ``benchmarks/results/policies.json``; exit 1 where an untrue label comes more often than .01
+plus two standard errors.
 """
 
 import argparse
 import datetime as dt
+import hashlib
 import json
 import sys
 from pathlib import Path
@@ -17,6 +19,13 @@ import eyechart
 from eyechart.calibrate.policies import Setting, Tried, settings, try_rules
 
 RESULT = Path(__file__).parent / "results" / "policies.json"
+
+
+def digest() -> str:
+    """Return the head of the SHA-256 of what a result depends on: the simulation, the rules and the statistics."""
+    root = Path(eyechart.__file__).parent
+    files = [root / "calibrate/policies.py", root / "verdicts/channels.py", *sorted((root / "stats").glob("*.py"))]
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
 
 
 def measured(cache: Path, setting: Setting, draws: int, processes: int) -> Tried:
@@ -36,8 +45,9 @@ def main() -> int:
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--cache", type=Path, default=Path("build/policy-rules"))
     args = parser.parse_args()
-    args.cache.mkdir(parents=True, exist_ok=True)
-    tried = [measured(args.cache, one, args.draws, args.processes) for one in settings()]
+    cache = args.cache / digest()
+    cache.mkdir(parents=True, exist_ok=True)
+    tried = [measured(cache, one, args.draws, args.processes) for one in settings()]
     about = {"eyechart": eyechart.__version__, "date": dt.datetime.now(dt.UTC).date().isoformat(), "draws": args.draws}
     rows = [one.as_dict() for one in tried]
     RESULT.write_text(json.dumps({**about, "settings": rows}, indent=1) + "\n", encoding="utf-8")

@@ -1,5 +1,6 @@
 """The rules on policies, simulated: the worlds have the shares that they declare, and false claims are counted."""
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -57,6 +58,20 @@ def test_an_untrue_label_is_counted_against_the_rules() -> None:
     assert Tried(BASE, {"ignores_camera": 3}, 100).missed
     assert Tried(replace(BASE, share=0.05), {"ignores_camera": 100}, 100).false is None
     assert replace(BASE, share=0.02).false == {"camera_content", "pose_only", "camera_presence"}
+
+
+def test_where_nothing_responds_is_counted_apart() -> None:
+    """Of a data set in which no episode responds nobody can tell that others would; elsewhere the rate is held."""
+    sparse = replace(BASE, response=0.15, whole=True)
+    found = Counter(label for seed in range(60) for label in labels_of(sparse, np.random.default_rng(seed)))
+    assert found["ignores_camera, none responds"] >= 2
+    tried = Tried(sparse, found, 60)
+    assert tried.false is not None
+    assert tried.false > 0.02
+    assert tried.seen == 0.0
+    assert not tried.missed
+    assert "ignores_camera, none responds" not in str(tried.as_dict())
+    assert not any("none responds" in one for one in labels_of(BASE, np.random.default_rng(0)))
 
 
 def test_clear_policies_get_their_labels() -> None:

@@ -30,6 +30,8 @@ WANTED = 0.01
 """The largest share of false claims that is wanted, before two standard errors."""
 SHARES = (0.0, 0.02, 0.05, 0.10, 0.20, 0.40)
 NOISES, ANSWERS = (0.05, 0.25, 1.0), (2, 4)
+SILENT = ", none responds"
+"""Stands after a label that was said of a data set in which no frame responds."""
 _BATCH = 100
 
 
@@ -135,15 +137,22 @@ class Tried:
         return max(counts) / self.draws if counts else None
 
     @property
+    def seen(self) -> float | None:
+        """Return the same of the data sets in which any frame responds: of the others nobody can tell the policy."""
+        counts = [self.labels.get(label, 0) - self.labels.get(f"{label}{SILENT}", 0) for label in self.setting.false]
+        return max(counts) / self.draws if counts else None
+
+    @property
     def missed(self) -> bool:
         """Return whether an untrue label comes more often than is wanted, beyond two standard errors."""
         most = WANTED + 2 * np.sqrt(WANTED * (1 - WANTED) / self.draws)
-        return self.false is not None and bool(self.false > most)
+        return self.seen is not None and bool(self.seen > most)
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        shares = {label: count / self.draws for label, count in sorted(self.labels.items())}
-        return {"setting": self.setting.name, "draws": self.draws, "labels": shares, "false": self.false}
+        shares = {label: count / self.draws for label, count in sorted(self.labels.items()) if SILENT not in label}
+        found = {"setting": self.setting.name, "draws": self.draws, "labels": shares, "false": self.false}
+        return {**found, "seen": self.seen} if self.seen != self.false else found
 
 
 def try_rules(
@@ -183,8 +192,13 @@ def _batch(setting: Setting, seed: int, start: int, count: int) -> Counter[str]:
 
 
 def labels_of(setting: Setting, rng: np.random.Generator) -> tuple[str, ...]:
-    """Return the labels of one simulated data set."""
-    statistics = simulated(setting, rng)
+    """Return the labels of one simulated data set, where no frame of it responds each once more as `SILENT`."""
+    world = _World(setting, rng)
+    labels = _labels(setting, world.statistics())
+    return labels if world.responds else (*labels, *(f"{one}{SILENT}" for one in labels))
+
+
+def _labels(setting: Setting, statistics: Mapping[str, Statistic]) -> tuple[str, ...]:
     if setting.margin == "instruction":
         return (judge_instruction(statistics).label,)
     camera = judge_camera(statistics, "cameras", "its cameras").label
@@ -211,6 +225,11 @@ class _World:
         self._map /= np.sqrt((self._map**2).sum(axis=0))
         self._rest = self._latent()
         self._gate = self._gates()
+
+    @property
+    def responds(self) -> bool:
+        """Return whether any frame responds to the picture."""
+        return bool(self._gate.any())
 
     def _latent(self) -> Floats:
         """Return latent numbers of variance 1 a frame, alike within an episode, shape (frames, 3)."""
@@ -320,17 +339,19 @@ def _latent_share(share: float) -> float:
 
 def table(tried: Sequence[Tried]) -> Table:
     """Return a setting a row: how often each label was said, and the untrue one."""
-    labels = list(dict.fromkeys(label for one in tried for label in sorted(one.labels)))
+    labels = list(dict.fromkeys(label for one in tried for label in sorted(one.labels) if SILENT not in label))
     rows = [
         (
             one.setting.name,
             *(one.labels.get(label, 0) / one.draws for label in labels),
             ", ".join(sorted(one.setting.false)),
             one.false,
+            one.seen,
             "!" if one.missed else "",
         )
         for one in tried
     ]
     head = [Column("setting"), *(Column(label, "number") for label in labels), Column("untrue here")]
-    note = f"! more than {WANTED} plus two standard errors"
-    return Table("policies", "", (*head, Column("false", "number", 4), Column("")), tuple(rows), note)
+    note = f"seen: of data sets in which any frame responds; ! more than {WANTED} plus two standard errors"
+    ends = (Column("false", "number", 4), Column("seen", "number", 4), Column(""))
+    return Table("policies", "", (*head, *ends), tuple(rows), note)
