@@ -35,10 +35,14 @@ def test_its_commands_and_options_exist() -> None:
 
 def test_its_example_runs_as_it_stands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The TOML files are read, and the Python makes a bank with nothing missing."""
-    rig, space, prompt = blocks("toml")
+    rig, motion, space, prompt = blocks("toml")
     (tmp_path / "rig.toml").write_text(rig)
     left, right = read_rig(tmp_path / "rig.toml").cameras
     assert (left.name, left.mirrors) == ("left_wrist", right.name)
+    (tmp_path / "done.toml").write_text(rig + motion)
+    done = read_rig(tmp_path / "done.toml").space
+    assert done is not None
+    assert [(one.name, one.state) for one in done.dimensions] == [("goal_1", 0), ("goal_2", 1)]
     (tmp_path / "rover.toml").write_text(space)
     (tmp_path / "ask.toml").write_text(prompt)
     assert read_space(tmp_path / "rover.toml").brake == ("HALT", "CRAWL")

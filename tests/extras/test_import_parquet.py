@@ -1,6 +1,7 @@
 """Parquet tables and LeRobotDatasets become banks, within bounds of memory."""
 
 import json
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -13,8 +14,8 @@ import pytest
 import parquets
 import photographs
 from eyechart.errors import SourceError
-from eyechart.frames import check, decode
-from eyechart.importing import Choices, costs, import_lerobot, import_table
+from eyechart.frames import check, decode, encode
+from eyechart.importing import Ahead, Choices, costs, import_lerobot, import_table
 from eyechart.models import ADAPTERS
 from eyechart.spaces.discrete import read_space
 from eyechart.studies import battery
@@ -22,7 +23,7 @@ from eyechart.verdicts import judge
 
 pytestmark = pytest.mark.models
 
-CAMERA = "observation.images.front"
+CAMERA, REAR = "observation.images.front", "observation.images.rear"
 PLACES = {"file": "photo", "episode": "drive", "step": "tick", "scenario": "place", "gap": "lidar_m"}
 WHOLE = Choices(columns=PLACES, mirror="horizontal", threshold=18.0, unit="m", picture="forward camera of a rover")
 
@@ -389,3 +390,101 @@ def test_a_camera_and_the_places_of_a_data_set_are_its_own(tmp_path: Path) -> No
     mapped = replace(ROBOT, columns={"episode": "task_index"})
     with pytest.raises(SourceError, match="--map episode=…: a LeRobotDataset says itself which episode a frame is"):
         import_lerobot(tmp_path / "set", tmp_path / "bank", mapped)
+
+
+def arm(root: Path, *, inside: bool, width: int = 2) -> None:
+    """Make a robot's of `lerobot`: a second camera and actions of so many numbers; pictures ``inside`` the data."""
+    lerobot(root)
+    info = json.loads((root / "meta/info.json").read_text())
+    info["features"][REAR] = dict(info["features"][CAMERA])
+    names = {"motors": ["gap", "speed"]} if width == 2 else None
+    info["features"]["action"] = {"dtype": "float32", "shape": [width], "names": names}
+    info["features"]["depth"] = {"dtype": "video", "shape": [4, 4, 1], "info": {"is_depth_map": True}}
+    pa, pq = arrow()
+    for path in sorted((root / "data").rglob("*.parquet")):
+        table = pq.read_table(path)
+        numbers = np.arange(table.num_rows * width, dtype=float).reshape(-1, width)
+        table = table.append_column("action", pa.array(numbers.tolist() if width > 1 else numbers[:, 0]))
+        if inside:
+            gaps = [one[0] for one in table["observation.state"].to_pylist()]
+            for name in (CAMERA, REAR):
+                cells = [{"bytes": encode(photographs.draw(gap)), "path": "x.png"} for gap in gaps]
+                table = table.append_column(name, pa.array(cells))
+        pq.write_table(table, path, row_group_size=13)
+    if inside:
+        for name in (CAMERA, REAR):
+            info["features"][name]["dtype"] = "image"
+    else:
+        meta = root / "meta/episodes/chunk-000/file-000.parquet"
+        rows = pq.read_table(meta)
+        for name in ("chunk_index", "file_index", "from_timestamp", "to_timestamp"):
+            rows = rows.append_column(f"videos/{REAR}/{name}", rows[f"videos/{CAMERA}/{name}"])
+        pq.write_table(rows, meta)
+        shutil.copytree(root / "videos" / CAMERA, root / "videos" / REAR)
+    (root / "meta/info.json").write_text(json.dumps(info))
+
+
+@pytest.mark.parametrize("inside", [False, True])
+def test_a_lerobot_data_set_becomes_a_bank_for_policies(tmp_path: Path, *, inside: bool) -> None:
+    """All its cameras but one of depths, its state, its task, and the actions that follow; videos or Parquet alike."""
+    arm(tmp_path / "set", inside=inside)
+    bank = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(every=3), ahead=Ahead(4))
+    assert check(bank.root) == []
+    space = bank.manifest.motion
+    assert space is not None
+    assert (space.shape, space.kind, space.rate_hz) == ((4, 2), "absolute", 10.0)
+    assert [(one.name, one.state) for one in space.dimensions] == [("gap", 0), ("speed", 1)]
+    assert [frame.step for frame in bank][:4] == [0, 3, 6, 9]
+    for frame in bank:
+        first = (int(frame.episode) % 4 * 10 + frame.step) * 2
+        wanted = tuple((first + 2.0 * step, first + 2.0 * step + 1) for step in range(4))
+        assert frame.motion == (wanted if frame.step <= 6 else ())
+        assert list(frame.pictures) == ["front", "rear"]
+        shown = [photographs.height(decode(one, name)) for name, one in bank.images(frame).items()]
+        expected = photographs.height(photographs.draw(frame.state["state"][0]))
+        assert np.abs(np.array(shown) - expected).max() <= (0 if inside else 2)
+        assert frame.fields == {"task": ("cross the yard", "park")[int(frame.episode) % 2]}
+    assert any("8 of 32 frames have no logged motion" in line for line in costs(bank))
+
+
+def test_an_action_of_another_kind_is_said_and_one_number_is_no_vector(tmp_path: Path) -> None:
+    """Names that the state does not have are changes, unless somebody says what they are."""
+    arm(tmp_path / "set", inside=True, width=1)
+    spaces = [
+        import_lerobot(
+            tmp_path / "set", tmp_path / str(ahead.kind), Choices(), ahead=ahead, camera=CAMERA
+        ).manifest.motion
+        for ahead in (Ahead(2), Ahead(2, "velocity"))
+    ]
+    assert [one.kind for one in spaces if one is not None] == ["delta", "velocity"]
+    assert [one.shape for one in spaces if one is not None] == [(2, 1)] * 2
+
+
+@pytest.mark.parametrize(
+    ("what", "said"),
+    [
+        ("no action", "lists no feature 'action'"),
+        ("no bytes", "has no bytes inside the data files"),
+        ("no picture", "is damaged or no picture"),
+        ("no column", "cannot be read as Parquet"),
+    ],
+)
+def test_pictures_inside_parquet_that_are_none_are_one_line(tmp_path: Path, what: str, said: str) -> None:
+    """And nothing stays."""
+    arm(tmp_path / "set", inside=True)
+    pa, pq = arrow()
+    if what == "no action":
+        info = json.loads((tmp_path / "set/meta/info.json").read_text())
+        del info["features"]["action"]
+        (tmp_path / "set/meta/info.json").write_text(json.dumps(info))
+    for path in sorted((tmp_path / "set/data").rglob("*.parquet")) if what != "no action" else ():
+        table = pq.read_table(path)
+        cells = {"no bytes": None, "no picture": b"GIF89a"}.get(what)
+        column = pa.array([{"bytes": cells, "path": "x.png"}] * table.num_rows, table.schema.field(REAR).type)
+        place = table.schema.get_field_index(REAR)
+        changed = table.remove_column(place) if what == "no column" else table.set_column(place, REAR, column)
+        pq.write_table(changed, path)
+    with pytest.raises(SourceError, match=said) as refused:
+        import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(), ahead=Ahead(4))
+    assert "\n" not in str(refused.value)
+    assert not (tmp_path / "bank").exists()

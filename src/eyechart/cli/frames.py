@@ -1,12 +1,15 @@
 """``eyechart frames``: build, import, check and show frame banks; ``eyechart plan``: what a bank can decide."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from eyechart.cli.options import Json, Model
 from eyechart.cli.terminal import print_json, progress, say
+
+if TYPE_CHECKING:
+    from eyechart.importing import Ahead, Convert
 
 app = typer.Typer(help="Build, import, check and show frame banks.", no_args_is_help=True)
 
@@ -34,7 +37,8 @@ def build(
     "import",
     epilog="Example: eyechart frames import photos --table photos.csv --map gap=lidar_m --map episode=drive "
     "--threshold 18 --unit m --mirror horizontal --actions rover.toml --picture 'forward camera of our rover' "
-    "--out bank\n\nExample of a robot data set: eyechart frames import pusht --format lerobot --every 10 --out bank",
+    "--out bank\n\nExample of a robot data set: eyechart frames import pusht --format lerobot --every 10 --out bank\n\n"
+    "Example for a policy: eyechart frames import so100 --format lerobot --horizon 50 --every 30 --out bank",
 )
 def import_(
     folder: Annotated[Path, typer.Argument(help="Folder of the pictures, or of a LeRobotDataset v3.")],
@@ -60,6 +64,14 @@ def import_(
     rig: Annotated[
         Path | None, typer.Option(help="TOML file of several cameras: the column and mirror axis of each; state.")
     ] = None,
+    horizon: Annotated[
+        int | None,
+        typer.Option(min=1, help="Of a LeRobotDataset: a bank for policies that answer with so many steps."),
+    ] = None,
+    kind: Annotated[
+        str | None,
+        typer.Option(help="With --horizon: the actions are delta, absolute, velocity or waypoints; default: by names."),
+    ] = None,
     every: Annotated[int, typer.Option(min=1, help="Take every Nth frame of an episode.")] = 1,
     convert: Annotated[
         bool, typer.Option("--convert", help="Make upright 8-bit RGB of pictures that are not; else they are refused.")
@@ -74,15 +86,13 @@ def import_(
     """Make a bank of pictures of your own; says all that is wrong at once, and what missing columns cost."""
     from eyechart.errors import SpecError
     from eyechart.frames import read_axis
-    from eyechart.importing import Choices, Convert, costs, import_lerobot, import_table, read_rig, taken
+    from eyechart.importing import Choices, costs, import_lerobot, import_table, read_rig, taken
     from eyechart.spaces.discrete import DRIVING, read_space
 
     try:
         axis = read_axis(mirror)
     except ValueError as error:
         raise SpecError(f"--mirror takes vertical, horizontal or none, not '{mirror}'") from error
-    if not convert and (background, longest) != (None, None):
-        raise SpecError("--background and --longest say how --convert makes pictures: give --convert too")
     choices = Choices(
         columns=_places(map_ or []),
         mirror=axis,
@@ -94,7 +104,7 @@ def import_(
         prompt_columns=tuple(name.strip() for name in prompt_columns.split(",") if name.strip()),
         independent=independent,
         every=every,
-        convert=Convert(background or "white", longest) if convert else None,
+        convert=_convert(background, longest, asked=convert),
     )
     if format_ not in {"table", "lerobot"}:
         raise SpecError(f"--format takes table or lerobot, not '{format_}'")
@@ -104,9 +114,10 @@ def import_(
         raise SpecError("--convert is for the pictures of --table: those of a LeRobotDataset are made from its videos")
     if rig is not None and (table is None or mirror != "none"):
         raise SpecError("--rig is for --table, and says the mirror axis of each camera: leave out --mirror")
+    ahead = _ahead(horizon, kind, of_table=table is not None)
     with progress("import", "rows and frames") as move:
         if table is None:
-            bank = import_lerobot(folder, out, choices, camera=camera, reads=move, progress=move)
+            bank = import_lerobot(folder, out, choices, camera=camera, ahead=ahead, reads=move, progress=move)
         else:
             bank = import_table(folder, table, out, choices, reads=move, progress=move)
     say(f"{len(bank)} frames in {out}, fingerprint {bank.manifest.fingerprint[:16]}")
@@ -198,6 +209,29 @@ def plan(
         return
     for line in found.lines(specs):
         typer.echo(line)
+
+
+def _convert(background: str | None, longest: int | None, *, asked: bool) -> "Convert | None":
+    """Return how pictures are made plain, None where nobody ``asked``."""
+    from eyechart.errors import SpecError
+    from eyechart.importing import Convert
+
+    if not asked and (background, longest) != (None, None):
+        raise SpecError("--background and --longest say how --convert makes pictures: give --convert too")
+    return Convert(background or "white", longest) if asked else None
+
+
+def _ahead(horizon: int | None, kind: str | None, *, of_table: bool) -> "Ahead | None":
+    """Return what makes a bank for policies of a LeRobotDataset, None where no horizon was given."""
+    from eyechart.errors import SpecError
+    from eyechart.importing import Ahead
+    from eyechart.spaces.motion import read_kind
+
+    if of_table and (horizon, kind) != (None, None):
+        raise SpecError("--horizon and --kind are for --format lerobot; of a --table, [motion] of --rig says them")
+    if horizon is None and kind is not None:
+        raise SpecError("--kind says what the actions of --horizon are: give --horizon too")
+    return None if horizon is None else Ahead(horizon, read_kind(kind))
 
 
 def _places(words: list[str]) -> dict[str, str]:

@@ -2,7 +2,7 @@
 
 from eyechart.importing.bank import Choices, costs, import_table, taken
 from eyechart.importing.columns import read_rig
-from eyechart.importing.lerobot import import_lerobot
+from eyechart.importing.lerobot import Ahead, import_lerobot
 from eyechart.importing.photographs import Convert
 
-__all__ = ["Choices", "Convert", "costs", "import_lerobot", "import_table", "read_rig", "taken"]
+__all__ = ["Ahead", "Choices", "Convert", "costs", "import_lerobot", "import_table", "read_rig", "taken"]

@@ -7,11 +7,12 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import count
+from itertools import count, repeat
 from pathlib import Path
 from typing import TypeVar
 
-from eyechart.conditions import undrawn_controls
+from eyechart.channels import INSTRUCTION, STATE, channels_of, conditions_of
+from eyechart.conditions import OVER, undrawn_controls
 from eyechart.errors import SourceError
 from eyechart.frames import (
     IMPORTED,
@@ -41,11 +42,13 @@ from eyechart.importing.cells import (
     read_truth,
 )
 from eyechart.importing.faults import Faults
+from eyechart.importing.logged import Log
 from eyechart.importing.parquet import MOST_ROWS
 from eyechart.importing.photographs import Convert, Photographs
 from eyechart.importing.tables import Table, open_table
 from eyechart.records import plain
 from eyechart.spaces.discrete import DRIVING, Discrete
+from eyechart.spaces.motion import PLACES, MotionSpace
 
 T = TypeVar("T")
 
@@ -54,6 +57,8 @@ MOST_TEXT = 400_000_000
 """Characters of all kept cells together, with an allowance of 50 a cell."""
 _LARGE = 3_000_000
 """Pixels from which on a picture leaves as 5 MB and more, by 1.7 bytes a pixel of a photograph."""
+LEAST_BOUNDED = 6
+"""Episodes below which no share of a policy's channel is bounded (docs/decisions/0050)."""
 ALL = "all"
 """The name of the one scenario, and of the one episode, of a bank whose source records none."""
 
@@ -109,6 +114,7 @@ class Kept:
     places: Mapping[str, str]
     table: Table
     faults: Faults
+    log: Log | None = None
 
     def named(self) -> Iterator[tuple[Row, str]]:
         """Yield the rows with what a message calls each."""
@@ -195,26 +201,42 @@ def keep(table: Table, choices: Choices) -> Kept:
     rows: list[Row] = []
     numbers: list[int] = []
     seen: dict[object, int] = {}
-    text = 0
+    text, log = 0, _log(choices, places, table, faults)
     if table.count is not None:
         _check_count(table, table.count, -(-table.count // choices.every))
     for number, row in enumerate(table.rows, 1):
         episode = row.get(places.get("episode", ""))
         turn = seen[episode] = seen.get(episode, -1) + 1
+        if log is not None:
+            log.add(row, number, places, kept=turn % choices.every == 0)
         if turn % choices.every:
             continue
         rows.append(row)
         numbers.append(number)
-        for name, cell in row.items():
-            text += 50 + (len(cell) if isinstance(cell, str) else 0)
-            if isinstance(cell, str) and len(cell) > MOST_CELL:
-                faults.add(f"{table.name}, row {number}: '{name}' has more than {MOST_CELL} characters")
+        text += _letters(row, f"{table.name}, row {number}", faults)
         _check_count(table, number, len(rows))
         if text > MOST_TEXT:
             raise SourceError(f"{table.name} holds more than {MOST_TEXT} characters; take every Nth row with --every N")
     if not rows:
         faults.add(f"{table.name} has no rows; each row is a frame")
-    return Kept(rows, numbers, places, table, faults)
+    return Kept(rows, numbers, places, table, faults, log)
+
+
+def _log(choices: Choices, places: Mapping[str, str], table: Table, faults: Faults) -> Log | None:
+    """Return what takes note of the motions that a rig declares; without episodes no step is known to follow."""
+    if choices.rig is None or choices.rig.motion is None:
+        return None
+    if "episode" not in places:
+        faults.add(f"--rig: a motion is of the steps that follow; say which column is the episode: {table.name}")
+    return Log(choices.rig.motion, faults, table.name)
+
+
+def _letters(row: Row, where: str, faults: Faults) -> int:
+    """Return the characters that a row takes, with an allowance for each cell; one that is too long is a fault."""
+    for name, cell in row.items():
+        if isinstance(cell, str) and len(cell) > MOST_CELL:
+            faults.add(f"{where}: '{name}' has more than {MOST_CELL} characters")
+    return sum(50 + (len(cell) if isinstance(cell, str) else 0) for cell in row.values())
 
 
 def _check_count(table: Table, rows: int, frames: int) -> None:
@@ -343,6 +365,9 @@ def frames_of(kept: Kept, choices: Choices, cells: Cells) -> list[Frame]:
     kept.faults.require_none(kept.table.name)
     scenarios, episodes, steps = cells.placed
     cameras = alone(choices.mirror) if choices.rig is None else choices.rig.cameras
+    if kept.log is not None:
+        kept.log.require_some()
+    motions = repeat(()) if kept.log is None else kept.log.motions()
     return [
         Frame(
             id=file,
@@ -359,8 +384,9 @@ def frames_of(kept: Kept, choices: Choices, cells: Cells) -> list[Frame]:
             },
             fields={name: column[place] for name, column in cells.said.items()},
             state={name: column[place] for name, column in cells.state.items()},
+            motion=motion,
         )
-        for place, file in enumerate(next(iter(cells.pictures.values())))
+        for (place, file), motion in zip(enumerate(next(iter(cells.pictures.values()))), motions, strict=False)
     ]
 
 
@@ -466,6 +492,7 @@ def write(
         independent=choices.independent,
         cameras=() if choices.rig is None else choices.rig.cameras,
         state=() if choices.rig is None else tuple(choices.rig.state),
+        motion=None if choices.rig is None else choices.rig.space,
     )
     with BankWriter(out, manifest) as writer:
         for number, (frame, images, drawn) in enumerate(source.pictures(frames), 1):
@@ -482,7 +509,8 @@ def taken(bank: FrameBank) -> list[str]:
     settings, lines = bank.manifest.settings, []
     columns, done, how = (settings.get(name) for name in ("columns", "converted", "convert"))
     own = {(place, of) for place, names in reading.ROLES.items() for of in names}
-    if isinstance(columns, dict) and (other := {place: of for place, of in columns.items() if (place, of) not in own}):
+    asked = {} if not isinstance(columns, dict) else {one: columns[one] for one in columns if one in reading.ROLES}
+    if other := {place: of for place, of in asked.items() if (place, of) not in own}:
         unit = f" in {bank.manifest.gap.unit}" if bank.manifest.gap is not None else ""
         said = (f"{place} from '{of}'{unit if place == 'gap' else ''}" for place, of in other.items())
         lines.append(f"columns: {', '.join(said)}")
@@ -495,6 +523,8 @@ def taken(bank: FrameBank) -> list[str]:
 def costs(bank: FrameBank) -> list[str]:
     """Return what the bank's missing columns cost, one line each; each test that needs them says "cannot say"."""
     manifest, lines = bank.manifest, []
+    if manifest.motion is not None:
+        return _costs_of_policies(bank, manifest.motion)
     if manifest.gap is None:
         lines.append("no gap: whether decisions follow distance is not tested (depth_observational cannot say)")
     elif "episode" in manifest.absent and not manifest.independent:
@@ -523,3 +553,24 @@ def costs(bank: FrameBank) -> list[str]:
     if isinstance(left_out, list) and left_out:
         lines.append(f"left out, because a bank needs these names: {', '.join(map(str, left_out))}")
     return lines
+
+
+def _costs_of_policies(bank: FrameBank, motion: MotionSpace) -> list[str]:
+    """Return what a bank for policies has of motions, and what it cannot show."""
+    steps, wide = motion.shape
+    relative = sum(one.state is not None for one in motion.dimensions)
+    rate = "" if motion.rate_hz is None else f" at {motion.rate_hz:g} Hz"
+    kind = f"{motion.kind}, {relative} relative to the state" if motion.kind in PLACES else motion.kind
+    lines = [f"motions: {steps} steps of {wide} numbers{rate}, {kind}"]
+    if lacking := sum(not frame.motion for frame in bank):
+        lines.append(f"{lacking} of {len(bank)} frames have no logged motion: fewer than {steps} steps follow them")
+    if (episodes := len({frame.drive for frame in bank})) < LEAST_BOUNDED:
+        lines.append(f"{episodes} episodes: nothing is bounded below {LEAST_BOUNDED}")
+    if INSTRUCTION not in channels_of(bank):
+        lines.append("no instruction: whether a policy follows it is not asked (no_power)")
+    if STATE not in channels_of(bank):
+        lines.append("no state: pictures at a similar state are not shown, so that use is undecided")
+    return [
+        *lines,
+        *(f"{name}: {why}" for name, why in conditions_of(bank)[1].items() if OVER in name and "frame" in why),
+    ]

@@ -12,8 +12,10 @@ from eyechart.conditions import CONDITIONS
 from eyechart.errors import BankError, SpecError
 from eyechart.frames import FILE_SUFFIX, Camera, MirrorAxis, is_reserved, require_exchanged
 from eyechart.importing.faults import Faults
+from eyechart.importing.logged import Logged
 from eyechart.importing.tables import Table
 from eyechart.spaces.discrete import read_toml
+from eyechart.spaces.motion import MotionSpace
 
 PICTURED = tuple(name for name, one in CONDITIONS.items() if "counterfactual" in one.needs)
 """Places of pictures of the same moment with one thing changed; a cell may be empty."""
@@ -53,15 +55,21 @@ class Column(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Rig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The cameras of a table, and the columns of each state's numbers."""
+    """The cameras of a table, the columns of each state's numbers, and those of the motion that was logged."""
 
     camera: Annotated[tuple[Column, ...], msgspec.Meta(min_length=1)]
     state: dict[str, tuple[str, ...]] = {}
+    motion: Logged | None = None
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
         """Return the cameras as frames have them."""
         return tuple(Camera(one.name, one.mirror_axis, one.mirrors) for one in self.camera)
+
+    @property
+    def space(self) -> MotionSpace | None:
+        """Return what the logged motions are, None where there are none."""
+        return None if self.motion is None else self.motion.space(self.state)
 
     @property
     def changed(self) -> tuple[str, ...]:
@@ -74,20 +82,24 @@ class Rig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         taken = {"file": first.column, **{f"camera {one.name}": one.column for one in others}}
         taken |= {f"{kind} {one.name}": column for one in self.camera for kind, column in one.changed.items()}
         numbers = [(name, place, one) for name, many in self.state.items() for place, one in enumerate(many)]
-        return taken | {f"state {name} {place}": one for name, place, one in numbers}
+        done = () if self.motion is None else self.motion.number
+        taken |= {f"state {name} {place}": one for name, place, one in numbers}
+        return taken | {f"motion {place}": one.column for place, one in enumerate(done)}
 
 
 def read_rig(path: Path) -> Rig:
     """Read a rig from a TOML file: a ``[[camera]]`` each, with name, column, mirror_axis and mirrors, and ``[state]``.
 
-    ``[camera.changed]`` names the columns of its pictures with one thing changed. Raises SpecError naming the file and
-    what is wrong in it.
+    ``[camera.changed]`` names the columns of its pictures with one thing changed. ``[motion]`` says what was logged
+    (`Logged`), each number a ``[[motion.number]]``. Raises SpecError naming the file and what is wrong in it.
     """
     try:
         rig = msgspec.convert(read_toml(path), Rig)
         require_exchanged(rig.cameras)
         _require_changed_alike(rig.camera)
-    except (msgspec.ValidationError, BankError) as error:
+        if rig.motion is not None:
+            rig.motion.space(rig.state)
+    except (msgspec.ValidationError, BankError, SpecError) as error:
         raise SpecError(f"{path} is no rig of cameras: {error}") from error
     return rig
 

@@ -1,13 +1,15 @@
-"""A LeRobotDataset v3 becomes a bank: rows from its Parquet files, pictures from its videos.
+"""A LeRobotDataset v3 becomes a bank: rows from its Parquet files, pictures from its videos or from those files.
 
 Layout (github.com/huggingface/lerobot, ``src/lerobot/datasets``, codebase version v3.0): ``meta/info.json`` has the
 features, the frames a second and the path templates; ``meta/episodes/chunk-*/file-*.parquet`` says for each episode in
 which data file and, for each camera, in which video file and from which second on it lies; ``data/chunk-*/
-file-*.parquet`` has a row a frame; ``meta/tasks.parquet`` the words of each task.
+file-*.parquet`` has a row a frame, and the pictures of cameras that have no video; ``meta/tasks.parquet`` the words of
+each task.
 """
 
 import json
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -15,42 +17,42 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from eyechart.errors import BankError, SourceError
-from eyechart.frames import MAIN, MAX_PIXELS, Frame, FrameBank, encode, inside
+from eyechart.errors import SourceError
+from eyechart.frames import Frame, FrameBank
 from eyechart.importing.bank import Choices, Shown, Source, cells_of, frames_of, keep, write
 from eyechart.importing.cells import Progress, Row
-from eyechart.importing.columns import PICTURED
+from eyechart.importing.columns import PICTURED, Column, Rig
+from eyechart.importing.logged import Logged, Number
 from eyechart.importing.pages import MOST_COMPONENTS
-from eyechart.importing.parquet import ParquetTable, open_parquet, require
+from eyechart.importing.parquet import ParquetTable, open_parquet
+from eyechart.importing.reels import Clip, Embedded, Reel, Videos
 from eyechart.importing.tables import Table
+from eyechart.spaces.motion import PLACES as RELATIVE
+from eyechart.spaces.motion import Kind
 
 FILE = "file"
 """The column that names each frame's picture; the data set has none of its own."""
-PLACES = {"file": FILE, "episode": "episode_index", "step": "frame_index"}
-_SEEK_S = 2.0
-"""A wanted frame so far ahead is looked up instead of decoded up to."""
-
-
-@dataclass(frozen=True, slots=True)
-class Clip:
-    """Where an episode lies: its video's path in the data set, and the second at which it begins there."""
-
-    video: str
-    start_s: float
+PLACES = {"episode": "episode_index", "step": "frame_index"}
+TASK, STATE, ACTION = "task", "observation.state", "action"
 
 
 @dataclass(frozen=True)
 class Dataset:
-    """What the ``meta`` folder says: frames a second, the camera, its clips by episode, features, words of tasks."""
+    """What the ``meta`` folder says: frames a second, the reels of the cameras, features, and words of tasks."""
 
     root: Path
     fps: float
-    camera: str
-    clips: Mapping[int, Clip]
+    reels: Mapping[str, Reel]
     features: Mapping[str, Any]
     tasks: Mapping[int, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Ahead:
+    """How a log becomes motions: so many steps ahead, of a ``kind``; without one it is told by the names."""
+
+    horizon: int
+    kind: Kind | None = None
 
 
 def import_lerobot(
@@ -59,30 +61,43 @@ def import_lerobot(
     choices: Choices,
     *,
     camera: str | None = None,
+    ahead: Ahead | None = None,
     reads: Progress | None = None,
     progress: Progress | None = None,
 ) -> FrameBank:
-    """Make a bank at ``out`` of one camera of a LeRobotDataset v3; episodes and steps are those of the data set.
+    """Make a bank at ``out`` of a LeRobotDataset v3; episodes and steps are those of the data set.
 
-    The columns are those of its data files; components of vectors come as ``observation.state.NAME`` (or ``.0``,
-    ``.1``, …), the words of the task as ``task``. Raises SourceError, and leaves nothing at ``out``.
+    With ``ahead`` it is one for policies: of all cameras, or of the one named, with the state, the task as what a
+    policy is told, and the actions of so many steps from each frame on. Without, it is of one camera. The columns are
+    those of its data files; components of vectors come as ``observation.state.NAME`` (or ``.0``, ``.1``, …), the words
+    of the task as ``task``. Raises SourceError, and leaves nothing at ``out``.
     """
-    data = read_meta(folder, camera)
+    data = read_meta(folder, camera, every=ahead is not None)
     if drawn := set(PICTURED) & choices.columns.keys():
         raise SourceError(f"--map {min(drawn)}=…: a LeRobotDataset holds no pictures with one thing changed")
     own = {"file", "episode", "step"} & choices.columns.keys()
     if own:
         raise SourceError(f"--map {min(own)}=…: a LeRobotDataset says itself which {min(own)} a frame is")
-    chosen = replace(choices, columns={**dict.fromkeys(PICTURED, ""), **PLACES, **choices.columns})
-    kept = keep(_table(data, reads), chosen)
+    columns = {**dict.fromkeys(PICTURED, ""), **PLACES, **choices.columns}
+    chosen = replace(choices, columns={**columns, "file": FILE})
+    if ahead is not None:
+        said = choices.prompt_columns or ((TASK,) if data.tasks else ())
+        chosen = replace(
+            choices, columns={**PLACES, **choices.columns}, prompt_columns=said, rig=_rig(data, ahead, choices)
+        )
+    kept = keep(_table(data, reads, tuple(data.reels) if ahead is not None else (FILE,)), chosen)
     cells = cells_of(kept, chosen, lambda name, what: name)  # noqa: ARG005 - made here, so it leads nowhere else
     frames = frames_of(kept, chosen, cells)
-    source = Source(folder, partial(_pictures, data), {"format": "lerobot v3", "camera": data.camera})
+    settings = {"format": "lerobot v3", "camera": ", ".join(data.reels)}
+    source = Source(folder, partial(_pictures, data, kept.numbers), settings)
     return write(out, source, frames, kept=kept, choices=chosen, progress=progress)
 
 
-def read_meta(folder: Path, camera: str | None) -> Dataset:
-    """Read the ``meta`` folder; raises SourceError where it is none of version 3, or the camera is unknown."""
+def read_meta(folder: Path, camera: str | None, *, every: bool = False) -> Dataset:
+    """Read the ``meta`` folder; raises SourceError where it is none of version 3, or the camera is unknown.
+
+    Of several cameras ``every`` one is taken where none is named.
+    """
     path = folder / "meta" / "info.json"
     try:
         info = json.loads(path.read_text(encoding="utf-8"))
@@ -96,20 +111,82 @@ def read_meta(folder: Path, camera: str | None) -> Dataset:
         raise SourceError(
             f"{path} says version {version} at {fps:g} frames a second; this reads v3, convert older ones"
         )
-    chosen = _camera(features, camera, path)
-    clips = _clips(folder, chosen, str(template))
-    return Dataset(folder, fps, chosen, clips, features, _tasks(folder))
+    reels: dict[str, Reel] = {}
+    for name in _cameras(features, camera, path, every=every):
+        if features[name]["dtype"] == "video":
+            reels[name] = Videos(folder, _clips(folder, name, str(template)), fps)
+        else:
+            reels[name] = Embedded(_files(folder, "data"), name)
+    return Dataset(folder, fps, reels, features, _tasks(folder))
 
 
-def _camera(features: Mapping[str, Any], camera: str | None, path: Path) -> str:
-    cameras = [name for name, one in features.items() if isinstance(one, dict) and one.get("dtype") == "video"]
+def _cameras(features: Mapping[str, Any], camera: str | None, path: Path, *, every: bool) -> Sequence[str]:
+    kinds = {"video", "image"}
+    found = {name: one for name, one in features.items() if isinstance(one, dict) and one.get("dtype") in kinds}
+    cameras = [name for name, one in found.items() if not _is_depth(one)]
     if not cameras:
-        raise SourceError(f"{path} lists no feature of dtype video; pictures kept inside Parquet are not read")
-    if camera is None and len(cameras) > 1:
-        raise SourceError(f"{path} lists several cameras; choose one with --camera: {', '.join(cameras)}")
+        raise SourceError(f"{path} lists no feature of dtype video or image")
+    if camera is None and len(cameras) > 1 and not every:
+        raise SourceError(
+            f"{path} lists several cameras; choose one with --camera: {', '.join(cameras)}; a bank for policies has "
+            "all of them (--horizon)"
+        )
     if camera is not None and camera not in cameras:
         raise SourceError(f"--camera {camera}: {path} lists no such camera; there are {', '.join(cameras)}")
-    return camera or cameras[0]
+    return cameras if camera is None else [camera]
+
+
+def _is_depth(feature: Mapping[str, Any]) -> bool:
+    """Return whether a camera's pictures are depths, which are no picture of red, green and blue."""
+    info = feature.get("info")
+    return isinstance(info, dict) and any(info.get(name) is True for name in ("is_depth_map", "video.is_depth_map"))
+
+
+def _rig(data: Dataset, ahead: Ahead, choices: Choices) -> Rig:
+    """Return the cameras, the state and the motions of a data set."""
+    state, action = _columns(data.features, STATE), _columns(data.features, ACTION)
+    if not action:
+        has = f"{data.root / 'meta/info.json'} lists no feature '{ACTION}' of up to {MOST_COMPONENTS} numbers"
+        raise SourceError(f"{has}, and a policy is held against what was done")
+    names = dict(zip(_labels(data.features, STATE), state, strict=True))
+    done = dict(zip(_labels(data.features, ACTION), action, strict=True))
+    known = names if len(names) == len(state) and len(done) == len(action) else {}
+    kind = ahead.kind or ("absolute" if done.keys() <= known.keys() else "delta")
+    numbers = [
+        Number(column, name, state=known.get(name, "") if kind in RELATIVE else "")
+        for column, name in zip(action, _labels(data.features, ACTION), strict=True)
+    ]
+    return Rig(
+        tuple(Column(_short(name), name, choices.mirror) for name in data.reels),
+        {"state": tuple(state)} if state else {},
+        Logged(tuple(numbers), ahead.horizon, kind, data.fps, ACTION),
+    )
+
+
+def _short(camera: str) -> str:
+    """Return a camera's name without the words that all have, and of letters that a name may have."""
+    return re.sub(r"[^\w-]", "_", re.sub(r"^observation\.(images?\.)?", "", camera)) or "camera"
+
+
+def _labels(features: Mapping[str, Any], name: str) -> list[str]:
+    """Return what the data set calls the components of a vector; their numbers where it has no such names."""
+    feature, count = features.get(name, {}), len(_columns(features, name))
+    names = feature.get("names")
+    if isinstance(names, dict) and len(names) == 1:
+        (names,) = names.values()
+    if isinstance(names, list) and len(names) == 1 != count:
+        (names,) = names
+    if isinstance(names, list) and len({*map(str, names)}) == len(names) == count:
+        return [*map(str, names)]
+    return [f"{name}.{place}" for place in range(count)]
+
+
+def _columns(features: Mapping[str, Any], name: str) -> tuple[str, ...]:
+    """Return the columns of a feature's numbers; none where it has no feature of this name, or too many of them."""
+    feature = features.get(name)
+    if isinstance(feature, dict) and feature.get("shape") == [1]:
+        return (name,)
+    return dict(_vectors(features)).get(name, ())
 
 
 def _clips(folder: Path, camera: str, template: str) -> dict[int, Clip]:
@@ -146,16 +223,23 @@ def _files(folder: Path, inner: str) -> list[Path]:
     return paths
 
 
-def _table(data: Dataset, reads: Progress | None) -> Table:
+def _table(data: Dataset, reads: Progress | None, pictured: Sequence[str]) -> Table:
+    """Return the rows of all data files, with what names each frame's picture in the columns ``pictured``."""
     vectors = dict(_vectors(data.features))
     files = [open_parquet(path, vectors=vectors, extra="lerobot") for path in _files(data.root, "data")]
     for place in ("episode_index", "frame_index"):
         if place not in files[0].columns:
             raise SourceError(f"{files[0].path} has no column '{place}', which every LeRobotDataset has")
-    task = ("task",) if data.tasks and "task" not in files[0].columns else ()
+    task = (TASK,) if data.tasks and TASK not in files[0].columns else ()
     count = sum(one.count for one in files)
-    columns = (FILE, *(name for name in files[0].columns if name != FILE), *task)
-    return Table(data.root.resolve().name, columns, _data_rows(data, files, count, reads), typed=True, count=count)
+    columns = (*pictured, *(name for name in files[0].columns if name not in pictured), *task)
+    rows = _data_rows(data, files, count, reads)
+    named = ({**row, **dict.fromkeys(pictured, _picture(row))} for row in rows)
+    return Table(data.root.resolve().name, columns, named, typed=True, count=count)
+
+
+def _picture(row: Row) -> str:
+    return f"episode-{row['episode_index']}/frame-{row['frame_index']}.png"
 
 
 def _vectors(features: Mapping[str, Any]) -> Iterator[tuple[str, tuple[str, ...]]]:
@@ -180,54 +264,12 @@ def _data_rows(data: Dataset, files: Sequence[ParquetTable], count: int, reads: 
             done += 1
             if reads is not None and done % 5000 == 0:
                 reads(done, count)
-            name = f"episode-{row['episode_index']}/frame-{row['frame_index']}.png"
-            task = {"task": data.tasks.get(int(str(row.get("task_index", -1))), "")} if data.tasks else {}
-            yield {**task, **row, FILE: name}
+            task = {TASK: data.tasks.get(int(str(row.get("task_index", -1))), "")} if data.tasks else {}
+            yield {**task, **row}
 
 
-def _pictures(data: Dataset, frames: Sequence[Frame]) -> Iterator[Shown]:
-    """Yield each frame with its picture, video by video and in the order of time in each."""
-    wanted: dict[str, list[tuple[float, Frame]]] = {}
-    for frame in frames:
-        clip = data.clips.get(int(frame.episode))
-        if clip is None:
-            raise SourceError(
-                f"{data.root / 'meta/episodes'} has no episode {frame.episode}, of which the data has frames"
-            )
-        wanted.setdefault(clip.video, []).append((clip.start_s + frame.step / data.fps, frame))
-    for video, times in wanted.items():
-        try:
-            path = inside(data.root, video)
-        except BankError as error:
-            raise SourceError(
-                f"{data.root / 'meta/info.json'}: the video '{video}' leads outside the data set"
-            ) from error
-        yield from _decoded(path, sorted(times, key=lambda one: one[0]), 0.5 / data.fps)
-
-
-def _decoded(path: Path, times: Sequence[tuple[float, Frame]], tolerance_s: float) -> Iterator[Shown]:
-    av = require("av", "PyAV", "lerobot")
-    try:
-        with av.open(str(path)) as container:
-            stream = container.streams.video[0]
-            if stream.width * stream.height > MAX_PIXELS:
-                raise SourceError(f"{path} has {stream.width}×{stream.height} pixels; the limit is {MAX_PIXELS}")
-            shown = _shown(container, stream)
-            now, pixels = -math.inf, None
-            for time_s, frame in times:
-                if time_s - now > _SEEK_S:
-                    container.seek(max(0, int((time_s - tolerance_s) / stream.time_base)), stream=stream)
-                    shown, now = _shown(container, stream), -math.inf
-                while now < time_s - tolerance_s:
-                    now, pixels = next(shown, (math.inf, None))
-                if pixels is None or abs(now - time_s) > tolerance_s:
-                    raise SourceError(f"{path} shows nothing at {time_s:.3f} s, where frame '{frame.id}' should be")
-                yield frame, {MAIN: encode(np.asarray(pixels.to_ndarray(format="rgb24"), dtype=np.uint8))}, {}
-    except (av.FFmpegError, OSError, IndexError) as error:
-        raise SourceError(f"{path} cannot be read as a video: {str(error).splitlines()[0]}") from error
-
-
-def _shown(container: Any, stream: Any) -> Iterator[tuple[float, Any]]:  # noqa: ANN401 - of PyAV
-    for picture in container.decode(stream):
-        if picture.time is not None:
-            yield float(picture.time), picture
+def _pictures(data: Dataset, rows: Sequence[int], frames: Sequence[Frame]) -> Iterator[Shown]:
+    """Yield each frame with the pictures of its cameras; ``rows`` are the numbers of their rows."""
+    reels = [reel.pictures(frames, rows) for reel in data.reels.values()]
+    for frame, *pictures in zip(frames, *reels, strict=True):
+        yield frame, {one.name: picture for one, picture in zip(frame.cameras, pictures, strict=True)}, {}

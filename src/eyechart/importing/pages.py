@@ -148,10 +148,10 @@ class _Leaf:
         return any(".".join(parts[:count]) in names for count in range(1, len(parts) + 1))
 
 
-def require_bounded(path: Path, names: Collection[str]) -> None:
+def require_bounded(path: Path, names: Collection[str], *, rows: int = BATCH_ROWS) -> None:
     """Raise SourceError where reading the columns of these names could take more memory than is allowed.
 
-    The header of each of their pages is read, and no page unpacked. OSError goes through.
+    So many ``rows`` are read at a time. Each page's header is read, and no page unpacked. OSError goes through.
     """
     try:
         with path.open("rb") as file:
@@ -163,7 +163,8 @@ def require_bounded(path: Path, names: Collection[str]) -> None:
             groups = _get(footer, 4, _LIST)
             _check_rows(footer, groups)
             for number, group in enumerate(groups, 1):
-                _check_group(_Pages(file, size), f"row group {number}", group, leaves, names)
+                read = [(leaf, leaf.is_read(names)) for leaf in leaves]
+                _check_group(_Pages(file, size), f"row group {number}", group, read, rows)
     except _MalformedError as error:
         raise SourceError(f"{path} cannot be read as Parquet: {error}") from error
 
@@ -207,14 +208,14 @@ def _leaves(schema: Iterator[Fields], count: int, above: str, *, repeated: bool,
             yield _Leaf(path, _may(element, 1, _I32) or 0, _may(element, 2, _I32) or 0, often)
 
 
-def _check_group(pages: "_Pages", where: str, group: Fields, leaves: Sequence[_Leaf], names: Collection[str]) -> None:
-    """Raise _MalformedError where a row group's columns of these names hold too much at a time."""
+def _check_group(pages: "_Pages", where: str, group: Fields, leaves: Sequence[tuple[_Leaf, bool]], batch: int) -> None:
+    """Raise _MalformedError where those of a row group's columns that are read hold too much in a ``batch`` of rows."""
     rows, chunks = _get(group, 3, _I64), _get(group, 1, _LIST)
     if len(chunks) != len(leaves):
         raise _MalformedError(f"{where} has {len(chunks)} columns, and the schema {len(leaves)}")
     held = listed = 0
-    for leaf, chunk in zip(leaves, chunks, strict=True):
-        if not leaf.is_read(names):
+    for (leaf, is_read), chunk in zip(leaves, chunks, strict=True):
+        if not is_read:
             continue
         column = f"column '{leaf.path}' of {where}"
         if leaf.type == _FIXED and leaf.width > _MOST_WIDTH:
@@ -227,7 +228,7 @@ def _check_group(pages: "_Pages", where: str, group: Fields, leaves: Sequence[_L
             listed += unpacked.values
         elif unpacked.values != rows:
             raise _MalformedError(f"{column} has {unpacked.values} values for {rows} rows")
-        size = unpacked.held(BATCH_ROWS * (MOST_COMPONENTS if leaf.repeated else 1))
+        size = unpacked.held(batch * (MOST_COMPONENTS if leaf.repeated else 1))
         held += size * (3 if leaf.type == _WORDS else 1)
         if held > MOST_UNPACKED or listed > MOST_LISTED:
             much = f"{listed} numbers in vectors" if listed > MOST_LISTED else f"{size} bytes at a time"

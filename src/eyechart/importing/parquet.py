@@ -5,7 +5,8 @@ strings. So a file is opened only within the bounds of `eyechart.importing.pages
 until their length was checked.
 """
 
-from collections.abc import Iterator, Mapping
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -17,6 +18,8 @@ from eyechart.importing.pages import BATCH_ROWS, MOST_FOOTER, require_bounded
 
 MOST_ROWS = 20_000_000
 """Rows of one table."""
+_FEW_ROWS = 16
+"""Rows of pictures that are read at a time."""
 _NUMBERS, _WORDS = ("integer", "floating", "boolean"), ("string", "large_string")
 _OTHERS, _LISTS = ("decimal", "date", "timestamp", "null"), ("list", "large_list", "fixed_size_list")
 _OPENING: dict[str, Any] = {"buffer_size": 1 << 20, "thrift_string_size_limit": MOST_FOOTER}
@@ -117,6 +120,48 @@ def open_parquet(
     if count > MOST_ROWS:
         raise SourceError(f"{path} has more than {MOST_ROWS} rows; cut it into parts")
     return ParquetTable(path, plain, count, lists, words, extra)
+
+
+def binary_cells(paths: Sequence[Path], column: str, rows: Sequence[int]) -> Iterator[bytes | None]:
+    """Yield the bytes in a column of these rows, which rise from 1 through all files; a few are in memory at a time.
+
+    ``column`` may be a part of a struct, with a dot. Raises SourceError where it is not there, or would unpack to too
+    much.
+    """
+    pa, pq = require("pyarrow", "pyarrow", "lerobot"), require("pyarrow.parquet", "pyarrow", "lerobot")
+    wanted, before = deque(rows), 0
+    for path in paths:
+        try:
+            require_bounded(path, {column}, rows=_FEW_ROWS)
+            with pq.ParquetFile(path, **_OPENING) as file:
+                for group in range(file.num_row_groups):
+                    count = file.metadata.row_group(group).num_rows
+                    if wanted and wanted[0] <= before + count:
+                        yield from _cells_of(file, group, column, wanted, before)
+                    before += count
+        except (pa.ArrowException, OSError, ValueError, LookupError) as error:
+            raise SourceError(f"{path} cannot be read as Parquet: {_first_line(error)}") from error
+
+
+def _cells_of(
+    file: Any,  # noqa: ANN401 - of pyarrow
+    group: int,
+    column: str,
+    wanted: deque[int],
+    before: int,
+) -> Iterator[bytes | None]:
+    """Yield the wanted rows of a row group, and take them off; ``before`` rows precede it."""
+    for batch in file.iter_batches(_FEW_ROWS, row_groups=[group], columns=[column], use_threads=False):
+        if not batch.num_columns:
+            raise LookupError(f"it has no column '{column}'")
+        while wanted and wanted[0] <= before + batch.num_rows:
+            cell = batch.column(0)[wanted.popleft() - before - 1].as_py()
+            while isinstance(cell, dict):
+                cell = next(iter(cell.values()), None)
+            if cell is not None and type(cell) is not bytes:
+                raise ValueError(f"column '{column}' holds no bytes")
+            yield cell
+        before += batch.num_rows
 
 
 def _is(pa: Any, kind: Any, names: tuple[str, ...]) -> bool:  # noqa: ANN401 - of pyarrow

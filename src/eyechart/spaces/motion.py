@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, cast, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +32,13 @@ MOST_NUMBERS = 100_000
 """An array with more is not kept."""
 
 Floats = npt.NDArray[np.float64]
+
+
+def read_kind(word: str | None) -> Kind | None:
+    """Return a word as a kind, None where there is none; raises SpecError that lists the kinds."""
+    if word is None or word in get_args(Kind):
+        return cast("Kind | None", word)
+    raise SpecError(f"a motion is {', '.join(get_args(Kind))}, not '{word}'")
 
 
 @dataclass(frozen=True)

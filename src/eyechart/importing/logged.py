@@ -1,0 +1,128 @@
+"""What a robot did, row by row of its log, becomes the motion that was logged from each moment on."""
+
+from array import array
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+from typing import Annotated
+
+import msgspec
+
+from eyechart.errors import SourceError, SpecError
+from eyechart.importing.cells import Row, read_part
+from eyechart.importing.faults import Faults
+from eyechart.spaces.motion import Dimension, Kind, MotionSpace
+
+MOST_NUMBERS = 50_000_000
+"""Numbers of all rows' motions together."""
+
+Rows = tuple[tuple[float, ...], ...]
+
+
+class Number(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One number of a motion's step: its column, and what `eyechart.spaces.motion.Dimension` says of it.
+
+    ``state`` is the column of the number of the state that it is measured relative to, where it is a place.
+    """
+
+    column: str
+    name: str = ""
+    unit: str = ""
+    scale: float | None = None
+    along: str = ""
+    state: str = ""
+
+
+class Logged(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The columns of a log that are motions: what was done in the step of each row, in this order."""
+
+    number: Annotated[tuple[Number, ...], msgspec.Meta(min_length=1)]
+    horizon: Annotated[int, msgspec.Meta(ge=1)]
+    kind: Kind = "delta"
+    rate_hz: float | None = None
+    name: str = "action"
+
+    def space(self, state: Mapping[str, Sequence[str]]) -> MotionSpace:
+        """Return the motions of a bank; ``state`` maps each state to the columns of its numbers.
+
+        Raises SpecError where a number belongs to a column that no state has.
+        """
+        columns = [column for many in state.values() for column in many]
+        for one in self.number:
+            if one.state and one.state not in columns:
+                has = ", ".join(columns) or "no number"
+                raise SpecError(f"the motion's '{one.column}' belongs to '{one.state}', and the state has {has}")
+        return MotionSpace(
+            self.name,
+            tuple(
+                Dimension(
+                    one.name or one.column,
+                    unit=one.unit,
+                    scale=one.scale,
+                    along=one.along,
+                    state=columns.index(one.state) if one.state else None,
+                )
+                for one in self.number
+            ),
+            self.horizon,
+            self.kind,
+            self.rate_hz,
+            state=tuple(Dimension(column) for column in columns),
+        )
+
+
+class Log:
+    """What was done in every row of a table, by episode; also in the rows that become no frame."""
+
+    def __init__(self, logged: Logged, faults: Faults, table: str) -> None:
+        self._logged, self._faults, self._table = logged, faults, table
+        self._numbers: dict[object, array[float]] = {}
+        self._steps: dict[object, array[float]] = {}
+        self._places: list[tuple[object, int]] = []
+        self._count = 0
+
+    def add(self, row: Row, number: int, places: Mapping[str, str], *, kept: bool) -> None:
+        """Take note of a row, which becomes a frame where it is ``kept``; a cell that is no number is a fault.
+
+        ``places`` has the columns of scenario, episode and step; names of episodes may recur in another scenario.
+        """
+        episode = tuple(row.get(places.get(place, "")) for place in ("scenario", "episode"))
+        step = row.get(places.get("step", ""))
+        self._count += len(self._logged.number)
+        if self._count > MOST_NUMBERS:
+            raise SourceError(f"{self._table} logs more than {MOST_NUMBERS} numbers of motions; cut it into parts")
+        numbers, steps = (many.setdefault(episode, array("d")) for many in (self._numbers, self._steps))
+        with self._faults.noted():
+            where = f"{self._table}, row {number}"
+            found = [read_part(row.get(one.column), f"{where}: '{one.column}'") for one in self._logged.number]
+            steps.append(len(steps) if step is None else read_part(step, f"{where}: the step"))
+            numbers.extend(found)
+        if kept:
+            self._places.append((episode, len(steps) - 1))
+
+    def motions(self) -> Iterator[Rows]:
+        """Yield for each frame what was done from there on; nothing where the episode ends, or skips a step, before."""
+        wide, ahead = len(self._logged.number), self._logged.horizon
+        whole = {episode: self._unbroken(steps) for episode, steps in self._steps.items()}
+        for episode, place in self._places:
+            if whole[episode][place] < ahead:
+                yield ()
+                continue
+            numbers = self._numbers[episode]
+            yield tuple(tuple(numbers[step * wide : (step + 1) * wide]) for step in range(place, place + ahead))
+
+    @staticmethod
+    def _unbroken(steps: "array[float]") -> list[int]:
+        """Return how many rows follow each other from each on, itself counted, a step apart each."""
+        found = [1] * len(steps)
+        for place, (one, after) in reversed(list(enumerate(pairwise(steps)))):
+            found[place] = found[place + 1] + 1 if after == one + 1 else 1
+        return found
+
+    def require_some(self) -> None:
+        """Raise SourceError where no frame has a motion of the whole horizon."""
+        if self._places and not any(self.motions()):
+            longest = max(len(steps) for steps in self._steps.values())
+            raise SourceError(
+                f"{self._table}: nowhere do {self._logged.horizon} steps follow each other, and the longest episode "
+                f"has {longest}; choose a shorter horizon"
+            )

@@ -1,0 +1,153 @@
+"""A table with what a robot did becomes a bank for policies: cameras, state, instruction, and the motion ahead."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from eyechart.errors import SourceError, SpecError
+from eyechart.frames import FrameBank, check
+from eyechart.importing import Choices, costs, import_table, read_rig
+from eyechart.studies import policy
+from eyechart.studies.policy.scoring import judge
+
+EPISODES, LENGTH = 8, 9
+RIG = """
+[[camera]]
+name = "front"
+column = "front"
+
+[[camera]]
+name = "side"
+column = "side"
+
+[state]
+joints = ["j0", "j1"]
+
+[motion]
+horizon = 3
+kind = "absolute"
+rate_hz = 10
+
+[[motion.number]]
+column = "a0"
+name = "pan"
+unit = "rad"
+state = "j0"
+
+[[motion.number]]
+column = "a1"
+scale = 0.5
+state = "j1"
+"""
+HEAD = "front,side,drive,step,task,j0,j1,a0,a1"
+
+
+def act(images: dict[str, np.ndarray], state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Go from the state toward where the front picture is bright; to the other side if told to leave."""
+    sign = -1 if instruction == "leave" else 1
+    x, y = (float(images["front"][0, place].mean()) / 255 for place in (0, -1))
+    return np.stack([state + sign * step * np.array([x - 0.5, y - 0.5]) for step in (1, 2, 3)])
+
+
+def rows(folder: Path, *, gap: int | None = None) -> list[str]:
+    """Write the pictures of a log, and return the lines of its table; without step ``gap`` in the first episode."""
+    rng, lines = np.random.default_rng(0), [HEAD]
+    for drive in range(EPISODES):
+        bright = rng.integers(0, 256, (2, 3), dtype=np.uint8)
+        state = rng.uniform(0, 1, 2)
+        for step in range(LENGTH):
+            names = [f"{drive}-{step}-{one}.png" for one in ("front", "side")]
+            pixels = np.zeros((4, 6, 3), np.uint8)
+            pixels[:, :3], pixels[:, 3:] = bright
+            for name in names:
+                Image.fromarray(pixels if "front" in name else pixels[::-1] // 2).save(folder / name)
+            task = "go" if drive % 2 else "leave"
+            after = act({"front": pixels}, state, task)[0]
+            numbers = [*state, *after]
+            if not (drive == 0 and step == gap):
+                lines.append(",".join([*names, str(drive), str(step), task, *(f"{one:.6f}" for one in numbers)]))
+            state = after + rng.normal(0, 0.02, 2)
+    return lines
+
+
+def imported(folder: Path, lines: Sequence[str], rig: str = RIG, **choices: int) -> FrameBank:
+    """Import a table with a rig."""
+    (folder / "t.csv").write_text("\n".join(lines))
+    (folder / "rig.toml").write_text(rig)
+    chosen = Choices(rig=read_rig(folder / "rig.toml"), prompt_columns=("task",), **choices)  # type: ignore[arg-type]
+    return import_table(folder, folder / "t.csv", folder / "bank", chosen)
+
+
+def test_each_frame_has_the_motion_of_the_rows_that_follow_it(tmp_path: Path) -> None:
+    """Also of rows that become no frame; where the episode ends before, it has none."""
+    lines = rows(tmp_path)
+    bank = imported(tmp_path, lines, every=2)
+    space = bank.manifest.motion
+    assert space is not None
+    assert (space.shape, space.kind, space.rate_hz) == ((3, 2), "absolute", 10)
+    assert [(one.name, one.unit, one.scale, one.state) for one in space.dimensions] == [
+        ("pan", "rad", None, 0),
+        ("a1", "", 0.5, 1),
+    ]
+    assert check(bank.root) == []
+    cells = [line.split(",") for line in lines[1:]]
+    for frame in bank:
+        row = int(frame.episode) * LENGTH + frame.step
+        wanted = tuple((float(cell[7]), float(cell[8])) for cell in cells[row : row + 3])
+        assert frame.motion == (wanted if frame.step <= LENGTH - 3 else ())
+        assert not {"a0", "a1", "j0"} & frame.truth.keys()
+        assert frame.state == {"joints": (float(cells[row][5]), float(cells[row][6]))}
+    assert "8 of 40 frames have no logged motion: fewer than 3 steps follow them" in costs(bank)
+
+
+def test_no_motion_goes_over_a_step_that_is_missing(tmp_path: Path) -> None:
+    """A log that skips a row would else tell of a jump that nobody made."""
+    bank = imported(tmp_path, rows(tmp_path, gap=4))
+    without = [frame.step for frame in bank if frame.episode == "0" and not frame.motion]
+    assert without == [2, 3, 7, 8]
+
+
+def test_a_policy_of_an_imported_bank_gets_a_verdict(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that reads the front picture and its task, and neither the side camera nor the state beyond its place."""
+    bank = imported(tmp_path, rows(tmp_path))
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    spec = "python:test_importing_motions:act"
+    policy.run(policy.plan(bank.root, [spec], tmp_path / "run"))
+    found = judge(policy.score(tmp_path / "run"))[spec]
+    assert found.guards == {}
+    assert found.cameras["side"].label == "ignores_camera"
+    assert found.cameras["front"].label != "ignores_camera"
+    assert found.state.label == "ignores_state"
+    assert found.instruction.label == "instruction_followed"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('state = "j1"', 'state = "j9"', "the motion's 'a1' belongs to 'j9', and the state has j0, j1"),
+        ("horizon = 3", "horizon = 0", "Expected `int` >= 1"),
+        ('kind = "absolute"', 'kind = "sideways"', "Invalid enum value 'sideways'"),
+        ('column = "a1"', 'column = "a7"', "'a7'"),
+        ("horizon = 3", "horizon = 30", "nowhere do 30 steps follow each other, and the longest episode has 9"),
+    ],
+)
+def test_a_motion_that_the_table_does_not_have_is_one_line(tmp_path: Path, old: str, new: str, said: str) -> None:
+    """And no bank is written."""
+    with pytest.raises((SourceError, SpecError)) as refused:
+        imported(tmp_path, rows(tmp_path), RIG.replace(old, new))
+    assert said in str(refused.value)
+    assert not (tmp_path / "bank").exists()
+
+
+def test_a_cell_that_is_no_number_is_a_fault_and_episodes_are_needed(tmp_path: Path) -> None:
+    """Named by row and column; without episodes nobody knows which step follows."""
+    lines = rows(tmp_path)
+    broken = [lines[0], *(line.rpartition(",")[0] + ",nan" if place == 4 else line for place, line in enumerate(lines))]
+    del broken[1]
+    with pytest.raises(SourceError, match=r"row 4: 'a1' is 'nan', not a number"):
+        imported(tmp_path, broken)
+    with pytest.raises(SourceError, match="say which column is the episode"):
+        imported(tmp_path, [lines[0].replace("drive", "who"), *lines[1:]])
