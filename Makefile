@@ -14,7 +14,7 @@ DOCS := $(VENV)/.docs
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm demo-policy ladder hierarchy test test-models test-browser lint format docs wheel bench long-compare long-speed long-adversaries long-coverage long-power long-policies long-serve mutants clean
+.PHONY: help demo demo-vlm demo-policy ladder hierarchy test test-models test-browser lint format docs wheel bench long-compare long-speed long-adversaries long-coverage long-power long-policies long-lerobot long-serve mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -34,6 +34,7 @@ help:
 	@echo "make long-power   the power that a plan prints, against models that are drawn, scored and judged"
 	@echo "make long-serve   a served guardian under hostile load, against the table of classes of replies"
 	@echo "make long-policies  the rules on policies, in simulated settings that were fixed before"
+	@echo "make long-lerobot   a data set by LeRobot's own writer, from import to gate: verdicts, time and memory"
 	@echo "make long-coverage how often intervals of shares hold a known truth, and how wide they are"
 	@echo "make mutants      small faults put into the rules and the statistics one at a time: how many the tests notice"
 	@echo "make long-speed   processor time of commands in 0.1.0 and in this version, in pairs"
@@ -116,6 +117,9 @@ mutants: $(MUTANTS)
 
 long-policies: $(CORE)
 	$(BIN)/python benchmarks/policy_rules.py
+
+long-lerobot: $(MODELS)
+	$(BIN)/python benchmarks/lerobot_policy.py
 
 long-power: $(CORE)
 	$(BIN)/python benchmarks/planned_power.py

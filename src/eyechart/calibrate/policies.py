@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.errors import SpecError
+from eyechart.records import Plain
 from eyechart.report.table import Column, Table
 from eyechart.seeds import key_seed
 from eyechart.stats.flips import follow
@@ -335,6 +336,49 @@ def _latent_share(share: float) -> float:
         found = middle * (NUMBERS - 1) / NUMBERS + 2 * np.arccos(1 - middle) / np.pi / NUMBERS
         low, high = (middle, high) if found < share else (low, middle)
     return high
+
+
+@dataclass(frozen=True)
+class PolicyPower(Plain):
+    """What a bank of so many ``episodes`` and ``frames`` can say of a camera, by the share that it carries.
+
+    ``calls`` are those of a policy that answers alike to the same. ``said`` maps ``same`` (it answers alike, or takes a
+    seed) and ``drawn`` (noise of a quarter of the variance, four answers) to shares, and these to how often the camera
+    is called ignored, and used. Of ``draws`` simulated data sets each.
+    """
+
+    episodes: int
+    frames: int
+    calls: int
+    left_out: Mapping[str, str]
+    said: Mapping[str, Mapping[str, tuple[float, float]]]
+    draws: int
+
+    def table(self) -> Table:
+        """Return a share a row."""
+        rows = [
+            (kind, float(share), ignored, used)
+            for kind, shares in self.said.items()
+            for share, (ignored, used) in shares.items()
+        ]
+        head = (Column("answers", "word"), Column("share of the camera", "number", 2))
+        title = f"how often {self.episodes} episodes ({self.frames} frames) settle it"
+        note = f"of {self.draws} simulated data sets each; every frame responds"
+        ends = (Column("ignored", "number", 2), Column("used", "number", 2))
+        return Table("power", title, (*head, *ends), tuple(rows), note)
+
+
+def power(episodes: int, frames: int, calls: int, left_out: Mapping[str, str], *, draws: int = 60) -> PolicyPower:
+    """Simulate what a bank can say of a policy's cameras, by the share that they carry."""
+    kinds = {"same": Setting(), "drawn": Setting(noise=0.25, answers=4)}
+    said: dict[str, dict[str, tuple[float, float]]] = {}
+    for kind, base in kinds.items():
+        for share in SHARES:
+            setting = replace(base, share=share, episodes=episodes, frames=max(frames, episodes))
+            labels = _batch(setting, 0, 0, draws)
+            uses = sum(labels[label] for label in _USES)
+            said.setdefault(kind, {})[f"{share:g}"] = labels["ignores_camera"] / draws, uses / draws
+    return PolicyPower(episodes, frames, calls, left_out, said, draws)
 
 
 def table(tried: Sequence[Tried]) -> Table:

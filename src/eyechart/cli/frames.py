@@ -9,6 +9,7 @@ from eyechart.cli.options import Json, Model
 from eyechart.cli.terminal import print_json, progress, say
 
 if TYPE_CHECKING:
+    from eyechart.frames import FrameBank
     from eyechart.importing import Ahead, Convert
 
 app = typer.Typer(help="Build, import, check and show frame banks.", no_args_is_help=True)
@@ -194,21 +195,49 @@ def plan(
 ) -> None:
     """Say what a bank can and cannot decide, how often, and what asking costs, before a call is made.
 
+    Of a bank that says what a motion is, what it can decide about a policy.
     Example: eyechart plan bank --model scripted:depth
     """
     from eyechart.frames import open_bank
     from eyechart.models import open_model
     from eyechart.studies.battery.power import power_of
 
+    opened = open_bank(bank)
+    if opened.manifest.motion is not None and not model:
+        _plan_policies(opened, json=json)
+        return
     specs = list(dict.fromkeys(model or ()))
     for spec in specs:
         open_model(spec)
-    found = power_of(open_bank(bank), noise=noise)
+    found = power_of(opened, noise=noise)
     if json:
         print_json({**found.as_dict(), "models": {spec: found.asked(spec) for spec in specs}})
         return
     for line in found.lines(specs):
         typer.echo(line)
+
+
+def _plan_policies(bank: "FrameBank", *, json: bool) -> None:
+    """Print what a bank can say of a policy, and how many calls it takes."""
+    from eyechart.calibrate.policies import power
+    from eyechart.channels import channels_of, conditions_of
+    from eyechart.cli.terminal import print_each
+
+    conditions, left_out = conditions_of(bank)
+    episodes = len({frame.drive for frame in bank})
+    found = power(episodes, len(bank), len(conditions) * len(bank), left_out)
+    if json:
+        print_json(found.as_dict())
+        return
+    print_each([found.table()])
+    print_each(
+        [
+            f"channels: {', '.join(channels_of(bank))}",
+            f"calls: {found.calls} ({len(conditions)} conditions); about four times as many of who draws its answers",
+            *(f"not asked: {name}: {why}" for name, why in left_out.items() if "frame" in why),
+            "an effect that only a few episodes would show is missed where none of these is such a one",
+        ]
+    )
 
 
 def _convert(background: str | None, longest: int | None, *, asked: bool) -> "Convert | None":

@@ -108,22 +108,38 @@ def gate(
 
 def compare(
     first: Annotated[Path, typer.Argument(help="Folder of a run.")],
-    second: Annotated[Path, typer.Argument(help="Folder of its replication.")],
+    second: Annotated[
+        Path | None, typer.Argument(help="Folder of its replication; of policies, which one run may hold, not needed.")
+    ] = None,
     every: Annotated[bool, typer.Option("--all", help="Print every statistic, not only the main ones.")] = False,
     resamples: Annotated[int, typer.Option(min=999, help="Exchanges of the runs, and resamples of episodes.")] = 2000,
     json: Json = False,
 ) -> None:
     """Compare two runs on one bank, per verdict and per statistic, with a test of difference.
 
+    Policies are compared each with the one before it: as they were asked, or by the step of a training they declare.
     Exit 0: every verdict and statistic came out again; 1: something differs; 2: the runs cannot be compared.
     Example: eyechart compare monday tuesday
     """
     from eyechart.compare import compare as compared
     from eyechart.compare import replication_table
+    from eyechart.errors import SpecError
     from eyechart.report.table import MARK
     from eyechart.studies import Reading, study_of
 
-    found = compared(*(study_of(run, "compare").score(run, Reading()) for run in (first, second)), resamples=resamples)
+    runs = [run for run in (first, second) if run is not None]
+    study, *others = (study_of(run, "compare") for run in runs)
+    if any(type(other) is not type(study) for other in others):
+        raise SpecError(f"{first} and {second} are no runs of one kind")
+    scores = [study.score(run, Reading()) for run in runs]
+    if (course := study.course(scores)) is not None:
+        print_json(course.as_dict()) if json else print_each(course.printed(), 200)
+        if not course.replicated:
+            raise typer.Exit(1)
+        return
+    if second is None:
+        raise SpecError(f"{first} is compared with another run: give the folder of its replication")
+    found = compared(*scores, resamples=resamples)
     if json:
         print_json(found.as_dict())
     else:

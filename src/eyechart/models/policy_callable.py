@@ -4,7 +4,8 @@ The callable takes ``(images, state, instruction)``: a dict of uint8 arrays (h, 
 numbers of the state, and a text or None. It returns an array (horizon, dimensions). Every call stands alone: it is to
 answer as at the beginning of an episode, with what it keeps of earlier moments emptied. What it declares of itself are
 attributes: ``seedable`` (False): it takes ``seed=`` too and answers alike to the same one; ``version`` (the head of its
-file's digest); ``channels`` (all): the names of those that it reads; ``reset`` (none): called before every call.
+file's digest); ``channels`` (all): the names of those that it reads; ``reset`` (none): called before every call;
+``step`` (none): how far its training had come, by which checkpoints are put in order.
 """
 
 import asyncio
@@ -24,7 +25,7 @@ from eyechart.spaces.motion import Motion
 
 Act = Callable[..., object]
 
-DECLARED: Mapping[str, object] = {"seedable": False, "version": "", "channels": None, "reset": None}
+DECLARED: Mapping[str, object] = {"seedable": False, "version": "", "channels": None, "reset": None, "step": None}
 """What a callable may declare of itself, with what holds where it does not."""
 
 
@@ -85,12 +86,13 @@ def open_model(name: str, mode: RequestMode) -> PolicyCallable:
     """Import the callable; raises SpecError that says what is missing, or what it declares wrongly of itself."""
     act, digest = import_callable(name)
     own = {what: getattr(act, what, usual) for what, usual in DECLARED.items()}
-    seedable, version, channels, reset = (own[what] for what in DECLARED)
+    seedable, version, channels, reset, step = (own[what] for what in DECLARED)
     wrong = {
         "seedable": not isinstance(seedable, bool),
         "version": not isinstance(version, str),
         "channels": not (channels is None or (isinstance(channels, list | tuple) and all(map(_is_word, channels)))),
         "reset": not (reset is None or callable(reset)),
+        "step": not (step is None or (isinstance(step, int) and not isinstance(step, bool) and step >= 0)),
     }
     if amiss := [what for what, bad in wrong.items() if bad]:
         raise SpecError(
@@ -99,6 +101,8 @@ def open_model(name: str, mode: RequestMode) -> PolicyCallable:
     facts = {"seedable": str(seedable).lower(), **({"file_sha256": digest} if digest else {})}
     if isinstance(channels, list | tuple):
         facts["channels"] = ", ".join(channels)
+    if step is not None:
+        facts["step"] = str(step)
     return PolicyCallable(
         act,
         str(version) or digest[:12] or "no file",

@@ -104,6 +104,34 @@ def total_effect(effect: Pairs, variation: Pairs, *, sampled: bool = False, leve
     return Statistic(share, n, ci, method=method, detail=detail, level=level)
 
 
+def share_difference(first: tuple[Pairs, Pairs], second: tuple[Pairs, Pairs], *, level: float = LEVEL) -> Statistic:
+    """Return how much larger the second controller's share is than the first's, about the same frames and partners.
+
+    Each is the ``effect`` and the ``variation`` of `total_effect`. The jackknife leaves each episode out of both, so
+    that what is common to them cancels; interval and p are t with episodes - 1 degrees of freedom. None where either
+    share is.
+    """
+    method = f"difference of shares, jackknife over owners and partners, {100 * level:g}% interval"
+    effect, n = first[0], len(second[0].values)
+    episodes = int(max(np.max(one.owner, initial=-1) for pair in (first, second) for one in pair)) + 1
+    there = len(np.unique(effect.owner))
+    if there < 3:
+        return cannot_say(f"{there} episodes have both answers, and three are needed", n, method)
+    parts = [[_means(one, episodes) for one in pair] for pair in (first, second)]
+    if not all(variation[0] > 0 for _, variation in parts):
+        return cannot_say("the answers do not vary from episode to episode", n, method)
+    (less, lacking), (more, kept) = ((whole[0] / without[0], whole[1] / without[1]) for whole, without in parts)
+    apart, left = float(more - less), np.asarray(kept - lacking)
+    left = left[np.isfinite(left)]
+    if len(left) < there:
+        return cannot_say("too few pairs of episodes: without one of them none is left", n, method)
+    error = float(np.sqrt((len(left) - 1) / len(left) * ((left - left.mean()) ** 2).sum()))
+    wide = _quantile(level, there - 1) * error
+    p = _two_sided(apart / error, there - 1) if error > 0 else float(apart == 0)
+    detail = {"episodes": there, "standard_error": error}
+    return Statistic(apart, n, (apart - wide, apart + wide), p, method=method, detail=detail, level=level)
+
+
 def _means(pairs: Pairs, episodes: int) -> tuple[float, Floats]:
     """Return the mean of all values, and that without each episode, NaN where none is left or it has none."""
     sums, counts = pairs.table(episodes)
@@ -129,6 +157,12 @@ def _quantile(level: float, freedom: int) -> float:
     from scipy import special  # noqa: PLC0415 - slow to import
 
     return float(special.stdtrit(freedom, (1 + level) / 2))
+
+
+def _two_sided(t: float, freedom: int) -> float:
+    from scipy import special  # noqa: PLC0415 - slow to import
+
+    return float(2 * special.stdtr(freedom, -abs(t)))
 
 
 def relabelling_p(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, resamples: int = 1999) -> float | None:

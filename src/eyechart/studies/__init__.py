@@ -36,6 +36,20 @@ class Score(Protocol):
         """Return plain JSON values."""
 
 
+class Course(Protocol):
+    """Models of several runs in the order of a training, and what changed from each to the next."""
+
+    @property
+    def replicated(self) -> bool:
+        """Return whether nothing changed."""
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+
+    def printed(self) -> "Iterator[Table | str]":
+        """Yield tables and sentences."""
+
+
 S = TypeVar("S", bound=Score)
 NO_DRIVES = dict.fromkeys(
     ("score --against", "report --against"), "is no run of drives, and --against names a policy of one"
@@ -147,6 +161,11 @@ class Study(ABC, Generic[S]):
     def gate(self, score: S, require: Sequence[str], max_unparsed: float | None) -> Gate:
         """Hold a score to some of the ``requirements``; a study without any refuses before it is asked, as below."""
         raise NotImplementedError
+
+    def course(self, scores: Sequence[S]) -> Course | None:
+        """Return the models of several runs in the order of a training; None where runs are compared one by one."""
+        del scores
+        return None
 
     def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:
         """Return the report of runs: what ``score`` prints. Pictures, if any, are in ``banks`` or where they were."""

@@ -29,6 +29,7 @@ from eyechart.stats.total_effect import (
     misfit_share,
     noise_share,
     relabelling_p,
+    share_difference,
     shares_of_parts,
     total_effect,
     unlikeness,
@@ -209,6 +210,15 @@ def statistics_of(motions: Motions, *, drawn: bool, seeded: bool) -> dict[str, S
     return found
 
 
+def difference(first: OnePolicy, second: OnePolicy, channel: str) -> Statistic:
+    """Return how much larger a channel's share is of the second policy; both were asked about the same frames."""
+    found = [_Taken(one.motions, drawn=one.drawn).pairs(f"swapped@{channel}") for one in (first, second)]
+    less, more = found
+    if isinstance(less, str) or isinstance(more, str):
+        return cannot_say(next(one for one in found if isinstance(one, str)))
+    return share_difference(less, more)
+
+
 class _Taken:
     """The statistics of one policy's motions, one by one."""
 
@@ -276,20 +286,29 @@ class _Taken:
         other = again[0] if seeded and np.isfinite(again[0, others]).all() else self._real[0]
         return noise_share(self._real[0, frames], again[0, frames], other[others])
 
-    def total(self, condition: str) -> Statistic:
-        """Return the share of the variation that goes under a condition, with its parts in ``detail``."""
+    def pairs(self, condition: str) -> tuple[Pairs, Pairs] | str:
+        """Return what goes under a condition, and the variation of which it is a share; else why there is none."""
         changed = self._motions.of(condition)
         if changed is None:
-            return cannot_say(NOT_ASKED)
+            return NOT_ASKED
         frames = self._whole(self._real, changed)
         if not len(frames):
-            return cannot_say(NO_FRAMES)
-        real, other = self._real[:, frames], changed[:, frames]
+            return NO_FRAMES
         owner = self._episodes[frames]
         partner = owner
         if condition.partition(OVER)[0] in PARTNERS:
             partner = self._motions.episodes_of(self._motions.partners(condition)[frames])
-        found = total_effect(Pairs(half_squares(real, other), owner, partner), self._variation(), sampled=self._drawn)
+        values = half_squares(self._real[:, frames], changed[:, frames])
+        return Pairs(values, owner, partner), self._variation()
+
+    def total(self, condition: str) -> Statistic:
+        """Return the share of the variation that goes under a condition, with its parts in ``detail``."""
+        pairs, changed = self.pairs(condition), self._motions.of(condition)
+        if isinstance(pairs, str) or changed is None:
+            return cannot_say(str(pairs))
+        frames = self._whole(self._real, changed)
+        real, other = self._real[:, frames], changed[:, frames]
+        found = total_effect(*pairs, sampled=self._drawn)
         if found.value is None:
             return found
         p = relabelling_p(real, other, seed=key_seed("relabelling", condition)) if self._drawn else None

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 from eyechart.gate import Gate, hold_policies
 from eyechart.manifest import read_manifest
 from eyechart.models.prices import Prices
-from eyechart.studies import NO_DRIVES, Made, Packed, Reading, Tell, Took
+from eyechart.studies import NO_DRIVES, Course, Made, Packed, Reading, Tell, Took
 from eyechart.studies.battery import OfFrames
 from eyechart.studies.policy.planning import STUDY
 from eyechart.studies.policy.scoring import PolicyScore, judge, require_scorable, score, score_run, took
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from eyechart.report.table import Table
 
-_NOT_YET = "is a run of policies, whose shares are compared by 'eyechart score'"
+_NO_TRANSFER = "is a run of policies, and 'eyechart transfer' is of models asked in words"
 
 
 class Policies(OfFrames[PolicyScore]):
@@ -28,7 +28,7 @@ class Policies(OfFrames[PolicyScore]):
     runs_are = "policies"
     requirements = REQUIREMENTS
     required = "camera:camera_content"
-    refuses: ClassVar = {**NO_DRIVES, **dict.fromkeys(("compare", "transfer"), _NOT_YET)}
+    refuses: ClassVar = {**NO_DRIVES, "transfer": _NO_TRANSFER}
 
     def score(self, folder: Path, reading: Reading) -> PolicyScore:
         return score(folder, reread=reading.reread)
@@ -75,6 +75,11 @@ class Policies(OfFrames[PolicyScore]):
         del max_unparsed
         left = {spec: one.motions.planned - one.motions.finished for spec, one in score.models.items()}
         return hold_policies(judge(score), require, left)
+
+    def course(self, scores: Sequence[PolicyScore]) -> Course | None:
+        from eyechart.studies.policy.course import course_of
+
+        return course_of(scores)
 
     def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:
         from eyechart.studies.battery.subjects import find_pictures

@@ -1,0 +1,104 @@
+"""Checkpoints of a training are compared: how the share of a channel changes, and when a policy stopped looking."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import arms
+from eyechart.cli.app import app
+from eyechart.errors import SpecError
+from eyechart.frames import FrameBank
+from eyechart.simulators import open_bank_simulator
+from eyechart.stats.total_effect import Pairs, share_difference
+from eyechart.studies import Reading, policy, study_of
+from eyechart.studies.policy import Extent
+from eyechart.studies.policy.course import course_of
+
+FEW = ("real", "real_repeat", "swapped@cameras", "blank")
+
+
+class Checkpoint:
+    """A policy that goes by what it sees in part, and for the rest to the middle."""
+
+    def __init__(self, step: int, looks: float) -> None:
+        self.step, self.looks, self.version = step, looks, f"step {step}"
+
+    def __call__(self, images: arms.Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+        """Return a mixture of two motions."""
+        seen, blind = (one(images, state, instruction) for one in (arms.reach, arms.middle))
+        return np.asarray(self.looks * seen + (1 - self.looks) * blind)
+
+
+early, middle, late, again = (Checkpoint(*one) for one in ((100, 1.0), (200, 0.5), (300, 0.0), (400, 0.0)))
+HERE = "python:test_policy_course"
+
+
+@pytest.fixture(scope="module")
+def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
+    """Return a bank of twelve episodes of four frames."""
+    return open_bank_simulator("tabletop").build(tmp_path_factory.mktemp("course") / "bank", steps=4)
+
+
+@pytest.fixture
+def _here(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+
+
+@pytest.mark.usefixtures("_here")
+def test_the_step_at_which_a_policy_stopped_looking_is_named(bank: FrameBank, tmp_path: Path) -> None:
+    """In the order of the steps, whatever the order of the runs; JSON, sentences, and exit 1 where anything changed."""
+    for name, specs in {"one": ["late", "early"], "two": ["middle", "again"]}.items():
+        policy.run(policy.plan(bank.root, [f"{HERE}:{one}" for one in specs], tmp_path / name, conditions=FEW))
+    found = CliRunner().invoke(app, ["compare", str(tmp_path / "one"), str(tmp_path / "two"), "--json"])
+    assert found.exit_code == 1, found.output
+    said = json.loads(found.stdout)
+    assert [one["step"] for one in said["policies"]] == [100, 200, 300, 400]
+    shares = [one["channels"]["cameras"]["T"] for one in said["policies"]]
+    assert shares[0] > shares[1] > shares[2] == shares[3] == 0
+    assert said["policies"][0]["camera"] != "ignores_camera"
+    first, _, last = said["changes"]
+    assert first["channels"]["cameras"]["value"] == pytest.approx(shares[1] - shares[0])
+    assert (last["labels"], last["changed"]) == ({}, [])
+    assert f"from {HERE}:late, step 300 on it ignores its cameras" in said["says"]
+    printed = CliRunner().invoke(app, ["compare", str(tmp_path / "one"), str(tmp_path / "two")])
+    assert "on it ignores its cameras" in printed.stdout.replace("\n", " ")
+
+
+@pytest.mark.usefixtures("_here")
+def test_a_run_of_the_same_again_changes_nothing(bank: FrameBank, tmp_path: Path) -> None:
+    """Exit 0; what was not asked about the same frames is refused, and so is one policy alone."""
+    for name, limit in {"one": None, "two": None, "part": 30}.items():
+        planned = policy.plan(bank.root, [f"{HERE}:early"], tmp_path / name, conditions=FEW, extent=Extent(limit=limit))
+        policy.run(planned)
+    runs = [str(tmp_path / name) for name in ("one", "two", "part")]
+    assert CliRunner().invoke(app, ["compare", *runs[:2]]).exit_code == 0
+    scores = [study_of(Path(run)).score(Path(run), Reading()) for run in runs]
+    with pytest.raises(SpecError, match="were not asked about the same frames"):
+        course_of(scores)
+    with pytest.raises(SpecError, match="there is one policy, and nothing to compare it with"):
+        course_of(scores[:1])
+
+
+def test_a_difference_of_shares_is_found_as_often_as_it_says() -> None:
+    """Of two policies with one share, at .02 in about two of a hundred data sets; of .1 and .4 in nearly all."""
+
+    def pairs(share: float, rng: np.random.Generator) -> Pairs:
+        owner = np.repeat(np.arange(12), 6)
+        episode, frame = rng.normal(size=(12, 9)), rng.normal(size=(72, 9))
+        values = share * ((0.8 * episode[owner] + 0.6 * frame) ** 2).mean(axis=1)
+        return Pairs(values, owner, np.roll(owner, 6))
+
+    def p(shares: tuple[float, float], seed: int) -> float:
+        rng = np.random.default_rng(seed)
+        whole = pairs(1.0, rng)
+        found = share_difference(*((pairs(share, rng), whole) for share in shares))
+        assert found.p is not None
+        return found.p
+
+    assert np.mean([p((0.3, 0.3), seed) < 0.02 for seed in range(400)]) < 0.04
+    assert np.mean([p((0.1, 0.4), seed) < 0.02 for seed in range(100)]) > 0.5
+    one = pairs(0.3, np.random.default_rng(0))
+    assert share_difference((one, one), (one, one)).p == 1
