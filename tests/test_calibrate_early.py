@@ -8,12 +8,26 @@ import pytest
 
 from eyechart.calibrate import SETTINGS, Calibration, calibrate
 from eyechart.calibrate import early as stopping
-from eyechart.calibrate.early import DRAWS, EMPTY, NULLS, SAVERS, Early, add, ever_rejected, mean_saved, misses
-from eyechart.calibrate.known import KNOWN
+from eyechart.calibrate.adversaries import ADVERSARIES
+from eyechart.calibrate.early import (
+    DRAWS,
+    EMPTY,
+    NULLS,
+    SAVERS,
+    Early,
+    add,
+    ever_rejected,
+    mean_saved,
+    misses,
+    stop_early,
+)
+from eyechart.calibrate.known import KNOWN, Known, by_sight
+from eyechart.calibrate.replication import answers_of
 from eyechart.calibrate.table import tables
 from eyechart.calibrate.tally import VARIANTS, read_calibration
 from eyechart.calibrate.world import World, make_world
 from eyechart.conditions import CONDITIONS
+from eyechart.seeds import key_seed
 from eyechart.spaces.discrete import DRIVING
 from eyechart.stats import evalues
 from eyechart.studies.battery.evidence import claims
@@ -33,12 +47,12 @@ def world() -> World:
 
 
 def test_every_controller_is_followed_with_and_without_counterfactuals(found: Calibration) -> None:
-    """Those that are wanted to save half do, none has another verdict, and the gap by observation stops nobody."""
+    """Those that are wanted to save calls do, none has another verdict, and the gap by observation stops nobody."""
     for variant in VARIANTS:
         assert set(found.early["default"][variant]) == set(KNOWN)
         assert all(one["equal"] == 1 and one["false"] == 0 for one in found.early["default"][variant].values())
-    for name in SAVERS:
-        assert mean_saved(found.early["default"][VARIANTS[0]][name])[0] > 0.5
+    for name, share in SAVERS.items():
+        assert mean_saved(found.early["default"][VARIANTS[0]][name])[0] > share
     assert found.early["default"][VARIANTS[1]]["depth"]["stopped"] == 0
     assert len(found.ever) == len(NULLS)
     assert not [one for one in found.misses() if "early" in one]
@@ -89,19 +103,19 @@ def test_a_bet_that_forgets_what_is_left_is_caught(monkeypatch: pytest.MonkeyPat
 def test_another_verdict_and_too_little_saved_are_misses() -> None:
     """Each in words that name the controller; runs that did not stop count as equal and save nothing."""
     same = Early("depth", stopped=True, saved=0.8, equal=True, lateral_equal=True, false=False)
-    other = Early("presence_only", stopped=True, saved=0.3, equal=False, lateral_equal=True, false=False)
+    other = Early("presence_only", stopped=True, saved=0.2, equal=False, lateral_equal=True, false=False)
     sums = EMPTY
     for one in [same] * 180 + [other] * 20:
         sums = add(sums, one)
     assert sums["equal"] == 180
-    assert mean_saved(sums)[0] == pytest.approx(0.75)
+    assert mean_saved(sums)[0] == pytest.approx(0.74)
     early = {"default": {VARIANTS[0]: {"depth": sums}}}
     assert misses(early, (), 200, strict=True) == [
         "stopped early, depth has the full battery's verdict in 0.900 of 200 replications, with counterfactuals"
     ]
     low = add(EMPTY, other)
     assert any(
-        "saves 0.300 of the calls for depth" in one
+        "saves 0.200 of the calls for depth" in one
         for one in misses({"default": {VARIANTS[0]: {"depth": low}}}, (), 1, strict=True)
     )
     assert (
@@ -113,6 +127,22 @@ def test_another_verdict_and_too_little_saved_are_misses() -> None:
         )
         == []
     )
+
+
+def test_no_adversary_gets_an_early_depth_that_is_not_its_own(world: World) -> None:
+    """Reversed in part, by the layout, in bands, by the file: none is settled on depth, and true readers are."""
+    settled = set()
+    for name, one in ADVERSARIES.items():
+        rng = random.Random(key_seed("early", name))  # noqa: S311 - no secret
+        known = Known(name, one.says, by_sight(one.decide), "", "", "")
+        answers = answers_of(known, SETTINGS["default"], world, rng)
+        early = stop_early(answers, "", "", counterfactuals=True, varied=True, seed=1)
+        if early.label in {"depth", "depth_lateral"}:
+            assert one.is_false("depth", "") == (), name
+            settled.add(name)
+    required = {name for name, one in ADVERSARIES.items() if one.deserves == "depth"}
+    assert {"nearest_any_lane", "reversed_25", "hole_25_40", "lead_present"} & settled == set()
+    assert len(settled & required) >= len(required) * 0.8
 
 
 def test_a_stop_with_another_verdict_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

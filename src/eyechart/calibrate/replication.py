@@ -12,12 +12,12 @@ import numpy as np
 
 from eyechart import verdicts
 from eyechart.calibrate.adversaries import ADVERSARIES
-from eyechart.calibrate.early import MEASURED, count_rejections, stop_early
+from eyechart.calibrate.early import MEASURED, count_rejections, sampled, stop_early
 from eyechart.calibrate.known import KNOWN, NULLS, Known, Shows, answer_all, by_sight, deserved, is_false
 from eyechart.calibrate.tally import Calibration, Outcome, Ruled, Tried, called, tally
 from eyechart.calibrate.world import SETTINGS, Setting, World, make_world
 from eyechart.calls import Reply
-from eyechart.conditions import CONDITIONS, CONTROLS, COUNTERFACTUALS, SAMPLED, sample
+from eyechart.conditions import CONDITIONS, CONTROLS, COUNTERFACTUALS
 from eyechart.errors import SpecError
 from eyechart.frames import LEAD_GAP
 from eyechart.models.scripted import Answer
@@ -132,7 +132,7 @@ def try_adversaries(task: Task) -> list[Tried]:
 def staged(answers: Answers, how: Resampling) -> Answers:
     """Return those of a model's answers that a run would have asked for: controls only where they could matter."""
     asked = [name for name in answers.decisions if name not in CONTROLS]
-    answers = _sampled(answers, asked, how.seed)
+    answers = sampled(answers, how.seed)
     while True:
         part = replace(answers, decisions={name: answers.decisions[name] for name in asked})
         found = Calibrated(part, how).statistics()
@@ -142,34 +142,23 @@ def staged(answers: Answers, how: Resampling) -> Answers:
         asked += [name for name in more if name in answers.decisions]
 
 
-def _sampled(answers: Answers, asked: Sequence[str], seed: int) -> Answers:
-    """Return the answers without those to the sampled controls on frames of which a run would not ask them."""
-    calls = sum(one is not None for name in asked for one in answers.decisions[name])
-    decisions = dict(answers.decisions)
-    for name in SAMPLED:
-        shown = [frame.id for frame, one in zip(answers.frames, decisions[name], strict=True) if one is not None]
-        few = sample(name, shown, calls, seed)
-        kept = (one if frame.id in few else None for frame, one in zip(answers.frames, decisions[name], strict=True))
-        decisions[name] = tuple(kept)
-    return replace(answers, decisions=decisions)
-
-
 def replicate(task: Task) -> list[Outcome]:
     """Draw the bank of a task and return what both sets of rules say of every known controller on it."""
     setting = SETTINGS[task.setting]
     key = ("calibrate", task.seed, task.setting, task.replication)
     world = make_world(setting, np.random.default_rng(key_seed(*key, "world")))
     how = Resampling(resamples=RESAMPLES, seed=key_seed(*key, "tests"), intervals=False)
-    answered = {
-        name: staged(answers_of(one, setting, world, random.Random(key_seed(*key, name))), how)  # noqa: S311 - no secret
+    given = {
+        name: answers_of(one, setting, world, random.Random(key_seed(*key, name)))  # noqa: S311 - no secret
         for name, one in KNOWN.items()
     }
+    answered = {name: staged(one, how) for name, one in given.items()}
     found = {name: statistics_of(one, how) for name, one in answered.items()}
     # The paper corrects over the models of a run; here these are all controllers on one bank.
     corrected = holm([one["cramers_v"].p for one in found.values()])
     order = key_seed(*key, "order")
     return [
-        _outcome(KNOWN[name], setting, answered[name], found[name], p, order)
+        _outcome(KNOWN[name], setting, (given[name], answered[name]), found[name], p, order)
         for name, p in zip(found, corrected, strict=True)
     ]
 
@@ -199,11 +188,13 @@ def without_counterfactuals(answers: Answers, found: Mapping[str, Statistic]) ->
 def _outcome(
     known: Known,
     setting: Setting,
-    answers: Answers,
+    given: tuple[Answers, Answers],
     found: Mapping[str, Statistic],
     corrected: float | None,
     order: int,
 ) -> Outcome:
+    """Return what was said of a controller by its answers, all that it can give and those that a run asked for."""
+    every, answers = given
     lateral = verdicts.lateral_rules(found, answers.directions()).label
     rulings, early = [], []
     for counterfactuals in (True, False):
@@ -218,7 +209,7 @@ def _outcome(
         rulings.append(Ruled(label, deserved(known, shows), is_false(label, known.name, varied=shows.varied)))
         if setting.name in MEASURED:
             how = {"counterfactuals": counterfactuals, "varied": shows.varied}
-            early.append(stop_early(answers, label, lateral, seed=order, **how))
+            early.append(stop_early(every, label, lateral, seed=order, **how))
     return Outcome(
         controller=known.name,
         paper=verdicts.paper_rules(found, {"cramers_v": corrected}).label,

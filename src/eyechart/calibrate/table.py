@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from eyechart.calibrate import early
 from eyechart.calibrate.adversaries import ADVERSARIES
-from eyechart.calibrate.early import EQUAL, SAVED, SAVERS, mean_saved
+from eyechart.calibrate.early import EQUAL, SAVERS, mean_saved
 from eyechart.calibrate.known import KNOWN, NULLS
 from eyechart.calibrate.tally import CLAIMS, FALSE, VARIANTS, WANTED, Calibration
 from eyechart.calibrate.world import POWER, SETTINGS
@@ -180,9 +180,8 @@ def _targets(found: Calibration) -> str:
     wanted = ", ".join(f"false {claim} {variant} at most {most}" for (claim, variant), most in FALSE.items())
     says = f"Targets: right at least .95 with counterfactuals for {', '.join(WANTED)}; {wanted}."
     if found.early:
-        says += (
-            f" Stopping early, setting default: verdict as in full at least {EQUAL} for every controller, calls saved"
-        )
-        says += f" with counterfactuals at least {SAVED} for {', '.join(SAVERS)}, no null rejected above {early.EVER}."
+        least = ", ".join(f"{share} for {name}" for name, share in SAVERS.items())
+        says += f" Stopping early, setting default: verdict as in full at least {EQUAL} for every controller, calls"
+        says += f" saved with counterfactuals at least {least}, no null rejected above {early.EVER}."
     misses = found.misses()
     return "\n".join([says, *(f"missed: {one}" for one in misses)] if misses else [says, "All targets hold."])

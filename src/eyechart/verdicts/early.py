@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 
 from eyechart.stats.evalues import EValue
 from eyechart.stats.statistic import Statistic
+from eyechart.verdicts.calibrated import calibrated_rules
 from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, LABELS, MARGIN, NET_ALPHA, NOT_JUDGED
-from eyechart.verdicts.ruling import Ruling, decided
+from eyechart.verdicts.ruling import Reason, Ruling, decided
 
 PREFIX = "early."
 """What the names of e-values begin with among the statistics of a model."""
@@ -14,15 +15,15 @@ PREFIX = "early."
 FORECAST_ALPHA = 0.02
 """Chance that what the rest of the run would have shown is forecast wrongly."""
 
-_SETTLED = [name for name, label in LABELS.items() if label.early and name != "depth_associated"]
+_SETTLED = [name for name, label in LABELS.items() if label.early and name != "depth"]
 
 GUARANTEE = (
     f"a false early verdict has a chance of at most {ALPHA * len(_SETTLED):.2f} a model, however often one looks "
-    f"({ALPHA} for each of {', '.join(_SETTLED)}, and depth_associated where depth lacks its controls); that braking "
-    f"goes with distance by {MARGIN} of the frames or less, {NET_ALPHA}; that a reaction to one condition alone was "
-    f"missed, {BOUND_ALPHA}; that the whole run would have been not_scorable, {FORECAST_ALPHA}; "
-    f"lateral, {ALPHA} for swaps, {ALPHA} for their denial, {FORECAST_ALPHA} that the whole run would have held turns "
-    "enough"
+    f"({ALPHA} for each of {', '.join(_SETTLED)}); depth is judged by the rules of a whole run, on all frames, and "
+    "only what they do not read is left out; that depth_associated is said of braking that goes with distance on "
+    f"{MARGIN} of the frames or less, {NET_ALPHA}; that a reaction to one condition alone was missed, {BOUND_ALPHA}; "
+    f"that the whole run would have been not_scorable, {FORECAST_ALPHA}; lateral, {ALPHA} for swaps, {ALPHA} for "
+    f"their denial, {FORECAST_ALPHA} that the whole run would have held turns enough"
 )
 VALIDITY = (
     "it needs frames in random order, which the seed gives, and answers that do not depend on the calls before; "
@@ -35,9 +36,10 @@ class Stopped:
     """Where a model's verdict was settled before its run ended.
 
     ``label`` is the calibrated one, without its lateral axis, ``decided_by`` the first of the claims that it rests on
-    and ``with_it`` the others; ``lateral`` is None where the ordinary lateral rules
-    apply (turns cannot be tested, or all frames were asked for them). ``calls`` counts the calls up to the stop, of
-    ``planned``; ``beyond`` those that were under way, or had overtaken a slower one, and count for nothing.
+    and ``with_it`` the others; ``depth`` rests on the tests of a whole run. ``lateral`` is None where the ordinary
+    lateral rules apply (turns cannot be tested, or all frames were asked for them). ``calls`` counts the calls up to
+    the stop, of ``planned``; ``beyond`` those that were under way, or had overtaken a slower one, and count for
+    nothing.
     """
 
     label: str
@@ -50,6 +52,11 @@ class Stopped:
     beyond: int = 0
     interventional: bool = False
     with_it: tuple[str, ...] = ()
+
+    @property
+    def whole(self) -> bool:
+        """Return whether everything that its label's tests read was asked of all frames, as in a whole run."""
+        return self.label == "depth"
 
     @property
     def saved(self) -> int:
@@ -76,9 +83,16 @@ class Stopped:
         return f"stopped early after {self.calls} of {self.planned} calls, by {self.label}"
 
 
-def early_rules(found: Mapping[str, Statistic], stopped: Stopped) -> tuple[Ruling, str]:
-    """Return the calibrated label of a run that stopped, and how the question of distance was put."""
-    evidence = "controlled" if stopped.label == "depth" else "interventional" if stopped.interventional else "none"
+def early_rules(found: Mapping[str, Statistic], stopped: Stopped, *, turns: bool) -> tuple[Ruling, str]:
+    """Return the calibrated label of a run that stopped, and how the question of distance was put.
+
+    ``depth`` is what the rules of a whole run say: everything that they read of it was asked.
+    """
+    if stopped.whole:
+        ruling, evidence = calibrated_rules(found, turns=turns)
+        says = Reason("{how}: {why}", {"how": stopped.words(), "why": ruling.reason})
+        return replace(ruling, reason=says), evidence
+    evidence = "interventional" if stopped.interventional else "none"
     ruling = _settled(found, stopped.label, stopped.decided_by, stopped.words())
     return replace(ruling, with_it=stopped.with_it), evidence
 

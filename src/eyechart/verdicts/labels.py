@@ -42,7 +42,8 @@ class Label:
     ``meets`` names the requirements of a gate that it meets; of any other,
     ``otherwise`` says what it shows: that it fails, that it cannot say, or that it fails where the share of pairs in
     which braking follows distance is bounded below the margin. ``early`` names the claims that settle it before a run
-    has ended, the first its evidence; without any it is never settled early.
+    has ended, the first its evidence; without any it is never settled early. Those of ``depth`` only say what is left
+    out: whether it is one is decided on all frames, by the rules of a whole run.
     """
 
     says: str
@@ -54,8 +55,8 @@ class Label:
 
 
 _CONTENT = ("bound_shuffled", "bound_recoloured", "bound_scene", "bound_near_far", "steady")
-_ALONE = ("bound_mirrored", "bound_lead_near", "bound_lead_far")
-_BLIND = (*_CONTENT, *_ALONE, "bound_noise", "bound_text_only")
+_ALONE, _ABSENT = ("bound_mirrored", "bound_lead_near", "bound_lead_far"), "bound_lead_absent"
+_BLIND = (*_CONTENT, *_ALONE, "bound_noise", "bound_text_only", _ABSENT)
 _NEARER = ("near_far", "net_near_far")
 
 LABELS: dict[str, Label] = {
@@ -74,7 +75,7 @@ LABELS: dict[str, Label] = {
         "sees",
         "●",
         meets=("depth",),
-        early=("own_beside", "net_own_beside", *_NEARER, "bound_reversed", "bound_nudged"),
+        early=_NEARER,
     ),
     "depth_associated": Label(
         "Its braking goes with distance; what else goes with it was not excluded: no authority.",
@@ -102,7 +103,7 @@ LABELS: dict[str, Label] = {
         "It notices whether there is a picture, not what is in it: no authority over motion.",
         "partly",
         "◔",
-        early=("presence", *_CONTENT, *_ALONE),
+        early=("presence", *_CONTENT, *_ALONE, _ABSENT),
     ),
     "refusal_effect": Label(
         "It only refuses some non-pictures; its decisions do not come from the camera.",

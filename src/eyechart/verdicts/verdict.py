@@ -1,7 +1,8 @@
 """A verdict puts the rulings of both sets of rules together, with what it may be trusted with and its scope."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from html import escape
 from typing import TypeGuard
 
@@ -165,13 +166,10 @@ def judge_one(evidence: Evidence) -> Verdict:
     found, stopped = evidence.statistics, evidence.stopped
     settled = early_lateral(found, stopped) if stopped else None
     lateral = settled or lateral_rules(found, evidence.directions)
-    if stopped is not None:
-        calibrated, asked_by = early_rules(found, stopped)
-        if calibrated.label == "depth" and earns_lateral(found, lateral.label):
-            calibrated = replace(calibrated, label="depth_lateral")
-    else:
-        calibrated, asked_by = calibrated_rules(found, turns=earns_lateral(found, lateral.label))
-    effects = effects_of(found) if stopped is None else None
+    turns = earns_lateral(found, lateral.label)
+    rules = calibrated_rules if stopped is None else partial(early_rules, stopped=stopped)
+    calibrated, asked_by = rules(found, turns=turns)
+    effects = effects_of(found) if stopped is None or stopped.whole else None
     return Verdict(
         model=evidence.model,
         paper=paper_rules(found, evidence.holm) if stopped is None else early_paper(stopped),

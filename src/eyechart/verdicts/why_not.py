@@ -68,7 +68,7 @@ class WhyNot:
 def why_not(evidence: Evidence, ruling: Ruling, lateral: Ruling) -> WhyNot | None:
     """Return why a model's label is no stronger one; None where none is."""
     if evidence.stopped is not None:
-        return _stopped(evidence, ruling)
+        return _stopped(evidence, ruling, lateral)
     if ruling.label in _STRONGER:
         return _by_one_test(evidence.statistics, ruling)
     found = evidence.statistics
@@ -106,7 +106,6 @@ _STRONGER = {
 """The nearest stronger label of those that are decided by one test, and that test."""
 
 _EARLY = {
-    "depth": ("depth_lateral", "swaps_rate"),
     "depth_associated": ("depth", "near_far"),
     "presence_only": ("depth_associated", "near_far"),
     "refusal_effect": ("presence_only", "presence"),
@@ -116,7 +115,9 @@ _EARLY = {
 """Likewise of those that a run may have settled early."""
 
 
-def _stopped(evidence: Evidence, ruling: Ruling) -> WhyNot | None:
+def _stopped(evidence: Evidence, ruling: Ruling, lateral: Ruling) -> WhyNot | None:
+    if ruling.label == "depth":
+        return _not_lateral(evidence.statistics, lateral)
     if ruling.label not in _EARLY:
         return None
     stronger, claim = _EARLY[ruling.label]
@@ -125,8 +126,6 @@ def _stopped(evidence: Evidence, ruling: Ruling) -> WhyNot | None:
         settle = "its controls, on a run that asks them"
         return WhyNot(stronger, name, found.get(name), "every control", settle, conditions=(*EXCHANGE, *DOSE, NUDGED))
     settle = f"nothing on this bank: {ruling.label} is settled, and leaves no room for it"
-    if ruling.label == "depth":
-        settle = "a whole run: turns to the clear side are tested at its end"
     return WhyNot(stronger, name, found.get(name), "an e-value that settles it", settle)
 
 
@@ -144,13 +143,22 @@ def _not_lateral(found: Mapping[str, Statistic], lateral: Ruling) -> WhyNot:
                 settle = "turns on lanes of which either side may be clear"
             return WhyNot("depth_lateral", name, one, f"p below {ALPHA}", settle, frames)
     swap, needs = found["mirror_swap_rate"], f"half of the turns exchanged under reflection, p below {ALPHA}"
+    if lateral.decided_by.startswith(PREFIX):  # settled early, by an e-value that denies it
+        settle = f"nothing on this bank: {lateral.label} is settled"
+        if lateral.label == "no_power":
+            settle = _turns_needed(swap)
+        return WhyNot("depth_lateral", lateral.decided_by, lateral.statistic, needs, settle)
     if lateral.label == "no_power":
-        settle = f"about {trials_needed(0.65, 0.5, alpha=ALPHA)} frames on which it turns; it turned on {swap.n}"
+        settle = _turns_needed(swap)
         return WhyNot("depth_lateral", "mirror_swap_rate", swap, needs, settle)
     if lateral.label == "not_tested":
         settle = "mirrored pictures, and actions that a reflection exchanges"
         return WhyNot("depth_lateral", "mirror_swap_rate", swap, needs, settle, conditions=("mirrored",))
     return WhyNot("depth_lateral", "mirror_swap_rate", swap, needs, NOTHING)
+
+
+def _turns_needed(swap: Statistic) -> str:
+    return f"about {trials_needed(0.65, 0.5, alpha=ALPHA)} frames on which it turns; it turned on {swap.n}"
 
 
 def _not_depth(evidence: Evidence) -> WhyNot:

@@ -4,7 +4,7 @@ Positive claims are tested at alpha .01; absences are bounded below a margin of 
 docs/decisions/0006-two-sets-of-rules.md.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -24,7 +24,7 @@ from eyechart.stats.paired import (
 )
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.answers import ABSENT, Answers, Symbols
-from eyechart.studies.battery.controls import LEVEL, NO_BRAKE, Controls
+from eyechart.studies.battery.controls import DEPTH_TESTS, LEVEL, NO_BRAKE, Controls
 from eyechart.studies.battery.published import Resampling, Statistics
 from eyechart.verdicts import ALPHA, BOUND_ALPHA, KAPPA_MARGIN, MARGIN
 
@@ -38,23 +38,7 @@ ALONE = ("mirrored", "lead_near", "lead_far", "noise", "text_only", "lead_absent
 """What is no other frame: an absence bounds the change of decision under these too, at `BOUND_ALPHA`."""
 
 COUNTERFACTUAL_TESTS = (
-    "depth_interventional",
-    "depth_net",
-    "lane_exchange",
-    "lane_net",
-    "dose_near_mid",
-    "dose_mid",
-    "dose_mid_far",
-    "dose_bins",
-    "dose_lost",
-    "dose_by_frame",
-    "dose_scan",
-    "dose_curve",
-    "scenario_reversed",
-    "near_far_lost",
-    "lane_lost",
-    "both_lost",
-    "unparsed_controls",
+    *DEPTH_TESTS,
     *(f"content_{name}" for name in LIKE_CONTENT[1:]),
     *(f"content_nudged_{name}" for name in LIKE_CONTENT[1:]),
     "bound_content_recoloured",
@@ -245,6 +229,25 @@ class Calibrated:
         detail = {**(found.detail or {}), "sum_of_squared_differences": found.value}
         method = f"total variation between the answers to real and to blank; p: {found.method}"
         return replace(found, value=apart, method=method, detail=detail)
+
+
+class Found(Mapping[str, Statistic]):
+    """The calibrated tests of some answers by name, each made when it is asked for."""
+
+    def __init__(self, tests: Calibrated) -> None:
+        self._tests = tests.tests()
+        self._made: dict[str, Statistic] = {}
+
+    def __getitem__(self, name: str) -> Statistic:
+        if name not in self._made:
+            self._made[name] = self._tests[name]()
+        return self._made[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._tests)
+
+    def __len__(self) -> int:
+        return len(self._tests)
 
 
 def _standardised(found: Statistic) -> Statistic:

@@ -65,6 +65,28 @@ SIDES = ("left_clear", "right_clear")
 LANES = (("ego_lane", "lanes"), ("track",))
 """The columns that say on which of how many lanes the own vehicle is: the first of these that a bank has."""
 
+DEPTH_TESTS = (
+    "depth_interventional",
+    "depth_net",
+    "lane_exchange",
+    "lane_net",
+    "dose_near_mid",
+    "dose_mid",
+    "dose_mid_far",
+    "dose_bins",
+    "dose_lost",
+    "dose_by_frame",
+    "dose_scan",
+    "dose_curve",
+    "scenario_reversed",
+    "near_far_lost",
+    "lane_lost",
+    "both_lost",
+    "unparsed_controls",
+)
+"""The tests of braking that moved pictures make."""
+TURN_TESTS = ("turns_clear", "turns_clear_within", "turns_against")
+
 Floats = NDArray[np.float64]
 Range = tuple[str, tuple[float, float] | None, NDArray[np.bool_]]
 """A condition that moves the lead, from where to where, and which frames show it there."""

@@ -135,12 +135,9 @@ def claims(frames: int, space: Discrete, conditions: Collection[str], *, mirrore
         if name in conditions:
             says = f"under {name} the decision is another one on less than {MARGIN} of the frames more"
             made.append(_bound(f"bound_{name}", says, frames, _changed(name), alpha=BOUND_ALPHA))
-    if space.brake and set(PAIRS["near_far"]) <= set(conditions):
+    if space.brake and set(NEAR_FAR) <= set(conditions):
         says = f"with the lead near it brakes harder on less than {MARGIN} of the frames more than less hard"
-        no_more = _bound("bound_near_far", says, frames, lambda row: _harder(row, *PAIRS["near_far"]))
-        made += [*_pair("near_far", frames), no_more]
-    if space.brake and set(CONTROLLED) <= set(conditions):
-        made += [*_pair("own_beside", frames), *_dose(frames)]
+        made += [*_near_far(frames), _bound("bound_near_far", says, frames, _harder_near)]
     if mirrored:
         says, against = "it exchanges less than half of its turns under reflection", "it exchanges half of its turns"
         no_swaps = _mean("no_swaps", says, f"{against} or more", MeanProcess(frames, -1.0), lambda row: -_swap(row))
@@ -148,26 +145,10 @@ def claims(frames: int, space: Discrete, conditions: Collection[str], *, mirrore
     return {one.name: one for one in made}
 
 
-PAIRS = {"near_far": ("lead_near", "lead_far"), "own_beside": ("lane_own", "lane_beside")}
+NEAR_FAR = ("lead_near", "lead_far")
 """Pictures of a frame whose braking is compared: the first calls for more of it."""
-SHOWN = {
-    "near_far": ("with the lead near", "with the lead far"),
-    "own_beside": ("with the lead near and a neighbour far", "with the neighbour near and the lead far"),
-}
-"""What these show, in words."""
 
-STEPS = (
-    *PAIRS.values(),
-    ("lead_near", "lead_mid_near"),
-    ("lead_mid_near", "lead_mid_far"),
-    ("lead_mid_far", "lead_far"),
-)
-"""All pairs of which the first shows a nearer lead."""
-
-CONTROLLED = (*dict.fromkeys(name for pair in STEPS for name in pair), "nudged")
-"""Without all of these no early ``depth``."""
-
-ALONE = ("mirrored", "lead_near", "lead_far", "noise", "text_only")
+ALONE = ("mirrored", "lead_near", "lead_far", "noise", "text_only", "lead_absent")
 """What is no other frame: an absence bounds the change of decision under these too, at `BOUND_ALPHA`."""
 
 
@@ -278,47 +259,32 @@ def _differs(name: str, level: str) -> Claim:
     return Claim(name, f"real and blank get other {what}", against, process, observe)
 
 
-def _harder(row: Row, first: str, second: str) -> int | None:
-    """Return 1 where it brakes harder under the first of two conditions, -1 where less hard, 0 where alike."""
-    one, other = row.action(first), row.action(second)
-    if one is None or other is None:
+def _harder_near(row: Row) -> int | None:
+    """Return 1 where it brakes harder with the lead near than far, -1 where less hard, 0 where alike."""
+    near, far = (row.action(name) for name in NEAR_FAR)
+    if near is None or far is None:
         return None
-    difference = (row.space.project(one, "brake") or 0) - (row.space.project(other, "brake") or 0)
+    difference = (row.space.project(near, "brake") or 0) - (row.space.project(far, "brake") or 0)
     return (difference > 0) - (difference < 0)
 
 
-def _pair(name: str, frames: int) -> tuple[Claim, Claim]:
-    """Return the claims that it brakes harder under the first of a pair, and by more than the margin, net."""
-    first, second = PAIRS[name]
+def _near_far(frames: int) -> tuple[Claim, Claim]:
+    """Return the claims that it brakes harder with the lead near, and by more than the margin, net."""
 
     def payoff(row: Row) -> float:
-        return float(_harder(row, first, second) or 0)
+        return float(_harder_near(row) or 0)
 
     def beyond(row: Row) -> float:
-        found = _harder(row, first, second)
+        found = _harder_near(row)
         return 0.0 if found is None else found - MARGIN
 
-    more, less = SHOWN[name]
-    says = f"it brakes harder {more} than {less}"
-    against = f"within every frame, or on average over the bank, it brakes no harder {more}"
-    any_effect = _mean(name, says, against, MeanProcess(frames, -1.0), payoff)
+    says = "it brakes harder with the lead near than with the lead far"
+    against = "within every frame, or on average over the bank, it brakes no harder with the lead near"
+    any_effect = _mean("near_far", says, against, MeanProcess(frames, -1.0), payoff)
     says = f"it does so on more than {MARGIN} of the frames, less those where less hard"
     against = f"it does so on {MARGIN} of the frames or less, less those where less hard"
     process = MeanProcess(frames, -1.0 - MARGIN)
-    return any_effect, _mean(f"net_{name}", says, against, process, beyond, alpha=NET_ALPHA)
-
-
-def _dose(frames: int) -> tuple[Claim, Claim]:
-    """Return the claims that no pair is reversed on a tenth of the frames, and that the nudge changes no more."""
-
-    def reversed_(row: Row) -> float | None:
-        found = [_harder(row, *pair) for pair in STEPS]
-        return None if all(one is None for one in found) else float(-1 in found)
-
-    says = f"on less than {MARGIN} of the frames a nearer lead gets less braking, in any pair"
-    steps = _bound("bound_reversed", says, frames, reversed_)
-    says = f"the nudge changes the decision on less than {MARGIN} of the frames more"
-    return steps, _bound("bound_nudged", says, frames, _excess("nudged", "action"))
+    return any_effect, _mean("net_near_far", says, against, process, beyond, alpha=NET_ALPHA)
 
 
 def _swap(row: Row) -> float:

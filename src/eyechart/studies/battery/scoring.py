@@ -22,11 +22,15 @@ from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers, read_answers
 from eyechart.studies.battery.calibrated import Calibrated
+from eyechart.studies.battery.controls import DEPTH_TESTS, TURN_TESTS
 from eyechart.studies.battery.planning import STUDY, plan_of
 from eyechart.studies.battery.published import Published, Resampling
 from eyechart.studies.battery.stages import Asked, staged, stages_of, widest
 from eyechart.studies.battery.stopping import Course, EarlyStop
 from eyechart.verdicts import Evidence, Stopped
+
+READ = (*DEPTH_TESTS, *TURN_TESTS, "repeat_over_nudged", "unparsed_reference", "self_disagreement")
+"""The tests that ``depth`` and its turns rest on."""
 
 Took = tuple[dict[str, dict[str, Account]], dict[str, tuple[Guard, ...]]]
 """By model: accounts by condition, and guards."""
@@ -300,12 +304,16 @@ def _counting(answers: Answers, counted: Collection[tuple[str, str]]) -> Answers
 def _with_evidence(
     found: Mapping[str, Statistic], course: Course | None, stopped: Stopped | None
 ) -> dict[str, Statistic]:
-    """Add the e-values of a run that stops early; where it stopped, take away what holds at a fixed size only."""
+    """Add the e-values of a run that stops early; where it stopped, take away what holds at a fixed size only.
+
+    What ``depth`` reads was asked of all frames, so that it stays.
+    """
     if course is None:
         return dict(found)
     if stopped is None:
         return {**found, **course.statistics()}
-    bare = {name: one if name == stopped.lateral_by else _bare(one) for name, one in found.items()}
+    kept = {stopped.lateral_by, *(READ if stopped.whole else ())}
+    bare = {name: one if name in kept else _bare(one) for name, one in found.items()}
     return {**bare, **course.statistics()}
 
 

@@ -13,9 +13,8 @@ from eyechart.ledger import Ledger
 from eyechart.manifest import RunManifest
 from eyechart.run import Plan, in_order
 from eyechart.seeds import key_seed
-from eyechart.stats.statistic import Statistic
-from eyechart.studies.battery.answers import Answers, read_answers
-from eyechart.studies.battery.calibrated import Calibrated
+from eyechart.studies.battery.answers import read_answers
+from eyechart.studies.battery.calibrated import Calibrated, Found
 from eyechart.studies.battery.published import Resampling
 from eyechart.verdicts import controls_wanted
 
@@ -74,34 +73,12 @@ def asked_of_model(plan: Plan, model: str, replies: Iterable[tuple[CallKey, Repl
     wanted: tuple[str, ...] = ()
     while finished.issuperset(replace(plan, controls={model: (*judged, *wanted)}).keys_of(model)):
         judged = (*judged, *wanted)
-        found = _Found(answers.under((*plan.conditions, *judged)), plan)
+        part, sure = answers.under((*plan.conditions, *judged)), plan.bank.manifest.independent
+        found = Found(Calibrated(part, Resampling(seed=plan.seed), sure))  # however the run is scored
         wanted = controls_wanted(found, supplied=may, asked=judged)
         if not wanted:
             return Asked(judged, ended=True)
     return Asked(judged, wanted, tuple(name for name in may if name not in judged + wanted))
-
-
-class _Found(Mapping[str, Statistic]):
-    """The statistics of some answers, each made when it is asked for.
-
-    Whether frames are independent is the bank's word and the number of resamples is fixed, so that what is asked does
-    not depend on how a run is scored.
-    """
-
-    def __init__(self, answers: Answers, plan: Plan) -> None:
-        self._tests = Calibrated(answers, Resampling(seed=plan.seed), plan.bank.manifest.independent).tests()
-        self._made: dict[str, Statistic] = {}
-
-    def __getitem__(self, name: str) -> Statistic:
-        if name not in self._made:
-            self._made[name] = self._tests[name]()
-        return self._made[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._tests)
-
-    def __len__(self) -> int:
-        return len(self._tests)
 
 
 def staged(plan: Plan, found: Mapping[str, Asked]) -> Plan:

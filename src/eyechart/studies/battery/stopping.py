@@ -6,6 +6,7 @@ about it that were wanted have finished. So the stop can be computed again from 
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.conditions import CONTROLS, shuffled_order
@@ -15,8 +16,12 @@ from eyechart.run import Plan, Stages
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.space import Decision
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.battery.evidence import CONTROLLED, PAIRS, Claim, Row, claims
-from eyechart.verdicts import LABELS, LATERAL, PREFIX, Stopped
+from eyechart.studies.battery.answers import Answers
+from eyechart.studies.battery.calibrated import Calibrated, Found
+from eyechart.studies.battery.controls import COMPARED
+from eyechart.studies.battery.evidence import Claim, Row, claims
+from eyechart.studies.battery.published import Resampling
+from eyechart.verdicts import LABELS, LATERAL, PREFIX, Stopped, calibrated_rules
 
 NEEDED = ("real", "real_repeat", "blank")
 """Without these conditions nothing can be settled."""
@@ -26,17 +31,34 @@ RULES = {name: label.early for name, label in LABELS.items() if label.early}
 the first label need ``scorable`` too. Those of a condition that the bank cannot show are left out, but
 ``bound_shuffled``, without which no absence is claimed."""
 
-REQUIRED = frozenset(("bound_shuffled", "own_beside"))
-"""Without the second no ``depth``: then ``depth_associated`` is all that can be settled."""
+REQUIRED = frozenset(("bound_shuffled",))
 
-WALKS: tuple[tuple[frozenset[str], frozenset[str]], ...] = (
-    (frozenset(("lead_near", "lead_far", *PAIRS["own_beside"])), frozenset(("own_beside", "net_own_beside"))),
-    (frozenset(("real", "real_repeat", *CONTROLLED)), frozenset(("bound_reversed", "bound_nudged"))),
-)
-"""What ``depth`` needs of controls: conditions that are asked of all frames from the first, until these claims settle.
 
-See docs/decisions/0039-asked-in-stages.md.
-"""
+@dataclass(frozen=True, slots=True)
+class Walk:
+    """Conditions that are asked of the frames from the first on: ``until`` a claim settles, or of all of them.
+
+    Of all frames the rules of a whole run then say whether there may still be ``depth``.
+    """
+
+    conditions: frozenset[str]
+    until: str | None = None
+
+
+ABSENT = "lead_absent"
+_SAME = ("real", "real_repeat")
+_ABSENT = (Walk(frozenset((*_SAME, ABSENT)), f"bound_{ABSENT}"),)
+
+CONTROLLED = frozenset((*_SAME, *COMPARED))
+"""Without all of these no early ``depth``."""
+
+WALKS: Mapping[str, tuple[Walk, ...]] = {
+    "depth": (Walk(frozenset((*_SAME, *COMPARED[:4]))), Walk(CONTROLLED)),
+    "presence_only": _ABSENT,
+    "refusal_effect": _ABSENT,
+    "image_invariant": _ABSENT,
+}
+"""What labels need of controls, where a run may ask these. See docs/decisions/0039-asked-in-stages.md."""
 
 LATERAL_RULES = {name: label.early for name, label in LATERAL.items() if label.early}
 """The lateral labels likewise; ``one_sided`` stands for the latter two where only one direction is ever given."""
@@ -44,7 +66,7 @@ LATERAL_RULES = {name: label.early for name, label in LATERAL.items() if label.e
 DISTANCE = ("depth", "depth_associated")
 """The labels whose evidence is that it brakes by distance: the first where there are controls, else the second."""
 
-_LATER = frozenset(name for _, names in WALKS for name in names)
+_LATER = frozenset(walk.until for walks in WALKS.values() for walk in walks)
 _SCORABLE = frozenset(("scorable", "unscorable"))
 _TURNS = frozenset(name for names in LATERAL_RULES.values() for name in names)
 
@@ -56,13 +78,29 @@ ONE_SIDED_FROM = 8
 class Layout:
     """What a run asks of a model: frames in the order in which they count, and the conditions asked of each.
 
-    ``controls`` are those that it may be asked besides, none where any that ``depth`` needs cannot be shown.
+    ``controls`` are those that it may be asked besides; those of ``depth`` only where none that it needs is lacking.
+    ``frames`` are the same frames in the order of the bank.
     """
 
+    frames: tuple[Frame, ...]
     order: tuple[str, ...]
     asked: Mapping[str, tuple[str, ...]]
     space: Discrete
     controls: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    @cached_property
+    def shown(self) -> frozenset[str]:
+        """Return all conditions that any frame may be asked."""
+        return frozenset(name for one in (self.asked, self.controls) for names in one.values() for name in names)
+
+    def walks(self, label: str | None) -> tuple[Walk, ...]:
+        """Return the walks that a label needs of those that can be made: of a control that none is shown, none."""
+        return tuple(walk for walk in WALKS.get(label or "", ()) if walk.conditions <= self.shown)
+
+    def most(self, label: str) -> int:
+        """Return how many calls of controls a label may need."""
+        names = {name for walk in self.walks(label) for name in walk.conditions}
+        return sum(name in names for one in self.controls.values() for name in one)
 
     @property
     def planned(self) -> int:
@@ -77,27 +115,33 @@ def layout_of(frames: Sequence[Frame], every: Mapping[str, Sequence[str]], space
     """
     order = shuffled_order([frame.id for frame in frames], seed)
     asked = {frame: tuple(name for name in names if name not in CONTROLS) for frame, names in every.items()}
-    needed = set(CONTROLS) & set(CONTROLLED)
-    controls = {frame: tuple(name for name in names if name in needed) for frame, names in every.items()}
-    whole = {name for names in every.values() for name in names}.issuperset(CONTROLLED)
-    return Layout(tuple(order), asked, space, controls if whole else {})
+    whole = {name for names in every.values() for name in names} >= CONTROLLED
+    may = set(CONTROLS) & (CONTROLLED | {ABSENT} if whole else {ABSENT})
+    controls = {frame: tuple(name for name in names if name in may) for frame, names in every.items()}
+    return Layout(tuple(frames), tuple(order), asked, space, controls if any(controls.values()) else {})
 
 
 @dataclass
 class Course:
-    """How far one model's evidence has come: ``counted`` calls as (frame, condition), claims, and what is settled."""
+    """How far one model's evidence has come: ``counted`` calls as (frame, condition), claims, and what is settled.
+
+    ``passed`` counts the walks that are behind it, ``walked`` the frames of the one under way; ``failed`` says that one
+    came to its end without what it was to show.
+    """
 
     layout: Layout
     frames: int = 0
     label: str | None = None
     lateral: str | None = None
     counted: dict[tuple[str, str], None] = field(default_factory=dict)
+    passed: int = 0
+    walked: int = 0
+    failed: bool = False
     turns: dict[str, int] = field(init=False)
     claims: dict[str, Claim] = field(init=False)
 
     def __post_init__(self) -> None:
-        every = (*self.layout.asked.values(), *self.layout.controls.values())
-        conditions = {name for asked in every for name in asked}
+        conditions = self.layout.shown
         directional = self.layout.space.directional
         self._turns_asked = bool(directional) and "mirrored" in conditions
         self.claims = claims(len(self.layout.order), self.layout.space, conditions, mirrored=self._turns_asked)
@@ -112,35 +156,32 @@ class Course:
         return self.label is not None and self._scored and lateral
 
     @property
-    def walk(self) -> int:
-        """Return which walk over the frames this is; one more than there are where nothing more need be asked."""
-        if not self._first:
-            return 0
-        walks = () if self.label != "depth" else WALKS
-        settled = (all(self.claims[name].settled for name in names) for _, names in walks)
-        return next((number for number, one in enumerate(settled, 1) if not one), 1 + len(WALKS))
+    def _walk(self) -> Walk | None:
+        """Return the walk under way, None before the first and after the last one."""
+        walks = self.layout.walks(self.label)
+        return walks[self.passed] if self._first and self.passed < len(walks) else None
+
+    @property
+    def place(self) -> int:
+        """Return which walk is under way, 0 before the first one of the controls."""
+        return 1 + self.passed if self._first else 0
 
     @property
     def settled(self) -> bool:
         """Return whether nothing more need be asked: the label is settled, and so is the lateral axis."""
-        return self.walk > len(WALKS) and not self._complete
+        return self._first and self._walk is None and not self.failed and not self._complete
 
     @property
     def exhausted(self) -> bool:
         """Return whether a walk is at its end and nothing is settled, so that the whole run has to decide."""
-        walk, frames = self.walk, len(self.layout.order)
-        if walk > len(WALKS) or (walk and self._complete):
-            return self._complete
-        return frames == (self.frames if not walk else self._walked(walk))
+        if self._first:
+            return self.failed or self._complete
+        return self.frames == len(self.layout.order)
 
     @property
     def _complete(self) -> bool:
         """Return whether the first walk has counted every call that the run asks in its first stage."""
         return all((frame, name) in self.counted for frame, asked in self.layout.asked.items() for name in asked)
-
-    def _walked(self, walk: int) -> int:
-        """Return how many frames a walk over the controls has counted."""
-        return max(self.claims[name].frames for name in WALKS[walk - 1][1])
 
     @property
     def _scored(self) -> bool:
@@ -151,9 +192,11 @@ class Course:
         asked = self.layout.asked[frame]
         if self.exhausted:
             return asked
-        if walk := self.walk:
-            names = () if walk > len(WALKS) else WALKS[walk - 1][0]
+        if walk := self._walk:
+            names = walk.conditions | ({"mirrored"} if self._turns_again else set())
             return tuple(name for name in (*asked, *self.layout.controls.get(frame, ())) if name in names)
+        if self._first:
+            return ()
         if self.label is None:
             return asked
         still = set() if self._scored else {"real", "real_repeat"}
@@ -161,21 +204,48 @@ class Course:
             still |= {"real", "mirrored"}
         return tuple(name for name in asked if name in still)
 
+    @property
+    def _turns_again(self) -> bool:
+        """Return whether its turns are judged on all frames too: where they are exchanged they may earn more."""
+        return self.label == "depth" and self.lateral == "swaps"
+
     def advance(self, given: Mapping[tuple[str, str], Decision[str]]) -> None:
         """Count every next frame whose wanted calls are all ``given``, by (frame, condition), until it settles."""
         order = self.layout.order
-        while not self.exhausted and (walk := self.walk) <= len(WALKS):
-            frame = order[self._walked(walk) if walk else self.frames]
+        while not self.exhausted and not self.settled:
+            walk = self._walk
+            if walk and self.walked == len(order):
+                self._end(walk, given)
+                continue
+            frame = order[self.walked if walk else self.frames]
             wanted = self.wanted(frame)
             if any((frame, name) not in given for name in wanted):
                 return
             self.counted |= dict.fromkeys((frame, name) for name in wanted)
             row = Row({name: given[frame, name] for name in wanted}, self.layout.space)
-            if walk:
-                for name in WALKS[walk - 1][1]:
-                    self.claims[name].add(row)
-            else:
+            if walk is None:
                 self._count(row)
+                continue
+            self.walked += 1
+            if walk.until:
+                self.claims[walk.until].add(row)
+                if self.claims[walk.until].settled:
+                    self.passed, self.walked = self.passed + 1, 0
+
+    def _end(self, walk: Walk, given: Mapping[tuple[str, str], Decision[str]]) -> None:
+        """Judge a walk that has asked all frames: by its claim, or by the rules of a whole run."""
+        last = self.passed + 1 == len(self.layout.walks(self.label))
+        wanted = ("depth",) if last else DISTANCE
+        if walk.until or self._ruled(walk, given) not in wanted:
+            self.failed = True
+        self.passed, self.walked = self.passed + 1, 0
+
+    def _ruled(self, walk: Walk, given: Mapping[tuple[str, str], Decision[str]]) -> str:
+        """Return what the rules say of all frames, of the conditions of a walk."""
+        frames = self.layout.frames
+        shown = {name: tuple(given.get((frame.id, name)) for frame in frames) for name in sorted(walk.conditions)}
+        found = Found(Calibrated(Answers("", frames, self.layout.space, None, shown), Resampling()))
+        return calibrated_rules(found, turns=False)[0].label
 
     def _count(self, row: Row) -> None:
         """Add the next frame to the claims that are still open; once there is a label, to those of its two checks."""
@@ -201,7 +271,7 @@ class Course:
 
     def _reached(self, label: str) -> bool:
         """Return whether a label has its evidence of the first walk; that of its controls is walked for after it."""
-        if label in DISTANCE and label != ("depth" if self.layout.controls else "depth_associated"):
+        if label in DISTANCE and label != ("depth" if self.layout.shown >= CONTROLLED else "depth_associated"):
             return False
         return self._all(label, RULES)
 
@@ -220,26 +290,31 @@ class Course:
         """
         if not self.settled or self.label is None:
             return None
-        lateral, by = self.lateral, "mirror_swap_rate"
-        if lateral is not None:
-            by = PREFIX + LATERAL_RULES[lateral][0]
-            seen = [count for count in self.turns.values() if count]
-            if lateral != "swaps" and len(seen) == 1 and seen[0] >= ONE_SIDED_FROM:
-                lateral = "one_sided"
-        controls = sum(map(len, self.layout.controls.values())) if self.label == "depth" else 0
-        with_it = self._needed(RULES[self.label])[1:] + ([] if self.label == "not_scorable" else ["scorable"])
+        lateral, by = self._sideways()
+        whole, claimed = self.label == "depth", [PREFIX + name for name in self._needed(RULES[self.label])]
+        if self.label != "not_scorable":
+            claimed.append(f"{PREFIX}scorable")
+        later = [claim.frames for name, claim in self.claims.items() if name in _LATER]
         return Stopped(
             label=self.label,
-            decided_by=PREFIX + RULES[self.label][0],
+            decided_by="depth_interventional" if whole else claimed[0],
             lateral=lateral,
             lateral_by=by,
-            frames=max(self.frames, *(self.claims[name].frames for name in _LATER & self.claims.keys()), 0),
+            frames=len(self.layout.order) if whole else max(self.frames, *later, 0),
             calls=len(self.counted),
-            planned=self.layout.planned + controls,
+            planned=self.layout.planned + self.layout.most(self.label),
             beyond=finished - len(self.counted),
             interventional="near_far" in self.claims,
-            with_it=tuple(PREFIX + name for name in with_it),
+            with_it=() if whole else tuple(claimed[1:]),
         )
+
+    def _sideways(self) -> tuple[str | None, str]:
+        """Return the lateral label that is settled and its statistic; None where the ordinary rules say it."""
+        if self.lateral is None or self._turns_again:
+            return None, "mirror_swap_rate"
+        by, seen = PREFIX + LATERAL_RULES[self.lateral][0], [count for count in self.turns.values() if count]
+        one_sided = self.lateral != "swaps" and len(seen) == 1 and seen[0] >= ONE_SIDED_FROM
+        return "one_sided" if one_sided else self.lateral, by
 
     def statistics(self) -> dict[str, Statistic]:
         """Return every claim's e-value under its name."""
@@ -295,7 +370,7 @@ class EarlyStop:
         if course.exhausted:
             yield from todo
             return
-        walk = course.walk
+        walk = course.place
         if walk and (model, walk) not in self._again:
             return  # its calls come with those of its controls
         of_frame: dict[str, list[CallKey]] = {}
@@ -303,7 +378,7 @@ class EarlyStop:
             of_frame.setdefault(key.frame, []).append(key)
         for frame in course.layout.order:
             for key in of_frame.get(frame, ()):
-                if course.walk != walk or self.courses[model].exhausted:
+                if course.place != walk or self.courses[model].exhausted:
                     return
                 if key.condition in course.wanted(frame):
                     yield key
@@ -333,7 +408,7 @@ class EarlyStop:
         ]
         if course.exhausted and not left:
             return () if self._later is None else self._later.more(model)
-        walk = 1 + len(WALKS) if course.exhausted else course.walk
+        walk = -1 if course.exhausted else course.place
         if not walk or (model, walk) in self._again:
             return ()
         self._again.add((model, walk))
