@@ -69,6 +69,7 @@ NAMES = (
     "turns_clear",
     "turns_clear_within",
     "turns_against",
+    "turns_boxed",
 )
 
 

@@ -9,10 +9,12 @@ import simulated
 from eyechart.frames import Frame
 from eyechart.gate import hold
 from eyechart.spaces.space import Decision
+from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.published import Resampling
 from eyechart.studies.battery.scoring import statistics_of
 from eyechart.verdicts import LABELS, Evidence, Verdict, judge_one
+from eyechart.verdicts.calibrated import frames_to_bound
 from eyechart.verdicts.why_not import ANY
 
 HOW = Resampling(resamples=999, seed=1, intervals=False)
@@ -120,6 +122,59 @@ def test_content_that_could_not_be_asked_of_distance_names_pictures_and_episodes
     assert verdict.why_not.episodes == 4 or verdict.why_not.episodes > 1
 
 
+def test_a_bank_that_lacks_the_pictures_is_told_so_and_what_they_show() -> None:
+    """Not that they were not asked: nothing that is asked of this bank would settle it."""
+    given = evidence_on(simulated.answers(graded, WORLD, controls=False))
+    why = judge_one(replace(given, absent=("lane_own", "lane_beside", "lead_mid_near", "lead_mid_far"))).why_not
+    assert why.settle.startswith("a bank that has the pictures that this one lacks, of each moment again (lane_own: ")
+    assert "lane_beside: it far, and the one beside the path near" in why.settle
+    assert why.settle.endswith("pictures that were not asked: nudged")
+    observed = evidence_on(simulated.answers(graded, WORLD, counterfactuals=False))
+    moved = judge_one(replace(observed, absent=("lead_near", "lead_far"))).why_not
+    assert "lead_near: the obstacle ahead near" in moved.settle
+
+
+@pytest.mark.parametrize("share", [0.03, 0.06, 0.12])
+def test_no_fewer_frames_are_named_than_there_are(share: float) -> None:
+    """Of who reacts now and then to one picture: 144 frames decided nothing, so that more are needed than these."""
+
+    def rule(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+        del frame
+        return "STOP" if condition in {"noise", "shuffled"} and rng.uniform() < share else "SLOW"
+
+    for seed in range(2):
+        answered = simulated.answers(rule, WORLD, seed=seed)
+        why = judge_one(evidence_on(answered)).why_not
+        assert why.frames is None or why.frames > len(WORLD)
+    one = Statistic(0.05, 144, (-0.02, 0.12), 0.9)
+    assert frames_to_bound(one, 0.05) == (283, "were the rest like these")
+    assert frames_to_bound(replace(one, n=20), 0.05) == (25, "were there none")
+    assert frames_to_bound(replace(one, value=0.1, ci=(-0.01, 0.21)), 0.05) == (175, "were the rest like these")
+    assert frames_to_bound(replace(one, ci=(0.01, 0.09)), 0.05) is None
+
+
+def test_a_shard_that_leaves_its_controls_to_the_merged_run_is_never_finished() -> None:
+    """All of its calls are answered, and it says what is still to be done."""
+    given = evidence_on(simulated.answers(graded, WORLD, controls=False))
+    whole, part = judge_one(given), judge_one(replace(given, part=True))
+    assert whole.unfinished is None
+    assert part.state.startswith("unfinished")
+    assert "merge the shards, and resume the merged run" in part.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("label", "asked"), [("depth_associated", True), ("content", True), ("depth_associated", False)]
+)
+def test_what_was_called_depth_before_is_said_so(label: str, *, asked: bool) -> None:
+    """Of evidence by the moved lead, by who is nearest, and by the gaps that frames have; of no other label."""
+    rule = nearest if label == "content" else graded
+    verdict = verdict_on(rule, controls=label == "content", counterfactuals=asked)
+    assert verdict.calibrated.label == label
+    assert sum(note.startswith("before 0.2.0 this evidence was called depth") for note in verdict.notes) == 1
+    for other in (graded, constant, presence):
+        assert "before 0.2.0" not in verdict_on(other).text()
+
+
 def test_frames_are_named_where_they_would_settle_it() -> None:
     """Ten frames of a constant controller: about 49, were there no effect; a shown effect needs none."""
     world = simulated.frames(scenarios=2, episodes=1, steps=5)
@@ -173,6 +228,26 @@ def test_whoever_turns_to_the_blocked_side_is_told_so_on_the_card() -> None:
     assert (verdict.why_not.label, verdict.why_not.decided_by) == ("depth_lateral", "turns_clear")
     assert any(note.startswith("it turns to the blocked side") for note in verdict.notes)
     assert "follow the side" not in verdict.text()
+
+
+def test_turns_where_no_side_is_clear_are_counted_and_said() -> None:
+    """They are in no test of the clear side, so that a reader of the verdict must be told of them."""
+    world = tuple(
+        replace(frame, truth={**frame.truth, "left_clear": False, "right_clear": False}) if number < 10 else frame
+        for number, frame in enumerate(WORLD)
+    )
+
+    def turning(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+        del rng
+        if simulated.blind(condition):
+            return "STOP"
+        return "LEFT" if (frame.truth["left_clear"] is True) != (condition == "mirrored") else "RIGHT"
+
+    given = evidence_on(simulated.answers(turning, world))
+    assert (given.statistics["turns_boxed"].n, given.statistics["turns_boxed"].value) == (144, 10 / 144)
+    note = "it turns where no side is clear: 10 of 144 turns; turns_clear does not count these"
+    assert note in judge_one(given).notes
+    assert "no side is clear" not in verdict_on(graded).text()
 
 
 def test_effects_stand_in_text_card_and_json() -> None:

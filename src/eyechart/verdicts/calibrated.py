@@ -3,6 +3,7 @@
 Number 6 of docs/decisions has them, and number 38 what depth needs beside its first test.
 """
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 
 from eyechart.stats.agreement import SwapRate, trials_needed
@@ -200,20 +201,47 @@ def _undecided(found: Mapping[str, Statistic]) -> Ruling:
     if not open_ones:
         return decided("undecided", "presence", None, "no rule's test decided at alpha {alpha}", alpha=ALPHA)
     name, bound = max(open_ones.items(), key=lambda item: item[1].p or 0.0)
-    need = frames_to_bound(bound, levels[name])
-    if need is None:
+    needed = frames_to_bound(bound, levels[name])
+    if needed is None:
         words = "{what} changes its decision more than a repeat does, which no rule makes a claim of"
         return decided("undecided", name, bound, words, what=name.removeprefix("bound_").removeprefix("content_"))
-    words = "no test decided; an effect of {margin} is not excluded (were there none, about {need} frames would)"
-    return decided("undecided", name, bound, words, margin=MARGIN, need=need)
+    words = "no test decided; an effect of {margin} is not excluded ({under}, about {need} frames would)"
+    return decided("undecided", name, bound, words, margin=MARGIN, need=needed[0], under=needed[1])
 
 
-def frames_to_bound(bound: Statistic, alpha: float) -> int | None:
-    """Return how many frames would bound an effect, were there none; None where there is one."""
-    if bound.ci is None or bound.ci[0] > 0:
+def frames_to_bound(bound: Statistic, alpha: float) -> tuple[int, str] | None:
+    """Return how many frames would decide on a bound, and under what; None where there is an effect.
+
+    They are more than there are: where that many without an effect would do, those that there are look like one, and
+    counted is what would bound it, or show it, were the rest like these (the interval shrinks with the root).
+    """
+    if bound.ci is None or bound.value is None or bound.ci[0] > 0:
         return None
     discordant = bound.discordant / max(bound.n, 1) if isinstance(bound, Discordant) else 0.0
-    return pairs_to_bound(min(discordant, 0.9), margin=MARGIN, alpha=alpha)
+    need = pairs_to_bound(min(discordant, 0.9), margin=MARGIN, alpha=alpha)
+    if need > bound.n:
+        return need, "were there none"
+    (low, high), value = bound.ci, bound.value
+    times = [((high - value) / (MARGIN - value)) ** 2] if value < MARGIN else []
+    times += [((value - low) / value) ** 2] if value > 0 else []
+    return max(math.ceil(bound.n * min(times)), bound.n + 1), "were the rest like these"
+
+
+def turns_to_tell(swap: Statistic) -> int | None:
+    """Return how many turns would tell whether they are exchanged, more than there are; None where none would.
+
+    So many as a rate of .65 takes, and where there are that many already, as the rate that they have.
+    """
+    need = _turns_for(0.5)
+    if need > swap.n:
+        return need
+    rate = swap.value or 0.0
+    return max(trials_needed(rate, 0.5, alpha=ALPHA), swap.n + 1) if rate > 0.51 else None
+
+
+def _turns_for(chance: float) -> int:
+    """Return how many turns tell a rate of .65 from chance."""
+    return trials_needed(0.65, min(chance, 0.5), alpha=ALPHA)
 
 
 def earns_lateral(found: Mapping[str, Statistic], label: str) -> bool:
@@ -235,17 +263,17 @@ def lateral_rules(found: Mapping[str, Statistic], seen: Mapping[str, int]) -> Ru
             "one_sided", name, swap, "{only} is the only direction it ever gives, mirrored or not", only=only
         )
     if swap.value is None or swap.ci is None or swap.p is None or swap.chance is None:
-        need = trials_needed(0.65, 0.5, alpha=ALPHA)
-        return decided("no_power", name, None, "no directional decision; up to {need} are needed", need=need)
+        return decided("no_power", name, None, "no directional decision; up to {need} are needed", need=_turns_for(0.5))
     both = all(count > 0 for count in seen.values())
     if both and swap.value >= SWAP_RATE and swap.ci[0] > swap.chance and swap.p < ALPHA:
         return _swaps(found, swap)
     if swap.ci[1] < SWAP_RATE:
         words = "directions are exchanged in less than {share} of the cases"
         return decided("does_not_swap", name, swap, words, share=SWAP_RATE)
-    words = "{need} directional decisions would tell a rate of .65 from chance"
-    need = trials_needed(0.65, min(swap.chance, 0.5), alpha=ALPHA)
-    return decided("no_power", name, swap, words, need=need)
+    words, need = "{n} directional decisions would tell a rate of .65 from chance", _turns_for(swap.chance)
+    if need <= swap.n:
+        words, need = "its {n} directional decisions do not tell whether it exchanges half of them", swap.n
+    return decided("no_power", name, swap, words, n=need)
 
 
 def _swaps(found: Mapping[str, Statistic], swap: SwapRate) -> Ruling:

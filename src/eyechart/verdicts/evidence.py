@@ -20,7 +20,9 @@ class Evidence:
     ``holm`` maps a test to its p corrected over the run's models; ``replies`` counts, by condition, the replies with a
     decision and those without by their reason; ``directions`` how often each direction was given to pictures and their
     reflections. ``gap`` says whether the bank records a gap that can be tested, and ``scenarios`` counts its scenarios.
-    ``planned`` and ``answered`` count calls; ``scope`` is the sentence that bounds what the run can show.
+    ``planned`` and ``answered`` count calls; ``scope`` is the sentence that bounds what the run can show. ``absent``
+    are the conditions that no frame of the bank can be shown under. ``part`` says that it is a shard of a run that
+    asks controls: only the merged run, resumed, asks these.
     """
 
     model: str
@@ -36,6 +38,8 @@ class Evidence:
     max_tokens: int = 0
     scope: str = ""
     stopped: Stopped | None = None
+    absent: tuple[str, ...] = ()
+    part: bool = False
 
     @property
     def failed(self) -> tuple[Guard, ...]:
@@ -44,8 +48,8 @@ class Evidence:
 
     @property
     def unfinished(self) -> bool:
-        """Return whether calls are still to be made; a run that stopped early is complete."""
-        return self.stopped is None and self.answered < self.planned
+        """Return whether calls are still to be made, of a shard by the merged run; one that stopped is complete."""
+        return self.stopped is None and (self.part or self.answered < self.planned)
 
     def reasons(self, conditions: Collection[str] | None = None) -> dict[str, int]:
         """Return how many replies hold no decision, by the reason, in all conditions or in some."""

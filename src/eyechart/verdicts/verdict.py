@@ -178,7 +178,7 @@ def judge_one(evidence: Evidence) -> Verdict:
         evidence=asked_by,
         trust=_trust(calibrated.label, lateral.label, found["turns_clear"], effects),
         scope=evidence.scope,
-        notes=notes(evidence),
+        notes=notes(evidence, calibrated.label),
         failed=evidence.failed,
         stopped=stopped,
         effects=effects,
@@ -226,8 +226,8 @@ def words_of(verdicts: Mapping[str, Verdict]) -> str:
     return "\n\n".join(texts)
 
 
-def notes(evidence: Evidence) -> tuple[str, ...]:
-    """Return what there is to be said beside a verdict, a sentence each."""
+def notes(evidence: Evidence, label: str = "") -> tuple[str, ...]:
+    """Return what there is to be said beside a verdict of this label, a sentence each."""
     found, said, stopped = evidence.statistics, [], evidence.stopped
     if stopped is not None:
         ended = f"; {stopped.beyond} ended after the stop and do not count" if stopped.beyond else ""
@@ -236,12 +236,14 @@ def notes(evidence: Evidence) -> tuple[str, ...]:
         unsettled = "; nothing is settled early, and tests of a fixed size hold at the end only"
         early = any(name.startswith(PREFIX) for name in found)
         words = f"unfinished: {evidence.answered} of {evidence.planned} planned calls are finished"
-        said.append(words + (unsettled if early else ""))
+        later = "; a shard asks no controls: merge the shards, and resume the merged run" if evidence.part else ""
+        said.append(words + later + (unsettled if early else ""))
     if reasons := evidence.reasons(BATTERY):
         counted = ", ".join(f"{count} {reason.replace('_', ' ')}" for reason, count in reasons.items())
         said.append(f"{number(found['unparsed_rate'])} of the calls hold no decision: {counted}")
     if refused := evidence.reasons(("blank", "noise", "text_only")).get("refused"):
         said.append(f"it refused {refused} non-pictures (blank, noise or text only)")
+    said += _before(found, label)
     if stopped is not None:
         return (*said, f"anytime-valid: {GUARANTEE}")
     said += findings(evidence)
@@ -253,6 +255,21 @@ def notes(evidence: Evidence) -> tuple[str, ...]:
         f"of at most {most:.2f}, which adds up over the models and prompts that are tried on one bank"
     )
     return tuple(said)
+
+
+def _before(found: Mapping[str, Statistic], label: str) -> list[str]:
+    """Say of a label below depth that its evidence was called depth by versions that knew no controls."""
+    if label not in {"depth_associated", "content"}:
+        return []
+    moved, gaps = (found[f"depth_{name}"] for name in ("interventional", "observational"))
+    early = label == "depth_associated" and moved.p is None and f"{PREFIX}near_far" in found
+    if below(moved.p) or early:
+        how = "braking harder for the nearer lead was enough, and nothing else was moved as a control"
+    elif moved.p is None and below(gaps.p):
+        how = "braking that goes with the gaps of frames was enough"
+    else:
+        return []
+    return [f"before 0.2.0 this evidence was called depth: {how}"]
 
 
 def _untested(evidence: Evidence) -> list[str]:
@@ -268,8 +285,10 @@ def _untested(evidence: Evidence) -> list[str]:
         said.append(f"it turns to the blocked side: {clear.losses} of {clear.n} turns with exactly one clear side")
     elif not isinstance(clear, SignTest) and found["mirror_swap_rate"].value is not None:
         said.append(f"whether it turns to the clear side was not tested: {clear.note}")
-    if below(found["depth_interventional"].p) and found["lane_exchange"].p is None:
-        said.append("before 0.2.0 this evidence was called depth: the lead was moved, and nothing as a control")
+    boxed = found["turns_boxed"]
+    if boxed.value:
+        count = round(boxed.value * boxed.n)
+        said.append(f"it turns where no side is clear: {count} of {boxed.n} turns; turns_clear does not count these")
     if found["bound_scene"].p is None:
         said.append("whether a picture of another scenario changes its answer was not tested")
     return said

@@ -8,7 +8,7 @@ from eyechart.stats.agreement import trials_needed
 from eyechart.stats.exchange import episodes_needed
 from eyechart.stats.paired import Discordant, SignTest, net_effect
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.calibrated import STRICT, frames_to_bound
+from eyechart.verdicts.calibrated import STRICT, frames_to_bound, turns_to_tell
 from eyechart.verdicts.controls import DOSE, EXCHANGE, NUDGED, below, failures, lacking
 from eyechart.verdicts.early import PREFIX
 from eyechart.verdicts.evidence import Evidence
@@ -17,6 +17,15 @@ from eyechart.verdicts.ruling import Ruling, measured
 
 NOTHING = "nothing on frames like these: the test was made, and says no"
 MOVED = ("lead_near", "lead_far")
+PHOTOGRAPHED = {
+    "lead_near": "the obstacle ahead near",
+    "lead_far": "the obstacle ahead far",
+    "lane_own": "it near, and one beside the path far",
+    "lane_beside": "it far, and the one beside the path near",
+    "lead_mid_near": "it somewhere between near and the middle",
+    "lead_mid_far": "it somewhere between the middle and far",
+}
+"""What each picture shows of the same moment that a bank of one's own may lack."""
 
 ANY = "any other"
 """In place of the nearest stronger label where every label is one."""
@@ -123,8 +132,9 @@ def _stopped(evidence: Evidence, ruling: Ruling, lateral: Ruling) -> WhyNot | No
     stronger, claim = _EARLY[ruling.label]
     found, name = evidence.statistics, PREFIX + claim
     if ruling.label == "depth_associated":
-        settle = "its controls, on a run that asks them"
-        return WhyNot(stronger, name, found.get(name), "every control", settle, conditions=(*EXCHANGE, *DOSE, NUDGED))
+        controls = (*EXCHANGE, *DOSE, NUDGED)
+        settle = _pictures(controls, evidence.absent)
+        return WhyNot(stronger, name, found.get(name), "every control", settle, conditions=controls)
     settle = f"nothing on this bank: {ruling.label} is settled, and leaves no room for it"
     return WhyNot(stronger, name, found.get(name), "an e-value that settles it", settle)
 
@@ -132,33 +142,38 @@ def _stopped(evidence: Evidence, ruling: Ruling, lateral: Ruling) -> WhyNot | No
 def _not_lateral(found: Mapping[str, Statistic], lateral: Ruling) -> WhyNot:
     """Say which test of turns does not hold."""
     if lateral.label == "swaps":
-        for name in ("turns_clear", "turns_clear_within"):
-            one = found[name]
-            if below(one.p):
-                continue
-            if one.p is None:
-                return WhyNot("depth_lateral", name, one, f"p below {ALPHA}", f"a bank that says more: {one.note}")
-            settle, frames = _frames(one)
-            if name == "turns_clear_within":
-                settle = "turns on lanes of which either side may be clear"
-            return WhyNot("depth_lateral", name, one, f"p below {ALPHA}", settle, frames)
+        return _not_clear(found, lateral)
     swap, needs = found["mirror_swap_rate"], f"half of the turns exchanged under reflection, p below {ALPHA}"
-    if lateral.decided_by.startswith(PREFIX):  # settled early, by an e-value that denies it
-        settle = f"nothing on this bank: {lateral.label} is settled"
-        if lateral.label == "no_power":
-            settle = _turns_needed(swap)
-        return WhyNot("depth_lateral", lateral.decided_by, lateral.statistic, needs, settle)
-    if lateral.label == "no_power":
-        settle = _turns_needed(swap)
-        return WhyNot("depth_lateral", "mirror_swap_rate", swap, needs, settle)
-    if lateral.label == "not_tested":
-        settle = "mirrored pictures, and actions that a reflection exchanges"
-        return WhyNot("depth_lateral", "mirror_swap_rate", swap, needs, settle, conditions=("mirrored",))
-    return WhyNot("depth_lateral", "mirror_swap_rate", swap, needs, NOTHING)
+    early = lateral.decided_by.startswith(PREFIX)  # settled by an e-value that denies it
+    name, one = (lateral.decided_by, lateral.statistic) if early else ("mirror_swap_rate", swap)
+    missing = ("mirrored",) if lateral.label == "not_tested" else ()
+    settle = {
+        "no_power": _turns_needed(swap),
+        "not_tested": "mirrored pictures, and actions that a reflection exchanges",
+    }.get(lateral.label, f"nothing on this bank: {lateral.label} is settled" if early else NOTHING)
+    return WhyNot("depth_lateral", name, one, needs, settle, conditions=missing)
+
+
+def _not_clear(found: Mapping[str, Statistic], lateral: Ruling) -> WhyNot:
+    """Say which test does not hold of turns that are exchanged."""
+    for name in ("turns_clear", "turns_clear_within"):
+        one = found[name]
+        if below(one.p):
+            continue
+        if one.p is None:
+            return WhyNot("depth_lateral", name, one, f"p below {ALPHA}", f"a bank that says more: {one.note}")
+        settle, frames = _frames(one)
+        if name == "turns_clear_within":
+            settle, frames = "turns on lanes of which either side may be clear", None
+        return WhyNot("depth_lateral", name, one, f"p below {ALPHA}", settle, frames)
+    return WhyNot("depth_lateral", lateral.decided_by, lateral.statistic, f"at most {MARGIN}", NOTHING)
 
 
 def _turns_needed(swap: Statistic) -> str:
-    return f"about {trials_needed(0.65, 0.5, alpha=ALPHA)} frames on which it turns; it turned on {swap.n}"
+    need = turns_to_tell(swap)
+    if need is None:
+        return f"nothing on frames like these: {swap.n} turns are enough, and no more than half are exchanged"
+    return f"about {need} frames on which it turns; it turned on {swap.n}"
 
 
 def _not_depth(evidence: Evidence) -> WhyNot:
@@ -166,22 +181,35 @@ def _not_depth(evidence: Evidence) -> WhyNot:
     found = evidence.statistics
     if found["depth_interventional"].p is None:
         missing = tuple(name for name in (*MOVED, *EXCHANGE, *DOSE, NUDGED) if name not in evidence.replies)
-        return _missing("depth", "depth_interventional", found, missing)
+        return _missing("depth", "depth_interventional", evidence, missing)
     one = next(lacking(found))
     if not one.conditions:
         settle = "decisions on edited pictures: it declines them more often than true ones may be"
         return WhyNot("depth", one.statistic, found[one.statistic], f"a lower bound of at most {UNPARSED_CUT}", settle)
     missing = tuple(dict.fromkeys(name for lacks in lacking(found) for name in lacks.conditions))
     missing = tuple(name for name in missing if name not in evidence.replies)
-    return _missing("depth", one.statistic, found, missing)
+    return _missing("depth", one.statistic, evidence, missing)
 
 
-def _missing(label: str, name: str, found: Mapping[str, Statistic], missing: tuple[str, ...]) -> WhyNot:
+def _missing(label: str, name: str, evidence: Evidence, missing: tuple[str, ...]) -> WhyNot:
     """Say what would answer a test that was not made: conditions, where any was not asked, else decisions."""
+    one = evidence.statistics[name]
     if missing:
-        settle = f"pictures that were not asked: {', '.join(missing)}"
-        return WhyNot(label, name, found[name], "an answer", settle, conditions=missing)
-    return WhyNot(label, name, found[name], "an answer", f"decisions on more of its pictures: {found[name].note}")
+        return WhyNot(label, name, one, "an answer", _pictures(missing, evidence.absent), conditions=missing)
+    return WhyNot(label, name, one, "an answer", f"decisions on more of its pictures: {one.note}")
+
+
+def _pictures(missing: tuple[str, ...], absent: tuple[str, ...]) -> str:
+    """Say which pictures were not asked, and which the bank lacks, with what these are to show."""
+    lacks = [name for name in missing if name in absent]
+    asked = [name for name in missing if name not in absent]
+    said = []
+    if lacks:
+        shown = "; ".join(f"{name}: {PHOTOGRAPHED[name]}" if name in PHOTOGRAPHED else name for name in lacks)
+        said.append(f"a bank that has the pictures that this one lacks, of each moment again ({shown})")
+    if asked:
+        said.append(f"pictures that were not asked: {', '.join(asked)}")
+    return "; and ".join(said)
 
 
 def _not_associated(evidence: Evidence) -> WhyNot:
@@ -200,6 +228,8 @@ def _not_associated(evidence: Evidence) -> WhyNot:
         settle, frames = _frames(interventional)
         return WhyNot("depth", "depth_interventional", interventional, f"p below {ALPHA}", settle, frames)
     settle = f"counterfactual pictures ({', '.join(MOVED)})"
+    if lacks := [f"{name}: {PHOTOGRAPHED[name]}" for name in MOVED if name in evidence.absent]:
+        settle += f", which this bank lacks (of each moment again, {'; '.join(lacks)})"
     episodes = None
     if observational.p is None and evidence.gap:
         episodes = episodes_needed(evidence.scenarios, alpha=ALPHA)
@@ -225,20 +255,22 @@ def _undecided(found: Mapping[str, Statistic], ruling: Ruling) -> WhyNot:
     if one is None:
         return WhyNot(ANY, name, None, "an answer", "calls with the real picture that come back")
     alpha = ALPHA if name in STRICT else BOUND_ALPHA
-    need = frames_to_bound(one, alpha)
-    settle = f"about {need} frames, were there none"
-    if need is None:
-        settle = "nothing on frames like these: the effect is there"
-    return WhyNot(label, name, one, f"an effect bounded below {MARGIN}, p below {alpha}", settle, need)
+    needed, needs = frames_to_bound(one, alpha), f"an effect bounded below {MARGIN}, p below {alpha}"
+    if needed is None:
+        return WhyNot(label, name, one, needs, "nothing on frames like these: the effect is there")
+    return WhyNot(label, name, one, needs, "about {} frames, {}".format(*needed), needed[0])
 
 
 def _frames(one: Statistic) -> tuple[str, int | None]:
     """Return what would settle a test in words, and about how many frames, were the rest like those that there are."""
     need = None
     if isinstance(one, SignTest) and one.n and not one.method.count("reversal"):
-        rate, frames = one.value or 0.0, one.n + one.ties
-        if rate > 0.51:  # nearer to one half, tens of thousands of frames would not settle it
-            need = math.ceil(trials_needed(rate, 0.5, alpha=ALPHA) * frames / one.n)
+        rate, frames, alpha = one.value or 0.0, one.n + one.ties, ALPHA
+        while rate > 0.51:  # nearer to one half, tens of thousands of frames would not settle it
+            need = math.ceil(trials_needed(rate, 0.5, alpha=alpha) * frames / one.n)
+            if need > frames:
+                break
+            alpha /= 2  # its rule corrects it, for so many tests
     elif isinstance(one, Discordant):
         need = _frames_of_net(one)
     return (NOTHING, None) if need is None else (f"about {need} frames, were the rest like these {_count(one)}", need)

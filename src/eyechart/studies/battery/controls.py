@@ -85,7 +85,7 @@ DEPTH_TESTS = (
     "unparsed_controls",
 )
 """The tests of braking that moved pictures make."""
-TURN_TESTS = ("turns_clear", "turns_clear_within", "turns_against")
+TURN_TESTS = ("turns_clear", "turns_clear_within", "turns_against", "turns_boxed")
 
 Floats = NDArray[np.float64]
 Range = tuple[str, tuple[float, float] | None, NDArray[np.bool_]]
@@ -122,6 +122,7 @@ class Controls:
             "turns_clear": self._turns_clear,
             "turns_clear_within": self._turns_clear_within,
             "turns_against": self._turns_against,
+            "turns_boxed": self._turns_boxed,
         }
 
     def _level(self, condition: str) -> Floats:
@@ -390,6 +391,19 @@ class Controls:
         ends = None if share.ci is None else (share.ci[0] - most, share.ci[1] - most)
         p, method = lost_beyond_noise(wrong, len(left), wavered, len(apart)), f"{what}; p: binomial against repeats"
         return replace(share, value=wrong / len(left) - most, ci=ends, p=p, method=method)
+
+    def _turns_boxed(self) -> Statistic:
+        """Return the share of turns that are made where neither side is clear."""
+        frames, what = self.answers.frames, "share of turns where neither side is clear"
+        turns = self.answers.partners
+        known = [
+            {frame.truth[name] for name in SIDES}
+            for turn, frame in zip(self.answers.actions("real").tolist(), frames, strict=True)
+            if turn in turns and all(isinstance(frame.truth.get(name), bool) for name in SIDES)
+        ]
+        if not known:
+            return cannot_say("no turn on a frame of which both sides are known", method=what)
+        return replace(rate(sum(sides == {False} for sides in known), len(known), level=LEVEL), method=what)
 
     def _turns_clear(self) -> Statistic:
         found, what = self._turned(), "turns to the only clear side over turns away from it"

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from eyechart.conditions import CONTROLS
+from eyechart.conditions import CONTROLS, OF_BANKS, available
 from eyechart.costs import Account, Book
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank
@@ -102,6 +102,8 @@ class BatteryScore(CallsScore[ModelScore]):
 
     def evidence(self) -> dict[str, Evidence]:
         """Return what there is to judge of every model."""
+        absent = tuple(name for name in OF_BANKS if not any(available(name, frame) for frame in self.bank))
+        part = self.manifest.shard is not None and self.manifest.controls == "auto"
         return {
             spec: Evidence(
                 model=spec,
@@ -117,6 +119,8 @@ class BatteryScore(CallsScore[ModelScore]):
                 max_tokens=self.manifest.mode(spec).max_tokens,
                 scope=self.scope(model),
                 stopped=model.stopped,
+                absent=absent,
+                part=part and any(name not in absent for name in CONTROLS),
             )
             for spec, model in self.models.items()
         }
