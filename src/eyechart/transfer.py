@@ -40,6 +40,7 @@ class Transfer(Plain):
     pearson: Statistic
     spearman: Statistic
     left_out: tuple[str, ...]
+    unfinished: tuple[str, ...] = ()
 
 
 def read_scores(path: Path) -> dict[str, float]:
@@ -104,4 +105,10 @@ def transfer(runs: Sequence[BatteryScore], scores: dict[str, float], *, measure:
     left_out += [f"{spec}: a score, but no run asked it" for spec in scores if spec not in asked]
     cells = [Cell(spec, bank, scores[spec], fmean(values), len(values)) for (spec, bank), values in measured.items()]
     columns = [one.score for one in cells], [one.measured for one in cells]
-    return Transfer(measure, tuple(cells), pearson(*columns), spearman(*columns), tuple(left_out))
+    waiting = [
+        f"{spec} on {run.bank.name}: {one.answered} of {one.planned} calls"
+        for run in runs
+        for spec, one in run.evidence().items()
+        if one.unfinished
+    ]
+    return Transfer(measure, tuple(cells), pearson(*columns), spearman(*columns), tuple(left_out), tuple(waiting))

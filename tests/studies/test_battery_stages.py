@@ -25,6 +25,8 @@ from eyechart.stats.statistic import Statistic
 from eyechart.studies import battery as study
 from eyechart.studies.battery import Extent, stages
 from eyechart.studies.battery.planning import plan_of
+from eyechart.transfer import transfer
+from eyechart.verdicts import judge
 
 BLIND, READER, PAINT = "standin:blind", "standin:reader", "standin:paint"
 LANES = ("lane_own", "lane_beside")
@@ -250,7 +252,15 @@ def test_shards_ask_the_first_stage_and_the_merged_run_the_rest(bank: FrameBank,
     for number in (1, 2):
         made = make(bank, tmp_path / f"{number}", READER, BLIND, shard=(number, 2))
         assert (made.left(), sum(made.more_by_model().values())) == (0, 0)
-    study.merge([tmp_path / "1", tmp_path / "2"], tmp_path / "merged")
+    shards = [str(tmp_path / "1"), str(tmp_path / "2")]
+    said = CliRunner().invoke(app, ["merge", *shards, "--out", str(tmp_path / "merged")]).stderr
+    more = sum(study.begun(tmp_path / "merged").more_by_model().values())
+    assert f"{2 * LEADS} calls are left, and up to {more} of controls" in said
+    assert more == 2 * LEADS + ABSENT + FRAMES
+    for name, words in (("1", "controls not asked"), ("merged", f"{2 * LEADS} planned calls have no outcome")):
+        verdict = judge(study.score(tmp_path / name, resamples=99))[READER]
+        assert verdict.unfinished is not None
+        assert words in verdict.text()
     assert planned(bank, tmp_path / "merged", READER, BLIND).left_by_model() == {READER: 2 * LEADS, BLIND: 0}
     make(bank, tmp_path / "merged", READER, BLIND)
     make(bank, tmp_path / "whole", READER, BLIND)
@@ -276,6 +286,24 @@ def test_a_bank_without_control_pictures_is_asked_the_nudge_alone(tmp_path: Path
     plain = banks.build_bank(tmp_path / "bank", episodes=3, steps=4)
     make(plain, tmp_path / "run", READER, PAINT)
     assert {spec: one.controls for spec, one in asked(tmp_path / "run").items()} == {READER: (), PAINT: ("nudged",)}
+
+
+def test_a_correlation_with_scores_names_runs_whose_controls_are_still_to_be_asked(
+    bank: FrameBank, tmp_path: Path
+) -> None:
+    """Of one shard too, whose own calls are all answered; not of a run that is finished."""
+    table = tmp_path / "scores.csv"
+    table.write_text(f"model,score\n{READER},1\n{BLIND},0\n")
+    made = make(bank, tmp_path / "1", READER, BLIND, shard=(1, 2))
+    make(bank, tmp_path / "run", READER, BLIND)
+    scores = {READER: 1.0, BLIND: 0.0}
+    part, whole = (transfer([study.score(tmp_path / name, resamples=99)], scores) for name in ("1", "run"))
+    assert part.unfinished[0].startswith(f"{READER} on {bank.name}: ")
+    assert len(part.unfinished) == len(made.plan.models)
+    assert whole.unfinished == ()
+    said = CliRunner().invoke(app, ["transfer", str(tmp_path / "1"), "--scores", str(table)]).output
+    assert "unfinished: " in said
+    assert "its controls may still be to be asked" in " ".join(said.split())
 
 
 def test_every_count_and_estimate_before_says_up_to(bank: FrameBank, tmp_path: Path) -> None:

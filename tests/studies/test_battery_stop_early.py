@@ -122,6 +122,21 @@ def test_the_run_prints_its_guarantee_the_most_the_typical_and_the_saved(highway
     assert "of 11181" in total
 
 
+def test_the_card_of_an_early_depth_shows_its_test_and_that_of_an_absence_its_e_value(
+    highway: tuple[Path, Result], tmp_path: Path
+) -> None:
+    """A share is never printed as an e-value; the page says how many controls any model was asked."""
+    out, _ = highway
+    CliRunner().invoke(app, ["report", str(out), "--out", str(tmp_path / "page.html")])
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    cards = {text.partition("</bdi>")[0]: text for text in page.split("<h3><bdi>")[1:]}
+    depth, blind = (cards[f"scripted:{name}"].partition("</article>")[0] for name in ("depth", "constant"))
+    assert "<dt>98 % interval</dt>" in depth
+    assert "<dt>e-value</dt>" not in depth
+    assert "<dt>e-value</dt>" in blind
+    assert "each under 11 conditions and up to 6 controls; prompt" in page
+
+
 def test_a_gate_takes_a_stopped_run_for_complete(highway: tuple[Path, Result]) -> None:
     """Depth holds, its absence fails, and the reason says that the run stopped early, and by what."""
     out, _ = highway

@@ -451,3 +451,8 @@ def merge(
 
     calls = study.merge(shards, out)
     say(f"{calls} calls from {len(shards)} shards in {out}")
+    whole = study.begun(out)
+    left, more = whole.left(), sum(whole.more_by_model().values())
+    if left or more:
+        up_to = f", and up to {more} of controls" if more else ""
+        say(f"{left} calls are left{up_to}: 'eyechart run battery --out {out}' with its bank and models makes them")

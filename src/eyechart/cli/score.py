@@ -182,6 +182,7 @@ def transfer(
         mean = f" (mean of {cell.runs} runs)" if cell.runs > 1 else ""
         lines.append(f"{cell.model} on {cell.bank}: score {cell.score:g}, {measure} {cell.measured:.3f}{mean}")
     lines += [f"left out: {line}" for line in found.left_out]
+    lines += [f"unfinished: {line}; its controls may still be to be asked" for line in found.unfinished]
     for name, one in (("Pearson", found.pearson), ("Spearman", found.spearman)):
         interval = "—" if one.ci is None else f"[{one.ci[0]:.3f}, {one.ci[1]:.3f}]"
         why = f" ({one.note})" if one.note else ""

@@ -97,7 +97,7 @@ def effects_of(found: Mapping[str, Statistic]) -> Effects | None:
 
 
 def _net(one: Discordant) -> str:
-    bound = "" if one.ci is None else f", at least {one.ci[0]:.2f}"
+    bound = "" if one.ci is None else f", at least {one.ci[0]:.3f}"
     return f"{number(one)}{bound} ({one.b} of {one.n} pairs harder, {one.c} less hard)"
 
 

@@ -73,7 +73,10 @@ class Verdict:
     @property
     def progress(self) -> str:
         """Return how many calls of a run that is not finished there are; empty where it is, and where it stopped."""
-        return "" if self.unfinished is None else "{} of {} calls".format(*self.unfinished)
+        if self.unfinished is None:
+            return ""
+        answered, planned = self.unfinished  # a shard whose own calls are all answered lacks its controls
+        return f"{answered} of {planned} calls{'' if answered < planned else ', controls not asked'}"
 
     @property
     def headline(self) -> str:

@@ -7,6 +7,7 @@ from eyechart.studies.battery.answers import read_answers, read_columns
 from eyechart.studies.battery.planning import (
     Battery,
     Extent,
+    begun,
     expected,
     keep_probes,
     merge,
@@ -29,6 +30,7 @@ __all__ = [
     "Extent",
     "ModelScore",
     "OfFrames",
+    "begun",
     "differences",
     "expected",
     "keep_probes",

@@ -107,10 +107,9 @@ def _card(who: Subject, shared: Mapping[str, str]) -> dict[str, object]:
 
 
 def _numbers(one: Statistic, stopped: Stopped | None) -> list[tuple[str, str]]:
-    if stopped is not None:
-        threshold = f"{one.threshold:g}" if isinstance(one, EValue) else "—"
+    if stopped is not None and isinstance(one, EValue):
         value, calls = f"{one.value:.4g}", f"{stopped.calls} of {stopped.planned}"
-        return [("e-value", value), ("settled at", threshold), ("frames", str(one.n)), ("calls", calls)]
+        return [("e-value", value), ("settled at", f"{one.threshold:g}"), ("frames", str(one.n)), ("calls", calls)]
     interval = (f"{level(one)} interval".strip(), Column("", "interval").shown(one.ci))
     return [("value", number(one.value)), interval, ("n", str(one.n)), ("p", p_value(one.p))]
 
@@ -121,6 +120,7 @@ def _run(run: Evidence) -> dict[str, object]:
         "evidence": run,
         "manifest": run.score.manifest,
         "bank": run.score.bank,
+        "controls": len(run.score.conditions) - len(run.score.manifest.conditions),
         "counts": summed(rows),
         "counts_by_model": list(zip(run.score.models, rows, strict=True)),
         "guards": guards(run),

@@ -466,6 +466,12 @@ def merge(shards: Sequence[Path], out: Path) -> int:
     return calls
 
 
+def begun(out: Path) -> Battery:
+    """Return the battery that stands at ``out``, with no model to ask: to count what is left of it."""
+    manifest, bank = read_run(out)
+    return Battery(plan_of(manifest, bank), {}, manifest, out)
+
+
 def _whole(shards: Sequence[Path]) -> tuple[RunManifest, FrameBank]:
     """Return the manifest and the bank of the run that the shards are parts of."""
     read = [read_run(shard) for shard in shards]
