@@ -121,7 +121,10 @@ def test_the_commands_answer_in_words_in_json_and_by_exit_code(
     changed = tmp_path / "changed"
     shutil.copytree(runs[0], changed)
     with sqlite3.connect(changed / LEDGER) as ledger:
-        ledger.executescript("DROP TRIGGER replies_UPDATE; UPDATE replies SET text = 'LEFT'")
+        (guard,) = ledger.execute("SELECT sql FROM sqlite_master WHERE name = 'replies_UPDATE'").fetchone()
+        ledger.execute("DROP TRIGGER replies_UPDATE")
+        ledger.execute("UPDATE replies SET text = 'LEFT', row_sha256 = NULL")
+        ledger.execute(guard)
     code, out = said("compare", runs[0], changed, "--json")
     assert code == 1
     assert json.loads(out)["models"]["scripted:depth"]["changed"] == ["answer_shift"]

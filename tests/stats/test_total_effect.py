@@ -190,3 +190,5 @@ def test_unlikeness_is_of_the_whole_and_not_of_the_moment() -> None:
     assert unlikeness(logged * [1, 3], logged) == pytest.approx((5.0, 3.0), rel=0.02)
     assert unlikeness(logged * [0.1, 1], logged) == pytest.approx((0.0, 10.0), abs=0.02, rel=0.02)
     assert unlikeness(np.ones((9, 2, 1)), np.zeros((9, 2, 1))) == (1.0, 1.0)
+    held = logged * [1, 0] + [0, 5] + 1e-6 * rng.normal(size=logged.shape)
+    assert unlikeness(held, logged) == pytest.approx((0.0, 1.0), abs=0.1), "a gripper that is never closed"

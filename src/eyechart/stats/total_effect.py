@@ -23,6 +23,8 @@ LEVEL = 0.98
 _SURE = 2.0
 """A share so many standard errors above 0 has an interval on the scale of its logarithm alone."""
 _MOST_EXPONENT = 50.0
+_STILL = 1e-4
+"""A dimension that varies less than this share of the log's spread is held still, but for rounding."""
 
 
 @dataclass(frozen=True)
@@ -249,11 +251,12 @@ def unlikeness(answers: Floats, logged: Floats) -> tuple[float, float]:
 
     Both have shape (n, steps, dimensions), in units of scale. First the largest distance of two means, in units of the
     logged spread; then the largest ratio of two spreads, above 1 either way. A dimension that was never moved in the
-    log counts in its unit, and has no ratio.
+    log counts in its unit, and has no ratio, nor has one that the controller never moves: that is no other unit.
     """
     a, b = (one.reshape(-1, one.shape[-1]) for one in (answers, logged))
     spread, own = b.std(axis=0), a.std(axis=0)
     moved = spread > TIE
     offset = np.abs(a.mean(axis=0) - b.mean(axis=0)) / np.where(moved, spread, 1.0)
-    ratio = np.where(moved, own / np.where(moved, spread, 1.0), 1.0)
-    return float(offset.max()), float(np.maximum(ratio, 1 / np.maximum(ratio, TIE)).max())
+    both = moved & (own > _STILL * spread)
+    ratio = np.where(both, own, 1.0) / np.where(both, spread, 1.0)
+    return float(offset.max()), float(np.maximum(ratio, 1 / ratio).max())
