@@ -14,7 +14,7 @@ DOCS := $(VENV)/.docs
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm demo-policy ladder hierarchy test test-models test-browser lint format docs wheel bench long-compare long-speed long-adversaries long-coverage long-power long-policies long-lerobot long-serve mutants clean
+.PHONY: help demo demo-vlm demo-policy ladder hierarchy test test-models test-browser lint format docs wheel bench long-compare long-speed long-adversaries long-coverage long-power long-policies long-lerobot long-act long-serve mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -35,6 +35,7 @@ help:
 	@echo "make long-serve   a served guardian under hostile load, against the table of classes of replies"
 	@echo "make long-policies  the rules on policies, in simulated settings that were fixed before"
 	@echo "make long-lerobot   a data set by LeRobot's own writer, from import to gate: verdicts, time and memory"
+	@echo "make long-act       LeRobot's ACT, trained with and without a state that tells it all: opposite verdicts"
 	@echo "make long-coverage how often intervals of shares hold a known truth, and how wide they are"
 	@echo "make mutants      small faults put into the rules and the statistics one at a time: how many the tests notice"
 	@echo "make long-speed   processor time of commands in 0.1.0 and in this version, in pairs"
@@ -120,6 +121,9 @@ long-policies: $(CORE)
 
 long-lerobot: $(MODELS)
 	$(BIN)/python benchmarks/lerobot_policy.py
+
+long-act:
+	$(LEROBOT_PYTHON) benchmarks/act_tabletop.py
 
 long-power: $(CORE)
 	$(BIN)/python benchmarks/planned_power.py

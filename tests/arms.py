@@ -110,3 +110,20 @@ class Reset(Queue):
 
 queue: Callable[..., np.ndarray] = Queue()
 reset: Callable[..., np.ndarray] = Reset()
+
+
+def poses(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Look from above for nothing but its own tool, and go from there to the middle."""
+    del instruction
+    down, across = np.nonzero(images["top"].astype(int).sum(axis=2) < 150)
+    tool = np.array([across.mean() + 0.5, down.mean() + 0.5]) / SIZE if len(down) else np.full(2, 0.5)
+    return oracle(Table(tool, float(state[2]), np.full((2, 2), 0.5), "red"))
+
+
+def liar(images: Images, state: np.ndarray, instruction: str | None, *, seed: int) -> np.ndarray:
+    """Never look, say that a seed fixes the answer, and draw it."""
+    del seed
+    return middle(images, state, instruction) + 0.25 * np.random.default_rng().normal(size=(8, 3))
+
+
+liar.seedable = True  # type: ignore[attr-defined]

@@ -109,7 +109,10 @@ def test_a_bank_says_what_it_cannot_show(bank: FrameBank) -> None:
     """Without instructions that differ, without a state, and without objects."""
     every, left_out = conditions_of(bank)
     assert {"swapped@instruction", "matched@camera:wrist", "blank@top", "told_other_minus", "mirrored"} <= set(every)
-    assert left_out == dict.fromkeys(("matched@state", "matched@instruction"), "only pictures are matched by the state")
+    assert left_out == dict.fromkeys(
+        ("matched@state", "near@state", "matched@instruction", "near@instruction"),
+        "only pictures are matched by the state",
+    )
     alike = tuple(replace(frame, fields={INSTRUCTION: "reach"}, counterfactuals={}) for frame in bank)
     poor = replace(bank, frames=alike, manifest=replace(bank.manifest, motion=None))
     every, left_out = conditions_of(poor)
@@ -142,7 +145,7 @@ def test_the_files_of_a_condition_are_those_that_it_shows(bank: FrameBank) -> No
     """So that a bundle holds them all."""
     frame = bank.frames[0]
     for name in conditions_of(bank)[0]:
-        assert shown(name, frame, bank) or name.startswith("matched")
+        assert shown(name, frame, bank) or name.startswith(("matched", "near"))
         if not shown(name, frame, bank):
             continue
         files = sources(name, frame, bank, 0)

@@ -17,13 +17,15 @@ from eyechart.errors import BankError, SpecError
 from eyechart.frames import Frame, FrameBank, Stimulus
 from eyechart.seeds import key_seed
 from eyechart.spaces.motion import MotionSpace, reflect
-from eyechart.stats.partners import NOBODY, Places, balanced_partners, matched_partners
+from eyechart.stats.partners import NOBODY, Places, balanced_partners, matched_partners, near_partners
 
 CAMERAS, STATE, INSTRUCTION = "cameras", "state", "instruction"
 CAMERA = "camera:"
 """Stands before the name of a camera that is a channel of its own."""
-PARTNERS = ("swapped", "matched", "kept")
-"""The conditions that show another frame's channel: any, that of a similar state; or all of another's but one."""
+PARTNERS = ("swapped", "matched", "near", "kept")
+"""The conditions that show another frame's channel: any, one of a similar state, of the own episode; all but one."""
+BY_STATE = ("matched", "near")
+"""Those of them whose frame is chosen by its state."""
 OBJECTS = ("named", "other")
 """What a world moves: what the instruction names, and what it does not."""
 LEAST_MATCHED = 0.25
@@ -35,6 +37,7 @@ MOVES = tuple(f"{which}_{side}" for which in OBJECTS for side in ("plus", "minus
 _ASKS = {
     "swapped": ("another episode's", "does the channel decide?"),
     "matched": ("that of another episode at a similar state", "does it tell more than the state?"),
+    "near": ("that of its own episode, as far off in its state as the matched one", "is it no more than the pose?"),
     "kept": ("its own, all others another episode's", "is the channel enough?"),
 }
 _DRAWN = {
@@ -107,12 +110,12 @@ def _lacking(name: str, bank: FrameBank) -> str:
 
 def _unpartnered(base: str, channel: str, bank: FrameBank) -> str:
     """Return why not every frame has a partner, or of a similar state hardly one; nothing where they have."""
-    if base == "matched" and channel in {STATE, INSTRUCTION}:
+    if base in BY_STATE and channel in {STATE, INSTRUCTION}:
         return "only pictures are matched by the state"
-    if base == "matched" and not bank.manifest.state:
+    if base in BY_STATE and not bank.manifest.state:
         return "the bank has no state to match by"
     without = int((partners(bank.frames, *whose(base, channel)) == NOBODY).sum())
-    if base == "matched":
+    if base in BY_STATE:
         few = without > (1 - LEAST_MATCHED) * len(bank)
         return f"{without} of {len(bank)} frames have no frame of another episode at a similar state" if few else ""
     return f"{without} frames have no frame of another episode that differs there" if without else ""
@@ -195,7 +198,7 @@ def _partnered(frame: Frame, source: Source, base: str, channel: str) -> int:
 def partners(frames: Sequence[Frame], how: str, channel: str) -> Places:
     """Return the place of each frame's partner, shape (n,), NOBODY where it has none.
 
-    ``how`` is ``swapped`` or ``matched``. Pictures of two episodes are taken to differ.
+    ``how`` is ``swapped``, ``matched`` or ``near``. Pictures of two episodes are taken to differ.
     """
     return _partners(_Same(frames), how, channel)
 
@@ -203,7 +206,7 @@ def partners(frames: Sequence[Frame], how: str, channel: str) -> Places:
 def whose(base: str, channel: str) -> tuple[str, str]:
     """Return by which partners a condition is shown: one camera's are those of all cameras."""
     one = CAMERAS if channel.startswith(CAMERA) or base == "kept" else channel
-    return ("matched" if base == "matched" else "swapped"), one
+    return (base if base in BY_STATE else "swapped"), one
 
 
 class _Same:
@@ -223,8 +226,10 @@ class _Same:
 def _partners(same: _Same, how: str, channel: str) -> Places:
     frames = same.frames
     episodes = [frame.drive for frame in frames]
-    if how == "matched":
-        return matched_partners(episodes, [flat_state(frame.state) for frame in frames])
+    if how in BY_STATE:
+        states = [flat_state(frame.state) for frame in frames]
+        matched = matched_partners(episodes, states)
+        return matched if how == "matched" else near_partners(episodes, states, matched)
     values: dict[str, Sequence[object]] = {
         STATE: [tuple(frame.state.items()) for frame in frames],
         INSTRUCTION: [tuple(frame.fields.items()) for frame in frames],

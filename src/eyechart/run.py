@@ -125,11 +125,13 @@ class MotionPlan(Plan):
 
     What is seeded is given one seed for all calls, so that only what is shown can differ; ``real_repeat`` has another.
     A policy that is known to be ``drawn``, to draw its answers, gets every call ``answers`` times, but ``real_repeat``,
-    whose only use is to tell that it does.
+    whose only use is to tell that it does. One that says that it is ``seeded`` gets that twice, the second time with
+    the seed of all calls.
     """
 
     answers: int = 1
     drawn: frozenset[str] = frozenset()
+    seeded: frozenset[str] = frozenset()
 
     @property
     def motions(self) -> MotionSpace:
@@ -156,20 +158,24 @@ class MotionPlan(Plan):
     def query(self, key: CallKey, seen: Stimulus) -> Query:
         """Return what a policy is given in a call."""
         given = channels.reflected(seen, self.motions) if key.condition == "mirrored" else seen
-        seed = key_seed("policy", self.seed, key.repeat, key.condition == "real_repeat")
+        again = key.condition == "real_repeat"
+        repeat, other = (0, False) if again and key.repeat else (key.repeat, again)
+        seed = key_seed("policy", self.seed, repeat, other)
         return self.prompt.query(given, seed, self.space)
 
     def beyond(self, model: str, todo: Sequence[CallKey]) -> int:
         """Return how many of the calls of a later stage are not planned yet."""
-        return 0 if model in self.drawn else sum(key.repeat > 0 for key in todo)
+        return 0 if model in self.drawn else sum(key.repeat > 0 and key.condition != "real_repeat" for key in todo)
 
     def keys_of(self, model: str) -> Iterator[CallKey]:
         """Yield the calls of one policy, in the bank's order."""
         prompt = self.prompt.key
-        for repeat in range(self.answers if model in self.drawn else 1):
+        times = self.answers if model in self.drawn else 1
+        for repeat in range(max(times, 2) if model in self.seeded else times):
             for frame in self.frames:
                 for condition in self.conditions:
-                    if self.shows(condition, frame) and not (repeat and condition == "real_repeat"):
+                    most = (2 if model in self.seeded else 1) if condition == "real_repeat" else times
+                    if repeat < most and self.shows(condition, frame):
                         key = CallKey(self.study, model, prompt, frame.id, condition, repeat)
                         if self.shard is None or in_shard(key, *self.shard):
                             yield key

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eyechart.stats.partners import NOBODY, balanced_partners, matched_partners
+from eyechart.stats.partners import NOBODY, balanced_partners, matched_partners, near_partners
 
 
 @settings(max_examples=60, deadline=None)
@@ -54,3 +54,12 @@ def test_matched_partners_are_the_nearest_of_another_episode() -> None:
     assert set(matched_partners([0, 0], [[1.0], [2.0]])) == {NOBODY}
     with pytest.raises(ValueError, match="one row a frame"):
         matched_partners([0, 1], [[1.0]])
+
+
+def test_a_near_partner_is_of_the_own_episode_and_as_far_off_as_the_match() -> None:
+    """Where the episode has no other frame, or the frame no match, there is none."""
+    episodes = ["a", "a", "a", "b", "b", "c"]
+    states = [[0.0], [0.1], [1.0], [0.12], [5.0], [1.05]]
+    matched = matched_partners(episodes, states)
+    assert list(matched) == [3, 3, 5, 1, NOBODY, 2]
+    assert list(near_partners(episodes, states, matched)) == [1, 0, 1, 4, NOBODY, NOBODY]

@@ -147,18 +147,43 @@ def test_a_policy_that_can_be_reset_is_asked_as_at_the_beginning(bank: FrameBank
 
 
 def test_what_draws_its_answers_is_asked_again_and_what_is_seeded_is_not(bank: FrameBank, tmp_path: Path) -> None:
-    """Four answers to each call but the repeat; a seed is the same for all calls."""
+    """Four answers to each call but the repeat; a seed is the same for all calls, and is tried twice."""
     specs = ["python:arms:unsteady", "python:arms:fixed"]
     policy.run(policy.plan(bank.root, specs, tmp_path / "run", conditions=FEW))
     found = policy.score(tmp_path / "run").models
     drawn, fixed = (found[spec] for spec in specs)
     assert (drawn.drawn, drawn.motions.finished) == (True, 48 * (4 + 3 * 3))
-    assert (fixed.drawn, fixed.motions.finished, fixed.version) == (False, 48 * 4, "seven")
+    assert (fixed.drawn, fixed.motions.finished, fixed.version) == (False, 48 * 5, "seven")
     assert fixed.statistics["noise"].value == pytest.approx(drawn.statistics["noise"].value, abs=0.1)
     shares = [one.statistics["T.swapped@cameras"] for one in (drawn, fixed)]
     assert shares[0].p < 0.01
     assert shares[1].p is None
     assert shares[0].value == pytest.approx(shares[1].value, rel=0.2)
+
+
+def test_who_says_that_a_seed_fixes_it_and_draws_is_found_out(bank: FrameBank, tmp_path: Path) -> None:
+    """One seed gives two answers: it is asked as one that draws, and its noise is not taken for looking."""
+    policy.run(policy.plan(bank.root, ["python:arms:liar"], tmp_path / "run", conditions=FEW))
+    scored = policy.score(tmp_path / "run")
+    found = scored.models["python:arms:liar"]
+    assert found.drawn
+    assert found.statistics["T.swapped@cameras"].value == pytest.approx(0, abs=0.05)
+    assert judge(scored)["python:arms:liar"].camera.label == "ignores_camera"
+
+
+def test_a_pose_in_the_picture_is_no_content(bank: FrameBank, tmp_path: Path) -> None:
+    """States match roughly, and the rest of the difference shows; a picture of the own episode shows as much."""
+    asked = ("real", "real_repeat", "swapped@cameras", "matched@cameras", "near@cameras", "blank")
+    specs = ["python:arms:poses", "python:arms:deaf"]
+    policy.run(policy.plan(bank.root, specs, tmp_path / "run", conditions=asked))
+    scored = policy.score(tmp_path / "run")
+    poses, deaf = (scored.models[spec].statistics for spec in specs)
+    assert poses["T.matched@cameras"].ci[0] > 0.02
+    assert poses["beyond@cameras"].ci[0] < 0.02 < deaf["beyond@cameras"].ci[0]
+    verdicts = judge(scored)
+    assert verdicts[specs[0]].camera.label == "undecided"
+    assert "it may read its own pose" in verdicts[specs[0]].camera.because
+    assert verdicts[specs[1]].camera.label == "camera_content"
 
 
 def test_a_run_that_was_cut_goes_on_and_comes_to_the_same(bank: FrameBank, tmp_path: Path) -> None:
@@ -184,7 +209,7 @@ def test_a_run_that_was_cut_goes_on_and_comes_to_the_same(bank: FrameBank, tmp_p
     assert "calls are unfinished" in judge(policy.score(tmp_path / "cut"))[specs[0]].remarks[0]
     policy.run(cut)
     assert judge(policy.score(tmp_path / "cut"))[specs[0]].remarks == ()
-    assert cut.counts() == (48 * 8, 48 * 8, 0)
+    assert cut.counts() == (48 * 9, 48 * 9, 0)
     first, second = (policy.score(tmp_path / name).as_dict()["policies"] for name in ("whole", "cut"))
     assert first == second
     other = open_bank_simulator("tabletop").build(tmp_path / "other", steps=4, seeds=(7, 8))
@@ -208,9 +233,9 @@ def test_a_run_that_is_killed_goes_on_and_loses_no_finished_call(bank: FrameBank
                     running.kill()
                 time.sleep(0.002)
         with Ledger(out / "ledger.sqlite") as ledger:
-            assert len(ledger.finished()) >= max(finished, min(wanted, 48 * 8))
+            assert len(ledger.finished()) >= max(finished, min(wanted, 48 * 9))
             finished = len(ledger.finished())
-    assert finished == 48 * 8
+    assert finished == 48 * 9
     policy.run(policy.plan(bank.root, specs, tmp_path / "whole", conditions=FEW))
     with Ledger(out / "ledger.sqlite") as ledger:
         finals = [sent.key for spec in specs for sent in ledger.attempts(spec) if sent.final]

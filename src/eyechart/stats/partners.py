@@ -54,20 +54,43 @@ def matched_partners(episodes: Sequence[object], states: npt.ArrayLike, *, withi
     similar: nearer than a share ``within`` of the squared distance of two states at random. ValueError where the
     lengths differ.
     """
-    episode, given = _numbered(episodes), np.asarray(states, np.float64)
-    if given.ndim != 2 or len(given) != len(episode):
-        raise ValueError(f"{len(episode)} episodes and states of shape {given.shape}: give one row a frame")
-    spread = given.std(axis=0)
-    scaled = (given - given.mean(axis=0)) / np.where(spread > 0, spread, 1.0)
+    episode, scaled = _numbered(episodes), _scaled(episodes, states)
     found = np.full(len(episode), NOBODY)
+    most = within * 2 * np.count_nonzero(scaled.std(axis=0))
     for rows in chunks(len(episode), scaled.size):
         far = ((scaled[rows, None, :] - scaled[None]) ** 2).sum(axis=2)
         far[episode[rows, None] == episode[None]] = np.inf
         nearest = far.argmin(axis=1)
-        most = within * 2 * np.count_nonzero(spread)
         there = np.take_along_axis(far, nearest[:, None], axis=1)[:, 0] <= most
         found[rows] = np.where(there, nearest, NOBODY)
     return found
+
+
+def near_partners(episodes: Sequence[object], states: npt.ArrayLike, matched: Places) -> Places:
+    """Return for each frame the place of one of its own episode, as far off in its state as its match, shape (n,).
+
+    ``matched`` are `matched_partners`; of all other frames of the episode it is the one whose distance is nearest to
+    theirs. `NOBODY` where a frame has no match, or is alone in its episode.
+    """
+    episode, scaled = _numbered(episodes), _scaled(episodes, states)
+    found = np.full(len(episode), NOBODY)
+    for place in map(int, np.flatnonzero(matched != NOBODY)):
+        own = np.flatnonzero(episode == episode[place])
+        own = own[own != place]
+        if len(own):
+            far = np.sqrt(((scaled[own] - scaled[place]) ** 2).sum(axis=1))
+            wanted = np.sqrt(((scaled[matched[place]] - scaled[place]) ** 2).sum())
+            found[place] = own[np.abs(far - wanted).argmin()]
+    return found
+
+
+def _scaled(episodes: Sequence[object], states: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """Return states in units of their spread over the frames; ValueError where they are not one row a frame."""
+    given = np.asarray(states, np.float64)
+    if given.ndim != 2 or len(given) != len(episodes):
+        raise ValueError(f"{len(episodes)} episodes and states of shape {given.shape}: give one row a frame")
+    spread = given.std(axis=0)
+    return np.asarray((given - given.mean(axis=0)) / np.where(spread > 0, spread, 1.0))
 
 
 def _numbered(labels: Sequence[object]) -> Places:

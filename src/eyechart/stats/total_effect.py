@@ -250,13 +250,23 @@ def unlikeness(answers: Floats, logged: Floats) -> tuple[float, float]:
     """Return how far the numbers of a dimension are from the logged ones as a whole: in their mean, and in spread.
 
     Both have shape (n, steps, dimensions), in units of scale. First the largest distance of two means, in units of the
-    logged spread; then the largest ratio of two spreads, above 1 either way. A dimension that was never moved in the
-    log counts in its unit, and has no ratio, nor has one that the controller never moves: that is no other unit.
+    logged spread, of the dimensions of which most answers lie half a spread or more outside all that was logged; then
+    the largest ratio of two spreads, above 1 either way, or of two ranges where that is nearer to 1: who closes a
+    gripper rarely, or always, has another mean and another spread, and no other unit. A dimension that was never moved
+    in the log counts in its unit, and has no ratio, nor has one that the controller never moves.
     """
     a, b = (one.reshape(-1, one.shape[-1]) for one in (answers, logged))
     spread, own = b.std(axis=0), a.std(axis=0)
     moved = spread > TIE
+    outside = ((a < b.min(axis=0) - spread / 2) | (a > b.max(axis=0) + spread / 2)).mean(axis=0)
     offset = np.abs(a.mean(axis=0) - b.mean(axis=0)) / np.where(moved, spread, 1.0)
     both = moved & (own > _STILL * spread)
-    ratio = np.where(both, own, 1.0) / np.where(both, spread, 1.0)
-    return float(offset.max()), float(np.maximum(ratio, 1 / ratio).max())
+    ratios = [
+        np.where(both, first, 1.0) / np.where(both, second, 1.0) for first, second in ((own, spread), _ranges(a, b))
+    ]
+    ratio = np.minimum(*(np.maximum(one, 1 / one) for one in ratios))
+    return float(np.where(outside > 0.5, offset, 0.0).max()), float(ratio.max())
+
+
+def _ranges(*many: Floats) -> list[Floats]:
+    return [np.asarray(np.ptp(one, axis=0)) for one in many]

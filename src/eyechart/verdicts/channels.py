@@ -234,11 +234,19 @@ def judge_camera(statistics: Statistics, channel: str, what: str) -> Judged:
 
 
 def _content(statistics: Statistics, channel: str, shown: str) -> Judged:
-    """Return the label of pictures whose content decides: whether the object in them is followed, is of all cameras."""
+    """Return the label of pictures whose content decides: whether the object in them is followed, is of all cameras.
+
+    A picture of the own episode, as far off in its state as the matched one, takes the claim away where it changes as
+    much; not from who follows an object that is moved while the state stays.
+    """
     plain = Judged("camera_content", _sentence(shown), f"T.matched@{channel}")
+    gain, control = (None if channel != "cameras" else statistics.get("follow.named")), "follow.told"
+    beyond = statistics.get(f"beyond@{channel}")
+    if beyond is not None and not used(beyond) and not _followed(gain, FOLLOWED):
+        near = f"one of its own episode, as far off in its state, {_share(statistics.get(f'T.near@{channel}'))}"
+        return Judged("undecided", _sentence(f"{shown}; but {near}: it may read its own pose"), f"beyond@{channel}")
     if channel != "cameras":
         return plain
-    gain, control = statistics.get("follow.named"), "follow.told"
     if (told := statistics.get(control)) is None or told.value is None:
         control = "follow.rather"
     if gain is None or gain.value is None:
@@ -322,6 +330,12 @@ def _remarks(statistics: Statistics) -> Iterator[str]:
                 f"Another {word} changes not one bit of any answer: does it reach the policy? "
                 "'eyechart doctor SPEC --frames BANK' asks"
             )
+    misfit = statistics.get("misfit")
+    if misfit is not None and misfit.value is not None and misfit.value >= MISFIT:
+        yield (
+            f"Its error is {misfit.value:.2g} of the log's variance: it does something else than was logged, so that "
+            "what it uses may be put to no good use"
+        )
     paint = statistics.get("T.recoloured")
     if used(paint):
         yield f"A table of another colour alone changes {_share(paint)} of the action"

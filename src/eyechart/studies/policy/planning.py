@@ -147,12 +147,14 @@ def motions_of(manifest: RunManifest, bank: FrameBank) -> MotionPlan:
     """Return the plan of a run's manifest, as long as nobody knows who draws."""
     found = plan_of(manifest, bank)
     assert isinstance(found, MotionPlan)
-    return found
+    return replace(found, seeded=frozenset(spec for spec in manifest.models if seeded(manifest, spec)))
 
 
 def drawers(ledger: Ledger, manifest: RunManifest) -> frozenset[str]:
-    """Return the policies that draw their answers: two to one picture differ, and no seed fixes them."""
-    return frozenset(spec for spec in manifest.models if not seeded(manifest, spec) and _differs(ledger.replies(spec)))
+    """Return the policies that draw their answers: two to one moment differ, of who says it is seeded to one seed."""
+    return frozenset(
+        spec for spec in manifest.models if _differs(ledger.replies(spec), again=int(seeded(manifest, spec)))
+    )
 
 
 def seeded(manifest: RunManifest, spec: str) -> bool:
@@ -160,10 +162,10 @@ def seeded(manifest: RunManifest, spec: str) -> bool:
     return manifest.facts.get(spec, {}).get("seedable") == "true"
 
 
-def _differs(replies: Iterator[tuple[CallKey, Reply]]) -> bool:
+def _differs(replies: Iterator[tuple[CallKey, Reply]], *, again: int) -> bool:
     found: dict[str, str] = {}
     for key, reply in replies:
-        if key.condition in {"real", "real_repeat"} and key.repeat == 0 and reply.error is None:
+        if (key.condition, key.repeat) in {("real", 0), ("real_repeat", again)} and reply.error is None:
             before = found.setdefault(key.frame, reply.text)
             if not _alike(before, reply.text):
                 return True

@@ -6,7 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
-from eyechart.channels import MOVES, OBJECTS, PARTNERS, TOLD, channels_of
+from eyechart.channels import (
+    BY_STATE,
+    INSTRUCTION,
+    MOVES,
+    OBJECTS,
+    PARTNERS,
+    STATE,
+    TOLD,
+    channels_of,
+)
 from eyechart.conditions import OVER
 from eyechart.costs import Account, Book
 from eyechart.errors import LedgerError
@@ -140,7 +149,7 @@ def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path) -> Poli
         plan = drawn_of(ledger, manifest, bank)
         for spec, version in manifest.models.items():
             motions, drawn = read_motions(ledger.replies(spec), plan, spec), spec in plan.drawn
-            statistics = statistics_of(motions, drawn=drawn, seeded=seeded(manifest, spec))
+            statistics = statistics_of(motions, drawn=drawn, seeded=seeded(manifest, spec) and not drawn)
             found[spec] = OnePolicy(spec, version, motions, drawn, statistics)
         accounting, guards = _took(ledger, manifest, plan, read_prices())
     return PolicyScore(manifest, bank, found, accounting, guards)
@@ -203,6 +212,8 @@ def statistics_of(motions: Motions, *, drawn: bool, seeded: bool) -> dict[str, S
     for name in motions.plan.conditions:
         if name not in {"real", "real_repeat", "mirrored", *MOVES} and not name.startswith(TOLD):
             found[f"T.{name}"] = taken.total(name)
+    cameras = (name for name in channels_of(motions.plan.bank) if name not in {STATE, INSTRUCTION})
+    found |= {f"beyond@{name}": taken.beyond(name) for name in cameras if f"T.near@{name}" in found}
     found |= {f"follow.{which}": taken.follow((which,)) for which in OBJECTS}
     found["follow.told"] = taken.told()
     found["follow.rather"] = taken.follow(OBJECTS)
@@ -322,6 +333,22 @@ class _Taken:
             "same": float((real == other).all(axis=(0, 2, 3)).mean()),
         }
         return replace(found, p=p, detail=detail)
+
+    def beyond(self, channel: str) -> Statistic:
+        """Return the share that goes with pictures at a similar state, over what goes with those of the own episode.
+
+        Where that is nothing, what is left at a similar state may be the little by which the states still differ.
+        """
+        matched, near = (self._motions.of(f"{name}@{channel}") for name in BY_STATE)
+        if matched is None or near is None:
+            return cannot_say(NOT_ASKED)
+        frames = self._whole(self._real, matched, near)
+        if not len(frames):
+            return cannot_say(NO_FRAMES)
+        real = self._real[:, frames]
+        values = half_squares(real, matched[:, frames]) - half_squares(real, near[:, frames])
+        theirs = self._motions.episodes_of(self._motions.partners(f"matched@{channel}")[frames])
+        return total_effect(Pairs(values, self._episodes[frames], theirs), self._variation(), sampled=True)
 
     def follow(self, which: tuple[str, ...]) -> Statistic:
         """Return how far what was moved is followed; of two objects, how much farther the first than the second."""

@@ -1,0 +1,235 @@
+"""LeRobot's own ACT on the tabletop, trained with and without a state that tells where the block is: opposite verdicts.
+
+    LEROBOT_PYTHON=/path/to/python make long-act
+
+``LEROBOT_PYTHON`` is a Python (3.12 or newer) that has LeRobot and eyechart; it trains, and it asks. ACT reads no text,
+so that the callable hands it the named block as two numbers of its state. Its backbone is a small one, since nothing is
+downloaded. A policy that is trained, and a run that is finished, are not made again. Writes
+``benchmarks/results/act.json``; exit 1 where a verdict is not as it should be.
+"""
+
+import argparse
+import datetime as dt
+import json
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+HERE = Path(__file__).parent
+RESULT = HERE / "results" / "act.json"
+CACHE = Path(os.environ.get("EYECHART_ACT", "build/act"))
+EPISODES, MOVES, BATCH, HORIZON = 400, 18, 32, 8
+PRESETS = {"sees": "balanced", "privileged": "privileged"}
+EXPECTED = {
+    "sees": {"camera": ("object_grounded", "camera_content"), "instruction": ("instruction_followed",)},
+    "privileged": {"camera": ("ignores_camera",), "state": ("state_shortcut",)},
+}
+
+
+def moments(kind: str) -> dict[str, np.ndarray]:
+    """Return the training data: pictures, states with the named block, and motions, of episodes that no bank holds."""
+    from eyechart.seeds import key_seed  # noqa: PLC0415 - of the other environment
+    from eyechart.simulators.tabletop.drawing import cameras  # noqa: PLC0415
+    from eyechart.simulators.tabletop.world import COLOURS, episode, oracle, scene  # noqa: PLC0415
+
+    rng, tables = np.random.default_rng(key_seed("act", kind)), []
+    for turn in range(EPISODES):
+        tables += episode(rng, scene(rng), COLOURS[turn % 2], MOVES, left=turn % 4 < 2)
+    seen = cameras(tables)
+    own = [[*one.tool, one.grip, *(one.target if kind == "privileged" else ())] for one in tables]
+    told = [[float(one.named == colour) for colour in COLOURS] for one in tables]
+    return {
+        "top": seen["top"],
+        "wrist": seen["wrist"],
+        "state": np.concatenate([np.array(own), np.array(told)], axis=1).astype(np.float32),
+        "action": np.stack([oracle(one) for one in tables]).astype(np.float32),
+    }
+
+
+def policy_of(states: int) -> Any:  # noqa: ANN401 - of LeRobot
+    """Return LeRobot's ACT with a small backbone."""
+    import torch  # noqa: PLC0415
+    from lerobot.configs.types import FeatureType, PolicyFeature  # noqa: PLC0415
+    from lerobot.policies.act.configuration_act import ACTConfig  # noqa: PLC0415
+    from lerobot.policies.act.modeling_act import ACTPolicy  # noqa: PLC0415
+
+    class Small(torch.nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            first, second, third = (
+                torch.nn.Conv2d(*one) for one in ((3, 12, 5, 2, 2), (12, 24, 3, 2, 1), (24, 32, 3, 1, 1))
+            )
+            between = torch.nn.ReLU()
+            self.net = torch.nn.Sequential(first, between, second, between, third, between)
+
+        def forward(self, pictures: Any) -> dict[str, Any]:  # noqa: ANN401 - of torch
+            return {"feature_map": self.net(pictures)}
+
+    torch.set_num_threads(1)
+    torch.manual_seed(0)
+    visual = {f"observation.images.{name}": PolicyFeature(FeatureType.VISUAL, (3, 32, 32)) for name in ("top", "wrist")}
+    config = ACTConfig(
+        input_features={**visual, "observation.state": PolicyFeature(FeatureType.STATE, (states,))},
+        output_features={"action": PolicyFeature(FeatureType.ACTION, (3,))},
+        device="cpu",
+        chunk_size=HORIZON,
+        n_action_steps=HORIZON,
+        pretrained_backbone_weights=None,
+        dim_model=64,
+        n_heads=4,
+        dim_feedforward=128,
+        n_encoder_layers=1,
+        n_decoder_layers=1,
+        n_vae_encoder_layers=1,
+        latent_dim=8,
+        dropout=0.0,
+        use_vae=False,
+    )
+    made = ACTPolicy(config)
+    made.model.backbone = Small()
+    made.model.encoder_img_feat_input_proj = torch.nn.Conv2d(32, 64, 1)
+    return made
+
+
+def processors(config: Any, data: dict[str, np.ndarray]) -> tuple[Any, Any]:  # noqa: ANN401 - of LeRobot
+    """Return what normalises a policy's inputs, and what un-normalises its answers."""
+    import torch  # noqa: PLC0415
+    from lerobot.policies.factory import make_pre_post_processors  # noqa: PLC0415
+
+    state, action = torch.tensor(data["state"]), torch.tensor(data["action"])
+    picture = {"mean": torch.full((3, 1, 1), 0.6), "std": torch.full((3, 1, 1), 0.25)}
+    spread = {"mean": action.mean((0, 1)), "std": action.std((0, 1)) + 1e-6}
+    stats = {f"observation.images.{name}": picture for name in ("top", "wrist")} | {"action": spread}
+    stats["observation.state"] = {"mean": state.mean(0), "std": state.std(0) + 1e-6}
+    return tuple(make_pre_post_processors(config, dataset_stats=stats))  # type: ignore[return-value]
+
+
+def shown(pictures: dict[str, np.ndarray], state: np.ndarray) -> dict[str, Any]:
+    """Return a batch as LeRobot's processors take it."""
+    import torch  # noqa: PLC0415
+
+    made = {
+        f"observation.images.{name}": torch.tensor(one).permute(0, 3, 1, 2).float() / 255
+        for name, one in pictures.items()
+    }
+    return {**made, "observation.state": torch.tensor(state), "task": [""] * len(state)}
+
+
+def train(kind: str, steps: int) -> None:
+    """Train a policy and keep its weights."""
+    import torch  # noqa: PLC0415
+
+    data = moments(kind)
+    policy = policy_of(data["state"].shape[1])
+    before, _ = processors(policy.config, data)
+    optimiser, rng, begun = torch.optim.AdamW(policy.parameters(), 1e-3), np.random.default_rng(0), time.process_time()
+    policy.train()
+    for turn in range(steps):
+        for group in optimiser.param_groups:
+            group["lr"] = 1e-3 * (1 - 0.95 * turn / steps)
+        rows = rng.integers(0, len(data["state"]), BATCH)
+        batch = shown({name: data[name][rows] for name in ("top", "wrist")}, data["state"][rows])
+        batch |= {
+            "action": torch.tensor(data["action"][rows]),
+            "action_is_pad": torch.zeros(BATCH, HORIZON, dtype=torch.bool),
+        }
+        loss, parts = policy.forward(before(batch))
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        if turn % 200 == 0:
+            sys.stdout.write(f"{kind} {turn} {parts} {time.process_time() - begun:.0f} s of CPU\n")
+            sys.stdout.flush()
+    torch.save(policy.state_dict(), CACHE / f"{kind}.pt")
+    (CACHE / f"{kind}.json").write_text(json.dumps({"steps": steps, "cpu_seconds": round(time.process_time() - begun)}))
+
+
+class Trained:
+    """A trained policy as a callable; loaded when it is first asked."""
+
+    def __init__(self, kind: str) -> None:
+        self.kind, self.version, self._loaded = kind, "1", None
+
+    def __call__(self, images: dict[str, np.ndarray], state: np.ndarray, instruction: str | None) -> np.ndarray:
+        """Return a motion; the named block is told as two numbers of the state."""
+        import torch  # noqa: PLC0415
+
+        if self._loaded is None:
+            data = moments(self.kind)
+            policy = policy_of(data["state"].shape[1])
+            policy.load_state_dict(torch.load(CACHE / f"{self.kind}.pt", weights_only=True))
+            policy.eval()
+            self._loaded = (policy, *processors(policy.config, data))
+        policy, before, after = self._loaded
+        told = [float(colour in (instruction or "")) for colour in ("red", "blue")]
+        given = np.array([[*state, *told]], np.float32)
+        with torch.no_grad():
+            chunk = policy.predict_action_chunk(before(shown({name: one[None] for name, one in images.items()}, given)))
+        return np.asarray(after(chunk)[0], np.float32)
+
+    def reset(self) -> None:
+        """Empty its queue."""
+        if self._loaded is not None:
+            self._loaded[0].reset()
+
+
+sees, privileged = Trained("sees"), Trained("privileged")
+
+
+def asked(kind: str) -> dict[str, object]:
+    """Build a policy's bank, run it and return its verdict."""
+    from eyechart.simulators import open_bank_simulator  # noqa: PLC0415
+    from eyechart.studies import policy  # noqa: PLC0415
+    from eyechart.studies.policy.scoring import judge  # noqa: PLC0415
+
+    sys.path.insert(0, str(HERE))
+    bank, run = CACHE / f"bank-{PRESETS[kind]}", CACHE / f"run-{kind}"
+    if not bank.is_dir():
+        open_bank_simulator("tabletop").build(bank, preset=PRESETS[kind], steps=6)
+    spec = f"python:act_tabletop:{kind}"
+    policy.run(policy.plan(bank, [spec], run))
+    return judge(policy.score(run))[spec].as_dict()
+
+
+def main() -> int:
+    """Train what is not trained, ask, and write the result; returns the exit code."""
+    import lerobot  # noqa: PLC0415
+
+    import eyechart  # noqa: PLC0415
+
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--steps", type=int, default=3000)
+    args = parser.parse_args()
+    CACHE.mkdir(parents=True, exist_ok=True)
+    found = {}
+    for kind in PRESETS:
+        if not (CACHE / f"{kind}.json").is_file():
+            train(kind, args.steps)
+        found[kind] = asked(kind)
+    amiss = [
+        f"{kind}: {axis} {found[kind][axis]}"
+        for kind, axes in EXPECTED.items()
+        for axis, labels in axes.items()
+        if found[kind][axis] not in labels
+    ]
+    told = ("camera", "cameras", "state", "instruction", "guards", "channels")
+    policies = {
+        kind: {**json.loads((CACHE / f"{kind}.json").read_text()), **{name: one[name] for name in told}}
+        for kind, one in found.items()
+    }
+    about = {
+        "eyechart": eyechart.__version__,
+        "lerobot": lerobot.__version__,
+        "date": dt.datetime.now(dt.UTC).date().isoformat(),
+    }
+    RESULT.write_text(json.dumps({**about, "policies": policies, "amiss": amiss}, indent=1) + "\n")
+    sys.stdout.write("\n".join([*amiss, f"wrote {RESULT}"]) + "\n")
+    return int(bool(amiss))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
