@@ -12,8 +12,10 @@ from eyechart.modes import Measured, RequestMode
 
 PAGE = Path(__file__).with_name("models.md")
 BLOCK = re.compile(r"(<!-- costs: .*? -->\n).*?(<!-- end of costs -->)", re.DOTALL)
-FRAMES, CONDITIONS = 144, 8
+FRAMES, CONDITIONS, CONTROLS = 144, 11, 5
 CALLS = FRAMES * CONDITIONS
+MORE = FRAMES * CONTROLS
+"""Of who reads distance; of who never looks, 79 calls of one control."""
 TOKENS_IN = 400
 TOKENS_OUT = {"answers at once": 20, "thinks first": 600}
 
@@ -39,7 +41,8 @@ def block() -> str:
     heads = " | ".join(f"{name} ({tokens} tokens out)" for name, tokens in TOKENS_OUT.items())
     says = (
         f"{CALLS} calls ({FRAMES} frames × {CONDITIONS} conditions), {TOKENS_IN} tokens in a call: about 150 of words, "
-        "250 of a picture.\nAll of that is assumed, not measured: `eyechart probe` measures your model, and the "
+        f"250 of a picture.\nControls come on top, where answers call for them: of a model that reads distance {MORE} "
+        f"calls ({MORE / CALLS:.0%}), of one that never looks at most a twentieth.\nAll of that is assumed, not measured: `eyechart probe` measures your model, and the "
         "estimate before a run is made\nof that. Retries and the probe (some 35 calls) come on top. A model that runs "
         "on your own machine costs time and energy,\nand no dollar."
     )

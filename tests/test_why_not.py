@@ -127,7 +127,7 @@ def test_a_bank_that_lacks_the_pictures_is_told_so_and_what_they_show() -> None:
     given = evidence_on(simulated.answers(graded, WORLD, controls=False))
     why = judge_one(replace(given, absent=("lane_own", "lane_beside", "lead_mid_near", "lead_mid_far"))).why_not
     assert why.settle.startswith("a bank that has the pictures that this one lacks, of each moment again (lane_own: ")
-    assert "lane_beside: it far, and the one beside the path near" in why.settle
+    assert "lane_beside: the obstacle ahead far, the one beside the path near" in why.settle
     assert why.settle.endswith("pictures that were not asked: nudged")
     observed = evidence_on(simulated.answers(graded, WORLD, counterfactuals=False))
     moved = judge_one(replace(observed, absent=("lead_near", "lead_far"))).why_not

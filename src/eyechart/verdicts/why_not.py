@@ -20,10 +20,10 @@ MOVED = ("lead_near", "lead_far")
 PHOTOGRAPHED = {
     "lead_near": "the obstacle ahead near",
     "lead_far": "the obstacle ahead far",
-    "lane_own": "it near, and one beside the path far",
-    "lane_beside": "it far, and the one beside the path near",
-    "lead_mid_near": "it somewhere between near and the middle",
-    "lead_mid_far": "it somewhere between the middle and far",
+    "lane_own": "the obstacle ahead near, one beside the path far",
+    "lane_beside": "the obstacle ahead far, the one beside the path near",
+    "lead_mid_near": "the obstacle ahead between near and the middle",
+    "lead_mid_far": "the obstacle ahead between the middle and far",
 }
 """What each picture shows of the same moment that a bank of one's own may lack."""
 
