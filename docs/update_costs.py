@@ -42,9 +42,10 @@ def block() -> str:
     says = (
         f"{CALLS} calls ({FRAMES} frames × {CONDITIONS} conditions), {TOKENS_IN} tokens in a call: about 150 of words, "
         f"250 of a picture.\nControls come on top, where answers call for them: of a model that reads distance {MORE} "
-        f"calls ({MORE / CALLS:.0%}), of one that never looks at most a twentieth.\nAll of that is assumed, not measured: `eyechart probe` measures your model, and the "
-        "estimate before a run is made\nof that. Retries and the probe (some 35 calls) come on top. A model that runs "
-        "on your own machine costs time and energy,\nand no dollar."
+        f"calls ({MORE / CALLS:.0%}), of one that never looks at most a twentieth.\nAll of that is assumed, not "
+        "measured: `eyechart probe` measures your model, and the estimate before a run is made\nof that. Retries and "
+        "the probe (some 35 calls) come on top. A model that runs on your own machine costs time and energy,\n"
+        "and no dollar."
     )
     return "\n".join(
         [says, "", f"| model | {heads} | a million tokens | price read |", "|---|---|---|---|---|", *rows(), ""]

@@ -1,5 +1,6 @@
 """Every verdict says why it is no stronger one, how large its effects are, and what was not excluded."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -228,6 +229,24 @@ def test_whoever_turns_to_the_blocked_side_is_told_so_on_the_card() -> None:
     assert (verdict.why_not.label, verdict.why_not.decided_by) == ("depth_lateral", "turns_clear")
     assert any(note.startswith("it turns to the blocked side") for note in verdict.notes)
     assert "follow the side" not in verdict.text()
+
+
+def test_whoever_turns_to_the_blocked_side_now_and_then_is_told_so_on_the_card() -> None:
+    """On three frames of ten: most turns go to the clear side, and the first sentences warn of the others."""
+
+    def often_right(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+        action = graded(condition, frame, rng)
+        wrong = float(str(frame.truth["phase"])) < 0.3
+        left = ((frame.truth["left_clear"] is True) != (condition == "mirrored")) != wrong
+        return action if action != "STRAIGHT" else "LEFT" if left else "RIGHT"
+
+    world = simulated.frames(steps=48)
+    verdict = verdict_on(often_right, world)
+    assert (verdict.lateral.label, verdict.lateral.decided_by) == ("swaps", "turns_against")
+    wrong, turns = (int(number) for number in re.findall(r"\d+", verdict.trust.partition("Beware: ")[2]))
+    assert 0.2 < wrong / turns < 0.4
+    assert verdict.trust.endswith("turns with one clear side go to the blocked side.")
+    assert (verdict.why_not.label, verdict.why_not.decided_by) == ("depth_lateral", "turns_against")
 
 
 def test_turns_where_no_side_is_clear_are_counted_and_said() -> None:

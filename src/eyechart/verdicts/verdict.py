@@ -179,7 +179,7 @@ def judge_one(evidence: Evidence) -> Verdict:
         calibrated=calibrated,
         lateral=lateral,
         evidence=asked_by,
-        trust=_trust(calibrated.label, lateral.label, found["turns_clear"], effects),
+        trust=_trust(calibrated.label, lateral, found["turns_clear"], effects),
         scope=evidence.scope,
         notes=notes(evidence, calibrated.label),
         failed=evidence.failed,
@@ -190,13 +190,15 @@ def judge_one(evidence: Evidence) -> Verdict:
     )
 
 
-def _trust(label: str, lateral: str, clear: Statistic, effects: Effects | None) -> str:
+def _trust(label: str, lateral: Ruling, clear: Statistic, effects: Effects | None) -> str:
     """Return with what a model may be trusted, to which side it turns where that was shown, and what is left open."""
     said = [LABELS[label].says]
-    if label == "depth_lateral" and lateral == "turns_clear":
-        said.append(LATERAL[lateral].says)
+    if label == "depth_lateral" and lateral.label == "turns_clear":
+        said.append(LATERAL[lateral.label].says)
     elif _turns_blocked(clear):
         said.append("Beware: its turns go to the blocked side.")
+    elif lateral.decided_by == "turns_against" and isinstance(clear, SignTest):
+        said.append(f"Beware: {clear.losses} of its {clear.n} turns with one clear side go to the blocked side.")
     if LABELS[label].family == "sees" and effects is not None and effects.not_excluded:
         said.append("In part of what was tested a reversal was not excluded.")
     return " ".join(said)
