@@ -3,20 +3,26 @@
 import json
 import sys
 from collections import Counter
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 import banks
+import simulated
 from eyechart import cli
 from eyechart.errors import SpecError
 from eyechart.frames import Frame, FrameBank, alone
 from eyechart.spaces.discrete import Discrete
 from eyechart.stats.agreement import binomial_tail, detectable_share
+from eyechart.stats.statistic import Statistic
 from eyechart.studies import battery
-from eyechart.studies.battery.odds import odds_of
+from eyechart.studies.battery.calibrated import Calibrated, Found
+from eyechart.studies.battery.odds import LEFT_OUT, odds_of
 from eyechart.studies.battery.power import power_of
+from eyechart.studies.battery.published import Resampling
+from eyechart.verdicts import calibrated_rules
 
 
 @pytest.fixture(scope="module")
@@ -173,6 +179,7 @@ def test_the_plan_says_how_often_a_model_of_a_known_kind_gets_its_label(bank: Fr
     assert large.depth == {"0.3": None, "1": None}
     assert large.depth_associated["1"] == 1.0
     assert "power at a noise floor of 0.11" in large.words
+    assert "less by what is not drawn: unparsed_reference, unparsed_controls, dose_lost" in large.words
     with pytest.raises(SpecError, match="--noise is the share of repeats"):
         power_of(bank, noise=0.9)
 
@@ -194,3 +201,46 @@ def test_plan_agrees_with_models_that_are_drawn_and_judged() -> None:
     assert kept["off"] == 0
     assert kept["largest"] <= kept["within"] == 0.05
     assert {cell["frames"] for cell in kept["cells"]} == {36, 72, 144, 288}
+
+
+DRAWN = {
+    *("depth_interventional", "depth_net", "lane_exchange", "lane_net", "dose_near_mid", "dose_mid", "dose_mid_far"),
+    *("dose_bins", "scenario_reversed", "near_far_lost", "lane_lost", "both_lost", "repeat_over_nudged"),
+    *(f"bound_{name}" for name in ("blank", "content_shuffled", "content_recoloured", "scene")),
+    *(f"bound_{name}" for name in ("mirrored", "lead_near", "lead_far", "lead_absent", "noise", "text_only")),
+}
+
+
+@pytest.mark.parametrize("kind", ["depth", "image_invariant", "presence_only"])
+def test_every_test_of_a_verdict_is_drawn_or_named_as_left_out(kind: str) -> None:
+    """The rules read no statistic of these models that the power neither draws nor says that it leaves out."""
+
+    def rule(condition: str, frame: Frame, rng: object) -> str:
+        del rng
+        if kind == "image_invariant":
+            return "SLOW"
+        if simulated.blind(condition):
+            return "STOP"
+        gap = simulated.gap(frame) if kind == "depth" else 20.0
+        return "STOP" if gap < 12 else "SLOW" if gap < 35 else "STRAIGHT"
+
+    frames = simulated.frames()
+    found = Found(Calibrated(simulated.answers(rule, frames), Resampling(resamples=99)))
+    read = set[str]()
+
+    class Read(Mapping[str, Statistic]):
+        def __getitem__(self, name: str) -> Statistic:
+            read.add(name)
+            return found[name]
+
+        def __iter__(self) -> Iterator[str]:
+            return iter(found)
+
+        def __len__(self) -> int:
+            return len(found)
+
+    assert calibrated_rules(Read(), turns=False)[0].label == kind
+    named = {name.partition(" ")[0] for name in LEFT_OUT}
+    left = {name for name in read - DRAWN if not name.startswith("content_nudged_")}  # as content is, and after it
+    assert left <= named
+    assert named - DRAWN <= {*found}

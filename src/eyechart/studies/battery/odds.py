@@ -36,8 +36,9 @@ NO_PICTURES = ("noise", "text_only")
 """What an absence bounds: at ``ALPHA``, at ``BOUND_ALPHA``, and likewise where no decision comes from the camera."""
 
 LEFT_OUT = (
-    *("unparsed_reference", "unparsed_controls", "content_shuffled", "kappa_pooled", "scene_cue", "repeats_together"),
-    *("dose_lost", "dose_by_frame", "dose_scan", "dose_bins between other frames"),
+    *("unparsed_reference", "unparsed_controls", "dose_lost", "dose_by_frame", "dose_scan", "dose_bins over frames"),
+    *("content_shuffled", "content_recoloured", "content_lead_absent", "kappa", "self_disagreement", "scene_cue"),
+    *("presence", "presence_response", "repeats_together"),
 )
 """The tests that a verdict makes and the power leaves out: each takes a label from such models now and then."""
 
