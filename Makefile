@@ -14,7 +14,7 @@ DOCS := $(VENV)/.docs
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm demo-policy ladder hierarchy test test-models test-browser lint format docs wheel bench long-compare long-speed long-adversaries long-coverage long-power long-policies long-lerobot long-act long-serve mutants clean
+.PHONY: help demo demo-vlm demo-policy ladder hierarchy test test-models test-browser lint format docs wheel bench long-compare long-speed long-adversaries long-coverage long-power long-policies long-lerobot long-act long-serve long-replies mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -32,6 +32,7 @@ help:
 	@echo "make long-compare 0.1.0, installed beside, and this version make the same studies: what differs, by key"
 	@echo "make long-adversaries  adversaries on fresh banks through the real run: which claims they get that are untrue"
 	@echo "make long-power   the power that a plan prints, against models that are drawn, scored and judged"
+	@echo "make long-replies  a million replies made from the corpus by mutation, each read: no exception, no guess"
 	@echo "make long-serve   a served guardian under hostile load, against the table of classes of replies"
 	@echo "make long-policies  the rules on policies, in simulated settings that were fixed before"
 	@echo "make long-lerobot   a data set by LeRobot's own writer, from import to gate: verdicts, time and memory"
@@ -127,6 +128,9 @@ long-act:
 
 long-power: $(CORE)
 	$(BIN)/python benchmarks/planned_power.py
+
+long-replies: $(CORE)
+	$(BIN)/python benchmarks/fuzzed_replies.py
 
 long-serve: $(CORE)
 	$(BIN)/python benchmarks/hostile_serve.py

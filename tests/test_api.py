@@ -21,7 +21,7 @@ from eyechart.calls import Query, Reply
 from eyechart.errors import LedgerError, SpecError
 from eyechart.manifest import LEDGER
 from eyechart.modes import RequestMode
-from eyechart.spaces.discrete import READER
+from eyechart.spaces.reader import READER
 from eyechart.stats.statistic import Statistic
 from eyechart.studies import battery
 from eyechart.studies.battery.page import make_page

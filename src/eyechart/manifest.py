@@ -25,8 +25,9 @@ from eyechart.modes import RequestMode
 from eyechart.perception.view import NONE
 from eyechart.prompts import Prompt
 from eyechart.records import build, shown
-from eyechart.spaces.discrete import READER, Discrete
+from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.motion import MotionSpace
+from eyechart.spaces.reader import READER
 
 LEDGER = "ledger.sqlite"
 RUN = "run.json"
@@ -132,6 +133,8 @@ class Manifest:
         """Return the JSON text of the manifest's file."""
         modes = {spec: mode.as_dict() for spec, mode in self.modes.items()}
         values = {**asdict(self), "prompt": self.prompt.as_dict(), "modes": modes}  # type: ignore[call-overload]
+        if isinstance(self, EpisodesManifest):
+            values["action_space"] = self.action_space.as_dict()
         return json.dumps({"format": self.FORMAT, **values}, indent=1, ensure_ascii=False) + "\n"
 
     def write(self, out: Path) -> None:
@@ -165,7 +168,19 @@ class RunManifest(Manifest):
     COMMAND = "battery"
     WHO = "models"
     ASKED = "asked {}"
-    SAME = ("study", "seed", "view", "prompt", "fingerprint", "shard", "stop_early", "frames", "answers", "encoding")
+    SAME = (
+        "study",
+        "seed",
+        "view",
+        "prompt",
+        "fingerprint",
+        "shard",
+        "stop_early",
+        "frames",
+        "answers",
+        "encoding",
+        "reader",
+    )
     GROWS = ("conditions",)
 
     study: str
@@ -339,18 +354,22 @@ def is_episodes_run(path: Path) -> bool:
     return False
 
 
-def asked_of(bank: FrameBank, prompt: Prompt) -> FrameBank:
-    """Return a bank as a prompt asks of it: with what that says of a frame, and the actions it has of its own."""
-    asked = replace(bank, said=prompt.fields)
-    if not isinstance(prompt.space, Discrete):
-        return asked
-    return replace(asked, manifest=replace(bank.manifest, action_space=prompt.space))
+def asked_of(bank: FrameBank, prompt: Prompt, reader: int = READER) -> FrameBank:
+    """Return a bank as a prompt asks of it: with what that says of a frame, and the actions it has of its own.
+
+    ``reader`` is the version of the rules by which an action is read from a reply.
+    """
+    space = prompt.space if isinstance(prompt.space, Discrete) else bank.manifest.action_space
+    return replace(bank, said=prompt.fields, manifest=replace(bank.manifest, action_space=space.by(reader)))
 
 
-def read_run(path: Path) -> tuple[RunManifest, FrameBank]:
-    """Read a run's manifest and the text of its bank; raises LedgerError or BankError naming the file at fault."""
+def read_run(path: Path, *, reread: bool = False) -> tuple[RunManifest, FrameBank]:
+    """Read a run's manifest and the text of its bank; raises LedgerError or BankError naming the file at fault.
+
+    Its replies are read by the version of the reader that it was begun under, or by today's where ``reread``.
+    """
     manifest = read_manifest(path)
-    bank = asked_of(open_bank(path / BANK), manifest.prompt)
+    bank = asked_of(open_bank(path / BANK), manifest.prompt, READER if reread else manifest.reader)
     if bank.manifest.fingerprint != manifest.fingerprint:
         raise LedgerError(
             f"{path / BANK} is not the bank of this run: its fingerprint differs from that in {path / RUN}"
@@ -398,15 +417,22 @@ def _built(kind: type[M], raw: dict[str, Any], file: str) -> M:
             raise ValueError(f"{name} is {shown(value)}, not a line of text")
     raw["prompt"] = Prompt.from_dict(raw["prompt"])
     raw["modes"] = {spec: RequestMode.from_dict(mode, file) for spec, mode in raw["modes"].items()}
+    if kind is EpisodesManifest:
+        raw["action_space"] = Discrete.from_dict(raw["action_space"]).by(raw["reader"])
     made = build(kind, raw)
     if isinstance(made, RunManifest):
-        find = find_exchange if isinstance(made.prompt.space, MotionSpace) else find_condition
-        for condition in made.conditions:
-            find(condition)
-        if made.controls not in CONTROLS_ASKED:
-            raise ValueError(f"controls {made.controls!r} is none of {', '.join(CONTROLS_ASKED)}")
-        if made.encoding not in ENCODINGS:
-            raise ValueError(f"encoding {made.encoding!r} is none of {', '.join(ENCODINGS)}")
-        if made.shard is not None and not 1 <= made.shard[0] <= made.shard[1]:
-            raise ValueError(f"shard {made.shard[0]}/{made.shard[1]} does not satisfy 1 <= i <= n")
+        _require_legal(made)
     return made
+
+
+def _require_legal(made: RunManifest) -> None:
+    """Raise ValueError, or SpecError of a condition, where a run's manifest holds what no run can be asked."""
+    find = find_exchange if isinstance(made.prompt.space, MotionSpace) else find_condition
+    for condition in made.conditions:
+        find(condition)
+    if made.controls not in CONTROLS_ASKED:
+        raise ValueError(f"controls {made.controls!r} is none of {', '.join(CONTROLS_ASKED)}")
+    if made.encoding not in ENCODINGS:
+        raise ValueError(f"encoding {made.encoding!r} is none of {', '.join(ENCODINGS)}")
+    if made.shard is not None and not 1 <= made.shard[0] <= made.shard[1]:
+        raise ValueError(f"shard {made.shard[0]}/{made.shard[1]} does not satisfy 1 <= i <= n")

@@ -48,6 +48,8 @@ class Prompt:
 
     def asks(self, space: Discrete) -> AnySpace:
         """Return the space of its answers, where the bank or the world has the actions of ``space``."""
+        if isinstance(self.space, Discrete):
+            return self.space.by(space.reader)
         return space if self.space is None else self.space
 
     @property

@@ -186,7 +186,7 @@ def test_a_bundle_that_cannot_be_recomputed_here_says_why(
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ({"eyechart": "9.9"}, "made by eyechart '9.9' with version 3 of the reader"),
+        ({"eyechart": "9.9"}, "made by eyechart '9.9' with version 4 of the reader"),
         ({"reader": 99}, "with version 99 of the reader of replies"),
     ],
 )

@@ -1,7 +1,9 @@
 """The reader of replies: what a careful human reads, nothing guessed, in bounded time."""
 
 import json
+import re
 import time
+import unicodedata
 
 import pytest
 from hypothesis import given
@@ -69,10 +71,38 @@ CATASTROPHES = {
     "a marker and spaces": "action" + " " * 99_000 + "x",
     "negations": "not " * 25_000 + "x",
     "one action many times": "x STOP " * 15_000,
+    "two actions in turns": "LEFT RIGHT " * 9_000,
+    "a list without end": "LEFT, " * 16_000,
+    "choices": "so STOP. " * 11_000,
+    "conditions": "if so, then " * 8_000 + "STOP",
+    "denials around": "not STOP is not " * 6_000,
+    "labels": "action: STOP\n" * 7_000,
+    "headings": "action\n" * 14_000,
+    "answers in tags": "<answer>STOP</answer>" * 4_000,
+    "open tags": "<answer>" * 12_000,
+    "open thoughts of another kind": "<reasoning>" * 9_000 + "◁think▷" * 100,
+    "channels": "<|channel|>analysis" * 5_000,
+    "boxes": "\\boxed{" * 12_000,
+    "boxes in boxes": "\\boxed{{STOP}" * 7_000,
+    "keys without an end": '{"action": ' * 9_000,
+    "objects that state": '{"action": "STOP"} ' * 900 + '{"action": "LEFT"}',
+    "struck out": "~~STOP" * 15_000,
+    "rows": "| STOP |\n" * 10_000,
+    "one letter at a time": "S T O P " * 12_000,
+    "a name in pieces": "S-" * 49_000,
+    "brackets": "(" * 50_000 + "STOP" + ")" * 49_000,
     "apologies": "i " * 50_000,
     "spaces after I": "i" + " " * 99_000 + "x",
     "quotes": "\"'`*(" * 20_000,
 }
+
+
+STATED = {
+    "a megabyte that ends in an answer": "SLOW",
+    "a list without end": "LEFT",
+    **dict.fromkeys(["choices", "labels", "answers in tags", "boxes in boxes", "struck out", "brackets"], "STOP"),
+}
+"""Those in which somebody chooses an action all the same."""
 
 
 @pytest.mark.parametrize("what", CATASTROPHES)
@@ -81,7 +111,7 @@ def test_a_hostile_reply_is_read_in_bounded_time(what: str) -> None:
     start = time.process_time()
     decision = DRIVING.read(Reply(CATASTROPHES[what], "stop", None))
     assert time.process_time() - start < 4.0
-    assert decision.action == {"a megabyte that ends in an answer": "SLOW", "one action many times": "STOP"}.get(what)
+    assert decision.action == STATED.get(what)
 
 
 def test_what_stands_in_long_thinking_is_no_answer() -> None:
@@ -116,7 +146,8 @@ FRAGMENTS = st.one_of(
 def test_no_action_is_read_that_the_text_does_not_hold(text: str, finish_reason: str | None) -> None:
     """Whatever a model writes, the reader never raises and never brings an action of its own."""
     decision = DRIVING.read(Reply(text, finish_reason, None))
-    assert decision.action is None or decision.action in text.upper()
+    plain = re.sub(r"[\W_]", "", unicodedata.normalize("NFKC", text).upper())
+    assert decision.action is None or decision.action in plain
 
 
 @given(st.sampled_from(DRIVING.actions), st.integers(0, 2**8))
@@ -151,5 +182,5 @@ def at_depth(frames: int, text: str) -> Decision[str]:
 def test_what_is_read_of_an_object_depends_on_no_caller() -> None:
     """Nor on what the parser bears: an object nested in more than 100 levels is text, wherever it is read."""
     for levels, action in ((99, None), (100, "LEFT"), (400, "LEFT")):
-        stated = '{"action": "none", "note": ' + "[" * levels + "]" * levels + "} LEFT"
+        stated = '{"action": ["none"], "note": ' + "[" * levels + "]" * levels + "} LEFT"
         assert {at_depth(frames, stated).action for frames in (0, 300, 600)} == {action}

@@ -25,7 +25,7 @@ from eyechart.ledger import SINCE_FORMAT_3, Ledger
 from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, RunManifest, asked_of, read_run
 from eyechart.records import Plain, build
 from eyechart.report.table import files_of
-from eyechart.spaces.discrete import READER
+from eyechart.spaces.reader import READER, READERS
 from eyechart.spaces.scene import SCENE_READER
 from eyechart.studies import Packed, Reading, Tell, study_of
 from eyechart.studies.battery import BatteryScore
@@ -89,7 +89,7 @@ class Recipe(Plain):
     @property
     def elsewhere(self) -> str | None:
         """Return in words which other eyechart or reader of replies made the results; None where it was this one."""
-        if self.eyechart == __version__ and self.reader in {READER, SCENE_READER}:
+        if self.eyechart == __version__ and self.reader in {*READERS, SCENE_READER}:
             return None
         return (
             f"made by eyechart {self.eyechart!r} with version {self.reader} of the reader of replies, and this is "
@@ -179,7 +179,7 @@ def write_bundle(
     not at hand, and OutputError where ``out`` may not be written.
     """
     require_free(out, "bundle")
-    manifest, bank = read_run(run)
+    manifest, bank = read_run(run, reread=reread)
     study_of(run, "bundle").require_scorable(run, Reading(independent, reread))
     tell("looking for the pictures")
     pictures, about = find_pictures(manifest, bank, run, banks)
@@ -190,7 +190,7 @@ def write_bundle(
     with tempfile.TemporaryDirectory(prefix="eyechart-bundle-") as work:
         folder = Path(work) / "bundle"
         _snapshot(run, folder / RUN_FOLDER, manifest, pictures)
-        manifest, bank = read_run(folder / RUN_FOLDER)
+        manifest, bank = read_run(folder / RUN_FOLDER, reread=reread)
         held = open_bank(folder / RUN_FOLDER / BANK)
         derived = derive(folder / RUN_FOLDER, manifest, (bank, held), recipe, tell)
         for name, content in derived.files.items():

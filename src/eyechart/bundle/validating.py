@@ -127,7 +127,7 @@ def _recompute(folder: Path, names: list[str], recipe: Recipe, found: Validation
     """Recompute from the run and compare; ``found`` takes the differences, what was compared, and what was not."""
     run = folder / RUN_FOLDER
     manifest, bank = read_manifest(run), open_unchecked(run / BANK)
-    asked = asked_of(bank, manifest.prompt)
+    asked = asked_of(bank, manifest.prompt, recipe.reader)
     if not recipe.elsewhere and (run / RUN).read_bytes() != manifest.as_text().encode():
         found.differences.append(Difference(f"{RUN_FOLDER}/{RUN}", "written in another way", "as a run is written"))
     tell("checking the bank")

@@ -48,7 +48,7 @@ from eyechart.policies.baselines import Marginal
 from eyechart.probe import Sample
 from eyechart.prompts import Prompt, find_prompt, neutral
 from eyechart.simulators import Declaration, open_simulator
-from eyechart.spaces.discrete import DRIVING, read_toml
+from eyechart.spaces.discrete import DRIVING, Discrete, read_toml
 from eyechart.spaces.scene import SceneSpace
 
 ENGINES = ("local", "ray")
@@ -105,7 +105,7 @@ def plan(
     setup = simulator if isinstance(simulator, Setup) else Setup(simulator)
     setup = replace(setup, actions=setup.actions or (out / ACTION_MAP if (out / ACTION_MAP).is_file() else None))
     opened = open_simulator(setup.simulator, actions=setup.actions)
-    world = opened.declared
+    world = replace(opened.declared, action_space=_as_begun(out, opened.declared.action_space))
     chosen = tuple(dict.fromkeys(scenarios or world.scenarios))
     _require_worlds(world, setup, chosen, seeds)
     for condition in conditions:
@@ -138,6 +138,11 @@ def plan(
     )
     planned = Episodes(every_episode(manifest), replace(drivers, view=view), manifest, setup, out)
     return replace(planned, manifest=_resumed(planned))
+
+
+def _as_begun(out: Path, space: Discrete) -> Discrete:
+    """Return the space of a world; of a run that is resumed its replies are read as when it was begun."""
+    return space.by(read_episodes_manifest(out).reader) if is_episodes_run(out) else space
 
 
 def usual_conditions(specs: Sequence[str | RequestMode], out: Path) -> tuple[str, ...]:

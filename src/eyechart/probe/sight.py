@@ -212,7 +212,8 @@ def said(kind: Kind, reply: Reply) -> str | None:
     """Return the choice that a reply names, ``NONE`` where it says that there is no picture, or None."""
     if kind == "count":
         reply = replace(reply, text=_DIGIT.sub(lambda digit: COUNTS[int(digit.group()) - 1], reply.text))
-    found = Discrete(kind, (*CHOICES[kind], NONE), (), (), ()).read(reply)
+    # What is there is asked, not what to do: a name that describes the picture is the answer, as version 3 reads it.
+    found = Discrete(kind, (*CHOICES[kind], NONE), (), (), (), reader=3).read(reply)
     if found.action is None and found.missing in {"refused", "unparsed"} and _NO_PICTURE.search(reply.text[:2000]):
         return NONE
     return found.action

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, Literal, Protocol, TypeVar
+from typing import Any, Generic, Literal, Protocol, TypeVar
 
 Missing = Literal["unparsed", "truncated", "refused", "empty", "error"]
 """Why a reply holds no decision."""
@@ -64,11 +64,12 @@ class Answer(Protocol):
 class Space(Protocol[A]):
     """What an action is. Statistics ask it for three numbers, and know nothing else of an action.
 
-    Actions are hashable. ``reader`` is the version of the rules of reading, which a run records; ``actions`` are the
-    names that an answer may give, none where an answer is no name.
+    Actions are hashable. ``actions`` are the names that an answer may give, none where an answer is no name.
     """
 
-    reader: ClassVar[int]
+    @property
+    def reader(self) -> int:
+        """The version of the rules of reading, which a run records."""
 
     @property
     def actions(self) -> tuple[str, ...]:

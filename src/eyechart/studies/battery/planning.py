@@ -49,6 +49,7 @@ from eyechart.probe import Sample
 from eyechart.prompts import Prompt, find_prompt, neutral, require_sayable
 from eyechart.run import MotionPlan, Plan, Progress, execute, spread
 from eyechart.spaces.motion import MotionSpace
+from eyechart.spaces.reader import READERS
 from eyechart.studies.battery.stages import Asked, InStages, staged, stages_of, widest
 from eyechart.studies.battery.stopping import NEEDED, EarlyStop, layout_for, typical
 from eyechart.studies.battery.stopping import Progress as HowFar
@@ -229,6 +230,7 @@ def plan(
         encoding=PNG,
     )
     manifest = resumed(out, manifest, bank)
+    bank = asked_of(bank, formulation, manifest.reader)
     the_plan = plan_of(manifest, bank, models=tuple(models), conditions=chosen, limit=extent.limit)
     return Battery(the_plan, models, manifest, out, {} if conditions else _expected(left_out, formulation))
 
@@ -286,7 +288,9 @@ def conditions_of(bank: FrameBank, prompt: Prompt) -> tuple[tuple[str, ...], dic
 
 
 def resumed(out: Path, manifest: RunManifest, bank: FrameBank) -> RunManifest:
-    """Return a run's manifest joined with that of what ``out`` holds already, whose pictures leave as they did.
+    """Return a run's manifest joined with that of what ``out`` holds already.
+
+    Its pictures leave as they did, and its replies are read as they were.
 
     Raises LedgerError where that is another run, or none.
     """
@@ -296,7 +300,8 @@ def resumed(out: Path, manifest: RunManifest, bank: FrameBank) -> RunManifest:
             raise LedgerError(
                 f"{out} was run on other pictures of the same geometry; choose another --out for this bank"
             )
-        extended = before.extended(replace(manifest, encoding=before.encoding))
+        kept = before.reader if before.reader in READERS else manifest.reader
+        extended = before.extended(replace(manifest, encoding=before.encoding, reader=kept))
         if manifest.stop_early:
             _require_as_begun(before, manifest)
         return extended

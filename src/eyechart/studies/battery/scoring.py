@@ -17,7 +17,7 @@ from eyechart.manifest import LEDGER, RunManifest, read_run
 from eyechart.models.prices import Prices, read_prices
 from eyechart.records import plain
 from eyechart.run import Plan
-from eyechart.spaces.discrete import READER
+from eyechart.spaces.reader import READER, READERS
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers, read_answers
@@ -147,7 +147,7 @@ class BatteryScore(CallsScore[ModelScore]):
             "seed": self.manifest.seed,
             "stop_early": self.manifest.stop_early,
             "controls": self.manifest.controls,
-            "reader": READER,
+            "reader": self.bank.manifest.action_space.reader,
             "independent": self.independent,
             "models": {
                 spec: {
@@ -174,11 +174,11 @@ def score(path: Path, *, resamples: int = 5000, independent: bool = False, rerea
     """Score the battery in a run's folder, finished or not.
 
     ``independent`` declares that frames outside episodes are independent draws, as a bank's manifest may. ``reread``
-    allows the replies of a run that was begun under another version of the reader to be read by today's. Raises
+    has the replies of a run that was begun under an older version of the reader read by today's. Raises
     LedgerError or BankError where the folder is no run, or needs ``reread``, and SpecError where independence is
     declared of a bank with episodes.
     """
-    manifest, bank = read_run(path)
+    manifest, bank = read_run(path, reread=reread)
     require_scorable(path, manifest, bank, independent=independent, reread=reread)
     return score_run(manifest, bank, path / LEDGER, resamples=resamples, independent=independent)
 
@@ -191,7 +191,7 @@ def require_scorable(
         raise LedgerError(
             f"{path} is a run of the study '{manifest.study}', not of a battery: use 'eyechart score {path}'"
         )
-    if manifest.reader != READER and not reread:
+    if manifest.reader not in READERS and not reread:
         raise LedgerError(
             f"{path} was begun under version {manifest.reader} of the reader of replies, and this is version {READER}: "
             "its decisions may differ from those seen before; read its replies anew with --reread"

@@ -34,7 +34,7 @@ class OfFrames(Study[S]):
         return Took(*took(run, prices=prices), probes=dict(read_manifest(run).probes))
 
     def require_scorable(self, run: Path, reading: Reading) -> None:
-        manifest, bank = read_run(run)
+        manifest, bank = read_run(run, reread=reading.reread)
         reader = manifest.prompt.asks(bank.manifest.action_space).reader
         if manifest.reader != reader and not reading.reread:
             raise LedgerError(
@@ -89,7 +89,9 @@ class BatteryStudy(OfFrames[BatteryScore]):
         return _made(read_evidence(runs, banks, score=partial(self.score, reading=reading), tell=tell), tell)
 
     def require_scorable(self, run: Path, reading: Reading) -> None:
-        require_scorable(run, *read_run(run), independent=reading.independent, reread=reading.reread)
+        require_scorable(
+            run, *read_run(run, reread=reading.reread), independent=reading.independent, reread=reading.reread
+        )
 
     def derive(self, run: Packed, reading: Reading, tell: Tell) -> tuple[BatteryScore, Made]:
         from eyechart.studies.battery.subjects import SHOWN, evidence_of

@@ -1,0 +1,105 @@
+"""How the names of actions stand in words: folded signs, separators, and where a name is mentioned."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+
+_QUOTES = dict.fromkeys(map(ord, "“”„‟«»‹›「」『』〝〞"), ' " ') | dict.fromkeys(map(ord, "’‘‛´"), "'")
+_SIGNS = {ord("。"): ". ", ord("、"): ", ", ord("…"): "... ", ord("—"): " - ", ord("–"): " - ", ord("−"): "-"}
+_ARROWS = dict.fromkeys(map(ord, "→⇒➔➜➡⟶"), " -> ")
+_UNSEEN = dict.fromkeys(
+    [*range(0x200B, 0x2010), *range(0x202A, 0x202F), *range(0x2060, 0x2070), 0xFEFF, 0xFE0F, 0xAD, 0x1A, 0x0], ""
+)
+_WIDE = {ord("！") + at: chr(ord("!") + at) + (" " if chr(ord("!") + at) in "!,.:;?" else "") for at in range(94)}
+_FOLDED = _QUOTES | _SIGNS | _ARROWS | _UNSEEN | _WIDE | dict.fromkeys(map(ord, "*`_"), " ")
+
+_STRUCK = re.compile(r"~~[^~]{0,200}~~")
+_WORD = "0-9A-Za-z\u00c0-\u024f\u0370-\u052f"
+"""The letters of scripts that put spaces between words; beside another script's a name stands by itself."""
+_IDEOGRAPH = "\u3400-\u9fff"
+_ENDINGS = "ly|wards?|p?p?ing|t?ting"
+"""Forms of a name in English that say the same: slowly, leftward, stopping."""
+_NAME_AT_MOST = 1000
+_LETTERS = re.compile(r"\W*(\w(?:[ .-]\w){1,30})\W*")
+
+
+@dataclass(frozen=True, slots=True)
+class Mention:
+    """Where an action is named in a text. ``written`` is how; ``derived`` says that it is "slowing" of "slow"."""
+
+    action: str
+    written: str
+    start: int
+    end: int
+    derived: bool = False
+
+
+def fold(text: str) -> str:
+    """Return a text with plain quotes, dashes and arrows, without emphasis, what is struck out, and unseen signs.
+
+    Full-width forms become plain ones. Letters keep their case.
+    """
+    return _STRUCK.sub(" ", text.translate(_FOLDED))
+
+
+@dataclass(frozen=True, slots=True)
+class Names:
+    """The names of the actions of a space, and what each of its aliases stands for: written form and action."""
+
+    spelled: tuple[tuple[str, str], ...]
+
+    @property
+    def actions(self) -> tuple[str, ...]:
+        """Return the actions under their own names, without aliases."""
+        return tuple(action for written, action in self.spelled if written == action)
+
+    def action(self, text: str) -> str | None:
+        """Return the action that a text is the name of, whatever its case, its signs and what parts its words."""
+        return _table(self).get(spelled(text))
+
+    def whole(self, text: str) -> str | None:
+        """Return the action where a text is nothing but its name, also with its letters spaced."""
+        if len(text) > _NAME_AT_MOST:
+            return None
+        if (found := self.action(text)) is not None:
+            return found
+        spaced = _LETTERS.fullmatch(text)
+        return None if spaced is None else self.action(re.sub(r"[ .-]", "", spaced.group(1)))
+
+    def mentions(self, text: str) -> Iterator[Mention]:
+        """Yield where a folded text names an action; of names that begin at one place the longest."""
+        for match in _pattern(self).finditer(text):
+            # None: ignoring case, a regular expression takes "İ" for "I", and upper() does not.
+            action, ending = self.action(match.group()), match.group("ending") or ""
+            if action is None and ending:
+                action = self.action(match.group()[: -len(ending)])
+            if action is not None:
+                yield Mention(action, match.group(), match.start(), match.end(), ending.lower().endswith("ing"))
+
+
+def spelled(text: str) -> str:
+    """Return what two ways of writing one name have in common: no separators, no signs around, upper case."""
+    plain = re.sub(r"[\s_-]+", "", re.sub(r"(?<=[\s_-])(?:(?:to|on|onto|into)\s+)?the\s|(?<=[\s_-])to\s", "", text))
+    return plain.strip(".,;:!*`\"'()[]<>{}").upper()
+
+
+@lru_cache(maxsize=256)
+def _table(names: Names) -> dict[str, str]:
+    return {spelled(written): action for written, action in names.spelled}
+
+
+@lru_cache(maxsize=256)
+def _pattern(names: Names) -> re.Pattern[str]:
+    between = r"(?:[\s-]{1,3}(?:to\s(?:the\s)?|on\sthe\s)?|)"
+    each = [
+        between.join(re.escape(part) for part in re.split(r"[\s_-]+", written) if part)
+        for written, _ in sorted(names.spelled, key=lambda pair: len(pair[0]), reverse=True)
+    ]
+    # Not \b: neither "non-stop" nor "right-hand" names an action, and 左 in 左車線 is a part of a word.
+    before = rf"(?<![{_WORD}])(?<![{_WORD}]-)"
+    latin = [one for one in each if one[0].isascii() or re.match(rf"[{_WORD}]", one)]
+    other = [one for one in each if one not in latin]
+    kinds = [rf"{before}(?:{'|'.join(latin)})(?P<ending>{_ENDINGS})?(?!-?[{_WORD}])"] if latin else []
+    kinds += [rf"(?<![{_IDEOGRAPH}])(?:{'|'.join(other)})(?![{_IDEOGRAPH}])"] if other else []
+    return re.compile("|".join(kinds if latin else [*kinds, "(?P<ending>(?!))"]), re.IGNORECASE)

@@ -1,0 +1,614 @@
+"""Which action somebody chooses in prose: what is denied, described, conditional or asked is not chosen.
+
+The patterns are written over text in lower case in which ``@`` stands for an action. Each looks at a bounded number of
+characters beside one, so that a reply is read in time that grows with its length only.
+"""
+
+import bisect
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Literal
+
+from eyechart.spaces.reader.names import Mention, Names
+from eyechart.spaces.space import Decision
+
+Unparsed = Literal["no_action", "unknown_action", "several_actions", "negated", "not_chosen"]
+"""Why a reply of words could not be read: it names no action, states one that the space lacks, chooses several that
+differ, names one only to deny it, or names one without choosing it ("the car on the LEFT", "LEFT?")."""
+
+Status = Literal["chosen", "half", "denied", "listed", "said"]
+"""What is done with an action that is named. ``half``: chosen with what is not read, as in "LEFT and accelerate"."""
+
+_SHORT = 80
+"""Characters up to which naming one action, which prose has no other use for, is choosing it."""
+_LEFT, _RIGHT, _JOINT = 160, 80, 40
+"""Characters before a mention, after it and between two of one list that are looked at."""
+_MENTIONS_AT_MOST = 2000
+"""Mentions of actions, the last ones, that are looked at."""
+
+
+def _one_of(words: str) -> str:
+    """Return a pattern of words that are parted by ``|`` over several lines."""
+    return f"(?:{'|'.join(word.strip() for word in words.split('|'))})"
+
+
+# Words of everyday English that are spelled like an action.
+
+_EVERYDAY = frozenset(
+    [
+        "STOP",
+        "SLOW",
+        "SLOWER",
+        "FAST",
+        "FASTER",
+        "STRAIGHT",
+        "LEFT",
+        "RIGHT",
+        "GO",
+        "FORWARD",
+        "FORWARDS",
+        "BACK",
+        "BACKWARD",
+        "BACKWARDS",
+        "UP",
+        "DOWN",
+        "PORT",
+        "HALT",
+        "NORTH",
+        "SOUTH",
+        "EAST",
+        "WEST",
+        "OPEN",
+        "CLOSE",
+        "CLOSED",
+        "FREE",
+        "CLEAR",
+        "SAFE",
+        "YIELD",
+        "KEEP",
+        "TURN",
+        "MOVE",
+        "DRIVE",
+        "BRAKE",
+        "LINKS",
+        "RECHTS",
+        "LANGSAM",
+        "GERADEAUS",
+        "IDLE",
+        "WAIT",
+        "CRUISE",
+        "PASS",
+    ]
+)
+"""Names that prose about a road has for other things too; such a name alone is no choice."""
+
+_THINGS = _one_of(
+    r"vehicles?|cars?|trucks?|lorry|bus(?:es)?|traffic|signs?|lights?|road|highway|street|leads?|leaders?|obstacles?"
+    r"|arrows?|signals?|indicators?|shoulder|edge|border|line|curb|kerb|bend|curve|one|driver|van|bike|motorcycle"
+)
+_CARRIERS = frozenset(["GO", "TURN", "MOVE", "KEEP", "DRIVE", "CHANGE", "STEER", "SWING", "HEAD", "TAKE"])
+_CARRIED = re.compile(r"\s+(?:to\s+|on\s+)?(?:the\s+)?")
+"""Verbs that are no action of their own where another follows: "GO STARBOARD"."""
+
+_IDIOM_AFTER = {
+    "RIGHT": r"\s+(?:now|ahead|away|in front|in the|behind|next to|beside|side up|thing|choice|answer|action|option"
+    r"|decision|move|one)\b",
+    "LEFT": r"\s+(?:to be|for (?:me|us)|over)\b",
+    "STRAIGHT": r"\s+(?:away|after|line|up|from|talk)\b",
+    "STOP": r"\s+(?:here and|by|(?!changing|now|moving)\w+ing)\b",
+    "GO": r"\s+(?:ahead|on|with|for|through|over|back|into detail)\b",
+    "PORT": r"\s+side\b",
+    "STARBOARD": r"\s+side\b",
+}
+_IDIOM_BEFORE = {
+    "RIGHT": r"\b(?:all|al|you're|you are|that's|that is|quite|exactly|is that)\s+$",
+    "LEFT": r"\b(?:what is|what's|room|space|time|distance|nothing|anything|much|options?|gap|metres|meters|who)\s+$",
+    "STOP": r"\b(?:bus|at an?|at the)\s+(?:full |complete )?$",
+    "GO": r"\b(?:let's|here we|good to|way to|ready to)\s+$|\bgo\s+$",
+    "SLOW": r"\b(?:too|very|(?:is|are|was|moves|drives|moving) so|quite|pretty)\s+$",
+}
+
+# Lists and sentences.
+
+_OR = _one_of(
+    "and|or|nor|then|and then|or then|and/or|vs\\.?|versus|oder|und|ou|et|o|u|y|e|i"
+    "|или|и|または|か|或|或者|还是|和|또는"
+)
+_JOINED = re.compile(
+    rf"(?:\s+down\b)?(?:[\s,/|;&+•>\"'()]|->)*(?:{_OR}(?![a-z])[\s\"',.]*(?:go |turn |move |change |to |the "
+    rf"|lanes? ){{0,4}})?"
+)
+_BULLETED = re.compile(r"[ \t\"').,;]*\n[ \t]*(?:[-+•>#]|\(?\d{1,2}[.)])[ \t\"'(]*")
+_BULLET = re.compile(r"[ \t>#]*(?:[-+•>#]|\(?(?:\d{1,2}|[a-z])[.):])?[ \t>#]*")
+_LABEL = re.compile(r"[\s\"']{0,3}:[ \t]*\w")
+_SENTENCE = re.compile(r"[.!?]+(?=[\s\"')\]]|$)|\n+|;(?=\s|$)|(?<=[^\x00-\x7f])[.!?]")
+
+# How somebody says a choice before its name.
+
+_ADVERB = _one_of(
+    "also|now|then|therefore|thus|still|just|simply|probably|definitely|likely|rather|instead|immediately"
+    "|gently|safely"
+    "|certainly|always|either|like|prefer|to|it|be|first|here|well|better|strongly|personally|actually|obviously"
+)
+_OTHER = _one_of(
+    "blue|red|yellow|white|black|grey|gray|orange|purple|other|others|lead|leading|front|oncoming|parked|next|second"
+    "|first|slow|rear|another"
+)
+_VEHICLE = r"(?:vehicle|car|driver|robot|agent|machine|controller|ship|boat|forklift|drone|rover)"
+_EGO = (
+    rf"(?:\b(?:the|our|my|this|your|its|ego)\s+(?!{_OTHER}\b)(?:[\w-]+\s+){{0,2}}?(?:{_VEHICLE}|ego)"
+    r"|\b(?:it|you|ego|we|i)|^\s*(?:driver|vehicle|car))"
+)
+_SHOULD = r"\s+(?:should|must|needs? to|has to|have to|ought to|is to|had better|'d better|is advised to)"
+_WILL = (
+    r"\b(?:i|we)(?:\s*'d|\s*'ll|\s+would|\s+will|\s+shall|\s+want to|\s+plan to|\s+intend to|\s+prefer to"
+    r"|(?:\s*'ve|\s+have)?\s+(?:decided?|chosen|opted) to|(?:\s*'m|\s*'re|\s+am|\s+are)(?:\s+going to)?)"
+)
+_CHOOSE = _one_of(
+    "choose|choosing|chose|chosen|pick(?:ing)?|select(?:ing)?|say|go(?:ing)? with|go(?:ing)? for|opt(?:ing)? for"
+    "|recommend(?: to)?|suggest|advise|propose|vote(?: for)?|answer(?: with)?|reply(?: with)?|respond with"
+    "|take|prefer"
+    "|decide (?:on|for|to)|settle (?:on|for)|output|execute|perform|apply|use|stick with|initiate"
+    "|change (?:it|that|my answer) to|do|choose to"
+)
+_GO = _one_of(
+    "go|going|turn(?:ing)?|mov(?:e|ing)|chang(?:e|ing)|switch(?:ing)?|shift(?:ing)?|merg(?:e|ing)|steer(?:ing)?"
+    "|swerv(?:e|ing)|veer(?:ing)?|pull(?:ing)?|head(?:ing)?|com(?:e|ing)|bring(?:ing)?|mak(?:e|ing)|tak(?:e|ing)"
+    "|overtak(?:e|ing)|pass(?:ing)?|driv(?:e|ing)|proceed(?:ing)?|continu(?:e|ing)|bear|swing|lane change"
+    "|perform a lane change|keep going|keep driving|keep moving|continue going"
+)
+_WAY = (
+    r"(?:[\s,]+(?:to|into|onto|on|over|in|towards?|from|the|a|an|my|its|our|your|lanes?|side|course|line|vehicle|car"
+    r"|truck|wheel|it|them|slow|slower|further|full|complete|hard|slightly|gently|immediately|and|up|down"
+    r"|back|out|safely"
+    r"|carefully|going|driving|moving|turn|of|that|at|is|above|below|forward|then|by|change)\b){0,9}"
+)
+_HOLD = "(?:keep|keeping|stay|staying|remain|remaining|hold|holding|maintain|maintaining)"
+_DONE = rf"(?:{_GO}{_WAY}|{_HOLD}(?:\s+(?:going|driving|moving|on|it|the lane and|lane and go))?)"
+_VERDICT = _one_of(
+    "answer|action|choice|decision|option|move|man(?:o|eu|oeu)?euver|manoeuvre|command|output|response|reply|pick"
+    "|recommendation|course|bet|conclusion|solution|result|verdict|call|advice|one word|colou?r|best"
+    "|safest|assessment"
+    "|judg\\w+|thing to do|control|guess"
+)
+_IS = r"(?:\s+(?:is|would be|should be|will be|must be|has to be|remains|seems)\b|'s|\s*[:=]|\s*->)"
+_GOOD = _one_of(
+    "best|better|safest|safer|wise|wiser|necessary|advisable|recommended|preferable|reasonable|correct|appropriate"
+    "|prudent|sensible|enough|sufficient|optimal|time|needed|required"
+)
+_THEREFORE = "(?:so|thus|hence|therefore|consequently|accordingly|instead|finally|ultimately|overall)"
+_MEANS = _one_of(
+    "calls? for|requires?|suggests?|implies|means|warrants?|demands?|necessitates?|leaves(?: me| us)?(?: with)?"
+    "|indicates?|recommends?|recommended|suggested|choosing|selecting|selected|chosen|picking|opting for|is to"
+    "|(?:gut|instinct) says"
+)
+_END = r"[\s\"'(,:]*$"
+_CHOSEN_BEFORE = re.compile(
+    "|".join(
+        (
+            rf"{_EGO}{_SHOULD}(?:\s+{_ADVERB}){{0,3}}\s+(?:(?:{_CHOOSE}\s+)?{_DONE}|{_CHOOSE})?{_END}",
+            rf"{_WILL}(?:\s+{_ADVERB}){{0,3}}(?:\s+{_CHOOSE})?(?:\s+(?:to\s+)?{_DONE})?{_END}",
+            (
+                rf"\b(?:i|we|let's|let us|let me)\s+(?:\w+ly\s+|would\s+|now\s+|therefore\s+)?(?:{_CHOOSE}|{_DONE})"
+                rf"(?:\s+to)?(?:\s+{_DONE})?{_END}"
+            ),
+            rf"\b(?:i|we)\s+(?:think|believe|guess|say|suppose)(?:\s+that)?\s+(?:it\s*(?:is|'s)\s+)?{_END}",
+            (
+                rf"\b{_VERDICT}\b[^@.;?!:=]{{0,50}}?{_IS}[\s\"'(,:]*(?:(?:just|simply|clearly|now|then|probably)\s+)?"
+                rf"(?:to\s+)?(?:{_CHOOSE}\s+)?(?:{_DONE})?{_END}"
+            ),
+            (
+                rf"\b{_GOOD}\b(?:\s+(?:thing|option|idea|choice))?(?:\s+(?:is|would be))?"
+                rf"(?:\s+for\s+(?:\w+\s+){{0,3}}?)?"
+                rf"\s+to\s+(?:{_DONE})?{_END}"
+            ),
+            (
+                rf"\b{_THEREFORE}\b[\s,:\"'(]*(?:(?:it is|it's|i|we|just|now|please|let's|let us|then)\s+)?"
+                rf"(?:{_CHOOSE}|{_DONE})?{_END}"
+            ),
+            rf"[-=]>{_END}",
+            (
+                rf"(?:^|[,;:(]|\band|\bbut|\bso|\bthen)\s*(?:(?:please|just|simply|then|so|now|immediately|safely|first"
+                rf"|also|instead|better|obviously)\s+)*(?:{_CHOOSE}|{_DONE}|lane change)(?:\s+to)?{_END}"
+            ),
+            rf"(?:^|[,;:]|\bit\b)\s*(?:it|that)?(?:'s| is| has to be| must be)(?:\s+the)?{_END}",
+            rf"\b{_MEANS}\s*:?\s*(?:{_DONE})?{_END}",
+        )
+    )
+)
+
+# … and after it.
+
+_CHOSEN_AFTER = re.compile(
+    r"\"?(?:\s+(?:down|lane(?: change)?|turn))?\"?(?:\s+(?:is|'s|seems|looks|appears|would be|remains"
+    r"|will be|would)(?:\s+(?:to be|like"
+    r"|clearly|probably|definitely|then|now|thus|therefore|the|a|my|most|more|only|much|by far"
+    r"|be)){0,4}\s+(?:best|better"
+    r"|safest|safer|correct|appropriate|fine|good|ok|okay|answer|choice|decision|way to go|enough|sufficient|needed"
+    r"|necessary|required|recommended|advisable|preferable|preferred|optimal|ideal|reasonable|warranted|one"
+    r"|prudent|wise"
+    r"|wisest|sensible|justified|viable|suitable|right (?:choice|answer|action|option|move|thing|call)|action|option"
+    r"|safe (?:choice|option|action))\b|\s+it is\b|\s+(?:seems|looks) (?:good|right)\b|\s+works best\b"
+    r"|\s+(?:recommended|advised|preferred)\b"
+    r"|\s+is what i (?:choose|pick|would (?:choose|pick|do|say))\b)"
+)
+_PREDICATE = re.compile(
+    r"\"?(?:\s+(?:lane|side))?\s+(?:is|are|was|has|have|had|seems|looks|appears|would|will|could|may|might"
+    r"|can|of|there)\b"
+)
+"""What is said of an action, or of the side that has its name; without one of the words above it is no choice."""
+
+# What takes a mention away again.
+
+_NOT = (
+    r"(?:\b(?:not|never|no|nor|neither|none|without|avoid\w*|cannot|cant|dont|refus\w+|declin\w+|unable|impossible"
+    r"|unsafe|dangerous|risky|unwise|wrong|bad|unnecessary|useless|forbidden|illegal|nobody|hardly|doubt\w*"
+    r"|mistake|no point"
+    r"|nicht|kein\w*|nie|niemals|pas|jamais|nunca|jamás|ni|non|nem|não|нельзя|не|нет)\b"
+    r"|n't\b|不要|不能|不应|不可|不选|别|勿|避免)"
+)
+_THAN = _one_of(
+    "than|over|except|except for|against|instead of|rather than|anything but|everything but|all but"
+    "|other than|besides"
+    "|as opposed to|unlike|au lieu de|statt|anstatt"
+)
+_DENIED_BEFORE = re.compile(
+    rf"{_NOT}[^@]{{0,45}}$"
+    rf"|\b{_THAN}\s+(?:(?:to|the|a|an|going|turning|moving|go|turn|for|just|choosing)\s+)*[\"'(]*$"
+)
+_DENIED_LABEL = re.compile(rf"(?:^|[,;(])\s*(?!no\s*:)(?:\w+\s+){{0,3}}{_NOT}(?:\s+\w+){{0,3}}\s*:\s*[\"'(]*$")
+"""A label that denies what follows: "Avoid: LEFT". What is not needed is no label: "but no need: STRAIGHT"."""
+
+_SCOPE = re.compile(
+    r"[;:()\n,]|\b(?:but|so|therefore|thus|hence|because|since|mais|sondern|aber|also|sino|pero|instead(?! of))\b"
+    r"|而是|而|但|应|-{1,2}>|=>|\s-\s"
+)
+_ALL_BUT = re.compile(r"(?:anything|everything|all) $")
+_BAD = _one_of(
+    "unsafe|dangerous|risky|impossible|wrong|incorrect|bad|a bad|a mistake|unnecessary|unneeded|unavailable|blocked"
+    "|occupied|taken|busy|closed|excluded|ruled out|out of|too|worse|worst|forbidden|illegal|inappropriate"
+    "|unwise|overkill|excessive|hardly|never|besetzt|belegt|blockiert|occup[ée]e?|ocupado|занят\\w*"
+)
+_DENIED_AFTER = re.compile(
+    rf"\"?(?:\s+(?:lane|side|turn|option|action|down))?\"?"
+    rf"(?:\s+(?:is|are|was|were|would be|would|will be|will|seems|looks|appears|can|could|may|might|ist|est|es)"
+    rf"(?:\s+(?:be|also|both|clearly|definitely|really|currently|simply|very|far|still)){{0,2}}"
+    rf"\s+(?:not\b|{_BAD}\b|hit\b|crash\b|collide\b|cause\b|lead to\b|risk\b|block\b)"
+    rf"|\s*(?:isn't|wasn't|aren't|can't|cannot|wouldn't|won't|doesn't|is n't)\b"
+    rf"|\s*[:=-]\s*(?:(?:would be|is|it is|it's|looks|seems) )?(?:not(?! (?:the )?@)\b|{_BAD}\b"
+    rf"|no(?=[\s.,;|]*$|[.,;|]"
+    rf"|\s(?:lane|room|space|need|way)))|\s*\((?:not \w+(?: \w+)?[).,;]|{_BAD}\b)|\s*(?:では|じゃ)な)"
+)
+_STATE = re.compile(
+    r"\"?(?:\s+(?:lane|side))?\"?\s*[:=(]\s*\"?(?:the\s+|a\s+|an\s+|is\s+)?(?:free|clear|empty|open|available|safe"
+    r"|possible|cars?|vehicles?|trucks?|none|unknown|n/a|yes|true|false|\d+(?:\.\d+)?\s*m\b|frei"
+    r"|libre)\b[^.;,@]{0,14}"
+    r"(?:[.;,)|\n]|$)"
+)
+"""What stands on a side: "LEFT: free"."""
+
+_SPOKEN_OF = re.compile(
+    r"\b(?:signs?|arrows?|signals?|traffic light|markings?|display|symbol|instructions?|prompt|text|writing"
+    r"|written|word on"
+    rf"|reads|told|asked|(?<!gut )(?<!instinct )says|said|(?:of|for) (?:the|an?) {_OTHER}|(?:of|for) (?:the"
+    rf"|an?) (?:truck|bus|van)"
+    rf"|(?<!ego )(?<!green )(?<!my )(?<!our )(?:car|truck|vehicle|driver|lead|bus|van)'s)\b[^@,;:]*$"
+    r"|\bwait(?: for| until|,? then|,? and then)\b[^@;:]*$"
+    r"|\b(?:second(?:ary)?|alternativ\w*|backup|fallback|runner-up|plan b|next best|previous|last|earlier|former)\b"
+    r"[^@,;]{0,40}$"
+    r"|\b(?:ready to|prepared? to|preparing to|prepared for|could|might|may|maybe|perhaps|possibly"
+    r"|consider(?:ing|ed)?"
+    r"|thought(?: about| of)?|would have|used to|was|were|yesterday|tempted to|hesitat\w+|vielleicht|quizás"
+    r"|peut-être)\b"
+    r"[^@,:;]{0,40}$"
+)
+"""Who else says it or does it, and what is for later, was before, or is only possible."""
+
+_EXAMPLE = re.compile(
+    r"\b(?:example|for instance|e\.g|such as|options(?: are)?|choices are)\b[^@]{0,60}$"
+    r"|^\s*an? (?:(?!\b(?:is|are|was|has|have)\b)[^,:])*\b(?:free|taken|ahead|occupied)\s*:\s*$"
+)
+_THING_LABEL = re.compile(
+    r"(?:^|[,;(])\s*(?:(?!\b(?:is|are|was|has|have|should|must|switch|change|maintain|keep"
+    r"|hold)\b)[\w'-]+\s+){0,4}?(?:detected|position|location|lanes?|sides?"
+    r"|danger|risk|collision|hazard|obstacles?|vehicles?|cars?|leads?|blocked|occupied|free|clear|taken|visible"
+    r"|unsafe|bad|worst|wrong|excluded|direction of \w+)\s*:\s*[\"'(]*$"
+)
+"""A label of a thing in the picture: "Obstacle position: LEFT"."""
+
+_IF = re.compile(
+    r"\b(?:if|unless|once|when|whenever|in case|in which case|otherwise|after that|afterwards|later"
+    r"|should the|had the"
+    r"|would have|could have|might have|wenn|falls|si|если)\b"
+)
+_IF_OF_SPEECH = re.compile(
+    r"\b(?:if (?:i|we) (?:had|have|must|were|was|am|are)(?: forced| asked| required)?(?: to)?(?: \w+){0,5}"
+    r"|even if|as if|(?:see|check|checking|determine|decide) if|when in doubt|when asked)\b"
+)
+_IF_OVER = re.compile(r"\b(?:but|however|for now|currently|(?<!if )so|therefore|thus|hence|right now)\b|[.;\n]")
+_IF_AFTER = re.compile(
+    r"[^.;:@]{0,24}?\b(?:if|provided|assuming|as long as|in case|once|when|whenever|only if|wenn|falls|si)\b"
+)
+_REASON = re.compile(r"\b(?:because|since|as|so|due|unless|for)\b")
+
+_RETRACTED = re.compile(
+    r"\b(?:however|actually|wait|no(?=\s*[,.!:;])|instead|correction|on second thought|on reflection|rather|sorry"
+    r"|change (?:it|that|my)|changed my|reconsider\w*|mistake|hold on|scratch that|therefore|final|finally|ultimately"
+    r"|overall)\b"
+)
+"""What stands between a choice and the one that replaces it."""
+
+# A part of a sentence that says nothing but an action.
+
+_PARTED = re.compile(
+    r"[,:;()\[\]{}|=/\n<>]|\s-+\s|->|\s-(?=@)|\b(?:because|since|as|so|but|while|whereas|although|though"
+    r"|due to|therefore"
+    r"|given|rather than|instead of|unless|for the|over|not|weil|da|denn|porque|parce|потому|than|to avoid|to keep"
+    r"|to pass|to overtake|to prevent|to maintain|in order|and then|then|before)\b"
+)
+_TALK = re.compile(r",\s+(?:i|you|we|the|this|that|let|so|ok|okay|here|now|it)\b")
+_COMPARED = re.compile(r"over|not|than|rather than|instead of|for the|as")
+_FILLER = re.compile(
+    r"(?:\b(?:ok|okay|sure|well|so|then|thus|hence|therefore|er|um|uh|hmm+|hm|ah|oh|yes|yeah|now|next|first|finally"
+    r"|actually|definitely|probably|likely|certainly|clearly|obviously|just|simply|only|rather|better"
+    r"|answer|action|decision"
+    r"|choice|command|output|response|result|final|my|the|it|is|it's|that's|that|for now|currently"
+    r"|at the moment|for the moment|here|here's|correction|option|please|best"
+    r"|safest|assistant|i guess|i think|to be safe|mais|sondern|also|und|но|but|and|confidence|gently"
+    r"|immediately|a|an"
+    r"|emergency|full|shape|circle|\d+(?:\.\d+)?|[b-h])\b|[^\w@])*"
+)
+_TAIL = re.compile(
+    r"(?:\b(?:down|now|please|first|immediately|ahead|it is|it down|here|lane|lane change|turn|for now"
+    r"|and wait|and hold"
+    r"|at (?:a )?reduced speed|at low speed|with caution|carefully|gently|hard|forward|further|again"
+    r"|obviously|a bit|a little"
+    r"|is my (?:answer|choice|decision)|the (?:car|vehicle|truck|robot|forklift|pallet|machine|ship|boat"
+    r"|drone|rover|engine"
+    r"|load)|i guess|i think|i would say|up|completely|entirely|action|confidence|end|out|fahren|nehmen|wählen"
+    r"|\d+(?:\.\d+)?)\b|[^\w@])*"
+)
+_ORDERED = re.compile(rf"\s*(?:(?:please|just|then|now)\s+)*(?:{_DONE}|{_HOLD}|change lanes?|lane change)\s*")
+_BARE_FORM = re.compile(r"\s+(?:it\s+)?down\b")
+
+# Sentences of other languages: the last word, and nothing English around it.
+
+_FOREIGN = re.compile(
+    r"[^\x00-\x7f]|\b(?:la|el|los|es|una?|der|die|das|ist|ich|je|le|il|est|não|den|det|jag|och|wybieram|odpowied\w*"
+    r"|resposta|respuesta|antwort|lautet|aktion|scelgo|kies|ik|voiture|actie|azione|accion|elijo|escolho|choisis)\b"
+)
+_LAST = re.compile(r"[\s\"'.!)]*(?:(?:fahren|nehmen|wählen|gehen)\b|[^\x00-\x7f]{1,8})?[\s\"'.!)]*$")
+
+
+@dataclass(frozen=True, slots=True)
+class _Placed:
+    """A mention, and where its sign stands in the marked text."""
+
+    mention: Mention
+    place: int
+    status: Status = "said"
+
+
+def takes_back(text: str, action: str, names: Names) -> bool:
+    """Return whether a folded text chooses another action than was stated before it, and says that it does."""
+    found = read_prose(text, names).action
+    return found not in {None, action} and _RETRACTED.search(text.lower()) is not None
+
+
+def read_prose(text: str, names: Names) -> Decision[str]:
+    """Return the decision of a folded text in which nobody states an action in a form of its own.
+
+    An action counts where somebody chooses it: alone in a sentence or a part of one, in an imperative, after "I would",
+    "the car should", "the answer is", "so", or before "is best". What is denied, described, conditional, asked, quoted
+    or one of a list is not chosen. Of several that differ, the last one counts where words between take the earlier one
+    back ("wait", "actually"); else there is no decision.
+    """
+    marked, placed = _mark(text, tuple(_mentions(text, names))[-_MENTIONS_AT_MOST:])
+    judged = [one for start, end in _sentences(marked) for one in _judged(marked, start, end, placed)]
+    judged = _without_interjection(marked, _without_lists(marked, judged))
+    chosen = [one for one in judged if one.status in {"chosen", "half"}]
+    if all(one.status == "half" for one in chosen):
+        alone = _alone(text, judged)
+        return Decision(None, "unparsed", _why(judged)) if alone is None else Decision(alone)
+    last = chosen[-1]
+    other = [one for one in chosen if one.mention.action != last.mention.action]
+    if other and not _RETRACTED.search(marked[other[-1].place : last.place]):
+        return Decision(None, "unparsed", "several_actions")
+    return Decision(last.mention.action) if last.status == "chosen" else Decision(None, "unparsed", "not_chosen")
+
+
+def _why(judged: Sequence[_Placed]) -> Unparsed:
+    if not judged:
+        return "no_action"
+    left = {one.mention.action for one in judged if one.status != "denied"}
+    return "negated" if not left else "several_actions" if len(left) > 1 else "not_chosen"
+
+
+def _alone(text: str, judged: Sequence[_Placed]) -> str | None:
+    """Return the one action that a short text names, where prose has no other use for its name."""
+    said = {one.mention.action for one in judged}
+    if len(text) > _SHORT or len(said) != 1 or any(one.status != "said" or one.mention.derived for one in judged):
+        return None
+    word = judged[0].mention.written.upper()
+    return None if word in _EVERYDAY or "?" in text or _IF.search(text.lower()) else said.pop()
+
+
+def _mentions(text: str, names: Names) -> Iterator[Mention]:
+    """Yield the mentions that are no idiom, each repetition once."""
+    found = list(names.mentions(text))
+    before: Mention | None = None
+    for at, one in enumerate(found):
+        after = found[at + 1] if at + 1 < len(found) else None
+        if one.written.upper() in _CARRIERS and after and _CARRIED.fullmatch(text[one.end : after.start]):
+            continue
+        if _is_idiom(text, one):
+            continue
+        if before is not None and before.action == one.action and not text[before.end : one.start].strip(" ,"):
+            before = replace(one, start=before.start)
+            continue
+        if before is not None:
+            yield before
+        before = one
+    if before is not None:
+        yield before
+
+
+def _is_idiom(text: str, one: Mention) -> bool:
+    """Return whether a word is no name of an action where it stands: "right now", "a SLOW car", "a STOP sign"."""
+    word = one.written.upper()
+    left, right = text[max(0, one.start - 40) : one.start].lower(), text[one.end : one.end + 40].lower()
+    if word in _EVERYDAY and re.match(rf"(?:[ -](?:moving|going))?[ \t]+{_THINGS}\b", right):
+        return True
+    if (after := _IDIOM_AFTER.get(word)) is not None and re.match(after, right):
+        return True
+    return (before := _IDIOM_BEFORE.get(word)) is not None and re.search(before, left) is not None
+
+
+def _mark(text: str, mentions: Sequence[Mention]) -> tuple[str, tuple[_Placed, ...]]:
+    """Return the text in lower case with each mention as one sign, and where the signs are."""
+    parts: list[str] = []
+    placed: list[_Placed] = []
+    done = length = 0
+    for one in mentions:
+        parts += [text[done : one.start].replace("@", " ").lower(), "@"]
+        length += len(parts[-2])
+        placed.append(_Placed(one, length))
+        length, done = length + 1, one.end
+    return "".join([*parts, text[done:].replace("@", " ").lower()]), tuple(placed)
+
+
+def _sentences(marked: str) -> Iterator[tuple[int, int]]:
+    """Yield where the sentences begin and end; the sign that ends one belongs to it."""
+    start = 0
+    for match in _SENTENCE.finditer(marked):
+        yield start, match.end()
+        start = match.end()
+    yield start, len(marked)
+
+
+def _judged(marked: str, start: int, end: int, placed: Sequence[_Placed]) -> list[_Placed]:
+    """Return the mentions of a sentence with what is said of each; those of one list are judged together."""
+    low = bisect.bisect_left(placed, start, key=lambda one: one.place)
+    here = placed[low : bisect.bisect_left(placed, end, key=lambda one: one.place)]
+    if not here:
+        return []
+    row = marked[start : start + 40].lstrip().startswith("|")
+    if (bullet := _BULLET.match(marked, start, here[0].place)) is not None:
+        start = bullet.end()
+    groups: list[list[_Placed]] = [[here[0]]]
+    for before, one in pairwise(here):
+        if _joins(marked, before.place, one.place, end):
+            groups[-1].append(one)
+        else:
+            groups.append([one])
+    return [one for group in groups for one in _judged_group(marked, start, end, group, row=row)]
+
+
+def _joins(marked: str, before: int, place: int, end: int) -> bool:
+    """Return whether two mentions stand in one list; a comma alone joins none with what has a predicate of its own."""
+    between, right = marked[before + 1 : place], marked[place + 1 : min(end, place + 1 + _RIGHT)]
+    if len(between) > _JOINT or not _JOINED.fullmatch(between):
+        return False
+    return between.strip() != "," or not (_CHOSEN_AFTER.match(right) or _DENIED_AFTER.match(right))
+
+
+def _judged_group(marked: str, start: int, end: int, group: list[_Placed], *, row: bool) -> list[_Placed]:
+    """Return the mentions of a list with what is said of them; one that stands by itself is a list of one."""
+    first, last = group[0].place, group[-1].place
+    left, right = marked[max(start, first - _LEFT) : first], marked[last + 1 : min(end, last + 1 + _RIGHT)]
+    status: Status = "said"
+    if _denied(left, right):
+        status = "denied"
+    elif len({one.mention.action for one in group}) > 1:
+        status = "listed"
+    elif not row and "?" not in marked[max(start, end - 3) : end] and not _only_said(left, right):
+        status = _chosen(left, right, group[0].mention, opened=start >= first - _LEFT)
+    return [replace(one, status=status) for one in group]
+
+
+def _denied(left: str, right: str) -> bool:
+    if _DENIED_AFTER.match(right) or (_DENIED_LABEL.search(left) and not left.rstrip(" :\"'(").endswith("need")):
+        return True
+    return _DENIED_BEFORE.search(_scope(left)) is not None
+
+
+def _scope(left: str) -> str:
+    """Return the end of what stands before a mention that a "not" would have to stand in to deny it."""
+    start = 0
+    for match in _SCOPE.finditer(left):
+        if not _ALL_BUT.search(left, max(0, match.start() - 12), match.start()):
+            start = match.end()
+    return left[start:]
+
+
+def _only_said(left: str, right: str) -> bool:
+    """Return whether a mention is what others say or do, conditional, an example, for later, or the state of a side."""
+    if _STATE.match(right) or _SPOKEN_OF.search(left) or _EXAMPLE.search(left) or _THING_LABEL.search(left):
+        return True
+    if _PREDICATE.match(right) and not _CHOSEN_AFTER.match(right):
+        return True
+    over = max((match.end() for match in _IF_OVER.finditer(left)), default=0)
+    after = _IF_AFTER.match(right)
+    return _IF.search(_IF_OF_SPEECH.sub(" ", left[over:])) is not None or (
+        after is not None and not _REASON.search(after.group())
+    )
+
+
+def _chosen(left: str, right: str, one: Mention, *, opened: bool) -> Status:
+    """Return whether a mention is chosen, half of a choice, or only said."""
+    if _CHOSEN_BEFORE.search(left) or _CHOSEN_AFTER.match(right):
+        return "chosen"
+    status = _stands_alone(left, right, opened=opened)
+    if status == "chosen" and one.derived and not _BARE_FORM.match(right):
+        return "said"
+    return "chosen" if status == "said" and _is_foreign(left, right, one) else status
+
+
+def _stands_alone(left: str, right: str, *, opened: bool) -> Status:
+    """Return whether a mention is all that a part of a sentence says."""
+    parted = list(_PARTED.finditer(left))
+    if _COMPARED.fullmatch(parted[-1].group()) if parted else not opened:
+        return "said"
+    part = left[parted[-1].end() :] if parted else left
+    if not (_FILLER.fullmatch(part) or _ORDERED.fullmatch(part)):
+        return "said"
+    rest = _PARTED.search(right)
+    tail = right if rest is None else right[: rest.start()]
+    if _TAIL.fullmatch(tail):
+        return "chosen"
+    return "half" if _TAIL.fullmatch(re.split(r"\band\b", tail)[0]) else "said"
+
+
+def _is_foreign(left: str, right: str, one: Mention) -> bool:
+    """Return whether a name in capitals ends a sentence of another language."""
+    return one.written == one.written.upper() and bool(_LAST.match(right) and _FOREIGN.search(left + right))
+
+
+def _without_lists(marked: str, judged: list[_Placed]) -> list[_Placed]:
+    """Return the mentions; those of bulleted lines that are nothing but actions are a list.
+
+    So are several that are labels of what is said of each: "STOP: too hard. SLOW: the lead is near."
+    """
+    found = list(judged)
+    for at, (before, one) in enumerate(pairwise(judged)):
+        between = marked[before.place + 1 : one.place]
+        if len(between) < _JOINT and before.mention.action != one.mention.action and _BULLETED.fullmatch(between):
+            found[at] = replace(before, status="listed")
+            found[at + 1] = replace(one, status="listed")
+    labels = [at for at, one in enumerate(found) if _LABEL.match(marked, one.place + 1)]
+    if len({found[at].mention.action for at in labels}) > 1:
+        for at in labels:
+            found[at] = replace(found[at], status="denied" if found[at].status == "denied" else "said")
+    return found
+
+
+def _without_interjection(marked: str, judged: list[_Placed]) -> list[_Placed]:
+    """Return the mentions without a "Right." that only opens a reply which chooses further on."""
+    if not judged or judged[0].mention.written not in {"Right", "right"}:
+        return judged
+    before, after = marked[: judged[0].place], marked[judged[0].place + 1 : judged[0].place + 2]
+    opens = not before.strip() and after in {".", ",", "!"}
+    talks = _TALK.match(marked, judged[0].place + 1) is not None
+    return judged[1:] if opens and (talks or any(one.status == "chosen" for one in judged[1:])) else judged

@@ -1,0 +1,358 @@
+"""What a reply states in a form of its own: JSON, tags, boxes, and lines that begin with ``action:``."""
+
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from eyechart.spaces.reader.names import Names, fold
+from eyechart.spaces.reader.prose import read_prose, takes_back
+from eyechart.spaces.space import Decision, refuses, too_deep
+
+_BRACES_AT_MOST = 1000
+_STATED_AT_MOST = 100
+_THOUGHT = re.compile(
+    r"<\|begin_of_thought\|>.*?(?:<\|end_of_thought\|>|\Z)|◁think▷.*?(?:◁/think▷|\Z)"
+    r"|<(reasoning|thought|thoughts|scratchpad|reflection|analysis)>.*?(?:</\1>|\Z)"
+    r"|<\|channel\|>(?:analysis|commentary)\b.*?(?:<\|end\|>|(?=<\|channel\|>final)|\Z)"
+    r"|\Aanalysis(?=[A-Z]).*?(?:assistantfinal|\Z)",
+    re.DOTALL | re.IGNORECASE,
+)
+_TOKEN = re.compile(
+    r"<\|[^<>|]{0,40}\|>|<(?:eos|bos|pad|unk|s|/s|end_of_turn|start_of_turn|sep|cls|im_end|im_start)>", re.IGNORECASE
+)
+_FENCE = re.compile(r"```[\w-]*|\A\s*json\s+(?=\{)")
+_TAG = re.compile(r"</?[a-z][^<>\n]{0,120}>", re.IGNORECASE)
+_ANSWER_TAG = re.compile(
+    r"<(action|answer|final|final_answer|decision|output|response|choice|command)>(.{0,2000}?)</\1>",
+    re.DOTALL | re.IGNORECASE,
+)
+_BOX = re.compile(r"\\boxed\s{0,3}\{((?:[^{}]|\{[^{}]{0,80}\}){0,200})\}")
+_TEX = re.compile(r"\\(?:text(?:bf|it|rm|tt|sf)?|mathrm|mathbf|mathsf|mathtt|bf|it|rm|quad|,|;|!)\s?|[{}$]|\\[()\[\]]")
+
+_LABELS = (
+    r"action(?: input)?|answer|decision|choice|command|output|response|result|man(?:eu|oeu)ver|manoeuvre"
+    r"|move|direction|control"
+    r"|aktion|antwort|entscheidung|acción|respuesta|réponse|décision|azione|risposta|ação|resposta|decisión"
+)
+_KEY = re.compile(rf"(?:[\w .-]*[ _.-])?(?:{_LABELS}|tool_input|colou?r|side|count)s?", re.IGNORECASE)
+_ONLY_KEY = re.compile(
+    r"steer(?:ing)?|turn|drive|do|go|next|pick(?:ed)?|selection|selected|verdict|label|prediction|category"
+    r"|class|value|text"
+    r"|content|message|final|name|shape|colou?r|side|count|number",
+    re.IGNORECASE,
+)
+"""A key that stands for the answer where it is the only one."""
+
+_PLAINEST = ("action", "action", "decision", "answer")
+_LOOSE = re.compile(
+    rf"[{{,]\s{{0,40}}[\"']?((?:[\w.-]{{1,40}}[_.-])?(?:{_LABELS}))[\"']?\s{{0,10}}:\s{{0,10}}"
+    rf"(?:\"([^\"\n]{{0,200}})\"|'([^'\n]{{0,200}})'|([\w .-]{{1,60}}?)\s{{0,10}}(?=[,}}\n]))",
+    re.IGNORECASE,
+)
+_CUT_OFF = re.compile(r"\{[^{}]*\Z")
+_MARKER = re.compile(
+    rf"^[^\w\n]{{0,8}}(?:(?:the|my|your|final|next|chosen|recommended|best|selected|correct|suggested|safest"
+    rf"|step \d)\s+){{0,4}}"
+    rf"(?:{_LABELS})[ \t\"']{{0,4}}(?:[:=>-]|->|\bis\b)+[ \t]*",
+    re.IGNORECASE | re.MULTILINE,
+)
+_HEADING = re.compile(
+    rf"^[^\w\n]{{0,8}}(?:(?:the|my|final|next|chosen|recommended)\s+){{0,3}}(?:{_LABELS})[ \t:=]*$",
+    re.IGNORECASE | re.MULTILINE,
+)
+_FINAL = re.compile(r"\b(?:final|correct|corrected|revised)\b", re.IGNORECASE)
+_NOTHING_SEEN = re.compile(
+    r"\b(?:can(?:no|')t|unable to|not able to|could(?:n't| not)|do(?:n't| not))\s+(?:\w+\s+)?(?:see|view"
+    r"|access|process|assist"
+    r"|help|comply|interpret|make out|judge|determine|open|load)\b[^.;\n]{0,30}?\b(?:images?|pictures?"
+    r"|photos?|frames?|that|this"
+    r"|request|it|with)\b|\bno (?:image|picture|photo)\b|\bas an ai\b|\bmust decline\b",
+    re.IGNORECASE,
+)
+_NO_STATEMENT = re.compile(
+    r"(?:\b(?:not|never|no|wrong|false|incorrect|example|valid|such as|looks? like|previous|earlier|format"
+    r"|instead of)\b|n't\b|e\.g)",
+    re.IGNORECASE,
+)
+_SAYS_SO = frozenset(["NONE", "UNKNOWN", "ABSTAIN", "UNSURE", "UNCLEAR", "NO IMAGE", "NO_IMAGE"])
+"""Actions that somebody names who sees nothing."""
+_END = re.compile(r"[.!?\n]\s|\n")
+_CLAUSE = re.compile(r",|\bso\b|\bbut\b")
+_CONDITION = re.compile(r"\bif\b|\bwould be\b")
+_SHORT_WORDS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class _Stated:
+    """What one object, tag or box states, and where it stands; ``action`` is None where that is no name."""
+
+    start: int
+    end: int
+    action: str | None
+    why: str | None = None
+
+
+def read_words(visible: str, names: Names) -> Decision[str]:
+    """Return the decision of the words outside thinking; strict, deterministic, and never guessing.
+
+    In order: the whole text as a name; what its JSON objects, answer tags or boxes state; its last line that begins
+    with ``action:`` or the like; its prose. The first of these that is there decides. What several of one form state
+    differently is no decision, unless the words between take one back. A reply that says first that it sees no picture
+    or cannot help is refused, whatever follows.
+    """
+    if (bare := names.whole(fold(visible))) is not None:
+        return Decision(bare)
+    text = _outside_thought(visible)
+    found = _find(text, names)
+    if found.action is None:
+        return Decision(None, "refused") if refuses(visible) else found
+    refusal = _NOTHING_SEEN.search(text)
+    if found.action.upper() in _SAYS_SO:
+        return found
+    if refusal is not None and read_prose(fold(text[: refusal.start()]), names).action != found.action:
+        return Decision(None, "refused")
+    return found
+
+
+def _outside_thought(text: str) -> str:
+    return _TOKEN.sub(" ", _THOUGHT.sub(" ", text)).replace("\u2019", "'")
+
+
+def _find(text: str, names: Names) -> Decision[str]:
+    if (bare := names.whole(fold(text))) is not None:
+        return Decision(bare)
+    for form in (_objects, _tags, _boxes):
+        if stated := list(form(text, names)):
+            return _agreed(text, stated, names)
+    text = _FENCE.sub(" ", _without_objects(text))
+    if "{" in text and text.count('"', text.rfind("{")) % 2:
+        text = _CUT_OFF.sub(" ", text)
+    folded = fold(_TAG.sub(lambda tag: _kept(tag, names), text))
+    if (marked := _marked(folded, names)) is not None:
+        return marked
+    return read_prose(folded, names)
+
+
+def _kept(tag: re.Match[str], names: Names) -> str:
+    """Return a tag's words where one of them names an action, as in ``<LEFT>``; else nothing of it."""
+    inner = tag.group().strip("<>/ ")
+    return f"\n{inner}\n" if any(names.mentions(inner)) else " "
+
+
+def _phrase(value: str, names: Names) -> Decision[str]:
+    """Return the decision of a value that ought to be a name, and may be a few words: "slow down", "TURN_LEFT"."""
+    folded = fold(value)
+    if (bare := names.whole(folded)) is not None:
+        return Decision(bare)
+    found = read_prose(_TEX.sub(" ", folded), names)
+    return found if found.action or found.why != "no_action" else Decision(None, "unparsed", "unknown_action")
+
+
+def _agreed(text: str, stated: Sequence[_Stated], names: Names) -> Decision[str]:
+    """Return the decision of what is stated, where the words around it do not deny it or take it back."""
+    known = [one for one in stated if one.action is not None][-_STATED_AT_MOST:]
+    if not known:
+        return Decision(None, "unparsed", stated[0].why or "unknown_action")
+    if takes_back(fold(_TAG.sub(" ", text[known[-1].end :])), str(known[-1].action), names):
+        return Decision(None, "unparsed", "several_actions")
+    actions = {one.action for one in known if not _is_denied(text, one, names)}
+    if len(actions) == 1:
+        return Decision(actions.pop())
+    return Decision(None, "unparsed", "several_actions" if actions else "negated")
+
+
+def _is_denied(text: str, one: _Stated, names: Names) -> bool:
+    """Return whether the words around a statement deny it, or say under which condition it would hold."""
+    left = _END.split(_FENCE.sub("", text[max(0, one.start - 120) : one.start]))[-1]
+    right = _END.split(text[one.end : one.end + 80].partition("{")[0])[0]
+    if _NO_STATEMENT.search(_CLAUSE.split(left)[-1]):
+        return True
+    around = fold(f"{left} {one.action} {right}")
+    found = read_prose(around, names)
+    return found.action is None and (found.why == "negated" or _CONDITION.search(around) is not None)
+
+
+# JSON
+
+
+def _objects(text: str, names: Names) -> Iterator[_Stated]:
+    """Yield what each JSON object states; where no object is whole, what stands between a key and a comma."""
+    whole = False
+    for start, end, value in _json_objects(text):
+        whole = whole or bool(value)
+        for action, why in _stated_in(value, names):
+            yield _Stated(start, end, action, why)
+    if whole:
+        return
+    for match in _LOOSE.finditer(text):
+        found_here = _phrase(next(filter(None, match.groups()[1:]), ""), names)
+        yield _Stated(match.start(), match.end(), found_here.action, found_here.why)
+
+
+class _Pairs(list[tuple[str, object]]):
+    """An object's keys and values in order, so that none that is given twice is lost."""
+
+
+def _stated_in(value: object, names: Names) -> Iterator[tuple[str | None, str | None]]:
+    """Yield the actions that a JSON value states, None and why where what it states is no name."""
+    if isinstance(value, _Pairs):
+        if (named := _flagged(value, names) or _called(value, names)) is not None:
+            yield named, None
+        elif (key := _answer_key(value)) is not None:
+            for inner in (inner for name, inner in value if name == key):
+                yield from _values(inner, names)
+        else:
+            for _, inner in value:
+                yield from _stated_in(inner, names)
+    elif isinstance(value, list):
+        for inner in value:
+            yield from _stated_in(inner, names)
+
+
+def _answer_key(value: _Pairs) -> str | None:
+    """Return the key that holds the answer, the plainest of several; None where an object holds it further in."""
+    known = [key for key, _ in value if _KEY.fullmatch(key)]
+    if not known and len(value) == 1 and _ONLY_KEY.fullmatch(value[0][0]):
+        known = [value[0][0]]
+    if not known:
+        return None
+    key = min(known, key=_rank)
+    further = all(isinstance(inner, _Pairs) and not _is_name(inner) for name, inner in value if name == key)
+    return None if further else key
+
+
+def _rank(key: str) -> int:
+    plain = key.lower()
+    return _PLAINEST.index(plain) if plain in _PLAINEST else 1 if plain.endswith("action") else len(_PLAINEST)
+
+
+def _is_name(value: _Pairs) -> bool:
+    """Return whether an object is one text by another name, as ``{"name": "LEFT"}``."""
+    return len(value) == 1 and isinstance(value[0][1], str) and not _KEY.fullmatch(value[0][0])
+
+
+def _values(value: object, names: Names) -> Iterator[tuple[str | None, str | None]]:
+    """Yield what the value of an answer's key states; a list states each of its texts."""
+    if isinstance(value, _Pairs):
+        value = [inner for _, inner in value]
+    if not isinstance(value, list):
+        value = [value]
+    for inner in value or [None]:
+        found = _phrase(inner, names) if isinstance(inner, str) else _unknown()
+        yield found.action, found.why
+
+
+def _unknown() -> Decision[str]:
+    return Decision(None, "unparsed", "unknown_action")
+
+
+def _flagged(value: _Pairs, names: Names) -> str | None:
+    """Return the one action that is true where actions are the keys and the others are false."""
+    if not value or not all(isinstance(inner, bool) and names.action(key) for key, inner in value):
+        return None
+    true = [key for key, inner in value if inner]
+    return names.action(true[0]) if len(true) == 1 else None
+
+
+def _called(value: _Pairs, names: Names) -> str | None:
+    """Return the action that a call of a tool has for its name."""
+    given: Mapping[str, object] = dict(value)
+    name = given.get("name")
+    return names.action(name) if isinstance(name, str) and ("arguments" in given or "parameters" in given) else None
+
+
+def _json_objects(text: str) -> Iterator[tuple[int, int, object]]:
+    """Yield the outermost JSON objects in a text, wherever they stand; none where it has too many braces to try.
+
+    One that is nested too deeply is taken as text.
+    """
+    decoder, start = json.JSONDecoder(object_pairs_hook=_Pairs), text.find("{")
+    if text.count("{") > _BRACES_AT_MOST:
+        return
+    while start >= 0:
+        end = start + 1
+        try:
+            value, ended = decoder.raw_decode(text, start)
+            if not too_deep(text, start):
+                end = ended
+                yield start, end, value
+        except ValueError:
+            pass
+        except RecursionError:
+            if not too_deep(text, start):
+                raise
+        start = text.find("{", end)
+
+
+def _without_objects(text: str) -> str:
+    """Return a text without its JSON objects; what they would state was looked for."""
+    parts, done = [], 0
+    for start, end, value in _json_objects(text):
+        if value:
+            parts.append(text[done:start])
+            done = end
+    return " ".join([*parts, text[done:]])
+
+
+# Tags, boxes and lines
+
+
+def _tags(text: str, names: Names) -> Iterator[_Stated]:
+    for match in _ANSWER_TAG.finditer(text):
+        found = _phrase(match.group(2), names) if match.group(2).strip() else Decision(None, "unparsed", "no_action")
+        yield _Stated(match.start(), match.end(), found.action, found.why)
+
+
+def _boxes(text: str, names: Names) -> Iterator[_Stated]:
+    for match in _BOX.finditer(text):
+        found = _phrase(_TEX.sub(" ", match.group(1)), names)
+        yield _Stated(match.start(), match.end(), found.action, found.why)
+
+
+def _marked(text: str, names: Names) -> Decision[str] | None:
+    """Return the decision of the last line that begins with ``action:``; None where no such line says one.
+
+    One before it that names another action counts as taken back where the last is called final, or other words stand
+    between. What follows the line may take it back.
+    """
+    marks = sorted((*_last(_MARKER, text), *_last(_HEADING, text)), key=lambda mark: mark.start())
+    read = [(mark.group(), mark.start(), *_value(text, mark.end(), names)) for mark in marks]
+    said = [one for one in read if one[3].why not in {"no_action", "not_chosen"}]
+    if not said:
+        return None
+    label, start, end, last = said[-1]
+    if last.action is None:
+        return last if last.why == "unknown_action" or len(said) == 1 else _unsettled()
+    if takes_back(text[end:], last.action, names):
+        return _unsettled()
+    differ = (one for one in said[:-1] if one[3].action not in {None, last.action})
+    if not _FINAL.search(label) and any(not re.search(r"\w", text[one[2] : start]) for one in differ):
+        return _unsettled()
+    return last
+
+
+def _unsettled() -> Decision[str]:
+    return Decision(None, "unparsed", "several_actions")
+
+
+_MARKERS_AT_MOST = 20
+_LINE_AT_MOST = 2000
+_SAYS = re.compile(r"[^\n]*\w[^\n]*")
+
+
+def _last(pattern: re.Pattern[str], text: str) -> list[re.Match[str]]:
+    return list(pattern.finditer(text))[-_MARKERS_AT_MOST:]
+
+
+def _value(text: str, start: int, names: Names) -> tuple[int, Decision[str]]:
+    """Return where the rest of a line ends, or the next line that says something, and the decision of its words."""
+    found = _SAYS.search(text, start)
+    if found is None:
+        return len(text), Decision(None, "unparsed", "no_action")
+    value = found.group()[:_LINE_AT_MOST]
+    if (bare := names.whole(value)) is not None:
+        return found.end(), Decision(bare)
+    read = read_prose(value, names)
+    short = read.why == "no_action" and 0 < len(value.split()) <= _SHORT_WORDS
+    return found.end(), _unknown() if short else read

@@ -1,0 +1,113 @@
+"""Version 3 of the rules that read an action's name from words; a run that was begun under them is read by them.
+
+They are changed no more. What is wrong with them is in docs/decisions/0046: they take the only name in capitals for
+the decision, whatever is said of it.
+"""
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+
+from eyechart.spaces.space import Decision, refuses, too_deep
+
+_NEGATION = re.compile(
+    r"(\b(not|cannot|never|avoid|avoiding|no|nor|neither|without|than|instead\s+of|unable\s+to)|n't)\s+(\w+\s+)?"
+    r"((to|the|a|an|on|into|towards?|go|going|turn|turning|move|moving|change|changing|steer|lanes?)\s+){0,4}[\"'`*(]*$",
+    re.IGNORECASE,
+)
+_NEGATED = re.compile(
+    r"[\"'`*)]*\s+((is|was|would\s+be)\s+(not|never|impossible|unsafe|dangerous|blocked|occupied|taken)"
+    r"|isn't|wasn't|cannot|can't)\b",
+    re.IGNORECASE,
+)
+_JSON_KEYS = ("action", "decision", "answer")
+_MARKER = r"\b(?:action|answer|decision)\W{0,4}(?:[:=>→–—\n-]|\bis\b)\W{0,6}"
+_BRACES_AT_MOST = 1000
+_SHORT = 80
+"""Characters up to which an action in lower case is an answer; in longer prose "the road is straight" is none."""
+
+
+def read_words(visible: str, actions: tuple[str, ...]) -> Decision[str]:
+    """Return the decision of the words outside thinking.
+
+    The whole text as an action; the ``action`` of its JSON objects; the last ``action: X``; an action in capitals
+    named alone; in a short reply that refuses nothing, an action in any case named alone. The first of these that is
+    there decides, and nothing below it is looked at. Several different candidates, or one that is negated, are
+    ``unparsed``.
+    """
+    refused = refuses(visible)
+    found = _find(visible, actions, any_case=not refused and len(visible) <= _SHORT)
+    return Decision(None, "refused") if refused and found.action is None else found
+
+
+def _find(text: str, actions: tuple[str, ...], *, any_case: bool) -> Decision[str]:
+    by_name = {action.upper(): action for action in actions}
+    if (bare := _bare(text)) in by_name:
+        return Decision(by_name[bare])
+    if stated := {_bare(action) for action in _json_actions(text)}:
+        if len(stated) > 1:
+            return _unparsed("several_actions")
+        found = by_name.get(stated.pop())
+        return _unparsed("unknown_action") if found is None else Decision(found)
+    # Not \b: neither "non-stop" nor "right-hand" names an action.
+    name = rf"(?<!\w)(?<!\w-)({'|'.join(re.escape(one) for one in sorted(by_name, key=len, reverse=True))})(?!-?\w)"
+    if marked := list(re.finditer(_MARKER + name, text, re.IGNORECASE)):
+        # Another action may follow on its line (``ACTION: LEFT or RIGHT``).
+        following = re.compile(rf"[^\w\n]{{0,6}}(?:(?:or|and|then)[^\w\n]{{1,6}})?{name}", re.IGNORECASE)
+        return _only_one([*marked[-1:], *filter(None, [following.match(text, marked[-1].end())])], by_name)
+    for flags in (0, re.IGNORECASE) if any_case else (0,):
+        if named := list(re.finditer(name, text, flags)):
+            return _only_one(named, by_name)
+    return _unparsed("no_action")
+
+
+def _unparsed(why: str) -> Decision[str]:
+    return Decision(None, "unparsed", why)
+
+
+def _bare(text: str) -> str:
+    return text.strip(" \t\r\n.,;:!*`\"'_()[]").upper()
+
+
+def _only_one(found: list[re.Match[str]], by_name: Mapping[str, str]) -> Decision[str]:
+    if len({match.group(1).upper() for match in found}) != 1:
+        return _unparsed("several_actions")
+    for match in found:
+        text, start = match.string, match.start(1)
+        if _NEGATION.search(text[max(0, start - 60) : start]) or _NEGATED.match(text, match.end(1)):
+            return _unparsed("negated")
+    # get: ignoring case, a regular expression takes "İ" for "I", and upper() does not.
+    action = by_name.get(found[0].group(1).upper())
+    return _unparsed("no_action") if action is None else Decision(action)
+
+
+def _json_actions(text: str) -> Iterator[str]:
+    """Yield what each JSON object that states an action states; an empty text where that is no text."""
+    for value in _json_objects(text):
+        by_key = {key.lower(): action for key, action in value.items()}
+        stated = next((by_key[key] for key in _JSON_KEYS if key in by_key), None)
+        if any(key in by_key for key in _JSON_KEYS):
+            yield stated if isinstance(stated, str) else ""
+
+
+def _json_objects(text: str) -> Iterator[dict[str, object]]:
+    """Yield the outermost JSON objects in a text, wherever they stand; none where it has too many braces to try.
+
+    One that is nested too deeply is taken as text.
+    """
+    decoder, start = json.JSONDecoder(), text.find("{")
+    if text.count("{") > _BRACES_AT_MOST:
+        return
+    while start >= 0:
+        end = start + 1
+        try:
+            value, ended = decoder.raw_decode(text, start)
+            if not too_deep(text, start):
+                end = ended
+                yield value
+        except ValueError:
+            pass
+        except RecursionError:
+            if not too_deep(text, start):
+                raise
+        start = text.find("{", end)
