@@ -124,6 +124,7 @@ long-lerobot: $(MODELS)
 	$(BIN)/python benchmarks/lerobot_policy.py
 
 long-act:
+	@test -n "$(LEROBOT_PYTHON)" || { echo "LEROBOT_PYTHON names a Python that has LeRobot and eyechart"; exit 2; }
 	$(LEROBOT_PYTHON) benchmarks/act_tabletop.py
 
 long-power: $(CORE)

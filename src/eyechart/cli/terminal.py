@@ -93,17 +93,20 @@ def resumable(kept: str = "finished calls are kept; the same command resumes") -
 def _lines(what: str, unit: str) -> Callable[[int, int], None]:
     import time
 
-    start = time.monotonic()
-    first: list[int] = []
-    last = [start]
+    begun: tuple[int, float] | None = None
+    now: float | None = None
+    before: int | None = None  # another part of the work begins where the count falls
 
     def move(done: int, total: int) -> None:
-        first.append(done) if not first else None
-        now = time.monotonic()
-        if now - last[0] < 2.0 and done < total:
+        nonlocal begun, now, before
+        if begun is None or before is None or now is None or done < before:
+            begun = (done, time.monotonic())
+            now = begun[1] if now is None else now
+        before = done
+        if time.monotonic() - now < 2.0 and done < total:
             return
-        last[0] = now
-        rate = (done - first[0]) / max(now - start, 1e-9)
+        now = time.monotonic()
+        rate = (done - begun[0]) / max(now - begun[1], 1e-9)
         left = f", {(total - done) / rate:.0f} s left" if rate > 0 and done < total else ""
         say(f"{what}: {done}/{total} {unit}, {rate:.1f}/s{left}")
 

@@ -70,11 +70,14 @@ def _why(one: PolicyVerdict) -> Iterator[str]:
         yield f"{name}: {judged.label}. {judged.because}{more}"
     yield from (f"{remark}." for remark in one.remarks)
     yield from (f"Next: {advice}" for label, advice in NEXT.items() if label in _labels(one))
+    for name, judged in one.cameras.items():
+        if judged.label == "ignores_camera" != one.camera.label:
+            yield f"Next: leave out the {name} camera, or find out why: a crop, a dark picture, another key."
     yield f"Scope: {one.scope}"
 
 
 def _labels(one: PolicyVerdict) -> set[str]:
-    judged = (one.camera, one.state, one.instruction, *one.cameras.values())
+    judged = (one.camera, one.state, one.instruction)
     return {*one.guards, *(each.label for each in judged if not one.guards)}
 
 
