@@ -28,6 +28,7 @@ def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
         ("middle", {"cameras", "grey", "instruction", "camera:top", "camera:wrist"}, "changes not one bit"),
         ("deaf", {"instruction", "camera:wrist"}, "another instruction changes not one bit"),
         ("queue", {"same"}, "answer from a queue"),
+        ("liar", {"same"}, "two answers to one seed"),
         ("still", {"cameras", "grey", "instruction", "state", "camera:top", "camera:wrist", "constant"}, "same answer"),
         ("reach", {"camera:wrist"}, "changes not one bit"),
     ],

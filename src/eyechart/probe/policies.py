@@ -134,7 +134,8 @@ async def _examine(spec: str, model: Model, asked: _Asked) -> PolicyDiagnosis:
     findings = [_motions(calls, answers)]
     if order[0].action is not None:
         varies = len({one.action for one in (*order, *further.values())}) > 1
-        findings += [_again(order, varies=varies), *_reached(order[0].action, changed, _drawn(order))]
+        seeded = model.facts.get("seedable") == "true"
+        findings += [_again(order, varies=varies, seeded=seeded), *_reached(order[0].action, changed, _drawn(order))]
         findings += [_varies(order), _unit(asked, further)]
     return PolicyDiagnosis(spec, tuple(findings), calls.made)
 
@@ -161,8 +162,11 @@ def _drawn(order: list[Decision[Motion]]) -> bool:
     return order[0].action != order[1].action
 
 
-def _again(order: list[Decision[Motion]], *, varies: bool) -> Finding:
-    """Say whether the same moment gets the same answer, also after another one; ``varies`` says that others differ."""
+def _again(order: list[Decision[Motion]], *, varies: bool, seeded: bool) -> Finding:
+    """Say whether the same moment gets the same answer, also after another one; ``varies`` says that others differ.
+
+    All calls have one seed, which fixes the answer of who is ``seeded``.
+    """
     first, second, other, third = (one.action for one in order)
     if None in {second, other, third}:
         return Finding("same", None, "not every repeated call came back")
@@ -174,6 +178,8 @@ def _again(order: list[Decision[Motion]], *, varies: bool) -> Finding:
     if first == second:
         said = "the same moment gets another answer after another moment: it keeps something; declare reset"
         return Finding("same", False, said)
+    if seeded:
+        return Finding("same", False, "it declares seedable, and the same moment gets two answers to one seed")
     return Finding("same", None, "the same moment gets two answers: it draws them, or keeps something")
 
 
