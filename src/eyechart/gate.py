@@ -204,7 +204,8 @@ def _no_evidence(one: Evidence) -> str:
     if one.planned == 0 or one.answered == 0:
         return "the run holds no finished call of this model"
     if one.unfinished:
-        return f"the run is unfinished: {one.answered} of {one.planned} calls"
+        later = "; a shard asks no controls, the merged run, resumed, does" if one.part else ""
+        return f"the run is unfinished: {one.answered} of {one.planned} calls{later}"
     if errors := one.reasons().get("error"):
         return f"{errors} of {one.answered} calls ended in an error (see the ledger), so they say nothing of the model"
     return ""

@@ -16,6 +16,7 @@ from eyechart.cli.app import app
 from eyechart.conditions import CONTROLS
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank, decode
+from eyechart.gate import hold
 from eyechart.ledger import Ledger
 from eyechart.limits import Limits
 from eyechart.manifest import LEDGER, read_run
@@ -257,6 +258,9 @@ def test_shards_ask_the_first_stage_and_the_merged_run_the_rest(bank: FrameBank,
     more = sum(study.begun(tmp_path / "merged").more_by_model().values())
     assert f"{2 * LEADS} calls are left, and up to {more} of controls" in said
     assert more == 2 * LEADS + ABSENT + FRAMES
+    for check in hold(study.score(tmp_path / "1", resamples=99), ["depth"]).checks:
+        assert check.holds is None
+        assert "a shard asks no controls, the merged run, resumed, does" in check.because
     for name, words in (("1", "controls not asked"), ("merged", f"{2 * LEADS} planned calls have no outcome")):
         verdict = judge(study.score(tmp_path / name, resamples=99))[READER]
         assert verdict.unfinished is not None
