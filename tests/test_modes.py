@@ -145,3 +145,37 @@ def test_a_mode_is_written_into_a_folder_that_is_not_there_yet(tmp_path: Path) -
     mode = RequestMode("openai:m")
     write_mode(tmp_path / "new" / "mode.toml", mode)
     assert read_mode(tmp_path / "new" / "mode.toml") == mode
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"headers": {"X-Route": "sk-abcdef1234567890abcd"}},
+        {"headers": {"X-Via": "Bearer abcdefgh12345678"}},
+        {"body": {"user": {"tag": "hf_abcdEFGH1234ijklMNOP"}}},
+        {"body": {"trace": ["Ab3dEf6hIj9lMn2pQr5tUv8x"]}},
+        {"base_url": "https://gate.example/v1/sk-abcdef1234567890abcd"},
+        {"base_url": "https://name:hunter22@gate.example:port/v1"},
+        {"base_url": "hunter22@gate.example"},
+    ],
+)
+def test_what_looks_like_a_secret_is_refused_and_not_quoted(given: dict[str, object]) -> None:
+    """In a header, a field of the body or an address, whatever its name: in words, without the value."""
+    with pytest.raises(SpecError) as refused:
+        RequestMode("m", **given)  # type: ignore[arg-type]
+    for secret in ("abcdef1234", "abcdefgh12345678", "abcdEFGH", "Ab3dEf6h", "hunter22@"):
+        assert secret not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"headers": {"X-Route": "$MY_KEY", "X-Title": "my-robot-of-2026"}},
+        {"body": {"revision": "0123456789abcdef0123456789abcdef01234567", "provider": {"order": ["Together-AI-2026"]}}},
+        {"base_url": "https://gateway.example/v1/0123456789abcdef0123456789abcdef/sk-test/openai"},
+        {"body": {"served": "Qwen2.5-VL-72B-Instruct-AWQ-int4"}},
+    ],
+)
+def test_what_is_no_secret_is_not_refused(given: dict[str, object]) -> None:
+    """Names of variables, revisions, accounts and names of models pass."""
+    assert RequestMode("m", **given)  # type: ignore[arg-type]

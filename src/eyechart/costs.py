@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
-from eyechart.ledger import UNKNOWN, Sent
+from eyechart.errors import printable
+from eyechart.ledger import UNKNOWN, Ledger, Sent
 from eyechart.models.prices import Prices
 from eyechart.modes import Measured, RequestMode
 from eyechart.records import Plain
@@ -16,6 +17,9 @@ from eyechart.spaces.space import MISSING, AnySpace
 
 ALL = "all"
 """The name of the account that holds every condition."""
+
+_UNREAD_AT_MOST = 1000
+_OTHERS = "(other replies)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,6 +162,32 @@ class _Page:
             energy_j=self.sums.get("energy_j"),
             energy_measured=self.counts["energy_measured"],
         )
+
+
+@dataclass(frozen=True, slots=True)
+class Unread(Plain):
+    """A reply that holds no decision: how often it came, why none is read, and its first characters, made printable."""
+
+    count: int
+    missing: str
+    why: str | None
+    text: str
+
+
+def unread(ledger: Ledger, model: str, space: AnySpace) -> tuple[Unread, ...]:
+    """Return the different replies of a model that came without an error and hold no decision, most frequent first.
+
+    The last reply of a call counts, as in its Account. Of more than a thousand different ones the others are added up.
+    """
+    found: Counter[tuple[str, str | None, str]] = Counter()
+    for _, reply in ledger.replies(model):
+        decision = space.read(reply)
+        if decision.missing is None or reply.error is not None:
+            continue
+        seen = (decision.missing, decision.why, printable(reply.text))
+        found[seen if seen in found or len(found) < _UNREAD_AT_MOST else (decision.missing, None, _OTHERS)] += 1
+    listed = sorted(found.items(), key=lambda one: (-one[1], one[0][2], one[0][0]))
+    return tuple(Unread(count, *seen) for seen, count in listed)
 
 
 def _whole(value: float | None) -> int | None:

@@ -6,11 +6,11 @@ A mode never holds a secret: a header names an environment variable as ``$NAME``
 import math
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Literal, cast
-from urllib.parse import urlsplit
+from urllib.parse import unquote, urlsplit
 
 import msgspec
 import tomli_w
@@ -36,6 +36,15 @@ FEWEST_TOKENS = 16
 _VARIABLE = re.compile(r"\$(?:([A-Za-z_]\w*)|\{([A-Za-z_]\w*)\})")
 _SECRET = re.compile(r"auth|api.?key|token|secret|password|credential|cookie", re.IGNORECASE)
 _SECRET_VARIABLE = re.compile(r"KEY|TOKEN|SECRET|PASSWORD|CREDENTIAL", re.IGNORECASE)
+_SECRET_VALUE = re.compile(
+    r"(?i:\b(?:bearer|basic)\s+[\w.~+/=-]{8,}"
+    r"|(?<![a-z0-9])(?:(?:sk|pk|rk|gsk|hf|ghp|gho|ghs|github_pat|glpat|xai|nvapi|pplx|xox[abp])[_-]"
+    r"(?=[a-z_-]*\d)[a-z0-9_-]{12,}))"
+    r"|AKIA[A-Z0-9]{12,}|AIza[\w-]{20,}|eyJ[\w-]{10,}\.[\w-]{4,}"
+    r"|(?<![A-Za-z0-9])(?=[A-Za-z]*\d)(?=[a-z0-9]*[A-Z])(?=[A-Z0-9]*[a-z])[A-Za-z0-9]{24,}"
+)
+"""What a key looks like, wherever it stands: with a service's own beginning, or many letters and digits at random."""
+
 _SECRET_CHARACTERS = 8
 """A shorter value of such a variable is likely to stand in other text by chance."""
 
@@ -236,7 +245,8 @@ def _require(value: object, checks: Mapping[str, _Check], where: str) -> None:
     for name, (holds, words) in checks.items():
         given = getattr(value, name)
         if not holds(given):
-            raise SpecError(f"{where}: {name} must be {words}; got {str(given)[:80]!r}")
+            said = f"{str(given)[:8]!r}…" if name == "base_url" else repr(str(given)[:80])  # it may hold a password
+            raise SpecError(f"{where}: {name} must be {words}; got {said}")
 
 
 def _refuse_unknown(values: Mapping[str, object], kind: type[RequestMode] | type[Measured], where: str) -> None:
@@ -258,16 +268,16 @@ def _expand(name: str, value: str, environ: Mapping[str, str]) -> str:
 
 def _refuse_secrets(mode: RequestMode) -> None:
     """Raise SpecError, which never quotes the value, where a mode would carry a secret into a file."""
-    for name, value in mode.headers.items():
-        if _SECRET.search(name) and not _VARIABLE.search(value):
-            raise SpecError(f"header '{name}' looks like a secret: give the name of a variable, as '{name}: $NAME'")
-    for name in _names(mode.body):
-        if re.search(r"api.?key|secret|password|authorization", name, re.IGNORECASE):
-            raise SpecError(f"the body's '{name}' looks like a secret, which goes into a header as $NAME")
+    _refuse_secret_fields(mode)
     parts = urlsplit(mode.base_url)
     if parts.username or parts.password or parts.query or parts.fragment:
         at = f"{parts.scheme}://{parts.hostname}…"
         raise SpecError(f"base_url {at} holds a user, a query or a fragment: leave it out")
+    if _SECRET_VALUE.search(unquote(parts.path)):
+        raise SpecError(
+            f"base_url {parts.scheme}://{parts.hostname}… holds what looks like a secret in its path: send it in a "
+            "header as $NAME"
+        )
     held = str({**asdict(mode), "measured": None})
     for variable, value in _secrets():
         if value in held:
@@ -292,6 +302,33 @@ def _names(value: object) -> list[str]:
     if isinstance(value, Mapping):
         return [name for key, one in value.items() for name in (str(key), *_names(one))]
     return [name for one in value for name in _names(one)] if isinstance(value, list | tuple) else []
+
+
+def _refuse_secret_fields(mode: RequestMode) -> None:
+    """Raise SpecError where a header or a field of the body holds what by its name or its looks is a secret."""
+    for name, value in mode.headers.items():
+        if _SECRET.search(name) and not _VARIABLE.search(value):
+            raise SpecError(f"header '{name}' looks like a secret: give the name of a variable, as '{name}: $NAME'")
+        if _SECRET_VALUE.search(value):
+            raise SpecError(f"header '{name}' holds what looks like a secret: give a variable, as '{name}: $NAME'")
+    for name in _names(mode.body):
+        if re.search(r"api.?key|secret|password|authorization", name, re.IGNORECASE):
+            raise SpecError(f"the body's '{name}' looks like a secret, which goes into a header as $NAME")
+    for where, value in _texts(mode.body):
+        if _SECRET_VALUE.search(value):
+            raise SpecError(f"the body's '{where}' holds what looks like a secret, which goes into a header as $NAME")
+
+
+def _texts(value: object, where: str = "") -> Iterator[tuple[str, str]]:
+    """Yield each text in plain values with the name that it stands under."""
+    if isinstance(value, str):
+        yield where, value
+    elif isinstance(value, Mapping):
+        for key, one in value.items():
+            yield from _texts(one, str(key))
+    elif isinstance(value, list | tuple):
+        for one in value:
+            yield from _texts(one, where)
 
 
 _DEFAULTS: dict[str, object] = {one.name: getattr(RequestMode("x"), one.name) for one in fields(RequestMode)[1:]}

@@ -1,24 +1,90 @@
 """The command line: one short function a command; nothing heavy is imported before its command runs."""
 
+import errno
 import os
 import sys
 
-from eyechart.cli.app import app
-from eyechart.errors import EyechartError
+from eyechart.errors import EyechartError, printable
+
+_ASCII = str.maketrans(
+    {
+        "—": "-",
+        "–": "-",
+        "−": "-",
+        "…": "~",
+        "≥": ">=",
+        "≤": "<=",
+        "→": "->",
+        "×": "x",
+        "·": "*",
+        "⁻": "-",
+        "⁴": "4",
+        "’": "'",
+        "‘": "'",
+        "“": '"',
+        "”": '"',
+    }
+)
+"""What stands for a sign on a terminal that cannot print it; any other such sign becomes a question mark."""
 
 
 def main() -> None:
-    """Run the command line. Bad input prints one line and exits 2; a traceback comes only with ``--debug``."""
+    """Run the command line. Bad input prints one line and exits 2; a traceback comes only with ``--debug``.
+
+    A Ctrl-C, also while modules are imported, prints one line and exits 130.
+    """
     debug = "--debug" in sys.argv
     if debug:
         sys.argv.remove("--debug")
     try:
-        app(prog_name="eyechart")
+        _print_what_can_be()
+        from eyechart.cli.app import app
+
+        try:
+            app(prog_name="eyechart")
+        finally:
+            sys.stdout.flush()
+    except KeyboardInterrupt:
+        _end(130, "interrupted")
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or its last flush would complain
-        sys.exit(141)  # as a shell reports SIGPIPE
+        _leave(141)  # as a shell reports SIGPIPE
     except (EyechartError, OSError) as error:
         if debug:
             raise
-        print(f"eyechart: {error}", file=sys.stderr)  # noqa: T201
-        sys.exit(2)
+        full = isinstance(error, OSError) and error.errno in {errno.ENOSPC, errno.EDQUOT}
+        where = f" ({error.filename})" if isinstance(error, OSError) and error.filename else ""
+        _end(2, f"eyechart: {printable(f'the disk is full{where}: make room and try again' if full else str(error))}")
+
+
+def _print_what_can_be() -> None:
+    """Have the standard streams print another sign where theirs cannot print one."""
+    import codecs
+    import io
+
+    def other(error: UnicodeError) -> tuple[str, int]:
+        if not isinstance(error, UnicodeEncodeError):
+            raise error
+        signs = error.object[error.start : error.end].translate(_ASCII)
+        return "".join(sign if sign.isascii() else "?" for sign in signs), error.end
+
+    codecs.register_error("eyechart", other)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="eyechart")
+
+
+def _end(status: int, line: str) -> None:
+    """Print one line and end at once, whatever else still runs or interrupts."""
+    import signal
+
+    signal.signal(signal.SIGINT, lambda *_: os._exit(status))
+    print(line, file=sys.stderr)  # noqa: T201
+    _leave(status)
+
+
+def _leave(status: int) -> None:
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or its last flush would complain
+    sys.exit(status)

@@ -1,15 +1,27 @@
 """The tree of commands."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from eyechart import __version__
 from eyechart.cli import bundle, demo, drive, frames, guardian, probe, run, score
 from eyechart.cli.options import Json
-from eyechart.cli.terminal import print_json
+from eyechart.cli.terminal import print_json, resumable
+
+
+class Commands(TyperGroup):
+    """The commands; an interrupt that none of them meets is said in a line, and exits 130."""
+
+    def invoke(self, ctx: Any) -> object:  # noqa: ANN401 - which context it is differs between versions of typer
+        """Run a command."""
+        with resumable("nothing more is done"):
+            return super().invoke(ctx)
+
 
 app = typer.Typer(
+    cls=Commands,
     name="eyechart",
     help="Find out whether a vision-language controller's decisions come from its camera.",
     no_args_is_help=True,

@@ -40,16 +40,23 @@ def costs(
     run: _Run,
     prices: PriceFile = None,
     every: Annotated[bool, typer.Option("--all", help="A line for every condition too.")] = False,
+    unread: Annotated[bool, typer.Option("--unread", help="List the replies that hold no decision, counted.")] = False,
     json: Json = False,
 ) -> None:
     """Print what a run's calls took, by model: attempts and their outcomes, tokens, dollars, seconds, joules.
 
-    Of a prompt study, by cell; of the hierarchy, by its runs. Example: eyechart costs run --all --json
+    Of a prompt study, by cell; of the hierarchy, by its runs. --unread lists in place of this the replies in which no
+    decision is read. Example: eyechart costs run --all --json
     """
     from eyechart.models.prices import read_prices
-    from eyechart.report.accounts import costs_table
+    from eyechart.records import plain
+    from eyechart.report.accounts import costs_table, unread_table
     from eyechart.studies import study_of
 
+    if unread:
+        listed = study_of(run).unread(run)
+        print_json({"unread": plain(listed)}) if json else print_each([unread_table(listed)])
+        return
     took = study_of(run).took(run, read_prices(prices))
     if json:
         print_json(took.as_dict())

@@ -1,6 +1,7 @@
 """What the commands share: a console, a progress bar, and JSON on standard output."""
 
 import json
+import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -15,7 +16,12 @@ if TYPE_CHECKING:
 
 def print_json(values: object) -> None:
     """Print plain values as JSON on standard output; NaN and infinity cannot pass."""
-    sys.stdout.write(json.dumps(values, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    text = json.dumps(values, indent=1, ensure_ascii=False, allow_nan=False)
+    try:
+        text.encode(sys.stdout.encoding or "utf-8")
+    except UnicodeEncodeError:
+        text = json.dumps(values, indent=1, allow_nan=False)  # in escapes, which every stream can take
+    sys.stdout.write(text + "\n")
 
 
 def say(text: str) -> None:
@@ -80,12 +86,15 @@ def patience(what: str, every_s: float = 2.0) -> Iterator[Callable[[str], None]]
 
 @contextmanager
 def resumable(kept: str = "finished calls are kept; the same command resumes") -> Iterator[None]:
-    """Let an interrupt end the command with one line that says what is kept, and exit 130."""
+    """Let an interrupt end the command with one line that says what is kept, and exit 130; a second does at once."""
+    import signal
+
     import typer
 
     try:
         yield
     except KeyboardInterrupt:
+        signal.signal(signal.SIGINT, lambda *_: os._exit(130))
         say(f"interrupted: {kept}")
         raise typer.Exit(130) from None
 

@@ -3,9 +3,9 @@
 import asyncio
 import time
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from importlib import import_module
-from typing import Protocol
+from typing import Any, Protocol
 
 from eyechart.calls import Query, Reply, bounded, misfit
 from eyechart.errors import SpecError
@@ -78,7 +78,7 @@ async def ask(model: Model, query: Query) -> Reply:
         reply = await model.answer(query)
         if not isinstance(reply, Reply):
             raise TypeError(f"the model answered with a {type(reply).__name__}, not with a Reply")  # noqa: TRY301
-        reply = bounded(reply)
+        reply = _cleaned(bounded(reply))
         if wrong := misfit(reply):
             raise TypeError(f"the model's Reply cannot be kept: {wrong}")  # noqa: TRY301
     except asyncio.CancelledError:
@@ -91,6 +91,13 @@ async def ask(model: Model, query: Query) -> Reply:
         reply = Reply(error="exception", error_detail=without_secrets(f"{type(error).__name__}: {error}")[:2000])
     seconds = time.perf_counter() - start
     return reply if reply.seconds is not None else replace(reply, seconds=seconds)
+
+
+def _cleaned(reply: Reply) -> Reply:
+    """Return a reply none of whose texts holds the value of a variable of the environment that is a key by its name."""
+    texts = {one.name: getattr(reply, one.name) for one in fields(reply)}
+    found: dict[str, Any] = {name: without_secrets(text) for name, text in texts.items() if isinstance(text, str)}
+    return replace(reply, **found) if any(found[name] != texts[name] for name in found) else reply
 
 
 def known_models(adapters: Mapping[str, str] = ADAPTERS) -> dict[str, str]:

@@ -1,11 +1,11 @@
 """Tables of what calls took, and of what doctor and probe found."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from rich.text import Text
 
-from eyechart.costs import ALL, Account
+from eyechart.costs import ALL, Account, Unread
 from eyechart.report.table import Cell, Column, Table, columns, number
 from eyechart.stats.guessing import Answered
 
@@ -91,6 +91,13 @@ def costs_table(accounts: Mapping[str, Mapping[str, Account]], *, every: bool) -
         Column("energy", "number", 1, unit=" J"),
     )
     return Table("costs", "what the calls took", named, rows)
+
+
+def unread_table(found: Mapping[str, Sequence[Unread]]) -> Table:
+    """Return one row a reply that holds no decision, most frequent first, with why none is read."""
+    rows = tuple((spec, one.count, one.missing, one.why, one.text) for spec, all_of in found.items() for one in all_of)
+    named = (Column("model"), Column("replies", "count"), *columns("word", "no decision", "why"), Column("reply"))
+    return Table("unread", "replies that hold no decision", named, rows)
 
 
 def _reasons(counts: Mapping[str, int]) -> str:

@@ -8,15 +8,17 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
 
-from eyechart.costs import Account
+from eyechart.costs import Account, Unread, unread
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank
 from eyechart.gate import Gate
 from eyechart.integrity import Guard
+from eyechart.ledger import Ledger
 from eyechart.limits import Spent, added
-from eyechart.manifest import BESIDE, RUN, RunManifest
+from eyechart.manifest import BESIDE, LEDGER, RUN, EpisodesManifest, RunManifest
 from eyechart.models.prices import Prices
 from eyechart.records import plain
+from eyechart.spaces.space import AnySpace
 from eyechart.verdicts import Verdict
 
 if TYPE_CHECKING:  # a score needs no terminal and no figures
@@ -143,6 +145,21 @@ class Study(ABC, Generic[S]):
         found = Took()
         for name, run in self.runs(folder).items():
             found.add(name, self.took_run(run, prices))
+        return found
+
+    @abstractmethod
+    def asked(self, run: Path) -> tuple[RunManifest | EpisodesManifest, AnySpace]:
+        """Return the manifest of one run, and the space by which its replies are read."""
+
+    def unread(self, folder: Path) -> dict[str, tuple[Unread, ...]]:
+        """Return the replies of each model that hold no decision, in all runs of a folder."""
+        found: dict[str, tuple[Unread, ...]] = {}
+        for name, run in self.runs(folder).items():
+            manifest, space = self.asked(run)
+            if (run / LEDGER).is_file():
+                with Ledger(run / LEDGER) as ledger:
+                    where = f" in {name}" if name else ""
+                    found |= {f"{spec}{where}": unread(ledger, spec, space) for spec in manifest.models}
         return found
 
     def verdicts(self, score: S) -> Mapping[str, Verdict]:

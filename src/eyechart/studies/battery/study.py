@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, ClassVar
 
 from eyechart.errors import LedgerError
 from eyechart.gate import REQUIREMENTS, Gate, hold
-from eyechart.manifest import read_manifest, read_run
+from eyechart.manifest import RunManifest, read_manifest, read_run
 from eyechart.models.prices import Prices
+from eyechart.spaces.space import AnySpace
 from eyechart.studies import NO_DRIVES, Made, Packed, Reading, S, Study, Tell, Took, run_json
 from eyechart.studies.battery.planning import STUDY
 from eyechart.studies.battery.scoring import BatteryScore, require_scorable, score, score_run, took
@@ -29,6 +30,10 @@ class OfFrames(Study[S]):
 
     def holds(self, folder: Path) -> bool:
         return run_json(folder).get("study") in self.names
+
+    def asked(self, run: Path) -> tuple[RunManifest, AnySpace]:
+        manifest, bank = read_run(run)
+        return manifest, manifest.prompt.asks(bank.manifest.action_space)
 
     def took_run(self, run: Path, prices: Prices) -> Took:
         return Took(*took(run, prices=prices), probes=dict(read_manifest(run).probes))

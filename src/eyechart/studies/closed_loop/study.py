@@ -10,8 +10,9 @@ from eyechart import episodes
 from eyechart.costs import Book
 from eyechart.episodes import Unfinished, every_episode, read_episodes, read_manifest, unfinished
 from eyechart.ledger import Ledger
-from eyechart.manifest import LEDGER
+from eyechart.manifest import LEDGER, EpisodesManifest
 from eyechart.models.prices import Prices
+from eyechart.spaces.space import AnySpace
 from eyechart.studies import Made, Reading, S, Study, Tell, Took
 from eyechart.studies.closed_loop.audit import Degeneracy, Replay, audit, replays
 from eyechart.studies.closed_loop.blind import Blind, blind_baselines
@@ -174,13 +175,17 @@ class OfEpisodes(Study[S]):
     runs_are = "drives"
     refuses = NO_LEDGER
 
-    def took_run(self, run: Path, prices: Prices) -> Took:
+    def asked(self, run: Path) -> tuple[EpisodesManifest, AnySpace]:
         manifest = episodes.read_manifest(run)
+        return manifest, manifest.prompt.asks(manifest.action_space)
+
+    def took_run(self, run: Path, prices: Prices) -> Took:
+        manifest, space = self.asked(run)
         found = Took(probes=dict(manifest.probes))
         if (run / LEDGER).is_file():
             with Ledger(run / LEDGER) as ledger:
                 for spec in manifest.models:
-                    book = Book(manifest.mode(spec), manifest.prompt.asks(manifest.action_space), prices)
+                    book = Book(manifest.mode(spec), space, prices)
                     for one in ledger.attempts(spec):
                         book.add(one)
                     found.accounts[spec] = book.accounts()
