@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from eyechart.calls import CallKey, Reply
-from eyechart.cli.terminal import print_each
+from eyechart.cli.terminal import print_each, print_line, say
 from eyechart.costs import unread
 from eyechart.ledger import Ledger
 from eyechart.report.table import Column, Table
@@ -88,6 +88,17 @@ def test_long_names_push_nothing_off_the_screen(width: int, capsys: pytest.Captu
     printed = capsys.readouterr().out
     assert printed.count("depth") == 2
     assert max(map(len, printed.splitlines())) <= width
+
+
+def test_no_line_steers_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    """What steers a terminal or turns the direction of writing is replaced, in lines, tables and what is said."""
+    evil = "model\x1b[2J\x9b\u202e\x07"
+    print_each([evil, Table("a", "", (Column("model"),), ((evil,),))])
+    print_line(evil)
+    say(evil)
+    both = "".join(capsys.readouterr())
+    assert both.count("model") == 5  # four names and a head
+    assert not set(both) & set("\x1b\x9b\x07")
 
 
 REPLIES = [("Brake!", None), ("Brake!", None), ("\x1b[31mLEFT or RIGHT\x07", None), ("STOP", None), ("", "timeout")]

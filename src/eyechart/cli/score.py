@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from eyechart.cli.options import Against, Independent, Json, PriceFile, Reread
-from eyechart.cli.terminal import print_each, print_json, table_console
+from eyechart.cli.terminal import print_each, print_json, print_line, table_console
 
 _HELD = {True: "holds", False: "FAILS", None: "cannot say"}
 _Run = Annotated[Path, typer.Argument(help="Folder of the run.")]
@@ -103,7 +103,7 @@ def gate(
         print_json(held.as_dict())
     else:
         for check in held.checks:
-            typer.echo(f"{_HELD[check.holds]:<10}  {check.model}  {check.requirement}: {check.because}")
+            print_line(f"{_HELD[check.holds]:<10}  {check.model}  {check.requirement}: {check.because}")
         if not held.checks:
             typer.echo("cannot say: the run holds no model")
     if junit is not None:

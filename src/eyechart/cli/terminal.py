@@ -24,9 +24,20 @@ def print_json(values: object) -> None:
     sys.stdout.write(text + "\n")
 
 
+def print_line(text: str) -> None:
+    """Print a line on standard output as it is, however long."""
+    sys.stdout.write(_harmless(text) + "\n")
+
+
 def say(text: str) -> None:
     """Print a line for people on standard error, where it does not disturb ``--json``."""
-    sys.stderr.write(text + "\n")
+    sys.stderr.write(_harmless(text) + "\n")
+
+
+def _harmless(text: str) -> str:
+    """Return lines without what steers a terminal or turns its direction; names in them may be anybody's."""
+    kept = (one if one.isprintable() or one in "\n\t\u00a0\u202f\u2009" else "\ufffd" for one in text)
+    return text if text.isprintable() else "".join(kept)
 
 
 @contextmanager
@@ -126,7 +137,7 @@ def print_each(what: "Iterable[Table | Text | str]", width: int | None = None) -
     """Print tables and lines on standard output."""
     console = table_console(width)
     for one in what:
-        console.print(one, markup=False)
+        console.print(_harmless(one) if isinstance(one, str) else one, markup=False)
 
 
 def table_console(width: int | None = None) -> "Console":
