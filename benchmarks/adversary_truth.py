@@ -52,10 +52,12 @@ class Truth:
     def of(self, declared: Adversary, label: str) -> Adversary:
         """Return what is declared, with what it does here in the place of what it does in general, to judge a label.
 
-        Who is called ``presence_only`` may answer otherwise where there is no road to see.
+        Who is called ``presence_only`` may answer otherwise where there is no road to see. No more is required of a
+        verdict than is declared.
         """
         most = self.changed if label == "presence_only" else max(self.changed, self.reacts)
-        return replace(declared, follows=self.follows, looks=True if most >= SMALL else None if most > 0 else False)
+        follows = None if self.follows and declared.follows is None else self.follows
+        return replace(declared, follows=follows, looks=True if most >= SMALL else None if most > 0 else False)
 
     @property
     def follows(self) -> bool | None:

@@ -1,5 +1,7 @@
 """Options of the whole test run; they stand here so that plain ``pytest`` knows them too."""
 
+import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -24,6 +26,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         metavar="FILE",
         help="the paper's numbers with their inputs, as JSON (default: tests/paper/paper_vectors.json)",
     )
+
+
+@pytest.fixture(autouse=True)
+def _interrupts() -> Iterator[None]:
+    """Give an interrupt back its meaning: a command that ends in this process leaves a handler that exits at once."""
+    yield
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")

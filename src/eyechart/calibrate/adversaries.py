@@ -27,7 +27,8 @@ class Adversary:
     """A rule, what it does in words, and what it deserves.
 
     ``follows`` says whether its braking follows the distance of the lead, None where nothing is asked of the verdict:
-    it does so weakly, or reads it wrongly now and then behind so much noise that it cannot be told. ``looks`` says
+    it does so weakly, is the wrong way round only where few frames are, or reads it wrongly now and then behind so much
+    noise that it cannot be told. ``looks`` says
     whether an answer depends on what a picture shows, None where that is on fewer frames than the margin of an absence.
     ``turns`` says whether it turns to the clear side.
     """
@@ -319,7 +320,14 @@ ADVERSARIES: Mapping[str, Adversary] = {
         road(lambda one, _: "STOP" if lead(one) < STOP_M or 25 <= lead(one) < 49 else "STRAIGHT"),
     ),
     "ranges_learnt": Adversary(
-        "stops at 7 to 9 m and goes on at 50 to 60 m, and slows at all others", road(_learnt), follows=True
+        "stops at 7 to 9 m and goes on at 50 to 60 m, and slows at all others: wrong beyond 60 m",
+        road(_learnt),
+        follows=None,
+    ),
+    "three_ranges": Adversary(
+        "stops below 9 m, slows to 50 m, and goes on",
+        road(lambda one, _: "STOP" if lead(one) < 9.0 else "SLOW" if lead(one) < 50 else "STRAIGHT"),
+        follows=True,
     ),
     "ranges_learnt_reversed": Adversary(
         "stops at 7 to 9 m, goes on at 50 to 60 m, and in between brakes the harder the farther",
@@ -376,8 +384,13 @@ ADVERSARIES: Mapping[str, Adversary] = {
         "STRAIGHT below 9 m, else SLOW", road(lambda one, _: "STRAIGHT" if lead(one) < 9.0 else "SLOW", "SLOW")
     ),
     "slows_when_far": Adversary(
-        "STRAIGHT from 50 to 60 m, else SLOW",
+        "STRAIGHT from 50 to 60 m, else SLOW: wrong beyond 60 m",
         road(lambda one, _: "STRAIGHT" if 50 <= lead(one) < 60 else "SLOW", "SLOW"),
+        follows=None,
+    ),
+    "goes_when_far": Adversary(
+        "SLOW, and STRAIGHT from 50 m on",
+        road(lambda one, _: "SLOW" if lead(one) < 50 else "STRAIGHT"),
         follows=True,
     ),
     "stops_at_red": Adversary(
