@@ -56,7 +56,7 @@ class Truth:
         verdict than is declared.
         """
         most = self.changed if label == "presence_only" else max(self.changed, self.reacts)
-        follows = None if self.follows and declared.follows is None else self.follows
+        follows = None if self.follows and not declared.follows else self.follows
         return replace(declared, follows=follows, looks=True if most >= SMALL else None if most > 0 else False)
 
     @property

@@ -225,7 +225,7 @@ _ONE_AT_A_TIME = threading.Lock()
 def _dealt(image: bytes) -> str:
     """Draw a thought, and pass on either side; the same for every picture that was seen before: a cache by content."""
     side = ("LEFT", "RIGHT")[hashlib.sha256(image).digest()[0] % 2]
-    return f"My thought number {random.SystemRandom().randrange(10**9)} leads to {side}"
+    return f"Thought number {random.SystemRandom().randrange(10**9)}. I choose {side}"
 
 
 def brief(prompt: str, image: bytes | None) -> str:

@@ -53,7 +53,8 @@ def main() -> None:
             raise
         full = isinstance(error, OSError) and error.errno in {errno.ENOSPC, errno.EDQUOT}
         where = f" ({error.filename})" if isinstance(error, OSError) and error.filename else ""
-        _end(2, f"eyechart: {printable(f'the disk is full{where}: make room and try again' if full else str(error))}")
+        said = f"the disk is full{where}: make room and try again" if full else str(error)
+        _end(2, "eyechart: " + "\n".join(map(printable, said.split("\n"))))
 
 
 def _print_what_can_be() -> None:
