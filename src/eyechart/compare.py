@@ -1,16 +1,20 @@
 """Two runs are compared model by model: whether each statistic and each verdict came out again."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from eyechart.errors import SpecError
 from eyechart.records import Plain, plain
-from eyechart.report.table import STATISTIC, Cell, Column, Table, columns, statistic_cells
+from eyechart.report.table import MARK, STATISTIC, Cell, Column, Table, columns, statistic_cells
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import BatteryScore, differences
 from eyechart.studies.battery.replication import Difference
 from eyechart.verdicts import judge
+
+if TYPE_CHECKING:
+    from rich.text import Text
 
 ALPHA = 0.05
 """Level of the tests of difference, after Holm's correction over the statistics of a model."""
@@ -72,6 +76,18 @@ class Comparison:
             "failed_guards": list(self.marks),
             "models": plain(self.models),
         }
+
+    def printed(self, *, every: bool) -> "Iterator[Table | Text | str]":
+        """Yield what the runs did not share, and of each model a table and a line; ``every`` statistic, or the main."""
+        from rich.text import Text  # noqa: PLC0415 - a comparison needs no terminal
+
+        yield from (f"not the same: {line}" for line in self.apart)
+        yield from (f"{MARK} {line}" for line in self.marks)
+        for one in self.models.values():
+            yield replication_table(one, every=every)
+            changed = f"differs in {', '.join(one.changed)}" if one.changed else "no statistic differs (Holm)"
+            pairs = (f"{name} {a}" if a == b else f"{name} {a}, then {b}" for name, (a, b) in one.labels.items())
+            yield Text(f"{one.model}: {'; '.join(pairs)}; {changed}", style="bold")
 
 
 def compare(first: BatteryScore, second: BatteryScore, *, resamples: int = 2000) -> Comparison:

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from eyechart.cli.options import Against, Independent, Json, PriceFile, Reread
-from eyechart.cli.terminal import print_each, print_json, print_line, table_console
+from eyechart.cli.terminal import print_each, print_json, print_line
 
 _HELD = {True: "holds", False: "FAILS", None: "cannot say"}
 _Run = Annotated[Path, typer.Argument(help="Folder of the run.")]
@@ -24,7 +24,7 @@ def score(
 
     study = study_of(run, "score" if against is None else "score --against")
     scored = study.score(run, Reading(independent, reread, against))
-    print_json(scored.as_dict()) if json else print_each(study.printed(scored), 160)
+    print_json(scored.as_dict()) if json else print_each(study.printed(scored), 160, names=study.models(run))
 
 
 def verdict(run: _Run, json: Json = False, independent: Independent = False, reread: Reread = False) -> None:
@@ -33,7 +33,10 @@ def verdict(run: _Run, json: Json = False, independent: Independent = False, rer
 
     study = study_of(run, "verdict")
     scored = study.score(run, Reading(independent, reread))
-    print_json(study.verdict_json(scored)) if json else print_each(study.verdict_printed(scored))
+    if json:
+        print_json(study.verdict_json(scored))
+    else:
+        print_each(study.verdict_printed(scored), names=study.models(run))
 
 
 def costs(
@@ -53,20 +56,20 @@ def costs(
     from eyechart.report.accounts import costs_table, unread_table
     from eyechart.studies import study_of
 
+    study = study_of(run)
     if unread:
-        listed = study_of(run).unread(run)
-        print_json({"unread": plain(listed)}) if json else print_each([unread_table(listed)])
+        listed = study.unread(run)
+        print_json({"unread": plain(listed)}) if json else print_each([unread_table(listed)], names=study.models(run))
         return
-    took = study_of(run).took(run, read_prices(prices))
+    took = study.took(run, read_prices(prices))
     if json:
         print_json(took.as_dict())
         return
-    print_each([costs_table(took.accounts, every=every)], 160)
-    if not took.accounts:
-        print_each(["no model was asked: its policies and worlds take no calls"])
-    print_each(f"the probe of {spec} before the run took besides: {one.words}" for spec, one in took.probes.items())
+    lines = [] if took.accounts else ["no model was asked: its policies and worlds take no calls"]
+    lines += [f"the probe of {spec} before the run took besides: {one.words}" for spec, one in took.probes.items()]
     for spec, found in took.guards.items():
-        print_each(f"{_HELD[one.holds]:<10}  {spec}  guard '{one.name}': {one.because}" for one in found)
+        lines += [f"{_HELD[one.holds]:<10}  {spec}  guard '{one.name}': {one.because}" for one in found]
+    print_each([costs_table(took.accounts, every=every), *lines], 160, names=study.models(run))
 
 
 def gate(
@@ -92,6 +95,7 @@ def gate(
     """
     from eyechart.destination import require_free, whole
     from eyechart.gate import read_requirements
+    from eyechart.report.names import shortener
     from eyechart.studies import Reading, study_of
 
     study = study_of(run, "gate")
@@ -102,8 +106,9 @@ def gate(
     if json:
         print_json(held.as_dict())
     else:
+        short = shortener(study.models(run))
         for check in held.checks:
-            print_line(f"{_HELD[check.holds]:<10}  {check.model}  {check.requirement}: {check.because}")
+            print_line(short(f"{_HELD[check.holds]:<10}  {check.model}  {check.requirement}: {check.because}"))
         if not held.checks:
             typer.echo("cannot say: the run holds no model")
     if junit is not None:
@@ -129,9 +134,7 @@ def compare(
     Example: eyechart compare monday tuesday
     """
     from eyechart.compare import compare as compared
-    from eyechart.compare import replication_table
     from eyechart.errors import SpecError
-    from eyechart.report.table import MARK
     from eyechart.studies import Reading, study_of
 
     runs = [run for run in (first, second) if run is not None]
@@ -139,24 +142,16 @@ def compare(
     if any(type(other) is not type(study) for other in others):
         raise SpecError(f"{first} and {second} are no runs of one kind")
     scores = [study.score(run, Reading()) for run in runs]
+    names = dict.fromkeys(name for run in runs for name in study.models(run))
     if (course := study.course(scores)) is not None:
-        print_json(course.as_dict()) if json else print_each(course.printed(), 200)
+        print_json(course.as_dict()) if json else print_each(course.printed(), 200, names=names)
         if not course.replicated:
             raise typer.Exit(1)
         return
     if second is None:
         raise SpecError(f"{first} is compared with another run: give the folder of its replication")
     found = compared(*scores, resamples=resamples)
-    if json:
-        print_json(found.as_dict())
-    else:
-        console = table_console()
-        print_each([*(f"not the same: {line}" for line in found.apart), *(f"{MARK} {line}" for line in found.marks)])
-        for one in found.models.values():
-            console.print(replication_table(one, every=every))
-            changed = f"differs in {', '.join(one.changed)}" if one.changed else "no statistic differs (Holm)"
-            pairs = (f"{name} {a}" if a == b else f"{name} {a}, then {b}" for name, (a, b) in one.labels.items())
-            console.print(f"{one.model}: {'; '.join(pairs)}; {changed}", markup=False, style="bold")
+    print_json(found.as_dict()) if json else print_each(found.printed(every=every), names=names)
     if not found.replicated:
         raise typer.Exit(1)
 
@@ -179,7 +174,8 @@ def transfer(
     from eyechart.transfer import transfer as correlated
 
     external = read_scores(scores)
-    scored = [study_of(run, "transfer").score(run, Reading()) for run in runs]
+    studies = [study_of(run, "transfer") for run in runs]
+    scored = [study.score(run, Reading()) for study, run in zip(studies, runs, strict=True)]
     found = correlated(scored, external, measure=measure)
     if json:
         print_json(found.as_dict())
@@ -194,4 +190,5 @@ def transfer(
         interval = "—" if one.ci is None else f"[{one.ci[0]:.3f}, {one.ci[1]:.3f}]"
         why = f" ({one.note})" if one.note else ""
         lines.append(f"{name} r = {number(one.value)}, 95 % interval {interval}, p {p_value(one.p)}, n {one.n}{why}")
-    print_each(lines)
+    names = {name for study, run in zip(studies, runs, strict=True) for name in study.models(run)}
+    print_each(lines, names=sorted(names | set(external)))

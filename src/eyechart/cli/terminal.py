@@ -133,11 +133,23 @@ def _lines(what: str, unit: str) -> Callable[[int, int], None]:
     return move
 
 
-def print_each(what: "Iterable[Table | Text | str]", width: int | None = None) -> None:
-    """Print tables and lines on standard output."""
-    console = table_console(width)
+def print_each(what: "Iterable[Table | Text | str]", width: int | None = None, *, names: "Iterable[str]" = ()) -> None:
+    """Print tables and lines on standard output; long ``names`` in them are shortened, each to a form of its own."""
+    from rich.text import Text
+
+    from eyechart.report.names import shortener
+    from eyechart.report.table import Table
+
+    console, short = table_console(width), shortener(names)
     for one in what:
-        console.print(_harmless(one) if isinstance(one, str) else one, markup=False)
+        if isinstance(one, Table):
+            console.print(one.renamed(short), markup=False)
+        elif isinstance(one, Text):
+            shown = one.copy()
+            shown.plain = _harmless(short(one.plain))  # a sign for a sign, so that its styles stay where they are
+            console.print(shown, markup=False)
+        else:
+            console.print(_harmless(short(one)), markup=False)
 
 
 def table_console(width: int | None = None) -> "Console":

@@ -4,7 +4,7 @@ import csv
 import io
 import re
 import unicodedata
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
@@ -138,6 +138,18 @@ class Table:
     def names(self) -> list[str]:
         """Return the columns' names."""
         return [one.name for one in self.columns]
+
+    def renamed(self, short: Callable[[str], str]) -> "Table":
+        """Return the table with every word of it as ``short`` makes it."""
+
+        def made(cell: Cell) -> Cell:
+            if isinstance(cell, Mark):
+                return replace(cell, text=short(cell.text))
+            return short(cell) if isinstance(cell, str) else cell
+
+        named = tuple(replace(one, name=short(one.name)) for one in self.columns)
+        rows = tuple(tuple(map(made, row)) for row in self.rows)
+        return replace(self, caption=short(self.caption), columns=named, rows=rows, note=short(self.note))
 
     def texts(self) -> list[list[str]]:
         """Return every cell as people read it, without control signs."""

@@ -151,6 +151,15 @@ class Study(ABC, Generic[S]):
     def asked(self, run: Path) -> tuple[RunManifest | EpisodesManifest, AnySpace]:
         """Return the manifest of one run, and the space by which its replies are read."""
 
+    def models(self, folder: Path) -> list[str]:
+        """Return the SPECs of the models that the runs of a folder asked."""
+        asked = (self.manifest(run).models for run in self.runs(folder).values())
+        return list(dict.fromkeys(spec for models in asked for spec in models))
+
+    @abstractmethod
+    def manifest(self, run: Path) -> RunManifest | EpisodesManifest:
+        """Return the manifest of one run, without its bank."""
+
     def unread(self, folder: Path) -> dict[str, tuple[Unread, ...]]:
         """Return the replies of each model that hold no decision, in all runs of a folder."""
         found: dict[str, tuple[Unread, ...]] = {}

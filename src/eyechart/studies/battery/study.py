@@ -31,6 +31,9 @@ class OfFrames(Study[S]):
     def holds(self, folder: Path) -> bool:
         return run_json(folder).get("study") in self.names
 
+    def manifest(self, run: Path) -> RunManifest:
+        return read_manifest(run)
+
     def asked(self, run: Path) -> tuple[RunManifest, AnySpace]:
         manifest, bank = read_run(run)
         return manifest, manifest.prompt.asks(bank.manifest.action_space)

@@ -175,8 +175,11 @@ class OfEpisodes(Study[S]):
     runs_are = "drives"
     refuses = NO_LEDGER
 
+    def manifest(self, run: Path) -> EpisodesManifest:
+        return episodes.read_manifest(run)
+
     def asked(self, run: Path) -> tuple[EpisodesManifest, AnySpace]:
-        manifest = episodes.read_manifest(run)
+        manifest = self.manifest(run)
         return manifest, manifest.prompt.asks(manifest.action_space)
 
     def took_run(self, run: Path, prices: Prices) -> Took:
