@@ -177,12 +177,45 @@ def test_an_edited_guardian_is_refused(frozen: study.Frozen, tmp_path: Path, old
 
 REDIGESTED: Mapping[str, tuple[dict[str, object], str]] = {
     "threshold": ({"threshold": 99}, "its threshold is 99, and no whole number from 1 to its 4 votes"),
-    "no number": ({"threshold": 2.0}, "its threshold is 2.0, and no whole number"),
+    "no number": ({"threshold": 2.0}, "threshold is 2.0, not a whole number"),
     "views": ({"views": ["original"]}, "its views are not original and reflected"),
-    "kind": ({"models": 7}, "a value in it is of another kind than a guardian's"),
+    "kind": ({"models": 7}, "models is 7, not an object"),
+    "infinite": ({"threshold": 10**400}, "is no guardian that this eyechart can read: .*whole number"),
+    "format": ({"format": []}, "is no guardian; 'eyechart guardian fit' writes one"),
+    "axis": ({"mirror_axis": []}, r"mirror_axis is \[\], not "),
+    "selection": ({"selection": []}, r"selection is \[\], not an object"),
     "more": ({"note": 1}, f"not as eyechart {__version__} writes a guardian, though its digest is its own: note"),
     "older": ({"note": 1, "eyechart": "0.0.9"}, f"written by eyechart 0.0.9, .* this one, {__version__}, cannot read"),
 }
+
+
+STRANGE: Mapping[str, tuple[dict[str, object], str]] = {
+    "worth": ({"worth": 7.0}, "its worth on the frames that chose it is 7, which nothing is"),
+    "less than nothing": ({"worth": -0.5}, "its worth on the frames"),
+    "candidates": ({"candidates": 0}, "candidates is 0"),
+    "no frames": ({"frames": []}, "the frames that chose it are none"),
+    "no episodes": ({"episodes": []}, "episodes"),
+    "forgotten pictures": ({"pictures": ["a"]}, "it remembers 1 pictures of 16 frames"),
+    "another single": ({"best_single_model": "nobody"}, "its best single model is none of its models: nobody"),
+    "costs": (
+        {"costs": {"miss": -1.0, "false_alarm": 1.0, "abstention": None, "hazard_rate": None}},
+        "costs must be 0",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", STRANGE)
+def test_a_selection_that_cannot_have_been_is_refused(frozen: study.Frozen, tmp_path: Path, what: str) -> None:
+    """Numbers that no choice has, and a memory of frames with gaps, through which a frame would be scored again."""
+    change, words = STRANGE[what]
+    raw = frozen.as_dict()
+    raw["selection"] = {**raw["selection"], **change}  # type: ignore[dict-item]
+    del raw["digest"]
+    raw["digest"] = hashlib.sha256(json.dumps(raw, sort_keys=True).encode()).hexdigest()
+    path = tmp_path / "guardian.json"
+    path.write_text(json.dumps(raw), encoding="utf-8")
+    with pytest.raises(GuardianError, match=words):
+        study.read_frozen(path)
 
 
 @pytest.mark.parametrize("what", REDIGESTED)

@@ -2,12 +2,13 @@
 
 import hashlib
 import json
+import math
 import re
 import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import cast, get_args
+from typing import Annotated, Any
 
 import msgspec
 
@@ -16,7 +17,7 @@ from eyechart.errors import EyechartError, GuardianError, OutputError
 from eyechart.frames import FrameBank, MirrorAxis
 from eyechart.modes import RequestMode
 from eyechart.prompts import Prompt
-from eyechart.records import plain
+from eyechart.records import Name, build, plain
 from eyechart.stats.committee import Costs, Point
 from eyechart.studies.guardian.votes import VIEWS, About, VoteTable
 
@@ -50,17 +51,26 @@ class Selection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """
 
     costs: Costs | None = None
-    candidates: int
+    candidates: Annotated[int, msgspec.Meta(ge=1)]
     worth: float
     single: str
     frames: tuple[str, ...]
-    episodes: tuple[str, ...]
+    episodes: Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
     pictures: tuple[str, ...] = ()
     tie_breaks: str = TIE_BREAKS
 
     def __post_init__(self) -> None:
         if self.tie_breaks not in {TIE_BREAKS, _IN_ORDER}:
             raise ValueError("its ties were broken by a rule that no eyechart has")
+        if len(set(self.frames)) != len(self.frames) or not self.frames:
+            raise ValueError("the frames that chose it are none, or stand there twice")
+        if self.pictures and len(self.pictures) != len(self.frames):
+            raise ValueError(
+                f"it remembers {len(self.pictures)} pictures of {len(self.frames)} frames, so that some would not be "
+                "known again"
+            )
+        if not (self.worth <= 0 if self.costs else 0 <= self.worth <= 1) or not math.isfinite(self.worth):
+            raise ValueError(f"its worth on the frames that chose it is {self.worth:g}, which nothing is")
 
     @property
     def rule(self) -> str:
@@ -269,54 +279,91 @@ def _read(path: Path) -> dict[str, object]:
         raw = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise GuardianError(f"{path} is no guardian: {error}") from error
-    if not isinstance(raw, dict) or raw.get("format") not in {FORMAT, EXPORT_FORMAT}:
+    if not isinstance(raw, dict) or raw.get("format") not in [FORMAT, EXPORT_FORMAT]:
         raise GuardianError(f"{path} is no guardian; 'eyechart guardian fit' writes one")
     return raw
 
 
+class _Model(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    version: str | None
+    served: str | None
+    mode: dict[str, Any] | None
+
+
+class _Prompt(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    key: str | None
+    wording: dict[str, Any] | None
+
+
+class _Bank(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    name: str
+    fingerprint: str | None
+
+
+class _File(msgspec.Struct, frozen=True):
+    """What a guardian's file holds, but the rule of its selection in words."""
+
+    format: str
+    committee: tuple[Name, ...]
+    views: tuple[str, ...]
+    threshold: int
+    operating_point: Point
+    models: dict[str, _Model]
+    prompt: _Prompt
+    view: str | None
+    mirror_axis: MirrorAxis | None
+    reader: int | None
+    bank: _Bank
+    eyechart: str
+    voting: int | None = None
+    selection: Selection | None = None
+    chosen_as: str = ""
+
+    def __post_init__(self) -> None:
+        if len(set(self.committee)) != len(self.committee) or not set(self.committee) <= set(self.models):
+            raise ValueError(f"its committee is no list of different models: {', '.join(self.committee)[:200]}")
+        if self.views != VIEWS:
+            raise ValueError(f"its views are not {' and '.join(VIEWS)}")
+        voters = len(self.committee) * len(VIEWS)
+        if not 1 <= self.threshold <= voters:
+            raise ValueError(f"its threshold is {self.threshold}, and no whole number from 1 to its {voters} votes")
+        if self.selection is not None and self.selection.single not in self.models:
+            raise ValueError(f"its best single model is none of its models: {self.selection.single[:80]}")
+
+
+def _mode_of(model: str, said: Mapping[str, object]) -> RequestMode:
+    mode = RequestMode.from_dict(said, model)
+    if mode.spec != model:
+        raise ValueError(f"the mode of '{model}' is that of '{mode.spec[:80]}'")
+    return mode
+
+
 def _frozen(raw: Mapping[str, object]) -> Frozen:
-    models = cast("dict[str, dict[str, object]]", raw["models"])
-    prompt, bank = cast("dict[str, object]", raw["prompt"]), cast("dict[str, str]", raw["bank"])
-    wording, point = prompt["wording"], raw["operating_point"]
-    if point not in get_args(Point):
-        raise ValueError(f"its operating point is none of {', '.join(get_args(Point))}")
+    said = {name: raw[name] for name in _File.__struct_fields__ if name in raw}  # what else it says, its digest tells
+    if isinstance(chosen := said.get("selection"), dict):
+        said["selection"] = {name: value for name, value in chosen.items() if name != "rule"}  # in words, for people
+    file = build(_File, said)
     about = About(
-        bank=bank["fingerprint"],
-        bank_name=bank["name"],
-        prompt=cast("str | None", prompt["key"]),
-        view=cast("str | None", raw["view"]),
-        versions={name: str(one["version"]) for name, one in models.items() if one["version"] is not None},
-        served={name: str(one["served"]) for name, one in models.items() if one["served"] is not None},
-        modes={
-            name: RequestMode.from_dict(cast("dict[str, object]", one["mode"]), name)
-            for name, one in models.items()
-            if one["mode"] is not None
-        },
-        wording=Prompt.from_dict(wording) if isinstance(wording, dict) else None,
-        axis=cast("MirrorAxis | None", raw["mirror_axis"]),
-        reader=cast("int | None", raw["reader"]),
-        voting=cast("int | None", raw.get("voting")),
+        bank=file.bank.fingerprint,
+        bank_name=file.bank.name,
+        prompt=file.prompt.key,
+        view=file.view,
+        versions={name: one.version for name, one in file.models.items() if one.version is not None},
+        served={name: one.served for name, one in file.models.items() if one.served is not None},
+        modes={name: _mode_of(name, one.mode) for name, one in file.models.items() if one.mode is not None},
+        wording=None if file.prompt.wording is None else Prompt.from_dict(file.prompt.wording),
+        axis=file.mirror_axis,
+        reader=file.reader,
+        voting=file.voting,
     )
-    chosen = cast("dict[str, object] | None", raw.get("selection"))
-    if chosen is not None:
-        chosen = {name: value for name, value in chosen.items() if name != "rule"}  # in words, for people
-    committee, threshold = tuple(map(str, cast("list[str]", raw["committee"]))), int(cast("int", raw["threshold"]))
-    if len(set(committee)) != len(committee) or not set(committee) <= set(models):
-        raise ValueError(f"its committee is no list of different models: {', '.join(committee)[:200]}")
-    if raw["views"] != list(VIEWS):
-        raise ValueError(f"its views are not {' and '.join(VIEWS)}")
-    voters = len(committee) * len(VIEWS)
-    if type(raw["threshold"]) is not int or not 1 <= threshold <= voters:
-        given = str(raw["threshold"])[:40]
-        raise ValueError(f"its threshold is {given}, and no whole number from 1 to its {voters} votes")
     return Frozen(
-        committee=committee,
-        threshold=threshold,
-        point=cast("Point", point),
+        committee=file.committee,
+        threshold=file.threshold,
+        point=file.operating_point,
         about=about,
-        selection=msgspec.convert(chosen, Selection | None),
-        chosen_as=str(raw.get("chosen_as", "")),
-        made_by=str(raw["eyechart"]),
+        selection=file.selection,
+        chosen_as=file.chosen_as,
+        made_by=file.eyechart,
     )
 
 
