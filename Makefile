@@ -57,15 +57,15 @@ ladder: $(CORE)
 	$(BIN)/eyechart ladder --out ladder --processes 2
 
 test: $(DEV)
-	$(BIN)/python -m pytest -n 2 --dist loadfile --max-worker-restart 0 -m "not models and not browser"
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart 0 -m "not models and not browser"
 
 test-models: $(MODELS)
-	$(BIN)/python -m pytest -n 2 --dist loadfile --max-worker-restart 0 -m models
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart 0 -m models
 
 test-browser: $(BROWSER)
 	@test -n "$${EYECHART_CHROMIUM:-$(CHROMIUM)}" || \
 	  { echo "Chromium is not there: 'apt-get install chromium', or EYECHART_CHROMIUM=/path/to/one make test-browser"; exit 1; }
-	EYECHART_CHROMIUM="$${EYECHART_CHROMIUM:-$(CHROMIUM)}" $(BIN)/python -m pytest -n 2 --dist loadfile --max-worker-restart 0 -m browser
+	EYECHART_CHROMIUM="$${EYECHART_CHROMIUM:-$(CHROMIUM)}" $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart 0 -m browser
 
 lint: $(DEV)
 	$(BIN)/ruff check .

@@ -1,6 +1,7 @@
 """Options of the whole test run; they stand here so that plain ``pytest`` knows them too."""
 
 import signal
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,6 +12,17 @@ import known
 
 settings.register_profile("no clock", deadline=None)
 settings.load_profile("no clock")
+
+
+FIRST = ("test_adversarial_runs.py", "test_battery_kill.py", "test_episodes_kill.py")
+"""Files of one long test; where several processes share the tests, none waits for these at the end."""
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the long files first, then the others by how many tests they have."""
+    tests = Counter(item.path for item in items)
+    items.sort(key=lambda item: (item.path.name not in FIRST, -tests[item.path], item.path))
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
