@@ -12,6 +12,7 @@ from eyechart.spaces.discrete import DRIVING, Discrete
 from eyechart.spaces.space import MISSING
 
 CORPUS = Path(__file__).parent / "spaces" / "replies.jsonl"
+HARD = CORPUS.with_name("hard_replies.jsonl")
 
 SPACES = {
     "drive": DRIVING,
@@ -30,7 +31,7 @@ SPACES = {
 }
 """The action spaces of the corpus, by name."""
 
-PARTS = ("seen", "held back")
+PARTS = ("seen", "held back", "hard")
 
 _SIGNS = (
     *"{}[]()<>\"'`*_~|/\\=:;,.!?-\n\t @#&%^\x00\x1b\u200b\u202e\u2028\ufeff\u0130\ufb01\U0001f6d1e\u0301",
@@ -55,22 +56,28 @@ _SIGNS = (
 
 @dataclass(frozen=True)
 class Labelled:
-    """A reply of the corpus, what a reader made of it in two passes, and whether it was held back."""
+    """A reply of the corpus, what a reader made of it in two passes, and the file that it is of."""
 
     space: str
     text: str
     first: str | None
     second: str | None
+    hard: bool = False
 
     @property
     def part(self) -> str:
-        """Return the part of the corpus it is of, by the hash of its text."""
-        return PARTS[int(hashlib.sha256(self.text.encode()).hexdigest(), 16) % 3 == 0]
+        """Return the part of the corpus it is of: by its file, and of the first file by the hash of its text."""
+        return PARTS[2] if self.hard else PARTS[int(hashlib.sha256(self.text.encode()).hexdigest(), 16) % 3 == 0]
 
 
 def read_corpus() -> tuple[Labelled, ...]:
-    """Return the replies of the corpus in the order of the file."""
-    return tuple(Labelled(**json.loads(line)) for line in CORPUS.read_text(encoding="utf-8").splitlines())
+    """Return the replies of the corpus in the order of its files."""
+    both = ((CORPUS, False), (HARD, True))
+    return tuple(
+        Labelled(**json.loads(line), hard=hard)
+        for file, hard in both
+        for line in file.read_text(encoding="utf-8").splitlines()
+    )
 
 
 def mutated(corpus: tuple[Labelled, ...], seed: int) -> tuple[Discrete, str]:

@@ -5,6 +5,11 @@ passes over shuffled texts, before the rules of reading were looked at; both pas
 passes differ, neither label counts as what the reply says, and reading it as an action is wrong. A third of the corpus,
 by the hash of the text, was held back until the rules were done: they were then right about 151 of the 154 replies that
 they read an action in, and read 151 of the 158 that hold one; the rules were mended by what they missed.
+
+`hard_replies.jsonl` holds 826 more, most of which choose nothing and are worded as if they did. They were labelled in
+one pass: a first round before the rules were looked at, two more after the rules had been mended by the round before.
+At first sight of the three the rules read an action that nobody chose in 43, 51 and 18 of them; eight labels were
+corrected afterwards, where the same wording is read otherwise in the first file.
 """
 
 from pathlib import Path
@@ -43,18 +48,19 @@ def test_nothing_is_read_that_a_reader_does_not_read(part: str) -> None:
 
 @pytest.mark.parametrize("part", PARTS)
 def test_what_both_passes_read_is_read(part: str) -> None:
-    """Recall of at least .97 where both passes read the same action."""
+    """Recall of at least .97 where both passes read the same action, of .96 where replies are hard."""
     agreed = [one for one in CORPUS if one.part == part and one.first is not None and one.first == one.second]
     missed = [one.text for one in agreed if read(SPACES[one.space], one.text) is None]
     assert len(agreed) > 150
-    assert 1 - len(missed) / len(agreed) >= 0.97, missed
+    assert 1 - len(missed) / len(agreed) >= (0.96 if part == "hard" else 0.97), missed
 
 
 def test_the_corpus_is_large_and_both_of_its_parts_are() -> None:
     """At least 300 replies, of which a third was held back, in several spaces and of several answers."""
     assert len({(one.space, one.text) for one in CORPUS}) == len(CORPUS) >= 300
-    held = sum(one.part == PARTS[1] for one in CORPUS)
-    assert 0.3 < held / len(CORPUS) < 0.37
+    seen, held, hard = (sum(one.part == part for one in CORPUS) for part in PARTS)
+    assert 0.3 < held / (seen + held) < 0.37
+    assert hard > 800
     assert {one.space for one in CORPUS} == set(SPACES)
     assert sum(one.first is None for one in CORPUS) > 150
 

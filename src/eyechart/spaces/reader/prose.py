@@ -84,18 +84,27 @@ _EVERYDAY = frozenset(
 )
 """Names that prose about a road has for other things too; such a name alone is no choice."""
 
+_COLOURS = frozenset(
+    ["RED", "GREEN", "BLUE", "YELLOW", "ORANGE", "PURPLE", "BLACK", "WHITE", "GREY", "GRAY", "BROWN", "PINK"]
+)
+"""Names that say what a thing is like, and stand before it: "a red circle"."""
+
 _THINGS = _one_of(
     r"vehicles?|cars?|trucks?|lorry|bus(?:es)?|traffic|signs?|lights?|road|highway|street|leads?|leaders?|obstacles?"
-    r"|arrows?|signals?|indicators?|shoulder|edge|border|line|curb|kerb|bend|curve|one|driver|van|bike|motorcycle"
+    r"|buoys?|ships?|vessels?|boats?|bow|quarter|beam|tack|arrows?|signals?|indicators?|shoulder|edge|border|line"
+    r"|curb|kerb|bend|curve|one|driver|van|bike|motorcycle"
 )
 _CARRIERS = frozenset(["GO", "TURN", "MOVE", "KEEP", "DRIVE", "CHANGE", "STEER", "SWING", "HEAD", "TAKE"])
 _CARRIED = re.compile(r"\s+(?:to\s+|on\s+)?(?:the\s+)?")
 """Verbs that are no action of their own where another follows: "GO STARBOARD"."""
 
 _IDIOM_AFTER = {
-    "RIGHT": r"\s+(?:now|ahead|away|in front|in the|behind|next to|beside|side up|thing|choice|answer|action|option"
+    "RIGHT": r"\s+(?:now|there|ahead|away|in front|in the|behind|next to|beside|side up|thing|choice|answer|action"
+    "|option"
     r"|decision|move|one)\b",
-    "LEFT": r"\s+(?:to be|for (?:me|us)|over)\b",
+    "LEFT": r"\s+(?:to be|for (?:me|us)|over(?=\s*[.,;]|\s*$|\s+(?:from|for|of|there)))\b",
+    "SLOW": r"[ -]lanes?\b",
+    "FAST": r"[ -]lanes?\b",
     "STRAIGHT": r"\s+(?:away|after|line|up|from|talk)\b",
     "STOP": r"\s+(?:here and|by|(?!changing|now|moving)\w+ing)\b",
     "GO": r"\s+(?:ahead|on|with|for|through|over|back|into detail)\b",
@@ -106,7 +115,7 @@ _IDIOM_BEFORE = {
     "RIGHT": r"\b(?:all|al|you're|you are|that's|that is|quite|exactly|is that)\s+$",
     "LEFT": r"\b(?:what is|what's|room|space|time|distance|nothing|anything|much|options?|gap|metres|meters|who)\s+$",
     "STOP": r"\b(?:bus|at an?|at the)\s+(?:full |complete )?$",
-    "GO": r"\b(?:let's|here we|good to|way to|ready to)\s+$|\bgo\s+$",
+    "GO": r"\b(?:let's|here we|good to|way to|ready to)\s+$",
     "SLOW": r"\b(?:too|very|(?:is|are|was|moves|drives|moving) so|quite|pretty)\s+$",
 }
 
@@ -117,7 +126,9 @@ _OR = _one_of(
     "|или|и|または|か|或|或者|还是|和|또는"
 )
 _JOINED = re.compile(
-    rf"(?:\s+down\b)?(?:[\s,/|;&+•>\"'()]|->)*(?:{_OR}(?![a-z])[\s\"',.]*(?:go |turn |move |change |to |the "
+    rf"(?:\s+down\b)?(?:[\s,/|;&+•>\"'()]"
+    rf"|->)*(?:[a-e1-9][.)][\s\"'(]*)?(?:{_OR}(?![a-z])[\s\"',.]*(?:\d{{1,2}}[\s(.):]+)?(?:go |turn |move |change "
+    rf"|to |the "
     rf"|lanes? ){{0,4}})?"
 )
 _BULLETED = re.compile(r"[ \t\"').,;]*\n[ \t]*(?:[-+•>#]|\(?\d{1,2}[.)])[ \t\"'(]*")
@@ -147,16 +158,18 @@ _WILL = (
     r"|(?:\s*'ve|\s+have)?\s+(?:decided?|chosen|opted) to|(?:\s*'m|\s*'re|\s+am|\s+are)(?:\s+going to)?)"
 )
 _CHOOSE = _one_of(
-    "choose|choosing|chose|chosen|pick(?:ing)?|select(?:ing)?|say|go(?:ing)? with|go(?:ing)? for|opt(?:ing)? for"
+    "lean(?:ing)? towards?|choose|choosing|chose|chosen|pick(?:ing)?|select(?:ing)?|say|go(?:ing)? with"
+    "|go(?:ing)? for|opt(?:ing)? for"
     "|recommend(?: to)?|suggest|advise|propose|vote(?: for)?|answer(?: with)?|reply(?: with)?|respond with"
     "|take|prefer"
-    "|decide (?:on|for|to)|settle (?:on|for)|output|execute|perform|apply|use|stick with|initiate"
+    "|decided? (?:on|for|to)|settled? (?:on|for)|output|execute|perform|apply|use|stick with|initiate"
     "|change (?:it|that|my answer) to|do|choose to"
 )
 _GO = _one_of(
     "go|going|turn(?:ing)?|mov(?:e|ing)|chang(?:e|ing)|switch(?:ing)?|shift(?:ing)?|merg(?:e|ing)|steer(?:ing)?"
     "|swerv(?:e|ing)|veer(?:ing)?|pull(?:ing)?|head(?:ing)?|com(?:e|ing)|bring(?:ing)?|mak(?:e|ing)|tak(?:e|ing)"
-    "|overtak(?:e|ing)|pass(?:ing)?|driv(?:e|ing)|proceed(?:ing)?|continu(?:e|ing)|bear|swing|lane change"
+    "|alter(?:ing)?(?: course)?|overtak(?:e|ing)|pass(?:ing)?|driv(?:e|ing)|proceed(?:ing)?|continu(?:e|ing)|bear"
+    "|swing|lane change"
     "|perform a lane change|keep going|keep driving|keep moving|continue going"
 )
 _WAY = (
@@ -181,7 +194,7 @@ _GOOD = _one_of(
 _THEREFORE = "(?:so|thus|hence|therefore|consequently|accordingly|instead|finally|ultimately|overall)"
 _MEANS = _one_of(
     "calls? for|requires?|suggests?|implies|means|warrants?|demands?|necessitates?|leaves(?: me| us)?(?: with)?"
-    "|indicates?|recommends?|recommended|suggested|choosing|selecting|selected|chosen|picking|opting for|is to"
+    "|indicates?|recommends?|recommended|suggested|choosing|selecting|selected|chosen|picking|opting for"
     "|(?:gut|instinct) says"
 )
 _END = r"[\s\"'(,:]*$"
@@ -214,6 +227,10 @@ _CHOSEN_BEFORE = re.compile(
                 rf"|also|instead|better|obviously)\s+)*(?:{_CHOOSE}|{_DONE}|lane change)(?:\s+to)?{_END}"
             ),
             rf"(?:^|[,;:]|\bit\b)\s*(?:it|that)?(?:'s| is| has to be| must be)(?:\s+the)?{_END}",
+            (
+                rf"(?:\b(?:выбираю|выберу|обираю|choisis|choisirais|elijo|escolho|scelgo|wähle|nehme|kies|wybieram)"
+                rf"|我(?:会|要)?(?:选择?|選擇?|选)){_END}"
+            ),
             rf"\b{_MEANS}\s*:?\s*(?:{_DONE})?{_END}",
         )
     )
@@ -233,10 +250,28 @@ _CHOSEN_AFTER = re.compile(
     r"|safe (?:choice|option|action))\b|\s+it is\b|\s+(?:seems|looks) (?:good|right)\b|\s+works best\b"
     r"|\s+(?:recommended|advised|preferred)\b"
     r"|\s+is what i (?:choose|pick|would (?:choose|pick|do|say))\b)"
+    r"(?:\s+(?:action|choice|option|move|answer|decision|course|man(?:o|eu|oeu)ver|manoeuvre|one|thing|bet|of|course"
+    r"|available|possible|here|now|right|them|these|all|the|options|actions|choices|idea))*"
+    r"(?=[\s\"']*(?:[^\w\s]|$|(?:because|since|as|to(?! (?:(?:the|an?|another|question|crash|hit)\b|\d))|given|due"
+    r"|at|and|but|so|in(?= (?:this|the|my|our|that)\b)|with|considering|based|when|while"
+    r"|than|then|over|i|for(?= (?:now|me|us|this|the|our|my|it|safety|\w+ing)\b)|by|from|on|under|though|although"
+    r"|even|without|not|rather|instead"
+    r"|especially|today|before|after|once|only)\b))"
+    rf"(?!\s+for (?:the|an?|that) (?:{_OTHER}|truck|bus|van|car|driver|vehicle)\b)"
 )
+_TAKEN_BACK = re.compile(
+    r"\b(?:just kidding|joking|scratch that|never mind|nevermind|different question|disregard (?:that|this)"
+    r"|ignore (?:that|this|my)|let me (?:re-?\w+|think|look|see|check|start)|said (?:nobody|no one)"
+    r"|(?:this|that|the|my|which) (?:answer |choice |action |decision )?(?:is|was|would be) "
+    r"(?:wrong|incorrect|not (?:my|the) (?:answer|choice|action|decision)\b)"
+    r"|or (?:maybe|perhaps|possibly|else)\b[^.]{0,20}@)"
+    r"|\b(?:not|un|un-)(?: (?:really|entirely|fully|at all|quite))? ?(?:sure|certain)[\s.!)]*$"
+)
+"""What is said after a choice that nobody stands by any more."""
+_THEN = re.compile(r"\b(?:and|,) ?then\b[^@.;!?]*$")
 _PREDICATE = re.compile(
     r"\"?(?:\s+(?:lane|side))?\s+(?:is|are|was|has|have|had|seems|looks|appears|would|will|could|may|might"
-    r"|can|of|there)\b"
+    r"|can|of|there)\b|,?\s+where\b"
 )
 """What is said of an action, or of the side that has its name; without one of the words above it is no choice."""
 
@@ -245,9 +280,11 @@ _PREDICATE = re.compile(
 _NOT = (
     r"(?:\b(?:not|never|no|nor|neither|none|without|avoid\w*|cannot|cant|dont|refus\w+|declin\w+|unable|impossible"
     r"|unsafe|dangerous|risky|unwise|wrong|bad|unnecessary|useless|forbidden|illegal|nobody|hardly|doubt\w*"
-    r"|mistake|no point"
-    r"|nicht|kein\w*|nie|niemals|pas|jamais|nunca|jamás|ni|non|nem|não|нельзя|не|нет)\b"
-    r"|n't\b|不要|不能|不应|不可|不选|别|勿|避免)"
+    r"|mistake|no point|false|untrue|unclear|uncertain|unsure|incorrect|worst|least|rejected|reject\w*|discard\w*"
+    r"|forget|cancel\w*|ignor\w+|whether"
+    r"|nicht|kein\w*|nie|niemals|pas|jamais|nunca|jamás|ni|non|nem|não|нельзя|не|ни|нет|никогда|нiколи|ingen|inte"
+    r"|ikke|nej|niet|geen|hayır|değil)\b"
+    r"|n't\b|不|别|勿|避免|没|沒|無|禁止|안 |못 )"
 )
 _THAN = _one_of(
     "than|over|except|except for|against|instead of|rather than|anything but|everything but|all but"
@@ -258,7 +295,7 @@ _DENIED_BEFORE = re.compile(
     rf"{_NOT}[^@]{{0,45}}$"
     rf"|\b{_THAN}\s+(?:(?:to|the|a|an|going|turning|moving|go|turn|for|just|choosing)\s+)*[\"'(]*$"
 )
-_DENIED_LABEL = re.compile(rf"(?:^|[,;(])\s*(?!no\s*:)(?:\w+\s+){{0,3}}{_NOT}(?:\s+\w+){{0,3}}\s*:\s*[\"'(]*$")
+_DENIED_LABEL = re.compile(rf"(?:^|[,;(])\s*(?!no\s*:)(?:\w+\s+){{0,3}}{_NOT}(?:\s+\w+){{0,3}}\)?\s*:\s*[\"'(]*$")
 """A label that denies what follows: "Avoid: LEFT". What is not needed is no label: "but no need: STRAIGHT"."""
 
 _SCOPE = re.compile(
@@ -269,6 +306,8 @@ _ALL_BUT = re.compile(r"(?:anything|everything|all) $")
 _BAD = _one_of(
     "unsafe|dangerous|risky|impossible|wrong|incorrect|bad|a bad|a mistake|unnecessary|unneeded|unavailable|blocked"
     "|occupied|taken|busy|closed|excluded|ruled out|out of|too|worse|worst|forbidden|illegal|inappropriate"
+    "|опасн\\w*|peligros\\w*|dangereu\\w*|gefährlich|falsch|pericolos\\w*|niebezpieczn\\w*|perigos\\w*|farlig\\w*"
+    "|危险|危険"
     "|unwise|overkill|excessive|hardly|never|besetzt|belegt|blockiert|occup[ée]e?|ocupado|занят\\w*"
 )
 _DENIED_AFTER = re.compile(
@@ -279,11 +318,22 @@ _DENIED_AFTER = re.compile(
     rf"|\s*(?:isn't|wasn't|aren't|can't|cannot|wouldn't|won't|doesn't|is n't)\b"
     rf"|\s*[:=-]\s*(?:(?:would be|is|it is|it's|looks|seems) )?(?:not(?! (?:the )?@)\b|{_BAD}\b"
     rf"|no(?=[\s.,;|]*$|[.,;|]"
-    rf"|\s(?:lane|room|space|need|way)))|\s*\((?:not \w+(?: \w+)?[).,;]|{_BAD}\b)|\s*(?:では|じゃ)な)"
+    rf"|\s(?:lane|room|space|need|way)))|\s*\((?:not \w+(?: \w+)?[).,;]|{_BAD}\b|rejected\b)"
+    rf"|[^@.;\n]{{0,50}}\b(?:but|except|until|yet|though)\b[^@.;\n]{{0,40}}(?:{_NOT}|\b(?:{_BAD}|overlooks?"
+    rf"|ignores?)\b)"
+    rf"|\s*(?:[:=-]>?|->)\s*(?:an? |the )?(?:collision|crash\w*|accident|danger|hits?)\b"
+    rf"|\s*(?:[✗✘❌✖🚫👎]|\((?:considered|no)\))"
+    rf"|\s+(?:rather than|over|instead of|before)\s+@\s+(?:is|was|would be)\s+(?:\w+\s+)?{_BAD}\b"
+    rf"|[^@.,、。]{{0,12}}(?:ません|ない|なく|なかった|ず|않|아니|못|禁止|危険|危险)"
+    rf"|\"?(?:\s+is|\s+are)\s+(?:best|better)\s+(?:avoided|left|not)\b|\"?,?\s+said (?:nobody|no one)\b)"
 )
+_ASKED_FOR_BAD = re.compile(
+    rf"\b(?:which|what)\b[^?@]*\b(?:{_BAD}|not|never|avoid\w*|worst)\b[^?@]*\?\s*(?:a[.:)]\s*)?$"
+)
+"""A question whose answer is no choice: "Which action is unsafe?"."""
 _STATE = re.compile(
     r"\"?(?:\s+(?:lane|side))?\"?\s*[:=(]\s*\"?(?:the\s+|a\s+|an\s+|is\s+)?(?:free|clear|empty|open|available|safe"
-    r"|possible|cars?|vehicles?|trucks?|none|unknown|n/a|yes|true|false|\d+(?:\.\d+)?\s*m\b|frei"
+    r"|possible|cars?|vehicles?|trucks?|none|unknown|n/a|yes|true|false|\d+(?:\.\d+)?\s*(?:m\b|/\s*\d+)|frei"
     r"|libre)\b[^.;,@]{0,14}"
     r"(?:[.;,)|\n]|$)"
 )
@@ -296,6 +346,9 @@ _SPOKEN_OF = re.compile(
     rf"|an?) (?:truck|bus|van)"
     rf"|(?<!ego )(?<!green )(?<!my )(?<!our )(?:car|truck|vehicle|driver|lead|bus|van)'s)\b[^@,;:]*$"
     r"|\bwait(?: for| until|,? then|,? and then)\b[^@;:]*$"
+    r"|\bso (?:is|are|would|does)\s*$|[✗✘❌✖🚫👎]\s*$|\[ \]\s*$"
+    r"|\b(?:first|initial) (?:answer|thought|instinct|reaction|guess|idea|impression)\b[^@.;]*$"
+    r"|\b(?:previously|formerly|a moment ago|naive\w*|superficial\w*|at first (?:glance|sight))\b[^@.;]*$"
     r"|\b(?:second(?:ary)?|alternativ\w*|backup|fallback|runner-up|plan b|next best|previous|last|earlier|former)\b"
     r"[^@,;]{0,40}$"
     r"|\b(?:ready to|prepared? to|preparing to|prepared for|could|might|may|maybe|perhaps|possibly"
@@ -306,6 +359,46 @@ _SPOKEN_OF = re.compile(
 )
 """Who else says it or does it, and what is for later, was before, or is only possible."""
 
+_QUOTED = re.compile(
+    r"\b(?:reads?|says?|said|states?|stated|asks?|asked|wrote|written|shows?|displays?)\s*[:,]?\s*[\"'][^@\"]*$"
+    r"|\b(?:he|she|they|someone|somebody|anyone|passenger|human|user|instructor|sign|banner|driver)\b[^@.;]{0,30}"
+    r"\b(?:says?|said|wants?|thinks?|reads?|answers?|answered|chose|chooses)\b[^@.;]*$"
+    r"|\btoo \w+ \($|\b(?:it|this|that|there)(?: is|'s) an?\s*$"
+    r"|\b(?:ideally|normally|usually|generally|typically|theoretically|hypothetically|in (?:theory|principle"
+    r"|general))\b"
+    r"[^@:;.]{0,30}$"
+)
+"""Who else says it, and what would be if things were otherwise."""
+
+_LABELLED = re.compile(r"(?:^|[.,;\n(|])\s*([^.,;:\n(|]{1,80}?)\s*[:=][\s\"'(]*$")
+_ANSWERS = re.compile(
+    r"(?:\b(?:the|my|our|your|so|and|but|final|next|first|best|better|chosen|selected|recommended|suggested"
+    r"|proposed|preferred"
+    r"|safest|safe|correct|right|optimal|required|appropriate|step|current|immediate|driving|driver|vehicle|car"
+    r"|ego|control"
+    r"|action|answer|decision|choice|pick|conclusion|verdict|recommendation|result|output|response|reply|command"
+    r"|man(?:o|eu|oeu)ver|manoeuvre|move|control|course|highest|summary|therefore|thus|hence|correction|update|ok"
+    r"|okay|yes|no|instead|now|selection|solution|a|helm|assistant|ai|die|der|das|la|le|el|il|ist|lautet|one word"
+    r"|top|option|this (?:picture|image|frame|scene|case)|plan|here(?:'s| is)|in short|overall|ultimately|to be"
+    r"|antwort|aktion|entscheidung|respuesta|acción|decisión|resposta|ação|decisão|réponse|décision|choix|risposta"
+    r"|azione"
+    r"|decisione|odpowiedź|svar|svaret|antwoord|ответ|відповідь|действие|решение|colou?r|shape|\d{1,2}|of action"
+    r"|name)\b"
+    r"|答案|答え|正解|正确答案|回答|动作|動作|行動|操作|选择|選択|決定|决定|정답|답|답변|행동|是|は|为|الإجابة"
+    r"|الجواب|القرار|الإجراء|תשובה|उत्तर"
+    r"|cevap|karar|eylem|απάντηση|คำตอบ|trả lời|hành động|vastaus|odpověď|válasz|răspuns|[^\w@])+"
+)
+"""A label of what is chosen; what stands behind another label, as in "Road shape:", is none."""
+_CLAUSE = re.compile(
+    r"\b(?:is|are|am|was|has|have|had|'re|'m|'ve|i|we|should|must|needs?|will|would|can|want|brak\w+|slow\w*"
+    r"|near\w*|close"
+    r"|stop(?:s|ped|ping)|reduce|keep|avoid|change|move|turn|proceed|continue|accelerate|speed up|\w+ traffic"
+    r"|clear|ist|sind"
+    r"|est|es|está|muss|doit|debe|deve)\b"
+    r"|n't\b"
+)
+"""What makes a reason of what stands before a colon: "the lead is near: STOP"."""
+
 _EXAMPLE = re.compile(
     r"\b(?:example|for instance|e\.g|such as|options(?: are)?|choices are)\b[^@]{0,60}$"
     r"|^\s*an? (?:(?!\b(?:is|are|was|has|have)\b)[^,:])*\b(?:free|taken|ahead|occupied)\s*:\s*$"
@@ -314,14 +407,18 @@ _THING_LABEL = re.compile(
     r"(?:^|[,;(])\s*(?:(?!\b(?:is|are|was|has|have|should|must|switch|change|maintain|keep"
     r"|hold)\b)[\w'-]+\s+){0,4}?(?:detected|position|location|lanes?|sides?"
     r"|danger|risk|collision|hazard|obstacles?|vehicles?|cars?|leads?|blocked|occupied|free|clear|taken|visible"
-    r"|unsafe|bad|worst|wrong|excluded|direction of \w+)\s*:\s*[\"'(]*$"
+    r"|unsafe|bad|worst|wrong|direction of \w+"
+    r"|(?!(?:recommend|suggest|select|prefer|advis|requir|need|propos|decid|correct|revis|indicat)ed|need|speed)\w+ed)"
+    r"\)?\s*:\s*[\"'(]*$"
 )
 """A label of a thing in the picture: "Obstacle position: LEFT"."""
 
 _IF = re.compile(
     r"\b(?:if|unless|once|when|whenever|in case|in which case|otherwise|after that|afterwards|later"
-    r"|should the|had the"
-    r"|would have|could have|might have|wenn|falls|si|если)\b"
+    r"|should the|had the|were (?:the|it|there|we|i|that)"
+    r"|would have|could have|might have|suppose|supposing|assum(?:e|ing)|imagine|pretend|say (?:we|i|it)|before|after"
+    r"|wenn|falls|si|если)\b"
+    r"|(?:^|[.;:]\s*)(?:shall|can|could|may|might|do|does|did|will|would|should|is|are) (?:we|i|it|the|you)\b"
 )
 _IF_OF_SPEECH = re.compile(
     r"\b(?:if (?:i|we) (?:had|have|must|were|was|am|are)(?: forced| asked| required)?(?: to)?(?: \w+){0,5}"
@@ -329,7 +426,10 @@ _IF_OF_SPEECH = re.compile(
 )
 _IF_OVER = re.compile(r"\b(?:but|however|for now|currently|(?<!if )so|therefore|thus|hence|right now)\b|[.;\n]")
 _IF_AFTER = re.compile(
-    r"[^.;:@]{0,24}?\b(?:if|provided|assuming|as long as|in case|once|when|whenever|only if|wenn|falls|si)\b"
+    r"[^.;:@]{0,24}?\b(?:if|provided|assuming|as long as|in case|once|when|whenever|only if|wenn|falls|si"
+    r"|at the (?:next|end|following)|in \d+ ?(?:m|metres|meters|km|s|sec|seconds)|later|soon|tomorrow|in general"
+    r"|generally|usually)\b"
+    r"|,? and (?:you|they|it)\b"
 )
 _REASON = re.compile(r"\b(?:because|since|as|so|due|unless|for)\b")
 
@@ -361,7 +461,8 @@ _FILLER = re.compile(
     r"|emergency|full|shape|circle|\d+(?:\.\d+)?|[b-h])\b|[^\w@])*"
 )
 _TAIL = re.compile(
-    r"(?:\b(?:down|now|please|first|immediately|ahead|it is|it down|here|lane|lane change|turn|for now"
+    r"(?:\b(?:down|now|slowly|right now|right there|right away|straight away|at once|please|first|immediately"
+    r"|ahead|it is|it down|here|lane|lane change|turn|for now"
     r"|and wait|and hold"
     r"|at (?:a )?reduced speed|at low speed|with caution|carefully|gently|hard|forward|further|again"
     r"|obviously|a bit|a little"
@@ -376,10 +477,27 @@ _BARE_FORM = re.compile(r"\s+(?:it\s+)?down\b")
 # Sentences of other languages: the last word, and nothing English around it.
 
 _FOREIGN = re.compile(
-    r"[^\x00-\x7f]|\b(?:la|el|los|es|una?|der|die|das|ist|ich|je|le|il|est|não|den|det|jag|och|wybieram|odpowied\w*"
-    r"|resposta|respuesta|antwort|lautet|aktion|scelgo|kies|ik|voiture|actie|azione|accion|elijo|escolho|choisis)\b"
+    r"(?:\b(?:antwort|aktion|entscheidung|wahl|respuesta|acción|decisión|resposta|ação|decisão|réponse|décision"
+    r"|choix|risposta"
+    r"|azione|scelta|odpowiedź|akcja|svar\w*|antwoord|keuze|actie|ответ|відповідь|действие|решение)\b[^@.,;]{0,30}"
+    r"|(?:答案|答え|正解|回答|动作|動作|行動|操作|决定|決定|정답|답|답변|행동|선택)[^@.,;]{0,8}"
+    r"|\b(?:sollte|muss|würde|doit|devrait|dois|debe|debería|deve|deveria|devo|moet|bör|powinien|должен|нужно"
+    r"|надо)\b[^@.,;]{0,30}"
+    r"|\b(?:ich (?:wähle|nehme|würde)|je (?:choisis|prends|choisirais)|elijo|escojo|escolho|scelgo|(?:ik )?kies"
+    r"|wybieram|jag väljer"
+    r"|выбираю|выберу|обираю|daher|deshalb|darum|folglich|donc|alors|por (?:lo tanto|eso)|então|portanto|quindi|perciò"
+    r"|поэтому|следовательно)\b[^@.,;]{0,20}|(?:ではなく|じゃなくて?|所以|因此|应该|應該|应|我选择?|我選擇?|よって"
+    r"|したがって|なので|ので|から)[^@.]{0,8})[\s\"'(]*$"
 )
-_LAST = re.compile(r"[\s\"'.!)]*(?:(?:fahren|nehmen|wählen|gehen)\b|[^\x00-\x7f]{1,8})?[\s\"'.!)]*$")
+"""How other languages say a choice before its name."""
+_ENDS = _one_of(
+    "です|でございます|だ|である|します|する|しましょう|してください|を(?:選び|選択し)ます|を選(?:ぶ|択する)"
+    "|に(?:し|なり)ます|にする|とする|とします|で"
+    "|が(?:最適|適切|正解|最善|安全|良い|よい|いい)(?:です|だ|でしょう|と思います)?|吧|了|입니다|이다|(?:을"
+    "|를) 선택\\S{0,4}|로 갑니다"
+)
+"""What may stand behind the name that ends a sentence of a language that puts its verbs last."""
+_LAST = re.compile(rf"[\s\"'.!)]*(?:(?:fahren|nehmen|wählen|gehen)\b|{_ENDS})?[\s\"'.!)]*$")
 
 
 @dataclass(frozen=True, slots=True)
@@ -413,10 +531,19 @@ def read_prose(text: str, names: Names) -> Decision[str]:
         alone = _alone(text, judged)
         return Decision(None, "unparsed", _why(judged)) if alone is None else Decision(alone)
     last = chosen[-1]
+    if _TAKEN_BACK.search(marked, last.place) or _goes_on(marked, last, judged):
+        return Decision(None, "unparsed", "not_chosen")
     other = [one for one in chosen if one.mention.action != last.mention.action]
     if other and not _RETRACTED.search(marked[other[-1].place : last.place]):
         return Decision(None, "unparsed", "several_actions")
     return Decision(last.mention.action) if last.status == "chosen" else Decision(None, "unparsed", "not_chosen")
+
+
+def _goes_on(marked: str, last: _Placed, judged: Sequence[_Placed]) -> bool:
+    """Return whether the sentence of a choice goes on with another action: a plan is no decision."""
+    later = (one for one in judged if one.place > last.place and one.mention.action != last.mention.action)
+    following = next(later, None)
+    return following is not None and _THEN.search(marked[last.place : following.place]) is not None
 
 
 def _why(judged: Sequence[_Placed]) -> Unparsed:
@@ -426,13 +553,29 @@ def _why(judged: Sequence[_Placed]) -> Unparsed:
     return "negated" if not left else "several_actions" if len(left) > 1 else "not_chosen"
 
 
+_ABOUT = re.compile(r"\s*(?:border|background|outline|frame|lines?|sky|road)\b", re.IGNORECASE)
+_HEDGED = re.compile(
+    r"\b(?:background colou?r|maybe|perhaps|possibly|might|may|could|usually|normally|often|too (?:dark|bright"
+    r"|blurred)|whether|asks?|asked"
+    r"|(?:background|sky|road|rest|border|lines?|image|picture)(?: of (?:it|the \w+))? (?:is|are|was|were))\b"
+)
+
+
 def _alone(text: str, judged: Sequence[_Placed]) -> str | None:
-    """Return the one action that a short text names, where prose has no other use for its name."""
+    """Return the one action that a short text ends with, where prose has no other use for its name."""
     said = {one.mention.action for one in judged}
     if len(text) > _SHORT or len(said) != 1 or any(one.status != "said" or one.mention.derived for one in judged):
         return None
     word = judged[0].mention.written.upper()
-    return None if word in _EVERYDAY or "?" in text or _IF.search(text.lower()) else said.pop()
+    if (
+        word not in _COLOURS
+        or "?" in text
+        or _HEDGED.search(text.lower())
+        or _ABOUT.match(text, judged[-1].mention.end)
+        or _IF.search(text.lower())
+    ):
+        return None
+    return said.pop()
 
 
 def _mentions(text: str, names: Names) -> Iterator[Mention]:
@@ -459,7 +602,11 @@ def _is_idiom(text: str, one: Mention) -> bool:
     """Return whether a word is no name of an action where it stands: "right now", "a SLOW car", "a STOP sign"."""
     word = one.written.upper()
     left, right = text[max(0, one.start - 40) : one.start].lower(), text[one.end : one.end + 40].lower()
-    if word in _EVERYDAY and re.match(rf"(?:[ -](?:moving|going))?[ \t]+{_THINGS}\b", right):
+    if re.match(r"/(?:no|not|non)\b", right):
+        return True
+    if (word in _EVERYDAY or one.action.upper() in _EVERYDAY) and re.match(
+        rf"(?:[ -](?:moving|going))?[ \t]+{_THINGS}\b", right
+    ):
         return True
     if (after := _IDIOM_AFTER.get(word)) is not None and re.match(after, right):
         return True
@@ -523,6 +670,8 @@ def _judged_group(marked: str, start: int, end: int, group: list[_Placed], *, ro
         status = "denied"
     elif len({one.mention.action for one in group}) > 1:
         status = "listed"
+    elif _ASKED_FOR_BAD.search(marked, max(0, start - _LEFT), start):
+        status = "denied"
     elif not row and "?" not in marked[max(start, end - 3) : end] and not _only_said(left, right):
         status = _chosen(left, right, group[0].mention, opened=start >= first - _LEFT)
     return [replace(one, status=status) for one in group]
@@ -545,7 +694,13 @@ def _scope(left: str) -> str:
 
 def _only_said(left: str, right: str) -> bool:
     """Return whether a mention is what others say or do, conditional, an example, for later, or the state of a side."""
-    if _STATE.match(right) or _SPOKEN_OF.search(left) or _EXAMPLE.search(left) or _THING_LABEL.search(left):
+    if (
+        _STATE.match(right)
+        or _SPOKEN_OF.search(left)
+        or _QUOTED.search(left)
+        or _EXAMPLE.search(left)
+        or _THING_LABEL.search(left)
+    ):
         return True
     if _PREDICATE.match(right) and not _CHOSEN_AFTER.match(right):
         return True
@@ -558,12 +713,19 @@ def _only_said(left: str, right: str) -> bool:
 
 def _chosen(left: str, right: str, one: Mention, *, opened: bool) -> Status:
     """Return whether a mention is chosen, half of a choice, or only said."""
+    if (label := _LABELLED.search(left)) is not None and not _names_a_choice(label.group(1)):
+        return "said"
     if _CHOSEN_BEFORE.search(left) or _CHOSEN_AFTER.match(right):
         return "chosen"
     status = _stands_alone(left, right, opened=opened)
     if status == "chosen" and one.derived and not _BARE_FORM.match(right):
         return "said"
     return "chosen" if status == "said" and _is_foreign(left, right, one) else status
+
+
+def _names_a_choice(label: str) -> bool:
+    """Return whether what stands before a colon is the name of an answer, or a sentence that gives its reason."""
+    return "@" in label or _ANSWERS.fullmatch(label) is not None or _CLAUSE.search(label) is not None
 
 
 def _stands_alone(left: str, right: str, *, opened: bool) -> Status:
@@ -583,7 +745,10 @@ def _stands_alone(left: str, right: str, *, opened: bool) -> Status:
 
 def _is_foreign(left: str, right: str, one: Mention) -> bool:
     """Return whether a name in capitals ends a sentence of another language."""
-    return one.written == one.written.upper() and bool(_LAST.match(right) and _FOREIGN.search(left + right))
+    if one.written != one.written.upper() or not _LAST.match(right):
+        return False
+    bare = not re.search(r"\w", left) and re.match(_ENDS, right.lstrip(" \"'")) is not None
+    return bare or _FOREIGN.search(left) is not None
 
 
 def _without_lists(marked: str, judged: list[_Placed]) -> list[_Placed]:

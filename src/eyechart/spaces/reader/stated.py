@@ -13,7 +13,8 @@ _BRACES_AT_MOST = 1000
 _STATED_AT_MOST = 100
 _THOUGHT = re.compile(
     r"<\|begin_of_thought\|>.*?(?:<\|end_of_thought\|>|\Z)|◁think▷.*?(?:◁/think▷|\Z)"
-    r"|<(reasoning|thought|thoughts|scratchpad|reflection|analysis)>.*?(?:</\1>|\Z)"
+    r"|<(reasoning|thought|thoughts|scratchpad|reflection|analysis|observation|tool_(?:response|result|output)"
+    r"|function_(?:response|results?))>.*?(?:</\1>|\Z)"
     r"|<\|channel\|>(?:analysis|commentary)\b.*?(?:<\|end\|>|(?=<\|channel\|>final)|\Z)"
     r"|\Aanalysis(?=[A-Z]).*?(?:assistantfinal|\Z)",
     re.DOTALL | re.IGNORECASE,
@@ -35,7 +36,16 @@ _LABELS = (
     r"|move|direction|control"
     r"|aktion|antwort|entscheidung|acción|respuesta|réponse|décision|azione|risposta|ação|resposta|decisión"
 )
-_KEY = re.compile(rf"(?:[\w .-]*[ _.-])?(?:{_LABELS}|tool_input|colou?r|side|count)s?", re.IGNORECASE)
+_OWN = (
+    r"(?:(?:the|my|your|ego|self|own|final|next|first|best|better|chosen|selected|recommended|suggested|proposed"
+    r"|preferred"
+    r"|safe|safest|correct|right|optimal|required|necessary|intended|planned|immediate|current|now|new|primary|main|top"
+    r"|driving|drive|driver|vehicle|car|robot|agent|model|assistant|user|control|controller|steering|lateral"
+    r"|longitudinal|lane|motion|movement|navigation|tactical|high|low|level|discrete|action|answer|decision|tool|step"
+    r"|task|output|response|predicted|executed|taken|single|one|word|short|\d{1,3})[ _.-]{0,2}){0,4}"
+)
+"""What may stand before the name of an answer; ``previous_action`` or ``forbidden_action`` is another thing."""
+_KEY = re.compile(rf"{_OWN}(?:{_LABELS}|tool_input|colou?r|side|count)s?", re.IGNORECASE)
 _ONLY_KEY = re.compile(
     r"steer(?:ing)?|turn|drive|do|go|next|pick(?:ed)?|selection|selected|verdict|label|prediction|category"
     r"|class|value|text"
@@ -46,10 +56,21 @@ _ONLY_KEY = re.compile(
 
 _PLAINEST = ("action", "action", "decision", "answer")
 _LOOSE = re.compile(
-    rf"[{{,]\s{{0,40}}[\"']?((?:[\w.-]{{1,40}}[_.-])?(?:{_LABELS}))[\"']?\s{{0,10}}:\s{{0,10}}"
+    rf"[{{,]\s{{0,40}}[\"']?({_OWN}(?:{_LABELS}))[\"']?\s{{0,10}}:\s{{0,10}}"
     rf"(?:\"([^\"\n]{{0,200}})\"|'([^'\n]{{0,200}})'|([\w .-]{{1,60}}?)\s{{0,10}}(?=[,}}\n]))",
     re.IGNORECASE,
 )
+_FAULT = re.compile(r"error\w*|refus\w+|reject\w*|denied|den(?:y|ial)|abort\w*|invalid|fail\w*|warning", re.IGNORECASE)
+_ONLY_SHOWN = re.compile(r"\b(?:only|just|merely) an? (?:example|placeholder|sample)\b", re.IGNORECASE)
+_FINE = re.compile(r"(?:is_?)?(?:valid|safe|allowed|ok|success\w*|confident|feasible|final|sure)", re.IGNORECASE)
+_OTHERS = re.compile(
+    r"other|lead|front|vehicle_|human|example|sample|alternativ|option|candidate|consider|avoid|reject|previous"
+    r"|last|history|past"
+    r"|fallback|forbidden|not_|invalid|available|possible|allowed|schema|properties|question|prompt|input$|second"
+    r"|wrong|expert",
+    re.IGNORECASE,
+)
+"""Keys whose objects are about somebody else, or are no choice."""
 _CUT_OFF = re.compile(r"\{[^{}]*\Z")
 _MARKER = re.compile(
     rf"^[^\w\n]{{0,8}}(?:(?:the|my|your|final|next|chosen|recommended|best|selected|correct|suggested|safest"
@@ -75,6 +96,7 @@ _NO_STATEMENT = re.compile(
     r"|instead of)\b|n't\b|e\.g)",
     re.IGNORECASE,
 )
+_NOT_GIVEN = re.compile(r"\s*,?\s*(?:which|but)\b[^.{]*(?:\bnot\b|n't\b|\bwrong\b)", re.IGNORECASE)
 _SAYS_SO = frozenset(["NONE", "UNKNOWN", "ABSTAIN", "UNSURE", "UNCLEAR", "NO IMAGE", "NO_IMAGE"])
 """Actions that somebody names who sees nothing."""
 _END = re.compile(r"[.!?\n]\s|\n")
@@ -164,9 +186,10 @@ def _agreed(text: str, stated: Sequence[_Stated], names: Names) -> Decision[str]
 
 def _is_denied(text: str, one: _Stated, names: Names) -> bool:
     """Return whether the words around a statement deny it, or say under which condition it would hold."""
-    left = _END.split(_FENCE.sub("", text[max(0, one.start - 120) : one.start]))[-1]
+    before = _FENCE.sub("", text[max(0, one.start - 120) : one.start])
+    left = _END.split(before.rstrip() if before.rstrip().endswith(":") else before)[-1]
     right = _END.split(text[one.end : one.end + 80].partition("{")[0])[0]
-    if _NO_STATEMENT.search(_CLAUSE.split(left)[-1]):
+    if _NO_STATEMENT.search(_CLAUSE.split(left)[-1]) or _NOT_GIVEN.match(right):
         return True
     around = fold(f"{left} {one.action} {right}")
     found = read_prose(around, names)
@@ -196,18 +219,48 @@ class _Pairs(list[tuple[str, object]]):
 
 def _stated_in(value: object, names: Names) -> Iterator[tuple[str | None, str | None]]:
     """Yield the actions that a JSON value states, None and why where what it states is no name."""
-    if isinstance(value, _Pairs):
-        if (named := _flagged(value, names) or _called(value, names)) is not None:
-            yield named, None
-        elif (key := _answer_key(value)) is not None:
-            for inner in (inner for name, inner in value if name == key):
-                yield from _values(inner, names)
-        else:
-            for _, inner in value:
-                yield from _stated_in(inner, names)
-    elif isinstance(value, list):
+    if isinstance(value, list) and not isinstance(value, _Pairs):
         for inner in value:
             yield from _stated_in(inner, names)
+        return
+    if not isinstance(value, _Pairs):
+        return
+    if _at_fault(value):
+        yield None, "negated"
+    elif (named := _flagged(value, names) or _called(value, names)) is not None:
+        yield named, None
+    elif (key := _answer_key(value)) is not None:
+        for name, inner in value:
+            if name == key or _is_another(name, inner, names):
+                yield from _values(inner, names)
+    else:
+        for inner in (_given(name, inner) for name, inner in value if not _OTHERS.search(name)):
+            yield from _stated_in(inner, names)
+
+
+def _at_fault(value: _Pairs) -> bool:
+    """Return whether an object says of itself that it is an error, or refused."""
+    return any(
+        (isinstance(inner, str) and _ONLY_SHOWN.search(inner))
+        or (_FAULT.fullmatch(key) and inner not in (None, False, "", 0, "none", "None", "null"))
+        or (_FINE.fullmatch(key) and inner is False)
+        or (key.lower() in {"status", "state", "outcome"} and isinstance(inner, str) and _FAULT.fullmatch(inner))
+        for key, inner in value
+    )
+
+
+def _given(key: str, value: object) -> object:
+    """Return a value; what a call of a tool is given may be JSON inside a string."""
+    if key != "arguments" or not isinstance(value, str):
+        return value
+    return next((inner for _, _, inner in _json_objects(value)), None)
+
+
+def _is_another(key: str, value: object, names: Names) -> bool:
+    """Return whether a key is of an action too, as ``final_action`` beside ``action``, and its value one's name."""
+    if not key.lower().endswith("action") or _KEY.fullmatch(key) is None:
+        return False
+    return isinstance(value, str) and names.whole(fold(value)) is not None
 
 
 def _answer_key(value: _Pairs) -> str | None:
@@ -338,6 +391,7 @@ def _unsettled() -> Decision[str]:
 
 _MARKERS_AT_MOST = 20
 _LINE_AT_MOST = 2000
+_ITEMS = re.compile(r"[ \t]*[-+•][^\n]*\w[^\n]*(?:\n[ \t]*[-+•][^\n]*\w[^\n]*)+")
 _SAYS = re.compile(r"[^\n]*\w[^\n]*")
 
 
@@ -351,6 +405,8 @@ def _value(text: str, start: int, names: Names) -> tuple[int, Decision[str]]:
     if found is None:
         return len(text), Decision(None, "unparsed", "no_action")
     value = found.group()[:_LINE_AT_MOST]
+    if (listed := _ITEMS.match(text, found.start())) is not None:
+        return listed.end(), read_prose(listed.group()[:_LINE_AT_MOST], names)
     if (bare := names.whole(value)) is not None:
         return found.end(), Decision(bare)
     read = read_prose(value, names)
