@@ -8,7 +8,7 @@ from typer.core import TyperGroup
 from eyechart import __version__
 from eyechart.cli import bundle, demo, drive, frames, guardian, probe, run, score
 from eyechart.cli.options import Json
-from eyechart.cli.terminal import print_json, resumable
+from eyechart.cli.terminal import print_json, print_line, resumable
 
 
 class Commands(TyperGroup):
@@ -38,7 +38,7 @@ def _show(rows: dict[str, str], *, json: bool) -> None:
         return
     wide = max(len(name) for name in rows)
     for name, says in rows.items():
-        typer.echo(f"{name:<{wide}}  {says}")
+        print_line(f"{name:<{wide}}  {says}")
 
 
 @listing.command()
@@ -108,7 +108,7 @@ app.add_typer(guardian.app, name="guardian")
 
 def _version(value: bool) -> None:
     if value:
-        typer.echo(f"eyechart {__version__}")
+        print_line(f"eyechart {__version__}")
         raise typer.Exit
 
 

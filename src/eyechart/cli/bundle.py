@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from eyechart.cli.options import Against, Independent, Reread
-from eyechart.cli.terminal import patience, print_json, say
+from eyechart.cli.terminal import patience, print_json, print_line, say
 
 _SHOWN = 40
 
@@ -96,15 +96,15 @@ def validate(
         print_json(found.as_dict())
     else:
         for one in found.differences[:_SHOWN]:
-            typer.echo(f"differs: {one}")
+            print_line(f"differs: {one}")
         if len(found.differences) > _SHOWN:
-            typer.echo(f"and {len(found.differences) - _SHOWN} more differences (--json prints all)")
+            print_line(f"and {len(found.differences) - _SHOWN} more differences (--json prints all)")
         for one in found.otherwise[:_SHOWN]:
-            typer.echo(f"computed otherwise here: {one}")
+            print_line(f"computed otherwise here: {one}")
         for note in found.notes:
-            typer.echo(f"note: {note}")
+            print_line(f"note: {note}")
         compared = ", ".join(f"{count} {name}" for name, count in found.compared.items())
-        typer.echo(f"{found.outcome}: {compared}")
+        print_line(f"{found.outcome}: {compared}")
     if found.differences:
         raise typer.Exit(1)
     if found.uncompared and not allow_uncompared:

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from eyechart.cli.options import Json
-from eyechart.cli.terminal import print_each, print_json, progress, resumable, say
+from eyechart.cli.terminal import print_each, print_json, print_line, progress, resumable, say
 
 _AT_ONCE = 48
 """Calls under way, a model: a batch of the organisms."""
@@ -60,14 +60,14 @@ def demo(
     verdicts = judge(scored)
     print_each(verdicts_printed(scored, verdicts))
     if vlm:
-        typer.echo("Trained to do, and the verdict that this deserves:")
+        print_line("Trained to do, and the verdict that this deserves:")
         for name, one in ORGANISMS.items():
-            typer.echo(f"  {name:<18} {one.calibrated:<18} {one.lateral:<14} {one.says}")
+            print_line(f"  {name:<18} {one.calibrated:<18} {one.lateral:<14} {one.says}")
     wrong = [spec for spec, one in verdicts.items() if one.calibrated.label != declared[spec]]
     for spec in wrong:
-        typer.echo(f"not as declared: {spec} declares {declared[spec]}")
+        print_line(f"not as declared: {spec} declares {declared[spec]}")
     who = "organisms were trained for" if vlm else "controllers declared"
-    typer.echo(f"{len(verdicts) - len(wrong)} of {len(verdicts)} verdicts are as the {who}.")
+    print_line(f"{len(verdicts) - len(wrong)} of {len(verdicts)} verdicts are as the {who}.")
     say(f"the pictures: 'eyechart frames show {bank} --out sheet.png'; every number: 'eyechart score {run}'")
     if wrong:
         raise typer.Exit(1)
@@ -119,7 +119,7 @@ def calibrate(
 
     with progress("banks", "banks") as move:
         found = run(replications=replications, seed=seed, processes=processes, settings=setting or None, progress=move)
-    print_json(found.as_dict()) if json else typer.echo(tables(found))
+    print_json(found.as_dict()) if json else print_line(tables(found))
     if found.misses():
         raise typer.Exit(1)
 

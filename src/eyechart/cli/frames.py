@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eyechart.cli.options import Json, Model
-from eyechart.cli.terminal import print_json, progress, say
+from eyechart.cli.terminal import print_json, print_line, progress, say
 
 if TYPE_CHECKING:
     from eyechart.frames import FrameBank
@@ -214,7 +214,7 @@ def plan(
         print_json({**found.as_dict(), "models": {spec: found.asked(spec) for spec in specs}})
         return
     for line in found.lines(specs):
-        typer.echo(line)
+        print_line(line)
 
 
 def _plan_policies(bank: "FrameBank", *, json: bool) -> None:

@@ -110,7 +110,7 @@ def gate(
         for check in held.checks:
             print_line(short(f"{_HELD[check.holds]:<10}  {check.model}  {check.requirement}: {check.because}"))
         if not held.checks:
-            typer.echo("cannot say: the run holds no model")
+            print_line("cannot say: the run holds no model")
     if junit is not None:
         with whole(junit, "JUnit file") as partial:
             partial.write_bytes(held.junit())

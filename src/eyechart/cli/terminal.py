@@ -15,8 +15,10 @@ if TYPE_CHECKING:
 
 
 def print_json(values: object) -> None:
-    """Print plain values as JSON on standard output; NaN and infinity cannot pass."""
+    """Print plain values as JSON on standard output; NaN and infinity cannot pass, and nothing steers a terminal."""
     text = json.dumps(values, indent=1, ensure_ascii=False, allow_nan=False)
+    if not text.isprintable():
+        text = "".join(one if one.isprintable() or one == "\n" else json.dumps(one)[1:-1] for one in text)
     try:
         text.encode(sys.stdout.encoding or "utf-8")
     except UnicodeEncodeError:
@@ -143,7 +145,7 @@ def print_each(what: "Iterable[Table | Text | str]", width: int | None = None, *
     console, short = table_console(width), shortener(names)
     for one in what:
         if isinstance(one, Table):
-            console.print(one.renamed(short), markup=False)
+            console.print(one.renamed(lambda text: _harmless(short(text))), markup=False)
         elif isinstance(one, Text):
             shown = one.copy()
             shown.plain = _harmless(short(one.plain))  # a sign for a sign, so that its styles stay where they are

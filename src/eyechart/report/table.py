@@ -25,6 +25,10 @@ MARK = "!"
 _NARROWEST = 16
 """Text is folded to as few characters before a table is printed row by row instead."""
 _WORDS = {"text", "word"}
+_FORMULA = re.compile(r"(?:^|[;\t])[\s\u200b\u200c\u200d\ufeff\ufffd\"']*[=+\-@＝＋－＠]")
+"""What a spreadsheet takes for a formula, in a cell or in what it would part a cell into."""
+_JOINERS = frozenset("\u200c\u200d")
+"""Signs without width that some scripts write words with."""
 _TONES = {"good": "green", "sees": "green", "partly": "yellow", "open": "dim", "bad": "red", "blind": "red"}
 
 
@@ -215,7 +219,7 @@ class Table:
         """Return CSV with full precision; a word cannot become a spreadsheet's formula."""
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
-        writer.writerow([name for column in self.columns for name in column.heads])
+        writer.writerow([_raw(name) for column in self.columns for name in column.heads])
         for row in self.rows:
             writer.writerow([v for cell, column in zip(row, self.columns, strict=True) for v in column.values(cell)])
         return out.getvalue()
@@ -311,12 +315,18 @@ def _raw(cell: Cell) -> str:
     if not isinstance(cell, str):
         return repr(cell)
     text = _plain(cell)
-    return "'" + text if text.lstrip()[:1] in set("=+-@") and not re.fullmatch(r"[+-]?\d+(\.\d+)?", text) else text
+    return "'" + text if _FORMULA.search(text) and not re.fullmatch(r"[+-]?\d+(\.\d+)?", text) else text
 
 
 def _plain(text: str) -> str:
-    """Return text without control signs, which no cell may hold."""
-    return "".join(" " if unicodedata.category(sign) == "Cc" else sign for sign in text)
+    """Return text without control signs and marks of direction, which no cell may hold."""
+    return text if text.isprintable() else "".join(map(_plain_sign, text))
+
+
+def _plain_sign(sign: str) -> str:
+    if unicodedata.category(sign) in {"Cc", "Zl", "Zp"}:
+        return " "
+    return "\ufffd" if unicodedata.category(sign) in {"Cs", "Cf"} and sign not in _JOINERS else sign
 
 
 def _html(cell: Cell, text: str, column: Column) -> str:
