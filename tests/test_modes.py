@@ -80,7 +80,7 @@ def test_a_default_mode_is_one_line() -> None:
         ('spec = "a:b"\nheaders = { x = 1 }', "headers must be a table of lines"),
         ('spec = "a:b"\nheaders = { x = "a\\r\\nHost: b" }', "headers must be a table of lines"),
         ('spec = "a:b"\noptions = { x = [1] }', "options must be a table"),
-        ('spec = "a:b"\nmax_token = 3', "there is no 'max_token'; there are spec, base_url"),
+        ('spec = "a:b"\nmax_token = 3', "there is no 'max_token'; did you mean 'max_tokens'? there are spec, base_url"),
         ('spec = "a:b"\nmeasured = 3', "measured must be a table"),
         ('spec = "a:b"\n[measured]\nspeed = 3', "there is no 'speed'"),
         ('spec = "a:b"\n[measured]\nseconds = "3"', "seconds must be a number"),

@@ -13,7 +13,7 @@ import numpy as np
 from eyechart.conditions import CONDITIONS, OVER, Condition, Source, available, find_condition
 from eyechart.conditions import show as show_pictures
 from eyechart.conditions import sources as picture_sources
-from eyechart.errors import BankError, SpecError
+from eyechart.errors import BankError, SpecError, meant
 from eyechart.frames import Frame, FrameBank, Stimulus
 from eyechart.seeds import key_seed
 from eyechart.spaces.motion import MotionSpace, reflect
@@ -132,7 +132,7 @@ def find_exchange(name: str) -> Condition:
     if base in _PLAIN:
         return find_condition(name)
     known = (*_PLAIN, *(f"{one}{OVER}CHANNEL" for one in PARTNERS), *_DRAWN)
-    raise SpecError(f"unknown condition '{name}' of a policy; known are {', '.join(known)}")
+    raise SpecError(f"unknown condition '{name}' of a policy;{meant(name, known)} known are {', '.join(known)}")
 
 
 def shown(name: str, frame: Frame, source: Source) -> bool:

@@ -1,6 +1,9 @@
 """The errors that a user can cause, and so can mend: one line that says what, which and what to do."""
 
+from collections.abc import Iterable
+
 _LONGEST = 500
+_NEAR = 0.6
 
 
 def printable(text: str) -> str:
@@ -8,6 +11,15 @@ def printable(text: str) -> str:
     line = " ".join(text[: 4 * _LONGEST].split())
     line = "".join(character if character.isprintable() else "�" for character in line)
     return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 1]}…"
+
+
+def meant(name: str, known: Iterable[str]) -> str:
+    """Return " did you mean 'depth'?" where a mistyped name is near one that is known, else nothing."""
+    import difflib  # noqa: PLC0415 - nobody needs it before a mistake
+
+    folded = {one.lower(): one for one in known}
+    near = difflib.get_close_matches(name.lower(), folded, n=1, cutoff=_NEAR)
+    return f" did you mean '{folded[near[0]]}'?" if near else ""
 
 
 class EyechartError(Exception):

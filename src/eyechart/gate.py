@@ -3,7 +3,7 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 
-from eyechart.errors import SpecError
+from eyechart.errors import SpecError, meant
 from eyechart.stats.paired import SignTest, clopper_pearson
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts import (
@@ -104,7 +104,10 @@ def read_requirements(text: str, known: Collection[str] = tuple(REQUIREMENTS)) -
     wanted = tuple(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
     unknown = [name for name in wanted if name not in known]
     if unknown or not wanted:
-        raise SpecError(f"--require takes one or more of {', '.join(known)}, with commas; got '{text}'")
+        near = "".join(meant(name, known) for name in unknown)
+        raise SpecError(
+            f"--require takes one or more of {', '.join(known)}, with commas; got '{text}'{near and f';{near}'}"
+        )
     return wanted
 
 

@@ -15,7 +15,7 @@ from urllib.parse import unquote, urlsplit
 import msgspec
 import tomli_w
 
-from eyechart.errors import SpecError
+from eyechart.errors import SpecError, meant
 from eyechart.records import LARGEST
 from eyechart.spaces.discrete import read_toml
 
@@ -253,7 +253,7 @@ def _refuse_unknown(values: Mapping[str, object], kind: type[RequestMode] | type
     known = [one.name for one in fields(kind)]
     for name in values:
         if name not in known:
-            raise SpecError(f"{where}: there is no '{name}'; there are {', '.join(known)}")
+            raise SpecError(f"{where}: there is no '{name}';{meant(name, known)} there are {', '.join(known)}")
 
 
 def _expand(name: str, value: str, environ: Mapping[str, str]) -> str:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from eyechart.calls import ANY_ACTION, Query
 from eyechart.cameras import Distances
-from eyechart.errors import SpecError
+from eyechart.errors import SpecError, meant
 from eyechart.frames import FrameBank, MirrorAxis, Stimulus
 from eyechart.perception.view import View
 from eyechart.records import build
@@ -204,7 +204,9 @@ def find_prompt(name: str, axis: MirrorAxis = "vertical") -> Prompt:
     if name.endswith(".toml"):
         return read_prompt(Path(name))
     if name not in PROMPTS:
-        raise SpecError(f"unknown prompt '{name}'; known are {', '.join(PROMPTS)}, or a FILE.toml of your own")
+        raise SpecError(
+            f"unknown prompt '{name}';{meant(name, PROMPTS)} known are {', '.join(PROMPTS)}, or a FILE.toml of your own"
+        )
     return (FORWARD_PROMPTS if axis == "horizontal" else PROMPTS)[name]
 
 

@@ -330,7 +330,7 @@ def test_code_from_a_repository_runs_only_where_asked_by_name(copy: Path) -> Non
 @pytest.mark.parametrize(
     ("mode", "message"),
     [
-        ({"options": {"devise": "cpu"}}, "has no option 'devise'; its options are: device: "),
+        ({"options": {"devise": "cpu"}}, "has no option 'devise'; did you mean 'device'? its options are: device: "),
         ({"options": {"device": "cuda:99"}}, "device 'cuda:99' is not to be had here"),
         ({"options": {"dtype": "int4"}}, "dtype is one of float32, float16, bfloat16, not 'int4'"),
         ({"options": {"batch": 0}}, "batch a whole number of at least 1"),

@@ -70,7 +70,10 @@ def test_the_mode_of_another_model_is_refused() -> None:
 def test_an_option_that_an_adapter_does_not_know_is_named_with_those_it_knows() -> None:
     """Silence would let a mistyped option pass for one that works."""
     mode = RequestMode("x:y", options={"thinks": True})
-    with pytest.raises(SpecError, match="'x:y' has no option 'thinks'; its options are: think: whether it thinks"):
+    with pytest.raises(
+        SpecError,
+        match="'x:y' has no option 'thinks'; did you mean 'think'\\? its options are: think: whether it thinks",
+    ):
         require_options(mode, {"think": "whether it thinks"})
     require_options(mode, {"thinks": ""})
 

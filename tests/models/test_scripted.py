@@ -60,7 +60,8 @@ def test_declared_labels_are_labels(name: str) -> None:
 
 def test_an_unknown_controller_lists_the_known() -> None:
     """A wrong name is told what there is."""
-    with pytest.raises(SpecError, match=r"unknown controller 'scripted:dept'; known are constant, random"):
+    near = r"did you mean 'depth'\?"
+    with pytest.raises(SpecError, match=f"unknown controller 'scripted:dept'; {near} known are constant, random"):
         open_model("scripted:dept")
 
 

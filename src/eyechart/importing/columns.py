@@ -1,6 +1,5 @@
 """Columns get their places: which one names the picture, the gap, the episode; the others are kept as ground truth."""
 
-import difflib
 import re
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import Annotated
 import msgspec
 
 from eyechart.conditions import CONDITIONS
-from eyechart.errors import BankError, SpecError
+from eyechart.errors import BankError, SpecError, meant
 from eyechart.frames import FILE_SUFFIX, Camera, MirrorAxis, is_reserved, require_exchanged
 from eyechart.importing.faults import Faults
 from eyechart.importing.logged import Logged
@@ -185,8 +184,7 @@ def unit_of(column: str) -> str | None:
 
 def no_column(column: str, columns: Sequence[str], table: str) -> str:
     """Say that a table has no such column, which one may be meant, and which there are."""
-    near = difflib.get_close_matches(column, columns, n=1, cutoff=0.4)
-    return f"{table} has no column '{column}'{f'; did you mean {near[0]!r}?' if near else ';'} {_has(columns)}"
+    return f"{table} has no column '{column}';{meant(column, columns)} {_has(columns)}"
 
 
 def _has(columns: Sequence[str]) -> str:

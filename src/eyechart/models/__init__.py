@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import Any, Protocol
 
 from eyechart.calls import Query, Reply, bounded, misfit
-from eyechart.errors import SpecError
+from eyechart.errors import SpecError, meant
 from eyechart.modes import RequestMode, without_secrets
 
 
@@ -63,7 +63,8 @@ def open_model(spec: str, mode: RequestMode | None = None, *, answering: str = "
     if not colon or not name or adapter not in adapters:
         known = ", ".join(f"{known}:NAME" for known in adapters)
         raise SpecError(
-            f"unknown {answering} '{spec}'; a {answering} is given as {known}, see 'eyechart list {listed}'"
+            f"unknown {answering} '{spec}';{meant(adapter, adapters)} a {answering} is given as {known}, "
+            f"see 'eyechart list {listed}'"
         )
     if mode is not None and mode.spec != spec:
         raise SpecError(f"the mode of '{mode.spec}' is not one of '{spec}'")
@@ -114,4 +115,4 @@ def require_options(mode: RequestMode, known: Mapping[str, str]) -> None:
     for name in mode.options:
         if name not in known:
             there = "; ".join(f"{option}: {says}" for option, says in known.items()) or "none"
-            raise SpecError(f"'{mode.spec}' has no option '{name}'; its options are: {there}")
+            raise SpecError(f"'{mode.spec}' has no option '{name}';{meant(name, known)} its options are: {there}")

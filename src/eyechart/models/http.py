@@ -11,6 +11,7 @@ import email.utils
 import hashlib
 import ipaddress
 import json
+import re
 import ssl
 import sys
 import time
@@ -36,6 +37,12 @@ _CONNECT_S = 30.0
 _MESSAGES = ("message", "error", "detail", "msg")
 _DEEPEST = 20
 _NAME = 200
+_NO_MODEL = re.compile(
+    r"(invalid|unknown|no such) model( name| id|:|$)|\bmodel_not_found\b|not a valid model\b"
+    r"|\bmodel [^ ]{1,200} (does not exist|not found|is not (found|available|known|loaded|served))",
+    re.IGNORECASE,
+)
+"""How servers say in a 400 that they have no model of this name."""
 _BOUNDS = {
     "text": None,
     "reasoning": None,
@@ -198,10 +205,13 @@ def _failed(failure: Exception, seen: Response, timeout_s: float) -> tuple[Error
 def kind_of_status(status: int, message: str = "") -> ErrorKind:
     """Return the kind of an HTTP status of 400 or more.
 
-    ``message`` tells a spent account from a busy server, and a request that was moderated away from a wrong key.
+    ``message`` tells a spent account from a busy server, a request that was moderated away from a wrong key, and a
+    model that is not there from a request that is wrong.
     """
     if status == 403 and any(word in message.lower() for word in ("moderation", "flagged")):
         return "bad_request"
+    if status == 400 and _NO_MODEL.search(message):
+        return "missing_model"
     spent = "insufficient_quota" in message or "exceeded your current quota" in message
     kinds: dict[int, ErrorKind] = {
         401: "auth",

@@ -5,6 +5,7 @@ The picture stands before the words. Retries are the runner's; the key comes fro
 
 import base64
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from urllib.parse import urlsplit
@@ -33,6 +34,10 @@ KEY = "OPENAI_API_KEY"
 OPTIONS = {"energy": "true measures this machine's energy during a call, for a server that runs here"}
 
 _PATH = "/chat/completions"
+_VERSIONED = re.compile(r"/v\d+(/|$)")
+_SECURED = re.compile(r"HTTPS port|TLS|redirected to https:|upgrade to https", re.IGNORECASE)
+_NOBODY = {"missing_model", "wrong_json", "bad_request"}
+"""The failures of an address at which no chat completions are."""
 _SEEDS = 2**31
 """Some servers keep a seed in 32 bits."""
 
@@ -56,7 +61,8 @@ class OpenAICompatible:
 
     async def _send(self, payload: bytes) -> Reply:
         came = await self.endpoint.post(_PATH, payload)
-        return self.endpoint.scrubbed(_hinted(came.failure(), self.mode) if came.error else _read(came))
+        reply = came.failure() if came.error else _read(came)
+        return self.endpoint.scrubbed(_hinted(reply, self.mode) if reply.error else reply)
 
     async def close(self) -> None:
         """Close the session."""
@@ -151,16 +157,32 @@ def _read(came: Response) -> Reply:
 
 
 def _hinted(reply: Reply, mode: RequestMode) -> Reply:
-    """Return a failure with what to do, where a model refuses the token field or a temperature of its own."""
-    said, hints = reply.error_detail, []
+    """Return a failure with what to do: where a model refuses a field, or the address or the name is likely wrong."""
+    said, hints = reply.error_detail, list[str]()
     if reply.error == "bad_request" and "not support" in said:
         if mode.token_field != TOKEN_FIELDS[1] and "max_completion_tokens" in said:
             hints.append("--token-field max_completion_tokens")
         if mode.temperature is not None and "temperature" in said:
             hints.append("--temperature default")
     if not hints:
-        return reply
+        where = _misdirected(reply, mode.base_url)
+        return replace(reply, error_detail=f"{said}; {where}") if where else reply
     return replace(reply, error_detail=f"{said}; ask with {' '.join(hints)}, or let 'eyechart probe' find the mode")
+
+
+def _misdirected(reply: Reply, base_url: str) -> str:
+    """Return what of the address is likely wrong, in words: its scheme, a path without a version, or the model."""
+    scheme, _, rest = base_url.rstrip("/").partition("://")
+    if scheme == "https" and reply.error == "connection" and "ssl" in reply.error_detail.lower():
+        return f"this server may speak http: try --base-url http://{rest}"
+    secured = reply.error in {"bad_request", "server_error"} and _SECURED.search(reply.error_detail)
+    if scheme == "http" and (secured or "no HTTP response" in reply.error_detail):
+        return f"this server may speak https: try --base-url https://{rest}"
+    if not reply.error or reply.error not in _NOBODY or not base_url:
+        return ""
+    if not _VERSIONED.search(rest) and (reply.error != "missing_model" or reply.status == 404):
+        return f"the address does not end in /v1, as most do: try --base-url {scheme}://{rest}/v1"
+    return f"{scheme}://{rest}/models lists what there is" if reply.error == "missing_model" else ""
 
 
 def _failed(came: Response, error: object) -> Reply:

@@ -14,7 +14,7 @@ from typing import Literal, Protocol
 
 from eyechart import __version__
 from eyechart.calls import Query, Reply
-from eyechart.errors import SpecError
+from eyechart.errors import SpecError, meant
 from eyechart.frames import RGB, decode
 from eyechart.modes import RequestMode
 from eyechart.perception.estimators import ESTIMATORS
@@ -301,7 +301,8 @@ def open_model(name: str, mode: RequestMode) -> ScriptedModel:
         return ScriptedModel(lambda sight, _: scene(sight.reading.scene if sight.reading else None))
     known = CONTROLLERS | PLANNERS
     if name not in known:
-        raise SpecError(f"unknown controller 'scripted:{name}'; known are {', '.join((*known, *ESTIMATORS))}")
+        every = (*known, *ESTIMATORS)
+        raise SpecError(f"unknown controller 'scripted:{name}';{meant(name, every)} known are {', '.join(every)}")
     return ScriptedModel(known[name].decide)
 
 

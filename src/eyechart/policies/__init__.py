@@ -6,7 +6,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Protocol
 
-from eyechart.errors import SpecError
+from eyechart.errors import SpecError, meant
 from eyechart.frames import RGB, Scalar
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.space import Decision
@@ -71,7 +71,9 @@ def open_policy(spec: str, space: Discrete, recorded: Recorded) -> Policy:
     """
     kind, _, name = spec.partition(":")
     if kind not in POLICIES:
-        raise SpecError(f"unknown policy '{spec}'; known are {', '.join(POLICIES)}, and any model's SPEC")
+        raise SpecError(
+            f"unknown policy '{spec}';{meant(spec, POLICIES)} known are {', '.join(POLICIES)}, and any model's SPEC"
+        )
     if name and kind in BARE:
         raise SpecError(f"'{spec}': policy '{kind}' stands alone")
     if lacking := [action for action in BARE.get(kind, ()) if action not in space.actions]:

@@ -61,7 +61,7 @@ def _failures(sight: Sight, mode: RequestMode) -> tuple[str, ...]:
     known = _ERRORS[kind]
     if kind == "auth":
         known = f"{known} ({mode.key_env or 'OPENAI_API_KEY'})"
-    return (f"{known} [{kind}: {detail[:300]}]",)
+    return (f"{known} [{kind}: {detail[:600]}]",)
 
 
 def _why_blind(sight: Sight) -> list[str]:

@@ -9,7 +9,7 @@ from typing import Protocol, cast, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.errors import SpecError
+from eyechart.errors import SpecError, meant
 from eyechart.frames import RGB, FrameBank, MirrorAxis, Scalar
 from eyechart.spaces.discrete import Discrete
 
@@ -197,7 +197,9 @@ def find_simulator(name: str, *, actions: Path | None = None) -> Simulator | Ban
     if colon and kind in KINDS:
         return _import(KINDS[kind][-1])(rest, actions)
     if name not in SIMULATORS:
-        raise SpecError(f"unknown simulator '{name}'; known: {', '.join(SIMULATORS)}, gym:ENV_ID")
+        raise SpecError(
+            f"unknown simulator '{name}';{meant(name, SIMULATORS)} known: {', '.join(SIMULATORS)}, gym:ENV_ID"
+        )
     if actions is not None:
         raise SpecError(f"simulator '{name}' has actions of its own; an action map is for gym:ENV_ID")
     return _import(SIMULATORS[name])()

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.errors import SpecError
+from eyechart.errors import SpecError, meant
 from eyechart.models.policy_callable import PolicyCallable
 from eyechart.modes import RequestMode
 
@@ -138,7 +138,7 @@ class Network:
 def open_model(name: str, mode: RequestMode) -> PolicyCallable:
     """Open a trained policy; raises SpecError that lists the known ones. No weights are read before it is asked."""
     if name not in TRAINED:
-        raise SpecError(f"unknown policy 'trained:{name}'; known are {', '.join(TRAINED)}")
+        raise SpecError(f"unknown policy 'trained:{name}';{meant(name, TRAINED)} known are {', '.join(TRAINED)}")
     file = Path(__file__).parent / f"{name}.npz"
     digest = hashlib.sha256(file.read_bytes()).hexdigest()
     network = Network(file, TRAINED[name].samples)

@@ -7,7 +7,7 @@ tokenizer, real decoding, and an answer that is known because it was trained.
 from dataclasses import dataclass
 from pathlib import Path
 
-from eyechart.errors import SpecError
+from eyechart.errors import SpecError, meant
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,5 +68,5 @@ SAYS: dict[str, str] = {name: one.says for name, one in (ORGANISMS | ESTIMATORS 
 def folder(name: str) -> Path:
     """Return an organism's checkpoint; raises SpecError that lists the known ones."""
     if name not in SAYS:
-        raise SpecError(f"unknown organism '{name}'; known are {', '.join(SAYS)}")
+        raise SpecError(f"unknown organism '{name}';{meant(name, SAYS)} known are {', '.join(SAYS)}")
     return Path(__file__).parent / name
