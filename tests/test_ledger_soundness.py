@@ -151,7 +151,7 @@ def test_a_ledger_with_another_schema_is_refused(path: Path, what: str) -> None:
         with pytest.raises(LedgerError, match=r"ledger\.sqlite (is no|is a ledger of format|holds no)"):
             Ledger(path, create=create)
     assert path.read_bytes() == before
-    assert sorted(one.name for one in path.parent.iterdir()) == ["ledger.sqlite"]
+    assert sorted(one.name for one in path.parent.iterdir()) == ["ledger.sqlite", "ledger.sqlite.counter"]
 
 
 def test_the_names_of_a_foreign_schema_cannot_move_a_terminal(path: Path) -> None:
@@ -222,7 +222,7 @@ ledger.Ledger(Path({str(path)!r}), create=True)
     with Ledger(path, create=True) as ledger:
         ledger.close(ledger.begin(KEYS[0], "digest"), FULL)
         assert ledger.finished() == {KEYS[0]}
-    assert sorted(one.name for one in tmp_path.iterdir()) == ["ledger.sqlite"]
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["ledger.sqlite", "ledger.sqlite.counter"]
 
 
 def test_a_ledger_that_was_found_sound_is_looked_into_again_when_it_changed(

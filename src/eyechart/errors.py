@@ -64,3 +64,7 @@ class VoteError(EyechartError):
 
 class GuardianError(EyechartError):
     """A guardian was edited, or is asked about frames or by models that it may not be asked about."""
+
+
+class MissingCallsWarning(UserWarning):
+    """Calls that were made are missing from a ledger; the command line prints it on one line."""

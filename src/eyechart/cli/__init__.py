@@ -4,7 +4,7 @@ import errno
 import os
 import sys
 
-from eyechart.errors import EyechartError, printable
+from eyechart.errors import EyechartError, MissingCallsWarning, printable
 
 _ASCII = str.maketrans(
     {
@@ -38,6 +38,7 @@ def main() -> None:
         sys.argv.remove("--debug")
     try:
         _print_what_can_be()
+        _say_what_is_missing()
         from eyechart.cli.app import app
 
         try:
@@ -72,6 +73,22 @@ def _print_what_can_be() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="eyechart")
+
+
+def _say_what_is_missing() -> None:
+    """Have a warning of missing calls printed as one line; it comes once a ledger, as Python has it of any warning."""
+    import warnings
+
+    usual = warnings.formatwarning
+
+    def shown(
+        message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None
+    ) -> str:
+        if issubclass(category, MissingCallsWarning):
+            return f"eyechart: {printable(str(message))}\n"
+        return usual(message, category, filename, lineno, line)
+
+    warnings.formatwarning = shown
 
 
 def _end(status: int, line: str) -> None:

@@ -96,7 +96,7 @@ def closed_loop(
         )
         return replace(made, again=again).counting(probes)
 
-    allowed = spending.allowed(dry_run=dry_run)
+    allowed = spending.allowed(out, dry_run=dry_run)
     planned, failed = plan_drives(policy or (), mode, how, allowed, out, planned_for)
     say(_planned(planned))
     say_expected(planned, allowed.prices, concurrency)
@@ -145,7 +145,7 @@ def hierarchy(
     from eyechart.studies.hierarchy.study import Hierarchy
     from eyechart.studies.probed import Probing
 
-    allowed = spending.allowed(dry_run=dry_run)
+    allowed = spending.allowed(out, dry_run=dry_run)
     planned, failed = plan_probed(
         Probing(
             lambda modes, probes: plan(
@@ -215,7 +215,7 @@ def online(
         vetted.append(made.vetted)
         return made.counting(probes)
 
-    allowed = spending.allowed(dry_run=dry_run)
+    allowed = spending.allowed(out, dry_run=dry_run)
     probing = Probing(planned_for, lambda one: closed_loop.sample_of(one.episodes), study.keep_probes, [out])
     planned, unprobed = plan_probed(probing, options.read_modes(model, mode, how.given()), allowed)
     for one in planned.vetted:
@@ -286,7 +286,7 @@ def ladder(
             require_reference(made, against)
         return made.counting(probes)
 
-    allowed = spending.allowed(dry_run=dry_run)
+    allowed = spending.allowed(out, dry_run=dry_run)
     planned, failed = plan_drives(policy or (), mode, how, allowed, out, planned_for, alone=False)
     say(f"{len(planned.keys)} episodes, {len(planned.keys) - len(planned.left())} driven already")
     say_expected(planned, allowed.prices, concurrency)

@@ -47,9 +47,17 @@ class Spending:
     no_probe: Annotated[bool, typer.Option("--no-probe", help="Ask as the options say, without finding out first.")] = (
         False
     )
+    accept_loss: Annotated[
+        bool, typer.Option("--accept-loss", help="Go on although calls that were made are missing from the ledger.")
+    ] = False
 
-    def allowed(self, *, dry_run: bool, shard: str | None = None) -> "Allowed":
-        """Return what a command allows before its run, with the file's table of prices before that of the package."""
+    def allowed(self, out: Path, *, dry_run: bool, shard: str | None = None) -> "Allowed":
+        """Return what a command allows before its run, with the file's table of prices before that of the package.
+
+        What its ledgers lost is accepted first, where the command says so.
+        """
+        if self.accept_loss and not dry_run:
+            _accept_losses(out)
         from eyechart.models.prices import read_prices
         from eyechart.studies.probed import Allowed
 
@@ -57,6 +65,23 @@ class Spending:
 
 
 NO_LIMIT = Spending()
+_LEDGERS = ("", "*/", "*/*/")
+"""Where the ledgers of a run stand in its folder: a study of prompts has one a cell."""
+
+
+def _accept_losses(out: Path) -> None:
+    from eyechart.cli.terminal import say
+    from eyechart.ledger import accept_loss
+    from eyechart.manifest import LEDGER, alone_in
+
+    if not out.is_dir():
+        return
+    found = {one.with_name(LEDGER) for where in _LEDGERS for one in out.glob(f"{where}{LEDGER}*")}
+    for ledger in sorted(found):
+        with alone_in(ledger.parent):
+            lost = accept_loss(ledger)
+        if any(lost):
+            say(f"{lost.words} that were written to {ledger} are lost: the run goes on without them")
 
 
 _FIELDS = {"timeout": "timeout_s", "header": "headers", "option": "options", "json_mode": "structured"}

@@ -88,7 +88,7 @@ def battery(
         ).counting(probes)
 
     done = "'eyechart verdict {0}' judges, 'eyechart score {0}' prints every statistic"
-    asked, allowed = options.read_modes(model, mode, how.given()), spending.allowed(dry_run=dry_run, shard=shard)
+    asked, allowed = options.read_modes(model, mode, how.given()), spending.allowed(out, dry_run=dry_run, shard=shard)
     _make_calls(asked, planned_for, out, allowed, concurrency, sizes, done)
 
 
@@ -131,7 +131,7 @@ def prompts(
     for one in json_mode or ():
         if one not in STRUCTURED:
             raise SpecError(f"--json-mode '{one}' is none of {', '.join(STRUCTURED)}")
-    asked, allowed = options.read_modes(model, mode, how.given()), spending.allowed(dry_run=dry_run)
+    asked, allowed = options.read_modes(model, mode, how.given()), spending.allowed(out, dry_run=dry_run)
 
     def planned_for(modes: "Sequence[RequestMode]", probes: "Mapping[str, Spent]") -> "PromptStudy":
         return study.plan(
@@ -206,7 +206,7 @@ def admission(
     def planned_for(modes: "Sequence[RequestMode]", probes: "Mapping[str, Spent]") -> "Battery":
         return study.plan(study.ADMISSION, frames, modes, out, view=view, seed=seed).counting(probes)
 
-    asked, allowed = options.read_modes(model, mode, how.given()), spending.allowed(dry_run=dry_run)
+    asked, allowed = options.read_modes(model, mode, how.given()), spending.allowed(out, dry_run=dry_run)
     _make_calls(asked, planned_for, out, allowed, concurrency)
 
 
@@ -235,7 +235,7 @@ def structured(
     def planned_for(modes: "Sequence[RequestMode]", probes: "Mapping[str, Spent]") -> "Battery":
         return study.plan(study.STRUCTURED, frames, modes, out, view=view, seed=seed, limit=limit).counting(probes)
 
-    asked, allowed = options.read_modes(model, mode, how.given()), spending.allowed(dry_run=dry_run)
+    asked, allowed = options.read_modes(model, mode, how.given()), spending.allowed(out, dry_run=dry_run)
     _make_calls(asked, planned_for, out, allowed, concurrency)
 
 

@@ -2,14 +2,16 @@
 
 import os
 import sqlite3
+import warnings
 from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
-from eyechart.errors import LedgerError, printable
+from eyechart.errors import LedgerError, MissingCallsWarning, printable
+from eyechart.ledger.counter import NOTHING, Written, counting, read_counter
 from eyechart.ledger.rows import (
     KEY,
     KEY_IS,
@@ -54,6 +56,7 @@ _EVERY_ATTEMPT = (
 _EVERY_REPLY = f"SELECT r.attempt, r.final, r.closed_at, {REPLY_OF}, r.row_sha256 FROM replies r ORDER BY r.attempt"
 _TAKEN: set[str] = set()
 """Digests of files that were found to be sound, or are taken as they are; the same bytes are not looked into twice."""
+_REQUEST, _REPLY = Written(1, 0), Written(0, 1)
 
 
 class Ledger:
@@ -66,12 +69,16 @@ class Ledger:
     a copy of the old one beside it. Use as a context manager. Raises LedgerError where the file is missing (unless
     ``create``), holds nothing, is no plain ledger, or is damaged; before anything is appended. Who names damaged
     replies, by ``damaged``, opens it with ``sound`` false: only damage to the file as a database is then an error.
+
+    ``missing`` is what was written to it and is not there, by the counter beside it: a lost log, an older copy in its
+    place. Who reads is warned, but for who is ``accepting`` it; nothing is appended before somebody did.
     """
 
-    def __init__(self, path: Path, *, create: bool = False, sound: bool = True) -> None:
+    def __init__(self, path: Path, *, create: bool = False, sound: bool = True, accepting: bool = False) -> None:
         if not create and not path.is_file():
             raise LedgerError(f"{path} does not exist: is {path.parent} a run? 'eyechart run battery' makes one")
         self.path = path
+        self._pending = self._held = NOTHING
         try:
             with ExitStack() as opening:
                 self._sql = self._append(opening) if create else self._read(opening, sound=sound)
@@ -80,9 +87,12 @@ class Ledger:
             raise LedgerError(f"{path} is no ledger: {printable(str(error))}") from error
         except OSError as error:
             raise LedgerError(f"{path} cannot be read: {error.strerror or error}") from error
+        if any(self.missing) and not accepting:
+            warnings.warn(self._missing_words(), MissingCallsWarning, stacklevel=2)
 
     def _read(self, opening: ExitStack, *, sound: bool) -> sqlite3.Connection:
         """Open a copy, and see that it is whole; what was found to be sound once is not looked into again."""
+        counted = read_counter(self.path)  # before the copy, which then holds at least as much
         sql, self._digest = open_copy(self.path, opening)
         opening.callback(sql.close)
         self._format = format_of(sql, self.path)
@@ -91,6 +101,7 @@ class Ledger:
             (require_sound if sound else require_whole)(sql, self.path)
             if sound:
                 self.take()
+        self.missing = counted.expected.without(_counted(sql))
         return sql
 
     def _append(self, opening: ExitStack) -> sqlite3.Connection:
@@ -99,6 +110,10 @@ class Ledger:
             with ExitStack() as looking:
                 self._read(looking, sound=True)
         else:
+            self.missing = read_counter(self.path).expected
+        if any(self.missing):
+            raise LedgerError(f"{self._missing_words()}, or go on without them with --accept-loss")
+        if not self.path.exists():
             self._make()
         sql = connect(self.path, "mode=rw")
         opening.callback(sql.close)
@@ -106,6 +121,8 @@ class Ledger:
             sql.execute(f"PRAGMA {pragma}")
         if self._format < VERSION:
             self._migrate(sql)
+        self._held = _counted(sql)
+        self._counter = opening.enter_context(counting(self.path, self._held))
         return sql
 
     def _make(self) -> None:
@@ -154,7 +171,27 @@ class Ledger:
         except BaseException:
             if self._sql.in_transaction:  # SQLite itself may have rolled it back: a full disk
                 self._sql.execute("ROLLBACK")
+            with suppress(sqlite3.Error):  # it may have been committed: an interrupt that came after it
+                self._held, self._pending = _counted(self._sql), NOTHING
             raise
+        self._count(NOTHING)
+
+    def _count(self, rows: Written) -> None:
+        """Count rows that were written; the counter says so once they are committed."""
+        self._pending = self._pending.plus(rows)
+        if not self._sql.in_transaction:
+            self._held, self._pending = self._held.plus(self._pending), NOTHING
+            self._counter.write(self._held)
+
+    def held(self) -> Written:
+        """Return how many requests and replies it holds."""
+        return _counted(self._sql)
+
+    def _missing_words(self) -> str:
+        return (
+            f"{self.missing.words} that were written to {self.path} are missing: its log {self.path.name}-wal was "
+            "lost, or an older copy stands in its place; restore it"
+        )
 
     def begin(self, key: CallKey, request_sha256: str) -> Attempt:
         """Record that an attempt at a call is about to be sent.
@@ -174,6 +211,7 @@ class Ledger:
             reason = reason if before else None
         sent_at = now()
         added = sql.execute(_ADD_ATTEMPT, (call, number, reason, request_sha256, sent_at))
+        self._count(_REQUEST)
         return Attempt(int(added.lastrowid or 0), call, number, reason, key, request_sha256, sent_at)
 
     def close(self, attempt: Attempt, reply: Reply, *, silence: bool = False) -> None:
@@ -184,6 +222,7 @@ class Ledger:
         row = row_of(reply, final=silence or reply.error not in UNFINISHED)
         digest = checksum((*attempt.key, attempt.reason, attempt.request_sha256, attempt.sent_at, *row))
         self._sql.execute(_ADD_REPLY, (attempt.id, attempt.call, *row, digest))
+        self._count(_REPLY)
 
     def finished(self) -> set[CallKey]:
         """Return the keys of every finished call."""
@@ -262,4 +301,9 @@ class Ledger:
             attempts, replies = map(other._sql.execute, (_EVERY_ATTEMPT, _EVERY_REPLY))  # noqa: SLF001
             self._sql.executemany(_COPY_ATTEMPTS, ((id_ + base, number, base, *row) for id_, number, *row in attempts))
             self._sql.executemany(_COPY_REPLIES, ((id_ + base, id_ + base, *row) for id_, *row in replies))
+            self._count(_counted(other._sql))  # noqa: SLF001
         return new
+
+
+def _counted(sql: sqlite3.Connection) -> Written:
+    return Written(*(sql.execute(f"SELECT count(*) FROM {name}").fetchone()[0] for name in ("attempts", "replies")))

@@ -3,12 +3,13 @@
 import sqlite3
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from contextlib import closing
+from contextlib import ExitStack, closing
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 
 from eyechart.errors import LedgerError, printable
+from eyechart.ledger.snapshot import open_copy
 
 VERSION = 3
 """The format that is written."""
@@ -117,6 +118,18 @@ def format_of(sql: sqlite3.Connection, path: Path) -> int:
             "from a copy"
         )
     return int(said)
+
+
+def is_bare(path: Path) -> bool:
+    """Return whether a file, with its log, holds no table and is no other program's: a ledger that lost all of it."""
+    with ExitStack() as opened:
+        sql, _ = open_copy(path, opened)
+        opened.callback(sql.close)
+        try:
+            said = [sql.execute(f"PRAGMA {name}").fetchone()[0] for name in ("user_version", "application_id")]
+            return said == [0, 0] and not sql.execute(_OBJECTS).fetchall()
+        except sqlite3.Error:
+            return False
 
 
 def _twice(names: Iterable[object]) -> set[str]:

@@ -1,0 +1,129 @@
+"""A counter beside a ledger says how many rows were written to it, so that rows that are lost are missed.
+
+It stands in a file of its own, outside SQLite's. It is written after each commit and before a request leaves: it never
+says more than was committed, and never less than was sent (docs/decisions/0045).
+"""
+
+import json
+import os
+import time
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+from eyechart.errors import LedgerError
+
+SUFFIX = ".counter"
+_LENGTH = 160
+_LOOKS = 3
+"""A line that is read while it is written may be half of one; then it is read again."""
+_MOST = 2**53
+
+
+class Written(NamedTuple):
+    """How many requests, and how many replies, were written."""
+
+    requests: int
+    replies: int
+
+    def plus(self, more: "Written") -> "Written":
+        """Return both together."""
+        return Written(self.requests + more.requests, self.replies + more.replies)
+
+    def without(self, held: "Written") -> "Written":
+        """Return how many of these are missing from those that are held."""
+        return Written(*(max(0, mine - its) for mine, its in zip(self, held, strict=True)))
+
+    @property
+    def words(self) -> str:
+        """Return it in words."""
+        parts = (f"{n} {one if n == 1 else many}" for n, (one, many) in zip(self, _NAMES, strict=True) if n)
+        return " and ".join(parts) or "nothing"
+
+
+_NAMES = (("request", "requests"), ("reply", "replies"))
+NOTHING = Written(0, 0)
+
+
+class Count(NamedTuple):
+    """What a counter says: what a ledger should hold, and what it held and lost, which somebody accepted."""
+
+    expected: Written = NOTHING
+    lost: Written = NOTHING
+
+
+def read_counter(ledger: Path) -> Count:
+    """Return what the counter of a ledger says; nothing where it has none, as one of an older eyechart, or a copy.
+
+    Raises LedgerError where the counter is damaged.
+    """
+    path = _beside(ledger)
+    for look in range(_LOOKS):
+        try:
+            line = path.read_bytes()
+        except FileNotFoundError:
+            return Count()
+        if (found := _read(line)) is not None:
+            return found
+        time.sleep(0.01 * look)
+    raise LedgerError(
+        f"{path} is damaged: it does not say how many calls were written; restore it, or delete it, and nobody can say "
+        "whether calls are missing"
+    )
+
+
+class Counter:
+    """The counter of a ledger that is written to."""
+
+    def __init__(self, file: BinaryIO, lost: Written) -> None:
+        self._file, self._lost = file, lost
+
+    def write(self, held: Written) -> None:
+        """Say how many rows the ledger holds, in one write; raises OSError where that cannot be written."""
+        self._file.seek(0)
+        self._file.write(_line(Count(held, self._lost)))
+
+
+@contextmanager
+def counting(ledger: Path, held: Written) -> Iterator[Counter]:
+    """Yield the counter of a ledger, once it says how many rows the ledger holds; it is made where it is missing."""
+    lost = read_counter(ledger).lost
+    if not _beside(ledger).exists():
+        write_counter(ledger, Count(held))
+    with _beside(ledger).open("r+b", buffering=0) as file:
+        counter = Counter(file, lost)
+        counter.write(held)
+        yield counter
+
+
+def write_counter(ledger: Path, count: Count) -> None:
+    """Put a counter beside a ledger, whole or not at all, in the place of one that is there."""
+    path = _beside(ledger)
+    partial = path.with_name(f".{path.name}.new")
+    with partial.open("wb") as file:
+        file.write(_line(count))
+        file.flush()
+        os.fsync(file.fileno())
+    partial.replace(path)
+
+
+def _beside(ledger: Path) -> Path:
+    return ledger.with_name(ledger.name + SUFFIX)
+
+
+def _line(count: Count) -> bytes:
+    (requests, replies), lost = count
+    said = f'{{"requests": {requests}, "replies": {replies}, "lost": [{lost[0]}, {lost[1]}], "crc32": '
+    return f"{said}{zlib.crc32(said.encode())}}}".encode().ljust(_LENGTH - 1) + b"\n"
+
+
+def _read(line: bytes) -> Count | None:
+    try:
+        said = json.loads(line[:_LENGTH])
+        found = Count(Written(said["requests"], said["replies"]), Written(*said["lost"]))
+    except (ValueError, LookupError, TypeError, RecursionError):
+        return None
+    plain = all(type(one) is int and 0 <= one < _MOST for one in (*found.expected, *found.lost))
+    return found if plain and line == _line(found) else None
