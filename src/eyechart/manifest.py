@@ -43,6 +43,8 @@ BESIDE = ("vetting.json",)
 STORED, PNG = ENCODINGS = ("stored", "png")
 """How pictures leave: as the bank holds them, or all as 8-bit PNGs of pixels alone, which look alike as files."""
 
+MOST_CONDITIONS, MOST_ANSWERS = 1_000, 10_000
+"""How many conditions a run may have, and how often a policy that draws its answers may be asked for each."""
 CONTROLS_ASKED = ("none", "auto", "all")
 """Which control conditions a run may ask, from the fewest."""
 
@@ -427,6 +429,10 @@ def _built(kind: type[M], raw: dict[str, Any], file: str) -> M:
 
 def _require_legal(made: RunManifest) -> None:
     """Raise ValueError, or SpecError of a condition, where a run's manifest holds what no run can be asked."""
+    if len(made.conditions) > MOST_CONDITIONS:
+        raise ValueError(f"conditions are {len(made.conditions)}, more than the {MOST_CONDITIONS} that a run may have")
+    if not 1 <= made.answers <= MOST_ANSWERS:
+        raise ValueError(f"answers is {made.answers}, not a number from 1 to {MOST_ANSWERS}")
     find = find_exchange if isinstance(made.prompt.space, MotionSpace) else find_condition
     for condition in made.conditions:
         find(condition)

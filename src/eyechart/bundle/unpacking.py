@@ -19,10 +19,24 @@ MOST_BYTES = 4_000_000_000
 MOST_TEXT = 500_000_000
 """Of one file that is neither a picture nor the ledger."""
 MOST_LEDGER = 3_000_000_000
+MOST_METADATA = 128_000_000
+"""Of the text of a bank's frames."""
+_MOST_JSON = 64_000_000
+_AN_ENTRY = 1_000
+"""Bytes that the index of a bundle may take for each of its files."""
 FAR = 64_000_000
 MOST_RATIO = 100
 """Above ``FAR`` bytes a bundle may not grow by more than this factor when it is unpacked."""
 
+_MOST = {
+    "run/ledger.sqlite": MOST_LEDGER,
+    "run/run.json": 16_000_000,
+    "run/bank/manifest.json": MOST_METADATA,
+    "run/bank/metadata.jsonl": MOST_METADATA,
+    "bundle.json": _MOST_JSON,
+    "results.json": _MOST_JSON,
+}
+"""Bytes that a file may have: of JSON so few that what it becomes in memory stays below 2 GB, whatever it says."""
 _PLAIN = re.compile(r"[^\x00-\x1f\x7f\\]{1,500}")
 _DRIVE = re.compile(r"[A-Za-z]:.*")
 _FIXED = re.compile(
@@ -76,13 +90,13 @@ def _check(file: Path, entries: list[zipfile.ZipInfo]) -> None:
     if len(set(names)) != len(names):
         raise BundleError(f"{file} is no bundle: a name stands in it twice")
     for entry in entries:
-        _check_entry(file, entry)
+        _check_entry(file, entry, len(entries))
     unpacked, here = sum(entry.file_size for entry in entries), file.stat().st_size
     if unpacked > MOST_BYTES or (unpacked > FAR and unpacked > MOST_RATIO * here):
         raise BundleError(f"{file} would grow from {here / 1e6:.1f} MB to {unpacked / 1e6:.0f} MB; it is not unpacked")
 
 
-def _check_entry(file: Path, entry: zipfile.ZipInfo) -> None:
+def _check_entry(file: Path, entry: zipfile.ZipInfo, count: int) -> None:
     name, parts = entry.filename, entry.filename.split("/")
     leads_out = any(one in {"", ".", ".."} or len(one.encode()) > 255 or _DRIVE.fullmatch(one) for one in parts)
     if leads_out or not _PLAIN.fullmatch(name):
@@ -95,8 +109,9 @@ def _check_entry(file: Path, entry: zipfile.ZipInfo) -> None:
         raise BundleError(f"{file} is no bundle: {name[:200]!r} is a link or a folder, not a file")
     if entry.flag_bits & 0x1 or entry.compress_type not in {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:
         raise BundleError(f"{file} is no bundle: {name[:200]!r} is encrypted, or packed in an unknown way")
-    text = not bank or name.rpartition("/")[2] in {"manifest.json", "metadata.jsonl"}
-    most = MOST_LEDGER if name == "run/ledger.sqlite" else MOST_TEXT if text else MAX_IMAGE_BYTES
+    most = _MOST.get(name, MOST_TEXT if not bank else MAX_IMAGE_BYTES)
+    if name == "bundle.json":
+        most = min(most, _AN_ENTRY * (count + 100))
     if entry.file_size > most:
         raise BundleError(f"{file}: {name[:200]!r} has {entry.file_size} bytes, more than the {most} that it may")
 

@@ -38,6 +38,9 @@ from eyechart.studies.battery.planning import plan_of
 from eyechart.studies.battery.stages import widest
 from eyechart.studies.battery.subjects import used_pictures
 
+MOST_FRAMES = 250_000
+MOST_CALLS = 5_000_000
+"""A run has no more in a bundle that is validated; about 1 kB of memory a call, and 2 kB a frame, is what it takes."""
 _LONGER = 4
 """A file that is so many times as long as it should be is not looked into."""
 
@@ -103,6 +106,25 @@ def validate(file: Path, *, tell: Tell = lambda _: None) -> Validation:
         return found
 
 
+def _require_bounded(run: Path, manifest: RunManifest) -> None:
+    """Raise BundleError, before a frame or a reply is read, where a run is larger than any that is validated."""
+    text = run / BANK / BANK_TEXT[1]
+    frames = 0
+    if text.is_file():  # or the bank says that it is missing
+        with text.open("rb") as lines:
+            frames = sum(1 for _ in lines)
+    planned = len(manifest.models) * (len(manifest.frames) or frames) * len(manifest.conditions) * manifest.answers
+    with Ledger(run / LEDGER, sound=False) as ledger:
+        made = ledger.held().requests
+    for what, count, most in (
+        ("frames", frames, MOST_FRAMES),
+        ("planned calls", planned, MOST_CALLS),
+        ("attempts in its ledger", made, MOST_CALLS),
+    ):
+        if count > most:
+            raise BundleError(f"it has {count} {what}, more than the {most} that are validated: nothing is recomputed")
+
+
 def _read_index(file: Path, folder: Path) -> dict[str, object]:
     try:
         index = json.loads((folder / INDEX).read_bytes())
@@ -126,7 +148,9 @@ def _check_files(folder: Path, names: list[str], index: Mapping[str, object]) ->
 def _recompute(folder: Path, names: list[str], recipe: Recipe, found: Validation, tell: Tell) -> None:
     """Recompute from the run and compare; ``found`` takes the differences, what was compared, and what was not."""
     run = folder / RUN_FOLDER
-    manifest, bank = read_manifest(run), open_unchecked(run / BANK)
+    manifest = read_manifest(run)
+    _require_bounded(run, manifest)
+    bank = open_unchecked(run / BANK)
     asked = asked_of(bank, manifest.prompt, recipe.reader)
     if not recipe.elsewhere and (run / RUN).read_bytes() != manifest.as_text().encode():
         found.differences.append(Difference(f"{RUN_FOLDER}/{RUN}", "written in another way", "as a run is written"))
