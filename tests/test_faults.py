@@ -31,14 +31,16 @@ PASSING = {  # the error of the first attempt; the second one answers
     "connection reset": "connection",
     "upstream fails inside a 200": "server_error",
 }
-LASTING = {"500 for ever": "server_error", "hang": "timeout", "slow drip": "timeout"}
-FINAL = {
-    "50 MB reply": "too_large",
-    "no JSON": "wrong_json",
-    "JSON of another shape": "wrong_json",
-    "400": "bad_request",
-    "redirect": "bad_request",
+LASTING = {
+    "500 for ever": "server_error",
+    "hang": "timeout",
+    "slow drip": "timeout",
+    "50 MB reply": "unreadable",
+    "no JSON": "unreadable",
+    "JSON of another shape": "unreadable",
+    "redirect": "gateway",
 }
+FINAL = {"400": "bad_request"}
 READ = {
     "fine": None,
     "truncated": "truncated",

@@ -38,6 +38,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
 FLOORS = {
     "stats": ("eyechart.stats.statistic", "eyechart.stats.association", "eyechart.stats.agreement"),
     "models": (
+        "eyechart.models.faults",
         "eyechart.models.http",
         "eyechart.models.energy",
         "eyechart.models.python_callable",

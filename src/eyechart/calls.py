@@ -11,33 +11,62 @@ from eyechart.frames import Stimulus
 from eyechart.seeds import key_seed
 
 ErrorKind = Literal[
-    "exception",  # the adapter, or what it calls, raised
-    "timeout",  # no whole reply within the mode's time
-    "rate_limited",  # 429
-    "server_error",  # 5xx
-    "connection",  # refused, reset, or closed before a reply began
-    "cut_short",  # the body ended before it was whole
-    "wrong_json",  # no JSON, or not of the API's shape
-    "too_large",  # a body beyond the bound
-    "bad_request",  # another 4xx, or a redirect
-    "auth",  # 401, 403: the key is missing, wrong or not allowed
-    "quota",  # 402, or a 429 that says that nothing is left to spend
-    "missing_model",  # 404, or a server that says so
+    "exception",
+    "timeout",
+    "rate_limited",
+    "server_error",
+    "connection",
+    "cut_short",
+    "unreadable",
+    "gateway",
+    "wrong_json",
+    "too_large",
+    "bad_request",
+    "auth",
+    "quota",
+    "missing_model",
 ]
 """What went wrong when no answer came. An empty reply, a refusal and a truncation are replies, and no errors."""
 
-TRANSIENT: frozenset[str] = frozenset({"timeout", "rate_limited", "server_error", "connection", "cut_short"})
+Then = Literal["again", "aside", "over"]
+"""What is done: the call is made again, and stays unfinished when its attempts are used up; its model is set aside,
+and the call stays unfinished; or the call is over, as a failure."""
+
+KINDS: Mapping[ErrorKind, tuple[Then, str]] = MappingProxyType(
+    {
+        "rate_limited": ("again", "429"),
+        "server_error": ("again", "5xx or 425, or an error inside a reply of status 200"),
+        "connection": ("again", "refused, reset, closed before a reply began, or a certificate that is not trusted"),
+        "cut_short": ("again", "the body ended before it was whole"),
+        "timeout": ("again", "no whole reply within the mode's time, or 408"),
+        "unreadable": ("again", "no HTTP, no JSON, not of the API's shape, or more than 8 MB"),
+        "gateway": ("again", "a redirect, or another 4xx that does not show that the request is wrong"),
+        "auth": ("aside", "401 or 403: the key is missing, wrong or not allowed"),
+        "quota": ("aside", "402, or a 429 that says that nothing is left to spend"),
+        "missing_model": ("aside", "404, or a server that says so"),
+        "bad_request": ("over", "a 400, 413 or 422 whose JSON names a field or a limit, or a moderation"),
+        "exception": ("over", "the adapter, or what it calls, raised"),
+        "wrong_json": ("over", "no JSON, or not of the API's shape, in a run of version 0.1"),
+        "too_large": ("over", "a body beyond the bound, in a run of version 0.1"),
+    }
+)
+"""What each kind of failure means, and what is done about it: the one table (docs/models.md shows it)."""
+
+TRANSIENT: frozenset[str] = frozenset(kind for kind, (then, _) in KINDS.items() if then == "again")
 """The kinds that may pass when the same call is made again."""
 
-HOPELESS: frozenset[str] = frozenset({"auth", "quota", "missing_model"})
+HOPELESS: frozenset[str] = frozenset(kind for kind, (then, _) in KINDS.items() if then == "aside")
 """The kinds that every further call of the model would meet too, until somebody mends what is wrong."""
 
 UNFINISHED: frozenset[str] = TRANSIENT | HOPELESS
 """The kinds that leave a call unfinished: a resumed run makes it again."""
 
-SILENT: frozenset[str] = frozenset({"timeout", "server_error", "connection", "cut_short"})
+SILENT: frozenset[str] = TRANSIENT - {"rate_limited"}
 """The kinds in which a model says nothing, for a run that counts silence (docs/decisions/0027). A 429 is none: it says
 that the run asks too fast."""
+
+REFUSED: frozenset[str] = frozenset({"bad_request", "gateway"})
+"""The kinds in which a server turned a request down, rightly or not."""
 
 
 ANY_ACTION: Mapping[str, object] = {

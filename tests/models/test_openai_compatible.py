@@ -196,10 +196,10 @@ def test_a_refusal_in_its_own_field_is_a_refusal() -> None:
         {"choices": [{"text": "SLOW"}]},
     ],
 )
-def test_json_of_another_shape_is_wrong_json(body: object) -> None:
+def test_json_of_another_shape_is_unreadable(body: object) -> None:
     """Never an exception, never an answer."""
     reply = reads(body)
-    assert (reply.error, reply.text, reply.status) == ("wrong_json", "", 200)
+    assert (reply.error, reply.text, reply.status) == ("unreadable", "", 200)
 
 
 def test_numbers_that_are_none_are_not_taken_for_numbers() -> None:
@@ -406,7 +406,7 @@ def test_an_error_that_is_nested_deeply_is_still_the_server_s(depth: int, start:
         reply = ask(server)
     assert (reply.error, reply.status) == ("server_error", 500)
     with says(lambda: web.Response(text='{"error":' + body + "}")) as server:
-        assert ask(server).error in {"server_error", "wrong_json"}
+        assert ask(server).error in {"server_error", "unreadable"}
 
 
 def test_half_a_surrogate_pair_does_not_lose_the_answer() -> None:

@@ -11,22 +11,24 @@ import email.utils
 import hashlib
 import ipaddress
 import json
-import re
 import ssl
 import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
+from typing import Any
 from urllib.parse import quote, urlsplit
 from urllib.request import getproxies, proxy_bypass
 
 import aiohttp
 import orjson
+from aiohttp.connector import Connection
 
 from eyechart import __version__
 from eyechart.calls import ErrorKind, Reply
 from eyechart.errors import printable
+from eyechart.models.faults import kind_of_status
 
 MOST_BYTES = 8_000_000
 """A longer body is no reply to "choose an action"; what comes after these bytes is not read."""
@@ -37,12 +39,6 @@ _CONNECT_S = 30.0
 _MESSAGES = ("message", "error", "detail", "msg")
 _DEEPEST = 20
 _NAME = 200
-_NO_MODEL = re.compile(
-    r"(invalid|unknown|no such) model( name| id|:|$)|\bmodel_not_found\b|not a valid model\b"
-    r"|\bmodel [^ ]{1,200} (does not exist|not found|is not (found|available|known|loaded|served))",
-    re.IGNORECASE,
-)
-"""How servers say in a 400 that they have no model of this name."""
 _BOUNDS = {
     "text": None,
     "reasoning": None,
@@ -85,6 +81,26 @@ class Response:
         """Return the reply of a failure: this response's own, or the one that its body turned out to be."""
         words = self.scrub(detail or self.detail)  # before it is cut: half a key is known as one no more
         return self.reply(Reply(error=error or self.error, error_detail=printable(words)))
+
+
+class _Connector(aiohttp.TCPConnector):
+    """Connections of which none is used again that more has come over than was asked for.
+
+    What a server sends too much, a body longer than it said or a reply to nothing, would be read as the next reply.
+    """
+
+    async def connect(
+        self,
+        req: aiohttp.ClientRequest,
+        traces: list[Any],
+        timeout: aiohttp.ClientTimeout,  # noqa: ASYNC109 - aiohttp's own
+    ) -> Connection:
+        """Return a connection on which nothing waits."""
+        found = await super().connect(req, traces, timeout)
+        while found.protocol is not None and found.protocol.should_close:
+            found.close()
+            found = await super().connect(req, traces, timeout)
+        return found
 
 
 @dataclass(slots=True)
@@ -144,7 +160,7 @@ class Endpoint:
         if self._session is None or self._loop is not loop:
             self._loop = loop
             self._session = aiohttp.ClientSession(
-                connector=aiohttp.TCPConnector(limit=0),
+                connector=_Connector(limit=0),
                 timeout=aiohttp.ClientTimeout(total=self.timeout_s, sock_connect=min(_CONNECT_S, self.timeout_s)),
                 headers={
                     "Content-Type": "application/json",
@@ -178,20 +194,20 @@ def _forms(secrets: tuple[str, ...]) -> tuple[str, ...]:
 
 def _judged(came: aiohttp.ClientResponse, seen: Response) -> tuple[ErrorKind | None, str]:
     if len(seen.body) > MOST_BYTES:
-        return "too_large", f"the body has more than {MOST_BYTES} bytes"
+        return "unreadable", f"the body has more than {MOST_BYTES} bytes"
     if 300 <= came.status < 400:
         where = came.headers.get("Location", "nowhere")
-        return "bad_request", f"HTTP {came.status}: redirected to {where}, which is not followed; give that address"
+        return "gateway", f"HTTP {came.status}: redirected to {where}, which is not followed; give that address"
     if came.status >= 400:
         message = error_message(seen.body, seen.scrub)
-        return kind_of_status(came.status, message), f"HTTP {came.status}: {message or came.reason}"
+        return kind_of_status(came.status, _json_of(seen.body)), f"HTTP {came.status}: {message or came.reason}"
     return None, ""
 
 
 def _failed(failure: Exception, seen: Response, timeout_s: float) -> tuple[ErrorKind, str]:
     words = f"{type(failure).__name__}: {failure}"
     if isinstance(failure, aiohttp.ClientConnectorCertificateError | ssl.SSLCertVerificationError):
-        return "bad_request", f"the server's certificate is not trusted: {words}"
+        return "connection", f"the server's certificate is not trusted: {words}"
     if isinstance(failure, TimeoutError):
         came = "no byte came" if seen.first_byte_s is None else f"{len(seen.body)} bytes came"
         return "timeout", f"no whole reply within {timeout_s:g} s; {came}"
@@ -199,30 +215,14 @@ def _failed(failure: Exception, seen: Response, timeout_s: float) -> tuple[Error
         return "cut_short", f"the body ended after {len(seen.body)} bytes: {words}"
     if isinstance(failure, aiohttp.ClientConnectionError | aiohttp.ClientProxyConnectionError | OSError):
         return "connection", words
-    return "wrong_json", f"no HTTP response: {words}"
+    return "unreadable", f"no HTTP response: {words}"
 
 
-def kind_of_status(status: int, message: str = "") -> ErrorKind:
-    """Return the kind of an HTTP status of 400 or more.
-
-    ``message`` tells a spent account from a busy server, a request that was moderated away from a wrong key, and a
-    model that is not there from a request that is wrong.
-    """
-    if status == 403 and any(word in message.lower() for word in ("moderation", "flagged")):
-        return "bad_request"
-    if status == 400 and _NO_MODEL.search(message):
-        return "missing_model"
-    spent = "insufficient_quota" in message or "exceeded your current quota" in message
-    kinds: dict[int, ErrorKind] = {
-        401: "auth",
-        402: "quota",
-        403: "auth",
-        404: "missing_model",
-        408: "timeout",
-        425: "server_error",
-        429: "quota" if spent else "rate_limited",
-    }
-    return kinds.get(status, "server_error" if status >= 500 else "bad_request")
+def _json_of(body: bytes | bytearray) -> object:
+    try:
+        return read_json(body)
+    except ValueError:
+        return None
 
 
 def error_message(body: bytes | bytearray, scrub: Callable[[str], str] = str) -> str:

@@ -260,9 +260,9 @@ def _read(came: Response, name: str) -> Reply:
         try:
             part = read_json(line)
         except ValueError as error:
-            return came.failure("wrong_json", f"a line of the stream is no JSON: {error}")
+            return came.failure("unreadable", f"a line of the stream is no JSON: {error}")
         if not isinstance(part, dict):
-            return came.failure("wrong_json", "a line of the stream is no JSON object")
+            return came.failure("unreadable", "a line of the stream is no JSON object")
         if part.get("error"):
             words = words_of(part["error"])
             lost = _LOST.search(words) is not None

@@ -17,12 +17,12 @@ from eyechart.errors import SpecError
 from eyechart.frames import media_type
 from eyechart.models import require_options
 from eyechart.models.energy import metered
+from eyechart.models.faults import kind_of_status
 from eyechart.models.http import (
     Endpoint,
     Response,
     count_of,
     is_loopback,
-    kind_of_status,
     number_of,
     read_json,
     words_of,
@@ -36,7 +36,7 @@ OPTIONS = {"energy": "true measures this machine's energy during a call, for a s
 _PATH = "/chat/completions"
 _VERSIONED = re.compile(r"/v\d+(/|$)")
 _SECURED = re.compile(r"HTTPS port|TLS|redirected to https:|upgrade to https", re.IGNORECASE)
-_NOBODY = {"missing_model", "wrong_json", "bad_request"}
+_NOBODY = {"missing_model", "unreadable", "gateway", "bad_request"}
 """The failures of an address at which no chat completions are."""
 _SEEDS = 2**31
 """Some servers keep a seed in 32 bits."""
@@ -141,9 +141,9 @@ def _read(came: Response) -> Reply:
     try:
         body = read_json(came.body)
     except ValueError as error:
-        return came.failure("wrong_json", f"the body is no JSON: {error}")
+        return came.failure("unreadable", f"the body is no JSON: {error}")
     if not isinstance(body, dict):
-        return came.failure("wrong_json", f"the body is no JSON object but {type(body).__name__}")
+        return came.failure("unreadable", f"the body is no JSON object but {type(body).__name__}")
     if body.get("error"):
         return _failed(came, body["error"])
     choices = body.get("choices")
@@ -152,7 +152,7 @@ def _read(came: Response) -> Reply:
         return _failed(came, choice["error"])
     message = choice.get("message")
     if not isinstance(message, dict):
-        return came.failure("wrong_json", "the JSON has no choice with a message")
+        return came.failure("unreadable", "the JSON has no choice with a message")
     return came.reply(_reply(body, choice, message))
 
 
@@ -175,7 +175,7 @@ def _misdirected(reply: Reply, base_url: str) -> str:
     scheme, _, rest = base_url.rstrip("/").partition("://")
     if scheme == "https" and reply.error == "connection" and "ssl" in reply.error_detail.lower():
         return f"this server may speak http: try --base-url http://{rest}"
-    secured = reply.error in {"bad_request", "server_error"} and _SECURED.search(reply.error_detail)
+    secured = reply.error in {"bad_request", "gateway", "server_error"} and _SECURED.search(reply.error_detail)
     if scheme == "http" and (secured or "no HTTP response" in reply.error_detail):
         return f"this server may speak https: try --base-url https://{rest}"
     if not reply.error or reply.error not in _NOBODY or not base_url:
@@ -190,7 +190,7 @@ def _failed(came: Response, error: object) -> Reply:
     fields = error if isinstance(error, dict) else {}
     words = words_of(fields.get("message") or error)
     code = count_of(fields.get("code"))
-    kind: ErrorKind = kind_of_status(code, words) if code is not None and 400 <= code < 600 else "server_error"
+    kind: ErrorKind = kind_of_status(code, error) if code is not None and 400 <= code < 600 else "server_error"
     return came.failure(kind, f"error in a reply of status 200: {words}")
 
 

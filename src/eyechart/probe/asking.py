@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Collection
 from dataclasses import KW_ONLY, dataclass, field, replace
 
-from eyechart.calls import TRANSIENT, Query, Reply
+from eyechart.calls import REFUSED, TRANSIENT, Query, Reply
 from eyechart.errors import EyechartError
 from eyechart.limits import NOTHING, Spent, pause_s
 from eyechart.models import Model, ask, open_model
@@ -115,7 +115,7 @@ def amended(mode: RequestMode, reply: Reply, fixed: Collection[str] = ()) -> tup
     Fields in ``fixed`` are not changed. Hosted models that think refuse ``max_tokens`` and a temperature of their own.
     """
     detail = reply.error_detail
-    if reply.error != "bad_request" or not _REFUSES.search(detail):
+    if reply.error not in REFUSED or not _REFUSES.search(detail):
         return None
     newer: TokenField = "max_completion_tokens"
     other: TokenField = "max_tokens" if mode.token_field == newer else newer

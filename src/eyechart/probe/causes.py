@@ -16,6 +16,8 @@ _ERRORS: dict[ErrorKind, str] = {
     "rate_limited": "the server takes no more calls for now (429): ask again later",
     "server_error": "the server fails at this request: its log says why",
     "cut_short": "the connection breaks before a reply is whole: a proxy may do that",
+    "unreadable": "what answers is no chat completion: is --base-url right (it often ends in /v1)?",
+    "gateway": "something on the way turns the request down: is --base-url right (https, /v1)?",
     "wrong_json": "what answers is no chat completion: is --base-url right (it often ends in /v1)?",
     "too_large": "what answers is no chat completion: is --base-url right?",
     "bad_request": "the server refuses the request",

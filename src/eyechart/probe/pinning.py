@@ -10,7 +10,7 @@ import statistics
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
-from eyechart.calls import Reply
+from eyechart.calls import REFUSED, Reply
 from eyechart.errors import EyechartError
 from eyechart.limits import Spent
 from eyechart.models.prices import Prices, read_prices
@@ -237,7 +237,7 @@ class _Probe:
         free, served = replace(roomy, structured="none"), is_served(self.asker.mode)
         high = free if free.temperature is None else replace(free, temperature=1.0)
         drawn = [await self.asker.ask(query, replace(high, seed=served)) for query in (one, one, other)]
-        seed_refused = any(reply.error == "bad_request" for reply in drawn) and served
+        seed_refused = any(reply.error in REFUSED for reply in drawn) and served
         if seed_refused:
             drawn = [await self.asker.ask(query, high) for query in (one, other)]
         seed = None if not served else False if seed_refused else _seed_matters(drawn)
@@ -253,7 +253,7 @@ class _Probe:
             return None
         asked = replace(roomy, structured="none", body={**roomy.body, "eyechart_unknown": True})
         reply = await self.asker.ask(plain(_SENTENCE, key_seed("unknown")), asked)
-        return True if reply.error is None else False if reply.error == "bad_request" else None
+        return True if reply.error is None else False if reply.error in REFUSED else None
 
 
 def _cut(reply: Reply) -> bool:

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from eyechart.calls import HOPELESS, Query, Reply
+from eyechart.calls import HOPELESS, REFUSED, Query, Reply
 from eyechart.modes import FEWEST_TOKENS
 from eyechart.probe.asking import Asker, LimitReachedError
 from eyechart.probe.pictures import CHOICES, COUNTS, NONE, Kind, Question, questions, words
@@ -106,7 +106,7 @@ class Sight:
     def takes_no_pictures(self) -> bool:
         """Return whether every picture was refused for being one, and the words alone were answered."""
         replies = [one.reply for one in self.shots]
-        refused = [one.error == "bad_request" or (one.error and _PICTURES.search(one.error_detail)) for one in replies]
+        refused = [one.error in REFUSED or (one.error and _PICTURES.search(one.error_detail)) for one in replies]
         plain = [reply.error is None for _, reply in self.bare]
         return len(refused) > 1 and all(refused) and bool(plain) and all(plain)
 
