@@ -49,6 +49,9 @@ class Endpoint:
     thinks: int = 3
     seconds: float = 0.0
     dumb: str = ""
+    refuses_system: tuple[int, str] | None = None
+    refuses_driving: bool = False
+    answers_in: str = "content"
     kept: dict[str, str] = field(default_factory=dict)
     dice: random.Random = field(default_factory=lambda: random.Random(5))  # noqa: S311
 
@@ -68,7 +71,10 @@ class Endpoint:
         cut = self.thinks > budget
         shown = 85 if picture is not None and self.counts_pictures else 0
         usage = {"prompt_tokens": len(user.split()) + shown, "completion_tokens": min(self.thinks, budget)}
-        return web.json_response(completion("" if cut else text, "length" if cut else "stop", usage=usage))
+        said = completion("" if cut else text, "length" if cut else "stop", usage=usage)
+        if self.answers_in != "content":
+            said["choices"][0]["message"] = {"content": None, self.answers_in: f"I look at it. Hm.\n{text}"}
+        return web.json_response(said)
 
     def refused(self, asked: dict[str, object]) -> web.Response | None:
         """Return the refusal of a field, in OpenAI's words."""
@@ -78,6 +84,10 @@ class Endpoint:
         if self.only_default_temperature and asked.get("temperature", 1) != 1:
             words = "Unsupported value: 'temperature' does not support 0 with this model. Only the default (1) value is"
             return refuse(400, f"{words} supported.", param="temperature", code="unsupported_value")
+        if self.refuses_system and any(message["role"] == "system" for message in asked["messages"]):
+            return refuse(*self.refuses_system)
+        if self.refuses_driving and "STOP" in str(asked["messages"]):
+            return refuse(400, "not this prompt")
         if self.refuses_unknown and "eyechart_unknown" in asked:
             return refuse(400, "Unrecognized request argument supplied: eyechart_unknown")
         return None

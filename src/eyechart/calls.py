@@ -2,7 +2,8 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Literal, NamedTuple, get_args, get_type_hints
@@ -102,6 +103,12 @@ class Query:
         """Return the picture of the first camera, None where no picture is shown."""
         return next(iter(self.stimulus.images.values()), None)
 
+    def said_by(self, role: str) -> "Query":
+        """Return this query with its system words in the user's turn, before the user's own, for the role ``user``."""
+        if role == "system" or not self.system:
+            return self
+        return replace(self, system="", user=f"{self.system}\n\n{self.user}")
+
     def sha256(self) -> str:
         """Return the digest of the content (not of the seed), an audit column and never a cache key."""
         digest, state = hashlib.sha256(), self.stimulus.state
@@ -164,6 +171,69 @@ class Reply:
     system_fingerprint: str | None = None
     payload_bytes: int | None = None
     payload_sha256: str | None = None
+
+
+def is_empty(reply: Reply) -> bool:
+    """Return whether a reply came whole and says nothing."""
+    return reply.error is None and not reply.text.strip() and reply.finish_reason != "length"
+
+
+def concluded(reply: Reply) -> Reply:
+    """Return an empty reply with the end of its reasoning as its text: a JSON object, or else the last line.
+
+    What was cut off or filtered is no end.
+    """
+    if not is_empty(reply) or reply.finish_reason not in {None, "stop"}:
+        return reply
+    thought = re.sub(r"\s*```\s*$", "", reply.reasoning.rpartition("</think>")[2].strip())
+    lines = thought.splitlines()
+    start = max((place for place, line in enumerate(lines) if line.lstrip().startswith("{")), default=-1)
+    last = "\n".join(lines[start:]) if thought.endswith("}") and start >= 0 else lines[-1] if lines else ""
+    return replace(reply, text=last.strip())
+
+
+@dataclass(frozen=True, slots=True)
+class Emptiness:
+    """How many replies came, how many of them say nothing, and how many of those hold words in their reasoning."""
+
+    came: int = 0
+    empty: int = 0
+    thought: int = 0
+
+    @classmethod
+    def of(cls, replies: Iterable[Reply]) -> "Emptiness":
+        """Count replies."""
+        return sum((cls().plus(reply) for reply in replies), start=cls())
+
+    def plus(self, reply: Reply) -> "Emptiness":
+        """Return these counts with one more reply; a failure is none."""
+        silent = is_empty(reply)
+        thought = silent and bool(reply.reasoning.strip())
+        return Emptiness(self.came + (reply.error is None), self.empty + silent, self.thought + thought)
+
+    def __add__(self, other: "Emptiness") -> "Emptiness":
+        return Emptiness(self.came + other.came, self.empty + other.empty, self.thought + other.thought)
+
+    @property
+    def whole(self) -> bool:
+        """Return whether there are replies and all say nothing."""
+        return 0 < self.came == self.empty
+
+    @property
+    def words(self) -> str:
+        """Return in words how many are empty, and the likely cause; nothing where none is."""
+        if not self.empty:
+            return ""
+        counted = (
+            f"all {self.came} replies are empty" if self.whole else f"{self.empty} of {self.came} replies are empty"
+        )
+        if not self.thought:
+            return f"{counted}: the server's log, or a call by hand, says why"
+        return (
+            f"{counted}, and {self.thought} of them have their words in the reasoning (reasoning_content): the server "
+            "takes the answer for a part of the thinking; switch thinking off, start the server without its reasoning "
+            "parser, or ask with --answer reasoning, which reads the end of the reasoning"
+        )
 
 
 MOST: Mapping[str, float] = MappingProxyType(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from eyechart.calls import UNFINISHED, CallKey, Reply
+from eyechart.calls import UNFINISHED, CallKey, Emptiness, Reply
 from eyechart.errors import printable
 from eyechart.ledger import UNKNOWN, Ledger, Sent
 from eyechart.models.prices import Prices
@@ -188,6 +188,11 @@ def unread(ledger: Ledger, model: str, space: AnySpace) -> tuple[Unread, ...]:
         found[seen if seen in found or len(found) < _UNREAD_AT_MOST else (decision.missing, None, _OTHERS)] += 1
     listed = sorted(found.items(), key=lambda one: (-one[1], one[0][2], one[0][0]))
     return tuple(Unread(count, *seen) for seen, count in listed)
+
+
+def emptiness(ledger: Ledger) -> dict[str, Emptiness]:
+    """Return of each model how many of its calls have replies, and how many of those say nothing."""
+    return {model: Emptiness.of(reply for _, reply in ledger.replies(model)) for model in ledger.models()}
 
 
 def _whole(value: float | None) -> int | None:

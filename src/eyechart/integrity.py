@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import asdict, dataclass, field
 
-from eyechart.calls import UNFINISHED, CallKey, Reply
+from eyechart.calls import UNFINISHED, CallKey, Emptiness, Reply
 from eyechart.ledger import Sent
 from eyechart.modes import FEWEST_TOKENS, RequestMode
 from eyechart.spaces.space import AnySpace
@@ -52,7 +52,7 @@ class GuardChecks:
         self._outcomes = _Outcomes()
         self._repeats = _Repeats()
         self._texts: set[str] = set()
-        self._replies = 0
+        self._empty = Emptiness()
         self._tokens: dict[str, array[int]] = {name: array("q") for name in ("real", "text_only")}
 
     def add(self, one: Sent) -> None:
@@ -61,7 +61,7 @@ class GuardChecks:
         reply = one.reply
         if reply is None or reply.error is not None:
             return
-        self._replies += 1
+        self._empty = self._empty.plus(reply)
         if len(self._texts) < _TEXTS_KEPT:
             self._texts.add(reply.text.strip())
         if len(self._decided) < 2:  # two that differ are enough to know
@@ -79,7 +79,7 @@ class GuardChecks:
             _picture(self._tokens["real"], self._tokens["text_only"], self._mode),
             self._outcomes.guard(planned),
             Guard("geometry", True, same),
-            _constant(self._texts, self._replies, self._decided),
+            _constant(self._texts, self._decided, self._empty),
             self._repeats.guard(self._mode),
         )
 
@@ -100,15 +100,18 @@ def _picture(shown: Sequence[int], bare: Sequence[int], mode: RequestMode) -> Gu
     return Guard("picture", None, f"no probe has shown that pictures arrive{counted}")
 
 
-def _constant(texts: AbstractSet[str], replies: int, decided: Mapping[str, int]) -> Guard:
+def _constant(texts: AbstractSet[str], decided: Mapping[str, int], empty: Emptiness) -> Guard:
+    replies, aside = empty.came, f"; {empty.words}" if empty.thought else ""
+    if empty.whole:
+        return Guard("degeneracy", False, empty.words)
     if replies < FEWEST:
-        return Guard("degeneracy", None, f"{replies} replies are too few to call them constant")
+        return Guard("degeneracy", None, f"{replies} replies are too few to call them constant{aside}")
     if len(texts) == 1:
         return Guard("degeneracy", False, f"all {replies} replies are the same: {min(texts)[:40]!r}")
     if len(decided) == 1 and (count := sum(decided.values())) >= FEWEST:
-        return Guard("degeneracy", False, f"all {count} decisions are the same: {min(decided)}")
+        return Guard("degeneracy", False, f"all {count} decisions are the same: {min(decided)}{aside}")
     more = " or more" if len(texts) == _TEXTS_KEPT else ""
-    return Guard("degeneracy", True, f"{len(texts)}{more} different replies among {replies}")
+    return Guard("degeneracy", True, f"{len(texts)}{more} different replies among {replies}{aside}")
 
 
 @dataclass(slots=True)

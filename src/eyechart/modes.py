@@ -24,6 +24,8 @@ TokenField = Literal["max_tokens", "max_completion_tokens"]
 
 TOKEN_FIELDS = ("max_tokens", "max_completion_tokens")
 STRUCTURED = ("none", "json_object", "json_schema")
+ROLES = ("system", "user")
+ANSWERS = ("text", "reasoning")
 DEFAULT = "default"
 """How a file or an option writes that no temperature is sent, so that the endpoint's own applies."""
 
@@ -85,7 +87,10 @@ class RequestMode:
 
     ``base_url`` and ``key_env`` (the name of the variable that holds the key) are the adapter's own where empty;
     ``max_tokens`` is the budget of a reply, sent as ``token_field``; ``temperature`` None sends none; ``seed`` says
-    whether the call's seed is sent. ``body`` is merged into the request, ``options`` are the adapter's own.
+    whether the call's seed is sent. ``system`` is the role that says the prompt's system words: ``user`` where a server
+    refuses the other, they then stand before the user's own. ``answer`` says where the answer stands: ``reasoning``
+    reads it from the end of what was thought, where the text is empty.
+    ``body`` is merged into the request, ``options`` are the adapter's own.
     """
 
     spec: str
@@ -100,6 +105,8 @@ class RequestMode:
     headers: Mapping[str, str] = field(default_factory=dict)
     body: Mapping[str, object] = field(default_factory=dict)
     options: Mapping[str, Scalar] = field(default_factory=dict)
+    system: Literal["system", "user"] = "system"
+    answer: Literal["text", "reasoning"] = "text"
     measured: Measured | None = None
 
     def __post_init__(self) -> None:
@@ -222,6 +229,8 @@ _MODE: dict[str, _Check] = {
     "token_field": (lambda value: value in TOKEN_FIELDS, f"one of {', '.join(TOKEN_FIELDS)}"),
     "max_tokens": (_is(Annotated[int, msgspec.Meta(ge=1, lt=2**53)]), "a whole number of at least 1"),
     "structured": (lambda value: value in STRUCTURED, f"one of {', '.join(STRUCTURED)}"),
+    "system": (lambda value: value in ROLES, f"one of {', '.join(ROLES)}"),
+    "answer": (lambda value: value in ANSWERS, f"one of {', '.join(ANSWERS)}"),
     "temperature": (_is(_Number | None), f'a number of at least 0, or "{DEFAULT}"'),
     "seed": (_is(bool), "true or false"),
     "timeout_s": (_is(Annotated[float, msgspec.Meta(gt=0, le=LARGEST)]), "a number of seconds above 0"),

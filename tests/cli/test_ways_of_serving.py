@@ -8,9 +8,14 @@ from aiohttp import web
 from typer.testing import CliRunner, Result
 
 import banks
+from eyechart.calls import Reply, concluded
 from eyechart.cli.app import app
 from eyechart.errors import EyechartError
 from eyechart.frames import FrameBank
+from eyechart.ledger import Ledger
+from eyechart.manifest import read_run
+from eyechart.modes import read_mode
+from eyechart.spaces.discrete import DRIVING
 from faults import FaultServer, refuse
 from seeing import served
 
@@ -119,3 +124,114 @@ def always(says: Callable[[], web.Response]) -> FaultServer:
         return says()
 
     return FaultServer([handle])
+
+
+def battery(bank: FrameBank, out: Path, server: FaultServer, *options: object) -> Result:
+    """Return what a small battery of the model ``m`` does."""
+    asked = ("--model", "openai:m", "--base-url", server.base_url, "--conditions", "real,text_only")
+    return call("run", "battery", "--frames", bank.root, "--out", out, *asked, *options)
+
+
+@pytest.mark.parametrize(
+    ("status", "words"),
+    [(400, "System role not supported"), (400, "messages[0]: 'user' or 'assistant' was expected"), (500, "it raised")],
+)
+def test_a_refused_system_role_is_folded_into_the_user_s_turn(
+    bank: FrameBank, tmp_path: Path, status: int, words: str
+) -> None:
+    """Found by the probe by asking so, whatever words the server uses, said in the mode, and kept by the run."""
+    with served(refuses_system=(status, words)) as server:
+        out = tmp_path / "mode.toml"
+        found = call("probe", "openai:m", "--base-url", server.base_url, "--out", out)
+        assert found.exit_code == 0, found.output
+        assert read_mode(out).system == "user"
+        assert "the system role is refused" in found.output
+        assert battery(bank, tmp_path / "run", server).exit_code == 0
+    assert read_run(tmp_path / "run")[0].mode("openai:m").system == "user"
+    *_, last = (asked["messages"] for asked in server.asked)
+    assert [message["role"] for message in last] == ["user"]
+    assert "You " in last[0]["content"][-1]["text"]
+    assert "STOP" in last[0]["content"][-1]["text"]
+
+
+def test_a_doctor_never_passes_a_model_that_cannot_be_asked_to_drive() -> None:
+    """It sees the drawn pictures, and refuses the prompt in every form."""
+    with served(refuses_driving=True) as server:
+        found = call("doctor", "openai:m", "--base-url", server.base_url)
+    assert found.exit_code == 2
+    assert "it sees drawn pictures, and the prompt 'baseline' cannot be asked: bad_request" in " ".join(
+        found.output.split()
+    )
+
+
+def test_a_doctor_passes_a_model_whose_system_words_go_into_the_user_s_turn() -> None:
+    """And says so."""
+    with served(refuses_system=(400, "System role not supported")) as server:
+        found = call("doctor", "openai:m", "--base-url", server.base_url)
+    assert found.exit_code == 0
+    assert "asked with --system user" in found.output
+
+
+THOUGHT = "have their words in the reasoning (reasoning_content)"
+
+
+@pytest.mark.parametrize("name", ["reasoning_content", "reasoning"])
+def test_words_in_the_reasoning_alone_are_named_as_the_cause(bank: FrameBank, tmp_path: Path, name: str) -> None:
+    """By doctor, probe, run and verdict; none of them ends with 0."""
+    run = tmp_path / "run"
+    with served(answers_in=name) as server:
+        for words in (
+            ("doctor", "openai:m", "--base-url", server.base_url),
+            ("probe", "openai:m", "--base-url", server.base_url, "--out", tmp_path / "mode.toml"),
+        ):
+            found = call(*words)
+            said = " ".join(f"{found.output} {found.exception}".split())
+            assert THOUGHT in said
+            assert found.exit_code != 0
+        probed = battery(bank, run, server)
+        assert (probed.exit_code, THOUGHT in probed.output) == (1, True)
+        for _ in range(2):  # and when nothing is left to ask
+            made = battery(bank, run, server, "--no-probe")
+            assert (made.exit_code, THOUGHT in made.output) == (1, True)
+            assert "nothing can be judged: openai:m: all 6 replies are empty" in made.output
+    assert not (tmp_path / "mode.toml").exists()
+    verdict = call("verdict", run)
+    assert THOUGHT in " ".join(verdict.output.split())
+
+
+def test_the_answer_is_read_from_the_end_of_the_reasoning_where_that_is_asked_for(
+    bank: FrameBank, tmp_path: Path
+) -> None:
+    """By an option that the mode keeps; doctor, probe and battery then do as with any other server."""
+    asked = ("--answer", "reasoning")
+    with served(answers_in="reasoning_content") as server:
+        assert call("doctor", "openai:m", "--base-url", server.base_url, *asked).exit_code == 0
+        out = tmp_path / "mode.toml"
+        assert call("probe", "openai:m", "--base-url", server.base_url, "--out", out, *asked).exit_code == 0
+        assert read_mode(out).answer == "reasoning"
+        assert battery(bank, tmp_path / "run", server, *asked).exit_code == 0
+    manifest, ledger = read_run(tmp_path / "run")[0], tmp_path / "run" / "ledger.sqlite"
+    assert manifest.mode("openai:m").answer == "reasoning"
+    with Ledger(ledger) as held:
+        replies = [reply for _, reply in held.replies("openai:m")]
+    assert all(DRIVING.read(reply).action is not None for reply in replies)
+    assert all(reply.reasoning.startswith("I look at it. ") for reply in replies)
+
+
+@pytest.mark.parametrize(
+    ("reasoning", "finish", "text"),
+    [
+        ("LEFT is free.\nSo: SLOW", "stop", "So: SLOW"),
+        ("Hm.\n</think>\nSTOP", "stop", "STOP"),
+        ('Hm {x}.\n```json\n{\n "action": "STOP"\n}\n```\n', "stop", '{\n "action": "STOP"\n}'),
+        ("SLOW", None, "SLOW"),
+        ("SLOW", "length", ""),
+        ("SLOW", "content_filter", ""),
+        ("SLOW", "tool_calls", ""),
+        ("", "stop", ""),
+    ],
+)
+def test_what_is_the_end_of_a_reasoning(reasoning: str, finish: str | None, text: str) -> None:
+    """The last line, or the object that it ends with; never of a reply that was cut or filtered."""
+    assert concluded(Reply("", finish, reasoning=reasoning)).text == text
+    assert concluded(Reply("LEFT", finish, reasoning=reasoning)).text == "LEFT"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eyechart.cli import options
-from eyechart.cli.probe import plan_probed, say_aside, tell_none
+from eyechart.cli.probe import plan_probed, say_aside, tell_empty, tell_none
 from eyechart.cli.run import View, bound
 from eyechart.cli.terminal import patience, print_each, print_json, progress, resumable, say
 
@@ -109,6 +109,7 @@ def closed_loop(
     _show(study.summarise(driven[key] for key in planned.keys if key in driven), planned, json=json)
     tell_left({"": planned}, outcome, failed)
     tell_errors({"": planned})
+    tell_empty([planned.out])
     say(f"done: 'eyechart score {out}' compares who drove, 'eyechart report {out} --out page.html' shows every drive")
 
 
@@ -306,6 +307,7 @@ def ladder(
         print_each(ladder_printed(scored), 160)
     tell_left({"": planned}, outcome, failed)
     tell_errors({"": planned})
+    tell_empty([planned.out])
 
 
 def audit(

@@ -98,6 +98,12 @@ class Addressing:
         str | None, typer.Option(help="max_tokens or max_completion_tokens: which the model takes.")
     ] = None
     temperature: Annotated[str | None, typer.Option(help="Default 0; 'default' leaves it to the endpoint.")] = None
+    system: Annotated[
+        str | None, typer.Option(help="system, or user: who says the system words, where a server refuses that role.")
+    ] = None
+    answer: Annotated[
+        str | None, typer.Option(help="text, or reasoning: its end is the answer where the text is empty.")
+    ] = None
     timeout: Annotated[float | None, typer.Option(help="Seconds for a whole reply; default 120.")] = None
     header: Annotated[list[str] | None, typer.Option(help="'NAME: VALUE'; a secret as 'NAME: $VARIABLE'.")] = None
     body: Annotated[list[str] | None, typer.Option(help="KEY=JSON, merged into the request.")] = None

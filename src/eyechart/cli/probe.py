@@ -1,6 +1,6 @@
 """``eyechart doctor`` says whether a model sees; ``eyechart probe`` finds how it is best asked, and so does a run."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn, TypeVar
 
@@ -247,3 +247,24 @@ def tell_none(failed: Mapping[str, str]) -> NoReturn:
         say(f"set aside: {spec}: {why}")
     say("models that were set aside were not asked: mend what is wrong, and the same command asks them")
     raise typer.Exit(1)
+
+
+def tell_empty(runs: "Iterable[Path]") -> None:
+    """Say of models all of whose replies say nothing why that may be, and exit 1."""
+    from eyechart.calls import Emptiness
+    from eyechart.costs import emptiness
+    from eyechart.ledger import Ledger
+    from eyechart.manifest import LEDGER
+
+    found: dict[str, Emptiness] = {}
+    for run in runs:
+        if not (run / LEDGER).is_file():
+            continue
+        with Ledger(run / LEDGER) as ledger:
+            for spec, one in emptiness(ledger).items():
+                found[spec] = found.get(spec, Emptiness()) + one
+    silent = {spec: one for spec, one in found.items() if one.whole}
+    for spec, one in silent.items():
+        say(f"nothing can be judged: {spec}: {one.words}")
+    if silent:
+        raise typer.Exit(1)

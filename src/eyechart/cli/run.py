@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eyechart.cli import options
-from eyechart.cli.probe import plan_probed, say_aside, tell_none
+from eyechart.cli.probe import plan_probed, say_aside, tell_empty, tell_none
 from eyechart.cli.terminal import progress, resumable, say
 
 if TYPE_CHECKING:
@@ -179,6 +179,7 @@ def prompts(
         )
     calls, finished, _ = planned.counts()
     _tell(outcome, failed, calls - finished)
+    tell_empty(study.cells_in(out))
     say(f"done: 'eyechart score {out}' prints the table, 'eyechart score {out}/CELL' every statistic of a cell")
 
 
@@ -323,6 +324,7 @@ def _make_calls(
     for line in _after(planned) if early else ():
         say(line)
     _tell(outcome, failed, planned.left())
+    tell_empty([out])
     say(f"done: {done.format(out)}")
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import orjson
 
-from eyechart.calls import Query, Reply
+from eyechart.calls import Query, Reply, concluded
 from eyechart.errors import SpecError
 from eyechart.models import require_options
 from eyechart.models.energy import metered
@@ -57,13 +57,15 @@ class Ollama:
 
     async def answer(self, query: Query) -> Reply:
         """Ask once. A failure is a Reply with its kind."""
-        payload = orjson.dumps(_asked(self.name, query, self.mode))
+        payload = orjson.dumps(_asked(self.name, query.said_by(self.mode.system), self.mode))
         call = self._send(payload)
         return await metered(call) if self.mode.options.get("energy") else await call
 
     async def _send(self, payload: bytes) -> Reply:
         came = await self.endpoint.post("/api/chat", payload)
         reply = _failed(came, self.name) if came.error else _read(came, self.name)
+        if self.mode.answer == "reasoning":
+            reply = concluded(reply)
         return self.endpoint.scrubbed(reply)
 
     async def close(self) -> None:

@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 
 import orjson
 
-from eyechart.calls import ErrorKind, Query, Reply
+from eyechart.calls import ErrorKind, Query, Reply, concluded
 from eyechart.errors import SpecError
 from eyechart.frames import media_type
 from eyechart.models import require_options
@@ -36,6 +36,12 @@ OPTIONS = {"energy": "true measures this machine's energy during a call, for a s
 _PATH = "/chat/completions"
 _VERSIONED = re.compile(r"/v\d+(/|$)")
 _SECURED = re.compile(r"HTTPS port|TLS|redirected to https:|upgrade to https", re.IGNORECASE)
+_NO_SYSTEM = re.compile(
+    r"\b(system|developer)['\" ]*(role|message|instruction|prompt)|\brole.{0,20}\bsystem\b|roles must alternate"
+    r"|only user and assistant roles",
+    re.IGNORECASE,
+)
+"""How servers say that they take no system role."""
 _NOBODY = {"missing_model", "unreadable", "gateway", "bad_request"}
 """The failures of an address at which no chat completions are."""
 _SEEDS = 2**31
@@ -55,13 +61,15 @@ class OpenAICompatible:
 
     async def answer(self, query: Query) -> Reply:
         """Ask once. A failure is a Reply with its kind."""
-        payload = orjson.dumps(self._fixed | _asked(query, self.mode) | dict(self.mode.body))
+        payload = orjson.dumps(self._fixed | _asked(query.said_by(self.mode.system), self.mode) | dict(self.mode.body))
         call = self._send(payload)
         return await metered(call) if self.mode.options.get("energy") else await call
 
     async def _send(self, payload: bytes) -> Reply:
         came = await self.endpoint.post(_PATH, payload)
         reply = came.failure() if came.error else _read(came)
+        if self.mode.answer == "reasoning":
+            reply = concluded(reply)
         return self.endpoint.scrubbed(_hinted(reply, self.mode) if reply.error else reply)
 
     async def close(self) -> None:
@@ -164,6 +172,8 @@ def _hinted(reply: Reply, mode: RequestMode) -> Reply:
             hints.append("--token-field max_completion_tokens")
         if mode.temperature is not None and "temperature" in said:
             hints.append("--temperature default")
+    if reply.error in {"bad_request", "server_error"} and mode.system == "system" and _NO_SYSTEM.search(said):
+        hints.append("--system user")
     if not hints:
         where = _misdirected(reply, mode.base_url)
         return replace(reply, error_detail=f"{said}; {where}") if where else reply

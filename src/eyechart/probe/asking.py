@@ -62,9 +62,24 @@ class Asker:
             self.notes.append(words)
             asked = self.mode
             reply = await self._once(query, asked)
+        folds = mode is None and bool(query.system) and self.mode.system == "system" and "system" not in self.fixed
+        if folds and reply.error == "bad_request":
+            reply = await self._folded(query, reply)
         if reply.error in TRANSIENT:
             await asyncio.sleep(pause_s(1, reply))
             reply = await self._once(query, asked)
+            if folds and reply.error == "server_error":  # as some servers say that their template raises
+                reply = await self._folded(query, reply)
+        return reply
+
+    async def _folded(self, query: Query, refused: Reply) -> Reply:
+        """Return the reply to a refused query with its system words in the user's turn; the refusal if that is too."""
+        changed = replace(self.mode, system="user")
+        reply = await self._once(query, changed)
+        if reply.error is not None:
+            return refused
+        self.mode = changed
+        self.notes.append(f"the system role is refused ({refused.error_detail[:120]}): asked with --system user")
         return reply
 
     async def facts(self) -> dict[str, str]:

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping
 
-from eyechart.calls import ErrorKind
+from eyechart.calls import Emptiness, ErrorKind, is_empty
 from eyechart.modes import RequestMode
 from eyechart.probe.sight import Sight, picture_counts
 
@@ -94,7 +94,10 @@ def _why_unsaid(sight: Sight, mode: RequestMode) -> list[str]:
     came = [one for one in sight.shots if one.reply.error is None]
     cut = sum(one.reply.finish_reason == "length" for one in came)
     silent = [one for one in came if one.said is None and one.reply.finish_reason != "length"]
-    found = []
+    found, empty = [], Emptiness.of(one.reply for one in came)
+    if empty.empty:
+        found.append(empty.words)
+        silent = [one for one in silent if not is_empty(one.reply)]
     if sight.cut is not None:
         found.append(f"the questions ended early: {sight.cut}")
     if len(came) < len(sight.shots):

@@ -40,11 +40,20 @@ class Diagnosis:
     spent: Spent
     facts: dict[str, str]
     notes: tuple[str, ...] = ()
+    unasked: str = ""
+    """Why the driving prompt could not be asked; empty where it was."""
 
     @property
     def outcome(self) -> Outcome:
-        """Return whether it sees, is blind, or nobody can say."""
-        return self.sight.outcome
+        """Return whether it sees, is blind, or nobody can say; one that cannot be asked to drive does not pass."""
+        return "cannot_say" if self.unasked and self.sight.outcome == "sees" else self.sight.outcome
+
+    @property
+    def because(self) -> str:
+        """Return in words what decided the outcome."""
+        if self.outcome == self.sight.outcome:
+            return self.sight.because
+        return f"it sees drawn pictures, and the prompt 'baseline' cannot be asked: {self.unasked}"
 
     @property
     def exit_code(self) -> int:
@@ -63,7 +72,7 @@ class Diagnosis:
         return {
             "model": self.mode.spec,
             "outcome": self.outcome,
-            "because": self.sight.because,
+            "because": self.because,
             "causes": list(self.causes),
             "p": self.sight.p,
             "bound": self.sight.bound().as_dict(),
@@ -113,7 +122,7 @@ def doctor(
 async def _examine(asker: Asker, seed: int) -> Diagnosis:
     facts = await asker.facts()
     try:
-        sight = await look(asker, seed)
+        sight = await look(asker, seed, spare=2)
         sample, answer = default_sample(), Reply(error="exception", error_detail="not asked")
         binds, schema_says = None, "not asked"
         if len(sight.shots) > 2:
@@ -138,6 +147,7 @@ async def _examine(asker: Asker, seed: int) -> Diagnosis:
         spent=asker.spent,
         facts=facts,
         notes=tuple(asker.notes),
+        unasked="" if answer.error is None else f"{answer.error}: {answer.error_detail}",
     )
 
 

@@ -10,7 +10,7 @@ import statistics
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
-from eyechart.calls import REFUSED, Reply
+from eyechart.calls import REFUSED, Emptiness, Reply
 from eyechart.errors import EyechartError
 from eyechart.limits import Spent
 from eyechart.models.prices import Prices, read_prices
@@ -116,12 +116,16 @@ class _Probe:
         await self._first_answer(facts)
         binds = await self._structure()
         *came, bare = await self._samples()
+        empty = Emptiness.of(came)
+        if empty.whole:
+            raise ProbeError(empty.words, asker.spent)
+        self.notes += [empty.words] if empty.empty else []
         pinned = self._budget([*came, bare])
         roomy = asker.mode = replace(pinned, max_tokens=max(pinned.max_tokens, self._room()))
         matters = await self._draws(roomy, came[0].text)
         ignored = await self._unknown_field(roomy)
         sight = await self._look()
-        changed = {name: getattr(asker.mode, name) for name in ("token_field", "temperature", "seed")}
+        changed = {name: getattr(asker.mode, name) for name in ("token_field", "temperature", "seed", "system")}
         pinned = replace(pinned, **changed)
         if matters[1] and pinned.temperature != 0 and "seed" not in self.fixed:
             pinned = replace(pinned, seed=True)

@@ -219,10 +219,11 @@ def said(kind: Kind, reply: Reply) -> str | None:
     return found.action
 
 
-async def look(asker: Asker, seed: int) -> Sight:
+async def look(asker: Asker, seed: int, *, spare: int = 0) -> Sight:
     """Ask the fourteen questions, two of them again without a picture, and the first one again with it.
 
-    It ends early where nothing that comes is an answer: an error that every call would meet, or pictures refused.
+    It ends early where nothing that comes is an answer: an error that every call would meet, or pictures refused. The
+    first one is asked again only as often as leaves ``spare`` calls to whoever asks on.
     """
     sight, asked = Sight(), questions(seed)
     try:
@@ -236,7 +237,8 @@ async def look(asker: Asker, seed: int) -> Sight:
         kinds: Sequence[Kind] = ("colour", "count") if len(sight.shots) > 2 else ("colour",)
         for place, kind in enumerate(kinds):
             sight.bare.append((kind, await asker.ask(_query(words(kind), None, seed, 100 + place))))
-        for place in range(REPEATS if len(sight.shots) > 2 else 0):
+        room = asker.most - asker.spent.calls - spare
+        for place in range(min(REPEATS, room) if len(sight.shots) > 2 else 0):
             first = sight.shots[0].question
             sight.again.append(await asker.ask(_query(first.words, first.picture, seed, 200 + place)))
     except LimitReachedError as limit:

@@ -42,7 +42,7 @@ def headline(found: "Diagnosis") -> Text:
     """Return the outcome in one line, with what decided it."""
     text = Text(f"{found.mode.spec}: ")
     text.append(WORDS[found.outcome], style=_COLOUR[found.outcome])
-    return text.append(f": {found.sight.because}")
+    return text.append(f": {found.because}")
 
 
 def probe_table(found: "Found") -> Table:
@@ -54,6 +54,7 @@ def probe_table(found: "Found") -> Table:
         ("sees the picture", WORDS[found.sight.outcome], ""),
         ("tokens of a reply, longest", _shown(measured.completion_tokens_max), f"max_tokens = {mode.max_tokens}"),
         ("its field", "", mode.token_field),
+        ("system words are said by", "", f"system = {mode.system}"),
         ("a schema binds", _YES[measured.schema_binds], f"structured = {mode.structured}"),
         ("temperature matters", _YES[measured.temperature_matters], f"temperature = {temperature}"),
         ("seed matters", _YES[measured.seed_matters], f"seed = {str(mode.seed).lower()}"),

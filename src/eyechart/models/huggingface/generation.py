@@ -133,6 +133,7 @@ class Speaker:
 
     def _encode(self, queries: Sequence[Query]) -> Inputs:
         processor = self._checkpoint.processor
+        queries = [query.said_by(self._mode.system) for query in queries]
         texts = [
             processor.apply_chat_template(
                 conversation(query.system, query.user, pictures=len(query.images)),
