@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 
 import orjson
 
-from eyechart.calls import ErrorKind, Query, Reply, concluded
+from eyechart.calls import REFUSED, ErrorKind, Query, Reply, concluded
 from eyechart.errors import SpecError
 from eyechart.frames import media_type
 from eyechart.models import require_options
@@ -167,12 +167,16 @@ def _read(came: Response) -> Reply:
 def _hinted(reply: Reply, mode: RequestMode) -> Reply:
     """Return a failure with what to do: where a model refuses a field, or the address or the name is likely wrong."""
     said, hints = reply.error_detail, list[str]()
-    if reply.error == "bad_request" and "not support" in said:
+    if reply.error in REFUSED and "not support" in said:
         if mode.token_field != TOKEN_FIELDS[1] and "max_completion_tokens" in said:
             hints.append("--token-field max_completion_tokens")
         if mode.temperature is not None and "temperature" in said:
             hints.append("--temperature default")
-    if reply.error in {"bad_request", "server_error"} and mode.system == "system" and _NO_SYSTEM.search(said):
+    if (
+        reply.error in {"bad_request", "gateway", "server_error"}
+        and mode.system == "system"
+        and _NO_SYSTEM.search(said)
+    ):
         hints.append("--system user")
     if not hints:
         where = _misdirected(reply, mode.base_url)

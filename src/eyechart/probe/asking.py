@@ -63,7 +63,7 @@ class Asker:
             asked = self.mode
             reply = await self._once(query, asked)
         folds = mode is None and bool(query.system) and self.mode.system == "system" and "system" not in self.fixed
-        if folds and reply.error == "bad_request":
+        if folds and reply.error in REFUSED:
             reply = await self._folded(query, reply)
         if reply.error in TRANSIENT:
             await asyncio.sleep(pause_s(1, reply))
