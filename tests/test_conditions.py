@@ -13,6 +13,7 @@ from eyechart.conditions import (
     CONDITIONS,
     CONTROLS,
     COUNTERFACTUALS,
+    FEWEST,
     MID_GREY,
     OF_BANKS,
     available,
@@ -26,6 +27,8 @@ from eyechart.conditions import (
 )
 from eyechart.errors import BankError, SpecError
 from eyechart.frames import MAIN, Frame, FrameBank, MirrorAxis, decode, encode
+from eyechart.stats.paired import pairs_to_bound
+from eyechart.verdicts import BOUND_ALPHA
 
 
 @pytest.fixture(scope="module")
@@ -258,12 +261,15 @@ def test_the_source_of_a_condition_is_the_file_that_it_shows(bank: FrameBank) ->
                 assert [(bank.root / file).read_bytes() for file in files] == [*images.values()]
 
 
-def test_a_sampled_control_adds_at_most_its_share_of_the_calls() -> None:
-    """Of a run of 99 calls a twentieth is four; another seed asks other frames, more calls the same ones and more."""
-    ids = [f"f{number:02d}" for number in range(30)]
-    few = sample("lead_absent", ids, 99, 1)
-    assert len(few) == 4
-    assert few < sample("lead_absent", ids, 200, 1)
-    assert len(sample("lead_absent", ids, 200, 1)) == 10
-    assert few != sample("lead_absent", ids, 99, 2)
+def test_a_sampled_control_adds_its_share_of_the_calls_and_is_asked_of_enough_to_bound_an_effect() -> None:
+    """Of 800 calls a twentieth is forty; another seed asks other frames, more calls the same ones and more."""
+    ids = [f"f{number:02d}" for number in range(60)]
+    few = sample("lead_absent", ids, 800, 1)
+    assert len(few) == 40
+    assert few < sample("lead_absent", ids, 1000, 1)
+    assert len(sample("lead_absent", ids, 1000, 1)) == 50
+    assert few != sample("lead_absent", ids, 800, 2)
     assert sample("lead_absent", ids, 10_000, 1) == set(ids)
+    assert pairs_to_bound(alpha=BOUND_ALPHA) == FEWEST
+    assert len(sample("lead_absent", ids, 336, 1)) == FEWEST
+    assert sample("lead_absent", ids[:7], 84, 1) == set(ids[:7])

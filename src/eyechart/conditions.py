@@ -348,7 +348,9 @@ def available(name: str, frame: Frame) -> bool:
 
 
 SAMPLED: Mapping[str, float] = {"lead_absent": 0.05}
-"""Controls that are asked of some frames alone, where answers call for them: at most so much of a run's other calls."""
+"""Controls that are asked of some frames alone, where answers call for them: so much of a run's other calls."""
+FEWEST = 25
+"""Frames that such a control is asked of at least, where there are so many: fewer could never bound an effect."""
 
 
 def sample(name: str, shown: Sequence[str], calls: int, seed: int) -> frozenset[str]:
@@ -356,7 +358,7 @@ def sample(name: str, shown: Sequence[str], calls: int, seed: int) -> frozenset[
 
     They are the first in the order that comes from the seed and their ids, see `shuffled_order`.
     """
-    return frozenset(shuffled_order(shown, seed)[: int(SAMPLED[name] * calls + 1e-9)])
+    return frozenset(shuffled_order(shown, seed)[: max(FEWEST, int(SAMPLED[name] * calls + 1e-9))])
 
 
 def shuffled_order(frames: Sequence[str], seed: int) -> list[str]:
