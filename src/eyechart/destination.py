@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from eyechart.episodes import EPISODES
-from eyechart.errors import OutputError
+from eyechart.errors import OutputError, why
 from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, is_run
 
 GENERATOR = b'<meta name="generator" content="eyechart'
@@ -49,7 +49,7 @@ def require_free(out: Path, kind: str) -> None:
             words = "cannot be written to" if above.is_dir() else "is no folder"
             raise OutputError(f"{out} cannot be written: {above} {words}; choose another place")
     except OSError as error:
-        raise OutputError(f"{out} cannot be written: {error.strerror}; choose another place") from error
+        raise OutputError(f"{out} cannot be written: {why(error)}; choose another place") from error
 
 
 def _require_foreign(out: Path) -> None:
@@ -76,7 +76,7 @@ def whole(out: Path, kind: str) -> Iterator[Path]:
         yield partial
         partial.replace(out)
     except OSError as error:
-        raise OutputError(f"{out} cannot be written: {error.strerror or error}; choose another place") from error
+        raise OutputError(f"{out} cannot be written: {why(error)}; choose another place") from error
     finally:
         with suppress(OSError):
             partial.unlink(missing_ok=True)

@@ -1,9 +1,14 @@
 """The errors that a user can cause, and so can mend: one line that says what, which and what to do."""
 
+import errno
+import os
 from collections.abc import Iterable
 
 _LONGEST = 500
 _NEAR = 0.6
+_NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT})
+_NO_ROOM_SAID = frozenset({"SQLITE_FULL", "SQLITE_IOERR_SHMSIZE"})
+"""The second: of a file that stands beside a ledger, SQLite cannot make it as long as it must be."""
 
 
 def printable(text: str) -> str:
@@ -20,6 +25,21 @@ def meant(name: str, known: Iterable[str]) -> str:
     folded = {one.lower(): one for one in known}
     near = difflib.get_close_matches(name.lower(), folded, n=1, cutoff=_NEAR)
     return f" did you mean '{folded[near[0]]}'?" if near else ""
+
+
+def is_full(error: BaseException) -> bool:
+    """Return whether an error of the system's, or of SQLite's, says that the disk has no room left, or a quota."""
+    if isinstance(error, OSError):
+        return error.errno in _NO_ROOM
+    return getattr(error, "sqlite_errorname", None) in _NO_ROOM_SAID or "disk is full" in str(error)
+
+
+def why(error: Exception) -> str:
+    """Return in words why a file cannot be written or read: a full disk is called one."""
+    if is_full(error):
+        target = getattr(error, "filename2", None)
+        return f"the disk is full ({os.fspath(target)})" if target else "the disk is full"
+    return (error.strerror if isinstance(error, OSError) else None) or printable(str(error))
 
 
 class EyechartError(Exception):

@@ -265,7 +265,7 @@ def test_a_ledger_that_cannot_be_written_is_one_line(
         raise sqlite3.OperationalError("database or disk is full")
 
     monkeypatch.setattr(planning, "execute", full)
-    with pytest.raises(LedgerError, match=r"ledger\.sqlite cannot be written: database or disk is full"):
+    with pytest.raises(LedgerError, match=r"ledger\.sqlite cannot be written: the disk is full; the same"):
         study.run(planned)
     assert not FileLock(tmp_path / "run" / ".lock").is_locked
 

@@ -1,10 +1,9 @@
 """The command line: one short function a command; nothing heavy is imported before its command runs."""
 
-import errno
 import os
 import sys
 
-from eyechart.errors import EyechartError, MissingCallsWarning, printable
+from eyechart.errors import EyechartError, MissingCallsWarning, is_full, printable
 
 _ASCII = str.maketrans(
     {
@@ -52,9 +51,9 @@ def main() -> None:
     except (EyechartError, OSError) as error:
         if debug:
             raise
-        full = isinstance(error, OSError) and error.errno in {errno.ENOSPC, errno.EDQUOT}
-        where = f" ({error.filename})" if isinstance(error, OSError) and error.filename else ""
-        said = f"the disk is full{where}: make room and try again" if full else str(error)
+        where = (error.filename2 or error.filename) if isinstance(error, OSError) else None
+        full = f"the disk is full{f' ({where})' if where else ''}: make room and try again"
+        said = full if isinstance(error, OSError) and is_full(error) else str(error)
         _end(2, "eyechart: " + "\n".join(map(printable, said.split("\n"))))
 
 

@@ -25,7 +25,7 @@ from eyechart.episodes.records import (
 from eyechart.episodes.running import USUAL, Bounds, Drivers, Progress, calls_of, drive
 from eyechart.episodes.workers import LocalWorker, Worker, WorkerDiedError
 from eyechart.episodes.worlds import Setup, Shown
-from eyechart.errors import DriveError, EyechartError, LedgerError, SpecError, printable
+from eyechart.errors import DriveError, EyechartError, LedgerError, SpecError, printable, why
 from eyechart.frames import Stimulus, alone
 from eyechart.ledger import Ledger
 from eyechart.limits import Outcome, Spent
@@ -235,7 +235,8 @@ def run(
                 ledger = opened.enter_context(Ledger(planned.out / LEDGER, create=True))
             return drive(left, planned.drivers, open_worker, keep, ledger=ledger, bounds=bounds)
     except sqlite3.Error as error:
-        raise LedgerError(f"{planned.out / LEDGER} cannot be written: {error}; the same command resumes") from error
+        said = why(error)
+        raise LedgerError(f"{planned.out / LEDGER} cannot be written: {said}; the same command resumes") from error
 
 
 def keep_probes(planned: Episodes, probes: Mapping[str, Spent]) -> None:
@@ -291,7 +292,7 @@ def _keeper(planned: Episodes, left: int, progress: Progress | None) -> Callable
             write_episodes(planned.out, [replace(episode, max_steps=planned.setup.max_steps)])
         except OSError as error:
             raise LedgerError(
-                f"{planned.out / EPISODES} cannot be written: {error}; the same command resumes"
+                f"{planned.out / EPISODES} cannot be written: {why(error)}; the same command resumes"
             ) from error
         done += 1
         if progress is not None:

@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import Self
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
-from eyechart.errors import LedgerError, MissingCallsWarning, printable
+from eyechart.errors import LedgerError, MissingCallsWarning, is_full, printable, why
 from eyechart.ledger.counter import NOTHING, Written, counting, read_counter
 from eyechart.ledger.rows import (
     KEY,
@@ -84,9 +84,11 @@ class Ledger:
                 self._sql = self._append(opening) if create else self._read(opening, sound=sound)
                 self._opened = opening.pop_all()
         except (sqlite3.Error, UnicodeError) as error:  # the second, of a word of SQLite's that quotes the file
+            if is_full(error):
+                raise LedgerError(f"{path} cannot be opened: {why(error)}; make room and try again") from error
             raise LedgerError(f"{path} is no ledger: {printable(str(error))}") from error
         except OSError as error:
-            raise LedgerError(f"{path} cannot be read: {error.strerror or error}") from error
+            raise LedgerError(f"{path} cannot be read: {why(error)}") from error
         if any(self.missing) and not accepting:
             warnings.warn(self._missing_words(), MissingCallsWarning, stacklevel=2)
 

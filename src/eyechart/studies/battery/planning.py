@@ -21,7 +21,7 @@ from eyechart.conditions import (
     show,
 )
 from eyechart.costs import CostEstimate, estimate
-from eyechart.errors import BankError, LedgerError, SpecError
+from eyechart.errors import BankError, LedgerError, SpecError, why
 from eyechart.frames import IMPORTED, FrameBank, check, open_bank
 from eyechart.ledger import Ledger
 from eyechart.limits import Limits, Outcome, Spent
@@ -413,7 +413,8 @@ def run(
             with Ledger(battery.out / LEDGER, create=True) as ledger:
                 return _ask(battery, manifest, ledger, concurrency, attempts, limits, progress)
     except sqlite3.Error as error:
-        raise LedgerError(f"{battery.out / LEDGER} cannot be written: {error}; the same command resumes") from error
+        said = why(error)
+        raise LedgerError(f"{battery.out / LEDGER} cannot be written: {said}; the same command resumes") from error
 
 
 def _ask(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from eyechart.calls import CallKey, Reply
 from eyechart.channels import channels_of, conditions_of, find_exchange, instruction_column
-from eyechart.errors import BankError, LedgerError, SpecError
+from eyechart.errors import BankError, LedgerError, SpecError, why
 from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
 from eyechart.limits import Limits, Outcome
@@ -237,4 +237,5 @@ def run(
                     stages=_Again(begun, manifest, ledger),
                 )
     except sqlite3.Error as error:
-        raise LedgerError(f"{planned.out / LEDGER} cannot be written: {error}; the same command resumes") from error
+        said = why(error)
+        raise LedgerError(f"{planned.out / LEDGER} cannot be written: {said}; the same command resumes") from error
