@@ -5,7 +5,7 @@ import json
 import os
 import platform
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields, replace
 from importlib.metadata import PackageNotFoundError, version
@@ -47,6 +47,10 @@ MOST_CONDITIONS, MOST_ANSWERS = 1_000, 10_000
 """How many conditions a run may have, and how often a policy that draws its answers may be asked for each."""
 CONTROLS_ASKED = ("none", "auto", "all")
 """Which control conditions a run may ask, from the fewest."""
+
+
+MOVED = "moved"
+"""The fact of a model that says when its run went on at another address."""
 
 
 class Manifest:
@@ -118,6 +122,13 @@ class Manifest:
                 )
             mine, theirs = self.mode(spec), other.mode(spec)
             if not mine.same_request(theirs):
+                if mine.differs_in_address_only(theirs):
+                    raise LedgerError(
+                        f"this run asked {spec} at {mine.base_url or 'the usual address'}, and now its address, key, "
+                        f"headers or patience are others ({theirs.base_url or 'the usual address'}): give the same, "
+                        "or --moved to go on there and record it"
+                    )
+                mine, theirs = mine.request(), theirs.request()
                 name = next(one.name for one in fields(mine) if getattr(mine, one.name) != getattr(theirs, one.name))
                 difference = f"{name} was {getattr(mine, name)!r}, now {getattr(theirs, name)!r}"
                 raise LedgerError(
@@ -127,9 +138,22 @@ class Manifest:
         modes = {spec: mode for spec, mode in other.modes.items() if mode.measured or spec not in self.modes}
         for name in self.GROWS:
             grown[name] = tuple(dict.fromkeys([*getattr(self, name), *getattr(other, name)]))
-        for name, more in ((self.WHO, now), ("modes", modes), ("facts", other.facts), ("probes", other.probes)):
+        facts = {spec: {**_moves(self.facts.get(spec, {})), **more} for spec, more in other.facts.items()}
+        for name, more in ((self.WHO, now), ("modes", modes), ("facts", facts), ("probes", other.probes)):
             grown[name] = {**getattr(self, name), **more}
         return replace(self, **grown)  # type: ignore[type-var]
+
+    def moved(self, modes: Iterable[RequestMode]) -> Self:
+        """Return this manifest with its models asked at the addresses of these modes; ``facts`` say what moved when."""
+        kept, facts, when = dict(self.modes), dict(self.facts), dt.datetime.now(dt.UTC).isoformat(timespec="seconds")
+        for mode in modes:
+            before = kept.get(mode.spec)
+            if before is not None and not before.same_request(after := before.moved_to(mode)):
+                known = facts.get(mode.spec, {})
+                said = f"{when} from {before.base_url or 'the usual address'} to {mode.base_url or 'the usual address'}"
+                facts[mode.spec] = {**known, MOVED: "; ".join([*_moves(known).values(), said])}
+                kept[mode.spec] = after
+        return replace(self, modes=kept, facts=facts)  # type: ignore[type-var]
 
     def as_text(self) -> str:
         """Return the JSON text of the manifest's file."""
@@ -268,6 +292,10 @@ class EpisodesManifest(Manifest):
                 "already may have gone on for longer; give at least as many, or another --out"
             )
         return {"max_steps": other.max_steps}
+
+
+def _moves(facts: Mapping[str, str]) -> dict[str, str]:
+    return {MOVED: facts[MOVED]} if MOVED in facts else {}
 
 
 M = TypeVar("M", RunManifest, EpisodesManifest)

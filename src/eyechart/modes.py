@@ -114,12 +114,20 @@ class RequestMode:
         _refuse_secrets(self)
 
     def same_request(self, other: "RequestMode") -> bool:
-        """Return whether two modes ask alike, whatever a probe measured."""
-        return replace(self, measured=None) == replace(other, measured=None)
+        """Return whether two modes ask alike, whatever a probe measured, and however their address is written."""
+        return self.request() == other.request()
+
+    def request(self) -> "RequestMode":
+        """Return this mode without what was measured, and with its address in one form."""
+        return replace(self, measured=None, base_url=_plain_address(self.base_url))
+
+    def moved_to(self, other: "RequestMode") -> "RequestMode":
+        """Return this mode at the address of another, with its key, its headers and its patience."""
+        return replace(self, **{name: getattr(other, name) for name in _ADDRESS})
 
     def differs_in_address_only(self, other: "RequestMode") -> bool:
         """Return whether two modes ask alike, wherever, with whatever key and headers, and however long they wait."""
-        return replace(self, **{name: getattr(other, name) for name in _ADDRESS}).same_request(other)
+        return self.moved_to(other).same_request(other)
 
     def header_values(self, environ: Mapping[str, str] | None = None) -> dict[str, str]:
         """Return the headers with their variables filled in; raises SpecError that names a missing one."""
@@ -189,6 +197,15 @@ def _is_url(value: object) -> bool:
         return value == "" or (parts.scheme in {"http", "https"} and bool(parts.hostname) and (parts.port or 1) > 0)
     except ValueError:
         return False
+
+
+def _plain_address(base_url: str) -> str:
+    """Return an address without what makes no difference: the host's case, the usual port, a slash or route."""
+    parts = urlsplit(base_url)
+    host, usual = parts.hostname or "", {"http": 80, "https": 443}.get(parts.scheme)
+    port = "" if parts.port in {None, usual} else f":{parts.port}"
+    path = parts.path.rstrip("/").removesuffix("/chat/completions").rstrip("/")
+    return f"{parts.scheme}://{f'[{host}]' if ':' in host else host}{port}{path}" if base_url else ""
 
 
 def _is_plain(value: object) -> bool:

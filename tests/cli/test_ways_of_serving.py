@@ -14,7 +14,7 @@ from eyechart.errors import EyechartError
 from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
 from eyechart.manifest import read_run
-from eyechart.modes import read_mode
+from eyechart.modes import RequestMode, read_mode
 from eyechart.spaces.discrete import DRIVING
 from faults import FaultServer, refuse
 from seeing import served
@@ -235,3 +235,54 @@ def test_what_is_the_end_of_a_reasoning(reasoning: str, finish: str | None, text
     """The last line, or the object that it ends with; never of a reply that was cut or filtered."""
     assert concluded(Reply("", finish, reasoning=reasoning)).text == text
     assert concluded(Reply("LEFT", finish, reasoning=reasoning)).text == "LEFT"
+
+
+def test_a_run_goes_on_at_another_address_where_that_is_said(bank: FrameBank, tmp_path: Path) -> None:
+    """Without ``--moved`` it is refused in words that name it; with it the move is recorded, once and for good."""
+    run = tmp_path / "run"
+    with served() as first:
+        assert battery(bank, run, first, "--no-probe", "--max-calls", "2").exit_code == 3
+    with served() as second:
+        refusal = battery(bank, run, second, "--no-probe").exception
+        assert f"this run asked openai:m at {first.base_url}" in str(refusal)
+        assert "or --moved to go on there" in str(refusal)
+        for _ in range(2):
+            assert battery(bank, run, second, "--no-probe", "--moved").exit_code == 0
+        assert battery(bank, run, second, "--no-probe").exit_code == 0
+        assert (first.requests, second.requests) == (2, 4)
+    manifest = read_run(run)[0]
+    assert manifest.mode("openai:m").base_url == second.base_url
+    assert manifest.facts["openai:m"]["moved"].endswith(f"from {first.base_url} to {second.base_url}")
+    other = battery(bank, run, second, "--no-probe", "--moved", "--max-tokens", "9").exception
+    assert "this run asked openai:m in another mode: max_tokens was 1024, now 9" in str(other)
+
+
+def test_a_slash_the_route_and_the_case_of_a_host_are_no_other_address(bank: FrameBank, tmp_path: Path) -> None:
+    """The run goes on, and nothing is recorded."""
+    run = tmp_path / "run"
+    with served() as server:
+        assert battery(bank, run, server, "--no-probe", "--max-calls", "2").exit_code == 3
+        at = server.base_url.replace("127.0.0.1", "LOCALHOST")
+        same = (f"{server.base_url}/", f"{server.base_url}/chat/completions", server.base_url)
+        for base_url in same:
+            assert battery(bank, run, server, "--no-probe", "--base-url", base_url).exit_code == 0
+        assert battery(bank, run, server, "--no-probe", "--base-url", at).exit_code == 1
+    assert "moved" not in read_run(run)[0].facts["openai:m"]
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "same"),
+    [
+        ("http://HOST.example/v1", "http://host.example:80/v1/", True),
+        ("https://h/v1", "https://h:443/v1/chat/completions", True),
+        ("http://[::1]:8000/v1", "http://[::1]:8000/v1/", True),
+        ("http://h/v1", "https://h/v1", False),
+        ("http://h/V1", "http://h/v1", False),
+        ("http://h:8000/v1", "http://h:8001/v1", False),
+        ("", "http://h/v1", False),
+    ],
+)
+def test_which_addresses_are_the_same(one: str, other: str, *, same: bool) -> None:
+    """The path's case may matter, and so do scheme and port."""
+    modes = [RequestMode("openai:m", base_url=address) for address in (one, other)]
+    assert modes[0].same_request(modes[1]) is same

@@ -50,6 +50,9 @@ class Spending:
     accept_loss: Annotated[
         bool, typer.Option("--accept-loss", help="Go on although calls that were made are missing from the ledger.")
     ] = False
+    moved: Annotated[
+        bool, typer.Option("--moved", help="Go on with a run whose server, key or headers are others now; recorded.")
+    ] = False
 
     def allowed(self, out: Path, *, dry_run: bool, shard: str | None = None) -> "Allowed":
         """Return what a command allows before its run, with the file's table of prices before that of the package.
@@ -61,7 +64,9 @@ class Spending:
         from eyechart.models.prices import read_prices
         from eyechart.studies.probed import Allowed
 
-        return Allowed(read_prices(self.prices), self.no_probe, dry_run, self.max_calls, self.max_cost, shard)
+        return Allowed(
+            read_prices(self.prices), self.no_probe, dry_run, self.max_calls, self.max_cost, shard, self.moved
+        )
 
 
 NO_LIMIT = Spending()

@@ -11,7 +11,7 @@ from eyechart.episodes import EpisodesManifest
 from eyechart.errors import SpecError
 from eyechart.ledger import Ledger
 from eyechart.limits import Spent
-from eyechart.manifest import LEDGER, RunManifest, is_run, read_manifest
+from eyechart.manifest import LEDGER, RunManifest, alone_in, is_run, read_manifest
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
 from eyechart.probe import Found, ProbeError, Sample, is_served
@@ -39,7 +39,7 @@ class Asked:
 
 @dataclass(frozen=True)
 class Allowed:
-    """What is allowed before a run: whether to probe at all, and the limits of the whole run."""
+    """What is allowed before a run: whether to probe at all, the limits of the whole run, and whether it may move."""
 
     prices: Prices
     no_probe: bool = False
@@ -47,6 +47,7 @@ class Allowed:
     max_calls: int | None = None
     max_cost: float | None = None
     shard: str | None = None
+    moved: bool = False
 
     def require_room(self, unprobed: Sequence[str], made: Spent) -> None:
         """Raise SpecError where a run cannot probe: its limit is too small, or its shards would not ask alike."""
@@ -88,6 +89,8 @@ def plan_probed(
     is served elsewhere, no file says how it is asked, and no run of the study knows it. Raises SpecError where there is
     no room for a probe.
     """
+    if allowed.moved and not allowed.dry_run:
+        move(study.runs, asked.modes)
     modes, unprobed = [], []
     for mode in asked.modes:
         before = recorded(study.runs, mode, asked.given, whole=study.whole) if mode.spec in asked.by_option else None
@@ -136,6 +139,14 @@ def recorded(
             found.append(mode if before.measured is None else replace(mode, measured=before.measured, **kept))
     measured = [one for one in found if one.measured is None or one.measured.seconds is not None]
     return next(iter([*measured, *(() if whole else found)]), None)
+
+
+def move(runs: Iterable[Path], modes: Sequence[RequestMode]) -> None:
+    """Record in runs that are begun that their models are now asked at the addresses of these modes."""
+    for run in runs:
+        if is_run(run):
+            with alone_in(run):
+                manifest_of(run).moved(modes).write(run)
 
 
 def spent_on(runs: Iterable[Path], prices: Prices) -> Spent:
