@@ -31,13 +31,13 @@ def is_full(error: BaseException) -> bool:
     """Return whether an error of the system's, or of SQLite's, says that the disk has no room left, or a quota."""
     if isinstance(error, OSError):
         return error.errno in _NO_ROOM
-    return getattr(error, "sqlite_errorname", None) in _NO_ROOM_SAID or "disk is full" in str(error)
+    return vars(error).get("sqlite_errorname") in _NO_ROOM_SAID or "disk is full" in str(error)
 
 
 def why(error: Exception) -> str:
     """Return in words why a file cannot be written or read: a full disk is called one."""
     if is_full(error):
-        target = getattr(error, "filename2", None)
+        target = error.filename2 if isinstance(error, OSError) else None
         return f"the disk is full ({os.fspath(target)})" if target else "the disk is full"
     return (error.strerror if isinstance(error, OSError) else None) or printable(str(error))
 
