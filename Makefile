@@ -14,7 +14,7 @@ DOCS := $(VENV)/.docs
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm demo-policy ladder hierarchy test test-models test-browser lint format docs wheel bench long-compare long-speed long-adversaries long-coverage long-power long-policies long-lerobot long-act long-serve long-replies mutants clean
+.PHONY: help demo demo-vlm demo-policy ladder hierarchy test test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-coverage long-power long-policies long-lerobot long-act long-serve long-replies mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -39,6 +39,7 @@ help:
 	@echo "make long-act       LeRobot's ACT, trained with and without a state that tells it all: opposite verdicts"
 	@echo "make long-coverage how often intervals of shares hold a known truth, and how wide they are"
 	@echo "make mutants      small faults put into the rules and the statistics one at a time: how many the tests notice"
+	@echo "make long-demo    processor time of the demo in 0.1.0 and in this version, in pairs, and its verdicts on five seeds"
 	@echo "make long-speed   processor time of commands in 0.1.0 and in this version, in pairs"
 
 demo: $(CORE)
@@ -101,6 +102,9 @@ bench: $(BENCH) $(INSPECT)/.done
 OLD_COMMIT := 201be47
 OLD := build/0.1.0
 OLD_PYTHON ?= $(OLD)/.venv/bin/python
+
+long-demo: $(CORE) $(OLD_PYTHON)
+	$(BIN)/python benchmarks/demo_versions.py --old $(OLD_PYTHON)
 
 long-compare: $(CORE) $(OLD_PYTHON)
 	$(BIN)/python benchmarks/compare_versions.py --old $(OLD_PYTHON)

@@ -11,7 +11,6 @@ import argparse
 import datetime as dt
 import json
 import sys
-from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,9 +22,8 @@ from eyechart.conditions import BATTERY, CONDITIONS, COUNTERFACTUALS, OF_BANKS
 from eyechart.frames import MAIN, BankManifest, Frame, FrameBank, alone
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import Decision
-from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers
-from eyechart.studies.battery.calibrated import Calibrated
+from eyechart.studies.battery.calibrated import Calibrated, Found
 from eyechart.studies.battery.odds import READS, odds_of
 from eyechart.studies.battery.published import Resampling
 from eyechart.verdicts import calibrated_rules
@@ -69,24 +67,6 @@ def bank_of(frames: int) -> FrameBank:
     return FrameBank(Path(), tuple(made), BankManifest("drawn", "power", "no pictures", DRIVING, None))
 
 
-class _Found(Mapping[str, Statistic]):
-    """Statistics that are made when a rule asks for them."""
-
-    def __init__(self, answers: Answers, seed: int) -> None:
-        self._tests, self._made = Calibrated(answers, Resampling(499, seed, intervals=False)).tests(), {}
-
-    def __getitem__(self, name: str) -> Statistic:
-        if name not in self._made:
-            self._made[name] = self._tests[name]()
-        return self._made[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._tests)
-
-    def __len__(self) -> int:
-        return len(self._tests)
-
-
 def meant(cell: Cell, frames: int, rng: np.random.Generator) -> dict[str, list[str]]:
     """Return what a model means to answer, by condition; a noisy one slips from it."""
     label, _, share = cell.kind.partition("@")
@@ -120,7 +100,8 @@ def labels(cell: Cell, first: int, draws: int) -> int:
             given = [(code + step * slip) % count for code, step, slip in zip(codes, other, slipped, strict=True)]
             decisions[name] = tuple(Decision(DRIVING.actions[code]) for code in given)
         answers = Answers("drawn", bank.frames, DRIVING, None, decisions)
-        label = calibrated_rules(_Found(answers, number), turns=False)[0].label
+        found = Found(Calibrated(answers, Resampling(499, number, intervals=False)))
+        label = calibrated_rules(found, turns=False)[0].label
         hits += label == cell.kind.partition("@")[0]
     return hits
 

@@ -27,7 +27,7 @@ from eyechart.spaces.space import Decision
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.answers import ABSENT, Answers
-from eyechart.studies.battery.calibrated import COUNTERFACTUAL_TESTS, Calibrated
+from eyechart.studies.battery.calibrated import COUNTERFACTUAL_TESTS, Calibrated, Found
 from eyechart.studies.battery.published import Resampling
 from eyechart.studies.battery.scoring import statistics_of
 
@@ -135,7 +135,7 @@ def staged(answers: Answers, how: Resampling) -> Answers:
     answers = sampled(answers, how.seed)
     while True:
         part = replace(answers, decisions={name: answers.decisions[name] for name in asked})
-        found = Calibrated(part, how).statistics()
+        found = Found(Calibrated(part, how))
         more = verdicts.controls_wanted(found, supplied=CONTROLS, asked=asked)
         if not more:
             return part
