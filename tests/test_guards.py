@@ -4,8 +4,10 @@ from dataclasses import replace
 import pytest
 
 from eyechart.calls import CallKey, Reply
+from eyechart.costs import ALL, Book
 from eyechart.integrity import Guard, GuardChecks
 from eyechart.ledger import Sent
+from eyechart.models.prices import read_prices
 from eyechart.modes import Measured, RequestMode
 from eyechart.spaces.discrete import DRIVING
 
@@ -37,10 +39,11 @@ def sent_with(say: Say = fine, frames: int = 10) -> list[Sent]:
 
 def guards(sent: list[Sent], planned: list[CallKey], mode: RequestMode) -> tuple[Guard, ...]:
     """Return every guard of these attempts."""
-    checks = GuardChecks(mode, DRIVING)
+    checks, book = GuardChecks(mode, DRIVING), Book(mode, DRIVING, read_prices())
     for one in sent:
         checks.add(one)
-    return checks.guards(planned, "abcdef0123")
+        book.add(one)
+    return checks.guards(planned, "abcdef0123", book.accounts()[ALL].words)
 
 
 def guard(name: str, sent: list[Sent], mode: RequestMode = MODE, planned: list[CallKey] | None = None) -> Guard:
@@ -119,7 +122,7 @@ def test_a_call_that_failed_for_good_has_an_outcome() -> None:
     """It is counted as failed."""
     sent = [one._replace(reply=Reply(error="wrong_json")) if at == 0 else one for at, one in enumerate(sent_with())]
     assert guard("outcomes", sent).holds is True
-    assert "1 calls failed" in guard("outcomes", sent).because
+    assert "1 calls failed (1 attempts ended in an error: 1 wrong_json)" in guard("outcomes", sent).because
 
 
 def test_one_reply_to_everything_is_degenerate() -> None:

@@ -57,6 +57,21 @@ class Account(Plain):
         """Return how many attempts ended in an error."""
         return sum(self.errors.values())
 
+    @property
+    def words(self) -> str:
+        """Return the counts of attempts in one line, as every command says them."""
+        ended = f" ({self.failed} attempts ended in an error: {_listed(self.errors)})" if self.errors else ""
+        return (
+            f"{self.attempts} attempts, {self.attempts - self.calls} of them repeated, {self.unknown} of unknown "
+            f"outcome, {self.missing.get('error', 0)} calls failed{ended}"
+        )
+
+    @property
+    def tokens(self) -> str:
+        """Return the tokens in and out in words; a sum that no reply reported is a dash."""
+        both = (self.prompt_tokens, self.completion_tokens)
+        return "—" if both == (None, None) else ", ".join("—" if one is None else str(one) for one in both)
+
 
 class Book:
     """Adds up attempts one by one, in the order of sending, without keeping them; the ``space`` reads replies."""
@@ -81,8 +96,7 @@ class Book:
             page.pending.add(one.key)
         else:
             page.pending.discard(one.key)
-            page.counts["finished"] += 1
-            page.missing[self._space.read(reply).missing or ""] += 1
+            page.finish(one.key, reply, self._space.read(reply).missing or "")
         cost, how = self._prices.cost(self._mode, reply)
         page.cost_from[how] += 1
         page.take(reply, cost)
@@ -98,7 +112,11 @@ class Book:
 
 @dataclass(slots=True)
 class _Page:
-    """The running sums of one condition. ``pending`` are the calls whose last reply left them unfinished."""
+    """The running sums of one condition.
+
+    ``pending`` are the calls whose last reply left them unfinished, ``ended`` those that an error finished, with what
+    their reply lacks.
+    """
 
     counts: Counter[str] = field(default_factory=Counter)
     retries: Counter[str] = field(default_factory=Counter)
@@ -107,6 +125,7 @@ class _Page:
     cost_from: Counter[str] = field(default_factory=Counter)
     sums: dict[str, float] = field(default_factory=dict)
     pending: set[CallKey] = field(default_factory=set)
+    ended: dict[CallKey, str] = field(default_factory=dict)
     latency: "array[float]" = field(default_factory=lambda: array("d"))
     first_byte: "array[float]" = field(default_factory=lambda: array("d"))
 
@@ -128,6 +147,16 @@ class _Page:
         ):
             if value is not None:
                 self.sums[name] = self.sums.get(name, 0) + value
+
+    def finish(self, key: CallKey, reply: Reply, missing: str) -> None:
+        """Count a final reply; of a call that ended in an error and was asked again, the last one counts."""
+        if (before := self.ended.pop(key, None)) is None:
+            self.counts["finished"] += 1
+        else:
+            self.missing[before] -= 1
+        self.missing[missing] += 1
+        if reply.error is not None:
+            self.ended[key] = missing
 
     def join(self, other: "_Page") -> None:
         """Add another page to this one."""
@@ -193,6 +222,10 @@ def unread(ledger: Ledger, model: str, space: AnySpace) -> tuple[Unread, ...]:
 def emptiness(ledger: Ledger) -> dict[str, Emptiness]:
     """Return of each model how many of its calls have replies, and how many of those say nothing."""
     return {model: Emptiness.of(reply for _, reply in ledger.replies(model)) for model in ledger.models()}
+
+
+def _listed(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{count} {name}" for name, count in counts.items())
 
 
 def _whole(value: float | None) -> int | None:

@@ -72,12 +72,15 @@ class GuardChecks:
         if one.key.condition in {"real", "real_repeat"}:
             self._repeats.add(one.key.frame, reply)
 
-    def guards(self, planned: Iterable[CallKey], fingerprint: str) -> tuple[Guard, ...]:
-        """Return every guard; ``fingerprint`` is that of the bank's geometry, which was checked."""
+    def guards(self, planned: Iterable[CallKey], fingerprint: str, counted: str) -> tuple[Guard, ...]:
+        """Return every guard; ``fingerprint`` is that of the bank's geometry, which was checked.
+
+        ``counted`` says in words how many attempts there were and how they ended, as the run's Account has it.
+        """
         same = f"the frames have the geometry that the run was made on ({fingerprint[:8]})"
         return (
             _picture(self._tokens["real"], self._tokens["text_only"], self._mode),
-            self._outcomes.guard(planned),
+            self._outcomes.guard(planned, counted),
             Guard("geometry", True, same),
             _constant(self._texts, self._decided, self._empty),
             self._repeats.guard(self._mode),
@@ -116,34 +119,25 @@ def _constant(texts: AbstractSet[str], decided: Mapping[str, int], empty: Emptin
 
 @dataclass(slots=True)
 class _Outcomes:
-    """Which calls have an outcome, known by the hashes of their keys, and how they came to it."""
+    """Which calls have an outcome, known by the hashes of their keys, and how many have two."""
 
     finals: set[int] = field(default_factory=set)
-    counts: Counter[str] = field(default_factory=Counter)
+    twice: int = 0
 
     def add(self, one: Sent) -> None:
-        """Count an attempt."""
-        self.counts["sent"] += 1
-        self.counts["repeated"] += one.number > 1
-        self.counts["unknown"] += one.reply is None
+        """Look at an attempt."""
         if one.reply is not None and (one.final or one.reply.error not in UNFINISHED):
-            self.counts["twice"] += hash(one.key) in self.finals
-            self.counts["failed"] += one.reply.error is not None
+            self.twice += hash(one.key) in self.finals
             self.finals.add(hash(one.key))
 
-    def guard(self, planned: Iterable[CallKey]) -> Guard:
+    def guard(self, planned: Iterable[CallKey], counted: str) -> Guard:
         """Return whether every planned call has exactly one outcome."""
         calls = without = 0
         for key in planned:
             calls += 1
             without += hash(key) not in self.finals
-        found = self.counts
-        counted = (
-            f"{found['sent']} attempts, {found['repeated']} of them repeated, {found['unknown']} of unknown outcome, "
-            f"{found['failed']} calls failed"
-        )
-        if found["twice"] or without:
-            words = f"{without} planned calls have no outcome, {found['twice']} have two; {counted}"
+        if self.twice or without:
+            words = f"{without} planned calls have no outcome, {self.twice} have two; {counted}"
             return Guard("outcomes", False, words)
         return Guard("outcomes", True, f"each of {calls} planned calls has one outcome; {counted}")
 

@@ -231,6 +231,10 @@ def words_of(verdicts: Mapping[str, Verdict]) -> str:
     return "\n\n".join(texts)
 
 
+def _listed(reasons: Mapping[str, int]) -> str:
+    return ", ".join(f"{count} {reason.replace('_', ' ')}" for reason, count in reasons.items())
+
+
 def notes(evidence: Evidence, label: str = "") -> tuple[str, ...]:
     """Return what there is to be said beside a verdict of this label, a sentence each."""
     found, said, stopped = evidence.statistics, [], evidence.stopped
@@ -244,8 +248,9 @@ def notes(evidence: Evidence, label: str = "") -> tuple[str, ...]:
         later = "; a shard asks no controls: merge the shards, and resume the merged run" if evidence.part else ""
         said.append(words + later + (unsettled if early else ""))
     if reasons := evidence.reasons(BATTERY):
-        counted = ", ".join(f"{count} {reason.replace('_', ' ')}" for reason, count in reasons.items())
-        said.append(f"{number(found['unparsed_rate'])} of the calls hold no decision: {counted}")
+        words = f"{number(found['unparsed_rate'])} of the calls hold no decision: {_listed(reasons)}"
+        every = evidence.reasons()
+        said.append(words + (f"; with edited pictures and controls, {_listed(every)}" if every != reasons else ""))
     if refused := evidence.reasons(("blank", "noise", "text_only")).get("refused"):
         said.append(f"it refused {refused} non-pictures (blank, noise or text only)")
     said += _before(found, label)

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from eyechart.conditions import CONDITIONS, CONTROLS, OF_BANKS
-from eyechart.costs import ALL
+from eyechart.costs import ALL, Account
 from eyechart.integrity import Guard
 from eyechart.report.charts import Drawing
 from eyechart.report.page import Page, fill
@@ -129,10 +129,12 @@ def _run(run: Evidence) -> dict[str, object]:
 
 
 def _accounting(who: Subject) -> dict[str, object]:
-    given = [one for column in who.model.answers.decisions.values() for one in column if one is not None]
-    missing = [sum(one.missing == reason for one in given) for reason in MISSING]
     took = who.run.score.accounting[who.spec][ALL]
-    return {"who": who, "model": who.model, "unknown": who.run.unknown[who.spec], "took": took, "missing": missing}
+    return {"who": who, "model": who.model, "took": took, "missing": _reasons(took)}
+
+
+def _reasons(took: Account | None) -> tuple[int, ...]:
+    return tuple(0 if took is None else took.missing.get(reason, 0) for reason in MISSING)
 
 
 def silent(
@@ -213,7 +215,7 @@ class Count:
 
     ``partial`` says that calls are still to be made; a run that stopped early leaves some out for good.
     ``errors`` counts attempts that ended in an error, ``unknown`` attempts whose outcome is not known, and ``missing``
-    the finished calls without a decision by reason, in the order of ``MISSING``.
+    the calls without a decision by reason, in the order of ``MISSING``: all as the run's accounts have it.
     """
 
     condition: str
@@ -239,11 +241,9 @@ def counts(who: Subject) -> list[Count]:
         planned[key.condition] += 1
     found = []
     for name, count in planned.items():
-        given = [one for one in who.model.answers.decisions.get(name, ()) if one is not None]
         took = who.run.score.accounting[who.spec].get(name)
-        missing = tuple(sum(one.missing == reason for one in given) for reason in MISSING)
         sums = (0, 0, 0, 0) if took is None else (took.finished, took.attempts, took.failed, took.unknown)
-        found.append(Count(name, count, *sums, missing, sums[0] < count and who.model.stopped is None))
+        found.append(Count(name, count, *sums, _reasons(took), sums[0] < count and who.model.stopped is None))
     return found
 
 

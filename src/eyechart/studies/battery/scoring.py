@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 from eyechart.conditions import CONTROLS, OF_BANKS, available
-from eyechart.costs import Account, Book
+from eyechart.costs import ALL, Account, Book
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank
 from eyechart.integrity import Guard, GuardChecks
@@ -289,7 +289,8 @@ def _took(ledger: Ledger, manifest: RunManifest, plan: Plan, prices: Prices, cou
             for key in plan.keys_of(spec)
             if course is None or key.condition in course.wanted(key.frame) or key.condition in controls
         )
-        spent[spec], kept[spec] = book.accounts(), checks.guards(asked, manifest.fingerprint)
+        spent[spec] = book.accounts()
+        kept[spec] = checks.guards(asked, manifest.fingerprint, spent[spec][ALL].words)
     return spent, kept
 
 

@@ -28,14 +28,12 @@ class RunEvidence(Generic[M]):
     """One run, scored.
 
     ``replies`` are verbatim, by model. ``pictures`` is None where the bank's pictures cannot be shown;
-    ``about_pictures`` then says why, else that they are those that the run recorded. ``unknown`` counts each model's
-    calls that were sent and whose outcome is not known.
+    ``about_pictures`` then says why, else that they are those that the run recorded.
     """
 
     name: str
     score: CallsScore[M]
     replies: Mapping[str, Replies]
-    unknown: Mapping[str, int]
     pictures: FrameBank | None
     about_pictures: str
 
@@ -109,9 +107,7 @@ def evidence_of(
         replies = {
             spec: {(key.frame, key.condition): reply for key, reply in ledger.replies(spec)} for spec in scored.models
         }
-        unknown = [key.model for key in ledger.unknown()]
-    counts = {spec: unknown.count(spec) for spec in scored.models}
-    return RunEvidence(name, scored, replies, counts, pictures, about)
+    return RunEvidence(name, scored, replies, pictures, about)
 
 
 def used_pictures(manifest: RunManifest, bank: FrameBank) -> set[str]:

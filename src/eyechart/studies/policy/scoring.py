@@ -17,7 +17,7 @@ from eyechart.channels import (
     channels_of,
 )
 from eyechart.conditions import OVER
-from eyechart.costs import Account, Book
+from eyechart.costs import ALL, Account, Book
 from eyechart.errors import LedgerError
 from eyechart.frames import FrameBank
 from eyechart.integrity import Guard, GuardChecks
@@ -191,8 +191,9 @@ def _took(ledger: Ledger, manifest: RunManifest, plan: MotionPlan, prices: Price
         for one in ledger.attempts(spec):
             book.add(one)
             checks.add(one)
-        every = checks.guards(plan.keys_of(spec), manifest.fingerprint)
-        spent[spec], kept[spec] = book.accounts(), tuple(one for one in every if one.name in {"outcomes", "geometry"})
+        spent[spec] = book.accounts()
+        every = checks.guards(plan.keys_of(spec), manifest.fingerprint, spent[spec][ALL].words)
+        kept[spec] = tuple(one for one in every if one.name in {"outcomes", "geometry"})
     return spent, kept
 
 
