@@ -27,7 +27,8 @@ _PROVING = frozenset({400, 413, 422})
 _MODERATING = frozenset({400, 403, 422, 451})
 _DEEPEST = 20
 _FIELDS = re.compile(
-    r"\b(?:max_(?:completion_|new_)?tokens|num_(?:ctx|predict)|temperature|top_p|seed|response_format|json_schema|schema"
+    r"\b(?:max_(?:completion_|new_)?tokens|num_(?:ctx|predict)|temperature|top_p|seed|response_format|json_schema"
+    r"|schema"
     r"|image_url|images?|pictures?|vision|multimodal|base64|messages|tools|tool_choice"
     r"|(?:system|developer|user) (?:role|message|prompt)|roles?|tokens"
     r"|context (?:length|window|size)|prompt|parameters?|arguments?|(?:thinking|reasoning)(?:_\w+)?"
