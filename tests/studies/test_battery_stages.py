@@ -33,7 +33,7 @@ BLIND, READER, PAINT = "standin:blind", "standin:reader", "standin:paint"
 LANES = ("lane_own", "lane_beside")
 REST = ("lead_mid_near", "lead_mid_far", "nudged")
 FRAMES, LEADS = 36, 30
-ABSENT = 18
+ABSENT = 25
 """Of so many frames ``lead_absent`` is asked: at most a twentieth of the first stage's 378 calls."""
 
 
