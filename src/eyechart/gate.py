@@ -4,6 +4,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 
 from eyechart.errors import SpecError, meant
+from eyechart.integrity import Guard, ServedGuard
 from eyechart.stats.paired import SignTest, clopper_pearson
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts import (
@@ -111,10 +112,18 @@ def read_requirements(text: str, known: Collection[str] = tuple(REQUIREMENTS)) -
     return wanted
 
 
-def hold_policies(verdicts: Mapping[str, PolicyVerdict], require: Sequence[str], open_calls: Mapping[str, int]) -> Gate:
+def hold_policies(
+    verdicts: Mapping[str, PolicyVerdict],
+    require: Sequence[str],
+    open_calls: Mapping[str, int],
+    *,
+    guards: Mapping[str, Sequence[Guard]] | None = None,
+    allow_fingerprints: bool = False,
+) -> Gate:
     """Hold every policy to labels of its axes, as ``camera:camera_content``; ``open_calls`` are those not finished.
 
-    A failed guard, an unfinished run and a label that cannot say cannot say. Raises SpecError for an unknown label.
+    A failed guard, an unfinished run and a label that cannot say cannot say; ``guards`` are those of its calls. Raises
+    SpecError for an unknown label.
     """
     checks = []
     for spec, verdict in verdicts.items():
@@ -129,12 +138,19 @@ def hold_policies(verdicts: Mapping[str, PolicyVerdict], require: Sequence[str],
                 because = verdict.because if verdict.guards else f"{open_calls[spec]} calls are unfinished"
             elif not holds and found.label in OPEN:
                 holds = None
-            checks.append(Check(spec, name, holds, because))
+            kept = [one for one in (guards or {}).get(spec, ()) if isinstance(one, ServedGuard) and not one.holds]
+            checks.append(
+                _marked(Check(spec, name, holds, because), counted(kept, allow_fingerprints=allow_fingerprints))
+            )
     return Gate(tuple(checks))
 
 
 def hold_admission(
-    score: Scored, require: Sequence[str] = ("admission",), *, max_unparsed: float | None = None
+    score: Scored,
+    require: Sequence[str] = ("admission",),
+    *,
+    max_unparsed: float | None = None,
+    allow_fingerprints: bool = False,
 ) -> Gate:
     """Hold every model of a run of scene estimates to clauses of admission, a check a clause.
 
@@ -156,8 +172,7 @@ def hold_admission(
             words = parse.note if without is None else f"without an estimate {without:.3f}, at most {max_unparsed}"
             holds = None if reason or without is None else without <= max_unparsed
             mine.append(Check(spec, UNPARSED, holds, reason or words))
-        marks = [f"guard '{guard.name}' fails: {guard.because}" for guard in one.failed]
-        checks += [_marked(check, marks) for check in mine]
+        checks += [_marked(check, counted(one.failed, allow_fingerprints=allow_fingerprints)) for check in mine]
     return Gate(tuple(checks))
 
 
@@ -173,12 +188,14 @@ def _require_rate(max_unparsed: float | None) -> None:
         raise SpecError(f"--max-unparsed takes a rate between 0 and 1, got {max_unparsed}")
 
 
-def hold(score: Scored, require: Sequence[str], *, max_unparsed: float | None = None) -> Gate:
+def hold(
+    score: Scored, require: Sequence[str], *, max_unparsed: float | None = None, allow_fingerprints: bool = False
+) -> Gate:
     """Hold every model of a scored battery to the requirements, and to an unparsed rate over all calls.
 
     A run without calls, one with calls still to make, and a model whose calls failed cannot say; nor does what would
-    hold where a guard of the run failed. Raises SpecError
-    for an unknown requirement or a rate outside [0, 1].
+    hold where a guard of the run failed, nor anything where more than one model answered; with ``allow_fingerprints``
+    a model may have answered under several. Raises SpecError for an unknown requirement or a rate outside [0, 1].
     """
     wanted = read_requirements(",".join(require))
     _require_rate(max_unparsed)
@@ -191,15 +208,26 @@ def hold(score: Scored, require: Sequence[str], *, max_unparsed: float | None = 
             mine.append(Check(spec, requirement, holds, because))
         if max_unparsed is not None:
             mine.append(_unparsed(one, max_unparsed, reason))
-        checks += [_marked(check, verdict.marks) for check in mine]
+        checks += [_marked(check, counted(one.failed, allow_fingerprints=allow_fingerprints)) for check in mine]
     return Gate(tuple(checks))
 
 
-def _marked(check: Check, marks: Sequence[str]) -> Check:
-    """Return a check with the guards that failed: what holds by a run that is not to be believed cannot be said."""
-    if not marks:
+def counted(failed: Sequence[Guard], *, allow_fingerprints: bool) -> tuple[Guard, ...]:
+    """Return the failed guards that a gate counts: another fingerprint alone may be allowed."""
+    allowed = (isinstance(one, ServedGuard) and one.by_fingerprint and allow_fingerprints for one in failed)
+    return tuple(one for one, may in zip(failed, allowed, strict=True) if not may)
+
+
+def _marked(check: Check, failed: Sequence[Guard]) -> Check:
+    """Return a check with the guards that failed: what holds by a run that is not to be believed cannot be said.
+
+    Where several models answered, nothing can be said of one.
+    """
+    if not failed:
         return check
-    return replace(check, holds=None if check.holds else check.holds, because="; ".join((check.because, *marks)))
+    marks = (f"guard '{one.name}' failed: {one.because}" for one in failed)
+    nothing = check.holds or any(isinstance(one, ServedGuard) for one in failed)
+    return replace(check, holds=None if nothing else check.holds, because="; ".join((check.because, *marks)))
 
 
 def _no_evidence(one: Evidence) -> str:

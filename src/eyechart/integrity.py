@@ -11,6 +11,7 @@ from collections.abc import Set as AbstractSet
 from dataclasses import asdict, dataclass, field
 
 from eyechart.calls import UNFINISHED, CallKey, Emptiness, Reply
+from eyechart.errors import printable
 from eyechart.ledger import Sent
 from eyechart.modes import FEWEST_TOKENS, RequestMode
 from eyechart.spaces.space import AnySpace
@@ -23,6 +24,9 @@ MOST = 0.9
 """The share of pairs from which on it is no accident."""
 
 _TEXTS_KEPT = 1000
+_SHOWN = 3
+_NAME_SHOWN = 60
+_DIFFERS = {"model": "models", "provider": "providers", "system_fingerprint": "configurations (system_fingerprint)"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +43,89 @@ class Guard:
         return {**asdict(self), "outcome": outcome}
 
 
+@dataclass(frozen=True, slots=True)
+class Served:
+    """What answered, as its replies name it, how often, and when the first and the last of these calls were sent."""
+
+    model: str | None
+    provider: str | None
+    system_fingerprint: str | None
+    replies: int
+    since: str
+    until: str
+
+    @property
+    def words(self) -> str:
+        """Return it in words."""
+        names = (self.model, self.provider, self.system_fingerprint)
+        name = " ".join(_shown(printable(one)) for one in names if one)
+        return f"{name} ({self.replies} replies, {self.since} to {self.until})"
+
+
+@dataclass(frozen=True, slots=True)
+class ServedGuard(Guard):
+    """Whether one model answered throughout: ``answered`` in the order of their first replies.
+
+    ``differs`` names what of them differs: model, provider, system_fingerprint.
+    """
+
+    answered: tuple[Served, ...] = ()
+    differs: tuple[str, ...] = ()
+
+    @property
+    def by_fingerprint(self) -> bool:
+        """Return whether nothing but the server's name of its configuration differs."""
+        return self.differs == ("system_fingerprint",)
+
+
+class ServedChecks:
+    """Looks at what names itself in replies, attempt by attempt in the order of sending."""
+
+    def __init__(self) -> None:
+        self._found: dict[tuple[str | None, str | None, str | None], tuple[int, str, str]] = {}
+
+    def add(self, one: Sent) -> None:
+        """Look at an attempt; what names nothing says nothing."""
+        if one.reply is None or one.reply.error is not None:
+            return
+        named = _named(one.reply)
+        if named == (None, None, None):
+            return
+        if named not in self._found and len(self._found) >= _TEXTS_KEPT:
+            named = ("(others)", None, None)
+        count, since, _ = self._found.get(named, (0, one.sent_at, ""))
+        self._found[named] = (count + 1, since, one.sent_at)
+
+    def guards(self) -> tuple[ServedGuard, ...]:
+        """Return the guard, or none where no reply names what answered."""
+        answered = tuple(Served(*named, *counted) for named, counted in self._found.items())
+        if not answered:
+            return ()
+        several = {name: {getattr(one, name) for one in answered} - {None} for name in _DIFFERS}
+        differs = tuple(name for name, found in several.items() if len(found) > 1)
+        shown = "; ".join(one.words for one in answered[:_SHOWN])
+        more = f"; and {len(answered) - _SHOWN} more" if len(answered) > _SHOWN else ""
+        if not differs:
+            return (ServedGuard("served", True, f"one model answered: {shown}{more}", answered),)
+        counted = " and ".join(f"{len(several[name])} {_DIFFERS[name]}" for name in differs)
+        return (ServedGuard("served", False, f"{counted} answered: {shown}{more}", answered, differs),)
+
+
+def _shown(name: str) -> str:
+    half = _NAME_SHOWN // 2
+    return name if len(name) <= _NAME_SHOWN else f"{name[:half]}…{name[-half:]}"
+
+
+def _named(reply: Reply) -> tuple[str | None, str | None, str | None]:
+    """Return model, provider and fingerprint; the replies of an older ledger have the last behind the first."""
+    served, mark = reply.served, reply.system_fingerprint
+    if served and mark:
+        served = served.removesuffix(f" {mark}")
+    elif served and " " in served.strip():
+        served, _, mark = served.rpartition(" ")
+    return served or None, reply.provider or None, mark or None
+
+
 class GuardChecks:
     """Looks at attempts one by one, in the order of sending, without keeping them.
 
@@ -53,11 +140,13 @@ class GuardChecks:
         self._repeats = _Repeats()
         self._texts: set[str] = set()
         self._empty = Emptiness()
+        self._served = ServedChecks()
         self._tokens: dict[str, array[int]] = {name: array("q") for name in ("real", "text_only")}
 
     def add(self, one: Sent) -> None:
         """Look at an attempt."""
         self._outcomes.add(one)
+        self._served.add(one)
         reply = one.reply
         if reply is None or reply.error is not None:
             return
@@ -84,6 +173,7 @@ class GuardChecks:
             Guard("geometry", True, same),
             _constant(self._texts, self._decided, self._empty),
             self._repeats.guard(self._mode),
+            *self._served.guards(),
         )
 
 

@@ -13,15 +13,17 @@ def assert_grounded(
     resamples: int = 5000,
     independent: bool = False,
     reread: bool = False,
+    allow_fingerprints: bool = False,
 ) -> None:
     """Raise AssertionError unless every model of a run meets every requirement.
 
     ``require`` are names of `eyechart.gate.REQUIREMENTS`, ``depth`` if none is given. "Cannot say" is not enough:
-    an empty or unfinished run fails too. ``independent`` and ``reread`` are those of `eyechart.api.read_report`. Raises
+    an empty or unfinished run fails too, and one that several models answered, or several fingerprints of one unless
+    they are allowed. ``independent`` and ``reread`` are those of `eyechart.api.read_report`. Raises
     LedgerError or BankError where the folder is no run, or needs ``reread``.
     """
     scored = battery.score(Path(run), resamples=resamples, independent=independent, reread=reread)
-    gate = hold(scored, require or ("depth",), max_unparsed=max_unparsed)
+    gate = hold(scored, require or ("depth",), max_unparsed=max_unparsed, allow_fingerprints=allow_fingerprints)
     if gate.exit_code:
         outcome = {False: "fails", None: "cannot say"}
         wrong = [

@@ -83,6 +83,9 @@ def gate(
         ),
     ] = None,
     max_unparsed: Annotated[float | None, typer.Option(help="Highest rate of calls without a decision.")] = None,
+    allow_fingerprints: Annotated[
+        bool, typer.Option("--allow-fingerprints", help="Hold a run in which one model named several fingerprints.")
+    ] = False,
     junit: Annotated[Path | None, typer.Option(help="Write the checks as JUnit XML.")] = None,
     json: Json = False,
     independent: Independent = False,
@@ -90,7 +93,8 @@ def gate(
 ) -> None:
     """Hold a run to what is required. Exit 0: it holds; 1: it fails; 2: the run cannot say, or bad input.
 
-    An empty or unfinished run never passes. Of an admission or a structured run every clause of admission is a check.
+    An empty or unfinished run never passes, nor one that several models or providers answered. Of an admission or a
+    structured run every clause of admission is a check.
     Example: eyechart gate run --require depth,swaps --junit gate.xml
     """
     from eyechart.destination import require_free, whole
@@ -102,7 +106,8 @@ def gate(
     wanted = read_requirements(require or study.required, study.requirements)
     if junit is not None:
         require_free(junit, "JUnit file")
-    held = study.gate(study.score(run, Reading(independent, reread)), wanted, max_unparsed)
+    score = study.score(run, Reading(independent, reread))
+    held = study.gate(score, wanted, max_unparsed, allow_fingerprints=allow_fingerprints)
     if json:
         print_json(held.as_dict())
     else:

@@ -258,15 +258,15 @@ class Ledger:
     def attempts(self, model: str) -> Iterator[Sent]:
         """Yield every attempt at a model's calls in the order of sending, with what came back."""
         rows = self._sql.execute(
-            f"SELECT {KEY_OF_CALL}, a.number, a.reason, a.request_sha256, r.final, {REPORTED} "
+            f"SELECT {KEY_OF_CALL}, a.number, a.reason, a.request_sha256, a.sent_at, r.final, {REPORTED} "
             "FROM attempts a JOIN calls c ON c.id = a.call "
             "LEFT JOIN replies r ON r.attempt = a.id WHERE c.model = ? ORDER BY a.id",
             (model,),
         )
         for row in rows:
-            number, reason, digest, came = row[OF_KEY : OF_KEY + 4]
-            reply = None if came is None else Reply(*row[OF_KEY + 4 :])
-            yield Sent(CallKey(*row[:OF_KEY]), number, reason, reply, digest, bool(came))
+            number, reason, digest, sent_at, came = row[OF_KEY : OF_KEY + 5]
+            reply = None if came is None else Reply(*row[OF_KEY + 5 :])
+            yield Sent(CallKey(*row[:OF_KEY]), number, reason, reply, digest, bool(came), sent_at)
 
     def take(self) -> None:
         """Take the file as it is whenever it is read from now on: somebody has said what in it is damaged."""

@@ -55,6 +55,7 @@ class Sent(NamedTuple):
     reply: Reply | None
     request_sha256: str = ""
     final: bool = False
+    sent_at: str = ""
 
 
 def row_of(reply: Reply, *, final: bool) -> tuple[object, ...]:

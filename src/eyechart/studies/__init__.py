@@ -184,7 +184,9 @@ class Study(ABC, Generic[S]):
         """Yield what ``eyechart verdict`` prints."""
         raise NotImplementedError
 
-    def gate(self, score: S, require: Sequence[str], max_unparsed: float | None) -> Gate:
+    def gate(
+        self, score: S, require: Sequence[str], max_unparsed: float | None, *, allow_fingerprints: bool = False
+    ) -> Gate:
         """Hold a score to some of the ``requirements``; a study without any refuses before it is asked, as below."""
         raise NotImplementedError
 

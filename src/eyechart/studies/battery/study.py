@@ -88,8 +88,15 @@ class BatteryStudy(OfFrames[BatteryScore]):
             yield Text(title, style="bold")
             yield from lines
 
-    def gate(self, score: BatteryScore, require: Sequence[str], max_unparsed: float | None) -> Gate:
-        return hold(score, require, max_unparsed=max_unparsed)
+    def gate(
+        self,
+        score: BatteryScore,
+        require: Sequence[str],
+        max_unparsed: float | None,
+        *,
+        allow_fingerprints: bool = False,
+    ) -> Gate:
+        return hold(score, require, max_unparsed=max_unparsed, allow_fingerprints=allow_fingerprints)
 
     def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:
         from eyechart.studies.battery.subjects import read_evidence

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from eyechart import episodes
 from eyechart.costs import Book
 from eyechart.episodes import Unfinished, every_episode, read_episodes, read_manifest, unfinished
+from eyechart.integrity import ServedChecks
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, EpisodesManifest
 from eyechart.models.prices import Prices
@@ -188,10 +189,11 @@ class OfEpisodes(Study[S]):
         if (run / LEDGER).is_file():
             with Ledger(run / LEDGER) as ledger:
                 for spec in manifest.models:
-                    book = Book(manifest.mode(spec), space, prices)
+                    book, served = Book(manifest.mode(spec), space, prices), ServedChecks()
                     for one in ledger.attempts(spec):
                         book.add(one)
-                    found.accounts[spec] = book.accounts()
+                        served.add(one)
+                    found.accounts[spec], found.guards[spec] = book.accounts(), served.guards()
         return found
 
     def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:

@@ -193,7 +193,7 @@ def _took(ledger: Ledger, manifest: RunManifest, plan: MotionPlan, prices: Price
             checks.add(one)
         spent[spec] = book.accounts()
         every = checks.guards(plan.keys_of(spec), manifest.fingerprint, spent[spec][ALL].words)
-        kept[spec] = tuple(one for one in every if one.name in {"outcomes", "geometry"})
+        kept[spec] = tuple(one for one in every if one.name in {"outcomes", "geometry", "served"})
     return spent, kept
 
 

@@ -71,10 +71,17 @@ class Policies(OfFrames[PolicyScore]):
             yield from (f"  ! {remark}" for remark in one.remarks)
             yield f"  {one.scope}"
 
-    def gate(self, score: PolicyScore, require: Sequence[str], max_unparsed: float | None) -> Gate:
+    def gate(
+        self,
+        score: PolicyScore,
+        require: Sequence[str],
+        max_unparsed: float | None,
+        *,
+        allow_fingerprints: bool = False,
+    ) -> Gate:
         del max_unparsed
         left = {spec: one.motions.planned - one.motions.finished for spec, one in score.models.items()}
-        return hold_policies(judge(score), require, left)
+        return hold_policies(judge(score), require, left, guards=score.guards, allow_fingerprints=allow_fingerprints)
 
     def course(self, scores: Sequence[PolicyScore]) -> Course | None:
         from eyechart.studies.policy.course import course_of

@@ -46,8 +46,15 @@ class Structured(OfFrames[StructuredScore]):
             yield from tables.reading_words(score.models[table.caption])
         yield from tables.figures_table(everyone).split()
 
-    def gate(self, score: StructuredScore, require: Sequence[str], max_unparsed: float | None) -> Gate:
-        return hold_admission(score, require, max_unparsed=max_unparsed)
+    def gate(
+        self,
+        score: StructuredScore,
+        require: Sequence[str],
+        max_unparsed: float | None,
+        *,
+        allow_fingerprints: bool = False,
+    ) -> Gate:
+        return hold_admission(score, require, max_unparsed=max_unparsed, allow_fingerprints=allow_fingerprints)
 
     def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:
         from eyechart.studies.battery.subjects import read_evidence

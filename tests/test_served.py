@@ -1,0 +1,126 @@
+"""What answered is watched: a run that several models answered says so, and is no evidence of any of them."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import count
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import stand_ins
+from banks import build_bank
+from eyechart import models
+from eyechart.calls import CallKey, Query, Reply
+from eyechart.cli.app import app
+from eyechart.integrity import ServedChecks, ServedGuard
+from eyechart.ledger import Sent
+from eyechart.spaces.discrete import DRIVING
+from eyechart.studies import battery
+
+KEY = CallKey("battery", "openai:m", "p", "f", "real")
+
+
+class Swapped(stand_ins.Held):
+    """A model behind an address at which, from the fortieth reply on, another one answers."""
+
+    def __init__(self, before: Reply, after: Reply) -> None:
+        """Answer with one reply, and then with the other."""
+        self._replies = (before, after)
+        self._number: Iterator[int] = count()
+
+    async def answer(self, query: Query) -> Reply:
+        """Answer."""
+        action = DRIVING.actions[query.seed % len(DRIVING.actions)]
+        return replace(self._replies[next(self._number) >= 40], text=action)
+
+
+def served(**named: str) -> Reply:
+    """Return a reply that names what answered."""
+    return Reply("SLOW", "stop", **named)  # type: ignore[arg-type]
+
+
+def guard_of(*replies: Reply) -> ServedGuard | None:
+    """Return the guard of these replies, a minute apart."""
+    checks = ServedChecks()
+    for at, reply in enumerate(replies):
+        checks.add(Sent(KEY._replace(frame=f"f{at}"), 1, None, reply, "", final=True, sent_at=f"T00:{at:02d}"))
+    found = checks.guards()
+    return found[0] if found else None
+
+
+def ask(*words: object) -> tuple[int, str]:
+    """Run a command; return its exit code and what it printed."""
+    found = CliRunner().invoke(app, [str(word) for word in words])
+    return found.exit_code, found.output
+
+
+@pytest.mark.parametrize(
+    ("after", "differs"),
+    [
+        (served(served="b", provider="x", system_fingerprint="fp_1"), ["model"]),
+        (served(served="a", provider="y", system_fingerprint="fp_1"), ["provider"]),
+        (served(served="a", provider="x", system_fingerprint="fp_2"), ["system_fingerprint"]),
+        (
+            served(served="b", provider="y", system_fingerprint="fp_2"),
+            ["model", "provider", "system_fingerprint"],
+        ),
+    ],
+)
+def test_a_model_that_is_swapped_during_a_run_is_named_everywhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: Reply, differs: list[str]
+) -> None:
+    """In costs, verdict and JSON, with counts and times; a gate cannot say, but other fingerprints may be allowed."""
+    before = served(served="a", provider="x", system_fingerprint="fp_1")
+    monkeypatch.setitem(models.ADAPTERS, "standin", "stand_ins")
+    monkeypatch.setattr(stand_ins, "open_model", lambda *_: Swapped(before, after))
+    run = tmp_path / "run"
+    battery.run(battery.plan(build_bank(tmp_path / "bank").root, ["standin:m"], run))
+
+    code, told = ask("costs", run, "--json")
+    (guard,) = (one for one in json.loads(told)["guards"]["standin:m"] if one["name"] == "served")
+    assert (code, guard["holds"], guard["differs"]) == (0, False, differs)
+    first, second = guard["answered"]
+    assert (first["replies"], first["model"], first["since"] <= second["since"]) == (40, "a", True)
+    assert second["replies"] > 0
+    assert second["model"] == after.served
+    assert "guard 'served'" in ask("costs", run)[1]
+    assert "guard 'served' failed" in "".join(
+        json.loads(ask("verdict", run, "--json")[1])["models"]["standin:m"]["failed_guards"]
+    )
+    assert "served" in ask("verdict", run)[1]
+
+    for words, expected in (((), None), (("--allow-fingerprints",), differs == ["system_fingerprint"] or None)):
+        _, told = ask("gate", run, "--require", "swaps", "--max-unparsed", 0.5, "--json", *words)
+        (check,) = (one for one in json.loads(told)["checks"] if one["requirement"] == "max_unparsed")
+        assert check["holds"] is expected
+        assert ("guard 'served' failed" in check["because"]) is (expected is None)
+
+
+def test_what_is_not_reported_is_no_second_model() -> None:
+    """Nor is a failure; where nothing is ever named, there is no guard."""
+    one = served(served="a", system_fingerprint="fp")
+    assert guard_of(Reply("SLOW"), Reply(error="timeout", served="b")) is None
+    found = guard_of(one, Reply("SLOW"), one, served(served="a"), Reply(error="bad_request", served="b"))
+    assert found is not None
+    assert found.holds
+    assert sum(each.replies for each in found.answered) == 3
+
+
+def test_an_older_reply_holds_its_fingerprint_behind_its_model() -> None:
+    """So that another fingerprint of one model is no other model."""
+    found = guard_of(
+        served(served="a fp_1"), served(served="a fp_2"), served(served="a fp_2", system_fingerprint="fp_2")
+    )
+    assert found is not None
+    assert (found.by_fingerprint, [each.replies for each in found.answered]) == (True, [1, 2])
+    assert "2 configurations (system_fingerprint) answered: a fp_1 (1 replies, T00:00 to T00:00)" in found.because
+
+
+def test_names_without_end_are_bounded() -> None:
+    """A server that gives every reply another name makes no long line and no long list."""
+    found = guard_of(*(served(served=f"m{at}" + "x" * 190) for at in range(1200)))
+    assert found is not None
+    assert len(found.answered) == 1001
+    assert len(found.because) < 600
