@@ -34,7 +34,7 @@ LANES = ("lane_own", "lane_beside")
 REST = ("lead_mid_near", "lead_mid_far", "nudged")
 FRAMES, LEADS = 36, 30
 ABSENT = 25
-"""Of so many frames ``lead_absent`` is asked: at most a twentieth of the first stage's 378 calls."""
+"""Of so many frames ``lead_absent`` is asked: a twentieth of the calls of the first stage would be too few."""
 
 
 def _seen(query: Query) -> tuple[int | None, bool]:
