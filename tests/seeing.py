@@ -52,12 +52,13 @@ class Endpoint:
     refuses_system: tuple[int, str] | None = None
     refuses_driving: bool = False
     answers_in: str = "content"
+    streams: str = ""
     kept: dict[str, str] = field(default_factory=dict)
     dice: random.Random = field(default_factory=lambda: random.Random(5))  # noqa: S311
 
     async def __call__(self, request: web.Request, asked: dict[str, object], attempt: int) -> web.StreamResponse:
         """Answer one request."""
-        del request, attempt
+        del attempt
         if refused := self.refused(asked):
             return refused
         user, picture = read(asked)
@@ -74,7 +75,7 @@ class Endpoint:
         said = completion("" if cut else text, "length" if cut else "stop", usage=usage)
         if self.answers_in != "content":
             said["choices"][0]["message"] = {"content": None, self.answers_in: f"I look at it. Hm.\n{text}"}
-        return web.json_response(said)
+        return await stream(request, said, asked) if self.streams else web.json_response(said)
 
     def refused(self, asked: dict[str, object]) -> web.Response | None:
         """Return the refusal of a field, in OpenAI's words."""
@@ -84,12 +85,20 @@ class Endpoint:
         if self.only_default_temperature and asked.get("temperature", 1) != 1:
             words = "Unsupported value: 'temperature' does not support 0 with this model. Only the default (1) value is"
             return refuse(400, f"{words} supported.", param="temperature", code="unsupported_value")
+        if self.refuses_unknown and "eyechart_unknown" in asked:
+            return refuse(400, "Unrecognized request argument supplied: eyechart_unknown")
+        return self.refused_otherwise(asked)
+
+    def refused_otherwise(self, asked: dict[str, object]) -> web.Response | None:
+        """Return the refusal of a role, of a prompt, or of what is not streamed."""
+        if self.streams in {"only", "bare"} and not asked.get("stream"):
+            return refuse(400, "This server streams: set stream to true.", param="stream")
+        if self.streams == "bare" and "stream_options" in asked:
+            return refuse(400, "Unrecognized request argument supplied: stream_options", param="stream_options")
         if self.refuses_system and any(message["role"] == "system" for message in asked["messages"]):
             return refuse(*self.refuses_system)
         if self.refuses_driving and "STOP" in str(asked["messages"]):
             return refuse(400, "not this prompt")
-        if self.refuses_unknown and "eyechart_unknown" in asked:
-            return refuse(400, "Unrecognized request argument supplied: eyechart_unknown")
         return None
 
     def say(self, user: str, picture: bytes | None, asked: dict[str, object]) -> str:
@@ -123,6 +132,26 @@ class Endpoint:
             if kind in user and "STOP" not in user:
                 return look(pixels)
         return ACTIONS[hashlib.sha256(picture).digest()[0] % 5]
+
+
+async def stream(request: web.Request, said: dict[str, object], asked: dict[str, object]) -> web.StreamResponse:
+    """Send a completion in events, its words in two, with its usage at the end where that is asked for."""
+    (choice,) = said.pop("choices")
+    usage = said.pop("usage")
+    response = web.StreamResponse(headers={"Content-Type": "text/event-stream"})
+    await response.prepare(request)
+    parts: list[dict[str, object]] = [{"delta": {"role": "assistant", "content": ""}}]
+    for name, text in choice["message"].items():
+        if name != "role" and text is not None:
+            parts += [{"delta": {name: text[:2]}}, {"delta": {name: text[2:]}}]
+    parts.append({"delta": {}, "finish_reason": choice["finish_reason"]})
+    events = [{**said, "choices": [{"index": 0, **part}]} for part in parts]
+    if "stream_options" in asked:
+        events.append({**said, "choices": [], "usage": usage})
+    for event in events:
+        await response.write(f": a comment\n\ndata: {json.dumps(event)}\n\n".encode())
+    await response.write(b"data: [DONE]\n\n")
+    return response
 
 
 def read(asked: dict[str, object]) -> tuple[str, bytes | None]:

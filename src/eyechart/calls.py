@@ -145,7 +145,8 @@ class Reply:
     ``finish_reason`` is verbatim, in the names of OpenAI's chat API where the model has none of its own (``stop``,
     ``length``, ``content_filter``). ``reasoning`` is what the model thought, where it comes apart from the answer;
     ``completion_tokens`` include ``reasoning_tokens``. ``seconds`` and ``first_byte_s`` are wall time from sending to
-    the last and the first byte. ``status`` is HTTP's; ``retry_after_s`` what the server asked for. ``served`` names
+    the last and the first byte, of a stream to its first words.
+    ``status`` is HTTP's; ``retry_after_s`` what the server asked for. ``served`` names
     the model as the reply does, ``provider`` the upstream that a router chose, ``system_fingerprint`` the server's own
     name of its configuration. ``cost_usd`` is what the endpoint itself reports, ``energy_j`` what was measured here.
     ``payload_bytes`` and ``payload_sha256`` are of the request's body as it went out. None is "not reported" or "not

@@ -26,6 +26,7 @@ TOKEN_FIELDS = ("max_tokens", "max_completion_tokens")
 STRUCTURED = ("none", "json_object", "json_schema")
 ROLES = ("system", "user")
 ANSWERS = ("text", "reasoning")
+STREAMS = ("none", "usage", "plain")
 DEFAULT = "default"
 """How a file or an option writes that no temperature is sent, so that the endpoint's own applies."""
 
@@ -90,6 +91,7 @@ class RequestMode:
     whether the call's seed is sent. ``system`` is the role that says the prompt's system words: ``user`` where a server
     refuses the other, they then stand before the user's own. ``answer`` says where the answer stands: ``reasoning``
     reads it from the end of what was thought, where the text is empty.
+    ``stream`` asks for the reply in pieces, with ``usage`` for its tokens too.
     ``body`` is merged into the request, ``options`` are the adapter's own.
     """
 
@@ -107,6 +109,7 @@ class RequestMode:
     options: Mapping[str, Scalar] = field(default_factory=dict)
     system: Literal["system", "user"] = "system"
     answer: Literal["text", "reasoning"] = "text"
+    stream: Literal["none", "usage", "plain"] = "none"
     measured: Measured | None = None
 
     def __post_init__(self) -> None:
@@ -248,6 +251,7 @@ _MODE: dict[str, _Check] = {
     "structured": (lambda value: value in STRUCTURED, f"one of {', '.join(STRUCTURED)}"),
     "system": (lambda value: value in ROLES, f"one of {', '.join(ROLES)}"),
     "answer": (lambda value: value in ANSWERS, f"one of {', '.join(ANSWERS)}"),
+    "stream": (lambda value: value in STREAMS, f"one of {', '.join(STREAMS)}"),
     "temperature": (_is(_Number | None), f'a number of at least 0, or "{DEFAULT}"'),
     "seed": (_is(bool), "true or false"),
     "timeout_s": (_is(Annotated[float, msgspec.Meta(gt=0, le=LARGEST)]), "a number of seconds above 0"),

@@ -286,3 +286,18 @@ def test_which_addresses_are_the_same(one: str, other: str, *, same: bool) -> No
     """The path's case may matter, and so do scheme and port."""
     modes = [RequestMode("openai:m", base_url=address) for address in (one, other)]
     assert modes[0].same_request(modes[1]) is same
+
+
+@pytest.mark.parametrize(("streams", "pinned"), [("always", "none"), ("only", "usage"), ("bare", "plain")])
+def test_servers_that_stream_are_asked_and_read(bank: FrameBank, tmp_path: Path, streams: str, pinned: str) -> None:
+    """One that always does, one that refuses anything else, and one that refuses to tell the tokens."""
+    run = tmp_path / "run"
+    with served(streams=streams) as server:
+        assert call("doctor", "openai:m", "--base-url", server.base_url).exit_code == 0
+        made = battery(bank, run, server)
+        assert made.exit_code == 0, made.output
+    assert read_run(run)[0].mode("openai:m").stream == pinned
+    with Ledger(run / "ledger.sqlite") as held:
+        replies = [reply for _, reply in held.replies("openai:m")]
+    assert all(reply.first_byte_s and DRIVING.read(reply).action for reply in replies)
+    assert {reply.completion_tokens for reply in replies} == {3 if pinned == "usage" else None}

@@ -109,6 +109,9 @@ class Addressing:
     answer: Annotated[
         str | None, typer.Option(help="text, or reasoning: its end is the answer where the text is empty.")
     ] = None
+    stream: Annotated[
+        str | None, typer.Option(help="none; usage: the reply in pieces, with its tokens; plain: without them.")
+    ] = None
     timeout: Annotated[float | None, typer.Option(help="Seconds for a whole reply; default 120.")] = None
     header: Annotated[list[str] | None, typer.Option(help="'NAME: VALUE'; a secret as 'NAME: $VARIABLE'.")] = None
     body: Annotated[list[str] | None, typer.Option(help="KEY=JSON, merged into the request.")] = None

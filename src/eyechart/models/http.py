@@ -36,6 +36,7 @@ MOST_BYTES = 8_000_000
 _SECRET_CHARACTERS = 8
 """A shorter key is none ("EMPTY", "x"), and removing it would change answers."""
 _CONNECT_S = 30.0
+_PIECES = 4096
 _MESSAGES = ("message", "error", "detail", "msg")
 _DEEPEST = 20
 _NAME = 200
@@ -53,7 +54,10 @@ _BOUNDS = {
 
 @dataclass(slots=True)
 class Response:
-    """What a server sent, or what went wrong: then ``error`` is set, and ``body`` is as far as it came."""
+    """What a server sent, or what went wrong: then ``error`` is set, and ``body`` is as far as it came.
+
+    ``arrived`` says of each piece of the body, the first few thousand of them, how much had come when, in seconds.
+    """
 
     body: bytearray = field(default_factory=bytearray)
     status: int | None = None
@@ -64,6 +68,8 @@ class Response:
     retry_after_s: float | None = None
     scrub: Callable[[str], str] = field(default=str, repr=False)
     payload: bytes = field(default=b"", repr=False)
+    content_type: str = ""
+    arrived: list[tuple[int, float]] = field(default_factory=list, repr=False)
 
     def reply(self, reply: Reply) -> Reply:
         """Return a reply with this response's status and times, and the size and digest of what was sent."""
@@ -123,10 +129,13 @@ class Endpoint:
         try:
             async with self._open().post(self.base_url + path, data=payload, allow_redirects=False) as came:
                 seen.status, seen.retry_after_s = came.status, _retry_after(came.headers)
+                seen.content_type = came.content_type
                 async for chunk in came.content.iter_any():
                     if seen.first_byte_s is None:
                         seen.first_byte_s = time.perf_counter() - start
                     seen.body += chunk
+                    if len(seen.arrived) < _PIECES:
+                        seen.arrived.append((len(seen.body), time.perf_counter() - start))
                     if len(seen.body) > MOST_BYTES:
                         came.close()  # the rest is not read, and the connection not used again
                         break

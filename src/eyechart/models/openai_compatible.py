@@ -27,6 +27,7 @@ from eyechart.models.http import (
     read_json,
     words_of,
 )
+from eyechart.models.streaming import first_words_s, gather, is_stream, text_of
 from eyechart.modes import TOKEN_FIELDS, RequestMode
 
 BASE_URL = "https://api.openai.com/v1"
@@ -136,6 +137,10 @@ def _asked(query: Query, mode: RequestMode) -> dict[str, object]:
     asked: dict[str, object] = {"messages": [*system, {"role": "user", "content": content}]}
     if mode.seed:
         asked["seed"] = query.seed % _SEEDS
+    if mode.stream != "none":
+        asked["stream"] = True
+    if mode.stream == "usage":
+        asked["stream_options"] = {"include_usage": True}
     if mode.structured == "json_object":
         asked["response_format"] = {"type": "json_object"}
     elif mode.structured == "json_schema":
@@ -145,13 +150,31 @@ def _asked(query: Query, mode: RequestMode) -> dict[str, object]:
 
 
 def _read(came: Response) -> Reply:
-    """Read a body of status 200; what is not of the API's shape is the server's error or wrong JSON."""
+    """Read a body of status 200, also one that is streamed; what is not of the API's shape is a failure."""
+    if is_stream(came):
+        return _read_stream(came)
     try:
         body = read_json(came.body)
     except ValueError as error:
         return came.failure("unreadable", f"the body is no JSON: {error}")
     if not isinstance(body, dict):
         return came.failure("unreadable", f"the body is no JSON object but {type(body).__name__}")
+    return _read_body(came, body)
+
+
+def _read_stream(came: Response) -> Reply:
+    """Read a stream of events, whose first byte is that of its first words."""
+    try:
+        streamed = gather(came)
+    except ValueError as error:
+        return came.failure("unreadable", f"an event of the stream is no JSON: {error}")
+    came.first_byte_s = first_words_s(came, streamed.first)
+    if not streamed.whole and not streamed.body.get("error"):
+        return came.failure("cut_short", f"the stream ended after {len(came.body)} bytes, before it was done")
+    return _read_body(came, streamed.body)
+
+
+def _read_body(came: Response, body: dict[str, object]) -> Reply:
     if body.get("error"):
         return _failed(came, body["error"])
     choices = body.get("choices")
@@ -178,6 +201,8 @@ def _hinted(reply: Reply, mode: RequestMode) -> Reply:
         and _NO_SYSTEM.search(said)
     ):
         hints.append("--system user")
+    if reply.error in REFUSED and mode.stream == "none" and re.search(r"\bstream", said, re.IGNORECASE):
+        hints.append("--stream usage")
     if not hints:
         where = _misdirected(reply, mode.base_url)
         return replace(reply, error_detail=f"{said}; {where}") if where else reply
@@ -209,8 +234,8 @@ def _failed(came: Response, error: object) -> Reply:
 
 
 def _reply(body: dict[str, object], choice: dict[str, object], message: dict[str, object]) -> Reply:
-    text, finish = _text(message.get("content")), _line(choice.get("finish_reason"))
-    refusal = _text(message.get("refusal"))
+    text, finish = text_of(message.get("content")), _line(choice.get("finish_reason"))
+    refusal = text_of(message.get("refusal"))
     if finish not in {"length", "content_filter"}:  # what stands beside the text says more than that it ended
         finish = "refusal" if refusal.strip() else "tool_calls" if _calls(message) else finish
     usage = body.get("usage")
@@ -223,7 +248,7 @@ def _reply(body: dict[str, object], choice: dict[str, object], message: dict[str
         finish_reason=finish,
         prompt_tokens=count_of(usage.get("prompt_tokens")),
         completion_tokens=count_of(usage.get("completion_tokens")),
-        reasoning=_text(message.get("reasoning_content")) or _text(message.get("reasoning")),
+        reasoning=text_of(message.get("reasoning_content")) or text_of(message.get("reasoning")),
         reasoning_tokens=count_of(details.get("reasoning_tokens")) if isinstance(details, dict) else None,
         served=f"{served} {fingerprint}" if served and fingerprint else served,
         provider=_line(body.get("provider")),
@@ -235,14 +260,6 @@ def _reply(body: dict[str, object], choice: dict[str, object], message: dict[str
 def _calls(message: dict[str, object]) -> bool:
     """Return whether a message calls a tool, which nobody offered it."""
     return bool(message.get("tool_calls") or message.get("function_call"))
-
-
-def _text(content: object) -> str:
-    """Return a message's text, which may come as a string or in parts."""
-    if isinstance(content, list):
-        parts = (part.get("text") for part in content if isinstance(part, dict) and part.get("type") == "text")
-        return "".join(part for part in parts if isinstance(part, str))
-    return content if isinstance(content, str) else ""
 
 
 def _line(value: object) -> str | None:

@@ -130,6 +130,8 @@ def amended(mode: RequestMode, reply: Reply, fixed: Collection[str] = ()) -> tup
     Fields in ``fixed`` are not changed. Hosted models that think refuse ``max_tokens`` and a temperature of their own.
     """
     detail = reply.error_detail
+    if reply.error in REFUSED and "stream" not in fixed and (change := _streaming(mode, detail)):
+        return change
     if reply.error not in REFUSED or not _REFUSES.search(detail):
         return None
     newer: TokenField = "max_completion_tokens"
@@ -141,4 +143,13 @@ def amended(mode: RequestMode, reply: Reply, fixed: Collection[str] = ()) -> tup
         return replace(mode, temperature=None), words
     if "seed" not in fixed and mode.seed and re.search(r"\bseed\b", detail):
         return replace(mode, seed=False), "a seed is refused: asked without one"
+    return None
+
+
+def _streaming(mode: RequestMode, detail: str) -> tuple[RequestMode, str] | None:
+    """Return a mode that streams where a refusal speaks of that, one without the tokens where it speaks of them."""
+    if mode.stream == "none" and re.search(r"\bstream", detail, re.IGNORECASE):
+        return replace(mode, stream="usage"), "what is not streamed is refused: asked with --stream usage"
+    if mode.stream == "usage" and "stream_options" in detail:
+        return replace(mode, stream="plain"), "tokens of a stream are refused: asked with --stream plain"
     return None

@@ -125,7 +125,9 @@ class _Probe:
         matters = await self._draws(roomy, came[0].text)
         ignored = await self._unknown_field(roomy)
         sight = await self._look()
-        changed = {name: getattr(asker.mode, name) for name in ("token_field", "temperature", "seed", "system")}
+        changed = {
+            name: getattr(asker.mode, name) for name in ("token_field", "temperature", "seed", "system", "stream")
+        }
         pinned = replace(pinned, **changed)
         if matters[1] and pinned.temperature != 0 and "seed" not in self.fixed:
             pinned = replace(pinned, seed=True)

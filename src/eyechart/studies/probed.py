@@ -18,7 +18,7 @@ from eyechart.probe import Found, ProbeError, Sample, is_served
 from eyechart.probe.pinning import MOST_CALLS
 from eyechart.studies import run_json
 
-PROBED = ("token_field", "max_tokens", "structured", "temperature", "seed", "system")
+PROBED = ("token_field", "max_tokens", "structured", "temperature", "seed", "system", "stream")
 """The fields of a mode that a probe may set, where no option did."""
 
 P = TypeVar("P")

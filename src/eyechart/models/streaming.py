@@ -1,0 +1,101 @@
+"""Server-sent events of a chat completion, put together as what the same server would have said at once."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from eyechart.models.http import Response, read_json
+
+_NAMES = ("id", "model", "system_fingerprint", "provider", "usage")
+_WORDS = ("content", "reasoning_content", "reasoning", "refusal")
+_CALLS = ("tool_calls", "function_call")
+_END = b"[DONE]"
+_TYPE = "text/event-stream"
+
+
+@dataclass(frozen=True, slots=True)
+class Streamed:
+    """A completion that came in events; ``whole`` says whether its end came.
+
+    ``first`` counts the bytes of the body up to the end of the first event that holds words, None where none does.
+    """
+
+    body: dict[str, object]
+    whole: bool
+    first: int | None
+
+
+def is_stream(came: Response) -> bool:
+    """Return whether a response is a stream of events, by its type or by how it begins."""
+    return came.content_type == _TYPE or came.body.lstrip()[:5] == b"data:"
+
+
+def gather(came: Response) -> Streamed:
+    """Put the events of a response together; raises ValueError where one that is whole is no JSON object.
+
+    Of several choices the first one counts. The last event may be cut short.
+    """
+    words, found, first = dict[str, list[str]](), dict[str, object](), None
+    choice: dict[str, object] = {}
+    ended = False
+    for data, end in _events(came.body):
+        if data.strip() == _END:
+            ended = True
+            break
+        try:
+            event = read_json(data)
+        except ValueError:
+            if end < len(came.body):
+                raise
+            break
+        if not isinstance(event, dict):
+            raise ValueError(f"an event is no JSON object but {type(event).__name__}")  # noqa: TRY004 - as for no JSON
+        found |= {name: event[name] for name in (*_NAMES, "error") if event.get(name)}
+        if _add(event, words, choice) and first is None:
+            first = end
+    message = {name: "".join(parts) for name, parts in words.items()} | {
+        name: choice.pop(name) for name in _CALLS if name in choice
+    }
+    return Streamed(found | {"choices": [{**choice, "message": message}]}, ended or "finish_reason" in choice, first)
+
+
+def first_words_s(came: Response, first: int | None) -> float | None:
+    """Return the seconds until the first words of a stream had come, None where that was not measured."""
+    return next((seconds for size, seconds in came.arrived if first is not None and size >= first), None)
+
+
+def text_of(content: object) -> str:
+    """Return a message's text, which may come as a string or in parts."""
+    if isinstance(content, list):
+        parts = (part.get("text") for part in content if isinstance(part, dict) and part.get("type") == "text")
+        return "".join(part for part in parts if isinstance(part, str))
+    return content if isinstance(content, str) else ""
+
+
+def _add(event: dict[str, object], words: dict[str, list[str]], choice: dict[str, object]) -> bool:
+    """Add an event's first choice to what came before; return whether it holds words."""
+    choices = event.get("choices")
+    mine = choices[0] if isinstance(choices, list) and choices and isinstance(choices[0], dict) else {}
+    if mine.get("index", 0) != 0:
+        return False
+    delta = mine.get("delta") or mine.get("message")
+    said = {name: text_of(delta.get(name)) for name in _WORDS} if isinstance(delta, dict) else {}
+    for name, text in said.items():
+        words.setdefault(name, []).append(text)
+    choice |= {name: mine[name] for name in ("finish_reason", "error") if mine.get(name)}
+    choice |= {name: delta[name] for name in _CALLS if isinstance(delta, dict) and delta.get(name)}
+    return any(said.values())
+
+
+def _events(body: bytearray) -> Iterator[tuple[bytes, int]]:
+    """Yield the data of each event with the place where it ends; comments and other fields are left out."""
+    held, place = list[bytes](), 0
+    for line in bytes(body).splitlines(keepends=True):
+        place += len(line)
+        text = line.rstrip(b"\r\n")
+        if text.startswith(b"data:"):
+            held.append(text[5:].removeprefix(b" "))
+        elif not text and held:
+            yield b"\n".join(held), place
+            held = []
+    if held:
+        yield b"\n".join(held), place
