@@ -17,6 +17,8 @@ from eyechart import __version__
 from eyechart.errors import GuardianError, VoteError
 from eyechart.frames import open_bank
 from eyechart.guardian.page import bound_lines, replay_lines
+from eyechart.modes import RequestMode
+from eyechart.prompts import PROMPTS
 from eyechart.spaces.scene import Scene, safe_action
 from eyechart.stats.committee import Costs
 from eyechart.studies import guardian as study
@@ -77,6 +79,40 @@ def test_the_papers_nested_number(table: study.VoteTable) -> None:
     assert set(found.folds.values()) == {((GEMMA, QWEN), 2, "two_way")}
     assert f"{found.pooled['bal'].value:.3f}" == "0.951"
     assert found.frames == 288
+
+
+def test_nested_takes_two_episodes_costs_and_a_seed(table: study.VoteTable) -> None:
+    """Two episodes are enough and one is not; costs move the thresholds of folds, a seed what is drawn of intervals."""
+    halves = replace(table, episodes=tuple(f"e{number % 2}" for number in range(len(table.frames))))
+    assert set(study.nested(halves, enumerate_up_to=QUICK).folds) == {"e0", "e1"}
+    with pytest.raises(GuardianError, match=r"votes\.csv: all frames are of one episode; leaving one out needs two"):
+        study.nested(replace(table, episodes=("e0",) * len(table.frames)))
+    parted = replace(table, episodes=tuple("yes" if one else "no" for one in table.hazard))
+    with pytest.raises(GuardianError, match=r"votes\.csv: without one of its episodes a class is empty"):
+        study.nested(parted)
+    missed, alarmed = (
+        study.nested(halves, costs=costs, enumerate_up_to=QUICK) for costs in (Costs(50, 1), Costs(1, 50))
+    )
+    assert all(missed.folds[one][1] < alarmed.folds[one][1] for one in missed.folds)
+    first, again, other = (study.nested(table, seed=seed, enumerate_up_to=QUICK).as_dict() for seed in (0, 0, 1))
+    assert first == again != other
+    assert first == study.nested(table, enumerate_up_to=QUICK).as_dict()
+
+
+def test_what_a_guardian_remembers_of_its_votes_is_read_back(frozen: study.Frozen, tmp_path: Path) -> None:
+    """Prompt, axis, reader, way of voting, and of each model its version, what served it and its mode all come back."""
+    models = frozen.about.versions
+    told = replace(
+        frozen.about,
+        wording=PROMPTS["baseline"],
+        axis="horizontal",
+        served={name: f"{name} as served" for name in models},
+        modes={name: RequestMode(name, temperature=0.5, max_tokens=77) for name in models},
+        voting=1,
+    )
+    path = tmp_path / "g.json"
+    study.write_frozen(path, replace(frozen, about=told))
+    assert study.read_frozen(path).about == told
 
 
 def test_selection_is_inside_every_fold(table: study.VoteTable) -> None:
