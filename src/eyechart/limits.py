@@ -4,7 +4,7 @@ import asyncio
 import random
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 from eyechart.calls import HOPELESS, TRANSIENT, Reply
 from eyechart.records import Amount, Count, Plain
@@ -21,12 +21,13 @@ _PERHAPS_ONE = frozenset({403, 404})
 class Spent(Plain):
     """What calls took: how many were sent, tokens in and out as reported, dollars, and seconds.
 
-    ``cost_usd`` adds up what is known; ``unknown`` counts the calls whose cost is not.
+    Tokens are None where no reply reports any. ``cost_usd`` adds up what is known; ``unknown`` counts the calls whose
+    cost is not.
     """
 
     calls: Count = 0
-    prompt_tokens: Count = 0
-    completion_tokens: Count = 0
+    prompt_tokens: Count | None = None
+    completion_tokens: Count | None = None
     cost_usd: Amount = 0.0
     unknown: Count = 0
     seconds: Amount = 0.0
@@ -35,8 +36,8 @@ class Spent(Plain):
         """Return this with one more call."""
         return Spent(
             self.calls + 1,
-            self.prompt_tokens + (reply.prompt_tokens or 0),
-            self.completion_tokens + (reply.completion_tokens or 0),
+            _sum([self.prompt_tokens, reply.prompt_tokens]),
+            _sum([self.completion_tokens, reply.completion_tokens]),
             self.cost_usd + (cost or 0.0),
             self.unknown + (cost is None),
             self.seconds + (reply.seconds or 0.0),
@@ -45,8 +46,15 @@ class Spent(Plain):
     @classmethod
     def together(cls, parts: Iterable["Spent"]) -> "Spent":
         """Return the sum of several."""
-        rows = [asdict(part) for part in parts]
-        return cls(**{name: sum(row[name] for row in rows) for name in asdict(cls())})
+        rows = list(parts)
+        return cls(
+            calls=sum(one.calls for one in rows),
+            prompt_tokens=_sum(one.prompt_tokens for one in rows),
+            completion_tokens=_sum(one.completion_tokens for one in rows),
+            cost_usd=sum(one.cost_usd for one in rows),
+            unknown=sum(one.unknown for one in rows),
+            seconds=sum(one.seconds for one in rows),
+        )
 
     @property
     def words(self) -> str:
@@ -54,8 +62,15 @@ class Spent(Plain):
         cost = f"${self.cost_usd:.4f}"
         if self.unknown:
             cost = "cost unknown" if self.unknown == self.calls else f"{cost} and {self.unknown} calls of unknown cost"
-        tokens = f"{self.prompt_tokens:,} tokens in, {self.completion_tokens:,} out"
+        sent, came = ("—" if one is None else f"{one:,}" for one in (self.prompt_tokens, self.completion_tokens))
+        tokens = f"{sent} tokens in, {came} out"
         return f"{self.calls} calls, {tokens}, {cost}, {self.seconds:.1f} s"
+
+
+def _sum(counts: Iterable[int | None]) -> int | None:
+    """Return the sum of the counts that were reported, None where none was."""
+    told = [one for one in counts if one is not None]
+    return sum(told) if told else None
 
 
 NOTHING = Spent()

@@ -1,5 +1,6 @@
 """Servers that are reached at a wrong address, or that serve otherwise than most, from the command line."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -301,3 +302,15 @@ def test_servers_that_stream_are_asked_and_read(bank: FrameBank, tmp_path: Path,
         replies = [reply for _, reply in held.replies("openai:m")]
     assert all(reply.first_byte_s and DRIVING.read(reply).action for reply in replies)
     assert {reply.completion_tokens for reply in replies} == {3 if pinned == "usage" else None}
+
+
+def test_tokens_that_no_server_reports_are_no_0(bank: FrameBank, tmp_path: Path) -> None:
+    """In what doctor and probe took, in the run's own record of it, and in its costs."""
+    run = tmp_path / "run"
+    with served(streams="always") as server:
+        for words in (("doctor", "openai:m"), ("probe", "openai:m", "--out", tmp_path / "mode.toml")):
+            found = call(*words, "--base-url", server.base_url)
+            assert "— tokens in, — out" in " ".join(found.output.split())
+        assert "— tokens in, — out" in battery(bank, run, server).output
+    assert json.loads((run / "run.json").read_text())["probes"]["openai:m"]["prompt_tokens"] is None
+    assert '"completion_tokens": null' in call("costs", run, "--json").output
