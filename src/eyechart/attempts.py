@@ -40,13 +40,19 @@ class Caller:
 
     ``silent`` are the kinds of passing failures that finish a call, as the model's silence: a timeout at once, the
     others when the attempts are used up. A model that has answered nothing yet in this ledger, or is set aside, is not
-    silent: nobody is there.
+    silent: nobody is there. With ``again`` it asks calls once more that are finished.
     """
 
     def __init__(
-        self, ledger: Ledger, budget: Budget, *, attempts: int = 5, silent: frozenset[str] = frozenset()
+        self,
+        ledger: Ledger,
+        budget: Budget,
+        *,
+        attempts: int = 5,
+        silent: frozenset[str] = frozenset(),
+        again: bool = False,
     ) -> None:
-        self._writer = _Writer(ledger)
+        self._writer = _Writer(ledger, again=again)
         self._budget = budget
         self._attempts = attempts
         self._silent = silent
@@ -112,12 +118,12 @@ class _Writer:
     A row is durable when its ``begin`` or ``close`` returns, as the ledger's own are.
     """
 
-    def __init__(self, ledger: Ledger) -> None:
-        self._ledger = ledger
+    def __init__(self, ledger: Ledger, *, again: bool) -> None:
+        self._ledger, self._again = ledger, again
         self._waiting: list[tuple[Callable[[], Attempt | None], asyncio.Future[Attempt | None]]] = []
 
     async def begin(self, key: CallKey, digest: str) -> Attempt:
-        attempt = await self._soon(lambda: self._ledger.begin(key, digest))
+        attempt = await self._soon(lambda: self._ledger.begin(key, digest, again=self._again))
         assert attempt is not None
         return attempt
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from eyechart.calls import UNFINISHED, CallKey, Emptiness, Reply
 from eyechart.errors import printable
-from eyechart.ledger import UNKNOWN, Ledger, Sent
+from eyechart.ledger import AGAIN, UNKNOWN, Ledger, Sent
 from eyechart.models.prices import Prices
 from eyechart.modes import Measured, RequestMode
 from eyechart.records import Plain
@@ -61,9 +61,10 @@ class Account(Plain):
     def words(self) -> str:
         """Return the counts of attempts in one line, as every command says them."""
         ended = f" ({self.failed} attempts ended in an error: {_listed(self.errors)})" if self.errors else ""
+        once_more = f", {asked} calls asked again after a failure" if (asked := self.retries.get(AGAIN)) else ""
         return (
             f"{self.attempts} attempts, {self.attempts - self.calls} of them repeated, {self.unknown} of unknown "
-            f"outcome, {self.missing.get('error', 0)} calls failed{ended}"
+            f"outcome, {self.missing.get('error', 0)} calls failed{once_more}{ended}"
         )
 
     @property

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, field
 
 from eyechart.calls import UNFINISHED, CallKey, Emptiness, Reply
 from eyechart.errors import printable
-from eyechart.ledger import Sent
+from eyechart.ledger import AGAIN, Sent
 from eyechart.modes import FEWEST_TOKENS, RequestMode
 from eyechart.spaces.space import AnySpace
 
@@ -212,13 +212,18 @@ class _Outcomes:
     """Which calls have an outcome, known by the hashes of their keys, and how many have two."""
 
     finals: set[int] = field(default_factory=set)
+    again: set[int] = field(default_factory=set)
     twice: int = 0
 
     def add(self, one: Sent) -> None:
-        """Look at an attempt."""
+        """Look at an attempt; a call that was asked again has one outcome, its last."""
+        call = hash(one.key)
+        if one.reason == AGAIN:
+            self.again.add(call)
         if one.reply is not None and (one.final or one.reply.error not in UNFINISHED):
-            self.twice += hash(one.key) in self.finals
-            self.finals.add(hash(one.key))
+            self.twice += call in self.finals and call not in self.again
+            self.finals.add(call)
+            self.again.discard(call)
 
     def guard(self, planned: Iterable[CallKey], counted: str) -> Guard:
         """Return whether every planned call has exactly one outcome."""

@@ -14,8 +14,9 @@ from eyechart.conditions import SAMPLED, available, sample, show, sources
 from eyechart.errors import SpecError
 from eyechart.frames import Frame, FrameBank, Stimulus
 from eyechart.ledger import Ledger
-from eyechart.limits import Limits, Outcome, Pace
+from eyechart.limits import Budget, Limits, Outcome, Pace
 from eyechart.models import Model
+from eyechart.models.faults import is_of_the_road
 from eyechart.perception.view import View, through
 from eyechart.prompts import Prompt
 from eyechart.seeds import key_seed
@@ -240,6 +241,37 @@ def execute(
     caller = Caller(ledger, budget, attempts=attempts)
     stimuli, done = plan.stimuli(), len(keys) - len(todo)
     execution = _Execution(plan, models, caller, progress, stages, stimuli, planned=len(keys), done=done)
+    return _executed(execution, todo, concurrency, budget)
+
+
+def failed_on_the_road(ledger: Ledger, models: Iterable[str]) -> list[CallKey]:
+    """Return the finished calls of models that ended in a failure which says nothing of their request."""
+    finished = ledger.finished()
+    return [key for spec in models for key, one in ledger.replies(spec) if key in finished and is_of_the_road(one)]
+
+
+def ask_again(
+    plan: Plan,
+    models: Mapping[str, Model],
+    ledger: Ledger,
+    *,
+    concurrency: int = 8,
+    attempts: int = 5,
+    limits: Limits | None = None,
+    progress: Progress | None = None,
+) -> Outcome:
+    """Make the calls once more that ended in a failure of the road; never one that got a reply, or a wrong request.
+
+    The last final reply of a call counts, and the earlier ones stay.
+    """
+    todo = in_order(failed_on_the_road(ledger, plan.models), plan.seed)
+    budget = budget_of(limits, plan.models, ledger)
+    caller = Caller(ledger, budget, attempts=attempts, again=True)
+    execution = _Execution(plan, models, caller, progress, None, plan.stimuli(), planned=len(todo), done=0)
+    return _executed(execution, todo, concurrency, budget)
+
+
+def _executed(execution: "_Execution", todo: list[CallKey], concurrency: int, budget: Budget) -> Outcome:
     try:
         asyncio.run(execution.run(todo, concurrency))
     except BaseExceptionGroup as group:

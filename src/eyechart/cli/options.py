@@ -26,6 +26,9 @@ Episodes = Annotated[int, typer.Option(min=1, help="Episodes of a model under wa
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Print the plan and make no call.")]
 DryDrive = Annotated[bool, typer.Option("--dry-run", help="Print the plan; drive nothing, ask nothing.")]
 Again = Annotated[bool, typer.Option("--again", help="Drive anew what ended in an error.")]
+AskAgain = Annotated[
+    bool, typer.Option("--again", help="Ask once more what ended in a failure on the way: no refusal, no reply.")
+]
 Independent = Annotated[
     bool, typer.Option("--independent", help="Declare that frames outside episodes are independent draws.")
 ]

@@ -63,6 +63,7 @@ def battery(
         bool,
         typer.Option("--fresh-controls", help="Draw the distances of the bank's controls anew, for this run alone."),
     ] = False,
+    again: options.AskAgain = False,
     dry_run: options.DryRun = False,
 ) -> None:
     """Run the input-ablation battery. Interrupt it at will: the same command goes on where it stopped.
@@ -89,7 +90,7 @@ def battery(
 
     done = "'eyechart verdict {0}' judges, 'eyechart score {0}' prints every statistic"
     asked, allowed = options.read_modes(model, mode, how.given()), spending.allowed(out, dry_run=dry_run, shard=shard)
-    _make_calls(asked, planned_for, out, allowed, concurrency, sizes, done)
+    _make_calls(asked, planned_for, out, allowed, concurrency, sizes, done, again=again)
 
 
 @options.expanded
@@ -194,6 +195,7 @@ def admission(
     concurrency: options.Concurrency = 8,
     how: options.Options = options.AS_USUAL,
     spending: options.Spending = options.NO_LIMIT,
+    again: options.AskAgain = False,
     dry_run: options.DryRun = False,
 ) -> None:
     """Ask for scene estimates of 16 balanced frame/mirror pairs, and hold them against the clauses of admission.
@@ -208,7 +210,7 @@ def admission(
         return study.plan(study.ADMISSION, frames, modes, out, view=view, seed=seed).counting(probes)
 
     asked, allowed = options.read_modes(model, mode, how.given()), spending.allowed(out, dry_run=dry_run)
-    _make_calls(asked, planned_for, out, allowed, concurrency)
+    _make_calls(asked, planned_for, out, allowed, concurrency, again=again)
 
 
 @options.expanded
@@ -223,6 +225,7 @@ def structured(
     concurrency: options.Concurrency = 8,
     how: options.Options = options.AS_USUAL,
     spending: options.Spending = options.NO_LIMIT,
+    again: options.AskAgain = False,
     dry_run: options.DryRun = False,
 ) -> None:
     """Ask for scene estimates of every frame of a bank and of its reflection (Table t:controller-local).
@@ -237,7 +240,7 @@ def structured(
         return study.plan(study.STRUCTURED, frames, modes, out, view=view, seed=seed, limit=limit).counting(probes)
 
     asked, allowed = options.read_modes(model, mode, how.given()), spending.allowed(out, dry_run=dry_run)
-    _make_calls(asked, planned_for, out, allowed, concurrency)
+    _make_calls(asked, planned_for, out, allowed, concurrency, again=again)
 
 
 def policy(
@@ -305,6 +308,8 @@ def _make_calls(
     concurrency: int,
     lines: "Callable[[Battery], Sequence[str]]" = _of_scenes,
     done: str = "'eyechart score {}' prints the table, the clauses and every figure",
+    *,
+    again: bool = False,
 ) -> None:
     """Probe the models that are to be, say in ``lines`` what is planned, and make the calls."""
     from eyechart.studies import battery as study
@@ -320,7 +325,7 @@ def _make_calls(
         return
     limits = planned.manifest.within(allowed.prices, calls=allowed.max_calls, cost_usd=allowed.max_cost)
     with resumable(), progress("calls", "calls") as move:
-        outcome = study.run(planned, concurrency=concurrency, limits=limits, progress=move)
+        outcome = study.run(planned, concurrency=concurrency, limits=limits, progress=move, again=again)
     for line in _after(planned) if early else ():
         say(line)
     _tell(outcome, failed, planned.left())

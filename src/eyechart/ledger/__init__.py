@@ -7,7 +7,7 @@ final replies of a call the last one counts. A counter beside the file tells whe
 
 from eyechart.ledger.ledger import Ledger
 from eyechart.ledger.loss import accept_loss
-from eyechart.ledger.rows import UNKNOWN, Attempt, Sent
+from eyechart.ledger.rows import AGAIN, UNKNOWN, Attempt, Sent
 from eyechart.ledger.schema import SINCE_FORMAT_3
 
-__all__ = ["SINCE_FORMAT_3", "UNKNOWN", "Attempt", "Ledger", "Sent", "accept_loss"]
+__all__ = ["AGAIN", "SINCE_FORMAT_3", "UNKNOWN", "Attempt", "Ledger", "Sent", "accept_loss"]

@@ -13,6 +13,7 @@ from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.errors import LedgerError, MissingCallsWarning, is_full, printable, why
 from eyechart.ledger.counter import NOTHING, Written, counting, read_counter
 from eyechart.ledger.rows import (
+    AGAIN,
     KEY,
     KEY_IS,
     KEY_OF_CALL,
@@ -33,7 +34,7 @@ from eyechart.ledger.soundness import damaged, require_sound, require_whole
 
 _ADD_CALL = f"INSERT OR IGNORE INTO calls ({KEY}) VALUES (?, ?, ?, ?, ?, ?)"
 _LAST_ATTEMPT = (
-    f"SELECT c.id, a.number, coalesce(r.error, '{UNKNOWN}'), "
+    f"SELECT c.id, a.number, CASE WHEN r.final = 1 THEN '{AGAIN}' ELSE coalesce(r.error, '{UNKNOWN}') END, "
     "EXISTS (SELECT 1 FROM replies f WHERE f.call = c.id AND f.final = 1) "
     "FROM calls c LEFT JOIN attempts a ON a.call = c.id LEFT JOIN replies r ON r.attempt = a.id "
     f"WHERE {KEY_IS} ORDER BY a.number DESC LIMIT 1"
@@ -195,10 +196,11 @@ class Ledger:
             "lost, or an older copy stands in its place; restore it"
         )
 
-    def begin(self, key: CallKey, request_sha256: str) -> Attempt:
+    def begin(self, key: CallKey, request_sha256: str, *, again: bool = False) -> Attempt:
         """Record that an attempt at a call is about to be sent.
 
-        Raises LedgerError where the call is finished already: it must not be paid for twice.
+        Raises LedgerError where the call is finished already, for it must not be paid for twice; unless it is asked
+        ``again``: then its last final reply counts, and the earlier ones stay.
         """
         sql = self._sql
         added = sql.execute(_ADD_CALL, key)
@@ -207,7 +209,7 @@ class Ledger:
             call = int(added.lastrowid or 0)
         else:
             call, before, reason, finished = sql.execute(_LAST_ATTEMPT, key).fetchone()
-            if finished:
+            if finished and not again:
                 raise LedgerError(f"the call {key} is finished already")
             number = (before or 0) + 1
             reason = reason if before else None

@@ -15,6 +15,8 @@ from eyechart.calls import MOST, CallKey, Reply
 
 UNKNOWN = "unknown"
 """The reason of an attempt that repeats one whose outcome is unknown: it was sent, and the run was killed."""
+AGAIN = "again"
+"""The reason of an attempt that asks a finished call once more, because it had ended in a failure of the road."""
 KEY = ", ".join(CallKey._fields)
 KEY_OF_CALL = ", ".join(f"c.{name}" for name in CallKey._fields)
 KEY_IS = " AND ".join(f"{name} = ?" for name in CallKey._fields)

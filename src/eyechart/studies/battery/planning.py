@@ -47,7 +47,7 @@ from eyechart.modes import RequestMode
 from eyechart.perception.view import View, through
 from eyechart.probe import Sample
 from eyechart.prompts import Prompt, find_prompt, neutral, require_sayable
-from eyechart.run import MotionPlan, Plan, Progress, execute, spread
+from eyechart.run import MotionPlan, Plan, Progress, ask_again, execute, spread
 from eyechart.spaces.motion import MotionSpace
 from eyechart.spaces.reader import READERS
 from eyechart.studies.battery.stages import Asked, InStages, staged, stages_of, widest
@@ -400,8 +400,11 @@ def run(
     attempts: int = 5,
     limits: Limits | None = None,
     progress: Progress | None = None,
+    again: bool = False,
 ) -> Outcome:
     """Make the calls of a planned battery that its ledger does not hold yet, and return how that ended.
+
+    With ``again``, those that ended in a failure of the road are made once more before.
 
     Raises LedgerError where another process is writing to the same run, or the ledger cannot be written.
     """
@@ -411,6 +414,11 @@ def run(
             manifest = resumed(battery.out, battery.manifest, battery.plan.bank)
             write_run(battery.out, manifest, battery.plan.bank)
             with Ledger(battery.out / LEDGER, create=True) as ledger:
+                if again:
+                    bounds = {"concurrency": concurrency, "attempts": attempts}
+                    first = ask_again(battery.plan, battery.models, ledger, limits=limits, progress=progress, **bounds)
+                    if first.stopped is not None:
+                        return first
                 return _ask(battery, manifest, ledger, concurrency, attempts, limits, progress)
     except sqlite3.Error as error:
         said = why(error)
