@@ -8,6 +8,7 @@ import os
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Literal, cast
 from urllib.parse import unquote, urlsplit
@@ -318,14 +319,26 @@ def _refuse_secrets(mode: RequestMode) -> None:
 
 def without_secrets(text: str) -> str:
     """Return a text without the values of the environment's variables that are keys by their name."""
+    return each_without_secrets({"": text})[""]
+
+
+def each_without_secrets(texts: Mapping[str, str]) -> dict[str, str]:
+    """Return texts by name without the values of the environment's variables that are keys by their name."""
+    found = dict(texts)
     for variable, value in _secrets():
-        text = text.replace(value, f"[${variable}]")
-    return text
+        found = {name: text.replace(value, f"[${variable}]") for name, text in found.items()}
+    return found
 
 
 def _secrets() -> list[tuple[str, str]]:
-    known = os.environ.items()
-    return [one for one in known if _SECRET_VARIABLE.search(one[0]) and len(one[1]) >= _SECRET_CHARACTERS]
+    known = [(name, os.environ.get(name, "")) for name in os.environ if _is_secret(name)]
+    return [one for one in known if len(one[1]) >= _SECRET_CHARACTERS]
+
+
+@lru_cache(maxsize=4096)
+def _is_secret(variable: str) -> bool:
+    """Return whether a variable is a key by its name; kept, since every reply asks it of the whole environment."""
+    return _SECRET_VARIABLE.search(variable) is not None
 
 
 def _names(value: object) -> list[str]:

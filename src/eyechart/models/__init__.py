@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from eyechart.calls import Query, Reply, bounded, misfit
 from eyechart.errors import SpecError, meant
-from eyechart.modes import RequestMode, without_secrets
+from eyechart.modes import RequestMode, each_without_secrets, without_secrets
 
 
 class Model(Protocol):
@@ -96,9 +96,10 @@ async def ask(model: Model, query: Query) -> Reply:
 
 def _cleaned(reply: Reply) -> Reply:
     """Return a reply none of whose texts holds the value of a variable of the environment that is a key by its name."""
-    texts = {one.name: getattr(reply, one.name) for one in fields(reply)}
-    found: dict[str, Any] = {name: without_secrets(text) for name, text in texts.items() if isinstance(text, str)}
-    return replace(reply, **found) if any(found[name] != texts[name] for name in found) else reply
+    values = {one.name: getattr(reply, one.name) for one in fields(reply)}
+    texts = {name: text for name, text in values.items() if isinstance(text, str)}
+    found: dict[str, Any] = each_without_secrets(texts)
+    return replace(reply, **found) if found != texts else reply
 
 
 def known_models(adapters: Mapping[str, str] = ADAPTERS) -> dict[str, str]:
