@@ -14,7 +14,7 @@ DOCS := $(VENV)/.docs
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm demo-policy ladder hierarchy test test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-coverage long-power long-policies long-lerobot long-act long-serve long-replies long-fuzz mutants clean
+.PHONY: help demo demo-vlm demo-policy ladder hierarchy test test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-coverage long-power long-policies long-lerobot long-act long-serve long-replies long-faults long-fuzz mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -33,6 +33,7 @@ help:
 	@echo "make long-adversaries  adversaries on fresh banks through the real run: which claims they get that are untrue"
 	@echo "make long-power   the power that a plan prints, against models that are drawn, scored and judged"
 	@echo "make long-replies  a million replies made from the corpus by mutation, each read: no exception, no guess"
+	@echo "make long-faults a battery through every fault of the road at random, killed again and again: nothing lost, one verdict"
 	@echo "make long-fuzz   broken ledgers, modes, prompts, tables, guardians, bundles and banks: an error in words each"
 	@echo "make long-serve   a served guardian under hostile load, against the table of classes of replies"
 	@echo "make long-policies  the rules on policies, in simulated settings that were fixed before"
@@ -137,6 +138,9 @@ long-power: $(CORE)
 
 long-replies: $(CORE)
 	$(BIN)/python benchmarks/fuzzed_replies.py
+
+long-faults: $(CORE)
+	$(BIN)/python benchmarks/broken_roads_run.py
 
 long-fuzz: $(CORE)
 	$(BIN)/python benchmarks/fuzzed_files.py
