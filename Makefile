@@ -14,7 +14,7 @@ DOCS := $(VENV)/.docs
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm demo-policy ladder hierarchy test test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-coverage long-power long-policies long-lerobot long-act long-serve long-replies long-faults long-fuzz mutants clean
+.PHONY: help demo demo-vlm demo-policy ladder hierarchy test test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-coverage long-power long-policies long-lerobot long-act long-serve long-endpoints long-replies long-faults long-fuzz mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -36,6 +36,7 @@ help:
 	@echo "make long-faults a battery through every fault of the road at random, killed again and again: nothing lost, one verdict"
 	@echo "make long-fuzz   broken ledgers, modes, prompts, tables, guardians, bundles and banks: an error in words each"
 	@echo "make long-serve   a served guardian under hostile load, against the table of classes of replies"
+	@echo "make long-endpoints  doctor, probe, battery and verdict on every way of serving (LITELLM=, TRANSFORMERS=, URL=)"
 	@echo "make long-policies  the rules on policies, in simulated settings that were fixed before"
 	@echo "make long-lerobot   a data set by LeRobot's own writer, from import to gate: verdicts, time and memory"
 	@echo "make long-act       LeRobot's ACT, trained with and without a state that tells it all: opposite verdicts"
@@ -144,6 +145,9 @@ long-faults: $(CORE)
 
 long-fuzz: $(CORE)
 	$(BIN)/python benchmarks/fuzzed_files.py
+
+long-endpoints: $(CORE)
+	$(BIN)/python benchmarks/every_server.py --litellm "$(LITELLM)" --transformers "$(TRANSFORMERS)" --url "$(URL)"
 
 long-serve: $(CORE)
 	$(BIN)/python benchmarks/hostile_serve.py
