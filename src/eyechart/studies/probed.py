@@ -91,12 +91,7 @@ def plan_probed(
     """
     if allowed.moved and not allowed.dry_run:
         move(study.runs, asked.modes)
-    modes, unprobed = [], []
-    for mode in asked.modes:
-        before = recorded(study.runs, mode, asked.given, whole=study.whole) if mode.spec in asked.by_option else None
-        modes.append(before or mode)
-        if mode.spec in asked.by_option and before is None and is_served(mode) and not allowed.no_probe:
-            unprobed.append(mode.spec)
+    modes, unprobed = _known(study, asked, allowed)
     planned = study.plan(modes, {})
     if not unprobed:
         return planned, {}
@@ -122,6 +117,17 @@ def plan_probed(
         study.keep(planned, {spec: error.spent for spec, error in failed.items()})
     why = {spec: f"it cannot be probed: {error}" for spec, error in failed.items()}
     return (study.plan(pinned, spent) if pinned or study.others else None), why
+
+
+def _known(study: Probing[P], asked: Asked, allowed: Allowed) -> tuple[list[RequestMode], list[str]]:
+    """Return the modes that were asked for, as the runs know them, and the models that are to be probed first."""
+    modes, unprobed = [], []
+    for mode in asked.modes:
+        before = recorded(study.runs, mode, asked.given, whole=study.whole) if mode.spec in asked.by_option else None
+        modes.append(before or mode)
+        if mode.spec in asked.by_option and before is None and is_served(mode) and not allowed.no_probe:
+            unprobed.append(mode.spec)
+    return modes, unprobed
 
 
 def recorded(
