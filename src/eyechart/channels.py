@@ -18,11 +18,14 @@ from eyechart.frames import Frame, FrameBank, Stimulus
 from eyechart.seeds import key_seed
 from eyechart.spaces.motion import MotionSpace, reflect
 from eyechart.stats.partners import NOBODY, Places, balanced_partners, matched_partners, near_partners
+from eyechart.stats.shapley import Subset, subsets
 
 CAMERAS, STATE, INSTRUCTION = "cameras", "state", "instruction"
 CAMERA = "camera:"
 """Stands before the name of a camera that is a channel of its own."""
-PARTNERS = ("swapped", "matched", "near", "kept")
+ALONE = "alone"
+"""Shows a channel of the frame whose pictures `swapped` shows, so that all subsets of channels have one partner."""
+PARTNERS = ("swapped", "matched", "near", "kept", ALONE)
 """The conditions that show another frame's channel: any, one of a similar state, of the own episode; all but one."""
 BY_STATE = ("matched", "near")
 """Those of them whose frame is chosen by its state."""
@@ -39,6 +42,7 @@ _ASKS = {
     "matched": ("that of another episode at a similar state", "does it tell more than the state?"),
     "near": ("that of its own episode, as far off in its state as the matched one", "is it no more than the pose?"),
     "kept": ("its own, all others another episode's", "is the channel enough?"),
+    ALONE: ("that of the moment whose pictures are swapped", "what is its Shapley share?"),
 }
 _DRAWN = {
     **{name: (f"same moment, {name.replace('_', ' moved ')}", "is the object followed?") for name in MOVES},
@@ -82,7 +86,7 @@ def conditions_of(bank: FrameBank) -> tuple[tuple[str, ...], dict[str, str]]:
     every, left_out = ["real", "real_repeat"], {}
     for channel in channels_of(bank):
         over = channel.removeprefix(CAMERA) if channel.startswith(CAMERA) else ""
-        every += [f"{name}{OVER}{channel}" for name in PARTNERS if not (over and name == "kept")]
+        every += [f"{name}{OVER}{channel}" for name in PARTNERS if name != ALONE and not (over and name == "kept")]
         if channel == CAMERAS:
             every += ["blank", "noise"]
         elif over:
@@ -92,6 +96,28 @@ def conditions_of(bank: FrameBank) -> tuple[tuple[str, ...], dict[str, str]]:
         if why := _lacking(name, bank):
             left_out[name] = why
     return tuple(name for name in every if name not in left_out), left_out
+
+
+def subset_conditions(bank: FrameBank) -> dict[Subset, str]:
+    """Return under which condition each subset of the channels is the partner's: cameras, state and instruction.
+
+    None of them is ``real``; all of them is the partner's own moment, which is no condition, and is left out. The
+    partner is the same for all. Empty where the bank has no channel but its cameras.
+    """
+    whole = [name for name in channels_of(bank) if not name.startswith(CAMERA)]
+    if len(whole) < 2:
+        return {}
+    return {some: _subset_condition(some, whole) for some in subsets(whole)[:-1]}
+
+
+def _subset_condition(some: Subset, whole: Sequence[str]) -> str:
+    if not some:
+        return "real"
+    if some == {CAMERAS}:
+        return f"swapped{OVER}{CAMERAS}"
+    if len(some) == len(whole) - 1:
+        return f"kept{OVER}{next(name for name in whole if name not in some)}"
+    return f"{ALONE}{OVER}{next(iter(some))}"
 
 
 def _lacking(name: str, bank: FrameBank) -> str:
@@ -205,7 +231,7 @@ def partners(frames: Sequence[Frame], how: str, channel: str) -> Places:
 
 def whose(base: str, channel: str) -> tuple[str, str]:
     """Return by which partners a condition is shown: one camera's are those of all cameras."""
-    one = CAMERAS if channel.startswith(CAMERA) or base == "kept" else channel
+    one = CAMERAS if channel.startswith(CAMERA) or base in {"kept", ALONE} else channel
     return (base if base in BY_STATE else "swapped"), one
 
 

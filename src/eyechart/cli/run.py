@@ -251,6 +251,9 @@ def policy(
     answers: Annotated[
         int, typer.Option(help="How often a policy that draws its answers is asked for each; no other is asked twice.")
     ] = 4,
+    shapley: Annotated[
+        bool, typer.Option("--shapley", help="Ask every subset of the channels, for Shapley shares; says the cost.")
+    ] = False,
     seed: _Seed = 0,
     limit: options.Limit = None,
     shard: Annotated[str | None, typer.Option(help="i/n: make only these calls; join with 'merge'.")] = None,
@@ -274,7 +277,7 @@ def policy(
         policy or (),
         out,
         seed=seed,
-        extent=study.Extent(limit, None if shard is None else read_shard(shard), answers),
+        extent=study.Extent(limit, None if shard is None else read_shard(shard), answers, shapley),
         conditions=None if conditions is None else [name.strip() for name in conditions.split(",")],
         timeout_s=timeout_s,
     )
@@ -286,6 +289,8 @@ def policy(
         f"{finished} finished, {unknown} sent with unknown outcome, {calls - finished} to make; a policy that turns "
         f"out to draw its answers is asked {answers} times"
     )
+    if shapley:
+        say(f"of these for Shapley shares alone: {planned.of_shapley} calls, as far as it is known who draws")
     if dry_run:
         return
     with resumable(), progress("calls", "calls") as move:

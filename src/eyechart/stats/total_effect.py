@@ -73,16 +73,18 @@ def half_products(r: Floats, s: Floats) -> Floats:
     return np.asarray(together / (2 * k * (k - 1)))
 
 
-def total_effect(effect: Pairs, variation: Pairs, *, sampled: bool = False, level: float = LEVEL) -> Statistic:
+def total_effect(
+    effect: Pairs, variation: Pairs, *, sampled: bool = False, signed: bool = False, level: float = LEVEL
+) -> Statistic:
     """Return the share of a controller's variation that goes with a channel: mean(effect) / mean(variation).
 
     ``effect`` holds the half squared distances of answers with and without the channel exchanged, ``variation`` those
     of answers to a frame and to another episode's. Episodes are numbered alike in both. The standard error is a
     jackknife that leaves each episode out, both as owner and as partner; the interval is t with episodes - 1 degrees of
     freedom, on the scale of the logarithm. With ``sampled``, where noise can make the share negative, the upper end is
-    never below the plain one. The share is of an intervention: channels that tell the same may each have none, or each
-    all, and it may exceed 1. ``n`` counts the frames. None below three episodes, and where the controller does not
-    vary.
+    never below the plain one; with ``signed``, of a share that may truly be negative, it is the plain one, both ends.
+    The share is of an intervention: channels that tell the same may each have none, or each all, and it may exceed 1.
+    ``n`` counts the frames. None below three episodes, and where the controller does not vary.
 
     Source: total-effect index (Homma and Saltelli 1996); delete-one-node jackknife for pairs (Fafchamps and Gubert
     2007). Measured in docs/decisions/0050-any-policy-simulated.md.
@@ -102,7 +104,8 @@ def total_effect(effect: Pairs, variation: Pairs, *, sampled: bool = False, leve
     share = float(whole[0] / without[0])
     error = float(np.sqrt((len(left) - 1) / len(left) * ((left - left.mean()) ** 2).sum()))
     detail = {"episodes": there, "standard_error": error, "effect": float(whole[0]), "variation": float(without[0])}
-    ci = _interval(share, error, _quantile(level, there - 1), sampled=sampled)
+    wide = _quantile(level, there - 1) * error
+    ci = (share - wide, share + wide) if signed else _interval(share, wide, error, sampled=sampled)
     return Statistic(share, n, ci, method=method, detail=detail, level=level)
 
 
@@ -144,8 +147,7 @@ def _means(pairs: Pairs, episodes: int) -> tuple[float, Floats]:
     return float(sums.sum() / counts.sum()), left
 
 
-def _interval(share: float, error: float, quantile: float, *, sampled: bool) -> tuple[float, float]:
-    wide = quantile * error
+def _interval(share: float, wide: float, error: float, *, sampled: bool) -> tuple[float, float]:
     if share <= 0:
         return 0.0, max(0.0, share + wide)
     factor = float(np.exp(min(wide / share, _MOST_EXPONENT)))

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from eyechart.calls import CallKey, Reply
-from eyechart.channels import channels_of, conditions_of, find_exchange, instruction_column
+from eyechart.channels import channels_of, conditions_of, find_exchange, instruction_column, subset_conditions
 from eyechart.errors import BankError, LedgerError, SpecError, why
 from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
@@ -27,11 +27,15 @@ LEAST_EPISODES = 3
 
 @dataclass(frozen=True, slots=True)
 class Extent:
-    """How much is asked: so many frames, one ``shard`` of the calls (i, n), and how often what draws is asked anew."""
+    """How much is asked: so many frames, one ``shard`` of the calls (i, n), and how often what draws is asked anew.
+
+    With ``shapley`` every subset of the channels is asked, whatever conditions are named.
+    """
 
     limit: int | None = None
     shard: tuple[int, int] | None = None
     answers: int = ANSWERS
+    shapley: bool = False
 
 
 WHOLE = Extent()
@@ -41,7 +45,8 @@ WHOLE = Extent()
 class PolicyRun:
     """A run that was planned and not yet made: its plan, its policies, and the folder it goes to.
 
-    ``left_out`` says which conditions the bank cannot show, and why.
+    ``left_out`` says which conditions the bank cannot show, and why; ``of_shapley`` how many of the calls are there for
+    Shapley shares alone, as far as it is known who draws.
     """
 
     plan: MotionPlan
@@ -49,6 +54,7 @@ class PolicyRun:
     manifest: RunManifest
     out: Path
     left_out: Mapping[str, str] = field(default_factory=dict)
+    of_shapley: int = 0
 
     def counts(self) -> tuple[int, int, int]:
         """Return how many calls are planned, finished, and of unknown outcome, as far as it is known who draws."""
@@ -86,10 +92,7 @@ def plan(
     for spec, model in models.items():
         _require_channels(spec, model.facts.get("channels", ""), bank)
     supplied, left_out = conditions_of(bank)
-    for name in conditions or ():
-        find_exchange(name)
-        if name not in supplied:
-            raise BankError(f"condition '{name}' cannot be shown: {left_out.get(name, 'the bank has no such channel')}")
+    asked = _conditions_asked(bank, conditions or supplied, shapley=extent.shapley)
     assert bank.manifest.motion is not None
     prompt = policy_prompt(bank.manifest.motion, instruction_column(bank))
     bank = asked_of(bank, prompt)
@@ -99,7 +102,7 @@ def plan(
         seed=seed,
         prompt=prompt,
         models={spec: model.version for spec, model in models.items()},
-        conditions=tuple(dict.fromkeys(conditions or supplied)),
+        conditions=asked,
         limit=extent.limit,
         shard=extent.shard,
         bank_path=str(bank_path.resolve()),
@@ -115,10 +118,26 @@ def plan(
     calls = replace(
         motions_of(manifest, bank),
         models=tuple(models),
-        conditions=tuple(conditions or supplied),
+        conditions=asked,
         frames=spread(bank.frames, extent.limit),
     )
-    return PolicyRun(calls, models, manifest, out, {} if conditions else left_out)
+    usual = set(conditions or supplied)
+    added = sum(key.condition not in usual for key in calls.keys())  # noqa: SIM118 - a method of plans
+    return PolicyRun(calls, models, manifest, out, {} if conditions else left_out, added)
+
+
+def _conditions_asked(bank: FrameBank, named: Sequence[str], *, shapley: bool) -> tuple[str, ...]:
+    """Return the conditions of a run; raises SpecError or BankError where one is unknown or cannot be shown."""
+    supplied, left_out = conditions_of(bank)
+    every = subset_conditions(bank)
+    if shapley and not every:
+        raise BankError(f"the bank {bank.root} has no channel but its cameras, and --shapley divides among several")
+    asked = dict.fromkeys([*named, *(every.values() if shapley else ())])
+    for name in asked:
+        find_exchange(name)
+        if name not in supplied and not (name in every.values() and name not in left_out):
+            raise BankError(f"condition '{name}' cannot be shown: {left_out.get(name, 'the bank has no such channel')}")
+    return tuple(asked)
 
 
 def _require_asked(bank: FrameBank) -> None:

@@ -5,9 +5,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from eyechart.channels import (
     BY_STATE,
+    CAMERAS,
     INSTRUCTION,
     MOVES,
     OBJECTS,
@@ -15,6 +17,7 @@ from eyechart.channels import (
     STATE,
     TOLD,
     channels_of,
+    subset_conditions,
 )
 from eyechart.conditions import OVER
 from eyechart.costs import ALL, Account, Book
@@ -31,6 +34,7 @@ from eyechart.spaces.motion import MOTION_READER, reflect
 from eyechart.stats.agreement import rate
 from eyechart.stats.flips import follow
 from eyechart.stats.partners import NOBODY, Places
+from eyechart.stats.shapley import shapley_values
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.stats.total_effect import (
     Pairs,
@@ -202,6 +206,7 @@ def statistics_of(motions: Motions, *, drawn: bool, seeded: bool) -> dict[str, S
 
     ``T.CONDITION`` is the share of its own variation that goes under a condition; ``follow.named`` and
     ``follow.other`` how far it follows what was moved, ``follow.told`` how much farther what its instruction names.
+    ``shapley.CHANNEL`` is there where every subset of the channels was asked.
     """
     taken = _Taken(motions, drawn=drawn)
     found = {
@@ -219,6 +224,7 @@ def statistics_of(motions: Motions, *, drawn: bool, seeded: bool) -> dict[str, S
     found["follow.told"] = taken.told()
     found["follow.rather"] = taken.follow(OBJECTS)
     found["mirror"] = taken.mirror()
+    found |= taken.shapley()
     return found
 
 
@@ -334,6 +340,43 @@ class _Taken:
             "same": float((real == other).all(axis=(0, 2, 3)).mean()),
         }
         return replace(found, p=p, detail=detail)
+
+    def shapley(self) -> dict[str, Statistic]:
+        """Return each channel's Shapley share of the variation, which add up to 1; nothing where none was asked for.
+
+        The worth of a subset is half the squared distance of the answer to the frame, and of that with the subset from
+        the partner of its pictures; of all channels, that partner's own answer.
+        """
+        every = subset_conditions(self._motions.plan.bank)
+        if not every or not set(every.values()) <= set(self._motions.plan.conditions):
+            return {}
+        names = sorted(frozenset().union(*every))
+        answers = {some: self._motions.of(name) for some, name in every.items()}
+        given = {some: one for some, one in answers.items() if one is not None}
+        if len(given) < len(every):
+            return {f"shapley.{name}": cannot_say(NOT_ASKED) for name in names}
+        frames, others = self._pictures_of(np.isin(np.arange(self._real.shape[1]), self._whole(*given.values())))
+        if not len(frames):
+            return {f"shapley.{name}": cannot_say(NO_FRAMES) for name in names}
+        real = self._real[:, frames]
+        worth = {some: half_squares(real, one[:, frames]) for some, one in given.items()}
+        worth[frozenset(names)] = half_squares(real, self._real[:, others])
+        owner, partner = self._episodes[frames], self._episodes[others]
+        whole = Pairs(worth[frozenset(names)], owner, partner)
+        return {
+            f"shapley.{name}": total_effect(Pairs(values, owner, partner), whole, signed=True)
+            for name, values in shapley_values(worth).items()
+        }
+
+    def _pictures_of(self, good: npt.NDArray[np.bool_]) -> tuple[Places, Places]:
+        """Return of good frames those whose pictures' partner has a real answer too, and the places of the partners."""
+        plan = self._motions.plan
+        at = {frame.id: place for place, frame in enumerate(plan.frames)}
+        ids = [plan.bank.frames[place].id for place in self._motions.partners(f"swapped{OVER}{CAMERAS}")]
+        places = np.array([at.get(one, NOBODY) for one in ids])
+        there = np.isin(places, self._whole(self._real))
+        frames = np.flatnonzero(good & there)
+        return frames, places[frames]
 
     def beyond(self, channel: str) -> Statistic:
         """Return the share that goes with pictures at a similar state, over what goes with those of the own episode.
