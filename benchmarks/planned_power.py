@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 import eyechart
+from eyechart.calibrate.early import sampled
 from eyechart.conditions import BATTERY, CONDITIONS, COUNTERFACTUALS, OF_BANKS
 from eyechart.frames import MAIN, BankManifest, Frame, FrameBank, alone
 from eyechart.spaces.discrete import DRIVING
@@ -73,7 +74,7 @@ def meant(cell: Cell, frames: int, rng: np.random.Generator) -> dict[str, list[s
     names = (*BATTERY, *COUNTERFACTUALS, "nudged", "lead_absent")
     if label in ABSENCES:
         other = "STOP" if label == "presence_only" else "SLOW"
-        columns = {name: ["SLOW"] * frames for name in names if name != "lead_absent" or label == "presence_only"}
+        columns = {name: ["SLOW"] * frames for name in names}
         return columns | dict.fromkeys(("blank", "noise", "text_only"), [other] * frames)
     reads = set(rng.permutation(frames)[: round(float(share) * frames)].tolist())
     shown = {"lead_near": "STOP", "lead_far": "STRAIGHT"}
@@ -99,7 +100,7 @@ def labels(cell: Cell, first: int, draws: int) -> int:
             codes = [DRIVING.actions.index(action) for action in column]
             given = [(code + step * slip) % count for code, step, slip in zip(codes, other, slipped, strict=True)]
             decisions[name] = tuple(Decision(DRIVING.actions[code]) for code in given)
-        answers = Answers("drawn", bank.frames, DRIVING, None, decisions)
+        answers = sampled(Answers("drawn", bank.frames, DRIVING, None, decisions), number)
         found = Found(Calibrated(answers, Resampling(499, number, intervals=False)))
         label = calibrated_rules(found, turns=False)[0].label
         hits += label == cell.kind.partition("@")[0]
