@@ -94,7 +94,8 @@ class Book:
             page.cost_from[UNKNOWN] += 1
             return
         if reply.error in UNFINISHED and not one.final:
-            page.pending.add(one.key)
+            if one.key not in page.ended:  # asked again, its reply before still counts
+                page.pending.add(one.key)
         else:
             page.pending.discard(one.key)
             page.finish(one.key, reply, self._space.read(reply).missing or "")
