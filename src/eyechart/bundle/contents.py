@@ -140,7 +140,8 @@ def _digests(ledger_path: Path, spec: str) -> dict[str, str]:
     with Ledger(ledger_path) as ledger:
         for sent in ledger.attempts(spec):
             reply = None if sent.reply is None else _as_of_old(sent.reply)
-            line = json.dumps({**sent._asdict(), "key": sent.key._asdict(), "reply": reply}).encode() + b"\n"
+            held = {name: one for name, one in sent._asdict().items() if name != "sent_at"}
+            line = json.dumps({**held, "key": sent.key._asdict(), "reply": reply}).encode() + b"\n"
             digests.setdefault(sent.key.condition, hashlib.sha256()).update(line)
     return {condition: digest.hexdigest() for condition, digest in sorted(digests.items())}
 
