@@ -13,7 +13,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("cli",),
     ("testing", "api", "bundle"),
     ("serve",),
-    ("calibrate", "compare", "transfer", "guardian"),
+    ("calibrate", "compare", "transfer", "paper", "guardian"),
     ("studies",),
     ("report",),
     ("gate", "destination"),

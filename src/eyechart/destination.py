@@ -39,7 +39,7 @@ def require_free(out: Path, kind: str) -> None:
     It is refused where it is a folder, a file of a run or a bank, an existing file of another kind, or cannot be made.
     """
     try:
-        _require_foreign(out)
+        require_foreign(out)
         if out.is_dir():
             raise OutputError(f"{out} is a folder; name the {kind} to write in it, such as {out / 'NAME'}")
         if out.exists() and (not out.is_file() or (out.stat().st_size and not KINDS[kind](out))):
@@ -52,7 +52,8 @@ def require_free(out: Path, kind: str) -> None:
         raise OutputError(f"{out} cannot be written: {why(error)}; choose another place") from error
 
 
-def _require_foreign(out: Path) -> None:
+def require_foreign(out: Path) -> None:
+    """Raise OutputError where ``out`` is a file of a run or of a bank."""
     for path in (out.parent.resolve() / out.name, out.resolve()):
         for folder in path.parents:
             name = path.relative_to(folder).parts[0]

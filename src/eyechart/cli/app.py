@@ -99,7 +99,7 @@ app.add_typer(run.app, name="run")
 app.add_typer(listing, name="list")
 for command in (
     *(demo.demo, run.merge, score.score, score.verdict, score.costs, score.gate, score.compare, score.transfer),
-    *(frames.plan, demo.calibrate, guardian.serve, bundle.report, drive.ladder, drive.audit, drive.film),
+    *(frames.plan, demo.calibrate, guardian.serve, bundle.report, bundle.paper, drive.ladder, drive.audit, drive.film),
     *(bundle.bundle, bundle.validate),
 ):
     app.command()(command)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from eyechart.cli.options import Against, Independent, Reread
+from eyechart.cli.options import Against, Independent, Json, Reread
 from eyechart.cli.terminal import patience, print_json, print_line, say
 
 _SHOWN = 40
@@ -49,6 +49,35 @@ def report(
     for line in made.lines:
         say(line)
     say(f"wrote {out}, {len(made.page.html) / 1e6:.1f} MB")
+
+
+def paper(
+    runs: Annotated[list[Path], typer.Argument(help="Folders of runs, of any kinds.", metavar="RUN...")],
+    out: Annotated[Path, typer.Option(help="Folder to write in.")],
+    frames: Annotated[list[Path] | None, typer.Option(help="The bank, if it has moved; again for another.")] = None,
+    independent: Independent = False,
+    reread: Reread = False,
+    against: Against = None,
+    json: Json = False,
+) -> None:
+    """Write every table and figure of the paper that runs determine, and say what is missing for the others.
+
+    Files are named by the paper's labels, as t-frontier.tex: tables in CSV, Markdown and LaTeX (with label and caption,
+    no wider than a column), figures in SVG and PDF. Example: eyechart paper run-hosted run-drives --out artefacts
+    """
+    from eyechart.paper import artefacts, write
+    from eyechart.studies import Reading
+
+    with patience("paper") as tell:
+        found = artefacts(runs, frames or [], Reading(independent, reread, against), tell)
+        files = write(found, out)
+    if json:
+        print_json({"files": [path.name for path in files], "missing": dict(found.missing)})
+        return
+    for path in files:
+        print_line(f"wrote    {path}")
+    for label, why in found.missing.items():
+        print_line(f"missing  {label}: {why}")
 
 
 def bundle(

@@ -6,7 +6,7 @@ import unicodedata
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from typing import Any
 
@@ -96,6 +96,10 @@ class Drawing:
     wide: bool = False
     of: str = ""
     lean: bool = False
+
+    def labelled(self, label: str) -> "Drawing":
+        """Return the figure as the paper's of that label, under which its files are written."""
+        return replace(self, name=label.replace(":", "-"))
 
     def svg(self, *, inline: bool = False) -> str:
         """Return the figure as SVG: a file of its own, or for a page, in the page's colours."""

@@ -124,13 +124,35 @@ def level(one: Statistic) -> str:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows under columns. ``name`` is its files' stem; ``note`` is what stands below it."""
+    """Rows under columns. ``name`` is its files' stem; ``note`` is what stands below it.
+
+    One with the ``label`` of a table of the paper is set as that is: small, and no wider than a column of text.
+    """
 
     name: str
     caption: str
     columns: tuple[Column, ...]
     rows: tuple[tuple[Cell, ...], ...]
     note: str = ""
+    label: str = ""
+
+    def labelled(self, label: str, caption: str) -> "Table":
+        """Return the table as the paper's of that label, under which its files are written."""
+        return replace(self, name=label.replace(":", "-"), caption=caption, label=label)
+
+    def joined(self, other: "Table") -> "Table":
+        """Return the table with the columns of another, row by row after the first column; a row may be in one only."""
+        mine, theirs = ({self._head(row): row[1:] for row in one.rows} for one in (self, other))
+        none = [(None,) * (len(one.columns) - 1) for one in (self, other)]
+        heads = {self._head(row): row[0] for row in (*other.rows, *self.rows)}
+        order = dict.fromkeys((*mine, *theirs))
+        rows = tuple((heads[name], *mine.get(name, none[0]), *theirs.get(name, none[1])) for name in order)
+        note = " ".join(filter(None, (self.note, other.note)))
+        return replace(self, columns=(*self.columns, *other.columns[1:]), rows=rows, note=note)
+
+    @staticmethod
+    def _head(row: "tuple[Cell, ...]") -> str:
+        return row[0].text if isinstance(row[0], Mark) else str(row[0])
 
     def split(self) -> "Iterator[Table]":
         """Yield a table for each value of the first column, which becomes its caption."""
@@ -236,13 +258,18 @@ class Table:
         kinds = "".join("l" if one.kind in _WORDS else "r" for one in self.columns)
         lines = [" & ".join(map(_latex, row)) + r" \\" for row in (self.names, *self.texts())]
         top = [
-            "% needs \\usepackage{booktabs}",
+            f"% needs \\usepackage{{booktabs{',graphicx' if self.label else ''}}}",
             r"\begin{table}",
             rf"\caption{{{_latex('. '.join(filter(None, (self.caption, self.note))))}}}",
+            *([rf"\label{{{self.label}}}"] if self.label else []),
             r"\centering",
         ]
         body = [rf"\begin{{tabular}}{{@{{}}{kinds}@{{}}}}", r"\toprule", lines[0], r"\midrule", *lines[1:]]
-        return "\n".join([*top, *body, r"\bottomrule", r"\end{tabular}", r"\end{table}", ""])
+        body += [r"\bottomrule", r"\end{tabular}"]
+        if self.label:
+            top += [r"\scriptsize", r"\setlength{\tabcolsep}{2pt}"]
+            body = [r"\resizebox{\ifdim\width>\columnwidth\columnwidth\else\width\fi}{!}{%", *body[:-1], body[-1] + "}"]
+        return "\n".join([*top, *body, r"\end{table}", ""])
 
     def html(self) -> str:
         """Return a table of HTML in which nothing is markup but what stands here."""

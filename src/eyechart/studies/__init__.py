@@ -24,6 +24,7 @@ from eyechart.verdicts import Verdict
 if TYPE_CHECKING:  # a score needs no terminal and no figures
     from rich.text import Text
 
+    from eyechart.report.charts import Drawing
     from eyechart.report.page import Page
     from eyechart.report.table import Table
 
@@ -209,6 +210,13 @@ class Study(ABC, Generic[S]):
         title = ", ".join(run.name for run in runs)
         page = page_of(f"What came of these {self.runs_are}?", title, sections)
         return Made(page, [table for one in sections for table in one.tables], page.notes)
+
+    def paper(
+        self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell
+    ) -> "Iterator[Table | Drawing]":
+        """Yield the paper's tables and figures that runs determine, by its labels; nothing where there is none."""
+        del runs, banks, reading, tell
+        yield from ()
 
     def require_scorable(self, run: Path, reading: Reading) -> None:
         """Raise LedgerError or SpecError where a run that is to be bundled may not be read so."""

@@ -26,7 +26,7 @@ from eyechart.run import Progress
 from eyechart.stats.agreement import rate
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic, cannot_say
-from eyechart.studies import NO_DRIVES, Reading, battery
+from eyechart.studies import NO_DRIVES, Reading, Tell, battery
 from eyechart.studies.battery import OfFrames
 from eyechart.studies.probed import spent_on
 
@@ -262,7 +262,7 @@ def _statistics(score: battery.ModelScore) -> dict[str, Statistic]:
     return {
         "modal_share": modal,
         "distinct_outputs": distinct,
-        "idi": found["idi"],
+        **{name: found[name] for name in ("idi", "noise_floor", "idi_adj")},
         "unparsed_rate": found["unparsed_rate"],
         **{name: found[name] for name in DEPENDENCE},
     }
@@ -293,6 +293,18 @@ def prompts_table(cells: Sequence[CellScore]) -> Table:
         Column("calls", "count"),
     )
     return Table("prompts", "Table t:prompts", named, tuple(rows), note)
+
+
+def paper_table(cells: Sequence[CellScore]) -> Table:
+    """Return Table t:prompts in the paper's form, a row a cell."""
+    names = ("modal_share", "distinct_outputs", "idi", "noise_floor", "idi_adj")
+    rows = tuple((cell.model, cell.name, *(cell.statistics[name].value for name in names)) for cell in cells)
+    named = (
+        *(Column("model"), Column("prompt", "word"), Column("modal", "number", 2), Column("n_a", "number", 0)),
+        *columns("number", "IDI", "s", "IDI_adj", digits=2),
+    )
+    caption = "Prompt ablation. Modal share 1.00 is a constant policy; n_a is the number of distinct outputs"
+    return Table("", "", named, rows).labelled("t:prompts", caption)
 
 
 @dataclass(frozen=True)
@@ -330,6 +342,13 @@ class Prompts(OfFrames[PromptsScore]):
     def score(self, folder: Path, reading: Reading) -> PromptsScore:
         """Score every cell."""
         return PromptsScore(score(folder, reread=reading.reread, resamples=reading.resamples))
+
+    def paper(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Iterator[Table]:
+        """Yield Table t:prompts of each study."""
+        del banks
+        for run in runs:
+            tell(f"scoring {run.name}")
+            yield paper_table(self.score(run, reading).cells)
 
     def printed(self, score: PromptsScore) -> Iterator[Table | str]:
         """Yield a table a model, the marks of its cells, and what each took."""

@@ -18,6 +18,7 @@ from eyechart.verdicts import Verdict, judge, words_of
 if TYPE_CHECKING:
     from rich.text import Text
 
+    from eyechart.report.charts import Drawing
     from eyechart.report.table import Table
     from eyechart.studies.battery.subjects import Evidence
 
@@ -102,6 +103,21 @@ class BatteryStudy(OfFrames[BatteryScore]):
         from eyechart.studies.battery.subjects import read_evidence
 
         return _made(read_evidence(runs, banks, score=partial(self.score, reading=reading), tell=tell), tell)
+
+    def paper(
+        self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell
+    ) -> "Iterator[Table | Drawing]":
+        from eyechart.report.charts import style
+        from eyechart.studies.battery.figures import agreement, information
+        from eyechart.studies.battery.subjects import read_evidence, subjects
+        from eyechart.studies.battery.tables import paper_tables
+
+        evidence = read_evidence(runs, banks, score=partial(self.score, reading=reading), tell=tell)
+        everyone = subjects(evidence)
+        yield from paper_tables(everyone)
+        with style():
+            yield agreement(everyone).labelled("fgr:bicb")
+            yield from (one.labelled("fgr:mi") for one in information(everyone))
 
     def require_scorable(self, run: Path, reading: Reading) -> None:
         require_scorable(

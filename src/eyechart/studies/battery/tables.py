@@ -1,7 +1,10 @@
 """Tables of a battery: verdicts, Table t:frontier of the paper, and every statistic."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
+from eyechart.conditions import CONDITIONS
 from eyechart.report.table import (
     MARK,
     STATISTIC,
@@ -113,6 +116,48 @@ def frontier_table(everyone: Sequence[Judged]) -> Table:
     rows.append(("verdict (calibrated)", *map(_label, verdicts)))
     named = (Column("metric", "word"), *columns("word", *(label for label, _, _ in everyone)))
     return Table("frontier", "The battery, as the paper prints it", named, tuple(rows))
+
+
+UNPRINTED = ("agree(shuffled)", "V (real, blank)")
+"""What the paper's Table t:frontier leaves out of the rows."""
+
+
+def paper_tables(everyone: Sequence[Subject]) -> Iterator[Table]:
+    """Yield Tables t:conditions, t:frontier and t:qwenorder of the paper, of the models given."""
+    asked = dict.fromkeys(name for who in everyone for name in who.run.conditions)
+    shown = tuple((name, CONDITIONS[name].image, CONDITIONS[name].asks) for name in asked)
+    yield Table("", "", (Column("condition", "word"), *columns("text", "image", "tests")), shown).labelled(
+        "t:conditions", "Blind-input conditions; only the image changes"
+    )
+    frontier = frontier_table(judged_of(everyone))
+    kept = replace(frontier, rows=tuple(row for row in frontier.rows if row[0] not in UNPRINTED))
+    yield kept.labelled("t:frontier", "The battery. s is the rate of disagreement with itself on the identical image")
+    if (order := order_table(everyone)).rows:
+        yield order
+
+
+def order_table(everyone: Sequence[Subject]) -> Table:
+    """Return Table t:qwenorder: each action's frames and median gap, and what reflection made of the directions.
+
+    A frame without a lead counts as the farthest gap. Actions stand by how often they were given.
+    """
+    rows: list[tuple[Cell, ...]] = []
+    for who in everyone:
+        answers, found = who.model.answers, (who.model.statistics["gap_order"].detail or {}).get("median_by_action")
+        medians = found if isinstance(found, dict) else {}
+        real, mirrored, _ = answers.both("real", "mirrored", "response")
+        turned = {name: Counter(mirrored[real == name].tolist()) for name in answers.partners}
+        counts = Counter(answers.actions("real").tolist())
+        for action in sorted(medians, key=lambda name: -counts[name]):
+            to = ", ".join(f"{name} {count}" for name, count in turned.get(action, Counter()).most_common())
+            rows.append((who.label, action, counts[action], medians[action], to or None))
+    unit = next((who.model.answers.gap.unit for who in everyone if who.model.answers.gap is not None), "m")
+    named = (
+        *(Column("model"), Column("action", "word"), Column("n", "count")),
+        *(Column(f"med. gap ({unit})", "number", 1), Column("under reflection")),
+    )
+    caption = "Emitted action against the true gap, real frames only, and under reflection"
+    return Table("", "", named, tuple(rows)).labelled("t:qwenorder", caption)
 
 
 def statistics_table(everyone: Sequence[Judged]) -> Table:

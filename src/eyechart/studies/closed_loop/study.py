@@ -158,6 +158,7 @@ def unfinished_of(path: Path) -> tuple[Unfinished, ...]:
 
 
 if TYPE_CHECKING:
+    from eyechart.report.charts import Drawing
     from eyechart.report.table import Table
 
 NO_LEDGER = {
@@ -232,3 +233,15 @@ class ClosedLoop(OfEpisodes[ClosedLoopScore]):
             yield from (one.sentence for one in score.blind)
         yield from tables.audit_printed(score)
         yield from tables.long_tables(score)
+
+    def paper(
+        self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell
+    ) -> "Iterator[Table | Drawing]":
+        from eyechart.studies.closed_loop.page import drives_figures
+        from eyechart.studies.closed_loop.tables import paper_tables
+
+        del banks
+        tell("scoring")
+        scored = score(runs, against_policy=reading.against)
+        yield from paper_tables(scored)
+        yield from (one.labelled("fgr:mi") for one in drives_figures(scored)["information"])

@@ -177,6 +177,52 @@ def paper_table(rows: Sequence[Beside]) -> Table:
     )
 
 
+def paper_tables(score: ClosedLoopScore) -> Iterator[Table]:
+    """Yield Tables t:baselines and t:degeneracy in the paper's form, the paper's rows beside, and decision replay."""
+    rungs = [one for one in score.ladder if (one.driver.simulator, one.driver.condition) == (SIMULATOR, "real")]
+    if rungs:
+        yield baselines_table(rungs)
+    if beside := beside_paper(score.ladder):
+        yield replace(paper_table(beside), name="t-baselines-beside")
+    asked = {one.driver for one in score.drives if one.asked}
+    if rows := [one for one in score.audit if one.driver in asked]:
+        yield audited_table(rows)
+    if score.replays:
+        yield replace(replay_table(score.replays), name="replay")
+
+
+def baselines_table(rungs: Sequence[Rung]) -> Table:
+    """Return Table t:baselines in the paper's form: one row a policy, the longest way first."""
+    names = ("distance_m", "reward", "speed_mps", "crash_rate")
+    far = sorted(rungs, key=lambda one: -(one.statistics["distance_m"].value or 0.0))
+    rows = tuple((one.driver.label, *(one.statistics[name].value for name in names)) for one in far)
+    counts = sorted({one.statistics["reward"].n for one in rungs})
+    caption = f"Closed-loop baseline ladder, {' or '.join(map(str, counts))} episodes per policy"
+    forms = (replace(MEASURES[name], kind="number") for name in names)
+    return Table("", "", (Column("policy"), *forms), rows).labelled("t:baselines", caption)
+
+
+def audited_table(rows: Sequence[Degeneracy]) -> Table:
+    """Return Table t:degeneracy in the paper's form, with the p of whole episodes beside the paper's."""
+    names = ("modal_share", "entropy_bits", "information_bits", "information_share")
+    made = []
+    for row in rows:
+        found, varied = [row.statistics[name].value for name in names], _varies(row)
+        told = (row.holm_naive, row.holm) if varied else (None, None)
+        made.append(
+            (row.driver.simulator, row.driver.label, *found[:2], *(found[2:] if varied else (None, None)), *told)
+        )
+    named = (
+        *(Column("platform", "word"), Column("model"), Column("modal", "number"), Column("H (b)", "number", 2)),
+        *(*columns("number", "MI (b)", "MI/H"), *columns("p", "p", "p (episodes)")),
+    )
+    caption = (
+        "Policy degeneracy audit on closed-loop logs. MI/H is the fraction of the model's own action variability "
+        "explained by scene geometry. Both p are Holm-corrected"
+    )
+    return Table("", "", named, tuple(made)).labelled("t:degeneracy", caption)
+
+
 def paper_words(rows: Sequence[Beside], rungs: Sequence[Rung]) -> list[str]:
     """Return in words who leads, and which rows lie further from the paper than 2 % (in crashes: one episode)."""
     words = [unlike(rows)] if unlike(rows) else []

@@ -43,6 +43,14 @@ class Hierarchy(OfEpisodes[HierarchyScore]):
             )
         yield from (*score.words, *unfinished_words(score.unfinished))
 
+    def paper(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> "Iterator[Table]":
+        from eyechart.studies.hierarchy.tables import paper_tables
+
+        del banks, reading
+        for run in runs:
+            tell(f"scoring {run.name}")
+            yield from paper_tables(score(run))
+
     def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:
         from eyechart.studies.hierarchy.page import make_hierarchy_page
         from eyechart.studies.hierarchy.tables import tables_of

@@ -1,6 +1,7 @@
 """Tables of the hierarchy: sources of intent beside the paper's, what they emitted, and whom completion tells apart."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from eyechart.report.table import Cell, Column, Mark, Table, columns
 from eyechart.studies.closed_loop import Paired
@@ -47,6 +48,23 @@ def source_table(sources: Sequence[Source], ablation: str) -> Table:
         *(Column("dist. m", "estimate", 1), Column("paper's dist.", "number", 1)),
     )
     return Table(f"sources_{ablation}", TITLES[ablation], named, tuple(rows), "95 %: exact intervals")
+
+
+def paper_tables(score: HierarchyScore) -> Iterator[Table]:
+    """Yield Table t:mpc-intent: every source with the controller fixed, and the paper's rows beside those it prints."""
+    rows = tuple(
+        (one.name, count_of(one.goals), count_of(one.crashes), one.distance_m.value, one.stop_share.value)
+        for one in score.sources
+    )
+    if not rows:
+        return
+    named = (Column("intent source"), *columns("count", "goal", "crash"), Column("dist. (m)", "number", 1))
+    named += (Column("STOP", "number", 1, 100, "%"),)
+    caption = "Intent-source controls with the state-constrained MPC fixed, paired worlds"
+    yield Table("", "", named, rows).labelled("t:mpc-intent", caption)
+    for ablation in TITLES:
+        if (beside := source_table(score.sources, ablation)).rows:
+            yield replace(beside, name="t-mpc-intent-beside")
 
 
 def intent_table(sources: Sequence[Source], ablation: str) -> Table:

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from eyechart.report.table import Table
     from eyechart.studies.structured.tables import Estimates
 
+CONTROLLERS = "Task-calibrated estimators: static original and mirror pairs, and online episodes"
+"""The caption of Table t:controller-local, whose halves are of two kinds of run."""
+
 _NO_VERDICT = "is a run of scene estimates, which are held to clauses instead: use 'eyechart score' or 'eyechart gate'"
 
 
@@ -61,6 +64,17 @@ class Structured(OfFrames[StructuredScore]):
 
         return _made(read_evidence(runs, banks, score=partial(self.score, reading=reading), tell=tell), tell)
 
+    def paper(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> "Iterator[Table]":
+        from eyechart.studies.structured.tables import controller_table, marks
+
+        del banks
+        scored = []
+        for run in runs:
+            tell(f"scoring {run.name}")
+            found = self.score(run, reading)
+            scored += [(spec, one, marks(found.guards[spec])) for spec, one in found.models.items()]
+        yield controller_table(scored).labelled("t:controller-local", CONTROLLERS)
+
     def require_scorable(self, run: Path, reading: Reading) -> None:
         require_scorable(run, read_manifest(run), reread=reading.reread)
 
@@ -100,6 +114,14 @@ class OnlineStudy(OfEpisodes[online.OnlineScore]):
         from eyechart.studies.structured.tables import online_table
 
         return [online_table(online.score(run)) for run in runs]
+
+    def paper(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> "Iterator[Table]":
+        from eyechart.studies.structured.tables import crashes_table
+
+        del banks, reading
+        for run in runs:
+            tell(f"scoring {run.name}")
+            yield crashes_table(online.score(run)).labelled("t:controller-local", CONTROLLERS)
 
     def printed(self, score: online.OnlineScore) -> "Iterator[Table | str]":
         from eyechart.studies.structured.tables import online_table

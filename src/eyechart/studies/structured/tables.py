@@ -113,6 +113,13 @@ def online_table(score: OnlineScore) -> Table:
     return Table("online", caption, (*named, *columns("count", *actions, "fail-safe", "errors")), rows, note)
 
 
+def crashes_table(score: OnlineScore) -> Table:
+    """Return the online columns of Table t:controller-local: an estimator's episodes and its crash rate."""
+    rows = tuple((spec, one.crash_rate.n, one.crash_rate) for spec, one in score.driven.items())
+    named = (Column("estimator"), Column("episodes", "count"), Column("crash", "estimate"))
+    return Table("controllers", "", named, rows)
+
+
 def reading_words(score: EstimatorScore) -> list[str]:
     """Return in words whether a model is admitted, how many replies held no estimate and why, and what was repaired."""
     partial = "" if score.answered >= score.planned else f"; {score.answered} of {score.planned} calls are answered"
