@@ -55,9 +55,10 @@ def loaded(table: study.VoteTable, folder: Path, models: Sequence[str], **option
 @pytest.fixture
 def watched() -> Iterator[None]:
     """Fail where a test leaves a thread of a guardian that was closed."""
+    before = set(threading.enumerate())
     yield
     for _ in range(500):
-        if not [one for one in threading.enumerate() if one.name == "eyechart-guardian"]:
+        if not [one for one in set(threading.enumerate()) - before if one.name == "eyechart-guardian"]:
             return
         time.sleep(0.02)
     raise AssertionError("a closed guardian's event loop still runs")
