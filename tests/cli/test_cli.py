@@ -64,6 +64,7 @@ COMMANDS = (
     "guardian modular",
     "guardian export",
     "serve",
+    "paper",
     "plan",
     "calibrate",
     "list",
