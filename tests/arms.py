@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from eyechart.simulators.tabletop.drawing import BLOCKS, SIZE
-from eyechart.simulators.tabletop.world import COLOURS, Table, oracle
+from eyechart.simulators.tabletop.world import COLOURS, Workspace, oracle
 
 Images = Mapping[str, np.ndarray]
 
@@ -23,13 +23,13 @@ def blocks(picture: np.ndarray, tool: np.ndarray) -> np.ndarray:
 def reach(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
     """Look from above, and go to the block that is named."""
     named = next(colour for colour in COLOURS if colour in (instruction or "red"))
-    return oracle(Table(state[:2], float(state[2]), blocks(images["top"], state[:2]), named))
+    return oracle(Workspace(state[:2], float(state[2]), blocks(images["top"], state[:2]), named))
 
 
 def middle(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
     """Never look, and go to the middle of the table."""
     del images, instruction
-    return oracle(Table(state[:2], float(state[2]), np.full((2, 2), 0.5), "red"))
+    return oracle(Workspace(state[:2], float(state[2]), np.full((2, 2), 0.5), "red"))
 
 
 def deaf(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
@@ -117,7 +117,7 @@ def poses(images: Images, state: np.ndarray, instruction: str | None) -> np.ndar
     del instruction
     down, across = np.nonzero(images["top"].astype(int).sum(axis=2) < 150)
     tool = np.array([across.mean() + 0.5, down.mean() + 0.5]) / SIZE if len(down) else np.full(2, 0.5)
-    return oracle(Table(tool, float(state[2]), np.full((2, 2), 0.5), "red"))
+    return oracle(Workspace(tool, float(state[2]), np.full((2, 2), 0.5), "red"))
 
 
 def liar(images: Images, state: np.ndarray, instruction: str | None, *, seed: int) -> np.ndarray:

@@ -10,7 +10,7 @@ from eyechart.frames import FrameBank, decode, open_bank
 from eyechart.simulators import open_bank_simulator
 from eyechart.simulators.tabletop import INSTRUCTION, STATE
 from eyechart.simulators.tabletop.drawing import BLOCKS, SIZE, cameras
-from eyechart.simulators.tabletop.world import COLOURS, MOVED, REACH, Table, episode, oracle, scene
+from eyechart.simulators.tabletop.world import COLOURS, MOVED, REACH, Workspace, episode, oracle, scene
 
 
 @pytest.fixture(scope="module")
@@ -83,10 +83,10 @@ def test_the_oracle_reaches_the_named_block() -> None:
     rng = np.random.default_rng(4)
     for _ in range(30):
         colour = COLOURS[int(rng.integers(2))]
-        table = Table(rng.uniform(0.1, 0.9, 2), 0.0, scene(rng), colour)
+        table = Workspace(rng.uniform(0.1, 0.9, 2), 0.0, scene(rng), colour)
         tool = table.tool.copy()
         for _ in range(20):
-            first = oracle(Table(tool, 0.0, table.blocks, colour))[0]
+            first = oracle(Workspace(tool, 0.0, table.blocks, colour))[0]
             tool = tool + REACH * first[:2]
         assert np.hypot(*(tool - table.target)) < 1e-9
         assert first[2] == 1.0
@@ -104,7 +104,9 @@ def test_the_mirrored_table_is_the_flipped_picture() -> None:
     rng = np.random.default_rng(1)
     tables = episode(rng, scene(rng), "red", 8, left=True)
     flipped = [
-        Table(np.array([1 - one.tool[0], one.tool[1]]), one.grip, np.array([[1, 0]]) + [[-1, 1]] * one.blocks, "red")
+        Workspace(
+            np.array([1 - one.tool[0], one.tool[1]]), one.grip, np.array([[1, 0]]) + [[-1, 1]] * one.blocks, "red"
+        )
         for one in tables
     ]
     for name, pictures in cameras(tables).items():

@@ -54,9 +54,9 @@ class Pairs:
 def half_squares(first: npt.ArrayLike, second: npt.ArrayLike) -> Floats:
     """Return half the mean squared difference of two answers to each frame, shape (n,), net of noise.
 
-    Both have shape (k, n, …), with as many answers. With one answer it is ½ |r - s|²; with more, the mean of
-    ½ ⟨rₐ - sₐ, r_b - s_b⟩ over a ≠ b, whose expectation has no noise in it, and which may be negative. ValueError where
-    the shapes differ.
+    Both have shape (k, n, …), with as many answers. With one answer it is ``½ |r - s|²``; with more, the mean of
+    ``½ ⟨rₐ - sₐ, r_b - s_b⟩`` over a ≠ b, whose expectation has no noise in it, and which may be negative. ValueError
+    where the shapes differ.
     """
     r, s = np.asarray(first, np.float64), np.asarray(second, np.float64)
     if r.shape != s.shape or r.ndim < 3:

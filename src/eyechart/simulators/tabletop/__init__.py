@@ -15,7 +15,7 @@ from eyechart.simulators.tabletop.world import (
     HORIZON,
     MOVED,
     Object,
-    Table,
+    Workspace,
     direction,
     episode,
     instruction,
@@ -105,7 +105,7 @@ def _moments(preset: str, scenario: str, seed: int, steps: int) -> Iterator[Mome
 
 
 def _changed(
-    tables: list[Table], ways: list[dict[Object, np.ndarray]], decoys: np.ndarray
+    tables: list[Workspace], ways: list[dict[Object, np.ndarray]], decoys: np.ndarray
 ) -> dict[str, dict[str, np.ndarray]]:
     """Return the pictures of all moments with one thing changed, by its name."""
     found = {}
@@ -126,12 +126,12 @@ def _decoys(blocks: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return np.asarray(drawn[np.argsort(far < 3 * HALF, kind="stable")[:2]])
 
 
-def _state(table: Table, *, told: bool) -> tuple[float, ...]:
+def _state(table: Workspace, *, told: bool) -> tuple[float, ...]:
     numbers = [*table.tool, table.grip, *(table.target if told else ())]
     return tuple(round(float(one), 6) for one in numbers)
 
 
-def _truth(table: Table, way: dict[Object, np.ndarray]) -> dict[str, Scalar]:
+def _truth(table: Workspace, way: dict[Object, np.ndarray]) -> dict[str, Scalar]:
     """Return where things are, along which way each block is moved, and how far the oracle follows it then.
 
     ``named_follow`` is how much farther along the way its motion goes with the block moved forth than moved back, in

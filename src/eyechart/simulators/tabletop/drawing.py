@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.cameras import Colour
-from eyechart.simulators.tabletop.world import Floats, Table
+from eyechart.simulators.tabletop.world import Floats, Workspace
 
 SIZE = 32
 CAMERAS = ("top", "wrist")
@@ -41,7 +41,7 @@ USUAL = Look()
 _MIDDLES = (np.arange(SIZE) + 0.5)[None, :]
 
 
-def top(tables: Sequence[Table], look: Look = USUAL) -> _Pictures:
+def top(tables: Sequence[Workspace], look: Look = USUAL) -> _Pictures:
     """Return what the camera above sees, shape (n, 32, 32, 3)."""
     tools, grips = np.stack([one.tool for one in tables]), np.array([one.grip for one in tables])
     pictures = _ground(len(tables), look.table)
@@ -52,7 +52,7 @@ def top(tables: Sequence[Table], look: Look = USUAL) -> _Pictures:
     return _rounded(pictures)
 
 
-def wrist(tables: Sequence[Table], look: Look = USUAL) -> _Pictures:
+def wrist(tables: Sequence[Workspace], look: Look = USUAL) -> _Pictures:
     """Return what the camera at the tool sees, shape (n, 32, 32, 3)."""
     tools = np.stack([one.tool for one in tables])
     pictures = _SHADE * _ground(len(tables), look.table)
@@ -62,7 +62,7 @@ def wrist(tables: Sequence[Table], look: Look = USUAL) -> _Pictures:
     return _rounded(pictures)
 
 
-def cameras(tables: Sequence[Table], look: Look = USUAL) -> dict[str, _Pictures]:
+def cameras(tables: Sequence[Workspace], look: Look = USUAL) -> dict[str, _Pictures]:
     """Return the pictures of both cameras by name, each of shape (n, 32, 32, 3)."""
     return {"top": top(tables, look), "wrist": wrist(tables, look)}
 
@@ -71,7 +71,7 @@ def _ground(count: int, colour: Colour) -> Floats:
     return np.broadcast_to(np.array(colour, np.float64), (count, SIZE, SIZE, 3)).copy()
 
 
-def _things(tables: Sequence[Table], look: Look) -> list[tuple[Floats, Colour]]:
+def _things(tables: Sequence[Workspace], look: Look) -> list[tuple[Floats, Colour]]:
     """Return the places, shape (n, 2), and the colour of every block and decoy."""
     blocks = np.stack([one.blocks for one in tables])
     found = [(blocks[:, place], colour) for place, colour in enumerate(look.blocks)]

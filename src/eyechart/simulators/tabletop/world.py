@@ -30,8 +30,8 @@ _DIRECTIONS = 16
 
 
 @dataclass(frozen=True)
-class Table:
-    """A moment: where the tool and the blocks are, and which block is named.
+class Workspace:
+    """The table at a moment: where the tool and the blocks are, and which block is named.
 
     ``blocks`` has shape (2, 2): red and blue, x and y. ``grip`` is 1 where the gripper is closed.
     """
@@ -51,13 +51,13 @@ class Table:
         """Return where the named block is, shape (2,)."""
         return np.asarray(self.blocks[self.place_of("named")])
 
-    def moved(self, which: Object, by: Floats) -> "Table":
+    def moved(self, which: Object, by: Floats) -> "Workspace":
         """Return the same moment with one block moved."""
         blocks = self.blocks.copy()
         blocks[self.place_of(which)] += by
         return replace(self, blocks=blocks)
 
-    def told_otherwise(self) -> "Table":
+    def told_otherwise(self) -> "Workspace":
         """Return the same moment with the other block named."""
         return replace(self, named=COLOURS[self.place_of("other")])
 
@@ -67,7 +67,7 @@ def instruction(named: str) -> str:
     return f"reach the {named} block"
 
 
-def oracle(table: Table) -> Floats:
+def oracle(table: Workspace) -> Floats:
     """Return the motion that goes straight to the named block, shape (8, 3): dx, dy in units of `REACH`, and grip."""
     place, rows = table.tool.copy(), np.zeros((HORIZON, 3))
     for row in rows:
@@ -88,13 +88,13 @@ def scene(rng: np.random.Generator, *, fixed: bool = False) -> Floats:
     return np.array(_FIXED)
 
 
-def episode(rng: np.random.Generator, blocks: Floats, named: Colour, moves: int, *, left: bool) -> list[Table]:
+def episode(rng: np.random.Generator, blocks: Floats, named: Colour, moves: int, *, left: bool) -> list[Workspace]:
     """Return the moments of a reach by an oracle whose hand is unsteady; it begins in the left half or the right."""
     tool, grip, found = rng.uniform((0.1, 0.1), (0.5, 0.9)), 0.0, []
     if not left:
         tool[0] = 1 - tool[0]
     for _ in range(moves):
-        now = Table(tool, grip, blocks, named)
+        now = Workspace(tool, grip, blocks, named)
         found.append(now)
         first = oracle(now)[0]
         tool = np.clip(tool + REACH * (first[:2] + _UNSTEADY * rng.normal(size=2)), 0.02, 0.98)
@@ -102,7 +102,7 @@ def episode(rng: np.random.Generator, blocks: Floats, named: Colour, moves: int,
     return found
 
 
-def direction(table: Table, which: Object, rng: np.random.Generator) -> Floats:
+def direction(table: Workspace, which: Object, rng: np.random.Generator) -> Floats:
     """Return a unit vector along which a block can be moved by `MOVED` both ways, away from edges and its neighbour.
 
     Where no drawn one leaves room on both sides, it is the one that leaves most.
