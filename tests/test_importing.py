@@ -170,7 +170,7 @@ def spoilt(column: str, value: object, row: int = 4) -> str:
         (spoilt("speed", "x" * 200_000), {}, "row 4: field larger than field limit"),
         (spoilt("speed", '"'), {}, None),
         (
-            photographs.as_csv(photographs.rows()).replace("GO", "").replace("0.50 km/h", "a,b"),
+            photographs.as_csv(photographs.rows()).replace(".50 km/h", ",5", 1),
             {},
             "cells; the header has 6",
         ),

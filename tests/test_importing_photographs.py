@@ -220,6 +220,38 @@ def test_all_faults_of_a_source_are_named_at_once(album: Path, tmp_path: Path) -
     assert sorted(path.name for path in tmp_path.iterdir()) == ["album", "t.csv"]
 
 
+@pytest.mark.parametrize("kind", ["csv", "jsonl"])
+def test_rows_that_are_broken_are_faults_among_the_others(album: Path, tmp_path: Path, kind: str) -> None:
+    """Each by its number, and the rows after them are read on."""
+    rows = {
+        "csv": ("file,drive", "plain.png,1", "grey.png", "cmyk.jpg,1,2,3", "gone.png,"),
+        "jsonl": (
+            *('{"file": "plain.png", "drive": 1}', '{"file": "grey.png"', '{"file": "cmyk.jpg", "tick": 2}'),
+            '{"file": "gone.png"}',
+        ),
+    }[kind]
+    table = tmp_path / f"t.{kind}"
+    table.write_text("\n".join(rows) + "\n")
+    with pytest.raises(SourceError) as caught:
+        import_table(album, table, tmp_path / "bank", Choices())
+    lines = str(caught.value).splitlines()
+    assert lines[0] == f"t.{kind} has 4 faults, and nothing was written:"
+    assert ["row 2" in lines[1], "row 3" in lines[2]] == [True, True]
+    assert sum("row 4: the episode 'drive' is empty" in line for line in lines) == 1
+    assert sum("row 4: there is no picture 'gone.png'" in line for line in lines) == 1
+
+
+def test_a_refusal_names_the_option_that_makes_a_picture_plain(album: Path, tmp_path: Path) -> None:
+    """Of each that can be made so, and of no other."""
+    Image.fromarray(np.ones((4, 4), dtype=np.float32)).save(album / "depth.tif")
+    (album / "cut.png").write_bytes((album / "plain.png").read_bytes()[:-30])
+    table = table_of([{"file": name} for name in (*odd(), "depth.tif", "cut.png")], tmp_path / "t.csv")
+    with pytest.raises(SourceError) as caught:
+        import_table(album, table, tmp_path / "bank", Choices())
+    for line in str(caught.value).splitlines()[1:]:
+        assert line.endswith(", or import with --convert") != ("depth.tif" in line or "cut.png" in line), line
+
+
 def test_more_faults_than_a_screen_holds_are_counted(album: Path, tmp_path: Path) -> None:
     """The first forty are said, and how many more there are."""
     table = table_of([{"file": f"{n}.png"} for n in range(100)], tmp_path / "t.csv")
@@ -280,6 +312,41 @@ def test_usual_names_of_columns_are_taken_and_said(photos: Path, tmp_path: Path)
     assert bank.frames[0].id == str(photographs.rows()[0]["photo"])
     places = "file from 'Image Path', gap from 'Distance_m' in m, episode from 'Sequence', step from 'Frame-Number'"
     assert taken(bank) == [f"columns: {places}, scenario from 'Location'"]
+
+
+def test_the_places_own_names_are_taken_in_whatever_letters(photos: Path, tmp_path: Path) -> None:
+    """As spreadsheets write them."""
+    names = {"photo": "File", "drive": "Episode", "place": "SCENARIO", "tick": "Step", "lidar_m": "Gap"}
+    rows = [{names.get(name, name): value for name, value in row.items()} for row in photographs.rows()]
+    rows = [{**row, "Mirror Axis": "horizontal", "Lead-Near": ""} for row in rows]
+    choices = Choices(threshold=18.0, unit="m")
+    bank = import_table(photos, table_of(rows, tmp_path / "t.csv"), tmp_path / "bank", choices)
+    assert bank.manifest.absent == ()
+    assert bank.manifest.gap is not None
+    assert bank.frames[0].mirror_axis == "horizontal"
+    assert not {*names.values(), "Mirror Axis", "Lead-Near"} - {"Gap"} & bank.frames[0].truth.keys()
+
+
+@pytest.mark.parametrize(
+    ("columns", "places"),
+    [
+        (("image_file", "video", "frame_idx", "scene"), ("episode", "scenario", "step")),
+        (("img_path", "scene_token", "frame_no"), ("episode", "step")),
+        (("frame_path", "clip_id"), ("episode",)),
+        (("picture", "scene"), ("scenario",)),
+    ],
+)
+def test_what_tables_of_videos_call_their_columns_is_taken(
+    photos: Path, tmp_path: Path, columns: tuple[str, ...], places: tuple[str, ...]
+) -> None:
+    """Files by their usual names too; a scene with an episode's sign is one, else a kind of place."""
+    cells = {"frame_idx": "tick", "frame_no": "tick", "scene": "place"}
+    rows = [
+        {name: row["photo"] if one == 0 else row[cells.get(name, "drive")] for one, name in enumerate(columns)}
+        for row in photographs.rows()
+    ]
+    bank = import_table(photos, table_of(rows, tmp_path / "t.csv"), tmp_path / "bank", Choices())
+    assert {"scenario", "episode", "step"} - {*bank.manifest.absent} == {*places}
 
 
 def test_a_usual_name_is_not_taken_where_its_owner_says_otherwise(photos: Path, tmp_path: Path) -> None:

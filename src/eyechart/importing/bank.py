@@ -188,7 +188,7 @@ def keep(table: Table, choices: Choices) -> Kept:
 
     What is wrong with the choices is a fault of what is returned.
     """
-    faults = Faults()
+    faults = table.faults
     asked = {**choices.columns}
     if choices.mirror != "none" and choices.rig is None:
         if asked.get("mirror"):
@@ -204,7 +204,9 @@ def keep(table: Table, choices: Choices) -> Kept:
     text, log = 0, _log(choices, places, table, faults)
     if table.count is not None:
         _check_count(table, table.count, -(-table.count // choices.every))
-    for number, row in enumerate(table.rows, 1):
+    for number, row in enumerate(_whole(table), 1):
+        if not row:
+            continue
         episode = row.get(places.get("episode", ""))
         turn = seen[episode] = seen.get(episode, -1) + 1
         if log is not None:
@@ -217,9 +219,15 @@ def keep(table: Table, choices: Choices) -> Kept:
         _check_count(table, number, len(rows))
         if text > MOST_TEXT:
             raise SourceError(f"{table.name} holds more than {MOST_TEXT} characters; take every Nth row with --every N")
-    if not rows:
+    if not rows and not faults:
         faults.add(f"{table.name} has no rows; each row is a frame")
     return Kept(rows, numbers, places, table, faults, log)
+
+
+def _whole(table: Table) -> Iterator[Row]:
+    """Yield a table's rows as far as it can be read; where that ends too early is one fault among the others."""
+    with table.faults.noted():
+        yield from table.rows
 
 
 def _log(choices: Choices, places: Mapping[str, str], table: Table, faults: Faults) -> Log | None:

@@ -31,13 +31,23 @@ ROLES: dict[str, tuple[str, ...]] = {
 """The places of a bank, each with the columns that are its own."""
 
 USUAL: dict[str, tuple[str, ...]] = {
-    "file": ("filename", "file_path", "filepath", "path", "image", "image_path", "img", "photo"),
+    "file": (
+        *("filename", "file_path", "filepath", "path", "image", "image_path", "img", "photo"),
+        *("image_file", "image_filename", "image_file_name", "image_name", "img_path", "img_file", "img_name"),
+        *("photo_path", "photo_file", "picture", "picture_path", "frame_path", "frame_file", "rgb_path"),
+    ),
     "gap": ("gap_m", "lead_gap", "lead_gap_m", "distance", "distance_m", "lead_distance", "lead_distance_m", "range_m"),
-    "episode": ("episode_id", "episode_index", "drive", "drive_id", "sequence", "sequence_id", "trajectory"),
-    "step": ("frame_index", "frame_number", "tick", "timestep", "time_step"),
-    "scenario": ("scenario_name", "place", "environment", "location"),
+    "episode": (
+        *("episode_id", "episode_index", "drive", "drive_id", "sequence", "sequence_id", "trajectory"),
+        *("trajectory_id", "video", "video_id", "clip_id", "run_id", "scene_id", "scene_token"),
+    ),
+    "step": ("frame_index", "frame_number", "tick", "timestep", "time_step", "frame_no", "frame_idx", "step_index"),
+    "scenario": ("scenario_name", "place", "environment", "location", "scene"),
 }
-"""Columns that are usually called so, taken in this order where the table has none of the place's own."""
+"""Columns that are usually called so, taken in this order where the table has none of the place's own.
+
+None is here that is as often something else: a column ``frame`` may be a number, a name or a file.
+"""
 
 UNITS = ("mm", "cm", "m", "km", "ft", "px")
 """Units that a column's name may end with, as in ``distance_m``."""
@@ -130,7 +140,7 @@ def places(
     of_rig = {} if rig is None else rig.places()
     found = _given(of_rig, asked, roles, table, faults)
     for place in (one for one in roles if one not in of_rig and one not in asked):
-        usual = () if place in own else USUAL.get(place, ())
+        usual = () if place in own else (*roles[place], *USUAL.get(place, ()))
         found[place] = _called(roles[place], usual, table.columns, {*found.values(), *kept})
     if not (found.get("file") or of_rig or asked.get("file")):
         lacking = f"{table.name} has no column 'file'; name the pictures' column with --map file=COLUMN"

@@ -83,7 +83,7 @@ class Photographs:
         try:
             picture = self._bytes_of(file)
             if self.convert is None:
-                require_plain(picture, file)
+                _require_plain(picture, file)
                 return picture, file
             pixels, done = made_plain(
                 picture, file, background=read_colour(self.convert.background), longest=self.convert.longest
@@ -105,3 +105,15 @@ class Photographs:
             return path.read_bytes()
         except OSError as error:
             raise BankError(f"'{file}' cannot be read: {error.strerror}") from error
+
+
+def _require_plain(picture: bytes, file: str) -> None:
+    """Raise BankError where a picture is not plain, and name the option where it can be made so."""
+    try:
+        require_plain(picture, file)
+    except BankError as error:
+        try:
+            made_plain(picture, file)
+        except BankError:
+            raise error from None
+        raise BankError(f"{error}, or import with --convert") from error

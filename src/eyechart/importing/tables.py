@@ -4,12 +4,13 @@ import csv
 import io
 import json
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 
 from eyechart.errors import SourceError
 from eyechart.importing.cells import Cell, Progress, Row
+from eyechart.importing.faults import Faults
 from eyechart.importing.parquet import open_parquet
 
 MOST_LINE = 4_000_000
@@ -25,7 +26,8 @@ class Table:
     """A table's columns, and its rows in order; an empty cell is None.
 
     ``typed`` says whether its numbers are numbers; in a CSV file every cell is text. ``count`` is the number of
-    rows, None where only reading tells.
+    rows, None where only reading tells. A row that is broken is noted in ``faults`` and comes without any column, so
+    that whoever reads on finds all of them; he must then look there.
     """
 
     name: str
@@ -33,12 +35,14 @@ class Table:
     rows: Iterator[Row]
     typed: bool
     count: int | None = None
+    faults: Faults = field(default_factory=Faults)
 
 
 def open_table(path: Path, progress: Progress | None = None) -> Table:
     """Open a table by its ending: .csv, .tsv, .jsonl, .ndjson or .parquet. ``progress`` counts what was read of it.
 
-    Raises SourceError, also while its rows are read, that names the table, the row and what is wrong.
+    Raises SourceError, also while its rows are read, that names the table, the row and what is wrong; what is wrong in
+    one row alone is noted in its ``faults``.
     """
     if path.suffix.lower() not in OPENERS:
         raise SourceError(f"{path} is no table that can be read; known endings are {', '.join(OPENERS)}")
@@ -58,7 +62,8 @@ def _csv(path: Path, progress: Progress | None) -> Table:
     except csv.Error as error:
         raise SourceError(f"{path}: the first line is no header: {error}") from error
     _check_columns(path, columns)
-    return Table(path.name, columns, _csv_rows(path, reader, row, columns), typed=False)
+    faults = Faults()
+    return Table(path.name, columns, _csv_rows(path, reader, row, columns, faults), typed=False, faults=faults)
 
 
 class _OneRow:
@@ -80,7 +85,9 @@ class _OneRow:
         self._taken = 0
 
 
-def _csv_rows(path: Path, reader: "Iterator[list[str]]", row: _OneRow, columns: tuple[str, ...]) -> Iterator[Row]:
+def _csv_rows(
+    path: Path, reader: Iterator[list[str]], row: _OneRow, columns: tuple[str, ...], faults: Faults
+) -> Iterator[Row]:
     number = 0
     try:
         for cells in reader:
@@ -89,7 +96,9 @@ def _csv_rows(path: Path, reader: "Iterator[list[str]]", row: _OneRow, columns: 
                 continue
             number += 1
             if len(cells) != len(columns):
-                raise SourceError(f"{path}, row {number} has {len(cells)} cells; the header has {len(columns)}")
+                faults.add(f"{path}, row {number} has {len(cells)} cells; the header has {len(columns)}")
+                yield {}
+                continue
             yield {name: cell if cell.strip() else None for name, cell in zip(columns, cells, strict=True) if name}
     except csv.Error as error:
         raise SourceError(f"{path}, row {number + 1}: {error}; is a quote not closed?") from error
@@ -112,18 +121,26 @@ def _json_lines(path: Path, progress: Progress | None) -> Table:
         raise SourceError(f"{path} is empty; each line must be a JSON object")
     columns = tuple(_json_row(path, 1, head))
     _check_columns(path, columns)
-    return Table(path.name, columns, _json_rows(path, chain([head], lines), columns), typed=True)
+    faults = Faults()
+    return Table(path.name, columns, _json_rows(path, chain([head], lines), columns, faults), typed=True, faults=faults)
 
 
-def _json_rows(path: Path, lines: Iterator[str], columns: tuple[str, ...]) -> Iterator[Row]:
+def _json_rows(path: Path, lines: Iterator[str], columns: tuple[str, ...], faults: Faults) -> Iterator[Row]:
     for number, line in enumerate(lines, 1):
-        row = _json_row(path, number, line)
-        for name, cell in row.items():
-            if name not in columns:
-                raise SourceError(f"{path}, row {number} has a column '{name}' that the first row has not")
-            if not isinstance(cell, str | int | float | bool | None):
-                raise SourceError(f"{path}, row {number}: '{name}' is a {type(cell).__name__}, not a plain value")
-        yield {name: None if row.get(name) == "" else row.get(name) for name in columns}
+        row: Row = {}
+        with faults.noted():
+            row = _plain_row(path, number, line, columns)
+        yield row
+
+
+def _plain_row(path: Path, number: int, line: str, columns: tuple[str, ...]) -> Row:
+    row = _json_row(path, number, line)
+    for name, cell in row.items():
+        if name not in columns:
+            raise SourceError(f"{path}, row {number} has a column '{name}' that the first row has not")
+        if not isinstance(cell, str | int | float | bool | None):
+            raise SourceError(f"{path}, row {number}: '{name}' is a {type(cell).__name__}, not a plain value")
+    return {name: None if row.get(name) == "" else row.get(name) for name in columns}
 
 
 def _json_row(path: Path, number: int, line: str) -> dict[str, Cell]:

@@ -62,6 +62,7 @@ def read_votes(
         models = _models(path, table.columns)
         places = _places(path, table.columns, columns or {}, with_bank=bank is not None)
         rows = list(table.rows)
+        table.faults.require_none(path.name)
     except SourceError as error:
         raise VoteError(str(error)) from error
     if not rows:
