@@ -14,7 +14,7 @@ DOCS := $(VENV)/.docs
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm demo-policy ladder hierarchy test test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-coverage long-power long-policies long-lerobot long-act long-serve long-endpoints long-replies long-faults long-fuzz mutants clean
+.PHONY: help demo demo-vlm demo-policy ladder hierarchy test test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-coverage long-power long-policies long-lerobot long-act long-diffusion long-serve long-endpoints long-replies long-faults long-fuzz mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -40,6 +40,7 @@ help:
 	@echo "make long-policies  the rules on policies, in simulated settings that were fixed before"
 	@echo "make long-lerobot   a data set by LeRobot's own writer, from import to gate: verdicts, time and memory"
 	@echo "make long-act       LeRobot's ACT, trained with and without a state that tells it all: opposite verdicts"
+	@echo "make long-diffusion LeRobot's DiffusionPolicy, asked with one seed and without: equal verdicts"
 	@echo "make long-coverage how often intervals of shares hold a known truth, and how wide they are"
 	@echo "make mutants      small faults put into the rules and the statistics one at a time: how many the tests notice"
 	@echo "make long-demo    processor time of the demo in 0.1.0 and in this version, in pairs, and its verdicts on five seeds"
@@ -133,6 +134,10 @@ long-lerobot: $(MODELS)
 long-act:
 	@test -n "$(LEROBOT_PYTHON)" || { echo "LEROBOT_PYTHON names a Python that has LeRobot and eyechart"; exit 2; }
 	$(LEROBOT_PYTHON) benchmarks/act_tabletop.py
+
+long-diffusion:
+	@test -n "$(LEROBOT_PYTHON)" || { echo "LEROBOT_PYTHON names a Python that has lerobot[diffusion] and eyechart"; exit 2; }
+	$(LEROBOT_PYTHON) benchmarks/diffusion_tabletop.py
 
 long-power: $(CORE)
 	$(BIN)/python benchmarks/planned_power.py

@@ -14,6 +14,7 @@ import json
 import os
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,8 @@ HERE = Path(__file__).parent
 RESULT = HERE / "results" / "act.json"
 CACHE = Path(os.environ.get("EYECHART_ACT", "build/act"))
 EPISODES, MOVES, BATCH, HORIZON = 400, 18, 32, 8
+TOLD = ("camera", "cameras", "state", "instruction", "guards", "channels")
+"""What of a verdict a result keeps."""
 PRESETS = {"sees": "balanced", "privileged": "privileged"}
 EXPECTED = {
     "sees": {"camera": ("object_grounded", "camera_content"), "instruction": ("instruction_followed",)},
@@ -50,32 +53,46 @@ def moments(kind: str) -> dict[str, np.ndarray]:
     }
 
 
+def features(states: int) -> dict[str, Any]:
+    """Return what LeRobot's configurations are told of the tabletop; torch begins at one seed, with one thread."""
+    import torch  # noqa: PLC0415
+    from lerobot.configs.types import FeatureType, PolicyFeature  # noqa: PLC0415
+
+    torch.set_num_threads(1)
+    torch.manual_seed(0)
+    visual = {f"observation.images.{name}": PolicyFeature(FeatureType.VISUAL, (3, 32, 32)) for name in ("top", "wrist")}
+    return {
+        "input_features": {**visual, "observation.state": PolicyFeature(FeatureType.STATE, (states,))},
+        "output_features": {"action": PolicyFeature(FeatureType.ACTION, (3,))},
+        "device": "cpu",
+    }
+
+
+def backbone() -> Any:  # noqa: ANN401 - of torch
+    """Return a small network from pictures (n, 3, 32, 32) to maps (n, 32, 8, 8)."""
+    import torch  # noqa: PLC0415
+
+    first, second, third = (torch.nn.Conv2d(*one) for one in ((3, 12, 5, 2, 2), (12, 24, 3, 2, 1), (24, 32, 3, 1, 1)))
+    between = torch.nn.ReLU()
+    return torch.nn.Sequential(first, between, second, between, third, between)
+
+
 def policy_of(states: int) -> Any:  # noqa: ANN401 - of LeRobot
     """Return LeRobot's ACT with a small backbone."""
     import torch  # noqa: PLC0415
-    from lerobot.configs.types import FeatureType, PolicyFeature  # noqa: PLC0415
     from lerobot.policies.act.configuration_act import ACTConfig  # noqa: PLC0415
     from lerobot.policies.act.modeling_act import ACTPolicy  # noqa: PLC0415
 
     class Small(torch.nn.Module):
         def __init__(self) -> None:
             super().__init__()
-            first, second, third = (
-                torch.nn.Conv2d(*one) for one in ((3, 12, 5, 2, 2), (12, 24, 3, 2, 1), (24, 32, 3, 1, 1))
-            )
-            between = torch.nn.ReLU()
-            self.net = torch.nn.Sequential(first, between, second, between, third, between)
+            self.net = backbone()
 
         def forward(self, pictures: Any) -> dict[str, Any]:  # noqa: ANN401 - of torch
             return {"feature_map": self.net(pictures)}
 
-    torch.set_num_threads(1)
-    torch.manual_seed(0)
-    visual = {f"observation.images.{name}": PolicyFeature(FeatureType.VISUAL, (3, 32, 32)) for name in ("top", "wrist")}
     config = ACTConfig(
-        input_features={**visual, "observation.state": PolicyFeature(FeatureType.STATE, (states,))},
-        output_features={"action": PolicyFeature(FeatureType.ACTION, (3,))},
-        device="cpu",
+        **features(states),
         chunk_size=HORIZON,
         n_action_steps=HORIZON,
         pretrained_backbone_weights=None,
@@ -102,9 +119,9 @@ def processors(config: Any, data: dict[str, np.ndarray]) -> tuple[Any, Any]:  # 
 
     state, action = torch.tensor(data["state"]), torch.tensor(data["action"])
     picture = {"mean": torch.full((3, 1, 1), 0.6), "std": torch.full((3, 1, 1), 0.25)}
-    spread = {"mean": action.mean((0, 1)), "std": action.std((0, 1)) + 1e-6}
-    stats = {f"observation.images.{name}": picture for name in ("top", "wrist")} | {"action": spread}
-    stats["observation.state"] = {"mean": state.mean(0), "std": state.std(0) + 1e-6}
+    stats = {f"observation.images.{name}": picture for name in ("top", "wrist")}
+    for name, one in {"observation.state": state, "action": action.flatten(0, 1)}.items():
+        stats[name] = {"mean": one.mean(0), "std": one.std(0) + 1e-6, "min": one.amin(0), "max": one.amax(0)}
     return tuple(make_pre_post_processors(config, dataset_stats=stats))  # type: ignore[return-value]
 
 
@@ -119,13 +136,16 @@ def shown(pictures: dict[str, np.ndarray], state: np.ndarray) -> dict[str, Any]:
     return {**made, "observation.state": torch.tensor(state), "task": [""] * len(state)}
 
 
-def train(kind: str, steps: int) -> None:
-    """Train a policy and keep its weights."""
+def moment(images: dict[str, np.ndarray], state: np.ndarray, instruction: str | None) -> dict[str, Any]:
+    """Return a batch of one moment; which block is named is told as two numbers of the state."""
+    told = [float(colour in (instruction or "")) for colour in ("red", "blue")]
+    return shown({name: one[None] for name, one in images.items()}, np.array([[*state, *told]], np.float32))
+
+
+def learn(policy: Any, data: dict[str, np.ndarray], steps: int, given: Callable[[Any], Any]) -> int:  # noqa: ANN401 - of LeRobot
+    """Train a policy and return seconds of CPU; ``given`` makes of a batch, as `shown` makes it, what goes in."""
     import torch  # noqa: PLC0415
 
-    data = moments(kind)
-    policy = policy_of(data["state"].shape[1])
-    before, _ = processors(policy.config, data)
     optimiser, rng, begun = torch.optim.AdamW(policy.parameters(), 1e-3), np.random.default_rng(0), time.process_time()
     policy.train()
     for turn in range(steps):
@@ -137,15 +157,25 @@ def train(kind: str, steps: int) -> None:
             "action": torch.tensor(data["action"][rows]),
             "action_is_pad": torch.zeros(BATCH, HORIZON, dtype=torch.bool),
         }
-        loss, parts = policy.forward(before(batch))
+        loss, _ = policy.forward(given(batch))
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
         if turn % 200 == 0:
-            sys.stdout.write(f"{kind} {turn} {parts} {time.process_time() - begun:.0f} s of CPU\n")
+            sys.stdout.write(f"{turn} {loss.item():.4f} {time.process_time() - begun:.0f} s of CPU\n")
             sys.stdout.flush()
+    return round(time.process_time() - begun)
+
+
+def train(kind: str, steps: int) -> None:
+    """Train a policy and keep its weights."""
+    import torch  # noqa: PLC0415
+
+    data = moments(kind)
+    policy = policy_of(data["state"].shape[1])
+    took = learn(policy, data, steps, processors(policy.config, data)[0])
     torch.save(policy.state_dict(), CACHE / f"{kind}.pt")
-    (CACHE / f"{kind}.json").write_text(json.dumps({"steps": steps, "cpu_seconds": round(time.process_time() - begun)}))
+    (CACHE / f"{kind}.json").write_text(json.dumps({"steps": steps, "cpu_seconds": took}))
 
 
 class Trained:
@@ -165,10 +195,8 @@ class Trained:
             policy.eval()
             self._loaded = (policy, *processors(policy.config, data))
         policy, before, after = self._loaded
-        told = [float(colour in (instruction or "")) for colour in ("red", "blue")]
-        given = np.array([[*state, *told]], np.float32)
         with torch.no_grad():
-            chunk = policy.predict_action_chunk(before(shown({name: one[None] for name, one in images.items()}, given)))
+            chunk = policy.predict_action_chunk(before(moment(images, state, instruction)))
         return np.asarray(after(chunk)[0], np.float32)
 
     def reset(self) -> None:
@@ -180,53 +208,59 @@ class Trained:
 sees, privileged = Trained("sees"), Trained("privileged")
 
 
-def asked(kind: str) -> dict[str, object]:
-    """Build a policy's bank, run it and return its verdict."""
+def bank_of(preset: str, folder: Path) -> Path:
+    """Return a bank of 12 episodes and 72 frames of a preset; built once in a folder."""
     from eyechart.simulators import open_bank_simulator  # noqa: PLC0415
+
+    bank = folder / f"bank-{preset}"
+    if not bank.is_dir():
+        open_bank_simulator("tabletop").build(bank, preset=preset, steps=6)
+    return bank
+
+
+def asked(spec: str, bank: Path, run: Path, answers: int = 4) -> dict[str, Any]:
+    """Run a callable of this folder on a bank and return its verdict."""
     from eyechart.studies import policy  # noqa: PLC0415
+    from eyechart.studies.policy.planning import Extent  # noqa: PLC0415
     from eyechart.studies.policy.scoring import judge  # noqa: PLC0415
 
     sys.path.insert(0, str(HERE))
-    bank, run = CACHE / f"bank-{PRESETS[kind]}", CACHE / f"run-{kind}"
-    if not bank.is_dir():
-        open_bank_simulator("tabletop").build(bank, preset=PRESETS[kind], steps=6)
-    spec = f"python:act_tabletop:{kind}"
-    policy.run(policy.plan(bank, [spec], run))
+    policy.run(policy.plan(bank, [spec], run, extent=Extent(answers=answers)))
     return judge(policy.score(run))[spec].as_dict()
 
 
-def main() -> int:
-    """Train what is not trained, ask, and write the result; returns the exit code."""
+def about() -> dict[str, str]:
+    """Return what a result says of its making."""
     import lerobot  # noqa: PLC0415
 
     import eyechart  # noqa: PLC0415
 
+    today = dt.datetime.now(dt.UTC).date().isoformat()
+    return {"eyechart": eyechart.__version__, "lerobot": lerobot.__version__, "date": today}
+
+
+def main() -> int:
+    """Train what is not trained, ask, and write the result; returns the exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--steps", type=int, default=3000)
     args = parser.parse_args()
     CACHE.mkdir(parents=True, exist_ok=True)
     found = {}
-    for kind in PRESETS:
+    for kind, preset in PRESETS.items():
         if not (CACHE / f"{kind}.json").is_file():
             train(kind, args.steps)
-        found[kind] = asked(kind)
+        found[kind] = asked(f"python:act_tabletop:{kind}", bank_of(preset, CACHE), CACHE / f"run-{kind}")
     amiss = [
         f"{kind}: {axis} {found[kind][axis]}"
         for kind, axes in EXPECTED.items()
         for axis, labels in axes.items()
         if found[kind][axis] not in labels
     ]
-    told = ("camera", "cameras", "state", "instruction", "guards", "channels")
     policies = {
-        kind: {**json.loads((CACHE / f"{kind}.json").read_text()), **{name: one[name] for name in told}}
+        kind: {**json.loads((CACHE / f"{kind}.json").read_text()), **{name: one[name] for name in TOLD}}
         for kind, one in found.items()
     }
-    about = {
-        "eyechart": eyechart.__version__,
-        "lerobot": lerobot.__version__,
-        "date": dt.datetime.now(dt.UTC).date().isoformat(),
-    }
-    RESULT.write_text(json.dumps({**about, "policies": policies, "amiss": amiss}, indent=1) + "\n")
+    RESULT.write_text(json.dumps({**about(), "policies": policies, "amiss": amiss}, indent=1) + "\n")
     sys.stdout.write("\n".join([*amiss, f"wrote {RESULT}"]) + "\n")
     return int(bool(amiss))
 

@@ -17,7 +17,7 @@ from torch.nn import functional
 
 from eyechart.seeds import key_seed
 from eyechart.simulators.tabletop.drawing import cameras
-from eyechart.simulators.tabletop.world import COLOURS, HORIZON, Table, episode, oracle, scene
+from eyechart.simulators.tabletop.world import COLOURS, HORIZON, Workspace, episode, oracle, scene
 
 EPISODES, MOVES, BATCH = 400, 18, 64
 NUMBERS = HORIZON * 3
@@ -89,7 +89,7 @@ class Policy(nn.Module):
         return self.last(functional.relu(self.more(functional.relu(self.hidden(found)))))
 
 
-def moments(name: str) -> list[Table]:
+def moments(name: str) -> list[Workspace]:
     """Return every moment of the episodes that a policy learns from."""
     lesson, found = LESSONS[name], []
     for number in range(EPISODES):
@@ -98,7 +98,7 @@ def moments(name: str) -> list[Table]:
     return found
 
 
-def shown(tables: list[Table], lesson: Lesson) -> dict[str, torch.Tensor]:
+def shown(tables: list[Workspace], lesson: Lesson) -> dict[str, torch.Tensor]:
     """Return what the moments look like and what the oracle does in them; an absent block lies beyond the pictures."""
     seen = tables
     if lesson.alone:

@@ -287,3 +287,49 @@ def test_a_forbidden_import_is_found(file: str, line: str, message: str) -> None
     added = f"\ndef _late() -> None:\n{line}\n" if line.startswith(" ") else f"\n{line}\n"
     changed = ast.parse(path.read_text(encoding="utf-8") + added)
     assert any(message in found for found in violations({**modules(), name_of(path): changed}))
+
+
+def lacking(program: ast.Module, trees: Mapping[str, ast.Module]) -> list[str]:
+    """Return the names that a program imports from ``eyechart`` and that are not there."""
+    wanted = [
+        (node.module, one.name)
+        for node in ast.walk(program)
+        if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "eyechart"
+        for one in node.names
+    ]
+    return [
+        f"{module}:{name}"
+        for module, name in wanted
+        if module not in trees or (f"{module}.{name}" not in trees and name not in held(trees[module]))
+    ]
+
+
+def held(tree: ast.Module) -> set[str]:
+    """Return the names that a module binds."""
+    found = {node.name for node in tree.body if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            found |= {one.asname or one.name for one in node.names}
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            found.add(node.id)
+    return found
+
+
+def test_programs_beside_the_package_import_what_there_is() -> None:
+    """Those that train, measure and write pages run seldom, so that a renamed class would be missed there."""
+    trees = modules()
+    programs = [path for folder in ("organisms", "benchmarks", "docs") for path in (ROOT.parent / folder).glob("*.py")]
+    missing = {
+        path.name: names for path in programs if (names := lacking(parsed(path.read_text(encoding="utf-8")), trees))
+    }
+    assert len(programs) > 50
+    assert missing == {}
+
+
+def test_a_name_that_is_not_there_is_found() -> None:
+    """A class that was renamed, a module that is gone; a submodule is one, and so is a constant."""
+    text = (
+        "from eyechart.simulators.tabletop.world import COLOURS, Tabel\n"
+        "from eyechart.gone import it\nfrom eyechart.simulators import tabletop\n"
+    )
+    assert lacking(parsed(text), modules()) == ["eyechart.simulators.tabletop.world:Tabel", "eyechart.gone:it"]
