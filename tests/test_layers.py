@@ -11,9 +11,9 @@ ROOT = Path(__file__).parents[1] / "src"
 
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("cli",),
-    ("testing", "api", "bundle"),
+    ("testing", "api", "bundle", "paper"),
     ("serve",),
-    ("calibrate", "compare", "transfer", "paper", "guardian"),
+    ("calibrate", "compare", "transfer", "guardian"),
     ("studies",),
     ("report",),
     ("gate", "destination"),

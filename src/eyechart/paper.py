@@ -3,14 +3,16 @@
 Each study says which it yields (`Study.paper`); here halves of one table that are of two kinds of run are joined.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from eyechart.costs import ALL
 from eyechart.destination import require_foreign
-from eyechart.errors import OutputError
-from eyechart.studies import Reading, Study, Tell, study_of
+from eyechart.errors import OutputError, SpecError
+from eyechart.models.prices import Prices, read_prices
+from eyechart.studies import Reading, Study, Tell, names_of, study_of
 
 if TYPE_CHECKING:
     from eyechart.report.charts import Drawing
@@ -20,22 +22,28 @@ LABELS: Mapping[str, str] = {
     "t:conditions": "eyechart run",
     "t:baselines": "eyechart run closed-loop",
     "t:controller-local": "eyechart run structured",
+    "t:positive-guardian": "eyechart run structured",
     "t:mpc-intent": "eyechart run hierarchy",
     "t:degeneracy": "eyechart run closed-loop",
     "t:frontier": "eyechart run",
     "t:qwenorder": "eyechart run",
     "t:prompts": "eyechart run prompts",
-    "t:positive-guardian": "eyechart guardian score",
-    "fgr:mi": "eyechart run",
+    "fgr:mi": "eyechart run closed-loop",
     "fgr:bicb": "eyechart run",
     "fgr:vlm-interface": "eyechart run structured",
 }
 """The labels of the paper's tables and figures, each with the command whose run determines it."""
-ELSEWHERE: Mapping[str, str] = {
-    "t:positive-guardian": "it is of a guardian and votes, which are no run",
-    "fgr:vlm-interface": "no command writes it yet; its calibrated view is what the estimators are shown",
+BESIDES: Mapping[str, str] = {
+    "t:controller-local": "with a run of eyechart run online, its crash column",
+    "t:positive-guardian": "with --guardian, a file of eyechart guardian fit",
+    "t:degeneracy": "with a model in it",
+    "fgr:mi": "with a model in it",
+    "fgr:vlm-interface": "with the bank's pictures, in a calibrated view",
 }
-"""The labels that no run determines, and why."""
+"""What a label needs besides its run."""
+
+ESTIMATES = "estimates"
+"""What a study's runs are whose replies hold votes for a guardian."""
 
 
 @dataclass(frozen=True)
@@ -48,28 +56,78 @@ class Artefacts:
 
 
 def artefacts(
-    runs: Sequence[Path], banks: Sequence[Path] = (), reading: Reading | None = None, tell: Tell = lambda _: None
+    given: Sequence[Path],
+    banks: Sequence[Path] = (),
+    reading: Reading | None = None,
+    tell: Tell = lambda _: None,
+    *,
+    guardian: Path | None = None,
+    prices: Path | None = None,
 ) -> Artefacts:
     """Return all of the paper that runs of any kinds determine; those of one kind stand in one table.
 
-    Raises what scoring them raises.
+    A ``guardian`` is scored on frames that did not choose it, of runs of scene estimates or of tables of votes among
+    what is ``given``; what a table's votes are stands in a TOML file of its name beside it. ``prices`` is a file of
+    one's own. Raises what scoring them raises.
     """
     from eyechart.report.table import Table  # noqa: PLC0415 - the list of labels needs no figures
 
+    paths = dict.fromkeys(given)
+    runs = [path for path in paths if guardian is None or not path.is_file()]
     by_kind: dict[str, tuple[Study[object], list[Path]]] = {}  # type: ignore[type-var]
-    for run in dict.fromkeys(runs):
+    for run in runs:
         study = study_of(run)
         by_kind.setdefault(type(study).__qualname__, (study, []))[1].append(run)
     made = [one for study, mine in by_kind.values() for one in study.paper(mine, banks, reading or Reading(), tell)]
+    if guardian is not None:
+        tell(f"scoring {guardian.name}")
+        made.append(_guardian(guardian, paths, reading or Reading()))
+    if (taken := _costs(runs, read_prices(prices))).rows:
+        made.append(taken)
     tables = tuple(_joined([one for one in made if isinstance(one, Table)]))
     drawings = tuple(one for one in made if not isinstance(one, Table))
     have = {one.label for one in tables} | {one.name.replace("-", ":", 1) for one in drawings}
-    missing = {
-        label: f"{ELSEWHERE[label]}: {command}" if label in ELSEWHERE else f"needs a run of {command}"
-        for label, command in LABELS.items()
-        if label not in have
-    }
+    missing = {label: needs(label) for label in LABELS if label not in have}
     return Artefacts(tables, drawings, missing)
+
+
+def needs(label: str) -> str:
+    """Return in words what determines the table or figure of a label."""
+    return ", ".join(filter(None, (f"needs a run of {LABELS[label]}", BESIDES.get(label))))
+
+
+def _guardian(path: Path, given: Iterable[Path], reading: Reading) -> "Table":
+    """Return Table t:positive-guardian: a guardian on the frames of all votes given that did not choose it."""
+    from eyechart.guardian.page import paper_table  # noqa: PLC0415 - draws
+    from eyechart.studies import guardian as study  # noqa: PLC0415 - as above
+
+    frozen, votes = study.read_frozen(path), []
+    for one in given:
+        if one.is_file():
+            about = one.with_suffix(".toml")
+            votes.append(study.read_votes(one, about=about if about.is_file() else None))
+        elif study_of(one).runs_are == ESTIMATES:
+            votes.append(study.votes_of_run(one, reread=reading.reread))
+    unseen = [left for one in votes if (left := frozen.unseen(one)).frames]
+    if not unseen:
+        raise SpecError(
+            f"no votes are given for {path} on frames that did not choose it: name a run of scene estimates, or a "
+            "table of votes, beside --guardian"
+        )
+    table = study.join(unseen)
+    return paper_table(study.score(frozen, table if table.split is None else table.part("score")))
+
+
+def _costs(runs: Sequence[Path], prices: Prices) -> "Table":
+    """Return what the decisions of all models cost and take; a model of several runs is named with its run."""
+    from eyechart.report.accounts import deployment_table  # noqa: PLC0415 - as above
+    from eyechart.report.table import stacked  # noqa: PLC0415 - as above
+
+    tables = {}
+    for run, name in zip(runs, names_of(runs), strict=True):
+        accounts = study_of(run).took(run, prices).accounts
+        tables[name] = deployment_table({spec: found[ALL] for spec, found in accounts.items()})
+    return stacked(tables or {"": deployment_table({})})
 
 
 def _joined(tables: "Sequence[Table]") -> "Iterator[Table]":

@@ -3,16 +3,18 @@
 import re
 from pathlib import Path
 
+from eyechart.paper import BESIDES, LABELS
+
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
 ROWS = [
     tuple(cell.strip() for cell in line.strip("|").split("|"))
     for line in PAGE.splitlines()
-    if line.startswith("| ") and not line.startswith(("| paper |", "| what |"))
+    if line.startswith("| ") and not line.startswith(("| paper |", "| what |", "| label |", "| `"))
 ]
 MISSING = "*not implemented yet*"
 
-LABELS = (
+PRINTED = (
     "t:conditions",
     "t:baselines",
     "t:controller-local",
@@ -50,11 +52,19 @@ SECTIONS = (
 def test_every_section_table_and_figure_has_a_row() -> None:
     """Also where nothing of it is there yet."""
     papers = [row[0] for row in ROWS]
-    for label in LABELS:
+    for label in PRINTED:
         kind = "Table" if label.startswith("t:") else "Figure"
         assert any(re.search(rf"{kind} {label}(?![\w-])", cell) for cell in papers), label
     for section in SECTIONS:
         assert any(f"Section {section}" in cell for cell in papers), section
+
+
+def test_every_label_has_the_command_that_the_code_names() -> None:
+    """Label, run and what is needed besides, as `eyechart paper` says them where they are missing."""
+    rows = re.findall(r"^\| `(\S+)` \| `([^`]+)` \| (.*?) ?\|$", PAGE, re.MULTILINE)
+    assert {label: run for label, run, _ in rows} == LABELS
+    assert {label: besides.replace("`", "") for label, _, besides in rows if besides} == BESIDES
+    assert LABELS.keys() == set(PRINTED)
 
 
 def test_every_module_and_test_exists() -> None:

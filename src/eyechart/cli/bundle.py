@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from eyechart.cli.options import Against, Independent, Json, Reread
+from eyechart.cli.options import Against, Independent, Json, PriceFile, Reread
 from eyechart.cli.terminal import patience, print_json, print_line, say
 
 _SHOWN = 40
@@ -52,9 +52,16 @@ def report(
 
 
 def paper(
-    runs: Annotated[list[Path], typer.Argument(help="Folders of runs, of any kinds.", metavar="RUN...")],
+    runs: Annotated[
+        list[Path],
+        typer.Argument(help="Folders of runs, of any kinds; with --guardian, tables of votes too.", metavar="RUN..."),
+    ],
     out: Annotated[Path, typer.Option(help="Folder to write in.")],
     frames: Annotated[list[Path] | None, typer.Option(help="The bank, if it has moved; again for another.")] = None,
+    guardian: Annotated[
+        Path | None, typer.Option(help="A guardian, scored on the votes given that did not choose it.")
+    ] = None,
+    prices: PriceFile = None,
     independent: Independent = False,
     reread: Reread = False,
     against: Against = None,
@@ -63,13 +70,15 @@ def paper(
     """Write every table and figure of the paper that runs determine, and say what is missing for the others.
 
     Files are named by the paper's labels, as t-frontier.tex: tables in CSV, Markdown and LaTeX (with label and caption,
-    no wider than a column), figures in SVG and PDF. Example: eyechart paper run-hosted run-drives --out artefacts
+    no wider than a column), figures in SVG and PDF. Costs, latency and energy of all models stand in costs.tex.
+    Example: eyechart paper run-hosted run-drives --out artefacts
     """
     from eyechart.paper import artefacts, write
     from eyechart.studies import Reading
 
     with patience("paper") as tell:
-        found = artefacts(runs, frames or [], Reading(independent, reread, against), tell)
+        reading = Reading(independent, reread, against)
+        found = artefacts(runs, frames or [], reading, tell, guardian=guardian, prices=prices)
         files = write(found, out)
     if json:
         print_json({"files": [path.name for path in files], "missing": dict(found.missing)})

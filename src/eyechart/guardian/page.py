@@ -165,6 +165,14 @@ def guardian_table(found: GuardianScore) -> Table:
     return Table("points", caption, _COLUMNS, rows, "* frozen: the guardian's own operating point")
 
 
+def paper_table(found: GuardianScore) -> Table:
+    """Return Table t:positive-guardian in the paper's form."""
+    rows = tuple((name, *_cells(found.rows[key])) for key, name in row_names(found.frozen).items())
+    named = (Column("method"), *columns("estimate", *METRICS.values(), beside=""))
+    caption = f"Leakage-controlled longitudinal guardian on {len(found.table.frames)} frames that did not choose it"
+    return Table("", "", named, rows).labelled("t:positive-guardian", caption)
+
+
 def nested_table(found: Nested) -> Table:
     """Return the pooled row of nested leave-one-episode-out."""
     return Table("nested", "", _COLUMNS, (("nested leave-one-episode-out", *_cells(found.pooled)),))

@@ -94,6 +94,38 @@ def costs_table(accounts: Mapping[str, Mapping[str, Account]], *, every: bool) -
     return Table("costs", "what the calls took", named, rows)
 
 
+def deployment_table(accounts: Mapping[str, Account]) -> Table:
+    """Return what decisions cost and take, in the paper's units: a row a model. Source: paper, section sn:cost.
+
+    A decision is a call whose reply holds one. What an unfinished run costs a decision cannot be said, nor what
+    attempts of unknown cost or energy took.
+    """
+    rows: list[tuple[Cell, ...]] = []
+    for spec, one in accounts.items():
+        decided = one.finished - sum(one.missing.values()) if one.finished == one.calls else 0
+        dollars = None if one.cost_from.get("unknown") or one.cost_usd is None else 1000 * one.cost_usd
+        joules = one.energy_j if one.energy_measured >= one.finished else None
+        rows.append(
+            (
+                *(spec, one.finished, _each(dollars, decided), _each(one.completion_tokens, one.finished)),
+                _each(one.missing.get("truncated", 0), one.finished),
+                *(one.latency_median_s, one.latency_p95_s, _each(joules, decided), "/".join(one.cost_from)),
+            )
+        )
+    named = (
+        *(Column("model"), Column("calls", "count"), Column("$ per 1000 decisions", "number", 3)),
+        *(Column("output tokens per call", "number", 0), Column("truncated", "number", 1, 100, "%")),
+        *columns("number", "median s", "p95 s", "J per decision", digits=2),
+        Column("price", "word"),
+    )
+    caption = "Cost, latency and energy. A decision is a call whose reply holds one"
+    return Table("costs", caption, named, tuple(rows), "— not known, not measured, or the run is not finished")
+
+
+def _each(total: float | None, count: int) -> float | None:
+    return None if total is None or not count else total / count
+
+
 def unread_table(found: Mapping[str, Sequence[Unread]]) -> Table:
     """Return one row a reply that holds no decision, most frequent first, with why none is read."""
     rows = tuple((spec, one.count, one.missing, one.why, one.text) for spec, all_of in found.items() for one in all_of)

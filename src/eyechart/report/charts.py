@@ -4,18 +4,20 @@ import io
 import re
 import unicodedata
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from html import escape
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.transforms import Bbox
+from numpy.typing import NDArray
 
 from eyechart.stats.statistic import Statistic
 
@@ -221,6 +223,23 @@ def dots(rows: Sequence[tuple[str, Statistic, str, bool]], x_name: str, scale: f
             axes.scatter([scale * one.value], [y], s=34, facecolors=face, edgecolors=colour, linewidths=1.4, zorder=3)
     named_rows(axes, [label for label, *_ in rows], 0.5)
     axes.set_xlabel(x_name, fontsize=8.5)
+    return figure
+
+
+def panels(pictures: Mapping[str, NDArray[np.uint8]], width: float) -> Figure:
+    """Return pictures (h, w, 3) side by side at one scale of their widths, each under its words; width in inches."""
+    gap, above = 0.08, 0.22
+    each = (width - gap * (len(pictures) - 1)) / len(pictures)
+    tall = max(each * one.shape[0] / one.shape[1] for one in pictures.values())
+    figure = Figure(figsize=(width, tall + above))
+    for place, (words, one) in enumerate(pictures.items()):
+        high = each * one.shape[0] / one.shape[1]
+        bottom = (tall - high) / 2
+        box = (place * (each + gap) / width, bottom / (tall + above), each / width, high / (tall + above))
+        axes = figure.add_axes(box)
+        axes.imshow(one, interpolation="none", aspect="auto")
+        axes.set_axis_off()
+        axes.set_title(words, fontsize=7, pad=3)
     return figure
 
 

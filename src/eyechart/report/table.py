@@ -4,7 +4,8 @@ import csv
 import io
 import re
 import unicodedata
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
@@ -49,7 +50,8 @@ Cell = str | int | float | tuple[float, float] | Statistic | Mark | None
 class Column:
     """A column. People read numbers times ``scale`` to so many ``digits`` with their ``unit``; programs read them raw.
 
-    One that ``varies`` is left out for people where all its cells are the same.
+    One that ``varies`` is left out for people where all its cells are the same. Of an estimate people read the interval
+    behind the value, ``beside`` it its n, or nothing; programs read interval and n.
     """
 
     name: str = ""
@@ -59,13 +61,15 @@ class Column:
     unit: str = ""
     signed: bool = False
     varies: bool = False
+    beside: Literal["interval", "n", ""] = "interval"
 
     def shown(self, cell: Cell) -> str:
         """Return a cell of the column as people read it."""
         if isinstance(cell, Mark):
             return f"{cell.text} {cell.sign}".rstrip()
         if isinstance(cell, Statistic):
-            return self.shown(cell.value) + ("" if cell.ci is None else f" {self.shown(cell.ci)}")
+            told = {"interval": cell.ci and self.shown(cell.ci), "n": f"({cell.n})", "": ""}[self.beside]
+            return f"{self.shown(cell.value)} {told or ''}".rstrip()
         if isinstance(cell, tuple):
             return f"[{', '.join(self._digits(self.scale * end) for end in cell)}]"
         if isinstance(cell, str):
@@ -85,13 +89,16 @@ class Column:
     def heads(self) -> list[str]:
         """Return the column's names in CSV, where an interval is two columns."""
         ends = [f"{self.name} low", f"{self.name} high"]
-        return ends if self.kind == "interval" else [self.name, *ends] if self.kind == "estimate" else [self.name]
+        if self.kind != "estimate":
+            return ends if self.kind == "interval" else [self.name]
+        return [self.name, *ends, *([f"{self.name} n"] if self.beside != "interval" else [])]
 
     def values(self, cell: Cell) -> list[str]:
         """Return a cell as programs read it."""
         if self.kind == "estimate":
             value, ci = (cell.value, cell.ci) if isinstance(cell, Statistic) else (cell, None)
-            return [_raw(value), *(map(repr, ci) if ci else ("", ""))]
+            counted = [repr(cell.n) if isinstance(cell, Statistic) else ""] if self.beside != "interval" else []
+            return [_raw(value), *(map(repr, ci) if ci else ("", "")), *counted]
         if self.kind == "interval":
             return [repr(end) for end in cell] if isinstance(cell, tuple) else ["", ""]
         return [_raw(cell)]
@@ -142,16 +149,17 @@ class Table:
 
     def joined(self, other: "Table") -> "Table":
         """Return the table with the columns of another, row by row after the first column; a row may be in one only."""
-        mine, theirs = ({self._head(row): row[1:] for row in one.rows} for one in (self, other))
+        mine, theirs = ({self.head(row): row[1:] for row in one.rows} for one in (self, other))
         none = [(None,) * (len(one.columns) - 1) for one in (self, other)]
-        heads = {self._head(row): row[0] for row in (*other.rows, *self.rows)}
+        heads = {self.head(row): row[0] for row in (*other.rows, *self.rows)}
         order = dict.fromkeys((*mine, *theirs))
         rows = tuple((heads[name], *mine.get(name, none[0]), *theirs.get(name, none[1])) for name in order)
         note = " ".join(filter(None, (self.note, other.note)))
         return replace(self, columns=(*self.columns, *other.columns[1:]), rows=rows, note=note)
 
     @staticmethod
-    def _head(row: "tuple[Cell, ...]") -> str:
+    def head(row: "tuple[Cell, ...]") -> str:
+        """Return what stands first in a row."""
         return row[0].text if isinstance(row[0], Mark) else str(row[0])
 
     def split(self) -> "Iterator[Table]":
@@ -255,11 +263,12 @@ class Table:
 
     def latex(self) -> str:
         """Return a LaTeX table that needs the package booktabs."""
-        kinds = "".join("l" if one.kind in _WORDS else "r" for one in self.columns)
-        lines = [" & ".join(map(_latex, row)) + r" \\" for row in (self.names, *self.texts())]
+        set_as = self.short() if self.label else self
+        kinds = "".join("l" if one.kind in _WORDS else "r" for one in set_as.columns)
+        lines = [" & ".join(map(_latex, row)) + r" \\" for row in (set_as.names, *set_as.texts())]
         top = [
             f"% needs \\usepackage{{booktabs{',graphicx' if self.label else ''}}}",
-            r"\begin{table}",
+            rf"\begin{{table}}{'[t]' if self.label else ''}",
             rf"\caption{{{_latex('. '.join(filter(None, (self.caption, self.note))))}}}",
             *([rf"\label{{{self.label}}}"] if self.label else []),
             r"\centering",
@@ -287,6 +296,26 @@ class Table:
 
     __html__ = html
     """Templates print a table where it is named."""
+
+
+def stacked(tables: Mapping[str, Table]) -> Table:
+    """Return tables of the same columns, by name, as one: what stands first in rows of several is named with its table.
+
+    Raises ValueError where there is no table, or columns differ.
+    """
+    first, *others = tables.values()
+    if any(one.columns != first.columns for one in others):
+        raise ValueError(f"tables of different columns cannot be one: {', '.join(tables)}")
+    heads = {name: {Table.head(row) for row in one.rows} for name, one in tables.items()}
+    counts = Counter(head for each in heads.values() for head in each)
+
+    def named(name: str, cell: Cell) -> Cell:
+        if counts[Table.head((cell,))] < 2:
+            return cell
+        return replace(cell, text=f"{name} · {cell.text}") if isinstance(cell, Mark) else f"{name} · {cell}"
+
+    rows = tuple((named(name, row[0]), *row[1:]) for name, one in tables.items() for row in one.rows)
+    return replace(first, rows=rows)
 
 
 def files_of(tables: Sequence[Table]) -> dict[str, bytes]:

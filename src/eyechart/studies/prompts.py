@@ -21,12 +21,12 @@ from eyechart.modes import RequestMode
 from eyechart.prompts import PROMPTS
 from eyechart.records import Plain
 from eyechart.report.accounts import costs_table
-from eyechart.report.table import MARK, Column, Mark, Table, columns, marked
+from eyechart.report.table import MARK, Cell, Column, Mark, Table, columns, marked, stacked
 from eyechart.run import Progress
 from eyechart.stats.agreement import rate
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic, cannot_say
-from eyechart.studies import NO_DRIVES, Reading, Tell, battery
+from eyechart.studies import NO_DRIVES, Reading, Tell, battery, names_of
 from eyechart.studies.battery import OfFrames
 from eyechart.studies.probed import spent_on
 
@@ -298,10 +298,12 @@ def prompts_table(cells: Sequence[CellScore]) -> Table:
 def paper_table(cells: Sequence[CellScore]) -> Table:
     """Return Table t:prompts in the paper's form, a row a cell."""
     names = ("modal_share", "distinct_outputs", "idi", "noise_floor", "idi_adj")
-    rows = tuple((cell.model, cell.name, *(cell.statistics[name].value for name in names)) for cell in cells)
+    rows: tuple[tuple[Cell, ...], ...] = tuple(
+        (cell.model, cell.name, *(cell.statistics[name] for name in names)) for cell in cells
+    )
     named = (
-        *(Column("model"), Column("prompt", "word"), Column("modal", "number", 2), Column("n_a", "number", 0)),
-        *columns("number", "IDI", "s", "IDI_adj", digits=2),
+        *(Column("model"), Column("prompt", "word"), Column("modal", "estimate", 2, beside="")),
+        *(Column("n_a", "estimate", 0, beside=""), *columns("estimate", "IDI", "s", "IDI_adj", digits=2, beside="")),
     )
     caption = "Prompt ablation. Modal share 1.00 is a constant policy; n_a is the number of distinct outputs"
     return Table("", "", named, rows).labelled("t:prompts", caption)
@@ -344,11 +346,13 @@ class Prompts(OfFrames[PromptsScore]):
         return PromptsScore(score(folder, reread=reading.reread, resamples=reading.resamples))
 
     def paper(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Iterator[Table]:
-        """Yield Table t:prompts of each study."""
+        """Yield Table t:prompts of all studies."""
         del banks
-        for run in runs:
-            tell(f"scoring {run.name}")
-            yield paper_table(self.score(run, reading).cells)
+        found = {}
+        for run, name in zip(runs, names_of(runs), strict=True):
+            tell(f"scoring {name}")
+            found[name] = paper_table(self.score(run, reading).cells)
+        yield stacked(found)
 
     def printed(self, score: PromptsScore) -> Iterator[Table | str]:
         """Yield a table a model, the marks of its cells, and what each took."""

@@ -117,7 +117,7 @@ class BatteryStudy(OfFrames[BatteryScore]):
         yield from paper_tables(everyone)
         with style():
             yield agreement(everyone).labelled("fgr:bicb")
-            yield from (one.labelled("fgr:mi") for one in information(everyone))
+            yield from (one.labelled("mi-of-frames") for one in information(everyone))
 
     def require_scorable(self, run: Path, reading: Reading) -> None:
         require_scorable(

@@ -183,22 +183,24 @@ def paper_tables(score: ClosedLoopScore) -> Iterator[Table]:
     if rungs:
         yield baselines_table(rungs)
     if beside := beside_paper(score.ladder):
-        yield replace(paper_table(beside), name="t-baselines-beside")
+        yield replace(paper_table(beside), name="baselines-beside")
     asked = {one.driver for one in score.drives if one.asked}
     if rows := [one for one in score.audit if one.driver in asked]:
         yield audited_table(rows)
     if score.replays:
-        yield replace(replay_table(score.replays), name="replay")
+        yield complete_replay_table(score.replays)
 
 
 def baselines_table(rungs: Sequence[Rung]) -> Table:
     """Return Table t:baselines in the paper's form: one row a policy, the longest way first."""
     names = ("distance_m", "reward", "speed_mps", "crash_rate")
     far = sorted(rungs, key=lambda one: -(one.statistics["distance_m"].value or 0.0))
-    rows = tuple((one.driver.label, *(one.statistics[name].value for name in names)) for one in far)
+    rows: tuple[tuple[Cell, ...], ...] = tuple(
+        (one.driver.label, *(one.statistics[name] for name in names)) for one in far
+    )
     counts = sorted({one.statistics["reward"].n for one in rungs})
     caption = f"Closed-loop baseline ladder, {' or '.join(map(str, counts))} episodes per policy"
-    forms = (replace(MEASURES[name], kind="number") for name in names)
+    forms = (replace(MEASURES[name], beside="") for name in names)
     return Table("", "", (Column("policy"), *forms), rows).labelled("t:baselines", caption)
 
 
@@ -366,6 +368,26 @@ def replay_table(found: Sequence[Replay]) -> Table:
         Column("p", "p"),
     )
     return Table("replay", "Decision-level replay: agreement with a scripted controller", named, rows)
+
+
+def complete_replay_table(found: Sequence[Replay]) -> Table:
+    """Return the complete replay table, which the paper releases: each constant's agreement, and the shuffled order."""
+    actions = list(dict.fromkeys(name for one in found for name in one.constants))
+    rows = tuple(
+        (
+            *(one.driver.simulator, one.driver.label, one.controller, one.agreement),
+            *(one.constants.get(name) for name in actions),
+            *(one.shuffled, one.shuffled.p),
+        )
+        for one in found
+    )
+    named = (
+        *(_SIMULATOR, Column("model"), Column("controller", "word")),
+        *columns("estimate", "agrees", *(f"constant {name}" for name in actions), "shuffled order", beside=""),
+        Column("p", "p"),
+    )
+    caption = "Decision-level replay: agreement with a scripted controller, of constants, and in shuffled order"
+    return Table("replay", caption, named, rows)
 
 
 def ladder_printed(score: ClosedLoopScore) -> Iterator[Table | str]:

@@ -1,9 +1,9 @@
 """Tables of the hierarchy: sources of intent beside the paper's, what they emitted, and whom completion tells apart."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from eyechart.report.table import Cell, Column, Mark, Table, columns
+from eyechart.report.table import Cell, Column, Mark, Table, columns, stacked
 from eyechart.studies.closed_loop import Paired
 from eyechart.studies.closed_loop.tables import DIFFERENCES, difference_cells, differences_table
 from eyechart.studies.hierarchy import Completion, HierarchyScore, Source
@@ -50,21 +50,38 @@ def source_table(sources: Sequence[Source], ablation: str) -> Table:
     return Table(f"sources_{ablation}", TITLES[ablation], named, tuple(rows), "95 %: exact intervals")
 
 
-def paper_tables(score: HierarchyScore) -> Iterator[Table]:
-    """Yield Table t:mpc-intent: every source with the controller fixed, and the paper's rows beside those it prints."""
+def paper_tables(scores: Mapping[str, HierarchyScore]) -> Iterator[Table]:
+    """Yield Table t:mpc-intent of studies by name, every source with the controller fixed; and the second ablation.
+
+    The second one is printed in the paper's text only. Beside each stand the paper's rows.
+    """
+    titles = {
+        "primary": ("t:mpc-intent", "Intent-source controls with the state-constrained MPC fixed, paired worlds"),
+        "second": ("", "The second ablation: without the keep-out constraints, but for mpc-oracle"),
+    }
+    for ablation, (label, caption) in titles.items():
+        mine = {name: of_ablation(one.sources, ablation) for name, one in scores.items()}
+        found = {name: _as_published(sources) for name, sources in mine.items() if sources}
+        if found:
+            made = stacked(found)
+            yield made.labelled(label, caption) if label else replace(made, name="mpc-intent-second", caption=caption)
+        for name, one in scores.items():
+            if mine[name]:
+                title = f"{TITLES[ablation]}, beside the paper's{f' ({name})' if len(scores) > 1 else ''}"
+                beside = source_table(one.sources, ablation)
+                yield replace(beside, name=f"mpc-intent-{ablation}-beside", caption=title)
+
+
+def _as_published(sources: Sequence[Source]) -> Table:
+    """Return goals, crashes, metres and the share of STOP, as Table t:mpc-intent has them."""
     rows = tuple(
-        (one.name, count_of(one.goals), count_of(one.crashes), one.distance_m.value, one.stop_share.value)
-        for one in score.sources
+        (one.name, count_of(one.goals), count_of(one.crashes), one.distance_m, one.stop_share) for one in sources
     )
-    if not rows:
-        return
-    named = (Column("intent source"), *columns("count", "goal", "crash"), Column("dist. (m)", "number", 1))
-    named += (Column("STOP", "number", 1, 100, "%"),)
-    caption = "Intent-source controls with the state-constrained MPC fixed, paired worlds"
-    yield Table("", "", named, rows).labelled("t:mpc-intent", caption)
-    for ablation in TITLES:
-        if (beside := source_table(score.sources, ablation)).rows:
-            yield replace(beside, name="t-mpc-intent-beside")
+    named = (
+        *(Column("intent source"), *columns("count", "goal", "crash")),
+        *(Column("dist. (m)", "estimate", 1, beside=""), Column("STOP", "estimate", 1, 100, "%", beside="")),
+    )
+    return Table("", "", named, rows)
 
 
 def intent_table(sources: Sequence[Source], ablation: str) -> Table:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from eyechart.gate import ADMISSION, Gate, hold_admission
 from eyechart.manifest import read_manifest
-from eyechart.studies import NO_DRIVES, Made, Packed, Reading, Tell
+from eyechart.studies import NO_DRIVES, Made, Packed, Reading, Tell, names_of
 from eyechart.studies.battery import OfFrames
 from eyechart.studies.closed_loop import NO_LEDGER, OfEpisodes
 from eyechart.studies.structured import online
@@ -16,11 +16,9 @@ from eyechart.studies.structured.planning import STUDIES
 from eyechart.studies.structured.scoring import StructuredScore, require_scorable, score, score_run
 
 if TYPE_CHECKING:
+    from eyechart.report.charts import Drawing
     from eyechart.report.table import Table
     from eyechart.studies.structured.tables import Estimates
-
-CONTROLLERS = "Task-calibrated estimators: static original and mirror pairs, and online episodes"
-"""The caption of Table t:controller-local, whose halves are of two kinds of run."""
 
 _NO_VERDICT = "is a run of scene estimates, which are held to clauses instead: use 'eyechart score' or 'eyechart gate'"
 
@@ -64,16 +62,17 @@ class Structured(OfFrames[StructuredScore]):
 
         return _made(read_evidence(runs, banks, score=partial(self.score, reading=reading), tell=tell), tell)
 
-    def paper(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> "Iterator[Table]":
-        from eyechart.studies.structured.tables import controller_table, marks
+    def paper(
+        self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell
+    ) -> "Iterator[Table | Drawing]":
+        from eyechart.report.table import stacked
+        from eyechart.studies.battery.subjects import read_evidence
+        from eyechart.studies.structured.figures import interface
+        from eyechart.studies.structured.tables import paper_table
 
-        del banks
-        scored = []
-        for run in runs:
-            tell(f"scoring {run.name}")
-            found = self.score(run, reading)
-            scored += [(spec, one, marks(found.guards[spec])) for spec, one in found.models.items()]
-        yield controller_table(scored).labelled("t:controller-local", CONTROLLERS)
+        evidence = read_evidence(runs, banks, score=partial(self.score, reading=reading), tell=tell)
+        yield stacked({one.name: paper_table(one.score.models) for one in evidence})
+        yield from interface(evidence)
 
     def require_scorable(self, run: Path, reading: Reading) -> None:
         require_scorable(run, read_manifest(run), reread=reading.reread)
@@ -116,12 +115,15 @@ class OnlineStudy(OfEpisodes[online.OnlineScore]):
         return [online_table(online.score(run)) for run in runs]
 
     def paper(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> "Iterator[Table]":
+        from eyechart.report.table import stacked
         from eyechart.studies.structured.tables import crashes_table
 
         del banks, reading
-        for run in runs:
-            tell(f"scoring {run.name}")
-            yield crashes_table(online.score(run)).labelled("t:controller-local", CONTROLLERS)
+        found = {}
+        for run, name in zip(runs, names_of(runs), strict=True):
+            tell(f"scoring {name}")
+            found[name] = crashes_table(online.score(run))
+        yield stacked(found)
 
     def printed(self, score: online.OnlineScore) -> "Iterator[Table | str]":
         from eyechart.studies.structured.tables import online_table

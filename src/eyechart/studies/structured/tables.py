@@ -1,6 +1,6 @@
 """Tables of scene estimates: Table t:controller-local, the clauses of admission, every figure, and online driving."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from eyechart.integrity import Guard
 from eyechart.report.table import MARK, STATISTIC, Cell, Column, Mark, Table, columns, statistic_cells
@@ -11,6 +11,8 @@ from eyechart.studies.structured.online import OnlineScore
 PAPER = (1.0, 1.0, 0.09, 1.0, 1.0, 1.0, 10)
 """The first line of Table t:controller-local, on the paper's own 288 pairs: the positive control, which crashes in
 0.167 of its 12 online episodes."""
+CONTROLLERS = "Task-calibrated estimators: static original and mirror pairs, and online episodes"
+"""The caption of Table t:controller-local, whose columns are of two kinds of run."""
 _ROW = {
     "parse": "parse",
     "bal. acc.": "balanced_accuracy",
@@ -57,6 +59,15 @@ def controller_table(everyone: Sequence[Scored]) -> Table:
     paper = ", ".join(f"{name} {value:.3f}" for name, value in zip(_ROW, PAPER, strict=False))
     note = f"renderer positive (paper), on its own pairs: {paper} of {PAPER[-1]} turns. — cannot say"
     return Table("controllers", caption, (*named, Column("unfinished")), tuple(rows), note)
+
+
+def paper_table(models: Mapping[str, EstimatorScore]) -> Table:
+    """Return Table t:controller-local in the paper's form; the swap rate's denominator stands in parentheses."""
+    rows: tuple[tuple[Cell, ...], ...] = tuple(
+        (spec, *(score.statistics[name] for name in _ROW.values())) for spec, score in models.items()
+    )
+    form = (Column(name, "estimate", beside="n" if name == "swap" else "") for name in _ROW)
+    return Table("", "", (Column("estimator"), *form), rows).labelled("t:controller-local", CONTROLLERS)
 
 
 def clauses_table(everyone: Sequence[Scored]) -> Table:
@@ -114,10 +125,10 @@ def online_table(score: OnlineScore) -> Table:
 
 
 def crashes_table(score: OnlineScore) -> Table:
-    """Return the online columns of Table t:controller-local: an estimator's episodes and its crash rate."""
-    rows = tuple((spec, one.crash_rate.n, one.crash_rate) for spec, one in score.driven.items())
-    named = (Column("estimator"), Column("episodes", "count"), Column("crash", "estimate"))
-    return Table("controllers", "", named, rows)
+    """Return the online column of Table t:controller-local: an estimator's crash rate."""
+    rows = tuple((spec, one.crash_rate) for spec, one in score.driven.items())
+    named = (Column("estimator"), Column("crash", "estimate", beside=""))
+    return Table("", "", named, rows).labelled("t:controller-local", CONTROLLERS)
 
 
 def reading_words(score: EstimatorScore) -> list[str]:

@@ -1,0 +1,53 @@
+"""The figure of the visual interface: a frame, the calibrated view of it, and the view of its reflection.
+
+Source: paper, figure vlm-interface.
+"""
+
+from collections.abc import Iterator, Sequence
+from math import inf
+
+import numpy as np
+
+from eyechart.conditions import flip
+from eyechart.frames import RGB, Frame, decode
+from eyechart.perception.view import View, find_view
+from eyechart.report.charts import Drawing, panels, style
+from eyechart.studies.structured.tables import Estimates
+
+_WIDTH = 7.16
+"""Inches of a figure over both columns of the paper's class."""
+
+
+def interface(evidence: Sequence[Estimates]) -> Iterator[Drawing]:
+    """Yield figure vlm-interface of the first run whose pictures are there and whose models were shown a view.
+
+    Its frame is the first with a lead that is close, else the first with one, else the first of the run.
+    """
+    for run in evidence:
+        view = find_view(run.score.manifest.view)
+        if view is None or run.pictures is None or not run.frames:
+            continue
+        frame = _frame(run)
+        pixels = decode(run.pictures.recorded(frame), frame.file)
+        with style():
+            yield _drawn(frame, pixels, view)
+        return
+
+
+def _frame(run: Estimates) -> Frame:
+    gap = run.score.bank.manifest.gap
+    return run.frames[0] if gap is None else min(run.frames, key=lambda one: (not gap.near(one), gap.of(one) == inf))
+
+
+def _drawn(frame: Frame, pixels: RGB, view: View) -> Drawing:
+    reflected = np.ascontiguousarray(flip(pixels, view.axis))
+    shown = {
+        "the simulator's frame": pixels,
+        f"the calibrated view ({view.name})": view.show(pixels, frame.file),
+        "its reflection": view.show(reflected, frame.file),
+    }
+    says = (
+        f"Frame {frame.id}, from left to right: as the simulator drew it, as models were shown it, and as they were "
+        "shown its reflection, under which estimates of what is ahead stay and LEFT and RIGHT exchange"
+    )
+    return Drawing("fgr-vlm-interface", "Visual interface", says, panels(shown, _WIDTH), wide=True)
