@@ -99,6 +99,7 @@ def make_run(
     models: Sequence[str] = (),
     simulator: str = "highway",
     world: Mapping[str, str] | None = None,
+    scenarios: Sequence[str] = SCENARIOS,
 ) -> Path:
     """Write a run of episodes as the runner would."""
     out.mkdir(parents=True, exist_ok=True)
@@ -106,7 +107,7 @@ def make_run(
     manifest = EpisodesManifest(
         created="2026-01-01",
         simulator=simulator,
-        scenarios=SCENARIOS,
+        scenarios=tuple(scenarios),
         seeds=tuple(range(8)),
         conditions=tuple(dict.fromkeys(one.key.condition for one in episodes)),
         policies=dict.fromkeys(policies, ""),

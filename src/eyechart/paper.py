@@ -108,11 +108,12 @@ def _guardian(path: Path, given: Iterable[Path], reading: Reading) -> "Table":
             votes.append(study.read_votes(one, about=about if about.is_file() else None))
         elif study_of(one).runs_are == ESTIMATES:
             votes.append(study.votes_of_run(one, reread=reading.reread))
-    unseen = [left for one in votes if (left := frozen.unseen(one)).frames]
+    mine = [one for one in votes if frozen.about.bank in {None, one.about.bank}]
+    unseen = [left for one in mine if (left := frozen.unseen(one)).frames]
     if not unseen:
         raise SpecError(
-            f"no votes are given for {path} on frames that did not choose it: name a run of scene estimates, or a "
-            "table of votes, beside --guardian"
+            f"no votes are given for {path} on frames of its bank that did not choose it: name a run of scene "
+            "estimates, or a table of votes, beside --guardian"
         )
     table = study.join(unseen)
     return paper_table(study.score(frozen, table if table.split is None else table.part("score")))

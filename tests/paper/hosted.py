@@ -209,7 +209,7 @@ REFUSES_BLANKS = Hosted(
 def build_bank(out: Path) -> FrameBank:
     """Write the bank of 4 scenarios × 3 episodes × 12 steps, its gaps spread over all of them."""
     gaps = [gap for gap, frames in GAPS_M.items() for _ in range(frames)]
-    return write_bank(out, [gaps[37 * place % len(gaps)] for place in range(len(gaps))], [_grey(0)] * len(gaps))
+    return write_bank(out, [gaps[37 * place % len(gaps)] for place in range(len(gaps))], [grey(0)] * len(gaps))
 
 
 def write_bank(out: Path, gaps: Sequence[float], pictures: Sequence[RGB]) -> FrameBank:
@@ -228,7 +228,7 @@ def write_bank(out: Path, gaps: Sequence[float], pictures: Sequence[RGB]) -> Fra
     return open_bank(out)
 
 
-def _grey(offset: int) -> RGB:
+def grey(offset: int) -> RGB:
     """Return a picture of 8 × 8 pixels with a dark box, ``offset`` pixels above (negative) or below its middle."""
     pixels = np.full((8, 8, 3), 128, dtype=np.uint8)
     pixels[3 + offset : 5 + offset, 3:5] = 0
@@ -333,7 +333,7 @@ class Symmetric(stand_ins.Held):
 def build_symmetric_bank(out: Path, lopsided: int) -> FrameBank:
     """Write a bank whose box stands in the middle of the picture, but in ``lopsided`` frames above or below it."""
     spread = {round(place * 144 / lopsided): (-2, 2)[place % 2] for place in range(lopsided)}
-    return write_bank(out, [20.0] * 144, [_grey(spread.get(place, 0)) for place in range(144)])
+    return write_bank(out, [20.0] * 144, [grey(spread.get(place, 0)) for place in range(144)])
 
 
 def open_model(name: str, mode: RequestMode) -> Symmetric:
