@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, field
 from eyechart.calls import UNFINISHED, CallKey, Emptiness, Reply
 from eyechart.errors import printable
 from eyechart.ledger import AGAIN, Sent
-from eyechart.modes import FEWEST_TOKENS, RequestMode
+from eyechart.modes import FEWEST_TOKENS, RequestMode, made_elsewhere
 from eyechart.spaces.space import AnySpace
 
 FEWEST = 8
@@ -140,6 +140,7 @@ class GuardChecks:
         self._repeats = _Repeats()
         self._texts: set[str] = set()
         self._empty = Emptiness()
+        self._unsaid = 0
         self._served = ServedChecks()
         self._tokens: dict[str, array[int]] = {name: array("q") for name in ("real", "text_only")}
 
@@ -151,6 +152,7 @@ class GuardChecks:
         if reply is None or reply.error is not None:
             return
         self._empty = self._empty.plus(reply)
+        self._unsaid += reply.finish_reason is None
         if len(self._texts) < _TEXTS_KEPT:
             self._texts.add(reply.text.strip())
         if len(self._decided) < 2:  # two that differ are enough to know
@@ -167,6 +169,18 @@ class GuardChecks:
         ``counted`` says in words how many attempts there were and how they ended, as the run's Account has it.
         """
         same = f"the frames have the geometry that the run was made on ({fingerprint[:8]})"
+        if made_elsewhere(self._mode.spec):
+            served = self._served.guards()
+            return (
+                *(Guard(name, None, words) for name, words in _ELSEWHERE.items()),
+                self._outcomes.guard(planned, counted),
+                Guard(
+                    "geometry", True, f"the answers are to the calls of this bank, by their keys ({fingerprint[:8]})"
+                ),
+                _constant(self._texts, self._decided, self._empty),
+                _ended(self._empty.came, self._unsaid),
+                *(served if any(not one.holds for one in served) else (_UNNAMED,)),
+            )
         return (
             _picture(self._tokens["real"], self._tokens["text_only"], self._mode),
             self._outcomes.guard(planned, counted),
@@ -175,6 +189,23 @@ class GuardChecks:
             self._repeats.guard(self._mode),
             *self._served.guards(),
         )
+
+
+_ELSEWHERE = {
+    "calls": "eyechart did not make these calls: what was asked, of which model and how, is the word of whoever did",
+    "picture": "eyechart did not make the calls, so that nothing shows that pictures arrived",
+    "cache": "eyechart did not make the calls, so that nothing shows that each was answered anew",
+}
+"""What is said of answers that were made elsewhere, by guard."""
+_UNNAMED = Guard("served", None, "eyechart did not make the calls, so that nothing shows that one model answered them")
+
+
+def _ended(came: int, unsaid: int) -> Guard:
+    """Return whether it is known of every answer that was made elsewhere how it ended."""
+    if not unsaid:
+        return Guard("truncation", True, f"each of {came} answers names its finish reason")
+    words = f"{unsaid} of {came} answers name no finish reason: one that was cut off would be read as if it were whole"
+    return Guard("truncation", None, words)
 
 
 def _picture(shown: Sequence[int], bare: Sequence[int], mode: RequestMode) -> Guard:

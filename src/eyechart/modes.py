@@ -31,6 +31,9 @@ STREAMS = ("none", "usage", "plain")
 DEFAULT = "default"
 """How a file or an option writes that no temperature is sent, so that the endpoint's own applies."""
 
+ELSEWHERE = "elsewhere"
+"""The first word of a SPEC whose answers eyechart did not ask for: they were imported (docs/decisions/0053)."""
+
 _ADDRESS = ("base_url", "key_env", "headers", "timeout_s")
 """What of a mode says where a model is asked and how long it may take, and nothing of what it is asked."""
 
@@ -169,6 +172,11 @@ class RequestMode:
             return cls(**cast("dict[str, str]", raw))  # type: ignore[arg-type]
         except SpecError as error:
             raise SpecError(f"{where}: {error}") from error
+
+
+def made_elsewhere(spec: str) -> bool:
+    """Return whether the answers of a SPEC were made elsewhere, so that nothing is known of its calls."""
+    return spec.startswith(f"{ELSEWHERE}:")
 
 
 def read_mode(path: Path) -> RequestMode:

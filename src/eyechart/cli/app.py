@@ -6,7 +6,7 @@ import typer
 from typer.core import TyperGroup
 
 from eyechart import __version__
-from eyechart.cli import bundle, demo, drive, frames, guardian, probe, run, score
+from eyechart.cli import bundle, demo, drive, elsewhere, frames, guardian, probe, run, score
 from eyechart.cli.options import Json
 from eyechart.cli.terminal import print_json, print_line, resumable
 
@@ -92,9 +92,11 @@ def simulators(json: Json = False) -> None:
 
 app.command()(probe.doctor)
 app.command()(probe.probe)
+frames.app.command()(elsewhere.export)
 app.add_typer(frames.app, name="frames")
 for study in (run.prompts, drive.closed_loop, drive.hierarchy, run.admission, run.structured, drive.online, run.policy):
     run.app.command()(study)
+run.app.command("import")(elsewhere.import_)
 app.add_typer(run.app, name="run")
 app.add_typer(listing, name="list")
 for command in (

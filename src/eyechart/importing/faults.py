@@ -25,6 +25,11 @@ class Faults:
         if len(self._lines) < MOST_SHOWN:
             self._lines.append(printable(words))
 
+    def join(self, other: "Faults") -> None:
+        """Take note of the faults that another took note of."""
+        self._count += other._count  # noqa: SLF001 - of its own kind
+        self._lines += other._lines[: MOST_SHOWN - len(self._lines)]  # noqa: SLF001
+
     @contextmanager
     def noted(self) -> Iterator[None]:
         """Take note of a fault that is raised inside, which ends there."""

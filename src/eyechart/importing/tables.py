@@ -3,7 +3,7 @@
 import csv
 import io
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
@@ -38,9 +38,10 @@ class Table:
     faults: Faults = field(default_factory=Faults)
 
 
-def open_table(path: Path, progress: Progress | None = None) -> Table:
+def open_table(path: Path, progress: Progress | None = None, *, optional: Sequence[str] = ()) -> Table:
     """Open a table by its ending: .csv, .tsv, .jsonl, .ndjson or .parquet. ``progress`` counts what was read of it.
 
+    A row of JSON lines has the columns of the first, and may have ``optional`` ones.
     Raises SourceError, also while its rows are read, that names the table, the row and what is wrong; what is wrong in
     one row alone is noted in its ``faults``.
     """
@@ -48,10 +49,10 @@ def open_table(path: Path, progress: Progress | None = None) -> Table:
         raise SourceError(f"{path} is no table that can be read; known endings are {', '.join(OPENERS)}")
     if not path.is_file():
         raise SourceError(f"{path} does not exist or is no file; --table names the table of the frames")
-    return OPENERS[path.suffix.lower()](path, progress)
+    return OPENERS[path.suffix.lower()](path, progress, optional)
 
 
-def _csv(path: Path, progress: Progress | None) -> Table:
+def _csv(path: Path, progress: Progress | None, _: Sequence[str]) -> Table:
     lines = _lines(path, progress)
     head = next(lines, "")
     delimiter = max(_DELIMITERS, key=head.count)
@@ -114,12 +115,12 @@ def _check_columns(path: Path, columns: tuple[str, ...]) -> None:
             raise SourceError(f"{path} has two columns '{name}'; rename one")
 
 
-def _json_lines(path: Path, progress: Progress | None) -> Table:
+def _json_lines(path: Path, progress: Progress | None, optional: Sequence[str]) -> Table:
     lines = (line for line in _lines(path, progress) if line.strip())
     head = next(lines, None)
     if head is None:
         raise SourceError(f"{path} is empty; each line must be a JSON object")
-    columns = tuple(_json_row(path, 1, head))
+    columns = tuple(dict.fromkeys([*_json_row(path, 1, head), *optional]))
     _check_columns(path, columns)
     faults = Faults()
     return Table(path.name, columns, _json_rows(path, chain([head], lines), columns, faults), typed=True, faults=faults)
@@ -155,7 +156,7 @@ def _json_row(path: Path, number: int, line: str) -> dict[str, Cell]:
     return row
 
 
-def _parquet(path: Path, progress: Progress | None) -> Table:
+def _parquet(path: Path, progress: Progress | None, _: Sequence[str]) -> Table:
     opened = open_parquet(path)
     _check_columns(path, opened.columns)
     return Table(path.name, opened.columns, _counted(opened.rows(), opened.count, progress), True, opened.count)
@@ -191,7 +192,7 @@ def _lines(path: Path, progress: Progress | None) -> Iterator[str]:
         raise SourceError(f"{path} cannot be read: {error.strerror}") from error
 
 
-OPENERS: dict[str, Callable[[Path, Progress | None], Table]] = {
+OPENERS: dict[str, Callable[[Path, Progress | None, Sequence[str]], Table]] = {
     ".csv": _csv,
     ".tsv": _csv,
     ".jsonl": _json_lines,

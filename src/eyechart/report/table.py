@@ -370,7 +370,11 @@ def _raw(cell: Cell) -> str:
         return ""
     if not isinstance(cell, str):
         return repr(cell)
-    text = _plain(cell)
+    return no_formula(_plain(cell))
+
+
+def no_formula(text: str) -> str:
+    """Return a cell with an apostrophe before it where a spreadsheet would take it for a formula."""
     return "'" + text if _FORMULA.search(text) and not re.fullmatch(r"[+-]?\d+(\.\d+)?", text) else text
 
 

@@ -83,7 +83,7 @@ def _cut(evidence: Evidence) -> list[str]:
     cut, calls = evidence.reasons(BATTERY).get("truncated", 0), evidence.statistics["unparsed_rate"].n
     if not cut:
         return []
-    budget = f"the budget of {evidence.max_tokens} tokens"
+    budget = f"the budget of {evidence.max_tokens} tokens" if evidence.max_tokens else "a budget that is not known"
     share = f"truncated: {cut} of {calls} replies ({cut / calls:.1%}) were cut off at {budget}"
     return [f"{share}; they count as failures, and nothing stands in their place; a larger budget may mend it"]
 

@@ -4,7 +4,9 @@ Source: paper, section The Input-Ablation Battery.
 """
 
 from eyechart.studies.battery.answers import read_answers, read_columns
+from eyechart.studies.battery.elsewhere import bring, read_import, table_of
 from eyechart.studies.battery.planning import (
+    Asking,
     Battery,
     Extent,
     begun,
@@ -19,18 +21,22 @@ from eyechart.studies.battery.planning import (
     run,
     sample_of,
 )
+from eyechart.studies.battery.questions import Questions, questions_left, questions_of, write_questions
 from eyechart.studies.battery.replication import differences
 from eyechart.studies.battery.scoring import BatteryScore, CallsScore, ModelScore, score, took, took_run
 from eyechart.studies.battery.study import OfFrames
 
 __all__ = [
+    "Asking",
     "Battery",
     "BatteryScore",
     "CallsScore",
     "Extent",
     "ModelScore",
     "OfFrames",
+    "Questions",
     "begun",
+    "bring",
     "differences",
     "expected",
     "keep_probes",
@@ -39,12 +45,17 @@ __all__ = [
     "open_whole",
     "plan",
     "plan_of",
+    "questions_left",
+    "questions_of",
     "read_answers",
     "read_columns",
+    "read_import",
     "resumed",
     "run",
     "sample_of",
     "score",
+    "table_of",
     "took",
     "took_run",
+    "write_questions",
 ]

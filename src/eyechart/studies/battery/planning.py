@@ -75,9 +75,10 @@ class Extent:
     stop_early: bool = False
     controls: str | None = None
 
-    def controls_of(self, out: Path, conditions: Sequence[str] | None) -> str:
+    def controls_of(self, out: Path | None, conditions: Sequence[str] | None) -> str:
         """Return which controls are asked; raises SpecError where that is no such word."""
-        given = self.controls or (read_manifest(out).controls if is_run(out) else "none" if conditions else "auto")
+        before = read_manifest(out).controls if out is not None and is_run(out) else None
+        given = self.controls or before or ("none" if conditions else "auto")
         if given not in CONTROLS_ASKED:
             raise SpecError(f"--controls '{given}' is none of {', '.join(CONTROLS_ASKED)}")
         return given
@@ -97,6 +98,17 @@ class Extent:
 
 
 WHOLE = Extent()
+
+
+@dataclass(frozen=True, slots=True)
+class Asking:
+    """What a battery asks, whoever answers; see `plan`."""
+
+    prompt: str | None = None
+    conditions: tuple[str, ...] | None = None
+    seed: int = 0
+    extent: Extent = WHOLE
+    study: str = STUDY
 
 
 @dataclass(frozen=True)
@@ -194,9 +206,26 @@ def plan(
     for what cannot be stopped early, and LedgerError where ``out`` holds another run, or one that stops early and was
     begun with other frames or conditions.
     """
-    asked, models = open_models(specs)
+    modes, models = open_models(specs)
+    who = {spec: (model.version, model.facts) for spec, model in models.items()}
+    asking = Asking(prompt, None if conditions is None else tuple(conditions), seed, extent, study)
+    return replace(planned(bank_path, modes, who, out, asking), models=models)
+
+
+def planned(
+    bank_path: Path,
+    modes: Mapping[str, RequestMode],
+    who: Mapping[str, tuple[str, Mapping[str, str]]],
+    out: Path | None,
+    asking: Asking,
+) -> Battery:
+    """Plan a battery as `plan` does, of whoever answers: ``who`` has the version and the facts of each SPEC.
+
+    Without ``out`` it goes nowhere.
+    """
+    conditions, extent = asking.conditions, asking.extent
     bank = open_whole(bank_path)
-    formulation = _prompt_for(bank, prompt)
+    formulation = _prompt_for(bank, asking.prompt)
     bank = asked_of(bank, formulation)
     require_sayable(formulation, bank)
     supplied, left_out = conditions_of(bank, formulation)
@@ -211,28 +240,28 @@ def plan(
             raise BankError(f"condition '{name}' cannot be shown: {left_out.get(base, 'a bank is no drive')}")
     extent.require_possible(chosen)
     manifest = RunManifest(
-        study=study,
+        study=asking.study,
         created=today(),
-        seed=seed,
+        seed=asking.seed,
         prompt=formulation,
-        models={spec: model.version for spec, model in models.items()},
+        models={spec: version for spec, (version, _) in who.items()},
         conditions=chosen,
         limit=extent.limit,
         shard=extent.shard,
         bank_path=str(bank_path.resolve()),
         fingerprint=bank.manifest.fingerprint,
         versions=versions(),
-        modes=asked,
-        facts={spec: dict(model.facts) for spec, model in models.items() if model.facts},
+        modes=modes,
+        facts={spec: dict(facts) for spec, (_, facts) in who.items() if facts},
         stop_early=extent.stop_early,
         controls=controls,
         controls_seed=bank.manifest.controls.seed,
         encoding=PNG,
     )
-    manifest = resumed(out, manifest, bank)
+    manifest = manifest if out is None else resumed(out, manifest, bank)
     bank = asked_of(bank, formulation, manifest.reader)
-    the_plan = plan_of(manifest, bank, models=tuple(models), conditions=chosen, limit=extent.limit)
-    return Battery(the_plan, models, manifest, out, {} if conditions else _expected(left_out, formulation))
+    the_plan = plan_of(manifest, bank, models=tuple(who), conditions=chosen, limit=extent.limit)
+    return Battery(the_plan, {}, manifest, out or Path(), {} if conditions else _expected(left_out, formulation))
 
 
 def open_models(specs: Sequence[str | RequestMode]) -> tuple[dict[str, RequestMode], dict[str, Model]]:

@@ -15,6 +15,7 @@ from eyechart.integrity import Guard, GuardChecks
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
 from eyechart.models.prices import Prices, read_prices
+from eyechart.modes import made_elsewhere
 from eyechart.records import plain
 from eyechart.run import Plan
 from eyechart.spaces.reader import READER, READERS
@@ -116,7 +117,7 @@ class BatteryScore(CallsScore[ModelScore]):
                 directions=model.answers.directions(),
                 gap=model.answers.gap is not None,
                 scenarios=len({frame.scenario for frame in model.answers.frames}),
-                max_tokens=self.manifest.mode(spec).max_tokens,
+                max_tokens=0 if made_elsewhere(spec) else self.manifest.mode(spec).max_tokens,
                 scope=self.scope(model),
                 stopped=model.stopped,
                 absent=absent,
@@ -135,6 +136,8 @@ class BatteryScore(CallsScore[ModelScore]):
         who = f"{model.model}@{model.version}" if model else "each model"
         size = f"{_count(len(frames), 'frame')}, {episodes}"
         asked = f"with prompt {run.prompt.key} on {run.created}; not tested: other prompts, other cameras, closed loop."
+        if any(made_elsewhere(spec) for spec in ([model.model] if model else self.models)):
+            asked = f"asked elsewhere and not by eyechart{'' if model else ' where its name says so'}, {asked}"
         return f"On bank {bank.name} ({bank.manifest.picture}; {size}), {who} {asked}"
 
     def as_dict(self) -> dict[str, object]:

@@ -1,0 +1,109 @@
+"""``eyechart frames export`` writes what a battery asks; ``eyechart run import`` makes a run of what came back."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from eyechart.cli import options
+from eyechart.cli.terminal import progress, resumable, say
+
+if TYPE_CHECKING:
+    from eyechart.studies.battery import Asking
+
+_Prompt = Annotated[
+    str | None, typer.Option(help="A name of 'eyechart list prompts', or FILE.toml; default: one that suits the bank.")
+]
+_Conditions = Annotated[str | None, typer.Option(help="With commas; default: all that the bank has.")]
+_Seed = Annotated[int, typer.Option(min=0, help="Seed of stimuli, sampling and the order of calls.")]
+_Controls = Annotated[
+    str | None,
+    typer.Option(help="auto: those that answers call for, later; all; none. Default: auto, none with --conditions."),
+]
+
+
+def export(
+    bank: Annotated[Path, typer.Argument(help="Folder of the bank.")],
+    out: Annotated[Path, typer.Option(help="Folder to write; it is there whole or not at all.")],
+    conditions: _Conditions = None,
+    prompt: _Prompt = None,
+    seed: _Seed = 0,
+    limit: options.Limit = None,
+    controls: _Controls = None,
+    model: Annotated[
+        str | None, typer.Option(help="The SPEC by whose name the calls' seeds are made; with --run, one of the run's.")
+    ] = None,
+    run: Annotated[Path | None, typer.Option(help="A run: only its calls without an answer, controls too.")] = None,
+) -> None:
+    """Write every picture that a battery shows, and a table of what to ask, to make the calls elsewhere.
+
+    What comes back is read by 'eyechart run import'. With --run, what that run still lacks is written: the calls
+    without an answer, and the control pictures that its answers call for.
+    Example: eyechart frames export bank --conditions real,real_repeat,blank --out asked
+    """
+    from eyechart.errors import SpecError
+    from eyechart.studies.battery import questions_left, questions_of, write_questions
+
+    if run is not None:
+        if (conditions, prompt, seed, limit, controls) != (None, None, 0, None, None):
+            raise SpecError(
+                "--run says what is asked: leave out --conditions, --prompt, --seed, --limit and --controls"
+            )
+        asked = questions_left(bank, run, model)
+    else:
+        asked = questions_of(bank, _asking(prompt, conditions, seed, limit, controls), model)
+    for name, why in asked.left_out.items():
+        say(f"left out: {name}, because {why}")
+    with progress("export", "calls") as move:
+        calls, pictures = write_questions(asked, out, progress=move)
+    say(f"{calls} calls ({', '.join(f'{count} {name}' for name, count in asked.conditions.items())})")
+    say(f"{pictures} pictures and the tables asked.jsonl and asked.csv in {out}")
+
+
+def import_(
+    answers: Annotated[Path, typer.Argument(help="CSV, JSON lines or Parquet; a row an answer.")],
+    frames: options.Frames,
+    out: options.Out,
+    model: Annotated[str | None, typer.Option(help="What answered; default: the file's name.")] = None,
+    prompt: _Prompt = None,
+    conditions: _Conditions = None,
+    seed: _Seed = 0,
+    limit: options.Limit = None,
+    controls: _Controls = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Check the answers and write nothing.")] = False,
+) -> None:
+    """Make a battery's run of answers to 'eyechart frames export' that were made elsewhere.
+
+    The columns are call, frame, condition and repeat as they were exported, text, and, where they are known,
+    finish_reason, error, served, prompt_tokens, completion_tokens, seconds and cost_usd. Options are those of the
+    export. All faults are named at once, and then nothing is written. Answers that come later go into the same run by
+    the same command. Exit 1: calls are without an answer.
+    Example: eyechart run import answers.jsonl --frames bank --model my-vlm --out run
+    """
+    from eyechart.studies import battery as study
+
+    asking = _asking(prompt, conditions, seed, limit, controls)
+    with resumable(), progress("answers", "rows") as move:
+        source = study.table_of(answers)
+        read = study.read_import(frames, source, out, model or answers.stem, asking, progress=move)
+    say(f"{read.spec}: {read.brought.words}; eyechart made none of these calls, and every verdict on them says so")
+    if dry_run:
+        return
+    with resumable("answers that were imported are kept; the same command goes on"), progress("import", "rows") as move:
+        study.bring(read, progress=move)
+    left, more = read.battery.left(), sum(read.battery.more_by_model().values())
+    if left:
+        say(f"{left} of {read.battery.counts()[0]} calls are without an answer")
+    if left or more:
+        up_to = f", with up to {more} of control pictures that its answers may call for" if more else ""
+        say(f"'eyechart frames export {frames} --run {out} --out FOLDER' writes what the run lacks{up_to}")
+    say(f"done: 'eyechart verdict {out}' judges, 'eyechart score {out}' prints every statistic")
+    if left:
+        raise typer.Exit(1)
+
+
+def _asking(prompt: str | None, conditions: str | None, seed: int, limit: int | None, controls: str | None) -> "Asking":
+    from eyechart.studies.battery import Asking, Extent
+
+    chosen = None if conditions is None else tuple(name.strip() for name in conditions.split(","))
+    return Asking(prompt, chosen, seed, Extent(limit, controls=controls))

@@ -1,0 +1,167 @@
+"""Answers that were made elsewhere are read from a table, strictly: what is wrong is named with its row."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import cast, get_args
+
+from eyechart.calls import MOST, ErrorKind, Reply, misfit
+from eyechart.errors import SourceError, printable
+from eyechart.importing.cells import MOST_CELL, Cell, Progress, Row, read_number
+from eyechart.importing.faults import Faults
+from eyechart.importing.tables import open_table
+
+MOST_ROWS = 5_000_000
+MOST_REPEATS = 1_000
+_NUMBERS = tuple(name for name in MOST if name not in {"status", "retry_after_s", "payload_bytes", "energy_j"})
+_WORDS = ("text", "finish_reason", "error", "reasoning", "served", "provider", "system_fingerprint")
+_LABELS = ("finish_reason", "served", "provider", "system_fingerprint")
+"""The words that name something, and are one short line."""
+_MOST_LABEL = 200
+_KEYS = ("call", "frame", "condition", "repeat")
+ALIASES: Mapping[str, str] = MappingProxyType(
+    {
+        "answer": "text",
+        "response": "text",
+        "latency": "seconds",
+        "latency_s": "seconds",
+        "cost": "cost_usd",
+        "model": "served",
+        "input_tokens": "prompt_tokens",
+        "output_tokens": "completion_tokens",
+    }
+)
+"""Other names of columns, which mean the same."""
+_KNOWN = (*_KEYS[1:], "request_sha256", *_WORDS, *_NUMBERS, *ALIASES)
+"""The columns that a row may have and another lack."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answered:
+    """An answer that came from elsewhere: the key of its call, what its row says of that, and the reply.
+
+    ``reply`` is None where the row holds no answer. ``where`` names the row.
+    """
+
+    where: str
+    call: str
+    frame: str | None
+    condition: str | None
+    repeat: int
+    request_sha256: str | None
+    reply: Reply | None
+
+
+def read_answer_table(path: Path, faults: Faults, progress: Progress | None = None) -> Iterator[Answered]:
+    """Yield the answers of a CSV, JSON lines or Parquet file, in its order, a bounded part of it in memory at a time.
+
+    A row that is wrong is noted among the ``faults`` and left out. Raises SourceError where the file cannot be read,
+    or lacks the columns ``call`` and ``text``.
+    """
+    table = open_table(path, progress, optional=_KNOWN)
+    named = _named(path, table.columns)
+    for number, row in enumerate(table.rows, 1):
+        if number > MOST_ROWS:
+            raise SourceError(f"{path} has more than {MOST_ROWS} rows; cut it into parts")
+        where, made = f"{path.name}, row {number}", list[Answered]()
+        with faults.noted():
+            made += [_answered(where, _meant(where, row, named))] if row else []
+        yield from made
+    faults.join(table.faults)
+
+
+def _named(path: Path, columns: Sequence[str]) -> dict[str, str]:
+    """Return what each column means; raises SourceError where one that is needed is missing."""
+    named = {name: ALIASES.get(name.lower(), name) for name in columns}
+    for needed in ("call", "text"):
+        if needed not in named.values():
+            raise SourceError(
+                f"{path} has no column '{needed}'; answers come back with the columns {', '.join(_KEYS)} of the export "
+                f"and text, and it has {printable(', '.join(columns))}"
+            )
+    return named
+
+
+def _meant(where: str, row: Row, named: Mapping[str, str]) -> Row:
+    """Return a row by what its columns mean; raises SourceError where two that mean the same are filled."""
+    found: dict[str, Cell] = {}
+    for name, cell in row.items():
+        if cell is not None and found.get(named[name]) is not None:
+            raise SourceError(f"{where} has two columns for {named[name]}, '{name}' among them: leave one out")
+        if cell is not None:
+            found[named[name]] = cell
+    return found
+
+
+def _answered(where: str, row: Row) -> Answered:
+    """Return a row as an answer; raises SourceError, beginning with ``where``, for what is wrong in it."""
+    call = _word(row.get("call"), f"{where}: 'call'")
+    if not call:
+        raise SourceError(f"{where} has no call; keep that column of the export as it is")
+    frame, condition, digest = (
+        _word(row.get(name), f"{where}: '{name}'") or None for name in ("frame", "condition", "request_sha256")
+    )
+    return Answered(where, call, frame, condition, _repeat(row.get("repeat"), where), digest, _reply(row, where))
+
+
+def _repeat(cell: Cell, where: str) -> int:
+    number = read_number(cell, f"{where}: 'repeat'") or 0.0
+    if number != int(number) or not 0 <= number < MOST_REPEATS:
+        raise SourceError(f"{where}: 'repeat' is {number:g}, not a whole number from 0 to {MOST_REPEATS - 1}")
+    return int(number)
+
+
+def _reply(row: Row, where: str) -> Reply | None:
+    text, error = _verbatim(row.get("text"), where, "text"), _verbatim(row.get("error"), where, "error")
+    if text.strip() and error:
+        raise SourceError(f"{where} has a text and an error: it came, or it did not; leave one empty")
+    told: dict[str, object] = {name: _number(row.get(name), f"{where}: '{name}'", name) for name in _NUMBERS}
+    told |= {name: _word(row.get(name), f"{where}: '{name}'") or None for name in _LABELS}
+    told["reasoning"] = _verbatim(row.get("reasoning"), where, "reasoning")
+    if error:
+        kind = cast("ErrorKind", error if error in get_args(ErrorKind) else "exception")
+        return made_reply("", {**told, "error": kind, "error_detail": printable(error)}, where)
+    if not text and not any(told.values()):
+        return None
+    return made_reply(text, told, where)
+
+
+def made_reply(text: str, told: Mapping[str, object], where: str) -> Reply:
+    """Return a reply of these values; raises SourceError where one is not of its field's type."""
+    reply = Reply(text, **told)  # type: ignore[arg-type]
+    if wrong := misfit(reply):
+        raise SourceError(f"{where}: {wrong}")
+    return reply
+
+
+def _verbatim(cell: Cell, where: str, name: str) -> str:
+    text = "" if cell is None else str(cell)
+    if len(text) > MOST_CELL:
+        raise SourceError(f"{where}: '{name}' has {len(text)} characters; the limit is {MOST_CELL}")
+    return text
+
+
+def _word(cell: Cell, what: str) -> str:
+    """Return a cell as a short line of text; raises SourceError, beginning with ``what``, where it is none."""
+    text = "" if cell is None else str(cell).strip()
+    if len(text) > _MOST_LABEL or not text.isprintable():
+        raise SourceError(f"{what} is no line of at most {_MOST_LABEL} printable characters")
+    return text
+
+
+def _number(cell: Cell, what: str, name: str) -> float | int | None:
+    """Return a cell as a number that a reply can have; raises SourceError, beginning with ``what``, else."""
+    if isinstance(cell, float) and math.isnan(cell):
+        cell = None  # as tables of other programs have an empty cell
+    number = read_number(cell, what)
+    if number is None:
+        return None
+    if not 0 <= number <= MOST[name]:
+        raise SourceError(f"{what} is {number:g}, not a number from 0 to {MOST[name]:g}; leave the cell empty")
+    if name.endswith("_tokens"):
+        if number != int(number):
+            raise SourceError(f"{what} is {number:g}, not a whole number")
+        return int(number)
+    return number

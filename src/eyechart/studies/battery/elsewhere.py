@@ -1,0 +1,269 @@
+"""A run made of answers that came from elsewhere: eyechart made none of its calls, and says so wherever it is read."""
+
+import hashlib
+import sqlite3
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import islice
+from pathlib import Path
+
+from eyechart.calls import CallKey, Reply, bounded
+from eyechart.errors import LedgerError, SourceError, SpecError, printable, why
+from eyechart.importing import Answered, Faults, read_answer_table
+from eyechart.ledger import Ledger
+from eyechart.manifest import LEDGER, alone_in, is_run, read_manifest, today, write_run
+from eyechart.models.faults import is_of_the_road
+from eyechart.modes import ELSEWHERE, RequestMode, each_without_secrets
+from eyechart.run import Progress
+from eyechart.studies.battery.planning import Asking, Battery, planned, resumed
+from eyechart.studies.battery.questions import Keys, showable, unasked
+
+IMPORTED = "imported"
+"""The version of whatever answered elsewhere, and the fact of a run's manifest that says what was imported."""
+_AT_ONCE = 500
+_MOST_SOURCES = 50
+
+Read = Callable[[Faults, Progress], Iterator[Answered]]
+"""Yields the answers of a source anew each time that it is called, and notes what is wrong in it."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where answers come from: a name, the SHA-256 of the file, what wrote it in words, and how it is read."""
+
+    name: str
+    sha256: str
+    made_by: str
+    read: Read
+
+
+@dataclass
+class Brought:
+    """What a source holds for a run.
+
+    ``new`` answers will be, or were, appended, ``again`` of them in place of a failure; ``there`` the run holds
+    already. ``errors`` of the new ones are failures, ``repeats`` are further answers to a call, of which the first
+    counts, and ``blank`` rows hold no answer.
+    """
+
+    new: int = 0
+    again: int = 0
+    there: int = 0
+    errors: int = 0
+    repeats: int = 0
+    blank: int = 0
+
+    @property
+    def words(self) -> str:
+        """Return the counts in words."""
+        parts = (
+            (self.new, "new answers"),
+            (self.errors, "of them failures"),
+            (self.again, "in place of a failure"),
+            (self.there, "there already"),
+            (self.repeats, "repeats, of which the first counts"),
+            (self.blank, "rows without an answer"),
+        )
+        return ", ".join(f"{count} {name}" for count, name in parts if count or name == "new answers")
+
+
+@dataclass(frozen=True)
+class Import:
+    """Answers that were read and checked against a run, and are not in it yet."""
+
+    battery: Battery
+    source: Source
+    brought: Brought
+    requests: "_Requests"
+
+    @cached_property
+    def spec(self) -> str:
+        """Return the SPEC that the answers are under."""
+        (spec,) = self.battery.plan.models
+        return spec
+
+
+def read_import(
+    bank: Path, source: Source, out: Path, name: str, asking: Asking, *, progress: Progress = lambda *_: None
+) -> Import:
+    """Read the answers of a source for a battery on a bank, the rest of one that ``out`` may hold already.
+
+    They are under the SPEC ``elsewhere:NAME``. Nothing is written. Raises SourceError that names every row at fault:
+    a key that is none of this bank, prompt and seed, a call or a repeat that is answered twice, a frame that is not
+    of the bank, or an answer where the run holds another; and what `plan` raises.
+    """
+    if not name.strip() or not name.isprintable():
+        raise SpecError(f"--model names what answered, in a line of text; got {name[:80]!r}")
+    spec = f"{ELSEWHERE}:{name.strip()}"
+    told = _facts(out, spec, source)
+    battery = planned(bank, {spec: RequestMode(spec)}, {spec: (IMPORTED, told)}, out, asking)
+    requests = _Requests(battery)
+    check, faults = _Check(battery, requests), Faults()
+    for one in source.read(faults, progress):
+        with faults.noted():
+            check.take(one)
+    faults.require_none(source.name)
+    if not check.brought.new and not check.brought.there:
+        raise SourceError(f"{source.name} holds no answer: its column 'text' is empty")
+    return Import(battery, source, check.brought, requests)
+
+
+def bring(read: Import, *, progress: Progress = lambda *_: None) -> Brought:
+    """Append the answers to the run, which is begun where it is missing; an interrupted import goes on when repeated.
+
+    Raises LedgerError where another process writes to the run, or the ledger cannot be written.
+    """
+    battery, plan = read.battery, read.battery.plan
+    try:
+        with alone_in(battery.out):
+            manifest = resumed(battery.out, battery.manifest, plan.bank)
+            write_run(battery.out, manifest, plan.bank)
+            with Ledger(battery.out / LEDGER, create=True) as ledger:
+                check, faults = _Check(battery, read.requests), Faults()
+                rows = (new for one in read.source.read(faults, progress) if (new := check.take(one)) is not None)
+                while some := list(islice(rows, _AT_ONCE)):
+                    with ledger.together():
+                        for key, reply, again in some:
+                            ledger.close(ledger.begin(key, read.requests.digest(key), again=again), reply)
+                faults.require_none(read.source.name)
+                return check.brought
+    except sqlite3.Error as error:
+        said = why(error)
+        raise LedgerError(f"{battery.out / LEDGER} cannot be written: {said}; the same command resumes") from error
+
+
+class _Requests:
+    """The digest of what each call of a battery asks, computed once."""
+
+    def __init__(self, battery: Battery) -> None:
+        self._plan, self._stimuli = battery.plan, battery.plan.stimuli()
+        self._known: dict[CallKey, str] = {}
+
+    def digest(self, key: CallKey) -> str:
+        """Return the digest of a call's words and pictures."""
+        if key not in self._known:
+            self._known[key] = self._plan.query(key, self._stimuli.show(key.condition, key.frame)).sha256()
+        return self._known[key]
+
+
+@dataclass
+class _Check:
+    """Holds answers, one by one, against the calls of a run and what it holds already."""
+
+    battery: Battery
+    requests: _Requests
+    brought: Brought = field(default_factory=Brought)
+    seen: set[tuple[str, int]] = field(default_factory=set)
+
+    @cached_property
+    def _keys(self) -> Keys:
+        return Keys.of(self.battery.manifest, self.battery.plan)
+
+    @cached_property
+    def _calls(self) -> Mapping[str, CallKey]:
+        return dict(showable(self.battery))
+
+    @cached_property
+    def _held(self) -> Mapping[CallKey, tuple[str, bool]]:
+        """Return of each call that is finished the digest of its reply, and whether it may be asked again."""
+        if not (self.battery.out / LEDGER).is_file():
+            return {}
+        (spec,) = self.battery.plan.models
+        with Ledger(self.battery.out / LEDGER) as ledger:
+            finished = ledger.finished()
+            return {
+                key: (_digest(reply), is_of_the_road(reply)) for key, reply in ledger.replies(spec) if key in finished
+            }
+
+    def take(self, one: Answered) -> tuple[CallKey, Reply, bool] | None:
+        """Return the call, the reply and whether it takes a failure's place, of a row that is to be appended.
+
+        Raises SourceError, beginning with the row, for one that is no answer to a call of the run.
+        """
+        key = self._call(one)
+        if (one.call, one.repeat) in self.seen:
+            times = f" as repeat {one.repeat}" if one.repeat else ""
+            raise SourceError(f"{one.where}: frame '{key.frame}' under {key.condition} is answered twice{times}")
+        self.seen.add((one.call, one.repeat))
+        if one.reply is None:
+            self.brought.blank += 1
+        elif one.repeat:
+            self.brought.repeats += 1
+        else:
+            return self._new(one, key, _cleaned(one.reply))
+        return None
+
+    def _call(self, one: Answered) -> CallKey:
+        key = self._calls.get(one.call)
+        if key is None:
+            raise SourceError(f"{one.where}: {self._why_unknown(one)}")
+        for name, told in (("frame", one.frame), ("condition", one.condition)):
+            if told is not None and told != getattr(key, name):
+                raise SourceError(f"{one.where} has {name} '{told}', and its call is about {getattr(key, name)!r}")
+        if one.request_sha256 is not None and one.request_sha256 != self.requests.digest(key):
+            raise SourceError(
+                f"{one.where} was asked with another picture or other words than this machine makes for it: export the "
+                "calls anew here, or leave out the column request_sha256 if another version of Pillow made the export"
+            )
+        return key
+
+    def _why_unknown(self, one: Answered) -> str:
+        bank = self.battery.plan.bank
+        known = one.frame is None or any(frame.id == one.frame for frame in bank.frames)
+        if not known:
+            return f"frame '{one.frame}' is not of the bank {bank.name}"
+        if not self._keys.holds(one.call):
+            return (
+                f"call '{one.call[:40]}' is of another export: give the bank, --prompt and --seed that it was made with"
+            )
+        if one.frame is None or one.condition is None:
+            options = "--conditions, --controls and --limit"
+            return f"call '{one.call[:40]}' is none of this run: give the {options} of the export"
+        if self._keys.call(one.condition, one.frame) in self._calls:
+            return f"call '{one.call[:40]}' is not that of frame '{one.frame}' under {one.condition}: keep that column"
+        return unasked(self.battery, one.condition, one.frame)
+
+    def _new(self, one: Answered, key: CallKey, reply: Reply) -> tuple[CallKey, Reply, bool] | None:
+        held, again = self._held.get(key, ("", False))
+        if held == _digest(reply):
+            self.brought.there += 1
+            return None
+        if held and not (again and reply.error is None):
+            raise SourceError(
+                f"{one.where}: frame '{key.frame}' under {key.condition} has another answer in {self.battery.out} "
+                "already; give another --out for other answers"
+            )
+        self.brought.new += 1
+        self.brought.again += bool(held)
+        self.brought.errors += reply.error is not None
+        return key, reply, bool(held)
+
+
+def _digest(reply: Reply) -> str:
+    return hashlib.sha256(repr((reply.text, reply.error, reply.error_detail)).encode("utf-8", "replace")).hexdigest()
+
+
+def _cleaned(reply: Reply) -> Reply:
+    """Return a reply without numbers that nobody can have measured, and without the values of this machine's keys."""
+    texts = {name: one for name in ("text", "error_detail", "reasoning") if (one := getattr(reply, name))}
+    return replace(bounded(reply), **each_without_secrets(texts))  # type: ignore[arg-type]
+
+
+def _facts(out: Path, spec: str, source: Source) -> dict[str, str]:
+    """Return what a run's manifest says of imported answers: from which files, each once."""
+    before = read_manifest(out).facts.get(spec, {}).get(IMPORTED, "") if is_run(out) else ""
+    said = f"{source.name} (SHA-256 {source.sha256[:16]}, {source.made_by})"
+    known = [one for one in before.split("; ") if one]
+    here = [] if any(one.partition(" on ")[0] == said for one in known) else [f"{said} on {today()}"]
+    return {"calls": "not made by eyechart", IMPORTED: "; ".join([*known, *here][-_MOST_SOURCES:])}
+
+
+def table_of(path: Path) -> Source:
+    """Return a table of answers (CSV, JSON lines, Parquet) as a source; raises SourceError where it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise SourceError(f"{path} cannot be read: {why(error)}") from error
+    return Source(printable(path.name), digest, "a table", lambda faults, move: read_answer_table(path, faults, move))

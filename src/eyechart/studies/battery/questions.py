@@ -1,0 +1,255 @@
+"""What a battery asks, for whoever asks it elsewhere: each call with its key, its words and its pictures as files.
+
+A key holds for one bank, prompt and seed: an answer to another question has another key, and is no answer to this one.
+"""
+
+import csv
+import hashlib
+import json
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+from eyechart import __version__
+from eyechart.calls import CallKey, Query
+from eyechart.conditions import available
+from eyechart.errors import LedgerError, OutputError, SpecError, why
+from eyechart.frames import MAIN, media_type
+from eyechart.ledger import Ledger
+from eyechart.manifest import LEDGER, RunManifest, asked_of, read_run
+from eyechart.modes import ELSEWHERE
+from eyechart.report.table import no_formula
+from eyechart.run import Plan, in_order
+from eyechart.studies.battery.planning import STUDY, Asking, Battery, open_whole, plan_of, planned
+from eyechart.studies.battery.stages import staged, stages_of, widest
+
+FORMAT = "eyechart-asked/1"
+TABLE, EXACT, ABOUT, README = "asked.csv", "asked.jsonl", "asked.json", "README.txt"
+PICTURES = "pictures"
+ANYBODY = f"{ELSEWHERE}:anybody"
+"""Whose seeds the calls have where nobody is named."""
+KEYS = ("call", "frame", "condition", "repeat")
+"""The columns that an answer comes back with."""
+_ENDINGS = {"image/png": "png", "image/jpeg": "jpg", "image/webp": "webp", "image/bmp": "bmp"}
+_HOW = """These are the calls of a battery of eyechart, to be made elsewhere.
+
+asked.jsonl   a line a call, in the order in which a run would make them: keep it, so that drift is no condition
+asked.csv     the same for a spreadsheet; a cell that it would take for a formula has an apostrophe before it
+asked.json    what was asked of which bank, and the schema of an answer
+pictures/     the pictures, named by their content; what a file is called says nothing of what it shows
+
+Ask each call alone: the system words, the user's words, and the picture, or none where that is empty. Answers come
+back as a table (CSV, JSON lines or Parquet) with the columns call, frame, condition and repeat as they are here, text
+with the model's words verbatim, and, where they are known: finish_reason, error, served, prompt_tokens,
+completion_tokens, seconds, cost_usd.
+
+  eyechart run import ANSWERS.jsonl --frames BANK --out RUN
+"""
+
+
+@dataclass(frozen=True)
+class Keys:
+    """The keys of the calls of a run about a bank, prompt and seed; the same on every machine."""
+
+    batch: str
+    """The digest of the bank, the prompt, the seed and how pictures leave."""
+
+    @classmethod
+    def of(cls, manifest: RunManifest, plan: Plan) -> "Keys":
+        """Return the keys of a run."""
+        bank = plan.bank.manifest
+        pictures = hashlib.sha256(json.dumps(sorted(bank.images.items())).encode()).hexdigest()
+        said = (manifest.study, bank.fingerprint, pictures, plan.prompt.key, manifest.seed, manifest.encoding)
+        return cls(hashlib.sha256(json.dumps(said).encode()).hexdigest())
+
+    def call(self, condition: str, frame: str) -> str:
+        """Return the key of a call about a frame under a condition."""
+        found = hashlib.sha256(json.dumps((self.batch, condition, frame)).encode()).hexdigest()
+        return f"{self.batch[:8]}-{found[:20]}"
+
+    def holds(self, call: str) -> bool:
+        """Return whether a key is of this bank, prompt and seed, whichever its call."""
+        return call.startswith(f"{self.batch[:8]}-")
+
+
+@dataclass(frozen=True)
+class Questions:
+    """The calls of a planned battery about a bank with its pictures, for one SPEC, and those of them that are left."""
+
+    plan: Plan
+    manifest: RunManifest
+    left: tuple[CallKey, ...]
+    left_out: Mapping[str, str]
+
+    @cached_property
+    def keys(self) -> Keys:
+        """Return the keys of the calls."""
+        return Keys.of(self.manifest, self.plan)
+
+    @property
+    def conditions(self) -> dict[str, int]:
+        """Return how many calls are left under each condition, in the order of the plan."""
+        counts = dict.fromkeys(self.plan.asked(self.plan.models[0]), 0)
+        for key in self.left:
+            counts[key.condition] += 1
+        return {name: count for name, count in counts.items() if count}
+
+    def asked(self) -> Iterator[tuple[CallKey, Query]]:
+        """Yield each call that is left with what is asked in it, in the order in which a run would make them."""
+        stimuli = self.plan.stimuli()
+        for key in self.left:
+            yield key, self.plan.query(key, stimuli.show(key.condition, key.frame))
+
+
+def questions_of(bank: Path, asking: Asking, model: str | None = None) -> Questions:
+    """Return the calls of a battery on a bank; ``model`` is the SPEC by whose name their seeds are made.
+
+    Raises BankError and SpecError as `plan` does.
+    """
+    spec = model or ANYBODY
+    found = planned(bank, {}, {spec: ("", {})}, None, asking)
+    wide = staged(found.plan, stages_of(found.manifest, found.plan, None))
+    return Questions(wide, found.manifest, tuple(in_order(wide.keys_of(spec), wide.seed)), found.left_out)
+
+
+def questions_left(bank: Path, run: Path, model: str | None = None) -> Questions:
+    """Return the calls of a run that have no final reply, the controls that its answers call for among them.
+
+    ``model`` is one of the run's, which need not be named where there is one. Raises SpecError for another,
+    LedgerError or BankError where the folder is no battery or the bank another.
+    """
+    manifest, recorded = read_run(run)
+    if manifest.study != STUDY:
+        raise LedgerError(f"{run} is a run of the study '{manifest.study}', and what is left of a battery is exported")
+    spec = model if model is not None else next(iter(manifest.models), "")
+    if spec not in manifest.models or (model is None and len(manifest.models) > 1):
+        raise SpecError(f"{run} holds {', '.join(manifest.models) or 'no model'}: name one with --model")
+    pictures = asked_of(open_whole(bank), manifest.prompt, manifest.reader)
+    if pictures.manifest.fingerprint != manifest.fingerprint or pictures.manifest.images != recorded.manifest.images:
+        raise LedgerError(f"{run} was made on another bank than {bank}: give its own")
+    whole = plan_of(manifest, pictures)
+    with Ledger(run / LEDGER) as ledger:
+        finished, stages = ledger.finished(), stages_of(manifest, whole, ledger)
+    one = replace(staged(whole, stages), models=(spec,))
+    left = in_order((key for key in one.keys_of(spec) if key not in finished), one.seed)
+    return Questions(one, manifest, tuple(left), {})
+
+
+def showable(battery: Battery) -> Iterator[tuple[str, CallKey]]:
+    """Yield every call that a run may come to make of its one model, controls among them, by its key."""
+    (spec,) = battery.plan.models
+    keys, wide = Keys.of(battery.manifest, battery.plan), widest(battery.manifest, battery.plan)
+    for key in wide.keys_of(spec):
+        yield keys.call(key.condition, key.frame), key
+
+
+def unasked(battery: Battery, condition: str, frame: str) -> str:
+    """Return in words why a run makes no call about a frame under a condition."""
+    plan = battery.plan
+    try:
+        there = available(condition, plan.bank.frame(frame))
+    except (SpecError, LookupError):
+        there = False
+    if not there:
+        return f"frame '{frame}' cannot be shown under '{condition}'"
+    if frame not in {one.id for one in plan.frames}:
+        return f"frame '{frame}' is not among the --limit {battery.manifest.limit} frames of this run"
+    return f"condition '{condition}' is none of this run: give the --conditions and --controls of the export"
+
+
+def write_questions(
+    asked: Questions, out: Path, *, progress: Callable[[int, int], None] = lambda *_: None
+) -> tuple[int, int]:
+    """Write the calls that are left, with their pictures, into a new folder; return how many calls and pictures.
+
+    The folder is written whole or not at all. Raises OutputError where it is there already or cannot be written, and
+    SpecError where no call is left.
+    """
+    if not asked.left:
+        raise SpecError("no call is left to be exported: every one that is planned has its answer")
+    with _whole_folder(out) as work:
+        (work / PICTURES).mkdir()
+        return _write(asked, work, progress)
+
+
+def _write(asked: Questions, work: Path, progress: Callable[[int, int], None]) -> tuple[int, int]:
+    cameras = [camera.name for camera in asked.plan.bank.frames[0].cameras]
+    names = {name: "picture" if name in {MAIN, cameras[0]} else f"picture@{name}" for name in cameras}
+    columns = [*KEYS, "seed", "system", "user", *names.values(), "request_sha256"]
+    files: dict[str, str] = {}
+    with (work / EXACT).open("w", encoding="utf-8") as exact, (work / TABLE).open("w", encoding="utf-8") as table:
+        sheet = csv.writer(table, lineterminator="\n")
+        sheet.writerow(columns)
+        for done, (key, query) in enumerate(asked.asked()):
+            row: dict[str, object] = dict.fromkeys(columns, "")
+            row |= dict(zip(KEYS, (asked.keys.call(key.condition, key.frame), *key[3:]), strict=True))
+            row |= {"seed": query.seed, "system": query.system, "user": query.user, "request_sha256": query.sha256()}
+            row |= {names[camera]: _stored(image, work, files) for camera, image in query.stimulus.images.items()}
+            exact.write(json.dumps(row, ensure_ascii=False) + "\n")
+            sheet.writerow([no_formula(cell) if isinstance(cell, str) else cell for cell in row.values()])
+            progress(done + 1, len(asked.left))
+    (work / ABOUT).write_text(json.dumps(_about(asked), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    (work / README).write_text(_HOW, encoding="utf-8")
+    return len(asked.left), len(files)
+
+
+def _stored(image: bytes, work: Path, files: dict[str, str]) -> str:
+    """Write a picture once, and return where in the folder it is."""
+    digest = hashlib.sha256(image).hexdigest()
+    if digest not in files:
+        files[digest] = f"{PICTURES}/{digest[:24]}.{_ENDINGS.get(media_type(image), 'bin')}"
+        (work / files[digest]).write_bytes(image)
+    return files[digest]
+
+
+def _about(asked: Questions) -> dict[str, object]:
+    manifest, bank = asked.manifest, asked.plan.bank
+    return {
+        "format": FORMAT,
+        "eyechart": __version__,
+        "bank": bank.name,
+        "fingerprint": manifest.fingerprint,
+        "batch": asked.keys.batch,
+        "prompt": manifest.prompt.as_dict(),
+        "seed": manifest.seed,
+        "seeds_of": asked.plan.models[0],
+        "limit": manifest.limit,
+        "controls": manifest.controls,
+        "conditions": asked.conditions,
+        "calls": len(asked.left),
+        "actions": list(asked.plan.space.actions),
+        "schema": asked.plan.space.schema(),
+    }
+
+
+@contextmanager
+def _whole_folder(out: Path) -> Iterator[Path]:
+    """Yield a folder that takes the place of ``out`` once it is complete; no part of it is left otherwise."""
+    if out.exists() and (not out.is_dir() or any(_entries(out))):
+        raise OutputError(f"{out} exists and is not empty; choose another --out for the export")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        work = Path(tempfile.mkdtemp(prefix=f".{out.name[:50]}-", dir=out.parent))
+    except OSError as error:
+        raise OutputError(f"{out} cannot be written: {why(error)}; choose another place") from error
+    try:
+        yield work
+        work.chmod(0o755)
+        if out.exists():
+            out.rmdir()
+        work.replace(out)
+    except OSError as error:
+        raise OutputError(f"{out} cannot be written: {why(error)}; choose another place") from error
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+
+
+def _entries(folder: Path) -> Iterable[Path]:
+    try:
+        return list(folder.iterdir())
+    except OSError as error:
+        raise OutputError(f"{folder} cannot be read: {why(error)}") from error
