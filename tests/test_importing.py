@@ -162,7 +162,7 @@ def spoilt(column: str, value: object, row: int = 4) -> str:
         (spoilt("photo", ""), {}, "row 4: the file 'photo' is empty"),
         (spoilt("tick", "2.5"), {}, "row 4: the step 'tick' is '2.5', not a whole number"),
         (spoilt("tick", ""), {}, "row 4: the step 'tick' is empty, not a whole number"),
-        (spoilt("tick", "x"), {}, "every row needs one, or none: leave the column out with --map step="),
+        (spoilt("tick", "x"), {}, "every row needs one, or none: leave the column out with columns={'step': ''}"),
         (spoilt("tick", 0), {}, "row 4: step 0 of episode '0' stands there twice"),
         (spoilt("drive", ""), {}, "row 4: the episode 'drive' is empty"),
         (spoilt("speed", ""), {"prompt_columns": ("speed",)}, "row 4: 'speed' is empty; a prompt column needs"),
@@ -190,7 +190,7 @@ def spoilt(column: str, value: object, row: int = 4) -> str:
             "'tick' cannot be gap and step at once",
         ),
         (photographs.as_csv(photographs.rows()), {"threshold": None}, "needs what counts as near"),
-        (photographs.as_csv(photographs.rows()), {"columns": {**PLACES, "gap": ""}}, "--threshold belongs to a gap"),
+        (photographs.as_csv(photographs.rows()), {"columns": {**PLACES, "gap": ""}}, "threshold belongs to a gap"),
         (photographs.as_csv(photographs.rows()), {"independent": True}, "the frames of an episode are not independent"),
         (photographs.as_csv(photographs.rows()), {"prompt_columns": ("lidar_m",)}, "it is the gap of a frame"),
         (photographs.as_csv(photographs.rows()), {"prompt_columns": ("velocity",)}, "has no column 'velocity'"),
@@ -375,7 +375,7 @@ def test_a_long_table_takes_bounded_memory_and_without_every_the_line_says_what_
     tracemalloc.stop()
     assert peak < 1_000_000
     monkeypatch.setattr(making, "MOST_FRAMES", 1000)
-    with pytest.raises(SourceError, match="more than 1000 frames; take every Nth of them with --every N"):
+    with pytest.raises(SourceError, match="more than 1000 frames; take every Nth of them with every=N"):
         import_table(photos, table, tmp_path / "bank", Choices())
     assert not (tmp_path / "bank").exists()
 

@@ -202,10 +202,10 @@ def test_all_faults_of_a_source_are_named_at_once(album: Path, tmp_path: Path) -
     first, *lines = str(caught.value).splitlines()
     assert first == f"t.csv has {len(lines)} faults, and nothing was written:"
     for words in (
-        "--map scenario=plaec: t.csv has no column 'plaec'",
+        "columns={'scenario': 'plaec'}: t.csv has no column 'plaec'",
         "there is no place 'colour'",
         "the gap 'gap' needs what counts as near",
-        "--prompt-columns speed",
+        "prompt_columns speed",
         "row 1: the mirror axis 'side' is 'left', not vertical, horizontal or none",
         "row 2: the gap 'gap' is 'near'",
         "row 2: the episode 'drive' is empty",
@@ -249,7 +249,7 @@ def test_a_refusal_names_the_option_that_makes_a_picture_plain(album: Path, tmp_
     with pytest.raises(SourceError) as caught:
         import_table(album, table, tmp_path / "bank", Choices())
     for line in str(caught.value).splitlines()[1:]:
-        assert line.endswith(", or import with --convert") != ("depth.tif" in line or "cut.png" in line), line
+        assert line.endswith(", or import with convert=Convert()") != ("depth.tif" in line or "cut.png" in line), line
 
 
 def test_more_faults_than_a_screen_holds_are_counted(album: Path, tmp_path: Path) -> None:
@@ -279,6 +279,7 @@ def test_the_command_line_prints_each_fault_on_its_line(
     lines = capsys.readouterr().err.splitlines()
     assert "has 2 faults, and nothing was written:" in lines[-3]
     assert ["grey.png" in lines[-2], "palette.png" in lines[-1]] == [True, True]
+    assert all(line.endswith(", or import with --convert") for line in lines[-2:])
     assert run("--longest", "5") == 2
     assert "give --convert too" in capsys.readouterr().err
     assert run("--convert", "--background", "nocolour") == 2

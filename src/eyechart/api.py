@@ -7,28 +7,34 @@ What the command line does step by step is done here in one call each; the steps
 import asyncio
 import secrets
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
-from eyechart.errors import SpecError
+from eyechart.errors import SpecError, speaks_of_arguments
 from eyechart.frames import FrameBank
 from eyechart.limits import Spent
 from eyechart.manifest import LEDGER
+from eyechart.models import Opened
 from eyechart.models.prices import read_prices
-from eyechart.modes import RequestMode
+from eyechart.models.python_callable import hold, name_of
+from eyechart.modes import RequestMode, Scalar
 from eyechart.probe import Found, Sample
 from eyechart.probe import probe as find_mode
 from eyechart.run import Progress
 from eyechart.simulators import open_bank_simulator
 from eyechart.studies import battery
 from eyechart.studies.battery import Battery, BatteryScore, Extent
-from eyechart.studies.probed import Allowed, Asked, Probing, plan_probed
+from eyechart.studies.probed import Allowed, Asked, Probing, accept_losses, plan_probed
 from eyechart.verdicts import Verdict, judge, words_of
+
+AskedModel = str | RequestMode | Callable[..., object]
+"""A model: its SPEC, the mode in which it is asked, or a callable that takes (prompt, image) and returns its answer."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -43,6 +49,7 @@ class Report:
     score: BatteryScore
     verdicts: Mapping[str, Verdict]
 
+    @speaks_of_arguments
     def __getitem__(self, model: str) -> Verdict:
         """Return the verdict on a model; raises SpecError that lists the models of the run."""
         if model not in self.verdicts:
@@ -77,6 +84,7 @@ class Report:
             for name, one in model.statistics.items()
         ]
 
+    @speaks_of_arguments
     def to_html(self, out: Path | str) -> Path:
         """Write the report as one self-contained page, as ``eyechart report`` does, and return where it is.
 
@@ -109,6 +117,7 @@ class Report:
         return self.score.scope() if self.verdicts else "the run holds no model"
 
 
+@speaks_of_arguments
 def build_bank(
     out: Path | str,
     *,
@@ -127,18 +136,40 @@ def build_bank(
     return opened.build(Path(out), preset=preset, seeds=seeds, steps=steps, progress=progress)
 
 
-class _Asking(TypedDict, total=False):
-    """How a battery asks: options that are passed on to `eyechart.studies.battery.plan`, with its defaults."""
+class _Mode(TypedDict, total=False):
+    """How models that are given by a SPEC, or as callables, are asked: the fields of a request mode that may be set."""
+
+    base_url: str
+    key_env: str
+    token_field: str
+    max_tokens: int
+    structured: str
+    temperature: float | None
+    timeout_s: float
+    headers: Mapping[str, str]
+    body: Mapping[str, object]
+    options: Mapping[str, Scalar]
+    system: str
+    answer: str
+    stream: str
+
+
+class _Asking(_Mode, total=False):
+    """How a battery asks: what a request mode takes, and what `eyechart.studies.battery.plan` and ``run`` do."""
 
     prompt: str | None
     seed: int
     limit: int | None
     controls: str | None
+    again: bool
+    accept_loss: bool
+    moved: bool
 
 
+@speaks_of_arguments
 def run_battery(
     bank: FrameBank | Path | str,
-    models: Sequence[str | RequestMode] | str | RequestMode,
+    models: Sequence[AskedModel] | AskedModel | Mapping[str, Callable[..., object]],
     out: Path | str,
     *,
     concurrency: int = 8,
@@ -149,30 +180,84 @@ def run_battery(
     """Ask models about every frame of a bank under every condition, and return the report.
 
     It makes calls, which may cost money; those that the run's folder ``out`` holds already are not made again, so an
-    interrupted call goes on where it stopped. ``models`` is a SPEC, a request mode, or several of them; a model that is
-    served elsewhere and given by its SPEC is probed first, once a run, unless ``probe`` is false. ``prompt``, ``seed``,
-    ``limit`` and ``controls`` are those of ``eyechart run battery`` (the rarer ones are those of
-    `eyechart.studies.battery.plan`); ``progress`` gets (calls done, of how many). Raises BankError, SpecError or
-    LedgerError as ``plan`` does, and ProbeError where a model cannot be probed. A report on calls that
-    failed says so in its notes.
+    interrupted call goes on where it stopped. ``models`` is a SPEC, a request mode, a callable, or several of them. A
+    callable takes (prompt, image) or (prompt, images, state) and is called ``python:MODULE:FUNCTION`` in the report; a
+    mapping gives callables other names (``{"mine": f}`` is ``python:mine``). A model that is
+    served elsewhere and given by its SPEC is probed first, once a run, unless ``probe`` is false.
+
+    ``prompt``, ``seed``, ``limit`` and ``controls`` are those of ``eyechart run battery`` (the rarer ones are those of
+    `eyechart.studies.battery.plan`). ``again`` asks once more what ended in a failure on the way; ``accept_loss`` goes
+    on although calls that were made are missing from the ledger; ``moved`` goes on with a run whose models have other
+    addresses, keys or headers now. ``base_url``, ``max_tokens``, ``temperature`` and the other fields of a
+    `eyechart.modes.RequestMode` (all but ``seed``) say how the models are asked that are not given by one; a
+    temperature of None sends none. ``progress`` gets (calls done, of how many).
+
+    Raises BankError, SpecError or LedgerError as ``plan`` does, and ProbeError where a model cannot be probed. A report
+    on calls that failed says so in its notes.
     """
-    given = [models] if isinstance(models, str | RequestMode) else models
     named: dict[str, Any] = {**asking}
+    how = {name: named.pop(name) for name in _Mode.__annotations__ if name in named}
+    held, modes, by_option = _asked_models(models, how)
     extent = Extent(named.pop("limit", None), controls=named.pop("controls", None))
+    again, moved = named.pop("again", False), named.pop("moved", False)
+    if named.pop("accept_loss", False):
+        list(accept_losses(Path(out)))
 
     def plan(modes: Sequence[RequestMode], probes: Mapping[str, Spent]) -> Battery:
         root = bank.root if isinstance(bank, FrameBank) else Path(bank)
-        return battery.plan(root, modes, Path(out), extent=extent, **named).counting(probes)
+        given = [held.get(mode.spec, mode) for mode in modes]
+        return battery.plan(root, given, Path(out), extent=extent, **named).counting(probes)
 
-    modes = [one if isinstance(one, RequestMode) else RequestMode(one) for one in given]
-    asked = Asked(modes, frozenset(one for one in given if isinstance(one, str)), {})
     probing = Probing(plan, lambda one: battery.sample_of([one]), battery.keep_probes, [Path(out)])
-    planned = plan_probed(probing, asked, Allowed(read_prices(), no_probe=not probe), _ask)[0]
+    allowed = Allowed(read_prices(), no_probe=not probe, moved=moved)
+    planned = plan_probed(probing, Asked(modes, by_option, how), allowed, partial(_ask, fixed=[*how]))[0]
     assert planned is not None  # a model that cannot be probed has raised
-    _make_calls(planned, concurrency, progress)
-    return read_report(out)
+    _make_calls(partial(battery.run, planned, concurrency=concurrency, again=again), progress)
+    return _read_report(out)
 
 
+def _asked_models(
+    models: Sequence[AskedModel] | AskedModel | Mapping[str, Callable[..., object]], how: Mapping[str, Any]
+) -> tuple[dict[str, Opened], list[RequestMode], frozenset[str]]:
+    """Return the callables that are open already, the modes of all models in order, and which are given by a SPEC.
+
+    Raises SpecError where two callables have one name, or fields of a mode are given that would change no model.
+    """
+    held: dict[str, Opened] = {}
+    modes: list[RequestMode] = []
+    several = _several(models)
+    for name, one in several:
+        if isinstance(one, str | RequestMode):
+            modes.append(one if isinstance(one, RequestMode) else RequestMode(one, **how))
+            continue
+        mode = RequestMode(f"python:{name or name_of(one)}", **how)
+        if mode.spec in held:
+            raise SpecError(f"two callables are called '{mode.spec}'; name each: models={{'one': f, 'other': g}}")
+        held[mode.spec] = Opened(mode, hold(one, mode))
+        modes.append(mode)
+    if how and all(isinstance(one, RequestMode) for _, one in several):
+        raise SpecError(f"{', '.join(how)} would change no model: those with a RequestMode are asked as it says")
+    return held, modes, frozenset(one for _, one in several if isinstance(one, str))
+
+
+def _several(
+    models: Sequence[AskedModel] | AskedModel | Mapping[str, Callable[..., object]],
+) -> list[tuple[str, AskedModel]]:
+    """Return each model with the name that it is given, "" for none; raises SpecError for what is no model."""
+    several: list[tuple[str, AskedModel]] = []
+    if isinstance(models, Mapping):
+        several += models.items()
+    elif isinstance(models, str | RequestMode) or not isinstance(models, Sequence):
+        several.append(("", models))
+    else:
+        several += (("", one) for one in models)
+    for _, one in several:
+        if not (isinstance(one, str | RequestMode) or callable(one)):
+            raise SpecError(f"a model is a SPEC, a RequestMode or a callable, not a {type(one).__name__}")
+    return several
+
+
+@speaks_of_arguments
 def read_report(run: Path | str, *, resamples: int = 5000, independent: bool = False, reread: bool = False) -> Report:
     """Score and judge a run, finished or not, as ``eyechart verdict`` does; it makes no call and changes nothing.
 
@@ -181,26 +266,31 @@ def read_report(run: Path | str, *, resamples: int = 5000, independent: bool = F
     reader by today's. Raises LedgerError or BankError where the folder is no run, or needs ``reread``, and SpecError
     where independence is declared of a bank with episodes.
     """
-    scored = battery.score(Path(run), resamples=resamples, independent=independent, reread=reread)
+    return _read_report(run, resamples=resamples, independent=independent, reread=reread)
+
+
+def _read_report(run: Path | str, **reading: Any) -> Report:  # noqa: ANN401 - those of `read_report`
+    scored = battery.score(Path(run), **reading)
     return Report(Path(run), scored, judge(scored))
 
 
-def _ask(mode: RequestMode, sample: Sample, most: float | None) -> Found:
-    """Probe a model in a thread, because a notebook has an event loop of its own."""
+def _ask(mode: RequestMode, sample: Sample, most: float | None, *, fixed: Sequence[str]) -> Found:
+    """Probe a model in a thread, because a notebook has an event loop of its own; what is ``fixed`` stays."""
+    drawn = secrets.randbelow(10**6)
     with ThreadPoolExecutor(1) as thread:
-        return thread.submit(find_mode, mode, sample=sample, seed=secrets.randbelow(10**6), max_cost=most).result()
+        return thread.submit(find_mode, mode, fixed=fixed, sample=sample, seed=drawn, max_cost=most).result()
 
 
-def _make_calls(planned: Battery, concurrency: int, progress: Progress | None) -> None:
-    """Run a battery; where an event loop is running already, as in a notebook, in a thread with a loop of its own."""
+def _make_calls(run: Callable[..., object], progress: Progress | None) -> None:
+    """Run a battery, where an event loop is running already, as in a notebook, in a thread with a loop of its own."""
     try:
         asyncio.get_running_loop()
     except RuntimeError:
-        battery.run(planned, concurrency=concurrency, progress=progress)
+        run(progress=progress)
         return
     calls = _Calls(progress)
     with ThreadPoolExecutor(1) as thread:
-        running = thread.submit(battery.run, planned, concurrency=concurrency, progress=calls.move)
+        running = thread.submit(run, progress=calls.move)
         try:
             running.result()
         except KeyboardInterrupt:

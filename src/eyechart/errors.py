@@ -2,13 +2,85 @@
 
 import errno
 import os
-from collections.abc import Iterable
+import re
+from collections.abc import Callable, Iterable
+from functools import wraps
+from typing import ParamSpec, TypeVar
 
 _LONGEST = 500
 _NEAR = 0.6
 _NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT})
 _NO_ROOM_SAID = frozenset({"SQLITE_FULL", "SQLITE_IOERR_SHMSIZE"})
 """The second: of a file that stands beside a ledger, SQLite cannot make it as long as it must be."""
+
+_ARGUMENTS = {
+    "accept-loss": "accept_loss=True",
+    "again": "again=True",
+    "body": "body",
+    "convert": "convert=Convert()",
+    "frames": "bank",
+    "header": "headers",
+    "independent": "independent=True",
+    "json-mode": "structured",
+    "map": "columns",
+    "mode": "a RequestMode",
+    "model": "model",
+    "moved": "moved=True",
+    "no-probe": "probe=False",
+    "option": "options",
+    "reread": "reread=True",
+    "stop-early": "stop_early=True",
+    "timeout": "timeout_s",
+}
+"""What an option of a command is in Python, where that is not its own name with '_' for '-'."""
+_OPTION = re.compile(
+    r"(?P<command>'eyechart [^']*'|pip install [^;]*)|--convert --longest (?P<longest>\d+)|(?P<file>(?:a )?--mode file)"
+    r"|(?<![\w-])--(?P<name>[a-z][a-z0-9-]*[a-z0-9])"
+    r"(?: (?:FILE\.toml|(?P<pair>[A-Za-z_]+=[^\s,;:.)\'\"]*)"
+    r"|(?P<value>\d[\d.]*\d|\d|https?://[^\s;,)]+|[A-Z]\b|max_tokens|max_completion_tokens|default|user|reasoning|usage|plain"
+    r"|json_schema|json_object)(?![\w-])))?"
+)
+"""An option in a message, with the value that it is given there; or a command that is to be run, which stays."""
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def in_arguments(words: str) -> str:
+    """Return a message about options of a command (``--base-url``) in the words of Python (``base_url``).
+
+    A command that it names to be run, as 'eyechart probe', stays as it is.
+    """
+
+    def said(found: re.Match[str]) -> str:
+        if found["command"]:
+            return found[0]
+        if found["longest"] or found["file"]:
+            return f"convert=Convert(longest={found['longest']})" if found["longest"] else "a RequestMode"
+        name, value = found["name"], found["value"]
+        if pair := found["pair"]:
+            key, _, one = pair.partition("=")
+            return f"{_ARGUMENTS.get(name, name)}={{{key!r}: {one!r}}}"
+        argument = _ARGUMENTS.get(name) or name.replace("-", "_")
+        if value is None or "=" in argument:
+            return f"{argument}{'' if value is None else f' {value}'}"
+        return f"{argument}={value if value[0].isdigit() or value.isupper() else repr(value)}"
+
+    return _OPTION.sub(said, words)
+
+
+def speaks_of_arguments(function: Callable[P, R]) -> Callable[P, R]:
+    """Return a function whose errors that a user can mend speak of arguments, for who calls it from Python."""
+
+    @wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        try:
+            return function(*args, **kwargs)
+        except EyechartError as error:
+            error.args = (in_arguments(str(error)), *error.args[1:])
+            raise
+
+    return call
 
 
 def printable(text: str) -> str:

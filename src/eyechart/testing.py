@@ -1,11 +1,21 @@
 """What a test suite asks of a run: ``assert_grounded(run, "depth")``."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from textwrap import wrap
 
-from eyechart.gate import hold
+from eyechart.errors import printable, speaks_of_arguments
+from eyechart.gate import Check, hold
+from eyechart.report.names import shorten
 from eyechart.studies import battery
 
+LINES, WIDTH = 24, 72
+"""A failure fits on a screen of 24 lines of 80 signs, also behind the 8 signs that pytest puts before each line."""
+_EACH = 4
+"""Lines of one check, where there are several."""
 
+
+@speaks_of_arguments
 def assert_grounded(
     run: Path | str,
     *require: str,
@@ -19,16 +29,32 @@ def assert_grounded(
 
     ``require`` are names of `eyechart.gate.REQUIREMENTS`, ``depth`` if none is given. "Cannot say" is not enough:
     an empty or unfinished run fails too, and one that several models answered, or several fingerprints of one unless
-    they are allowed. ``independent`` and ``reread`` are those of `eyechart.api.read_report`. Raises
-    LedgerError or BankError where the folder is no run, or needs ``reread``.
+    they are allowed. What is raised fits on one screen: what fails comes first, and what has no room is counted;
+    `eyechart.gate.hold` gives every check whole. ``independent`` and ``reread`` are those of
+    `eyechart.api.read_report`. Raises LedgerError or BankError where the folder is no run, or needs ``reread``.
     """
     scored = battery.score(Path(run), resamples=resamples, independent=independent, reread=reread)
     gate = hold(scored, require or ("depth",), max_unparsed=max_unparsed, allow_fingerprints=allow_fingerprints)
     if gate.exit_code:
-        outcome = {False: "fails", None: "cannot say"}
-        wrong = [
-            f"{check.model} {check.requirement}: {outcome[check.holds]}: {check.because}"
-            for check in gate.checks
-            if check.holds is not True
-        ]
-        raise AssertionError("\n".join(wrong) or f"{run} holds no model")
+        raise AssertionError(_on_a_screen([one for one in gate.checks if one.holds is not True], len(gate.checks), run))
+
+
+def _on_a_screen(wrong: Sequence[Check], count: int, run: Path | str) -> str:
+    """Return the checks that do not hold, of ``count`` in all, as at most `LINES` lines of `WIDTH`."""
+    if not wrong:
+        return "\n".join(wrap(printable(f"{run} holds no model"), WIDTH))
+    names = shorten(one.model for one in wrong)
+    lines = [f"{len(wrong)} of {count} checks do not hold"]
+    ordered = sorted(wrong, key=lambda one: one.holds is None)
+    for done, one in enumerate(ordered):
+        outcome = "cannot say" if one.holds is None else "fails"
+        said = wrap(printable(f"{names[one.model]} {one.requirement}: {outcome}: {one.because}"), WIDTH)
+        room = LINES - len(lines) - (done + 1 < len(ordered))
+        most = min(room, _EACH if len(ordered) > 1 else LINES)
+        if most < 1:
+            lines.append(f"and {len(ordered) - done} more; eyechart.gate.hold gives them all")
+            break
+        if len(said) > most:
+            said = [*said[: most - 1], f"{said[most - 1][: WIDTH - 1]}…"]
+        lines += said
+    return "\n".join(lines)

@@ -363,7 +363,7 @@ def spoil_files(root: Path, what: str) -> None:
         ("version", "says version v2.1 at 10 frames a second; this reads v3"),
         ("outside", "leads outside the data set"),
         ("no camera", "lists no feature of dtype video"),
-        ("two cameras", "choose one with --camera: observation.images.front, observation.images.rear"),
+        ("two cameras", "choose one with camera: observation.images.front, observation.images.rear"),
         ("no video", "cannot be read as a video"),
         ("torn video", "cannot be read as a video"),
         ("short video", "shows nothing at 1.200 s, where frame 'episode-5/frame-2.png' should be"),
@@ -385,10 +385,12 @@ def test_what_is_wrong_with_a_data_set_is_one_line_and_leaves_nothing(tmp_path: 
 def test_a_camera_and_the_places_of_a_data_set_are_its_own(tmp_path: Path) -> None:
     """An unknown camera lists those that there are; the episode of a frame is not to be mapped."""
     lerobot(tmp_path / "set")
-    with pytest.raises(SourceError, match=f"--camera rear: .* there are {CAMERA}"):
+    with pytest.raises(SourceError, match=f"camera rear: .* there are {CAMERA}"):
         import_lerobot(tmp_path / "set", tmp_path / "bank", ROBOT, camera="rear")
     mapped = replace(ROBOT, columns={"episode": "task_index"})
-    with pytest.raises(SourceError, match="--map episode=…: a LeRobotDataset says itself which episode a frame is"):
+    with pytest.raises(
+        SourceError, match=r"columns=\{'episode': '…'\}: a LeRobotDataset says itself which episode a frame is"
+    ):
         import_lerobot(tmp_path / "set", tmp_path / "bank", mapped)
 
 

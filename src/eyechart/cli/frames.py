@@ -87,7 +87,9 @@ def import_(
     """Make a bank of pictures of your own; says all that is wrong at once, and what missing columns cost."""
     from eyechart.errors import SpecError
     from eyechart.frames import read_axis
-    from eyechart.importing import Choices, costs, import_lerobot, import_table, read_rig, taken
+    from eyechart.importing.bank import Choices, costs, import_table, taken
+    from eyechart.importing.columns import read_rig
+    from eyechart.importing.lerobot import import_lerobot
     from eyechart.spaces.discrete import DRIVING, read_space
 
     try:

@@ -73,23 +73,14 @@ class Spending:
 
 
 NO_LIMIT = Spending()
-_LEDGERS = ("", "*/", "*/*/")
-"""Where the ledgers of a run stand in its folder: a study of prompts has one a cell."""
 
 
 def _accept_losses(out: Path) -> None:
     from eyechart.cli.terminal import say
-    from eyechart.ledger import accept_loss
-    from eyechart.manifest import LEDGER, alone_in
+    from eyechart.studies.probed import accept_losses
 
-    if not out.is_dir():
-        return
-    found = {one.with_name(LEDGER) for where in _LEDGERS for one in out.glob(f"{where}{LEDGER}*")}
-    for ledger in sorted(found):
-        with alone_in(ledger.parent):
-            lost = accept_loss(ledger)
-        if any(lost):
-            say(f"{lost.words} that were written to {ledger} are lost: the run goes on without them")
+    for ledger, lost in accept_losses(out):
+        say(f"{lost.words} that were written to {ledger} are lost: the run goes on without them")
 
 
 _FIELDS = {"timeout": "timeout_s", "header": "headers", "option": "options", "json_mode": "structured"}

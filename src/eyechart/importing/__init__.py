@@ -1,10 +1,16 @@
-"""Pictures of one's own become a frame bank: a folder with a table, or a LeRobotDataset; and answers made elsewhere."""
+"""Pictures of one's own become a frame bank: a folder with a table, or a LeRobotDataset; and answers made elsewhere.
 
+What makes a bank is for Python here, and speaks of arguments; commands take it from the modules, and speak of options.
+"""
+
+from eyechart.errors import in_arguments, speaks_of_arguments
+from eyechart.frames import FrameBank
+from eyechart.importing import bank, lerobot
 from eyechart.importing.answers import Answered, read_answer_table
-from eyechart.importing.bank import Choices, costs, import_table, taken
+from eyechart.importing.bank import Choices, taken
 from eyechart.importing.columns import read_rig
 from eyechart.importing.faults import Faults
-from eyechart.importing.lerobot import Ahead, import_lerobot
+from eyechart.importing.lerobot import Ahead
 from eyechart.importing.photographs import Convert
 
 __all__ = [
@@ -20,3 +26,11 @@ __all__ = [
     "read_rig",
     "taken",
 ]
+
+import_table = speaks_of_arguments(bank.import_table)
+import_lerobot = speaks_of_arguments(lerobot.import_lerobot)
+
+
+def costs(imported: FrameBank) -> list[str]:
+    """Return what a bank's missing columns cost, one line each; each test that needs them says "cannot say"."""
+    return [in_arguments(line) for line in bank.costs(imported)]

@@ -23,7 +23,7 @@ class Convert:
     def __post_init__(self) -> None:
         read_colour(self.background)
         if self.longest is not None and self.longest < 1:
-            raise SourceError(f"--longest takes a number of pixels of 1 or more, not {self.longest}")
+            raise SourceError(f"longest takes a number of pixels of 1 or more, not {self.longest}")
 
 
 @dataclass(frozen=True)

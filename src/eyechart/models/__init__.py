@@ -3,7 +3,7 @@
 import asyncio
 import time
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from importlib import import_module
 from typing import Any, Protocol
 
@@ -30,6 +30,14 @@ class Model(Protocol):
 
         A model that was closed may be asked again: it then begins anew. Closing twice is no error.
         """
+
+
+@dataclass(frozen=True)
+class Opened:
+    """A model that is open already, with the mode in which it is asked: what no SPEC alone can name."""
+
+    mode: RequestMode
+    model: Model
 
 
 ADAPTERS: dict[str, str] = {

@@ -11,11 +11,12 @@ import hashlib
 import inspect
 import sys
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from types import CodeType, FunctionType, MethodType
 
 from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
@@ -125,6 +126,59 @@ def open_model(name: str, mode: RequestMode) -> PythonCallable:
     ask, digest = import_callable(name)
     whole = _takes_all(ask, name)
     return PythonCallable(ask, mode, digest[:12] or "no file", {"file_sha256": digest} if digest else {}, whole)
+
+
+def hold(ask: Ask, mode: RequestMode) -> PythonCallable:
+    """Return a callable that is at hand as a model; ``mode`` names it, see `name_of`.
+
+    Its version is the head of its module's file's digest, as where it is imported by its SPEC; of one that no file
+    holds, as in a notebook, of its own code, in which what it takes from elsewhere has no part. Raises SpecError where
+    it takes other than (prompt, image) or (prompt, images, state).
+    """
+    require_options(mode, OPTIONS)
+    whole = _takes_all(ask, mode.spec.partition(":")[2])
+    written = _written(ask)
+    try:
+        file = Path(inspect.getfile(written))
+    except (TypeError, OSError):  # of a class that a notebook holds, or that is built in
+        file = Path()
+    if file.is_file():
+        digest = hashlib.sha256(file.read_bytes()).hexdigest()
+        return PythonCallable(ask, mode, digest[:12], {"file_sha256": digest}, whole)
+    digest = hashlib.sha256("\n".join(_code(written)).encode()).hexdigest()
+    return PythonCallable(ask, mode, digest[:12], {"code_sha256": digest}, whole)
+
+
+def name_of(ask: Ask) -> str:
+    """Return ``MODULE:FUNCTION`` of a callable; of an object, of its class."""
+    written = _written(ask)
+    function = written.__qualname__.replace("<lambda>", "lambda").replace(".<locals>", "")
+    return f"{written.__module__}:{function}"
+
+
+def _written(ask: object) -> FunctionType | type:
+    """Return what somebody wrote: of a partial or a method its function, of an object its class."""
+    while isinstance(ask, partial | MethodType):
+        ask = ask.func if isinstance(ask, partial) else ask.__func__
+    if isinstance(ask, FunctionType):
+        ask = inspect.unwrap(ask)
+    return ask if isinstance(ask, FunctionType | type) else type(ask)
+
+
+def _code(written: object) -> Iterator[str]:
+    """Yield what a function, or a class with its methods, does, the same in every process."""
+    if isinstance(written, type):
+        for name, one in sorted(vars(written).items()):
+            yield name
+            yield from _code(one.__func__ if isinstance(one, staticmethod | classmethod) else one)
+    code = written.__code__ if isinstance(written, FunctionType) else written
+    if isinstance(code, CodeType):
+        yield f"{code.co_code.hex()} {code.co_names} {code.co_varnames}"
+        for constant in code.co_consts:
+            if isinstance(constant, CodeType):
+                yield from _code(constant)
+            elif not isinstance(constant, frozenset):  # whose order is another in each process
+                yield repr(constant)
 
 
 def import_callable(name: str) -> tuple[Ask, str]:

@@ -1,6 +1,6 @@
 """Remote models without a mode file are probed before a run, once; its rest is asked in the mode that it recorded."""
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Generic, TypeVar
@@ -9,7 +9,8 @@ from eyechart import episodes
 from eyechart.calls import Reply
 from eyechart.episodes import EpisodesManifest
 from eyechart.errors import SpecError
-from eyechart.ledger import Ledger
+from eyechart.ledger import Ledger, accept_loss
+from eyechart.ledger.counter import Written
 from eyechart.limits import Spent
 from eyechart.manifest import LEDGER, RunManifest, alone_in, is_run, read_manifest
 from eyechart.models.prices import Prices
@@ -20,6 +21,9 @@ from eyechart.studies import run_json
 
 PROBED = ("token_field", "max_tokens", "structured", "temperature", "seed", "system", "stream")
 """The fields of a mode that a probe may set, where no option did."""
+
+_LEDGERS = ("", "*/", "*/*/")
+"""Where the ledgers of a run stand in its folder: a study of prompts has one a cell."""
 
 P = TypeVar("P")
 """A study's plan."""
@@ -153,6 +157,19 @@ def move(runs: Iterable[Path], modes: Sequence[RequestMode]) -> None:
         if is_run(run):
             with alone_in(run):
                 manifest_of(run).moved(modes).write(run)
+
+
+def accept_losses(out: Path) -> Iterator[tuple[Path, Written]]:
+    """Accept that calls are missing from what ``out`` holds; yield each ledger that lacks some, and how many.
+
+    Raises LedgerError where a ledger is damaged, or another process writes to it.
+    """
+    found = {one.with_name(LEDGER) for where in _LEDGERS for one in out.glob(f"{where}{LEDGER}*")}
+    for ledger in sorted(found):
+        with alone_in(ledger.parent):
+            lost = accept_loss(ledger)
+        if any(lost):
+            yield ledger, lost
 
 
 def spent_on(runs: Iterable[Path], prices: Prices) -> Spent:

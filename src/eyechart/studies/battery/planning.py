@@ -41,7 +41,7 @@ from eyechart.manifest import (
     versions,
     write_run,
 )
-from eyechart.models import Model, open_model
+from eyechart.models import Model, Opened, open_model
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
 from eyechart.perception.view import View, through
@@ -187,7 +187,7 @@ class Battery:
 
 def plan(
     bank_path: Path,
-    specs: Sequence[str | RequestMode],
+    specs: Sequence[str | RequestMode | Opened],
     out: Path,
     *,
     prompt: str | None = None,
@@ -198,7 +198,8 @@ def plan(
 ) -> Battery:
     """Plan a battery, or the rest of one that ``out`` holds already; nothing is written or asked yet.
 
-    ``specs`` name the models, each by its SPEC, to be asked in the default mode, or by the mode itself.
+    ``specs`` name the models, each by its SPEC, to be asked in the default mode, or by the mode itself; one may be open
+    already.
     ``conditions`` default to the eight of Table t:conditions and the counterfactuals, those that the bank can supply,
     and text_swapped where the prompt has fields; controls come besides, as ``extent`` says. ``prompt`` is a name or a
     TOML file; it defaults to ``baseline``, and to a plain one for imported frames. ``study`` is the study that asks so.
@@ -264,11 +265,12 @@ def planned(
     return Battery(the_plan, {}, manifest, out or Path(), {} if conditions else _expected(left_out, formulation))
 
 
-def open_models(specs: Sequence[str | RequestMode]) -> tuple[dict[str, RequestMode], dict[str, Model]]:
+def open_models(specs: Sequence[str | RequestMode | Opened]) -> tuple[dict[str, RequestMode], dict[str, Model]]:
     """Return the request mode and the opened model of each SPEC; raises SpecError where there is none."""
-    given = [one if isinstance(one, RequestMode) else RequestMode(one) for one in specs]
-    asked = {mode.spec: mode for mode in given}
-    models = {spec: open_model(spec, mode) for spec, mode in asked.items()}
+    held = {one.mode.spec: one.model for one in specs if isinstance(one, Opened)}
+    given = (one.mode if isinstance(one, Opened) else one for one in specs)
+    asked = {mode.spec: mode for mode in (RequestMode(one) if isinstance(one, str) else one for one in given)}
+    models = {spec: held.get(spec) or open_model(spec, mode) for spec, mode in asked.items()}
     if not models:
         raise SpecError("a run needs at least one --model, see 'eyechart list models'")
     return asked, models
