@@ -112,6 +112,7 @@ def prompts(
     concurrency: options.Concurrency = 8,
     how: options.Addressing = options.ADDRESSED,
     spending: options.Spending = options.NO_LIMIT,
+    again: options.AskAgain = False,
     dry_run: options.DryRun = False,
 ) -> None:
     """Run the prompt study: diversity, and beside it the scene dependence that diversity is not (Table t:prompts).
@@ -177,6 +178,7 @@ def prompts(
             cost_usd=spending.max_cost,
             prices=allowed.prices,
             progress=move,
+            again=again,
         )
     calls, finished, _ = planned.counts()
     _tell(outcome, failed, calls - finished)
@@ -260,6 +262,7 @@ def policy(
     concurrency: Annotated[int, typer.Option(min=1, help="Calls under way at once, a policy.")] = 1,
     timeout_s: Annotated[float | None, typer.Option(min=0.1, help="Seconds for an answer.")] = None,
     max_calls: Annotated[int | None, typer.Option(min=1, help="Stop at so many calls, all told.")] = None,
+    again: options.AskAgain = False,
     dry_run: options.DryRun = False,
 ) -> None:
     """Ask policies about every frame of a bank, with each of their channels exchanged for another episode's.
@@ -294,7 +297,7 @@ def policy(
     if dry_run:
         return
     with resumable(), progress("calls", "calls") as move:
-        outcome = study.run(planned, concurrency=concurrency, limits=Limits(max_calls), progress=move)
+        outcome = study.run(planned, concurrency=concurrency, limits=Limits(max_calls), progress=move, again=again)
     calls, finished, _ = planned.counts()
     _tell(outcome, {}, calls - finished)
     say(f"done: 'eyechart verdict {out}' judges, 'eyechart report {out}' makes the page")

@@ -3,6 +3,7 @@
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 from eyechart.calls import CallKey, Reply
@@ -15,7 +16,7 @@ from eyechart.manifest import LEDGER, PNG, RunManifest, alone_in, asked_of, toda
 from eyechart.models import Model, open_model
 from eyechart.modes import RequestMode
 from eyechart.prompts import policy_prompt
-from eyechart.run import MotionPlan, Progress, execute, in_order, spread
+from eyechart.run import MotionPlan, Progress, ask_again, execute, in_order, spread
 from eyechart.spaces.motion import MOTION_READER, Motion
 from eyechart.studies.battery import open_whole, plan_of, resumed
 
@@ -233,8 +234,11 @@ def run(
     attempts: int = 5,
     limits: Limits | None = None,
     progress: Progress | None = None,
+    again: bool = False,
 ) -> Outcome:
     """Make the calls that the run's ledger does not hold yet, and return how that ended.
+
+    With ``again``, those that ended in a failure of the road are made once more before.
 
     Raises LedgerError where another process is writing to the same run, or the ledger cannot be written.
     """
@@ -245,16 +249,20 @@ def run(
             write_run(planned.out, manifest, planned.plan.bank)
             with Ledger(planned.out / LEDGER, create=True) as ledger:
                 begun = replace(planned.plan, drawn=drawers(ledger, manifest) & set(planned.plan.models))
-                return execute(
-                    begun,
-                    planned.models,
-                    ledger,
-                    concurrency=concurrency,
-                    attempts=attempts,
-                    limits=limits,
-                    progress=progress,
-                    stages=_Again(begun, manifest, ledger),
-                )
+                asking = partial(execute, stages=_Again(begun, manifest, ledger))
+                for ask in (ask_again, asking) if again else (asking,):
+                    outcome = ask(
+                        begun,
+                        planned.models,
+                        ledger,
+                        concurrency=concurrency,
+                        attempts=attempts,
+                        limits=limits,
+                        progress=progress,
+                    )
+                    if outcome.stopped is not None:
+                        break
+                return outcome
     except sqlite3.Error as error:
         said = why(error)
         raise LedgerError(f"{planned.out / LEDGER} cannot be written: {said}; the same command resumes") from error
