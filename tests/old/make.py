@@ -28,6 +28,7 @@ from typer.main import get_command
 from eyechart import api, testing
 from eyechart.cli import main as eyechart
 from eyechart.cli.app import app
+from eyechart.modes import RequestMode
 from eyechart.studies import battery
 
 CONTROLLERS = '''"""A controller of one's own that fails, declines and answers nothing now and then."""
@@ -206,13 +207,15 @@ def _offered(module: ModuleType) -> dict[str, object]:
 
 
 def _parameters(one: Callable[..., object]) -> dict[str, object]:
-    """Return what a function takes; options that it passes on have the defaults of `battery.plan` and its extent."""
+    """Return what a function takes; options that it passes on have the defaults of who takes them, or are off."""
     taken: dict[str, inspect.Parameter] = {}
     for name, found in inspect.signature(one).parameters.items():
         passed = get_args(found.annotation) if found.kind is found.VAR_KEYWORD else ()
-        planned = inspect.signature(battery.Extent).parameters | inspect.signature(battery.plan).parameters
-        named = {option: planned[option].replace(kind=found.KEYWORD_ONLY) for option in planned}
-        taken |= {option: named[option] for option in get_type_hints(passed[0])} if passed else {name: found}
+        takers = (RequestMode, battery.Extent, battery.plan)
+        planned = {option: one for taker in takers for option, one in inspect.signature(taker).parameters.items()}
+        named = {option: one.replace(kind=found.KEYWORD_ONLY) for option, one in planned.items()}
+        off = inspect.Parameter(name, found.KEYWORD_ONLY, default=False)
+        taken |= {option: named.get(option, off) for option in get_type_hints(passed[0])} if passed else {name: found}
     return {
         name: f"{'by name' if found.kind is found.KEYWORD_ONLY else 'by place'}, "
         f"{'required' if found.default is found.empty else repr(found.default)}"
