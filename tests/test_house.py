@@ -29,7 +29,7 @@ PARAMETERS = 8
 WIDE: set[str] = set()
 
 OTHERS = {
-    "cli/drive.py: hasattr(os, 'sched_getaffinity')",
+    "cli/terminal.py: hasattr(os, 'sched_getaffinity')",
     "frames/plain.py: getattr(found, 'n_frames', 1)",
     "models/huggingface/checkpoint.py: getattr(processor, 'chat_template', None)",
     "models/huggingface/checkpoint.py: getattr(processor, 'image_processor', None)",

@@ -260,7 +260,7 @@ def test_what_fails_midway_leaves_the_file_of_before(
     def fail(_: Path) -> None:
         raise BundleError("the disk is full")
 
-    monkeypatch.setattr("eyechart.bundle.contents.check_names", fail)
+    monkeypatch.setattr("eyechart.bundle.writer.check_names", fail)
     with pytest.raises(BundleError, match="the disk is full"):
         write_bundle(run, out, resamples=100)
     assert out.read_bytes() == kept

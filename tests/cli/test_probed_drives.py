@@ -14,7 +14,7 @@ import tiny_worlds
 from eyechart.cli.app import app
 from eyechart.episodes import Episode, EpisodeKey, read_episodes, write_episodes
 from eyechart.episodes import read_manifest as read_drives
-from eyechart.errors import EyechartError, SpecError
+from eyechart.errors import SpecError
 from eyechart.frames import FrameBank
 from eyechart.manifest import read_manifest
 from eyechart.simulators import SIMULATORS
@@ -153,8 +153,6 @@ def test_a_hierarchy_with_episodes_in_error_says_so_and_names_its_runs(
     for other in (("audit",), ("film", "--episode", "oracle", "--out", tmp_path / "a.gif")):
         with pytest.raises(SpecError, match=f"name one of its runs: {tmp_path / 'primary'}, "):
             call(*other, tmp_path)
-    with pytest.raises(EyechartError, match="no bundle holds runs of episodes"):
-        call("bundle", tmp_path, "--out", tmp_path / "a.zip")
     took = json.loads(call("costs", tmp_path, "--json").stdout)["accounting"]
     assert {name: one["all"]["attempts"] for name, one in took.items()} == {
         "python:tiny_worlds:onward in primary-models": 1

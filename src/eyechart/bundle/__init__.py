@@ -1,6 +1,7 @@
 """A bundle is one file with a run and all that follows from it, which anybody can recompute without trusting it."""
 
-from eyechart.bundle.contents import write_bundle
+from eyechart.bundle.drives import Again
 from eyechart.bundle.validating import Validation, validate
+from eyechart.bundle.writer import write_bundle
 
-__all__ = ["Validation", "validate", "write_bundle"]
+__all__ = ["Again", "Validation", "validate", "write_bundle"]

@@ -1,12 +1,9 @@
-"""What a bundle holds: what was asked and answered, and all that follows from it; and how it is packed."""
+"""What a bundle of a run on a bank holds: what was asked and answered, and all that follows from it."""
 
 import hashlib
 import json
-import shutil
-import tempfile
-import zipfile
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated
 
@@ -16,22 +13,16 @@ from msgspec import Meta
 from PIL import features
 
 from eyechart import __version__
-from eyechart.bundle.unpacking import check_names
 from eyechart.calls import Reply
-from eyechart.destination import require_free, whole
 from eyechart.errors import BundleError
-from eyechart.frames import FrameBank, inside, open_bank, read_bounded
+from eyechart.frames import FrameBank
 from eyechart.ledger import SINCE_FORMAT_3, Ledger
-from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, RunManifest, asked_of, read_run
+from eyechart.manifest import LEDGER, RunManifest
 from eyechart.records import Plain, build
 from eyechart.report.table import files_of
 from eyechart.spaces.reader import READER, READERS
 from eyechart.spaces.scene import SCENE_READER
 from eyechart.studies import Packed, Reading, Tell, study_of
-from eyechart.studies.battery import BatteryScore
-from eyechart.studies.battery.subjects import find_pictures, used_pictures
-from eyechart.studies.policy.scoring import PolicyScore
-from eyechart.studies.structured import StructuredScore
 
 FORMAT = "eyechart-bundle/1"
 INDEX = "bundle.json"
@@ -40,6 +31,7 @@ REPORT = "report.html"
 README = "README.txt"
 TABLES = "tables/"
 RUN_FOLDER = "run"
+SOURCE = "source/"
 _HOW = """This is a bundle of eyechart: a run, and what follows from it.
 
 run/            what was asked and answered: run.json, ledger.sqlite, the bank's manifest and the pictures used
@@ -52,9 +44,6 @@ bundle.json     how the results were made, and a digest of every file
 
 recomputes all of it from run/ and names what differs.
 """
-_EPOCH = (1980, 1, 1, 0, 0, 0)
-_PACKED = {".png", ".jpg", ".jpeg", ".webp"}
-"""Pictures that are small already."""
 RESAMPLES = (100, 100_000)
 """Fewest and most resamples that a bundle may ask whoever validates it to draw."""
 
@@ -109,11 +98,11 @@ def drawn_with() -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Derived:
-    """What follows from a run: its score, its results as plain values, and every file that prints them."""
+    """What follows from a run: its results as plain values, every file that prints them, and what was counted."""
 
-    score: BatteryScore | StructuredScore | PolicyScore
     results: dict[str, object]
     files: dict[str, bytes]
+    counted: dict[str, int]
 
 
 def derive(
@@ -127,14 +116,20 @@ def derive(
     results: dict[str, object] = {
         "score": score.as_dict(),
         **({"verdicts": verdicts} if verdicts else {}),
-        "replies_sha256": {spec: _digests(run / LEDGER, spec) for spec in score.models},
+        "replies_sha256": {spec: digests(run / LEDGER, spec) for spec in score.models},
     }
     tables = {f"{TABLES}{name}": content for name, content in files_of(made.tables).items()}
     files = {RESULTS: as_json(results), REPORT: made.page.html, README: _HOW.encode(), **tables}
-    return Derived(score, json.loads(files[RESULTS]), files)
+    models = score.models.values()
+    counted = {
+        "models": len(manifest.models),
+        "statistics": sum(len(one.statistics) for one in models),
+        "calls": sum(one.answered for one in models),
+    }
+    return Derived(json.loads(files[RESULTS]), files, counted)
 
 
-def _digests(ledger_path: Path, spec: str) -> dict[str, str]:
+def digests(ledger_path: Path, spec: str) -> dict[str, str]:
     """Return a digest of all that the ledger holds of a model's calls, by condition; times of day are left out."""
     digests: dict[str, hashlib._Hash] = {}
     with Ledger(ledger_path) as ledger:
@@ -162,78 +157,3 @@ def as_json(values: object) -> bytes:
     """Return plain values as the bytes of a JSON file."""
     text = json.dumps(values, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     return text.encode("utf-8", "backslashreplace")
-
-
-def write_bundle(
-    run: Path,
-    out: Path,
-    *,
-    banks: Sequence[Path] = (),
-    independent: bool = False,
-    reread: bool = False,
-    resamples: int = 5000,
-    tell: Tell = lambda _: None,
-) -> int:
-    """Write a run with its pictures and all that follows from it as one ZIP file; return how many files it holds.
-
-    Raises LedgerError or BankError where the folder is no run, BundleError where its pictures are
-    not at hand, and OutputError where ``out`` may not be written.
-    """
-    require_free(out, "bundle")
-    manifest, bank = read_run(run, reread=reread)
-    study_of(run, "bundle").require_scorable(run, Reading(independent, reread))
-    tell("looking for the pictures")
-    pictures, about = find_pictures(manifest, bank, run, banks)
-    if pictures is None:
-        raise BundleError(f"the pictures of {run} are not at hand: {about}; give the bank with --frames")
-    name, reader = run.resolve().name or "run", manifest.prompt.asks(bank.manifest.action_space).reader
-    recipe = Recipe.here(name, resamples=resamples, independent=independent, reader=reader)
-    with tempfile.TemporaryDirectory(prefix="eyechart-bundle-") as work:
-        folder = Path(work) / "bundle"
-        _snapshot(run, folder / RUN_FOLDER, manifest, pictures)
-        manifest, bank = read_run(folder / RUN_FOLDER, reread=reread)
-        held = open_bank(folder / RUN_FOLDER / BANK)
-        derived = derive(folder / RUN_FOLDER, manifest, (bank, held), recipe, tell)
-        for name, content in derived.files.items():
-            path = folder / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(content)
-        files = {path.relative_to(folder).as_posix(): digest_of(path) for path in _files(folder)}
-        index = {"format": FORMAT, **recipe.as_dict(), "files": dict(sorted(files.items()))}
-        (folder / INDEX).write_bytes(as_json(index))
-        tell("packing")
-        _pack(folder, out)
-    return len(files) + 1
-
-
-def _snapshot(run: Path, copy: Path, manifest: RunManifest, pictures: FrameBank) -> None:
-    """Copy a run as it stands, with the pictures that it used, and without the place where they lay."""
-    (copy / BANK).mkdir(parents=True)
-    (copy / RUN).write_text(replace(manifest, bank_path=BANK).as_text(), encoding="utf-8")
-    with Ledger(run / LEDGER) as ledger:
-        ledger.copy_to(copy / LEDGER)
-    for name in BANK_TEXT:
-        shutil.copyfile(run / BANK / name, copy / BANK / name)
-    for file in used_pictures(manifest, asked_of(pictures, manifest.prompt)):
-        path = inside(copy / BANK, file)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(read_bounded(pictures.root, file))
-
-
-def _files(folder: Path) -> Iterator[Path]:
-    return (path for path in sorted(folder.rglob("*")) if path.is_file())
-
-
-def _pack(folder: Path, out: Path) -> None:
-    with whole(out, "bundle") as partial:
-        with zipfile.ZipFile(partial, "w") as packed:
-            for path in _files(folder):
-                entry = zipfile.ZipInfo(path.relative_to(folder).as_posix(), _EPOCH)
-                entry.create_system = 3
-                entry.external_attr = 0o644 << 16
-                small = path.suffix.lower() in _PACKED
-                entry.compress_type = zipfile.ZIP_STORED if small else zipfile.ZIP_DEFLATED
-                entry.file_size = path.stat().st_size
-                with path.open("rb") as source, packed.open(entry, "w") as target:
-                    shutil.copyfileobj(source, target, 1 << 20)
-        check_names(partial)  # what could not be opened again is not written

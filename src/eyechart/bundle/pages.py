@@ -192,7 +192,7 @@ def _same_attribute(name: str, mine: str | None, theirs: str | None, rounding: R
 
 def _compare_data(printed: str, recomputed: str, rounding: Rounding, how: Strictness) -> Iterator[Difference]:
     blocks = [_DATA.search(html) for html in (printed, recomputed)]
-    if blocks == [None, None]:  # a page of scene estimates, which has no browser of frames
+    if blocks == [None, None]:  # a page of scene estimates, which has no browser
         return
     try:
         mine, theirs = (json.loads(block.group(2)) for block in blocks if block is not None)
@@ -209,7 +209,9 @@ def _compare_data(printed: str, recomputed: str, rounding: Rounding, how: Strict
 
 
 def _named(data: Mapping[str, Any], path: Path) -> str:
-    """Return a place in the data of the browser of frames in words: the call, the frame, or the picture."""
+    """Return a place in the data of a page's browser in words: the call, the frame, the picture, or the episode."""
+    if "runs" not in data:
+        return _of_episodes(data, path)
     used = next((words for kind, number, words in _used(data) if (kind, number) == path[:2]), None)
     if used is not None:
         return used
@@ -221,6 +223,13 @@ def _named(data: Mapping[str, Any], path: Path) -> str:
     if part == "frames":
         return f"frame {run['frames'][place]['id']}, {' '.join(map(str, more))}"
     return " ".join(map(str, path[2:]))
+
+
+def _of_episodes(data: Mapping[str, Any], path: Path) -> str:
+    """Return a place in the data of the browser of episodes in words."""
+    if path[0] != "episodes" or len(path) < 2:
+        return " ".join(map(str, path))
+    return " ".join(["episode", f"'{data['episodes'][path[1]]['id']}'", *map(str, path[2:])])
 
 
 def _used(data: Mapping[str, Any]) -> Iterator[tuple[str, int, str]]:

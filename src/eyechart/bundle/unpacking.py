@@ -31,6 +31,8 @@ MOST_RATIO = 100
 _MOST = {
     "run/ledger.sqlite": MOST_LEDGER,
     "run/run.json": 16_000_000,
+    "run/actions.toml": 64_000,
+    "run/vetting.json": 16_000_000,
     "run/bank/manifest.json": MOST_METADATA,
     "run/bank/metadata.jsonl": MOST_METADATA,
     "bundle.json": _MOST_JSON,
@@ -40,8 +42,11 @@ _MOST = {
 _PLAIN = re.compile(r"[^\x00-\x1f\x7f\\]{1,500}")
 _DRIVE = re.compile(r"[A-Za-z]:.*")
 _FIXED = re.compile(
-    r"(bundle|results)\.json|report\.html|README\.txt|tables/[a-z]+\.(csv|md|tex)|run/(run\.json|ledger\.sqlite)"
+    r"(bundle|results)\.json|report\.html|README\.txt|tables/[a-z0-9_-]+\.(csv|md|tex)|source/[a-z0-9_/]+\.py|"
+    r"run/([^/]+/)?(run\.json|ledger\.sqlite|episodes\.jsonl|vetting\.json|actions\.toml)"
 )
+_BANK = re.compile(r"run/([^/]+/)?bank/.*")
+_PART = re.compile(r"(?<=^run/)[^/]+/(?=(bank/)?[^/]+$)")
 
 
 _DAMAGE = (zipfile.BadZipFile, zlib.error, struct.error, EOFError, NotImplementedError, RuntimeError, ValueError)
@@ -101,7 +106,7 @@ def _check_entry(file: Path, entry: zipfile.ZipInfo, count: int) -> None:
     leads_out = any(one in {"", ".", ".."} or len(one.encode()) > 255 or _DRIVE.fullmatch(one) for one in parts)
     if leads_out or not _PLAIN.fullmatch(name):
         raise BundleError(f"{file} is no bundle: {name[:200]!r} is no plain name of a file in it")
-    bank = name.startswith("run/bank/")
+    bank = bool(_BANK.fullmatch(name))
     if not bank and not _FIXED.fullmatch(name):
         raise BundleError(f"{file} is no bundle: it holds {name[:200]!r}, which belongs to none")
     mode = entry.external_attr >> 16
@@ -109,7 +114,7 @@ def _check_entry(file: Path, entry: zipfile.ZipInfo, count: int) -> None:
         raise BundleError(f"{file} is no bundle: {name[:200]!r} is a link or a folder, not a file")
     if entry.flag_bits & 0x1 or entry.compress_type not in {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:
         raise BundleError(f"{file} is no bundle: {name[:200]!r} is encrypted, or packed in an unknown way")
-    most = _MOST.get(name, MOST_TEXT if not bank else MAX_IMAGE_BYTES)
+    most = _MOST.get(name if name in _MOST else _PART.sub("", name), MOST_TEXT if not bank else MAX_IMAGE_BYTES)
     if name == "bundle.json":
         most = min(most, _AN_ENTRY * (count + 100))
     if entry.file_size > most:

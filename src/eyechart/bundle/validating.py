@@ -15,6 +15,7 @@ from eyechart.bundle.contents import (
     REPORT,
     RESULTS,
     RUN_FOLDER,
+    SOURCE,
     TABLES,
     Derived,
     Recipe,
@@ -23,24 +24,29 @@ from eyechart.bundle.contents import (
     digest_of,
     drawn_with,
 )
+from eyechart.bundle.drives import Again, Found, check_drives, require_bounded_drives
 from eyechart.bundle.pages import Strictness, compare_pages
+from eyechart.bundle.parts import OF_DRIVES, derive_parts, has_parts
 from eyechart.bundle.unpacking import unpack
 from eyechart.calls import CallKey
 from eyechart.errors import BundleError, EyechartError
 from eyechart.frames import FrameBank, open_unchecked, read_bounded
 from eyechart.ledger import Ledger
-from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, RunManifest, asked_of, read_manifest
+from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, RunManifest, asked_of, read_episodes_manifest, read_manifest
 from eyechart.perception.view import find_view
 from eyechart.records import Plain
 from eyechart.run import Plan
-from eyechart.studies import Tell
+from eyechart.studies import Tell, study_of
 from eyechart.studies.battery.planning import plan_of
 from eyechart.studies.battery.stages import widest
 from eyechart.studies.battery.subjects import used_pictures
+from eyechart.studies.hierarchy.planning import PARTS
+from eyechart.studies.probed import is_episodes
 
 MOST_FRAMES = 250_000
 MOST_CALLS = 5_000_000
 """A run has no more in a bundle that is validated; about 1 kB of memory a call, and 2 kB a frame, is what it takes."""
+USUAL = Again()
 _LONGER = 4
 """A file that is so many times as long as it should be is not looked into."""
 
@@ -76,8 +82,8 @@ class Validation(Plain):
         return {"holds": self.holds, "outcome": self.outcome, **super().as_dict()}
 
 
-def validate(file: Path, *, tell: Tell = lambda _: None) -> Validation:
-    """Recompute every figure of a bundle from its ledger and its bank, and compare.
+def validate(file: Path, *, tell: Tell = lambda _: None, again: Again = USUAL) -> Validation:
+    """Recompute every figure of a bundle from its ledger and its bank, drive its episodes ``again``, and compare.
 
     Of a bundle of another eyechart everything that its run says is checked, and the figures as far as this one computes
     them alike. Raises BundleError where the file is no bundle, damaged, or would do harm.
@@ -99,7 +105,8 @@ def validate(file: Path, *, tell: Tell = lambda _: None) -> Validation:
         ]
         found = Validation([], [], [*_check_files(folder, names, index)], {"files": len(names)}, notes)
         try:
-            _recompute(folder, names, recipe, found, tell)
+            recompute = _recompute_parts if has_parts(folder / RUN_FOLDER) else _recompute
+            recompute(folder, names, recipe, found, tell, again)
         except (EyechartError, sqlite3.Error, RecursionError) as error:
             words = str(error).replace(f"{work}/", "")
             found.differences.append(Difference("everything that follows from the run", "results", words))
@@ -145,9 +152,56 @@ def _check_files(folder: Path, names: list[str], index: Mapping[str, object]) ->
             yield Difference(f"file {name}, SHA-256", str(listed.get(name, "not listed")), digest)
 
 
-def _recompute(folder: Path, names: list[str], recipe: Recipe, found: Validation, tell: Tell) -> None:
+def _recompute(folder: Path, names: list[str], recipe: Recipe, found: Validation, tell: Tell, again: Again) -> None:
     """Recompute from the run and compare; ``found`` takes the differences, what was compared, and what was not."""
+    del again
     run = folder / RUN_FOLDER
+    manifest, asked, bank = _check_calls(run, recipe, mine := Found([], [], [], {}), tell)
+    _add(mine, found)
+    derived = derive(run, manifest, (asked, bank), recipe, tell)
+    pictures = used_pictures(manifest, asked)
+    held = {f"{RUN_FOLDER}/{name}" for name in (RUN, LEDGER, *(f"{BANK}/{file}" for file in (*BANK_TEXT, *pictures)))}
+    found.compared.update(derived.counted, pictures=len(pictures))
+    _compare_derived(folder, names, held, recipe, derived, found)
+
+
+def _recompute_parts(
+    folder: Path, names: list[str], recipe: Recipe, found: Validation, tell: Tell, again: Again
+) -> None:
+    """Recompute from the runs of a study and compare; drives are driven again, in worlds whose code is ours."""
+    run, held, exact = folder / RUN_FOLDER, set[str](), recipe.elsewhere is None
+    study = study_of(run, "bundle")
+    for name, part in study.runs(run).items():
+        here, said = (f"{RUN_FOLDER}/{name}" if name else RUN_FOLDER), f"{name}: " if name else ""
+        if is_episodes(part):
+            require_bounded_drives(part)
+            if name in PARTS and read_episodes_manifest(part).simulator != PARTS[name].simulator:
+                raise BundleError(f"{here} is no part of the hierarchy: it is not driven in {PARTS[name].simulator}")
+            same = _same(recipe, "pillow", "zlib")
+            mine = check_drives(part, exact=exact, same_pictures=same, how=again, tell=tell)
+            held |= {f"{here}/{file}" for file in OF_DRIVES}
+        else:
+            mine = Found([], [], [], {})
+            manifest, asked, _ = _check_calls(part, recipe, mine, tell)
+            held |= {f"{here}/{file}" for file in (RUN, LEDGER)}
+            held |= {f"{here}/{BANK}/{file}" for file in (*BANK_TEXT, *used_pictures(manifest, asked))}
+        _add(mine, found, said)
+    derived = derive_parts(run, recipe, tell)
+    found.compared.update(derived.counted)
+    _compare_derived(folder, names, held, recipe, derived, found)
+
+
+def _add(mine: Found, found: Validation, said: str = "") -> None:
+    """Add what checking one run came to; ``said`` names the run among several."""
+    found.differences.extend(replace(one, where=f"{said}{one.where}") for one in mine.differences)
+    found.uncompared.extend(f"{said}{one}" for one in mine.uncompared)
+    found.notes.extend(f"{said}{one}" for one in mine.notes)
+    for what, count in mine.compared.items():
+        found.compared[what] = found.compared.get(what, 0) + count
+
+
+def _check_calls(run: Path, recipe: Recipe, found: Found, tell: Tell) -> tuple[RunManifest, FrameBank, FrameBank]:
+    """Check the bank and the requests of a run on it; return its manifest, its bank as asked of, and as it is."""
     manifest = read_manifest(run)
     _require_bounded(run, manifest)
     bank = open_unchecked(run / BANK)
@@ -171,23 +225,20 @@ def _recompute(folder: Path, names: list[str], recipe: Recipe, found: Validation
         named = ", ".join(unlike)
         found.notes.append(f"this machine encodes the pictures of {named} to other bytes: no request compared")
         found.uncompared.append(f"requests of {named}")
-    derived = derive(run, manifest, (asked, bank), recipe, tell)
-    tell("comparing")
-    pictures, models = used_pictures(manifest, asked), derived.score.models.values()
-    held = {INDEX, *(f"{RUN_FOLDER}/{name}" for name in (RUN, LEDGER)), *derived.files}
-    held |= {f"{RUN_FOLDER}/{BANK}/{name}" for name in (*BANK_TEXT, *pictures)}
+    return manifest, asked, bank
+
+
+def _compare_derived(
+    folder: Path, names: list[str], held: set[str], recipe: Recipe, derived: Derived, found: Validation
+) -> None:
+    """Compare every file that follows from the runs; ``held`` are the files that these are made of."""
+    held |= {INDEX, *derived.files}
     found.differences.extend(
         Difference(f"file {name}", "in the bundle", "neither used by the run nor made from it")
         for name in names
-        if name not in held and not (recipe.elsewhere and name.startswith(TABLES))  # another may make other tables
+        if name not in held and not (recipe.elsewhere and name.startswith((TABLES, SOURCE)))  # another makes others
     )
-    found.compared.update(
-        models=len(manifest.models),
-        statistics=sum(len(one.statistics) for one in models),
-        calls=sum(one.answered for one in models),
-        pictures=len(pictures),
-        tables=sum(name.startswith(TABLES) for name in derived.files),
-    )
+    found.compared["tables"] = sum(name.startswith(TABLES) for name in derived.files)
     if recipe.elsewhere:
         _compare_elsewhere(folder, recipe.elsewhere, derived, found)
         return
@@ -209,7 +260,8 @@ def _compare_elsewhere(folder: Path, made: str, derived: Derived, found: Validat
     found.notes.append(made)
     for name, content in derived.files.items():
         if name != RESULTS and (not (folder / name).is_file() or (folder / name).read_bytes() != content):
-            found.uncompared.append(name)
+            what = "the controllers' source" if name.startswith(SOURCE) else name
+            found.uncompared.extend([what] if what not in found.uncompared else [])
     printed, rounding = _read_results(folder), Rounding.of(derived.results)
     for replies, into in ((True, found.differences), (False, found.otherwise)):
         one, other = (
@@ -266,7 +318,7 @@ def _compare_file(
     elif name.startswith(TABLES):
         yield from compare_tables(name, *texts, rounding)
     else:
-        yield Difference(name, "another text", "that of every bundle")
+        yield Difference(name, "another text", "this eyechart's" if name.startswith(SOURCE) else "that of every bundle")
 
 
 def _result_name(path: tuple[str | int, ...]) -> str:

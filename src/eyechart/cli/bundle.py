@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from eyechart.cli.options import Against, Independent, Json, PriceFile, Reread
-from eyechart.cli.terminal import patience, print_json, print_line, say
+from eyechart.cli.terminal import patience, print_json, print_line, processors, say
 
 _SHOWN = 40
 
@@ -98,7 +98,9 @@ def bundle(
 ) -> None:
     """Pack a run, the pictures that it used, its results, tables and report into one file.
 
-    The same run gives the same bytes. Example: eyechart bundle run --out run.zip
+    Of drives, of a hierarchy and of an online run: every episode's record, its replies, and the source of the
+    controllers that ship; of a prompt study: all its cells. The same run gives the same bytes.
+    Example: eyechart bundle run --out run.zip
     """
     from eyechart.bundle import write_bundle
     from eyechart.studies import study_of
@@ -118,18 +120,27 @@ def validate(
         bool,
         typer.Option("--allow-uncompared", help="Exit 0 too where not all could be compared."),
     ] = False,
+    processes: Annotated[
+        int | None, typer.Option(min=1, help="Processes that drive episodes again; default: one a processor.")
+    ] = None,
+    sample: Annotated[
+        int | None, typer.Option(min=1, help="Drive only so many episodes of each run again, drawn by chance.")
+    ] = None,
 ) -> None:
     """Recompute every figure of a bundle from its ledger and its bank, without trusting what it prints.
 
+    Every episode in it is driven again from its record, models answered by the ledger: in worlds and by policies that
+    ship alone, and with other versions only to 3 decimals, which is said. The work is bounded, and said beforehand.
     Exit 0: everything follows; 1: something differs, by name; 2: no bundle, damaged, harmful, or of another version or
     drawn with other libraries, so that not all could be compared, which is said. Numbers are the same within 1e-9 of
     the larger of them; a printed number must have the same digits, but for a tie of rounding; places in drawings may be
     0.02 points apart. Example: eyechart validate run.zip
     """
+    from eyechart.bundle import Again
     from eyechart.bundle import validate as check
 
     with patience("validate") as tell:
-        found = check(file, tell=tell)
+        found = check(file, tell=tell, again=Again(processes or processors(), sample, say))
     if json:
         print_json(found.as_dict())
     else:

@@ -11,7 +11,7 @@ import typer
 from eyechart.cli import options
 from eyechart.cli.probe import plan_probed, say_aside, tell_empty, tell_none
 from eyechart.cli.run import View, bound
-from eyechart.cli.terminal import patience, print_each, print_json, progress, resumable, say
+from eyechart.cli.terminal import patience, print_each, print_json, processors, progress, resumable, say
 
 if TYPE_CHECKING:
     from eyechart.episodes import Bounds, Episodes, Row
@@ -102,7 +102,7 @@ def closed_loop(
     say_expected(planned, allowed.prices, concurrency)
     if dry_run:
         return
-    bounds = study.Bounds(processes=processes or _processors(), concurrency=concurrency)
+    bounds = study.Bounds(processes=processes or processors(), concurrency=concurrency)
     outcome = drive(planned, bounds, allowed, engine=engine)
     keys = set(planned.keys)
     driven = {one.key: one for one in study.read_episodes(out) if one.key in keys}
@@ -504,12 +504,6 @@ def _seeds(given: str) -> list[int]:
     if len(numbers) != 1 or not 1 <= numbers[0] <= MOST_SEEDS:
         raise SpecError(f"--seeds takes a number from 1 to {MOST_SEEDS}, or seeds with commas; got '{given}'")
     return list(range(numbers[0]))
-
-
-def _processors() -> int:
-    import os
-
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _show(rows: "Sequence[Row]", planned: "Episodes", *, json: bool) -> None:

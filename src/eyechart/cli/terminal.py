@@ -42,6 +42,11 @@ def _harmless(text: str) -> str:
     return text if text.isprintable() else "".join(kept)
 
 
+def processors() -> int:
+    """Return how many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 @contextmanager
 def progress(what: str, unit: str) -> Iterator[Callable[[int, int], None]]:
     """Show a bar on standard error with rate and time left, and yield the function that moves it.

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from eyechart.attempts import Caller, budget_of, close, first_error
-from eyechart.calls import CallKey, Reply
+from eyechart.calls import CallKey, Query, Reply
 from eyechart.episodes.records import Episode, EpisodeKey
 from eyechart.episodes.workers import Worker, WorkerDiedError
 from eyechart.episodes.worlds import Shown
@@ -106,6 +106,49 @@ def calls_of(
     return found
 
 
+class Recorded:
+    """Stands for a model whose replies are all in the record: whoever asks it gets no answer."""
+
+    version: str = ""
+    facts: Mapping[str, str] = {}
+
+    async def answer(self, query: Query) -> Reply:
+        """Answer nothing; nobody asks, because what the record does not hold ends its episode."""
+        del query
+        return Reply(error="exception", error_detail="only the record answers")
+
+    async def close(self) -> None:
+        """Let go of nothing."""
+
+
+Unlike = Callable[[EpisodeKey, CallKey, str, str], None]
+"""Called with a call whose world shows something else now than was sent: what was, and what is shown, by digest."""
+
+
+def drive_again(
+    todo: Sequence[EpisodeKey],
+    drivers: Drivers,
+    open_worker: Callable[[], Worker],
+    keep: Callable[[Episode], None],
+    *,
+    calls: dict[EpisodeKey, dict[CallKey, tuple[Reply, str]]],
+    unlike: Unlike,
+    bounds: Bounds = USUAL,
+) -> None:
+    """Drive episodes again, in order: worlds and policies anew, models answered from their finished ``calls`` alone.
+
+    Nothing is asked and nothing written. Where a world shows another picture than a call was about, ``unlike`` is told
+    and the drive goes on; where there is no reply, the episode ends in an error that says so.
+    """
+    coordinator = _Coordinator(drivers, open_worker, keep, calls, unlike=unlike)
+    try:
+        asyncio.run(coordinator.run(todo, None, bounds))
+    except asyncio.CancelledError:
+        raise KeyboardInterrupt from None
+    except BaseExceptionGroup as group:
+        raise first_error(group) from None
+
+
 class _CutError(Exception):
     """An episode cannot go on now: the last error of its call may pass."""
 
@@ -134,6 +177,7 @@ class _Coordinator:
     open_worker: Callable[[], Worker]
     keep: Callable[[Episode], None]
     finished: dict[EpisodeKey, dict[CallKey, tuple[Reply, str]]]
+    unlike: Unlike | None = None
     slots: list[_Slot] = field(default_factory=list)
     alone: asyncio.Lock = field(default_factory=asyncio.Lock)
     paces: dict[str, Pace] = field(default_factory=dict)
@@ -232,13 +276,11 @@ class _Coordinator:
         known = self.finished.setdefault(key, {})
         if call in known:
             reply, digest = known[call]
-            if digest != query.sha256():
-                raise _NotRepeatedError(
-                    f"at step {shown.step} the world shows another picture than when the model was asked: "
-                    "it does not repeat itself"
-                )
+            if digest != (now := query.sha256()):
+                self._tell_unlike(key, call, digest, now)
             return reply
-        assert self.caller is not None
+        if self.caller is None:
+            raise _NotRepeatedError(f"the ledger holds no reply at step {shown.step}")
         made = await self.caller.call(call, query, drivers.models[key.policy], self.paces[key.policy])
         if made is None:
             raise _StoppedError
@@ -246,6 +288,15 @@ class _Coordinator:
             raise _CutError
         known[call] = made.reply, query.sha256()
         return made.reply
+
+    def _tell_unlike(self, key: EpisodeKey, call: CallKey, sent: str, shown: str) -> None:
+        if self.unlike is None:
+            step = int(call.frame.rpartition("/")[2])
+            raise _NotRepeatedError(
+                f"at step {step} the world shows another picture than when the model was asked: "
+                "it does not repeat itself"
+            )
+        self.unlike(key, call, sent, shown)
 
 
 def decide(reply: Reply, drivers: Drivers) -> Decision[str]:

@@ -61,12 +61,16 @@ NO_DRIVES = dict.fromkeys(
 
 @dataclass(frozen=True)
 class Reading:
-    """How runs are read: what is declared of their frames and replies, and what drives are held ``against``."""
+    """How runs are read: what is declared of their frames and replies, and what drives are held ``against``.
+
+    Where not ``driven``, a page of drives shows no picture, because no world is opened for one.
+    """
 
     independent: bool = False
     reread: bool = False
     against: str | None = None
     resamples: int = 5000
+    driven: bool = True
 
 
 @dataclass
@@ -223,7 +227,11 @@ class Study(ABC, Generic[S]):
         raise NotImplementedError
 
     def derive(self, run: Packed, reading: Reading, tell: Tell) -> tuple[S, Made]:
-        """Return the score and the report of a run in a bundle."""
+        """Return the score and the report of a run on a bank that is in a bundle."""
+        raise NotImplementedError
+
+    def whole(self, folder: Path, reading: Reading, tell: Tell) -> tuple[S, Made]:
+        """Return the score and the report of drives, or of a folder of several runs, that are in a bundle."""
         raise NotImplementedError
 
 

@@ -26,7 +26,7 @@ from eyechart.run import Progress
 from eyechart.stats.agreement import rate
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic, cannot_say
-from eyechart.studies import NO_DRIVES, Reading, Tell, battery, names_of
+from eyechart.studies import NO_DRIVES, Made, Reading, Tell, battery, names_of
 from eyechart.studies.battery import OfFrames
 from eyechart.studies.probed import spent_on
 
@@ -332,7 +332,7 @@ class Prompts(OfFrames[PromptsScore]):
     runs_are = "prompts"
     refuses: ClassVar = {
         **NO_DRIVES,
-        **dict.fromkeys(("verdict", "gate", "bundle", "compare", "transfer"), _CELLS),
+        **dict.fromkeys(("verdict", "gate", "compare", "transfer"), _CELLS),
     }
 
     def holds(self, folder: Path) -> bool:
@@ -346,6 +346,10 @@ class Prompts(OfFrames[PromptsScore]):
     def score(self, folder: Path, reading: Reading) -> PromptsScore:
         """Score every cell."""
         return PromptsScore(score(folder, reread=reading.reread, resamples=reading.resamples))
+
+    def whole(self, folder: Path, reading: Reading, tell: Tell) -> tuple[PromptsScore, Made]:
+        """Return the score and the report of a study in a bundle."""
+        return self.score(folder, reading), self.report([folder], [], reading, tell)
 
     def paper(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Iterator[Table]:
         """Yield Table t:prompts of all studies."""

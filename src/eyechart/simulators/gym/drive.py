@@ -48,6 +48,16 @@ def make(env_id: str, settings: Mapping[str, object]) -> Env:
     return env
 
 
+_PLAIN = ("gymnasium.envs.classic_control", "gymnasium.envs.toy_text")
+"""Gymnasium's own environments that are arithmetic alone: they read no file and import nothing by a name."""
+
+
+def is_plain(env_id: str) -> bool:
+    """Return whether an id is of an environment that is Gymnasium's own, and arithmetic alone."""
+    known = gymnasium.registry.get(env_id)
+    return known is not None and isinstance(known.entry_point, str) and known.entry_point.startswith(_PLAIN)
+
+
 def action_count(env: Env, env_id: str) -> tuple[int, int]:
     """Return the first of an environment's actions and their number; raises SpecError where they are not discrete."""
     space = env.action_space

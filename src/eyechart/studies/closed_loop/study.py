@@ -166,7 +166,6 @@ NO_LEDGER = {
         ("verdict", "compare", "transfer", "gate"),
         "holds drives, which are compared world by world: use 'eyechart score'",
     ),
-    "bundle": "holds drives, and no bundle holds runs of episodes; 'eyechart report' shows all of them in one file",
 }
 """What is refused of drives, which no ledger holds, and why."""
 
@@ -198,14 +197,18 @@ class OfEpisodes(Study[S]):
         return found
 
     def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:
+        del banks
+        tell("scoring")
+        return self.made(runs, score(runs, against_policy=reading.against, resamples=reading.resamples), reading, tell)
+
+    def made(self, runs: Sequence[Path], scored: ClosedLoopScore, reading: Reading, tell: Tell) -> Made:
+        """Return the report of drives that are scored."""
+        from eyechart.studies.closed_loop.browser import PICTURED
         from eyechart.studies.closed_loop.page import make_drives_page
         from eyechart.studies.closed_loop.tables import tables_of
 
-        del banks
-        tell("scoring")
-        scored = score(runs, against_policy=reading.against)
         more = self.beside_drives(runs)
-        page = make_drives_page(runs, scored, more, tell=tell)
+        page = make_drives_page(runs, scored, more, pictured=PICTURED if reading.driven else 0, tell=tell)
         return Made(page, [*tables_of(scored), *more], page.notes)
 
     def beside_drives(self, runs: Sequence[Path]) -> "Sequence[Table]":
@@ -221,7 +224,11 @@ class ClosedLoop(OfEpisodes[ClosedLoopScore]):
         return is_episodes(folder)
 
     def score(self, folder: Path, reading: Reading) -> ClosedLoopScore:
-        return score(folder, against_policy=reading.against)
+        return score(folder, against_policy=reading.against, resamples=reading.resamples)
+
+    def whole(self, folder: Path, reading: Reading, tell: Tell) -> tuple[ClosedLoopScore, Made]:
+        scored = self.score(folder, reading)
+        return scored, self.made([folder], scored, reading, tell)
 
     def printed(self, score: ClosedLoopScore) -> "Iterator[Table | str]":
         from eyechart.studies.closed_loop import tables

@@ -26,8 +26,7 @@ class Hierarchy(OfEpisodes[HierarchyScore]):
         return runs_of(folder)
 
     def score(self, folder: Path, reading: Reading) -> HierarchyScore:
-        del reading
-        return score(folder)
+        return score(folder, resamples=reading.resamples)
 
     def printed(self, score: HierarchyScore) -> "Iterator[Table | str]":
         from eyechart.studies.closed_loop.tables import unfinished_words
@@ -54,13 +53,16 @@ class Hierarchy(OfEpisodes[HierarchyScore]):
         yield from paper_tables(scores)
 
     def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:
+        del banks
+        if len(runs) > 1:
+            raise SpecError("a report is about one hierarchy: make one of each study")
+        return self.whole(runs[0], reading, tell)[1]
+
+    def whole(self, folder: Path, reading: Reading, tell: Tell) -> tuple[HierarchyScore, Made]:
         from eyechart.studies.hierarchy.page import make_hierarchy_page
         from eyechart.studies.hierarchy.tables import tables_of
 
-        del banks, reading
-        if len(runs) > 1:
-            raise SpecError("a report is about one hierarchy: make one of each study")
         tell("scoring")
-        scored = score(runs[0])
-        page = make_hierarchy_page(runs[0], scored, tell=tell)
-        return Made(page, tables_of(scored), page.notes)
+        scored = self.score(folder, reading)
+        page = make_hierarchy_page(folder, scored, tell=tell)
+        return scored, Made(page, tables_of(scored), page.notes)

@@ -109,6 +109,9 @@ class OnlineStudy(OfEpisodes[online.OnlineScore]):
         del reading
         return online.score(folder)
 
+    def whole(self, folder: Path, reading: Reading, tell: Tell) -> tuple[online.OnlineScore, Made]:
+        return online.score(folder), self.report([folder], [], reading, tell)
+
     def beside_drives(self, runs: Sequence[Path]) -> "Sequence[Table]":
         from eyechart.studies.structured.tables import online_table
 

@@ -1,0 +1,240 @@
+"""Validating drives: every episode is driven again from its record, within a bound that is said beforehand."""
+
+import random
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from eyechart.bundle.comparing import TOLERANCE, Difference
+from eyechart.episodes import ACTION_MAP, Episode, EpisodesManifest, every_episode, read_episodes, unfinished
+from eyechart.episodes.planning import PATIENCE_S
+from eyechart.episodes.repeats import Mismatch, Repeats, other_versions, refused, repeat, world_of
+from eyechart.errors import BundleError
+from eyechart.ledger import Ledger
+from eyechart.manifest import LEDGER, RUN, read_episodes_manifest
+from eyechart.perception.view import find_view
+from eyechart.simulators import Simulator
+from eyechart.studies import Tell
+from eyechart.studies.structured.online import read_vetting, vet
+
+MOST_EPISODES = 100_000
+MOST_STEPS = 5_000_000
+"""A run of drives has no more in a bundle that is validated."""
+MOST_DRIVEN = 1_000_000
+"""Steps of worlds that are driven again; of more, episodes are drawn until so many are reached."""
+
+MOST_VETTED = 1_000
+_ACTION_MAP = "action map"
+"""What the world of a ``gym:`` run calls the digest of its action map, among its versions."""
+
+
+@dataclass(frozen=True, slots=True)
+class Again:
+    """How drives are driven again: in so many ``processes``, and a ``sample`` of so many episodes a run, None for all.
+
+    ``announce`` is told the bound of the work before it begins.
+    """
+
+    processes: int = 1
+    sample: int | None = None
+    announce: Tell = lambda _: None
+
+
+@dataclass
+class Found:
+    """What checking a run came to."""
+
+    differences: list[Difference]
+    uncompared: list[str]
+    notes: list[str]
+    compared: dict[str, int]
+
+
+def require_bounded_drives(run: Path) -> None:
+    """Raise BundleError, before anything is computed, where a run of drives is larger than any that is validated."""
+    episodes = steps = 0
+    for one in read_episodes(run):
+        episodes, steps = episodes + 1, steps + len(one.steps)
+        for what, count, most in (("episodes", episodes, MOST_EPISODES), ("steps", steps, MOST_STEPS)):
+            if count > most:
+                raise BundleError(f"it has more than the {most} {what} that are validated: nothing is recomputed")
+
+
+def check_drives(run: Path, *, exact: bool, same_pictures: bool, how: Again, tell: Tell) -> Found:
+    """Drive the episodes of a run again and compare; ``exact`` where the same eyechart drove them.
+
+    A world whose code is not ours is not opened, and what was not driven is said.
+    """
+    found, manifest = Found([], [], [], {}), read_episodes_manifest(run)
+    if (run / RUN).read_bytes() != manifest.as_text().encode():
+        found.differences.append(Difference(RUN, "written in another way", "as a run is written"))
+    episodes = list({one.key: one for one in read_episodes(run)}.values())
+    if (run / LEDGER).is_file():
+        with Ledger(run / LEDGER, sound=False) as ledger:
+            damaged = ledger.damaged()
+            found.differences += [
+                Difference(f"{LEDGER}, {one}", "a row", "another than was written") for one in damaged
+            ]
+            ledger.take()
+            found.differences += _asked_twice(ledger, manifest)
+    if why := refused(manifest):
+        found.uncompared.append(f"the drives of {manifest.simulator}")
+        found.notes.append(f"nothing was driven again: {why}")
+        return found
+    simulator = world_of(run, manifest)
+    found.differences += _declared(manifest, simulator)
+    apart = other_versions(manifest, simulator)
+    if _ACTION_MAP in apart:  # which lies beside it, and is no library
+        found.differences.append(Difference(f"{ACTION_MAP}, digest", *apart.pop(_ACTION_MAP)))
+    words = "; ".join(f"{name} {made}, here {here}" for name, (made, here) in apart.items())
+    same = exact and not apart
+    chosen = _chosen(run, manifest, episodes, how, found)
+    steps, worlds = sum(len(one.steps) for one in chosen), manifest.simulator
+    how.announce(
+        f"driving {len(chosen)} of {len(episodes)} episodes of {worlds} again: {steps} steps in {how.processes} "
+        f"{'process' if how.processes == 1 else 'processes'}, none longer than {PATIENCE_S:g} s"
+    )
+    repeats = repeat(
+        run,
+        manifest,
+        chosen,
+        exact=same,
+        processes=how.processes,
+        progress=lambda done, all_: tell(f"driving again: {done} of {all_} episodes of {worlds}"),
+    )
+    found.compared.update({"episodes driven again": repeats.episodes, "steps": repeats.steps})
+    _hold(repeats, found, words if exact else words or "another eyechart", same_pictures=same_pictures)
+    _hold_vetting(run, manifest, simulator, found, same=same)
+    _say(run, manifest, episodes, found)
+    return found
+
+
+def _declared(manifest: EpisodesManifest, simulator: Simulator) -> Iterator[Difference]:
+    """Yield what a manifest says of its world that the world does not."""
+    declared = simulator.declared
+    for name, mine, theirs in (
+        ("action_space", manifest.action_space, declared.action_space.by(manifest.reader)),
+        ("picture", manifest.picture, declared.picture),
+    ):
+        if mine != theirs:
+            yield Difference(f"{RUN}, {name}", str(mine), str(theirs))
+
+
+def _asked_twice(ledger: Ledger, manifest: EpisodesManifest) -> Iterator[Difference]:
+    """Yield the calls whose attempts asked different things."""
+    for spec in manifest.models:
+        first: dict[object, str] = {}
+        for sent in ledger.attempts(spec):
+            if (before := first.setdefault(sent.key, sent.request_sha256)) != sent.request_sha256:
+                where = f"ledger, another attempt of {spec} about '{sent.key.frame}' under {sent.key.condition}"
+                yield Difference(where, sent.request_sha256, before)
+
+
+def _chosen(
+    run: Path, manifest: EpisodesManifest, episodes: Sequence[Episode], how: Again, found: Found
+) -> list[Episode]:
+    """Return the episodes that are driven again: all, or some by chance, which nobody could know beforehand."""
+    whole = [one for one in episodes if one.steps]
+    drawn = random.SystemRandom().sample(whole, len(whole))
+    times = _steps_a_decision(run)
+    kept, steps = [], 0
+    for one in drawn[: how.sample]:
+        steps += times * len(one.steps)
+        if steps > MOST_DRIVEN:
+            break
+        kept.append(one)
+    if len(kept) < len(whole):
+        left = len(whole) - len(kept)
+        found.uncompared.append(f"{left} of {len(whole)} episodes of {manifest.simulator}")
+        found.notes.append(f"{left} episodes were not driven again; those that were are drawn by chance")
+    return kept
+
+
+def _steps_a_decision(run: Path) -> int:
+    if not (run / ACTION_MAP).is_file():
+        return 1
+    from eyechart.simulators.gym.action_map import read_map  # noqa: PLC0415 - Gymnasium takes a while to import
+
+    return read_map(run / ACTION_MAP).repeat
+
+
+def _hold(repeats: Repeats, found: Found, apart: str, *, same_pictures: bool) -> None:
+    """Say what driving again found: differences, or with other versions what is not comparable."""
+    if apart:
+        found.uncompared.append(f"{repeats.episodes} episodes, driven with other versions")
+        found.notes.append(f"not comparable: driven with {apart}")
+        same = "decisions and truth to 3 decimals are the same at every step"
+        found.notes.append(
+            f"with other versions the first step that differs: {_first(repeats)}" if repeats.mismatches else same
+        )
+        return
+    found.differences += [_difference(one) for one in repeats.mismatches]
+    if same_pictures:
+        found.differences += [_difference(one) for one in repeats.unlike]
+        found.compared["requests"] = repeats.requests
+    elif repeats.unlike:
+        found.uncompared.append("requests of drives")
+        found.notes.append("this machine encodes pictures to other bytes: no request of a drive was compared")
+    if repeats.lost:
+        found.uncompared.append(f"how {len(repeats.lost)} episodes failed")
+        found.notes += [f"an error that does not come again: {one}" for one in repeats.lost[:3]]
+    _hold_states(repeats, found)
+
+
+def _hold_states(repeats: Repeats, found: Found) -> None:
+    """Hold exact states to the record; where none is the same and all are one to one, another machine drove them."""
+    unlike = [one for one in repeats.states if one[1] != one[2]]
+    one_to_one = len({pair[1:] for pair in repeats.states}) == len({one[1] for one in repeats.states})
+    if unlike and len(unlike) == len(repeats.states) and one_to_one:
+        found.uncompared.append("exact states")
+        found.notes.append(
+            "rounded states are the same at every step, exact ones in no episode: another kind of machine"
+        )
+        return
+    for key, recorded, driven in unlike:
+        found.differences.append(_difference(Mismatch(key, None, "state at the end (SHA-256)", recorded, driven)))
+
+
+def _first(repeats: Repeats) -> str:
+    one = min(repeats.mismatches, key=lambda one: (one.step or 0, one.key))
+    return str(_difference(one))
+
+
+def _difference(one: Mismatch) -> Difference:
+    return Difference(one.where, one.recorded, one.driven)
+
+
+def _hold_vetting(run: Path, manifest: EpisodesManifest, simulator: Simulator, found: Found, *, same: bool) -> None:
+    """Let the positive control drive again in every world that an online run vetted."""
+    vetted = read_vetting(run)
+    if vetted is None:
+        return
+    if len(vetted) > MOST_VETTED:
+        raise BundleError(f"it has {len(vetted)} vetted worlds, more than the {MOST_VETTED} that are vetted again")
+    if not same:
+        found.uncompared.append("how worlds were vetted")
+        return
+    view = find_view(manifest.view)
+    for one in vetted:
+        again = vet(simulator, one.scenario, one.seed, view)
+        pairs: Mapping[str, tuple[object, object]] = {
+            name: (getattr(one, name), getattr(again, name))
+            for name in ("frames", "ended", "actions", "gap_mae_m", "why", "unseen")
+        }
+        for name, (mine, theirs) in pairs.items():
+            close = isinstance(mine, float) and isinstance(theirs, float) and abs(mine - theirs) <= TOLERANCE
+            if mine != theirs and not close:
+                found.differences.append(
+                    Difference(f"vetting of {one.scenario}/{one.seed}, {name}", str(mine), str(theirs))
+                )
+    found.compared["vetted worlds"] = len(vetted)
+
+
+def _say(run: Path, manifest: EpisodesManifest, episodes: Sequence[Episode], found: Found) -> None:
+    """Note what of a run no drive can check."""
+    if called := [spec for spec in manifest.models if spec.startswith("python:")]:
+        found.notes.append(f"unchecked: the code of {', '.join(called)}; its replies are those of the record")
+    over = {one.key for one in episodes}
+    left = unfinished(run, [key for key in every_episode(manifest) if key not in over], manifest.models)
+    if begun := sum(one.begun or 0 for one in left):
+        found.notes.append(f"{begun} episodes were begun and are not over: their calls were not compared")

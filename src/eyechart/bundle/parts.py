@@ -1,0 +1,122 @@
+"""Drives, and studies of several runs, in a bundle: what is copied of each run, and what follows from all of them."""
+
+import json
+import re
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import eyechart
+from eyechart.bundle.contents import (
+    README,
+    REPORT,
+    RESULTS,
+    RUN_FOLDER,
+    SOURCE,
+    TABLES,
+    Derived,
+    Recipe,
+    as_json,
+    digests,
+)
+from eyechart.episodes import ACTION_MAP, EPISODES
+from eyechart.ledger import Ledger
+from eyechart.manifest import BESIDE, LEDGER, RUN
+from eyechart.models.prices import read_prices
+from eyechart.records import plain
+from eyechart.report.table import files_of
+from eyechart.studies import Reading, Tell, run_json, study_of
+from eyechart.studies.probed import is_episodes
+
+OF_DRIVES = (RUN, EPISODES, LEDGER, ACTION_MAP, *BESIDE)
+"""The files of a run of drives; only the first is always there."""
+_CONTROLLERS = ("policies", "simulators", "mpc.py", "spaces/scene.py")
+"""Where the source stands that drives and is driven, in the package."""
+_PLAIN_NAME = re.compile(r"[\w.-]{1,100}")
+_ALONE = "run"
+"""What a run is called in the results that is the only one."""
+_HOW = """This is a bundle of eyechart: drives, or a study of several runs, and what follows from them.
+
+run/            what was driven, asked and answered: run.json, episodes.jsonl, ledger.sqlite; a folder a run
+results.json    every statistic, and what each run says of itself
+report.html     the same for people, in any browser
+tables/         the same as CSV, Markdown and LaTeX
+source/         the source of the controllers and the worlds, to be read; a validation runs its own and compares
+bundle.json     how the results were made, and a digest of every file
+
+  eyechart validate FILE.zip
+
+recomputes all of it from run/, drives every episode again from its record, and names what differs.
+Pictures of drives are not in the report: 'eyechart film RUN' makes them from the record.
+"""
+
+
+def has_parts(run: Path) -> bool:
+    """Return whether a folder holds drives, or several runs, and not one run on a bank."""
+    return not (run / RUN).is_file() or is_episodes(run)
+
+
+def copy_drives(run: Path, copy: Path) -> None:
+    """Copy a run of drives as it stands, without what a kill left half written."""
+    copy.mkdir(parents=True)
+    for name in OF_DRIVES:
+        if (run / name).is_file() and name not in {EPISODES, LEDGER}:
+            shutil.copyfile(run / name, copy / name)
+    if (run / EPISODES).is_file():
+        text = (run / EPISODES).read_bytes()
+        (copy / EPISODES).write_bytes(text[: text.rfind(b"\n") + 1])
+    if (run / LEDGER).is_file():
+        with Ledger(run / LEDGER) as ledger:
+            ledger.copy_to(copy / LEDGER)
+
+
+def sources() -> dict[str, bytes]:
+    """Return the source of the controllers and worlds that ship, by its names in a bundle."""
+    root = Path(eyechart.__file__).parent
+    found = (
+        path
+        for name in _CONTROLLERS
+        for path in ([root / name] if name.endswith(".py") else (root / name).rglob("*.py"))
+    )
+    return {f"{SOURCE}eyechart/{path.relative_to(root).as_posix()}": path.read_bytes() for path in sorted(found)}
+
+
+def derive_parts(folder: Path, recipe: Recipe, tell: Tell = lambda _: None) -> Derived:
+    """Compute results, report and tables of the run, or of the runs, in a bundle's folder; no world is driven."""
+    tell("scoring")
+    study, reading = study_of(folder, "bundle"), Reading(recipe.independent, resamples=recipe.resamples, driven=False)
+    prices = read_prices()
+    with _called(folder, recipe.name) as named:
+        score, made = study.whole(named, reading, tell)
+        runs = {name or _ALONE: run for name, run in study.runs(named).items()}
+        manifests = {name: study.manifest(run) for name, run in runs.items()}
+        results: dict[str, object] = {
+            "score": score.as_dict(),
+            "runs": {name: run_json(run) for name, run in runs.items()},
+            "took": study.took(named, prices).as_dict(),
+            "prices": {spec: plain(prices.of(one.mode(spec))) for one in manifests.values() for spec in one.models},
+            "replies_sha256": {
+                name: {spec: digests(run / LEDGER, spec) for spec in manifests[name].models}
+                for name, run in runs.items()
+                if (run / LEDGER).is_file()
+            },
+        }
+        drives = any(is_episodes(run) for run in runs.values())
+    tables = {f"{TABLES}{name}": content for name, content in files_of(made.tables).items()}
+    files = {RESULTS: as_json(results), REPORT: made.page.html, README: _HOW.encode(), **tables}
+    return Derived(json.loads(files[RESULTS]), {**files, **(sources() if drives else {})}, {"runs": len(runs)})
+
+
+@contextmanager
+def _called(folder: Path, name: str) -> Iterator[Path]:
+    """Let a folder have the run's name while it is read, because a page says it; then its own again."""
+    within = folder.parent / "named"
+    named = within / (name if _PLAIN_NAME.fullmatch(name) and name.strip(".") else RUN_FOLDER)
+    within.mkdir()
+    folder.rename(named)
+    try:
+        yield named
+    finally:
+        named.rename(folder)
+        within.rmdir()

@@ -1,0 +1,250 @@
+"""Episodes are driven again from their record and held to it, step by step; models are answered by the ledger.
+
+Only worlds and policies that ship are driven: a record may come from anywhere, and may name anybody's code.
+"""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+
+from eyechart.calls import CallKey
+from eyechart.episodes.planning import ACTION_MAP, PATIENCE_S
+from eyechart.episodes.records import SILENCES, Episode, EpisodeKey, Step
+from eyechart.episodes.running import Bounds, Drivers, Progress, Recorded, calls_of, drive_again
+from eyechart.episodes.workers import LocalWorker
+from eyechart.episodes.worlds import Setup
+from eyechart.errors import SpecError
+from eyechart.frames import Scalar
+from eyechart.ledger import Ledger
+from eyechart.manifest import LEDGER, EpisodesManifest
+from eyechart.perception.forward import distances_of
+from eyechart.perception.view import find_view
+from eyechart.policies import Policy, open_policy
+from eyechart.simulators import SIMULATORS, Simulator, open_simulator
+from eyechart.spaces.scene import SceneSpace
+
+_CLOSE = 1e-9
+_UNDER_WAY = 8
+"""Episodes of a model that are driven at once; nobody is asked, so that a few keep the processes busy."""
+_COUNTS = re.compile(r"'([^']+)': (\d+)")
+_MOST_COUNT = 18
+"""Digits of a number in the counts of a marginal."""
+_MODULE = ":"
+
+
+@dataclass(frozen=True, slots=True)
+class Mismatch:
+    """The first step at which a record is not what its world and its policy give, and one thing that differs there.
+
+    ``step`` is None for what an episode is as a whole.
+    """
+
+    key: EpisodeKey
+    step: int | None
+    what: str
+    recorded: str
+    driven: str
+
+    @property
+    def where(self) -> str:
+        """Return in words where it stands."""
+        at = "" if self.step is None else f", step {self.step}"
+        return f"episode '{self.key.policy} {self.key.world} {self.key.condition}'{at}, {self.what}"
+
+
+@dataclass
+class Repeats:
+    """What driving again came to: mismatches, requests that are others now, and what could not be driven.
+
+    ``requests`` counts the compared ones by condition. ``states`` are pairs of the exact digests at the ends of
+    episodes, as recorded and as driven; ``lost`` are the episodes that ended in an error that did not come again.
+    """
+
+    episodes: int = 0
+    steps: int = 0
+    mismatches: list[Mismatch] = field(default_factory=list)
+    requests: int = 0
+    unlike: list[Mismatch] = field(default_factory=list)
+    states: list[tuple[EpisodeKey, str, str]] = field(default_factory=list)
+    lost: list[EpisodeKey] = field(default_factory=list)
+
+
+def refused(manifest: EpisodesManifest) -> str:
+    """Return in words why no world of this run is opened, empty where it is one that ships.
+
+    Gymnasium's own environments ship with it; an id with a module imports that, and may be anybody's code.
+    """
+    kind, colon, name = manifest.simulator.partition(_MODULE)
+    if not colon:
+        return "" if kind in SIMULATORS else f"'{manifest.simulator}' is no simulator of this eyechart"
+    if kind != "gym" or _MODULE in name:
+        return f"'{manifest.simulator}' names a module, whose code a validation does not run"
+    from eyechart.simulators.gym.drive import is_plain  # noqa: PLC0415 - Gymnasium takes a while to import
+
+    return "" if is_plain(name) else f"'{manifest.simulator}' is none of Gymnasium's own small environments"
+
+
+def world_of(run: Path, manifest: EpisodesManifest) -> Simulator:
+    """Open the world of a run that is not `refused`, by the run's own action map."""
+    actions = run / ACTION_MAP
+    return open_simulator(manifest.simulator, actions=actions if actions.is_file() else None)
+
+
+def other_versions(manifest: EpisodesManifest, simulator: Simulator) -> dict[str, tuple[str, str]]:
+    """Return what a run was driven with that is other here: by name, the version recorded and the one here."""
+    made, here = manifest.world, simulator.versions()
+    pairs = {name: (made.get(name, "unknown"), here.get(name, "unknown")) for name in [*made, *here]}
+    return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
+
+
+def repeat(
+    run: Path,
+    manifest: EpisodesManifest,
+    episodes: Sequence[Episode],
+    *,
+    exact: bool,
+    processes: int = 1,
+    progress: Progress | None = None,
+) -> Repeats:
+    """Drive recorded episodes again, and return what differs from their records; nothing is asked or written.
+
+    ``exact`` holds every field to the record, and the rounded state after each step by its digest; else
+    decisions, and truth, reward, speed and distance to 3 decimals. Raises SpecError for a run that is `refused`.
+    """
+    if why := refused(manifest):
+        raise SpecError(why)
+    found = Repeats()
+    recorded = {one.key: one for one in episodes if one.steps}
+    longest = max((len(one.steps) for one in recorded.values()), default=1)
+    setup = Setup(manifest.simulator, manifest.seed, longest, silence=manifest.silence)
+    actions = run / ACTION_MAP
+    setup = replace(setup, actions=actions) if actions.is_file() else setup
+    drivers = _drivers(manifest, world_of(run, manifest))
+    compare = partial(_compare, exact=exact)
+
+    def keep(driven: Episode) -> None:
+        found.episodes += 1
+        found.steps += len(driven.steps)
+        compare(recorded[driven.key], driven, found)
+        if progress is not None:
+            progress(found.episodes, len(recorded))
+
+    calls = {}
+    if manifest.models and (run / LEDGER).is_file():
+        with Ledger(run / LEDGER, sound=False) as ledger:
+            calls = calls_of(list(recorded), drivers, ledger)
+    found.requests = sum(len(of) for of in calls.values())
+
+    def unlike(key: EpisodeKey, call: CallKey, sent: str, shown: str) -> None:
+        found.unlike.append(Mismatch(key, int(call.frame.rpartition("/")[2]), "request (SHA-256)", sent, shown))
+
+    drive_again(
+        sorted(recorded),
+        drivers,
+        partial(LocalWorker, setup, patience_s=PATIENCE_S),
+        keep,
+        calls=calls,
+        unlike=unlike,
+        bounds=Bounds(processes, _UNDER_WAY),
+    )
+    return found
+
+
+def _drivers(manifest: EpisodesManifest, simulator: Simulator) -> Drivers:
+    """Return who decides: policies that ship, and for every model its record."""
+    space, answers = manifest.action_space, manifest.prompt.asks(manifest.action_space)
+    policies = {
+        spec: _policy(spec, made, manifest) for spec, made in manifest.policies.items() if spec not in manifest.modes
+    }
+    return Drivers(
+        policies=policies,
+        models={spec: Recorded() for spec in manifest.modes},
+        prompt=manifest.prompt,
+        space=space,
+        seed=manifest.seed,
+        answers=SceneSpace(distances_of(simulator.declared.camera)) if isinstance(answers, SceneSpace) else answers,
+        view=find_view(manifest.view),
+        silent=SILENCES[manifest.silence],
+    )
+
+
+def _policy(spec: str, version: str, manifest: EpisodesManifest) -> Policy:
+    """Open a policy; a marginal draws by the counts that the run recorded, and reads no other run."""
+    counts = {name: int(count) for name, count in _COUNTS.findall(version) if len(count) <= _MOST_COUNT}
+    return open_policy(spec, manifest.action_space, lambda _: counts)
+
+
+def _compare(recorded: Episode, driven: Episode, found: Repeats, *, exact: bool) -> None:
+    """Add the first step that differs, with all that differs there, and the exact states where none does."""
+    key, error = recorded.key, recorded.ended == "error"
+    for before, now in zip(recorded.steps, driven.steps, strict=False):
+        differs = list(_step(before, now, exact=exact))
+        if differs:
+            found.mismatches += [Mismatch(key, before.step, *one) for one in differs]
+            return
+    if error:
+        if len(driven.steps) < len(recorded.steps):
+            found.mismatches.append(_shorter(recorded, driven))
+        elif driven.ended != "error":
+            found.lost.append(key)
+        return
+    if len(driven.steps) < len(recorded.steps) and driven.ended == "error":
+        found.mismatches.append(_shorter(recorded, driven))
+        return
+    whole = (
+        ("number of steps", str(len(recorded.steps)), str(len(driven.steps))),
+        ("how it ended", recorded.ended, driven.ended),
+    )
+    differs = [one for one in whole if one[1] != one[2]]
+    found.mismatches += [Mismatch(key, None, *one) for one in differs]
+    if exact and not differs:
+        found.states.append((key, recorded.state_sha256, driven.state_sha256))
+
+
+def _shorter(recorded: Episode, driven: Episode) -> Mismatch:
+    """Return that a drive does not come as far as its record, and why."""
+    return Mismatch(
+        recorded.key, len(driven.steps), "the step", "recorded", driven.detail or f"ended in {driven.ended}"
+    )
+
+
+def _step(before: Step, now: Step, *, exact: bool) -> Iterator[tuple[str, str, str]]:
+    """Yield what differs at a step: its name, as recorded, and as driven."""
+    yield from _mapping("truth", before.truth, now.truth, exact=exact)
+    pairs: list[tuple[str, object, object]] = [
+        ("decision", before.decision.action, now.decision.action),
+        ("missing decision", before.decision.missing, now.decision.missing),
+        ("why there is no decision", before.decision.why, now.decision.why),
+        ("error of the call", before.error, now.error),
+        ("executed action", before.executed_action, now.executed_action),
+    ]
+    numbers = ("reward", "speed_mps", "distance_m")
+    pairs += [(name, getattr(before, name), getattr(now, name)) for name in numbers]
+    if exact:
+        yield from _mapping("facts", before.facts, now.facts, exact=True)
+        if before.rounded_state_sha256 is not None:
+            digests = before.rounded_state_sha256, now.rounded_state_sha256
+            pairs.append(("rounded state (SHA-256)", *digests))
+    pairs.append(("crashed", before.crashed, now.crashed))
+    yield from ((name, str(one), str(other)) for name, one, other in pairs if not _same(one, other, exact=exact))
+
+
+def _mapping(
+    what: str, before: Mapping[str, Scalar], now: Mapping[str, Scalar], *, exact: bool
+) -> Iterator[tuple[str, str, str]]:
+    for name in dict.fromkeys([*before, *now]):
+        one, other = before.get(name), now.get(name)
+        if name not in before or name not in now or not _same(one, other, exact=exact):
+            yield f"{what} {name}", str(before.get(name, "nothing")), str(now.get(name, "nothing"))
+
+
+def _same(one: object, other: object, *, exact: bool) -> bool:
+    """Return whether two values are the same; numbers within an error of rounding, or else to 3 decimals."""
+    numbers = [value for value in (one, other) if isinstance(value, int | float) and not isinstance(value, bool)]
+    if len(numbers) < 2:
+        return one == other
+    if exact:
+        return abs(numbers[0] - numbers[1]) <= _CLOSE * max(1.0, abs(numbers[0]))
+    return round(numbers[0], 3) == round(numbers[1], 3)
