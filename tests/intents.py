@@ -20,13 +20,13 @@ PARTS: Mapping[str, Part] = {
 """The study in two worlds."""
 
 
-def make_study(out: Path) -> Path:
-    """Run the study, and give its planner a name that would be markup."""
+def make_study(out: Path, called: str = HOSTILE_NAME) -> Path:
+    """Run the study, and give its planner a name, that would be markup unless another is chosen."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(planning, "PARTS", PARTS)
         for planned in hierarchy.plan(out, [RequestMode("scripted:stopping")]).values():
             run(planned, bounds=Bounds(processes=1))
     for name in ("run.json", "episodes.jsonl"):
         file = out / "primary-models" / name
-        file.write_text(file.read_text().replace("scripted:stopping", HOSTILE_NAME))
+        file.write_text(file.read_text().replace("scripted:stopping", called))
     return out

@@ -1,6 +1,7 @@
 """What answered is watched: a run that several models answered says so, and is no evidence of any of them."""
 
 import json
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import count
@@ -9,13 +10,16 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+import intents
+import short_worlds
 import stand_ins
 from banks import build_bank
-from eyechart import models
+from eyechart import models, simulators
 from eyechart.calls import CallKey, Query, Reply
 from eyechart.cli.app import app
 from eyechart.integrity import ServedChecks, ServedGuard
 from eyechart.ledger import Sent
+from eyechart.models import scripted
 from eyechart.spaces.discrete import DRIVING
 from eyechart.studies import battery
 
@@ -124,3 +128,48 @@ def test_names_without_end_are_bounded() -> None:
     assert found is not None
     assert len(found.answered) == 1001
     assert len(found.because) < 600
+
+
+def drive(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Path]:
+    """Drive in every study of drives with models behind which another one answers from the third reply on."""
+    answer, asked = scripted.ScriptedModel.answer, Counter[int]()
+
+    async def swapped(model: scripted.ScriptedModel, query: Query) -> Reply:
+        asked[id(model)] += 1
+        return replace(await answer(model, query), served="ab"[asked[id(model)] > 2], provider="x")
+
+    monkeypatch.setattr(scripted.ScriptedModel, "answer", swapped)
+    for name, place in short_worlds.SIMULATORS.items():
+        monkeypatch.setitem(simulators.SIMULATORS, name, place)
+    found = {name: folder / name for name in ("closed-loop", "online", "hierarchy")}
+    drives = {
+        "closed-loop": ("--simulator", "short", "--seeds", "1,2", "--policy", "scripted:depth"),
+        "online": ("--simulator", "short", "--episodes", "1", "--model", "scripted:scene_positive_control"),
+    }
+    for name, words in drives.items():
+        code, told = ask("run", name, *words, "--out", found[name])
+        assert code == 0, told
+    intents.make_study(found["hierarchy"], "scripted:stopping")
+    return found
+
+
+def test_drives_that_several_models_answered_say_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The score, its JSON and the page name the models, counts and times; nothing is said where one answered."""
+    for name, run in drive(tmp_path, monkeypatch).items():
+        code, told = ask("score", run)
+        assert (code, "guard 'served' failed: " in told) == (0, True), told
+        assert "2 models answered: a x (2 replies, " in " ".join(told.split())
+        found = json.loads(ask("score", run, "--json")[1])["served"]
+        ((who, guard),) = found.items()
+        assert (who.startswith("scripted:"), guard["differs"], guard["holds"]) == (True, ["model"], False)
+        assert [one["model"] for one in guard["answered"]] == ["a", "b"]
+        page = tmp_path / f"{name}.html"
+        assert ask("report", run, "--out", page)[0] == 0
+        html = page.read_text(encoding="utf-8")
+        assert html.count("<strong>More than one model answered:</strong>") == 1
+        assert "2 models answered: a x (2 replies, " in html
+    monkeypatch.undo()
+    one = tmp_path / "one"
+    intents.make_study(one, "scripted:stopping")
+    assert "'served'" not in ask("score", one)[1]
+    assert json.loads(ask("score", one, "--json")[1])["served"] == {}

@@ -18,7 +18,7 @@ from eyechart.studies.closed_loop.ladder import (
 )
 from eyechart.studies.closed_loop.reading import Driver, Drives, read_drives
 from eyechart.studies.closed_loop.replaying import verify
-from eyechart.studies.closed_loop.study import NO_LEDGER, ClosedLoopScore, OfEpisodes, score, unfinished_of
+from eyechart.studies.closed_loop.study import NO_LEDGER, ClosedLoopScore, OfEpisodes, score, served_of, unfinished_of
 
 __all__ = [
     "DIFFERS",
@@ -42,6 +42,7 @@ __all__ = [
     "paired",
     "read_drives",
     "score",
+    "served_of",
     "unfinished_of",
     "verify",
 ]

@@ -26,6 +26,7 @@ from eyechart.studies.closed_loop.tables import (
     paper_words,
     reference_tables,
     replay_table,
+    served_words,
     unfinished_words,
 )
 
@@ -116,6 +117,7 @@ def make_drives_page(
         drives=score.drives,
         episodes=sum(len(one.episodes) for one in score.drives),
         unfinished=unfinished_words(score.unfinished),
+        served=served_words(score.served),
         errors=[(one.driver.label, episode) for one in score.drives for episode in one.errors],
         simulators=score.simulators,
         references=[one.label for one in score.references.values()],

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 from eyechart import episodes
 from eyechart.costs import Book
 from eyechart.episodes import Unfinished, every_episode, read_episodes, read_manifest, unfinished
-from eyechart.integrity import ServedChecks
+from eyechart.integrity import ServedChecks, ServedGuard
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, EpisodesManifest
 from eyechart.models.prices import Prices
+from eyechart.records import plain
 from eyechart.spaces.space import AnySpace
 from eyechart.studies import Made, Reading, S, Study, Tell, Took
 from eyechart.studies.closed_loop.audit import Degeneracy, Replay, audit, replays
@@ -48,6 +49,14 @@ class ClosedLoopScore:
         """Return by run, where any is, the episodes without a record that its policies and worlds make together."""
         named = zip(self.paths, told_apart(self.paths), strict=True)
         return {name: left for path, name in named if (left := unfinished_of(path))}
+
+    @cached_property
+    def served(self) -> Mapping[str, ServedGuard]:
+        """Return the guard of each model, of several runs with the run's name, that more than one answered for."""
+        named = zip(self.paths, told_apart(self.paths), strict=True)
+        return {
+            f"{spec} in {name}" if name else spec: one for path, name in named for spec, one in served_of(path).items()
+        }
 
     @property
     def simulators(self) -> tuple[str, ...]:
@@ -126,6 +135,7 @@ class ClosedLoopScore:
             "paired": [one.as_dict() for one in self.paired],
             "blind": [one.as_dict() for one in self.blind],
             **self.audit_dict(),
+            "served": plain(self.served),
             "unfinished": [{"run": run, **one.as_dict()} for run, left in self.unfinished.items() for one in left],
         }
 
@@ -155,6 +165,22 @@ def unfinished_of(path: Path) -> tuple[Unfinished, ...]:
     manifest = read_manifest(path)
     over = {one.key for one in read_episodes(path)}
     return tuple(unfinished(path, [key for key in every_episode(manifest) if key not in over], manifest.models))
+
+
+def served_of(path: Path) -> dict[str, ServedGuard]:
+    """Return the guard of each model of a run for which more than one model, provider or fingerprint answered."""
+    found: dict[str, ServedGuard] = {}
+    if not (path / LEDGER).is_file():
+        return found
+    with Ledger(path / LEDGER) as ledger:
+        for spec in read_manifest(path).models:
+            checks = ServedChecks()
+            for one in ledger.attempts(spec):
+                checks.add(one)
+            for guard in checks.guards():
+                if not guard.holds:
+                    found[spec] = guard
+    return found
 
 
 if TYPE_CHECKING:
@@ -233,6 +259,7 @@ class ClosedLoop(OfEpisodes[ClosedLoopScore]):
     def printed(self, score: ClosedLoopScore) -> "Iterator[Table | str]":
         from eyechart.studies.closed_loop import tables
 
+        yield from tables.served_words(score.served)
         yield from tables.ladder_printed(score)
         yield from tables.unfinished_words(score.unfinished)
         if score.blind:

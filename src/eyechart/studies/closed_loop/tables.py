@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 
 from eyechart.episodes import Unfinished
+from eyechart.integrity import ServedGuard
 from eyechart.report.table import STATISTIC, Cell, Column, Mark, Table, columns, number, statistic_cells
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.closed_loop import Blind, ClosedLoopScore, Degeneracy, Driver, Paired, Replay, Rung
@@ -248,6 +249,14 @@ def paper_words(rows: Sequence[Beside], rungs: Sequence[Rung]) -> list[str]:
 def unfinished_words(found: Mapping[str, Sequence[Unfinished]]) -> list[str]:
     """Return what is left of the runs, and why, a line a policy."""
     return [f"{f'{run} · ' if run else ''}{one.policy}: {one.words}" for run, left in found.items() for one in left]
+
+
+def served_words(found: Mapping[str, ServedGuard]) -> list[str]:
+    """Return a line a model that more than one answered for: whatever is said of it is said of no one model."""
+    return [
+        f"guard 'served' failed: {who}: {one.because}; no number of it is that of one model"
+        for who, one in found.items()
+    ]
 
 
 def reference_tables(score: ClosedLoopScore) -> list[Table]:

@@ -9,7 +9,7 @@ from eyechart.report.table import p_value
 from eyechart.studies import Tell
 from eyechart.studies.closed_loop import LEVEL, Blind, Paired
 from eyechart.studies.closed_loop.page import GLYPHS, made
-from eyechart.studies.closed_loop.tables import SIGNED, unfinished_words
+from eyechart.studies.closed_loop.tables import SIGNED, served_words, unfinished_words
 from eyechart.studies.hierarchy import PARTS, HierarchyScore
 from eyechart.studies.hierarchy.figures import CONDITION_NAMES, ENDS, SIGNS, groups, outcomes
 from eyechart.studies.hierarchy.scoring import NOT_PERCEPTION, count_of, unless_shown
@@ -49,6 +49,7 @@ def make_hierarchy_page(study: Path, score: HierarchyScore, *, tell: Tell = lamb
             (one.driver.label, episode) for many in score.drives.values() for one in many for episode in one.errors
         ],
         unfinished=unfinished_words(score.unfinished),
+        served=served_words(score.served),
         planners=list(dict.fromkeys(one.driver.policy for _, one in score.blind)),
         control=_control(score.oracle_mirrored),
         cards=_cards(score),

@@ -10,6 +10,7 @@ import numpy as np
 
 from eyechart.episodes import Episode, Unfinished, read_episodes
 from eyechart.errors import LedgerError
+from eyechart.integrity import ServedGuard
 from eyechart.records import plain
 from eyechart.seeds import key_seed
 from eyechart.stats.episodes import share_over_episodes
@@ -30,6 +31,7 @@ from eyechart.studies.closed_loop import (
     outcomes_of,
     paired,
     read_drives,
+    served_of,
     unfinished_of,
 )
 from eyechart.studies.hierarchy.planning import MPC_ONLY, ORACLE, ORACLE_MIRRORED, PARTS, SCRIPTED, name_of
@@ -134,12 +136,13 @@ class Completion:
 class HierarchyScore:
     """What the study's runs show, each part computed when it is asked for, from the episodes alone.
 
-    ``unfinished`` is what the runs lack, by part, and why.
+    ``unfinished`` is what the runs lack, by part, and why; ``served`` names the models that more than one answered for.
     """
 
     drives: Mapping[str, tuple[Drives, ...]]
     resamples: int = 5000
     unfinished: Mapping[str, tuple[Unfinished, ...]] = field(default_factory=dict)
+    served: Mapping[str, ServedGuard] = field(default_factory=dict)
 
     @cached_property
     def outcomes(self) -> Outcomes:
@@ -213,6 +216,7 @@ class HierarchyScore:
             "completions": [one.as_dict() for one in self.completions],
             "blind": [{"part": part, **one.as_dict()} for part, one in self.blind],
             "words": list(self.words),
+            "served": plain(self.served),
             "unfinished": [{"part": part, **one.as_dict()} for part, many in self.unfinished.items() for one in many],
         }
 
@@ -237,9 +241,9 @@ def score(out: Path, *, resamples: int = 5000) -> HierarchyScore:
     drives = {name: read_drives([run]) for name, run in begun.items() if any(read_episodes(run))}
     if not drives:
         raise LedgerError(f"{out} holds no run of the hierarchy; 'eyechart run hierarchy --out {out}' makes one")
-    return HierarchyScore(
-        drives, resamples, {part: left for part, run in begun.items() if (left := unfinished_of(run))}
-    )
+    served = {f"{spec} in {part}": one for part, run in begun.items() for spec, one in served_of(run).items()}
+    unfinished = {part: left for part, run in begun.items() if (left := unfinished_of(run))}
+    return HierarchyScore(drives, resamples, unfinished, served)
 
 
 def shows(one: Blind) -> bool:

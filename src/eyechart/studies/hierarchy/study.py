@@ -29,9 +29,10 @@ class Hierarchy(OfEpisodes[HierarchyScore]):
         return score(folder, resamples=reading.resamples)
 
     def printed(self, score: HierarchyScore) -> "Iterator[Table | str]":
-        from eyechart.studies.closed_loop.tables import unfinished_words
+        from eyechart.studies.closed_loop.tables import served_words, unfinished_words
         from eyechart.studies.hierarchy.tables import tables_of
 
+        yield from served_words(score.served)
         yield from tables_of(score)
         if score.oracle_mirrored is not None:
             goals = score.oracle_mirrored.differences["success_rate"]

@@ -19,18 +19,20 @@ from eyechart.episodes import Bounds, Episode, Episodes, EpisodesManifest, Setup
 from eyechart.episodes.running import USUAL
 from eyechart.errors import BankError, LedgerError, SpecError
 from eyechart.frames import RGB, Scalar, encode
+from eyechart.integrity import ServedGuard
 from eyechart.limits import Outcome, Spent
 from eyechart.models.scripted import see
 from eyechart.modes import RequestMode
 from eyechart.perception.forward import distances_of
 from eyechart.perception.view import View, view_for
 from eyechart.prompts import scene_prompt
-from eyechart.records import Plain, build
+from eyechart.records import Plain, build, plain
 from eyechart.run import Progress
 from eyechart.simulators import Drive, HalfBlind, Simulator, open_simulator
 from eyechart.spaces.scene import Estimate, Scene
 from eyechart.stats.agreement import rate
 from eyechart.stats.statistic import Statistic
+from eyechart.studies.closed_loop import served_of
 
 VETTING = "vetting.json"
 GAP_ERROR_M = 0.1
@@ -276,11 +278,12 @@ class Driven(Plain):
 
 @dataclass(frozen=True)
 class OnlineScore:
-    """What came of an online run, by estimator, and how its worlds were vetted."""
+    """What came of an online run, by estimator, how its worlds were vetted, and for which several models answered."""
 
     manifest: EpisodesManifest
     vetted: tuple[Vetted, ...]
     driven: Mapping[str, Driven]
+    served: Mapping[str, ServedGuard] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
@@ -292,6 +295,7 @@ class OnlineScore:
             "worlds": [f"{one.scenario}/{one.seed}" for one in self.vetted if one.why is None],
             "refused": {f"{one.scenario}/{one.seed}": one.why for one in self.vetted if one.why is not None},
             "models": {spec: one.as_dict() for spec, one in self.driven.items()},
+            "served": plain(self.served),
         }
 
 
@@ -308,7 +312,7 @@ def score(path: Path) -> OnlineScore:
     for spec in manifest.policies:
         mine = {one.key: one for one in found if one.key.policy == spec and (one.key.scenario, one.key.seed) in worlds}
         driven[spec] = _driven(list(mine.values()))
-    return OnlineScore(manifest, vetted, driven)
+    return OnlineScore(manifest, vetted, driven, served_of(path))
 
 
 def _driven(episodes: Sequence[Episode]) -> Driven:

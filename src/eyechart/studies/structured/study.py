@@ -129,7 +129,9 @@ class OnlineStudy(OfEpisodes[online.OnlineScore]):
         yield stacked(found)
 
     def printed(self, score: online.OnlineScore) -> "Iterator[Table | str]":
+        from eyechart.studies.closed_loop.tables import served_words
         from eyechart.studies.structured.tables import online_table
 
+        yield from served_words(score.served)
         yield online_table(score)
         yield from (f"refused: {one.scenario}/{one.seed}: {one.why}" for one in score.vetted if one.why is not None)
