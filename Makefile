@@ -14,7 +14,7 @@ DOCS := $(VENV)/.docs
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm demo-policy ladder hierarchy test test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-coverage long-power long-policies long-lerobot long-act long-diffusion long-serve long-endpoints long-replies long-faults long-fuzz mutants clean
+.PHONY: help demo demo-vlm demo-policy ladder hierarchy test test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-coverage long-power long-policies long-lerobot long-act long-diffusion long-serve long-endpoints long-replies long-faults long-fuzz long-watch mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -35,6 +35,7 @@ help:
 	@echo "make long-replies  a million replies made from the corpus by mutation, each read: no exception, no guess"
 	@echo "make long-faults a battery through every fault of the road at random, killed again and again: nothing lost, one verdict"
 	@echo "make long-fuzz   broken ledgers, modes, prompts, tables, guardians, bundles and banks: an error in words each"
+	@echo "make long-watch  a run with --watch and one without beside a slow server, in pairs: first answers, processor time"
 	@echo "make long-serve   a served guardian under hostile load, against the table of classes of replies"
 	@echo "make long-endpoints  doctor, probe, battery and verdict on every way of serving (LITELLM=, TRANSFORMERS=, URL=)"
 	@echo "make long-policies  the rules on policies, in simulated settings that were fixed before"
@@ -115,6 +116,9 @@ long-compare: $(CORE) $(OLD_PYTHON)
 
 long-speed: $(CORE) $(OLD_PYTHON)
 	$(BIN)/python benchmarks/speed_versions.py --old $(OLD_PYTHON)
+
+long-watch: $(CORE)
+	$(BIN)/python benchmarks/live_watch.py
 
 long-coverage: $(CORE)
 	$(BIN)/python benchmarks/long_coverage.py

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,7 +11,7 @@ import typer
 
 from eyechart.cli import options
 from eyechart.cli.probe import plan_probed, say_aside, tell_empty, tell_none
-from eyechart.cli.run import View, bound
+from eyechart.cli.run import View, bound, live_page, watched_progress
 from eyechart.cli.terminal import patience, print_each, print_json, processors, progress, resumable, say
 
 if TYPE_CHECKING:
@@ -165,14 +166,15 @@ def hierarchy(
         say_expected(part, allowed.prices, concurrency, "  ")
     if dry_run:
         return
-    outcome = run(
-        planned,
-        allowed.prices,
-        bounds=study.Bounds(processes=processes, concurrency=concurrency),
-        calls=spending.max_calls,
-        cost_usd=spending.max_cost,
-        watch=_watched,
-    )
+    with live_page(out, "episodes of this part", allowed) as also:
+        outcome = run(
+            planned,
+            allowed.prices,
+            bounds=study.Bounds(processes=processes, concurrency=concurrency),
+            calls=spending.max_calls,
+            cost_usd=spending.max_cost,
+            watch=partial(_watched, also=also),
+        )
     found = score(out)
     print_json(found.as_dict()) if json else print_each(Hierarchy().printed(found), 160)
     tell_left(planned, outcome, failed)
@@ -231,7 +233,7 @@ def online(
     if dry_run:
         return
     limits = drives.manifest.within(allowed.prices, calls=spending.max_calls, cost_usd=spending.max_cost)
-    with resumable(KEPT), progress("episodes", "episodes") as move:
+    with watched_progress("episodes", "episodes", out, allowed, KEPT) as move:
         outcome = study.run(planned, bounds=closed_loop.Bounds(concurrency=concurrency, limits=limits), progress=move)
     tell_left({"": drives}, outcome, unprobed)
     if failed := sum(one.errors for one in study.score(out).driven.values()):
@@ -332,28 +334,48 @@ def audit(
 
 
 def film(
-    run: Annotated[Path, typer.Argument(help="Folder of a run of episodes.")],
-    episode: Annotated[str, typer.Option(help="Policy, scenario, seed, condition: enough of these words.")],
-    out: Annotated[Path, typer.Option(help="FILE.mp4, FILE.gif or FILE.html.")],
-    fps: Annotated[float, typer.Option(help="Decisions a second.")] = 2.0,
+    run: Annotated[Path, typer.Argument(help="Folder of a run of episodes, or of a battery.")],
+    out: Annotated[Path, typer.Option(help="FILE.mp4, FILE.gif or FILE.html; of a battery FILE.gif.")],
+    episode: Annotated[
+        str | None, typer.Option(help="Of drives: policy, scenario, seed, condition: enough of these words.")
+    ] = None,
+    frame: Annotated[
+        str | None, typer.Option(help="Of a battery: a frame; default: the one whose answers vary the most.")
+    ] = None,
+    frames: Annotated[Path | None, typer.Option(help="Of a battery: the bank, if it has moved.")] = None,
+    fps: Annotated[float | None, typer.Option(help="Pictures a second; default: 2, of a battery 0.7.")] = None,
 ) -> None:
-    """Write a film of one drive: camera, decision, executed action and gap. The drive is made anew and checked.
+    """Write a film of one drive, or of one frame of a battery through its conditions with every answer.
 
-    Of the hierarchy it shows the controller's plan over the picture.
+    Of a drive: camera, decision, executed action and gap. The drive is made anew and checked. Of the hierarchy it shows
+    the controller's plan over the picture.
 
     Example: eyechart film run --episode "oracle highway/dense/3 real" --out drive.gif
     """
     from eyechart.destination import require_free
+    from eyechart.errors import SpecError
+    from eyechart.studies.battery.film import write_film as write_battery_film
     from eyechart.studies.closed_loop import read_drives
     from eyechart.studies.closed_loop.film import write_film
     from eyechart.studies.closed_loop.replaying import episode_id, find_episode
+    from eyechart.studies.probed import is_episodes
 
     require_free(out, "film")
     require_drives([run])
-    drives, found = find_episode(read_drives([run]), episode)
-    with patience("film") as tell:
-        tell(f"driving '{episode_id(found)}' again")
-        count = write_film(drives, found, out, fps=fps)
+    if not is_episodes(run):
+        if episode is not None:
+            raise SpecError(f"{run} is a run on a bank: --episode is of drives, --frame names a frame")
+        banks = () if frames is None else (frames,)
+        count = write_battery_film(run, out, frame=frame, banks=banks, fps=fps or 0.7)
+    elif episode is None or frame is not None:
+        raise SpecError(
+            f"{run} is a run of drives: name one of them with --episode, as 'eyechart score {run}' lists them"
+        )
+    else:
+        drives, found = find_episode(read_drives([run]), episode)
+        with patience("film") as tell:
+            tell(f"driving '{episode_id(found)}' again")
+            count = write_film(drives, found, out, fps=fps or 2.0)
     say(f"wrote {out}, {count} pictures, {out.stat().st_size / 1e6:.1f} MB")
 
 
@@ -393,7 +415,7 @@ def drive(planned: "Episodes", bounds: "Bounds", allowed: "Allowed", *, engine: 
     from eyechart import episodes as study
 
     limits = planned.manifest.within(allowed.prices, calls=allowed.max_calls, cost_usd=allowed.max_cost)
-    with resumable(KEPT), progress("episodes", "episodes") as move:
+    with watched_progress("episodes", "episodes", planned.out, allowed, KEPT) as move:
         return study.run(planned, engine=engine, bounds=replace(bounds, limits=limits), progress=move)
 
 
@@ -535,6 +557,11 @@ def _show(rows: "Sequence[Row]", planned: "Episodes", *, json: bool) -> None:
 
 
 @contextmanager
-def _watched(part: str) -> "Iterator[Callable[[int, int], None]]":
+def _watched(part: str, also: Callable[[int, int], None]) -> "Iterator[Callable[[int, int], None]]":
     with resumable(KEPT), progress(part, "episodes") as move:
-        yield move
+
+        def both(done: int, total: int) -> None:
+            also(done, total)
+            move(done, total)
+
+        yield both

@@ -56,6 +56,9 @@ class Spending:
     moved: Annotated[
         bool, typer.Option("--moved", help="Go on with a run whose server, key or headers are others now; recorded.")
     ] = False
+    watch: Annotated[
+        bool, typer.Option("--watch", help="Serve a page on this machine that shows the run while it goes on.")
+    ] = False
 
     def allowed(self, out: Path, *, dry_run: bool, shard: str | None = None) -> "Allowed":
         """Return what a command allows before its run, with the file's table of prices before that of the package.
@@ -68,7 +71,14 @@ class Spending:
         from eyechart.studies.probed import Allowed
 
         return Allowed(
-            read_prices(self.prices), self.no_probe, dry_run, self.max_calls, self.max_cost, shard, self.moved
+            read_prices(self.prices),
+            self.no_probe,
+            dry_run,
+            self.max_calls,
+            self.max_cost,
+            shard,
+            self.moved,
+            self.watch,
         )
 
 

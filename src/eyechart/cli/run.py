@@ -1,6 +1,7 @@
 """``eyechart run`` makes calls about the frames of a bank and only appends; ``eyechart merge`` joins shards."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -170,7 +171,7 @@ def prompts(
         say(line)
     if dry_run:
         return
-    with resumable(), progress("calls", "calls") as move:
+    with watched_progress("calls", "calls", out, allowed) as move:
         outcome = study.run(
             planned,
             concurrency=concurrency,
@@ -332,7 +333,7 @@ def _make_calls(
     if allowed.dry_run:
         return
     limits = planned.manifest.within(allowed.prices, calls=allowed.max_calls, cost_usd=allowed.max_cost)
-    with resumable(), progress("calls", "calls") as move:
+    with watched_progress("calls", "calls", out, allowed) as move:
         outcome = study.run(planned, concurrency=concurrency, limits=limits, progress=move, again=again)
     for line in _after(planned) if early else ():
         say(line)
@@ -373,6 +374,33 @@ def _with_fresh_controls(frames: Path, out: Path, shard: str | None, *, dry_run:
     (own / OWN).touch()
     say(f"controls: drawn anew into {own} by seed {seed}")
     return own
+
+
+@contextmanager
+def watched_progress(
+    what: str, unit: str, out: Path, allowed: "Allowed", kept: str | None = None
+) -> "Iterator[Callable[[int, int], None]]":
+    """Show a bar while a run goes on, and serve its page where ``allowed`` asks for one."""
+    with resumable(kept) if kept else resumable(), progress(what, unit) as move, live_page(out, unit, allowed) as also:
+
+        def both(done: int, total: int) -> None:
+            also(done, total)
+            move(done, total)
+
+        yield both
+
+
+@contextmanager
+def live_page(out: Path, unit: str, allowed: "Allowed") -> "Iterator[Callable[[int, int], None]]":
+    """Serve a page that shows a run while the block lasts, where that is asked for; yield what moves its count."""
+    if not allowed.watch:
+        yield lambda *_: None
+        return
+    from eyechart.serve.live import Live, watched
+
+    live = Live(out, allowed.prices, unit=unit)
+    with watched(live, lambda url: say(f"watch: {url} shows this run while it goes on")):
+        yield live.move
 
 
 def sizes(planned: "Battery") -> list[str]:

@@ -43,7 +43,10 @@ class Asked:
 
 @dataclass(frozen=True)
 class Allowed:
-    """What is allowed before a run: whether to probe at all, the limits of the whole run, and whether it may move."""
+    """What is allowed before a run: whether to probe at all, the limits of the whole run, and whether it may move.
+
+    ``watch`` says whether a page shows the run while it goes on.
+    """
 
     prices: Prices
     no_probe: bool = False
@@ -52,6 +55,7 @@ class Allowed:
     max_cost: float | None = None
     shard: str | None = None
     moved: bool = False
+    watch: bool = False
 
     def require_room(self, unprobed: Sequence[str], made: Spent) -> None:
         """Raise SpecError where a run cannot probe: its limit is too small, or its shards would not ask alike."""

@@ -1,0 +1,257 @@
+"""A page that shows a run while it goes on: served on this machine alone, and read from the run's own files.
+
+No model is asked for it, and nothing is written. What it says is how far the run is, and claims nothing.
+"""
+
+import asyncio
+import base64
+import hashlib
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import astuple, dataclass, field
+from functools import cache
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+from typing import Any
+
+from aiohttp import web
+
+from eyechart.costs import ALL, Account, Book
+from eyechart.errors import EyechartError, printable
+from eyechart.integrity import ServedChecks
+from eyechart.ledger import Ledger, Sent
+from eyechart.manifest import LEDGER, RUN, EpisodesManifest, RunManifest
+from eyechart.models.prices import Prices
+from eyechart.serve.names import Names
+from eyechart.spaces.space import AnySpace
+from eyechart.studies import Study, study_of
+
+FIRST = 12
+"""Answers of a model that are shown, from its first on."""
+_LONGEST = 600
+_EVERY_S = 1.0
+_EARLY = 4
+"""So many reads with answers in them come at once; later ones within the share."""
+_SHARE = 0.02
+"""The part of the run's own processor time that later reads may take together."""
+_WINDOW_S = 30.0
+_ENDING_S = 5.0
+_NOTHING = "No call was written yet."
+NOTHING_FOLLOWS = "Nothing follows from this before the run is over and scored."
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One of a model's first answers: what was asked about, what was read from it, and its text."""
+
+    frame: str
+    condition: str
+    decision: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a model has answered so far, with what is amiss in ``warnings``."""
+
+    name: str
+    account: Account
+    decisions: Mapping[str, int]
+    first: tuple[Answer, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def words(self) -> str:
+        """Return how far it is, in a sentence that claims nothing."""
+        found = ", ".join(f"{count} {name}" for name, count in self.decisions.items()) or "no answer"
+        return f"So far {found}. {NOTHING_FOLLOWS}"
+
+
+@dataclass
+class Live:
+    """A run as a page shows it: how far it is, as the run itself says, and what its ledgers hold.
+
+    Files are read when somebody looks, and so seldom that it costs a small part of one processor.
+    """
+
+    folder: Path
+    prices: Prices
+    done: int = 0
+    total: int = 0
+    unit: str = "calls"
+    _moves: deque[tuple[float, int]] = field(default_factory=lambda: deque(maxlen=10_000))
+    _kept: tuple[Asked, ...] = ()
+    _asked: dict[Path, tuple[int, tuple[RunManifest | EpisodesManifest, AnySpace]]] = field(default_factory=dict)
+    _reads: int = 0
+    _spent: float = 0.0
+    _why: str = ""
+    _next: float = 0.0
+
+    def move(self, done: int, total: int) -> None:
+        """Take how many calls or episodes are over, of how many."""
+        self.done, self.total = done, total
+        self._moves.append((time.monotonic(), done))
+
+    @property
+    def rate(self) -> float | None:
+        """Return how many came to an end a second, of late; None before two did."""
+        now, moves = time.monotonic(), list(self._moves)
+        of_late = [one for one in moves if now - one[0] <= _WINDOW_S] or moves[-1:]
+        if not of_late or of_late[0] is of_late[-1] or now <= of_late[0][0]:
+            return None
+        return (of_late[-1][1] - of_late[0][1]) / (now - of_late[0][0])
+
+    def asked(self) -> tuple[Asked, ...]:
+        """Return what each model has answered so far, as it stood when the files were last read."""
+        now, before = time.monotonic(), time.thread_time()
+        early = self._reads < _EARLY
+        if now >= self._next and (early or self._spent <= _SHARE * (time.process_time() - self._spent)):
+            try:
+                self._kept = tuple(self._read())
+                self._why = "" if self._kept else _NOTHING
+            except (EyechartError, OSError) as error:
+                self._why = printable(str(error))
+            self._reads += bool(self._kept)
+            self._next = now + _EVERY_S
+            self._spent += time.thread_time() - before
+        return self._kept
+
+    def html(self) -> bytes:
+        """Return the page as it is now."""
+        asked, rate = self.asked(), self.rate
+        of_late = "" if rate is None else f", {rate:.2f} a second of late"
+        count = f"{self.done} of {self.total} {self.unit}"
+        bar = f'<p><progress max="{self.total or 1}" value="{self.done}">{count}</progress></p>'
+        parts = [bar, f"<p><strong>{count}</strong>{of_late}{_cost(asked)}.</p>"]
+        parts += [f"<p>{escape(self._why)}</p>"] if not asked else map(_section, asked)
+        values = {"title": escape(self.folder.resolve().name), "now": "\n".join(parts)}
+        return _shell().substitute(values).encode("utf-8", "backslashreplace")
+
+    def _read(self) -> Iterator[Asked]:
+        study = study_of(self.folder)
+        for part, run in study.runs(self.folder).items():
+            if not (run / LEDGER).is_file():
+                continue
+            manifest, space = self._manifest(study, run)
+            with Ledger(run / LEDGER, sound=False) as ledger:
+                for spec in manifest.models:
+                    book = Book(manifest.mode(spec), space, self.prices)
+                    name = f"{spec} in {part}" if part else spec
+                    yield _asked(name, ledger.attempts(spec), book, space)
+
+    def _manifest(self, study: Study[Any], run: Path) -> tuple[RunManifest | EpisodesManifest, AnySpace]:
+        """Return a run's manifest and space, read anew only when it was written anew."""
+        written = (run / RUN).stat().st_mtime_ns
+        if run not in self._asked or self._asked[run][0] != written:
+            self._asked[run] = written, study.asked(run)
+        return self._asked[run][1]
+
+
+@cache
+def _shell() -> Template:
+    """Return the page around what changes, with its script and the policy that lets no other run."""
+    folder = files("eyechart.report") / "template"
+    html, script, css = ((folder / f"live.{kind}").read_text(encoding="utf-8") for kind in ("html", "js", "css"))
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    runs = f"script-src 'sha256-{digest}'; connect-src 'self'; style-src 'unsafe-inline'"
+    return Template(html.replace("$csp", runs).replace("$css", css).replace("$script", script.replace("$", "$$")))
+
+
+def _cost(asked: Sequence[Asked]) -> str:
+    known = sum(one.account.cost_usd or 0.0 for one in asked)
+    unknown = sum(one.account.cost_from.get("unknown", 0) for one in asked)
+    return f"; cost so far ${known:.4f}{f', unknown of {unknown} requests' if unknown else ''}" if asked else ""
+
+
+def _section(one: Asked) -> str:
+    """Return a model's part of the page; every word of it that is not ours is escaped."""
+    head = "".join(f'<th scope="col">{name}</th>' for name in ("asked about", "shown", "read as", "text"))
+    rows = "\n".join(
+        "<tr>" + "".join(f'<td dir="auto">{escape(printable(text))}</td>' for text in astuple(answer)) + "</tr>"
+        for answer in one.first
+    )
+    amiss = "".join(f'<p class="warn"><strong>Look:</strong> {escape(printable(line))}</p>' for line in one.warnings)
+    table = f"<table><caption>Its first answers</caption><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+    return f"<section><h2><bdi>{escape(one.name)}</bdi></h2><p>{escape(one.words)}</p>{amiss}{table}</section>"
+
+
+def _asked(name: str, attempts: Iterator[Sent], book: Book, space: AnySpace) -> Asked:
+    served, decisions, first, empty, replies = ServedChecks(), Counter[str](), list[Answer](), 0, 0
+    for one in attempts:
+        book.add(one)
+        served.add(one)
+        if one.reply is None:
+            continue
+        read = space.read(one.reply)
+        said = space.symbol(read.action) if read.action is not None else f"no decision ({read.why or read.missing})"
+        replies += one.reply.error is None
+        empty += one.reply.error is None and not one.reply.text.strip()
+        decisions[said] += 1
+        if len(first) < FIRST:
+            words = one.reply.text or one.reply.error_detail or one.reply.error or ""
+            first.append(Answer(one.key.frame, one.key.condition, said, words[:_LONGEST]))
+    account = book.accounts()[ALL]
+    amiss = [f"guard 'served': {one.because}" for one in served.guards() if one.holds is False]
+    amiss += [f"{empty} of {replies} replies are empty"] if empty else []
+    amiss += [f"{count} requests failed: {kind}" for kind, count in account.errors.items()]
+    silent = sum(account.missing.values())
+    amiss += [f"in {silent} of {account.finished} answers no decision is read"] if silent else []
+    if len(decisions) == 1 and replies >= FIRST:
+        amiss.append(f"all {replies} answers are the same: {next(iter(decisions))}")
+    return Asked(name, account, dict(decisions.most_common()), tuple(first), tuple(amiss))
+
+
+def application(live: Live) -> web.Application:
+    """Return what answers: the page at ``/``, under this machine's own names, and nothing else."""
+    names = Names()
+
+    async def page(request: web.Request) -> web.Response:
+        if (why := names.refuses(request.headers)) is not None:
+            return web.Response(status=421, text=why)
+        html = await asyncio.to_thread(live.html)
+        headers = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"}
+        return web.Response(body=html, content_type="text/html", charset="utf-8", headers=headers)
+
+    app = web.Application()
+    app.router.add_get("/", page)
+    return app
+
+
+@contextmanager
+def watched(live: Live, started: Callable[[str], None]) -> Iterator[None]:
+    """Serve the page on a free port of this machine while the block lasts; ``started`` is told the address.
+
+    It is served from a thread with an event loop of its own; whatever goes wrong there ends no run.
+    """
+    loop, ready = asyncio.new_event_loop(), threading.Event()
+    over = asyncio.Event()
+
+    async def serve() -> None:
+        runner = web.AppRunner(application(live), access_log=None)
+        await runner.setup()
+        try:
+            site = web.TCPSite(runner, "127.0.0.1", 0)
+            await site.start()
+            started(f"http://127.0.0.1:{runner.addresses[0][1]}/")
+            ready.set()
+            await over.wait()
+        finally:
+            ready.set()
+            await runner.cleanup()
+
+    thread = threading.Thread(target=lambda: loop.run_until_complete(serve()), name="eyechart-watch", daemon=True)
+    thread.start()
+    ready.wait(_ENDING_S)
+    try:
+        yield
+    finally:
+        if not loop.is_closed():
+            loop.call_soon_threadsafe(over.set)
+        thread.join(_ENDING_S)
+        if not thread.is_alive():
+            loop.close()

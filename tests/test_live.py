@@ -1,0 +1,104 @@
+"""A page shows a run while it goes on: its first answers at once, what is amiss, and nothing that it cannot know."""
+
+import re
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+import banks
+import stand_ins
+from eyechart.costs import Account
+from eyechart.models.prices import read_prices
+from eyechart.serve.live import NOTHING_FOLLOWS, Asked, Live, watched
+from report_runs import HOSTILE, hostile, make_run
+
+SLOW = """
+import time
+from pathlib import Path
+
+def answer(prompt, image):
+    with Path(__file__).with_name("asked").open("a") as file:
+        file.write("x")
+    time.sleep(0.15)
+    return "LEFT"
+"""
+
+
+def _get(url: str, **headers: str) -> str:
+    with urllib.request.urlopen(urllib.request.Request(url, headers=headers), timeout=5) as answer:  # noqa: S310
+        return str(answer.read().decode())
+
+
+def test_a_run_is_watched_without_a_further_request_and_the_page_closes_with_it(tmp_path: Path) -> None:
+    """First answers are in sight while it goes on; that all are the same is said; other hosts are refused."""
+    (tmp_path / "slow_model.py").write_text(SLOW)
+    bank = banks.build_bank(tmp_path / "bank")
+    options = ["--frames", str(bank.root), "--out", "run", "--conditions", "real,blank", "--concurrency", "1"]
+    command = [sys.executable, "-c", "from eyechart.cli import main; main()", "run", "battery", *options]
+    with subprocess.Popen(
+        [*command, "--model", "python:slow_model:answer", "--watch"],
+        cwd=tmp_path, stderr=subprocess.PIPE, text=True, env={"PYTHONPATH": str(tmp_path), "PATH": "/usr/bin:/bin"},
+    ) as run:  # fmt: skip
+        assert run.stderr is not None
+        url = next(found[1] for line in run.stderr if (found := re.search(r"watch: (http://127\.0\.0\.1:\d+/)", line)))
+        begun, html = time.monotonic(), ""
+        while ">LEFT</td>" not in html and time.monotonic() - begun < 20:
+            html = _get(url)
+            time.sleep(0.2)
+        assert time.monotonic() - begun < 5
+        assert NOTHING_FOLLOWS in html
+        assert run.poll() is None
+        with pytest.raises(urllib.error.HTTPError, match="421"):
+            _get(url, Host="elsewhere.example")
+        time.sleep(3)
+        assert re.search(r"Look:</strong> all \d+ answers are the same: LEFT", _get(url))
+        assert run.wait(60) == 0
+    with pytest.raises(urllib.error.URLError):
+        _get(url)
+    assert (tmp_path / "asked").read_text() == "x" * (2 * len(bank.frames))
+
+
+def test_what_is_shown_is_as_it_was_said_and_nothing_is_written(tmp_path: Path) -> None:
+    """Replies that mean harm stand as text; a folder that is watched has the files that it had."""
+    bank = banks.build_bank(tmp_path / "bank")
+    run = make_run(bank.root, tmp_path / "run", {"hostile": hostile, "noisy": stand_ins.noisy})
+    before = {path.name: path.read_bytes() for path in run.iterdir() if path.is_file()}
+    live, told = Live(run, read_prices()), list[str]()
+    live.move(3, 10)
+    with watched(live, told.append):
+        html = _get(told[0])
+        with pytest.raises(urllib.error.HTTPError, match="404"):
+            _get(told[0] + "run.json")
+    assert {path.name: path.read_bytes() for path in run.iterdir() if path.is_file()} == before
+    assert "3 of 10 calls" in html
+    assert HOSTILE[0] not in html
+    assert html.count("<script") == 1
+    assert "standin:noisy" in html
+    assert "connect-src 'self'" in html
+
+
+def test_files_are_read_so_seldom_that_it_costs_little(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever looks in between gets what was read last; a folder that is no run yet is said to be none."""
+    live, reads = Live(tmp_path / "none", read_prices()), list[float]()
+    assert b"No call was written yet." in live.html()
+
+    def busy() -> tuple[Asked, ...]:
+        reads.append(time.thread_time())
+        while time.thread_time() - reads[-1] < 0.02:
+            pass
+        return made
+
+    live = Live(tmp_path, read_prices())
+    made = (Asked("m", Account(*([0] * 18)), {}, (), ()),)  # type: ignore[arg-type]
+    monkeypatch.setattr(live, "_read", busy)
+    monkeypatch.setattr("eyechart.serve.live._EVERY_S", 0.0)
+    begun = time.process_time()
+    while time.process_time() - begun < 1.0:
+        live.asked()
+    assert 4 <= len(reads) <= 5 + 0.02 * time.process_time() / 0.02
+    assert live.rate is None
