@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[1] / "src"
 
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("cli",),
-    ("testing", "api", "bundle", "paper"),
+    ("testing", "api", "bundle", "inspect", "paper"),
     ("serve",),
     ("calibrate", "compare", "transfer", "guardian"),
     ("studies",),

@@ -94,7 +94,7 @@ def as_csv(path: Path, rows: list[Row]) -> Path:
 
 def imported(bank: Path, answers: Path, out: Path, asking: Asking | None = None, name: str = "vlm") -> Brought:
     """Import answers into a run; return what they held."""
-    return study.bring(study.read_import(bank, study.table_of(answers), out, name, asking or Asking()))
+    return study.bring(study.read_import(bank, study.source_of(answers), out, name, asking or Asking()))
 
 
 @cache
@@ -252,7 +252,7 @@ def test_an_import_goes_on_where_it_was_killed_and_refuses_other_answers(
 ) -> None:
     """What the run holds is not written twice, and what it holds otherwise is named."""
     rows, out = noisy[2], tmp_path / "run"
-    read = study.read_import(bank.root, study.table_of(json_lines(tmp_path / "a.jsonl", rows)), out, "vlm", ALL)
+    read = study.read_import(bank.root, study.source_of(json_lines(tmp_path / "a.jsonl", rows)), out, "vlm", ALL)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("eyechart.studies.battery.elsewhere._AT_ONCE", 40)
         begin, begun = Ledger.begin, []

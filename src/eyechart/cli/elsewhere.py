@@ -61,10 +61,12 @@ def export(
 
 
 def import_(
-    answers: Annotated[Path, typer.Argument(help="CSV, JSON lines or Parquet; a row an answer.")],
+    answers: Annotated[Path, typer.Argument(help="CSV, JSON lines or Parquet, or a log of Inspect AI (.eval, .json).")],
     frames: options.Frames,
     out: options.Out,
-    model: Annotated[str | None, typer.Option(help="What answered; default: the file's name.")] = None,
+    model: Annotated[
+        str | None, typer.Option(help="What answered; default: the file's name, or the model of a log.")
+    ] = None,
     prompt: _Prompt = None,
     conditions: _Conditions = None,
     seed: _Seed = 0,
@@ -74,18 +76,18 @@ def import_(
 ) -> None:
     """Make a battery's run of answers to 'eyechart frames export' that were made elsewhere.
 
-    The columns are call, frame, condition and repeat as they were exported, text, and, where they are known,
-    finish_reason, error, served, prompt_tokens, completion_tokens, seconds and cost_usd. Options are those of the
-    export. All faults are named at once, and then nothing is written. Answers that come later go into the same run by
-    the same command. Exit 1: calls are without an answer.
+    A table's columns are call, frame, condition and repeat as they were exported, text, and, where they are known,
+    finish_reason, error, served, prompt_tokens, completion_tokens, seconds and cost_usd. A log of Inspect AI is that
+    of the task eyechart/battery. Options are those of the export. All faults are named at once, and then nothing is
+    written. Answers that come later go into the same run by the same command. Exit 1: calls are without an answer.
     Example: eyechart run import answers.jsonl --frames bank --model my-vlm --out run
     """
     from eyechart.studies import battery as study
 
     asking = _asking(prompt, conditions, seed, limit, controls)
     with resumable(), progress("answers", "rows") as move:
-        source = study.table_of(answers)
-        read = study.read_import(frames, source, out, model or answers.stem, asking, progress=move)
+        source = study.source_of(answers)
+        read = study.read_import(frames, source, out, model or source.answered_by, asking, progress=move)
     say(f"{read.spec}: {read.brought.words}; eyechart made none of these calls, and every verdict on them says so")
     if dry_run:
         return

@@ -10,10 +10,13 @@ from eyechart.importing.answers import Answered, read_answer_table
 from eyechart.importing.bank import Choices, taken
 from eyechart.importing.columns import read_rig
 from eyechart.importing.faults import Faults
+from eyechart.importing.inspect_log import ENDINGS as LOGS
+from eyechart.importing.inspect_log import open_log
 from eyechart.importing.lerobot import Ahead
 from eyechart.importing.photographs import Convert
 
 __all__ = [
+    "LOGS",
     "Ahead",
     "Answered",
     "Choices",
@@ -22,6 +25,7 @@ __all__ = [
     "costs",
     "import_lerobot",
     "import_table",
+    "open_log",
     "read_answer_table",
     "read_rig",
     "taken",

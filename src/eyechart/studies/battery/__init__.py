@@ -4,7 +4,7 @@ Source: paper, section The Input-Ablation Battery.
 """
 
 from eyechart.studies.battery.answers import read_answers, read_columns
-from eyechart.studies.battery.elsewhere import bring, read_import, table_of
+from eyechart.studies.battery.elsewhere import bring, read_import, source_of
 from eyechart.studies.battery.planning import (
     Asking,
     Battery,
@@ -54,7 +54,7 @@ __all__ = [
     "run",
     "sample_of",
     "score",
-    "table_of",
+    "source_of",
     "took",
     "took_run",
     "write_questions",

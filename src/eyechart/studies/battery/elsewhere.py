@@ -4,13 +4,13 @@ import hashlib
 import sqlite3
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import islice
 from pathlib import Path
 
 from eyechart.calls import CallKey, Reply, bounded
 from eyechart.errors import LedgerError, SourceError, SpecError, printable, why
-from eyechart.importing import Answered, Faults, read_answer_table
+from eyechart.importing import LOGS, Answered, Faults, open_log, read_answer_table
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, alone_in, is_run, read_manifest, today, write_run
 from eyechart.models.faults import is_of_the_road
@@ -30,12 +30,16 @@ Read = Callable[[Faults, Progress], Iterator[Answered]]
 
 @dataclass(frozen=True)
 class Source:
-    """Where answers come from: a name, the SHA-256 of the file, what wrote it in words, and how it is read."""
+    """Where answers come from: a name, the SHA-256 of the file, what wrote it in words, and how it is read.
+
+    ``answered_by`` is what it says answered, or else what to call that.
+    """
 
     name: str
     sha256: str
     made_by: str
     read: Read
+    answered_by: str
 
 
 @dataclass
@@ -259,11 +263,22 @@ def _facts(out: Path, spec: str, source: Source) -> dict[str, str]:
     return {"calls": "not made by eyechart", IMPORTED: "; ".join([*known, *here][-_MOST_SOURCES:])}
 
 
-def table_of(path: Path) -> Source:
-    """Return a table of answers (CSV, JSON lines, Parquet) as a source; raises SourceError where it cannot be read."""
+def source_of(path: Path) -> Source:
+    """Return a table of answers (CSV, JSON lines, Parquet), or a log of Inspect AI (.eval, .json), as a source.
+
+    Raises SourceError where it cannot be read.
+    """
+    digest = _digest_of(path)
+    if path.suffix in LOGS:
+        log = open_log(path)
+        return Source(printable(path.name), digest, f"a log of Inspect AI {log.version}", log.answers, log.model)
+    read = partial(read_answer_table, path)
+    return Source(printable(path.name), digest, "a table", read, printable(path.stem))
+
+
+def _digest_of(path: Path) -> str:
     try:
         with path.open("rb") as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
+            return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise SourceError(f"{path} cannot be read: {why(error)}") from error
-    return Source(printable(path.name), digest, "a table", lambda faults, move: read_answer_table(path, faults, move))

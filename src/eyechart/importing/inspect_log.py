@@ -1,0 +1,243 @@
+"""Answers in a log of Inspect AI, ``.eval`` or ``.json``, are read without Inspect, a sample in memory at a time.
+
+A log in ``.eval`` is a ZIP file with a JSON file a sample; their compression is Zstandard, which pyarrow unpacks.
+"""
+
+import json
+import struct
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+from eyechart.calls import MOST, Reply, bounded
+from eyechart.errors import SourceError, printable
+from eyechart.importing.answers import MOST_REPEATS, MOST_ROWS, Answered, made_reply
+from eyechart.importing.cells import MOST_CELL, Progress
+from eyechart.importing.faults import Faults
+from eyechart.importing.parquet import require
+
+ENDINGS = (".eval", ".json")
+MOST_SAMPLE = 64_000_000
+"""Bytes of one sample, whose pictures may stand in it."""
+MOST_JSON = 1_000_000_000
+"""Bytes of a log in JSON, which is read at once."""
+MOST_UNPACKED = 50_000_000_000
+_FAR = 1e300
+_ZSTD = 93
+_LOCAL = struct.Struct("<4sHHHHHIIIHH")
+_FINISH = {"max_tokens": "length", "model_length": "length", "unknown": None}
+"""How Inspect says how a reply ended, where that is not OpenAI's word."""
+
+
+@dataclass(frozen=True)
+class Log:
+    """A log: the model that Inspect asked, Inspect's version, and how many samples it holds."""
+
+    path: Path
+    model: str
+    version: str
+    count: int
+
+    def answers(self, faults: Faults, progress: Progress | None = None) -> Iterator[Answered]:
+        """Yield the answer of each sample; a sample that is wrong is noted among the ``faults`` and left out."""
+        for number, (name, sample) in enumerate(_samples(self.path), 1):
+            made: list[Answered] = []
+            with faults.noted():
+                made.append(_answered(f"{self.path.name}, sample {name}", sample))
+            yield from made
+            if progress is not None:
+                progress(number, self.count)
+
+
+def open_log(path: Path) -> Log:
+    """Open a log of Inspect AI; raises SourceError where it is none, or not read within bounds."""
+    if not path.is_file():
+        raise SourceError(f"{path} does not exist or is no file")
+    if path.suffix == ".json":
+        header = _whole(path)
+        count = len(_list(header.get("samples"), path))
+    else:
+        with _opened(path) as (archive, file):
+            names = archive.namelist()
+            start = next((name for name in ("header.json", "_journal/start.json") if name in names), None)
+            if start is None:
+                raise SourceError(f"{path} is no log of Inspect AI: it has no header.json")
+            header = _object(_read(archive, file, archive.getinfo(start), path), path, start)
+            count = sum(map(_is_sample, names))
+    about = header.get("eval")
+    if not isinstance(about, dict) or not isinstance(about.get("model"), str):
+        raise SourceError(f"{path} is no log of Inspect AI: it does not say which model was evaluated")
+    packages = about.get("packages")
+    version = packages.get("inspect_ai") if isinstance(packages, dict) else None
+    return Log(path, printable(about["model"])[:200], printable(str(version or "of unknown version"))[:40], count)
+
+
+def _samples(path: Path) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Yield each sample with its name; raises SourceError where one cannot be read."""
+    if path.suffix == ".json":
+        for number, sample in enumerate(_list(_whole(path).get("samples"), path), 1):
+            yield str(number), sample if isinstance(sample, dict) else {}
+        return
+    with _opened(path) as (archive, file):
+        unpacked = 0
+        for entry in archive.infolist():
+            if _is_sample(entry.filename):
+                unpacked += entry.file_size
+                if unpacked > MOST_UNPACKED:
+                    raise SourceError(f"{path} unpacks to more than {MOST_UNPACKED} bytes; cut it into parts")
+                yield entry.filename, _object(_read(archive, file, entry, path), path, entry.filename)
+
+
+def _is_sample(name: str) -> bool:
+    return name.startswith("samples/") and name.endswith(".json")
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[zipfile.ZipFile, IO[bytes]]]:
+    """Open a ZIP file, and the file itself; what is wrong with it is a SourceError that names it."""
+    try:
+        with path.open("rb") as file, zipfile.ZipFile(path) as archive:
+            if len(archive.filelist) > MOST_ROWS:
+                raise SourceError(f"{path} has more than {MOST_ROWS} files; cut it into parts")
+            yield archive, file
+    except (OSError, zipfile.BadZipFile, struct.error, EOFError, zlib.error, NotImplementedError) as error:
+        raise SourceError(f"{path} cannot be read as a log of Inspect AI: {printable(str(error))}") from error
+
+
+def _read(archive: zipfile.ZipFile, file: IO[bytes], entry: zipfile.ZipInfo, path: Path) -> bytes:
+    """Return what a file of a log unpacks to, within the bound."""
+    if entry.compress_type == _ZSTD:
+        found = _unpacked(file, entry)
+    else:
+        with archive.open(entry) as packed:
+            found = packed.read(MOST_SAMPLE + 1)
+    if len(found) > MOST_SAMPLE:
+        raise SourceError(f"{path}: {printable(entry.filename)} has more than {MOST_SAMPLE} bytes")
+    return found
+
+
+def _unpacked(file: IO[bytes], entry: zipfile.ZipInfo) -> bytes:
+    """Return what a file of Zstandard unpacks to, at most a byte more than the bound; raises OSError where damaged."""
+    pa = require("pyarrow", "pyarrow", "parquet")
+    file.seek(entry.header_offset)
+    sign, *_, name, extra = _LOCAL.unpack(file.read(_LOCAL.size))
+    if sign != b"PK\x03\x04" or entry.compress_size > MOST_SAMPLE:
+        raise zipfile.BadZipFile(f"{entry.filename} is damaged, or longer than {MOST_SAMPLE} bytes")
+    file.seek(name + extra, 1)
+    packed = pa.BufferReader(file.read(entry.compress_size))
+    found, stream = bytearray(), pa.CompressedInputStream(packed, "zstd")
+    while len(found) <= MOST_SAMPLE and (part := stream.read(1 << 20)):
+        found += part
+    return bytes(found)
+
+
+def _whole(path: Path) -> Mapping[str, Any]:
+    try:
+        if path.stat().st_size > MOST_JSON:
+            raise SourceError(
+                f"{path} has more than {MOST_JSON} bytes; 'inspect log convert' makes a log in .eval of it, which is "
+                "read sample by sample"
+            )
+        return _object(path.read_bytes(), path, "it")
+    except OSError as error:
+        raise SourceError(f"{path} cannot be read: {error.strerror}") from error
+
+
+def _object(text: bytes, path: Path, name: str) -> Mapping[str, Any]:
+    """Return JSON that is an object; raises SourceError where it is none, or holds what no file can."""
+    try:
+        found = json.loads(text)
+        if b"\\u" in text:
+            json.dumps(found, ensure_ascii=False).encode()  # half of a surrogate pair is no text
+    except (ValueError, RecursionError) as error:
+        raise SourceError(f"{path}: {printable(name)} is no JSON: {printable(str(error))}") from error
+    if not isinstance(found, dict):
+        raise SourceError(f"{path}: {printable(name)} is a {type(found).__name__}, no JSON object")
+    return found
+
+
+def _list(value: object, path: Path) -> list[object]:
+    if not isinstance(value, list) or len(value) > MOST_ROWS:
+        raise SourceError(f"{path} is no log of Inspect AI with at most {MOST_ROWS} samples: it has no list of them")
+    return value
+
+
+def _answered(where: str, sample: Mapping[str, Any]) -> Answered:
+    """Return a sample as an answer; raises SourceError, beginning with ``where``, for what is wrong in it."""
+    told = sample.get("metadata")
+    asked = told if isinstance(told, dict) else {}
+    call = asked.get("call", sample.get("id"))
+    epoch = sample.get("epoch", 1)
+    if not isinstance(call, str) or not call or not call.isprintable():
+        raise SourceError(f"{where} has no call in its metadata: was it asked by the task eyechart/battery?")
+    if not isinstance(epoch, int) or isinstance(epoch, bool) or not 1 <= epoch <= MOST_REPEATS:
+        raise SourceError(f"{where}: its epoch is {str(epoch)[:40]!r}, not a whole number from 1 to {MOST_REPEATS}")
+    frame, condition = (one if isinstance(one := asked.get(name), str) else None for name in ("frame", "condition"))
+    return Answered(where, call, frame, condition, epoch - 1, None, _reply(sample, where))
+
+
+def _reply(sample: Mapping[str, Any], where: str) -> Reply | None:
+    output = _part(sample, "output")
+    words = _words(_part(sample, "error").get("message")) or _words(output.get("error"))
+    choices = output.get("choices")
+    first = choices[0] if isinstance(choices, list) and choices and isinstance(choices[0], dict) else None
+    told = _told(output)
+    if words:
+        return made_reply("", {**told, "error": "exception", "error_detail": printable(words)}, where)
+    if first is None:
+        return None
+    text, reasoning = _said(_part(first, "message").get("content"))
+    if max(len(text), len(reasoning)) > MOST_CELL:
+        raise SourceError(f"{where}: its text has more than {MOST_CELL} characters")
+    ended = _words(first.get("stop_reason"))
+    told |= {"finish_reason": _FINISH.get(ended, ended) or None, "reasoning": reasoning}
+    return made_reply(text, told, where)
+
+
+def _told(output: Mapping[str, Any]) -> dict[str, object]:
+    """Return what a sample says of its call; a number that nobody can have measured is not reported."""
+    usage = _part(output, "usage")
+    sent = [usage.get(name) for name in ("input_tokens", "input_tokens_cache_read", "input_tokens_cache_write")]
+    counted = [one for one in map(_whole_number, sent) if one is not None]
+    told: dict[str, object] = {
+        "prompt_tokens": sum(counted) or None,  # 0 is Inspect's word for a usage that nobody reported
+        "completion_tokens": _whole_number(usage.get("output_tokens")) or None,
+        "reasoning_tokens": _whole_number(usage.get("reasoning_tokens")),
+        "cost_usd": _number(usage.get("total_cost")),
+        "seconds": _number(output.get("time")),
+        "served": _words(output.get("model"))[:200] or None,
+    }
+    kept = bounded(Reply(**{name: told[name] for name in told if name in MOST}))  # type: ignore[arg-type]
+    return told | {name: getattr(kept, name) for name in told if name in MOST}
+
+
+def _said(content: object) -> tuple[str, str]:
+    """Return the text of a message and what was thought, of one text or of parts."""
+    if isinstance(content, str):
+        return content, ""
+    parts = [one for one in content if isinstance(one, dict)] if isinstance(content, list) else []
+    text = "".join(_words(one.get("text")) for one in parts if one.get("type") == "text")
+    return text, "".join(_words(one.get("reasoning")) for one in parts if one.get("type") == "reasoning")
+
+
+def _part(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    found = values.get(name)
+    return found if isinstance(found, dict) else {}
+
+
+def _words(value: object) -> str:
+    return value if isinstance(value, str) else ""
+
+
+def _whole_number(value: object) -> int | None:
+    return value if isinstance(value, int) and not isinstance(value, bool) else None
+
+
+def _number(value: object) -> float | None:
+    return (
+        float(value) if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < _FAR else None
+    )

@@ -1,0 +1,84 @@
+"""A bank's battery as a task of Inspect AI, whose log 'eyechart run import' reads.
+
+    inspect eval eyechart/battery -T asked=FOLDER --model openai/MODEL
+
+``FOLDER`` is what 'eyechart frames export' wrote. Nothing of eyechart but this module is needed to run it, so that it
+also runs where eyechart's own requirements cannot be met.
+"""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from eyechart.errors import SourceError
+
+try:
+    from inspect_ai import Task, task
+    from inspect_ai.dataset import MemoryDataset, Sample
+    from inspect_ai.model import ChatMessageSystem, ChatMessageUser, ContentImage, ContentText, GenerateConfig
+    from inspect_ai.solver import generate
+except ImportError:
+    HERE = False
+
+    def task(function: Any) -> Any:  # noqa: ANN401 - as Inspect's own, which is not there
+        """Return a task's function as it is."""
+        return function
+else:
+    HERE = True
+
+MAX_TOKENS = 1024
+"""The budget of a reply where none is given, as in a run of eyechart's own."""
+
+
+@task  # type: ignore[untyped-decorator]
+def battery(asked: str) -> Any:  # noqa: ANN401 - a Task of Inspect
+    """Return the task that makes every call of an export, in its order, each alone.
+
+    Temperature is 0 and the budget of a reply 1024 tokens, unless Inspect is told otherwise; a sample that fails does
+    not end the task. Raises SourceError where Inspect AI is not installed, or the folder is no export.
+    """
+    if not HERE:
+        raise SourceError("this needs Inspect AI: pip install inspect-ai, in the environment that runs it")
+    folder = Path(asked).resolve()
+    rows = list(_rows(folder))
+    return Task(
+        dataset=MemoryDataset([_sample(row, folder) for row in rows], name=_batch(folder)),
+        solver=generate(cache=False),
+        config=GenerateConfig(temperature=0.0, max_tokens=MAX_TOKENS),
+        fail_on_error=False,
+        name="battery",
+    )
+
+
+def _rows(folder: Path) -> Iterator[dict[str, Any]]:
+    try:
+        with (folder / "asked.jsonl").open(encoding="utf-8") as lines:
+            for line in lines:
+                yield json.loads(line)
+    except (OSError, ValueError) as error:
+        raise SourceError(
+            f"{folder} is no export: {error}; 'eyechart frames export BANK --out FOLDER' makes one"
+        ) from None
+
+
+def _batch(folder: Path) -> str:
+    """Return a name of what is asked, which differs by bank, prompt and seed."""
+    try:
+        about = json.loads((folder / "asked.json").read_text(encoding="utf-8"))
+        return f"{about['bank']}-{about['batch'][:8]}"
+    except (OSError, ValueError, LookupError, TypeError) as error:
+        raise SourceError(f"{folder} is no export: {error!r}") from None
+
+
+def _sample(row: dict[str, Any], folder: Path) -> Any:  # noqa: ANN401 - a Sample of Inspect
+    """Return a row as a sample: system words, then the pictures and the user's words, as eyechart sends them."""
+    pictures = [row[name] for name in row if name.partition("@")[0] == "picture" and row[name]]
+    content = [*(ContentImage(image=str(folder / name)) for name in pictures), ContentText(text=row["user"])]
+    user = ChatMessageUser(content=content if pictures else row["user"])
+    told = {name: row[name] for name in ("call", "frame", "condition")}
+    return Sample(
+        id=row["call"],
+        input=[*([ChatMessageSystem(content=row["system"])] if row["system"] else []), user],
+        metadata=told,
+    )
