@@ -73,8 +73,8 @@ def look(url: str, begun: float, seen: list[float], over: threading.Event) -> No
 def run(server: SlowServer, bank: Path, out: Path, frames: int, *, watch: bool) -> dict[str, float]:
     """Make one run: its processor seconds, calls at the server, and when its first answers were in sight."""
     before, seen, over = server.asked, list[float](), threading.Event()
-    words = ["run", "battery", "--frames", bank, "--out", out, "--limit", frames, "--conditions", "real,blank,mirrored"]
-    words += ["--model", "openai:slow", "--base-url", server.url, "--no-probe", "--concurrency", 8]
+    words = ["run", "battery", "--frames", bank, "--out", out, "--limit", frames]
+    words += ["--model", "openai:slow", "--base-url", server.url, "--no-probe", "--concurrency", 32]
     program = [sys.executable, "-c", "from eyechart.cli import main; main()", *map(str, words)]
     begun = time.monotonic()
     env = {**os.environ, "OPENAI_API_KEY": "none"}

@@ -37,7 +37,7 @@ _LONGEST = 600
 _EVERY_S = 1.0
 _EARLY = 4
 """So many reads with answers in them come at once; later ones within the share."""
-_SHARE = 0.02
+_SHARE = 0.01
 """The part of the run's own processor time that later reads may take together."""
 _WINDOW_S = 30.0
 _ENDING_S = 5.0
