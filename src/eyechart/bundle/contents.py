@@ -23,6 +23,8 @@ from eyechart.report.table import files_of
 from eyechart.spaces.reader import READER, READERS
 from eyechart.spaces.scene import SCENE_READER
 from eyechart.studies import Packed, Reading, Tell, study_of
+from eyechart.studies.battery import BatteryScore
+from eyechart.studies.battery.tables import decisions_table
 
 FORMAT = "eyechart-bundle/1"
 INDEX = "bundle.json"
@@ -30,6 +32,8 @@ RESULTS = "results.json"
 REPORT = "report.html"
 README = "README.txt"
 TABLES = "tables/"
+DECISIONS = f"{TABLES}decisions.csv"
+"""Every decision of a battery, from which anybody can count anew: docs/bundles.md."""
 RUN_FOLDER = "run"
 SOURCE = "source/"
 _HOW = """This is a bundle of eyechart: a run, and what follows from it.
@@ -37,7 +41,7 @@ _HOW = """This is a bundle of eyechart: a run, and what follows from it.
 run/            what was asked and answered: run.json, ledger.sqlite, the bank's manifest and the pictures used
 results.json    every statistic and verdict
 report.html     the same for people, in any browser
-tables/         the same as CSV, Markdown and LaTeX
+tables/         the same as CSV, Markdown and LaTeX; of a battery every decision, in decisions.csv
 bundle.json     how the results were made, and a digest of every file
 
   eyechart validate FILE.zip
@@ -119,6 +123,8 @@ def derive(
         "replies_sha256": {spec: digests(run / LEDGER, spec) for spec in score.models},
     }
     tables = {f"{TABLES}{name}": content for name, content in files_of(made.tables).items()}
+    if isinstance(score, BatteryScore):
+        tables[DECISIONS] = decisions_table(score).csv().encode("utf-8", "backslashreplace")
     files = {RESULTS: as_json(results), REPORT: made.page.html, README: _HOW.encode(), **tables}
     models = score.models.values()
     counted = {

@@ -19,6 +19,7 @@ from eyechart.report.table import (
     statistic_cells,
 )
 from eyechart.studies.battery import BatteryScore, ModelScore
+from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.subjects import Subject
 from eyechart.verdicts import LABELS, Verdict
 
@@ -158,6 +159,30 @@ def order_table(everyone: Sequence[Subject]) -> Table:
     )
     caption = "Emitted action against the true gap, real frames only, and under reflection"
     return Table("", "", named, tuple(rows)).labelled("t:qwenorder", caption)
+
+
+def decisions_table(score: BatteryScore) -> Table:
+    """Return every decision that counts, a row a call with a reply: what docs/clean_room.py recomputes numbers from.
+
+    A gap without a lead is infinite, and one that the bank does not record is empty.
+    """
+    rows = tuple(
+        (
+            *(spec, frame.id, frame.scenario, frame.episode, condition),
+            *(None if one.action is None else space.symbol(one.action), one.missing, gap),
+        )
+        for spec, model in score.models.items()
+        for space in (model.answers.space,)
+        for condition, decisions in model.answers.decisions.items()
+        for frame, one, gap in zip(model.answers.frames, decisions, _gaps(model.answers), strict=True)
+        if one is not None
+    )
+    named = columns("word", "model", "frame", "scenario", "episode", "condition", "decision", "missing")
+    return Table("decisions", "Every decision", (*named, Column("gap", "number")), rows)
+
+
+def _gaps(answers: Answers) -> Sequence[float | None]:
+    return [None] * len(answers.frames) if answers.gaps is None else answers.gaps.tolist()
 
 
 def statistics_table(everyone: Sequence[Judged]) -> Table:
