@@ -64,7 +64,7 @@ class Gap:
 
 
 LEAD_GAP = Gap(column="lead_gap_m", threshold=18.0, unit="m")
-"""The paper's gap: centre to centre to the lead vehicle, near below 18 m."""
+"""The gap to the lead vehicle, near below 18 m as in the paper; that it is centre to centre is ours."""
 
 
 @dataclass(frozen=True, slots=True)

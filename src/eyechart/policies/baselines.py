@@ -36,7 +36,7 @@ class Uniform:
 class Marginal:
     """Draws actions as often as a controller took them, without looking: what is left of it without its eyes.
 
-    ``counts`` are its decisions by action. Source: paper, section Evaluation protocol (model-marginal sampling).
+    ``counts`` are its decisions by action. Source: paper, section The Input-Ablation Battery.
     """
 
     counts: Mapping[str, int]

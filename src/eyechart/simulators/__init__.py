@@ -126,7 +126,7 @@ class Declaration:
     def fail_safe(self) -> str:
         """Return what is executed where there is no decision.
 
-        Source: paper, section Corpus and parsing: SLOW; under the model-predictive controller it is STOP.
+        Source: paper, section Corpus and parsing: SLOW. STOP under the model-predictive controller is ours.
         """
         space = self.action_space
         return self.halts_with or (space.brake[-1] if space.brake else space.actions[0])
