@@ -37,7 +37,7 @@ help:
 	@echo "make long-fuzz   broken ledgers, modes, prompts, tables, guardians, bundles and banks: an error in words each"
 	@echo "make long-watch  a run with --watch and one without beside a slow server, in pairs: first answers, processor time"
 	@echo "make long-serve   a served guardian under hostile load, against the table of classes of replies"
-	@echo "make long-endpoints  doctor, probe, battery and verdict on every way of serving (LITELLM=, TRANSFORMERS=, URL=)"
+	@echo "make long-endpoints  doctor, probe, battery and verdict on every way of serving (LITELLM=, TRANSFORMERS=, LLAMA=, URL=)"
 	@echo "make long-policies  the rules on policies, in simulated settings that were fixed before"
 	@echo "make long-lerobot   a data set by LeRobot's own writer, from import to gate: verdicts, time and memory"
 	@echo "make long-act       LeRobot's ACT, trained with and without a state that tells it all: opposite verdicts"
@@ -156,7 +156,7 @@ long-fuzz: $(CORE)
 	$(BIN)/python benchmarks/fuzzed_files.py
 
 long-endpoints: $(CORE)
-	$(BIN)/python benchmarks/every_server.py --litellm "$(LITELLM)" --transformers "$(TRANSFORMERS)" --url "$(URL)"
+	$(BIN)/python benchmarks/every_server.py --litellm "$(LITELLM)" --transformers "$(TRANSFORMERS)" --llama "$(LLAMA)" --url "$(URL)"
 
 long-serve: $(CORE)
 	$(BIN)/python benchmarks/hostile_serve.py

@@ -1,12 +1,13 @@
 """From doctor to verdict on every way of serving: real servers with tiny weights, and stand-ins for what they refuse.
 
     make long-endpoints
-    python benchmarks/every_server.py --litellm ENV/bin/litellm --transformers ENV/bin/transformers
+    python benchmarks/every_server.py --litellm ENV/bin/litellm --transformers ENV/bin/transformers --llama llama-server
 
 Each server is asked by ``eyechart doctor``, ``probe``, ``run battery`` and ``verdict``, commands in processes of their
 own. LiteLLM's proxy stands before a stand-in whose answers follow the picture; ``transformers serve`` serves the model
-organism ``grounded``. With ``--url`` any other server that runs already is asked too, as llama.cpp's. A server that is
-not named is listed as left out. What was done is kept on disk, so that an interrupted measurement goes on.
+organism ``grounded``, and llama.cpp's server a tiny model of random weights (`write_gguf`). With ``--url`` any other
+server that runs already is asked too. A server that is not named is listed as left out. What was done is kept on disk,
+so that an interrupted measurement goes on.
 Writes ``benchmarks/results/endpoints.json``; exit 1 where a step ended otherwise than is expected of that server.
 """
 
@@ -32,6 +33,7 @@ sys.path[:0] = [str(ROOT / "tests")]
 
 import eyechart  # noqa: E402
 import seeing  # noqa: E402 - of the tests
+import write_gguf  # noqa: E402 - beside this file
 
 RESULT = ROOT / "benchmarks" / "results" / "endpoints.json"
 KEPT = ROOT / "build" / "every_server"
@@ -74,6 +76,7 @@ SERVERS = {
     ),
     "LiteLLM's proxy": Server((0, 0, 0, 0), program="litellm"),
     "transformers serve": Server((None, None, 0, 0), program="transformers"),
+    "llama.cpp's server": Server((None, None, None, 0), program="llama"),
     "another server": Server((None, None, None, None), program="url"),
 }
 """None stands for any exit code in words: a model of random weights, or one that drives and knows no drawn shapes, may
@@ -139,6 +142,11 @@ def running(name: str, programs: Mapping[str, str], work: Path) -> Iterator[tupl
         words = [programs["transformers"], "serve", str(ORGANISM), "--port", str(port), "--host", "127.0.0.1"]
         with program([*words, "--device", "cpu"], port, log) as url:
             yield f"openai:{ORGANISM}", url
+    elif server.program == "llama":
+        model, eyes = write_gguf.write(work)
+        words = [programs["llama"], "--model", str(model), "--mmproj", str(eyes), "--port", str(port)]
+        with program([*words, "--host", "127.0.0.1"], port, log) as url:
+            yield "openai:words", url
     else:
         spec, _, url = programs["url"].partition("@")
         yield spec, url
@@ -208,9 +216,9 @@ def wrong(name: str, found: Mapping[str, object]) -> list[str]:
 def main() -> int:
     """Ask every server, write the result, and return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
-    for name in ("litellm", "transformers"):
+    for name in ("litellm", "transformers", "llama"):
         parser.add_argument(f"--{name}", default="", help="its program; without it this server is left out")
-    parser.add_argument("--url", default="", help="SPEC@ADDRESS of a server that runs already, as llama.cpp's")
+    parser.add_argument("--url", default="", help="SPEC@ADDRESS of a server that runs already")
     parser.add_argument("--only", action="append", help="a server's name; again for more")
     programs = vars(parser.parse_args())
     only, kept = programs.pop("only") or list(SERVERS), KEPT / "done.json"
