@@ -1,5 +1,6 @@
 """JSON values compared key by key, and the list of what differs on purpose (`differences.toml` beside what is kept)."""
 
+import math
 import tomllib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -46,8 +47,12 @@ class Expected:
         )
 
 
-def differences(old: object, new: object, key: Key = ()) -> Iterator[Difference]:
-    """Yield where two JSON values differ. Numbers are equal to the last bit and of one kind; NaN equals NaN."""
+def differences(old: object, new: object, key: Key = (), *, within: float = 0.0) -> Iterator[Difference]:
+    """Yield where two JSON values differ. Numbers are of one kind and equal to the last bit; NaN equals NaN.
+
+    ``within`` is how far apart floats may be, as a share of the larger and at most so much beside 0: another processor
+    adds in another order.
+    """
     if isinstance(old, dict) and isinstance(new, dict):
         for name in [*old, *(name for name in new if name not in old)]:
             if name not in new:
@@ -55,10 +60,12 @@ def differences(old: object, new: object, key: Key = ()) -> Iterator[Difference]
             elif name not in old:
                 yield Difference((*key, name), "added", new=new[name])
             else:
-                yield from differences(old[name], new[name], (*key, name))
+                yield from differences(old[name], new[name], (*key, name), within=within)
     elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
         for place, (one, other) in enumerate(zip(old, new, strict=True)):
-            yield from differences(one, other, (*key, str(place)))
+            yield from differences(one, other, (*key, str(place)), within=within)
+    elif isinstance(old, float) and isinstance(new, float) and math.isclose(old, new, rel_tol=within, abs_tol=within):
+        return
     elif type(old) is not type(new) or (old != new and not (old != old and new != new)):  # noqa: PLR0124 - NaN
         yield Difference(key, "changed", old, new)
 

@@ -29,6 +29,16 @@ def test_a_difference_is_named_by_its_key(old: object, new: object, line: str) -
     assert [str(one) for one in differences(old, new)] == [line]
 
 
+def test_floats_may_be_held_equal_within_a_share() -> None:
+    """Anywhere in the value; whole numbers and kinds stay exact."""
+    old, new = {"a": [5 / 9, 1e-17, 3]}, {"a": [5 / 9 + 2e-16, 0.0, 3]}
+    assert [one.key for one in differences(old, new)] == [("a", "0"), ("a", "1")]
+    assert not list(differences(old, new, within=1e-12))
+    assert list(differences({"a": 0.5}, {"a": 0.5 + 1e-11}, within=1e-12))
+    assert list(differences({"a": 3}, {"a": 3.0}, within=1e-12))
+    assert list(differences({"a": 10**15}, {"a": 10**15 + 1}, within=1e-12))
+
+
 def test_a_listed_difference_is_expected_at_its_key_and_of_its_kind_only() -> None:
     """A pattern stands for one part of a key."""
     listed = [Expected("score-*", ("models", "*", "level"), "added", "a statistic carries its level")]

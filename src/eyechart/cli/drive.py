@@ -343,7 +343,8 @@ def film(
         str | None, typer.Option(help="Of a battery: a frame; default: the one whose answers vary the most.")
     ] = None,
     frames: Annotated[Path | None, typer.Option(help="Of a battery: the bank, if it has moved.")] = None,
-    fps: Annotated[float | None, typer.Option(help="Pictures a second; default: 2, of a battery 0.7.")] = None,
+    fps: Annotated[float, typer.Option(help="Of drives: decisions a second.")] = 2.0,
+    seconds: Annotated[float, typer.Option(help="Of a battery: how long a picture stays.")] = 1.4,
 ) -> None:
     """Write a film of one drive, or of one frame of a battery through its conditions with every answer.
 
@@ -366,7 +367,7 @@ def film(
         if episode is not None:
             raise SpecError(f"{run} is a run on a bank: --episode is of drives, --frame names a frame")
         banks = () if frames is None else (frames,)
-        count = write_battery_film(run, out, frame=frame, banks=banks, fps=fps or 0.7)
+        count = write_battery_film(run, out, frame=frame, banks=banks, seconds=seconds)
     elif episode is None or frame is not None:
         raise SpecError(
             f"{run} is a run of drives: name one of them with --episode, as 'eyechart score {run}' lists them"
@@ -375,7 +376,7 @@ def film(
         drives, found = find_episode(read_drives([run]), episode)
         with patience("film") as tell:
             tell(f"driving '{episode_id(found)}' again")
-            count = write_film(drives, found, out, fps=fps or 2.0)
+            count = write_film(drives, found, out, fps=fps)
     say(f"wrote {out}, {count} pictures, {out.stat().st_size / 1e6:.1f} MB")
 
 

@@ -92,15 +92,17 @@ def _variety(answers: Mapping[tuple[str, str], str]) -> tuple[int, int]:
     return len({(spec, answer) for (spec, _), answer in answers.items()}), len(answers)
 
 
-def write_film(run: Path, out: Path, *, frame: str | None = None, banks: Sequence[Path] = (), fps: float = 0.7) -> int:
+def write_film(
+    run: Path, out: Path, *, frame: str | None = None, banks: Sequence[Path] = (), seconds: float = 1.4
+) -> int:
     """Write the film of a frame as a GIF; return how many pictures it has, one a condition.
 
     Raises SpecError for another kind of file, and what `cards` raises.
     """
     if out.suffix.lower() != ".gif":
         raise SpecError(f"--out {out}: a film of a battery is written as .gif")
-    if not 0.1 <= fps <= 60:
-        raise SpecError(f"--fps {fps:g}: give 0.1 to 60 pictures a second")
+    if not 0.02 <= seconds <= 60:
+        raise SpecError(f"--seconds {seconds:g}: a picture stays for .02 to 60 seconds")
     shown, made = cards(run, frame, banks)
     specs = list(dict.fromkeys(spec for card in made for spec in card.answers))
     height = max(_height(card) for card in made)
@@ -110,7 +112,7 @@ def write_film(run: Path, out: Path, *, frame: str | None = None, banks: Sequenc
     reduced = [page.quantize(128, dither=Image.Dither.NONE) for page in pages]
     with whole(out, "film") as partial:
         reduced[0].save(
-            partial, "GIF", save_all=True, append_images=reduced[1:], duration=round(1000 / fps), loop=0, optimize=True
+            partial, "GIF", save_all=True, append_images=reduced[1:], duration=round(1000 * seconds), loop=0, optimize=True
         )
     return len(reduced)
 
