@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eyechart.errors import SpecError
-from eyechart.modes import Measured, RequestMode, mode_text, read_mode, write_mode
+from eyechart.modes import Measured, RequestMode, each_without_secrets, mode_text, read_mode, write_mode
 
 LINES = st.text(st.characters(categories=["L", "N", "P", "S"]), max_size=20).map(lambda text: text.replace("$", "+"))
 NAMES = st.text(string.ascii_lowercase, min_size=1, max_size=6).map(lambda name: f"x-{name}")
@@ -179,3 +179,10 @@ def test_what_looks_like_a_secret_is_refused_and_not_quoted(given: dict[str, obj
 def test_what_is_no_secret_is_not_refused(given: dict[str, object]) -> None:
     """Names of variables, revisions, accounts and names of models pass."""
     assert RequestMode("m", **given)  # type: ignore[arg-type]
+
+
+def test_a_text_as_long_as_the_shortest_secret_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Values of eight characters count; shorter texts can hold none."""
+    monkeypatch.setenv("SHORT_API_KEY", "STRAIGHT")
+    found = each_without_secrets({"text": "STRAIGHT", "why": "STOP"})
+    assert found == {"text": "[$SHORT_API_KEY]", "why": "STOP"}

@@ -283,6 +283,8 @@ def speaker(frame: Frame, source: Source, seed: int) -> Frame:
 
 def find_condition(name: str) -> Condition:
     """Return the condition of this name, also over one camera; raises SpecError that lists the known ones."""
+    if name in CONDITIONS:
+        return CONDITIONS[name]
     base, over, camera = name.partition(OVER)
     if base not in CONDITIONS or ("text" in CONDITIONS[base].needs and over):
         raise SpecError(f"unknown condition '{name}';{meant(base, CONDITIONS)} known are {', '.join(CONDITIONS)}")

@@ -333,6 +333,8 @@ def without_secrets(text: str) -> str:
 def each_without_secrets(texts: Mapping[str, str]) -> dict[str, str]:
     """Return texts by name without the values of the environment's variables that are keys by their name."""
     found = dict(texts)
+    if all(len(text) < _SECRET_CHARACTERS for text in found.values()):
+        return found  # none can hold a value, and the environment is long
     for variable, value in _secrets():
         found = {name: text.replace(value, f"[${variable}]") for name, text in found.items()}
     return found

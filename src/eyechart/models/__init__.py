@@ -102,10 +102,12 @@ async def ask(model: Model, query: Query) -> Reply:
     return reply if reply.seconds is not None else replace(reply, seconds=seconds)
 
 
+_FIELDS = tuple(one.name for one in fields(Reply))
+
+
 def _cleaned(reply: Reply) -> Reply:
     """Return a reply none of whose texts holds the value of a variable of the environment that is a key by its name."""
-    values = {one.name: getattr(reply, one.name) for one in fields(reply)}
-    texts = {name: text for name, text in values.items() if isinstance(text, str)}
+    texts = {name: text for name in _FIELDS if isinstance(text := getattr(reply, name), str)}
     found: dict[str, Any] = each_without_secrets(texts)
     return replace(reply, **found) if found != texts else reply
 

@@ -20,13 +20,13 @@ def lost_beyond_noise(lost: int, pairs: int, wavered: int, repeats: int) -> floa
     second is the greater of them. Given their sum the lost ones are binomial, as they are of rare events; of frequent
     ones, which vary less, p is too large. Raises ValueError where there are none.
     """
-    from scipy.stats import binom  # noqa: PLC0415 - slow to import
+    from scipy import special  # noqa: PLC0415 - slow to import
 
     if not pairs or not repeats:
         msg = "no pairs, or no repeats"
         raise ValueError(msg)
     share = pairs / (pairs + 2 * repeats)
-    return float(binom.sf(lost - 1, lost + wavered, share))
+    return float(special.bdtrc(lost - 1, lost + wavered, share))
 
 
 def falls_everywhere(places: npt.ArrayLike, levels: npt.ArrayLike, *, seed: int, resamples: int = 999) -> Statistic:

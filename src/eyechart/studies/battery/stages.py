@@ -121,10 +121,13 @@ class InStages:
         if not self._may:
             return []
         before = self._controls.get(model, ())
-        now = asked_of_model(self._whole, model, self._ledger.replies(model), self._may).controls
+        replies = list(self._ledger.replies(model))
+        now = asked_of_model(self._whole, model, replies, self._may).controls
         fresh = tuple(name for name in now if name not in before)
+        if not fresh:
+            return []
         self._controls[model] = (*before, *fresh)
-        given = {key for key, reply in self._ledger.replies(model) if reply.error not in UNFINISHED}
+        given = {key for key, reply in replies if reply.error not in UNFINISHED}
         keys = replace(self._plan, controls={model: fresh}).keys_of(model)
         todo = (key for key in keys if key.condition in fresh and key not in given)
         return in_order(todo, key_seed("stage", self._plan.seed, model, *fresh))
