@@ -111,9 +111,8 @@ def write_film(
         pages = [_noting(page, f"and {left} more models") for page in pages]
     reduced = [page.quantize(128, dither=Image.Dither.NONE) for page in pages]
     with whole(out, "film") as partial:
-        reduced[0].save(
-            partial, "GIF", save_all=True, append_images=reduced[1:], duration=round(1000 * seconds), loop=0, optimize=True
-        )
+        stays = round(1000 * seconds)
+        reduced[0].save(partial, "GIF", save_all=True, append_images=reduced[1:], duration=stays, loop=0, optimize=True)
     return len(reduced)
 
 
