@@ -44,6 +44,7 @@ def policy_of(states: int) -> Any:  # noqa: ANN401 - of LeRobot
         down_dims=(48, 96),
         kernel_size=3,
         diffusion_step_embed_dim=32,
+        prediction_type="sample",
         noise_scheduler_type="DDIM",
         num_train_timesteps=50,
         num_inference_steps=10,

@@ -1,6 +1,8 @@
 """Checkpoints of a training are compared: how the share of a channel changes, and when a policy stopped looking."""
 
 import json
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +13,12 @@ import arms
 from eyechart.cli.app import app
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank
+from eyechart.manifest import read_manifest
 from eyechart.simulators import open_bank_simulator
 from eyechart.stats.total_effect import Pairs, share_difference
 from eyechart.studies import Reading, policy, study_of
 from eyechart.studies.policy import Extent
-from eyechart.studies.policy.course import course_of
+from eyechart.studies.policy.course import course_of, step_of
 
 FEW = ("real", "real_repeat", "swapped@cameras", "blank")
 
@@ -80,6 +83,91 @@ def test_a_run_of_the_same_again_changes_nothing(bank: FrameBank, tmp_path: Path
         course_of(scores)
     with pytest.raises(SpecError, match="there is one policy, and nothing to compare it with"):
         course_of(scores[:1])
+
+
+class Named:
+    """A checkpoint that says in its version how far its training had come."""
+
+    def __init__(self, version: str, looks: float) -> None:
+        self.version, self._looks = version, looks
+
+    def __call__(self, images: arms.Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+        """Answer as the checkpoint that looks as much does."""
+        return Checkpoint(0, self._looks)(images, state, instruction)
+
+
+first, last, nameless = Named("act-step_010000.pt", 1.0), Named("ckpt 30k", 0.0), Named("of June", 0.5)
+
+
+@pytest.fixture(scope="module")
+def named(bank: FrameBank) -> Path:
+    """Return a run of policies whose versions tell their steps, but one's."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(Path(__file__).parent)
+        specs = [f"{HERE}:{name}" for name in ("last", "nameless", "first")]
+        out = bank.root.parent / "named"
+        policy.run(policy.plan(bank.root, specs, out, conditions=FEW))
+    return out
+
+
+def test_the_page_draws_the_shares_over_the_training(named: Path, tmp_path: Path) -> None:
+    """By the versions and by what is given; a page without all steps has no such part, and says nothing of it."""
+    words = ["report", str(named), "--out"]
+    given = ["--step", f"{HERE}:nameless=20000", "--tables", str(tmp_path / "tables"), "--figures", str(tmp_path)]
+    found = CliRunner().invoke(app, [*words, str(tmp_path / "page.html"), *given])
+    assert found.exit_code == 0, found.output
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "Over the training" in page
+    assert "When did it stop looking?" in page
+    assert f"from {HERE}:last, step 30000 on it ignores its cameras" in page
+    described = re.search(r"by step\. cameras ([\d.]+) at 10000, ([\d.]+) at 20000, ([\d.]+) at 30000", page)
+    assert described
+    shares = [float(one) for one in described.groups()]
+    assert shares[0] > shares[1] > shares[2] == 0
+    assert (tmp_path / "training.pdf").stat().st_size > 1000
+    rows = (tmp_path / "tables" / "course.csv").read_text(encoding="utf-8").splitlines()
+    assert [row.split(",")[1] for row in rows[1:]] == ["10000", "20000", "30000"]
+    assert CliRunner().invoke(app, [*words, str(tmp_path / "other.html")]).exit_code == 0
+    assert "Over the training" not in (tmp_path / "other.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("step", "said"),
+    [
+        ("nameless", "--step is SPEC=N with a whole number, as python:my:act=20000, not 'nameless'"),
+        (f"{HERE}:nameless=-1", "--step is SPEC=N"),
+        ("python:my:act=1", "--step names 'python:my:act', and these runs asked"),
+        (f"{HERE}:first=1", f"--step gives no order, since of {HERE}:nameless: no step"),
+    ],
+)
+def test_a_step_that_cannot_be_is_refused_in_words(named: Path, tmp_path: Path, step: str, said: str) -> None:
+    """One line, exit 2, and no page."""
+    found = CliRunner().invoke(app, ["report", str(named), "--out", str(tmp_path / "page.html"), "--step", step])
+    assert isinstance(found.exception, SpecError)
+    assert said in str(found.exception)
+    assert not (tmp_path / "page.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("version", "step"),
+    [
+        ("step 20000", 20_000),
+        ("pi0_checkpoint-020000", 20_000),
+        ("ckpt_20k.safetensors", 20_000),
+        ("iter=1_500", 1500),
+        ("run3-epoch2", 2),
+        ("epoch 1.5", None),
+        ("3", None),
+        ("missteps 4", None),
+        ("1f2e3d4c5b6a", None),
+    ],
+)
+def test_a_step_is_read_from_a_version_that_names_it(named: Path, version: str, step: int | None) -> None:
+    """A number without a word for it is no step; what is declared comes before, and what is given before that."""
+    manifest = replace(read_manifest(named), models={"it": version}, facts={"it": {}})
+    assert step_of(manifest, "it", {}) == step
+    declared = replace(manifest, facts={"it": {"step": "7"}})
+    assert (step_of(declared, "it", {}), step_of(declared, "it", {"it": 8})) == (7, 8)
 
 
 def test_a_difference_of_shares_is_found_as_often_as_it_says() -> None:

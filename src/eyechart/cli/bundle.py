@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from eyechart.cli.options import Against, Independent, Json, PriceFile, Reread
+from eyechart.cli.options import Against, Independent, Json, PriceFile, Reread, Steps, read_steps
 from eyechart.cli.terminal import patience, print_json, print_line, processors, say
 
 _SHOWN = 40
@@ -20,6 +20,7 @@ def report(
     independent: Independent = False,
     reread: Reread = False,
     against: Against = None,
+    step: Steps = None,
 ) -> None:
     """Write one self-contained HTML page with verdicts, figures, statistics and every reply.
 
@@ -38,8 +39,9 @@ def report(
     if len({one.runs_are for one in studies}) > 1:
         told = ", ".join(f"{run} of {one.runs_are}" for run, one in zip(runs, studies, strict=True))
         raise SpecError(f"a report is about one kind of run ({told}): make one of each")
+    reading = Reading(independent, reread, against, steps=read_steps(step, studies))
     with patience("report") as tell:
-        made = studies[0].report(runs, frames or [], Reading(independent, reread, against), tell)
+        made = studies[0].report(runs, frames or [], reading, tell)
         write_page(made.page, out)
         if figures is not None:
             tell("files of figures")

@@ -12,6 +12,7 @@ import typer
 
 if TYPE_CHECKING:
     from eyechart.modes import RequestMode, Scalar
+    from eyechart.studies import Study
     from eyechart.studies.probed import Allowed, Asked
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
@@ -34,6 +35,10 @@ Independent = Annotated[
 ]
 Reread = Annotated[
     bool, typer.Option("--reread", help="Read the replies of a run anew that another version of the reader read.")
+]
+Steps = Annotated[
+    list[str] | None,
+    typer.Option("--step", metavar="SPEC=N", help="Of policies: how far one had come in training; again for more."),
 ]
 Against = Annotated[
     str | None, typer.Option(help="Of drives: the policy that the others are held against; default: the best constant.")
@@ -241,3 +246,18 @@ def _json(text: str) -> object:
 def _scalar(text: str) -> "Scalar":
     value = _json(text)
     return value if isinstance(value, str | int | float | bool) else text
+
+
+def read_steps(given: list[str] | None, studies: "Sequence[Study[Any]]") -> dict[str, int]:
+    """Return the step of each SPEC; raises SpecError where one is no ``SPEC=N``, or a run is none of policies."""
+    from eyechart.errors import SpecError
+
+    found = {}
+    for one in given or []:
+        spec, sign, step = one.rpartition("=")
+        if not (sign and spec and step.isdecimal()):
+            raise SpecError(f"--step is SPEC=N with a whole number, as python:my:act=20000, not '{one}'")
+        found[spec] = int(step)
+    if found and (others := [study.runs_are for study in studies if study.runs_are != "policies"]):
+        raise SpecError(f"--step is of checkpoints of policies, and this is a run of {others[0] or 'another kind'}")
+    return found

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from eyechart.cli.options import Against, Independent, Json, PriceFile, Reread
+from eyechart.cli.options import Against, Independent, Json, PriceFile, Reread, Steps, read_steps
 from eyechart.cli.terminal import print_each, print_json, print_line
 
 _HELD = {True: "holds", False: "FAILS", None: "cannot say"}
@@ -130,11 +130,13 @@ def compare(
     ] = None,
     every: Annotated[bool, typer.Option("--all", help="Print every statistic, not only the main ones.")] = False,
     resamples: Annotated[int, typer.Option(min=999, help="Exchanges of the runs, and resamples of episodes.")] = 2000,
+    step: Steps = None,
     json: Json = False,
 ) -> None:
     """Compare two runs on one bank, per verdict and per statistic, with a test of difference.
 
-    Policies are compared each with the one before it: as they were asked, or by the step of a training they declare.
+    Policies are compared each with the one before it: as they were asked, or by the step of a training, which --step
+    gives, or they declare. 'eyechart report' draws it.
     Exit 0: every verdict and statistic came out again; 1: something differs; 2: the runs cannot be compared.
     Example: eyechart compare monday tuesday
     """
@@ -146,9 +148,10 @@ def compare(
     study, *others = (study_of(run, "compare") for run in runs)
     if any(type(other) is not type(study) for other in others):
         raise SpecError(f"{first} and {second} are no runs of one kind")
-    scores = [study.score(run, Reading()) for run in runs]
+    reading = Reading(steps=read_steps(step, [study]))
+    scores = [study.score(run, reading) for run in runs]
     names = dict.fromkeys(name for run in runs for name in study.models(run))
-    if (course := study.course(scores)) is not None:
+    if (course := study.course(scores, reading)) is not None:
         print_json(course.as_dict()) if json else print_each(course.printed(), 200, names=names)
         if not course.replicated:
             raise typer.Exit(1)

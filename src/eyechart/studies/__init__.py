@@ -64,6 +64,7 @@ class Reading:
     """How runs are read: what is declared of their frames and replies, and what drives are held ``against``.
 
     Where not ``driven``, a page of drives shows no picture, because no world is opened for one.
+    ``steps`` says of policies, by SPEC, how far their training had come.
     """
 
     independent: bool = False
@@ -71,6 +72,7 @@ class Reading:
     against: str | None = None
     resamples: int = 5000
     driven: bool = True
+    steps: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass
@@ -195,9 +197,9 @@ class Study(ABC, Generic[S]):
         """Hold a score to some of the ``requirements``; a study without any refuses before it is asked, as below."""
         raise NotImplementedError
 
-    def course(self, scores: Sequence[S]) -> Course | None:
+    def course(self, scores: Sequence[S], reading: Reading) -> Course | None:
         """Return the models of several runs in the order of a training; None where runs are compared one by one."""
-        del scores
+        del scores, reading
         return None
 
     def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:

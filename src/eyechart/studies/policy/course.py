@@ -1,10 +1,12 @@
 """The checkpoints of a training side by side: how each channel's share changes, and when a policy stopped looking."""
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 from eyechart.errors import SpecError
+from eyechart.manifest import RunManifest
 from eyechart.records import Plain, plain
 from eyechart.report.table import STATISTIC as STATISTIC_COLUMNS
 from eyechart.report.table import Column, Table, columns, statistic_cells
@@ -16,6 +18,11 @@ from eyechart.verdicts.channels import PolicyVerdict
 
 ALPHA = 0.05
 """Level of the tests of difference, after Holm's correction over the channels of two policies."""
+
+_STEP = re.compile(
+    r"(?<![a-z])(?:step|checkpoint|ckpt|iteration|iter|epoch)s?[ _=:-]*(\d[\d_,]*)(k|m)?(?!\w|\.\d)", re.IGNORECASE
+)
+_THOUSANDS = {"": 1, "k": 1000, "m": 1_000_000}
 
 
 @dataclass(frozen=True)
@@ -92,48 +99,58 @@ class Course:
         found = {"replicated": self.replicated, "policies": [one.as_dict() for one in self.checkpoints]}
         return {**found, "changes": changes, "says": list(self.says())}
 
-    def printed(self) -> Iterator[Table | str]:
-        """Yield the shares of every checkpoint, what changed, and sentences."""
-        names = list(dict.fromkeys(name for one in self.checkpoints for name in one.verdict.channels))
+    @property
+    def stepped(self) -> bool:
+        """Return whether every policy says how far its training had come, and not all the same."""
+        return None not in (steps := {one.step for one in self.checkpoints}) and len(steps) > 1
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Return the channels of which any policy has a share."""
+        return tuple(dict.fromkeys(name for one in self.checkpoints for name in one.verdict.channels))
+
+    def tables(self) -> list[Table]:
+        """Return the shares of every checkpoint, and what changed from each to the next."""
         rows = [
             (
                 one.policy.model,
                 one.step,
                 mark(one.labels["camera"]),
-                *(one.verdict.channels.get(name) for name in names),
+                *(one.verdict.channels.get(name) for name in self.channels),
             )
             for one in self.checkpoints
         ]
         head = (Column("policy", "word"), Column("step", "count"), Column("camera", "word"))
+        shares = columns("estimate", *self.channels)
         note = "the share of its own variation that goes with each channel; 98 % intervals"
-        yield Table(
-            "course", "each channel's share, in order", (*head, *columns("estimate", *names)), tuple(rows), note
+        named = (*(Column(name, "word") for name in ("from", "to", "channel")), *STATISTIC_COLUMNS, Column("Holm", "p"))
+        changed = tuple(
+            (one.before, one.after, name, *statistic_cells(apart), one.holm[name])
+            for one in self.changes
+            for name, apart in one.channels.items()
         )
-        yield Table(
-            "changes",
-            "how much larger each share is than before",
-            (
-                Column("from", "word"),
-                Column("to", "word"),
-                Column("channel", "word"),
-                *STATISTIC_COLUMNS,
-                Column("Holm", "p"),
-            ),
-            tuple(
-                (one.before, one.after, name, *statistic_cells(apart), one.holm[name])
-                for one in self.changes
-                for name, apart in one.channels.items()
-            ),
-        )
+        return [
+            Table("course", "each channel's share, in order", (*head, *shares), tuple(rows), note),
+            Table("changes", "how much larger each share is than before", named, changed),
+        ]
+
+    def printed(self) -> Iterator[Table | str]:
+        """Yield the tables, and sentences."""
+        yield from self.tables()
         yield from self.says()
 
 
-def course_of(scores: Sequence[PolicyScore]) -> Course:
+def course_of(scores: Sequence[PolicyScore], given: Mapping[str, int] | None = None) -> Course:
     """Return the policies of runs on one bank in the order of their steps; as they were asked where one has none.
 
-    Raises SpecError where there are fewer than two, or they were not asked about the same frames.
+    A step is ``given`` by SPEC, else declared (``step``), else read from the version that a policy declares of itself
+    ("step 20000", "checkpoint-020000", "ckpt_20k"). Raises SpecError where there are fewer than two policies, they were
+    not asked about the same frames, or a step is given to a policy that is none of them.
     """
-    found = [one for score in scores for one in _checkpoints(score)]
+    found = [one for score in scores for one in _checkpoints(score, given or {})]
+    asked = {one.policy.model for one in found}
+    if unknown := [spec for spec in given or {} if spec not in asked]:
+        raise SpecError(f"--step names '{unknown[0]}', and these runs asked {', '.join(sorted(asked))}")
     if len(found) < 2:
         raise SpecError("there is one policy, and nothing to compare it with; give a second run, or run several")
     first = found[0].policy.motions.plan
@@ -147,11 +164,42 @@ def course_of(scores: Sequence[PolicyScore]) -> Course:
     return Course(tuple(found), tuple(_change(*two) for two in pairwise(found)))
 
 
-def _checkpoints(score: PolicyScore) -> Iterator[Checkpoint]:
+def training_of(scores: Sequence[PolicyScore], given: Mapping[str, int]) -> Course | None:
+    """Return the course of the policies of a report where they are checkpoints of a training; None where they are not.
+
+    They are where each has a step and was asked about the same frames. Raises SpecError where steps are ``given`` and
+    they are none.
+    """
+    try:
+        found = course_of(scores, given)
+    except SpecError:
+        if given:
+            raise
+        return None
+    if given and not found.stepped:
+        without = [one.policy.model for one in found.checkpoints if one.step is None]
+        lacking = f"{', '.join(without)}: no step" if without else "all policies it is one"
+        raise SpecError(f"--step gives no order, since of {lacking}; give --step SPEC=N for each")
+    return found if found.stepped else None
+
+
+def step_of(manifest: RunManifest, spec: str, given: Mapping[str, int]) -> int | None:
+    """Return how far a policy's training had come: as given, as it declares, or as its declared version says."""
+    facts, version = manifest.facts.get(spec, {}), manifest.models[spec]
+    if spec in given:
+        return given[spec]
+    if (said := facts.get("step", "")).isdecimal():
+        return int(said)
+    if (read := _STEP.search(version)) is None:
+        return None
+    number, thousands = read.groups("")
+    return int(re.sub("[_,]", "", number)) * _THOUSANDS[thousands.lower()]
+
+
+def _checkpoints(score: PolicyScore, given: Mapping[str, int]) -> Iterator[Checkpoint]:
     verdicts = judge(score)
     for spec, one in score.models.items():
-        step = score.manifest.facts.get(spec, {}).get("step")
-        yield Checkpoint(one, verdicts[spec], int(step) if step is not None and step.isdecimal() else None)
+        yield Checkpoint(one, verdicts[spec], step_of(score.manifest, spec, given))
 
 
 def _change(before: Checkpoint, after: Checkpoint) -> Change:

@@ -13,6 +13,7 @@ from eyechart.frames import FrameBank, decode
 from eyechart.report.charts import BLUE, INK, LINE, MUTED, SOFT, VERMILLION, Drawing, canvas, named_rows, style
 from eyechart.report.table import number
 from eyechart.stats.statistic import Statistic
+from eyechart.studies.policy.course import Course
 from eyechart.studies.policy.reading import Floats, Motions
 from eyechart.studies.policy.scoring import OnePolicy
 from eyechart.verdicts.channels import IGNORED, USED, ignored, used
@@ -62,6 +63,73 @@ def _interval(axes: Axes, y: int, one: Statistic, colour: str) -> None:
         axes.plot(np.clip(one.ci, 0, 4.5), [y, y], color=colour, lw=1.8, solid_capstyle="butt", zorder=2)
     if one.value is not None:
         axes.scatter([np.clip(one.value, 0, 4.5)], [y], s=30, color=colour, zorder=3)
+
+
+def training(course: Course) -> Drawing:
+    """Draw each channel's share against the step of the training, a row each, with the margins that `shares` has."""
+    names, points = course.channels, [(one.step or 0, one.verdict.channels) for one in course.checkpoints]
+    far = max([1.2, *(one.ci[1] for _, each in points for one in each.values() if one.ci is not None)])
+    high = 0.95
+    with style():
+        figure = Figure(figsize=(4.4, 0.55 + high * len(names)))
+        whole = figure.get_size_inches()[1]
+        for row, name in enumerate(names):
+            box = (0.62 / 4.4, (whole - high * (row + 1) + 0.1) / whole, 3.66 / 4.4, (high - 0.3) / whole)
+            axes = figure.add_axes(box)
+            _share_axis(axes, min(4.5, far * 1.05))
+            axes.set_title(name, fontsize=8.5, loc="left", pad=2)
+            _shares_by_step(axes, [(step, each[name]) for step, each in points if name in each])
+            axes.set_xlim(*_around([step for step, _ in points]))
+            axes.set_xticks(*_steps([step for step, _ in points]))
+            axes.tick_params(labelbottom=row == len(names) - 1, labelsize=7.5)
+        axes.set_xlabel("step of the training", fontsize=8.5)
+    told = "; ".join(
+        f"{name} " + ", ".join(f"{number(each[name].value, 2)} at {step}" for step, each in points if name in each)
+        for name in names
+    )
+    title = "When did it stop looking? Each channel's share: blue is used, red ignored (below the dashes), grey open"
+    return Drawing("training", title, f"Shares with 98 % intervals, by step. {told}", figure)
+
+
+def _shares_by_step(axes: Axes, shares: Sequence[tuple[int, Statistic]]) -> None:
+    """Draw a channel's shares, joined, each with its interval and in the colour of what it says."""
+    held = [(step, one) for step, one in shares if one.value is not None]
+    axes.plot([step for step, _ in held], [_on_page(one.value) for _, one in held], color=LINE, lw=1, zorder=1)
+    for step, one in held:
+        colour = BLUE if used(one) else VERMILLION if ignored(one) else MUTED
+        if one.ci is not None:
+            axes.plot([step, step], np.clip(one.ci, 0, 4.5), color=colour, lw=1.8, zorder=2)
+        axes.scatter([step], [_on_page(one.value)], s=22, color=colour, zorder=3, clip_on=False)
+
+
+def _share_axis(axes: Axes, far: float) -> None:
+    """Make the vertical axis one of shares, with the two margins."""
+    axes.set_yscale("function", functions=(np.sqrt, np.square))
+    axes.axhspan(0, USED, color=SOFT, zorder=0)
+    axes.axhline(IGNORED, color=MUTED, linewidth=0.9, linestyle=(0, (4, 3)), zorder=1)
+    axes.set_ylim(0, far)
+    ticks = [tick for tick in (0, 0.1, 0.5, 1, 2, 4) if tick <= far]
+    axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
+
+
+def _on_page(value: float | None) -> float:
+    return float(np.clip(0.0 if value is None else value, 0, 4.5))
+
+
+def _around(steps: Sequence[int]) -> tuple[float, float]:
+    """Return limits that leave a margin on both sides of steps."""
+    room = 0.06 * (max(steps) - min(steps) or 1)
+    return min(steps) - room, max(steps) + room
+
+
+def _steps(steps: Sequence[int]) -> tuple[list[int], list[str]]:
+    """Return where steps are marked, none nearer to the last than its words are long, and the words."""
+    kept: list[int] = []
+    for step in sorted(set(steps)):
+        if not kept or step - kept[-1] >= 0.12 * (max(steps) - min(steps)):
+            kept.append(step)
+    words = [f"{step / 1000:g}k" if step >= 1000 and step % 100 == 0 else str(step) for step in kept]
+    return kept, words
 
 
 def moments(spec: str, policy: OnePolicy, pictures: FrameBank | None) -> list[Drawing]:

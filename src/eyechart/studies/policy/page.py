@@ -1,13 +1,14 @@
 """The page of policies: for each what is said of it and why, its shares, two moments; then all numbers."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from eyechart.frames import FrameBank
 from eyechart.report.accounts import costs_table
 from eyechart.report.page import Section, page_of
 from eyechart.report.table import Table
 from eyechart.studies import Made
-from eyechart.studies.policy.figures import moments, shares
+from eyechart.studies.policy.course import training_of
+from eyechart.studies.policy.figures import moments, shares, training
 from eyechart.studies.policy.scoring import PolicyScore, judge
 from eyechart.studies.policy.tables import channel_table, parts_table, statistics_table, verdict_table
 from eyechart.verdicts.channels import CAMERA_LABELS, GUARDS, INSTRUCTION_LABELS, STATE_LABELS, PolicyVerdict
@@ -16,12 +17,19 @@ Shown = tuple[PolicyScore, FrameBank | None]
 """A scored run, and its bank with the pictures where they are at hand."""
 
 
-def made(runs: Sequence[Shown], notes: Sequence[str] = ()) -> Made:
-    """Return the report of runs of policies."""
+def made(runs: Sequence[Shown], notes: Sequence[str] = (), steps: Mapping[str, int] | None = None) -> Made:
+    """Return the report of runs of policies; those of a training with its course, by ``steps`` or as they declare."""
+    course = training_of([score for score, _ in runs], steps or {})
     sections = [section for run in runs for section in _sections(*run)]
+    tables = [table for score, _ in runs for table in _tables(score)]
+    if course is not None:
+        shares, changes = course.tables()
+        intro = "Checkpoints of one training, in the order of their steps: when did it stop looking, or listening?"
+        told = Section("Over the training", intro, [training(course)], [shares, changes], list(course.says()))
+        sections, tables = [told, *sections], [shares, changes, *tables]
     title = ", ".join(dict.fromkeys(score.bank.name for score, _ in runs))
     page = page_of("Does it look, and does it listen?", title, sections, notes)
-    return Made(page, [table for score, _ in runs for table in _tables(score)], page.notes)
+    return Made(page, tables, page.notes)
 
 
 def _tables(score: PolicyScore) -> list[Table]:

@@ -83,10 +83,10 @@ class Policies(OfFrames[PolicyScore]):
         left = {spec: one.motions.planned - one.motions.finished for spec, one in score.models.items()}
         return hold_policies(judge(score), require, left, guards=score.guards, allow_fingerprints=allow_fingerprints)
 
-    def course(self, scores: Sequence[PolicyScore]) -> Course | None:
+    def course(self, scores: Sequence[PolicyScore], reading: Reading) -> Course | None:
         from eyechart.studies.policy.course import course_of
 
-        return course_of(scores)
+        return course_of(scores, reading.steps)
 
     def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:
         from eyechart.studies.battery.subjects import find_pictures
@@ -99,7 +99,7 @@ class Policies(OfFrames[PolicyScore]):
             pictures, about = find_pictures(scored.manifest, scored.bank, run, banks)
             notes += [] if pictures is not None else [f"{run.name}: without pictures, because {about}; give --frames"]
             found.append((scored, pictures))
-        return made(found, notes)
+        return made(found, notes, reading.steps)
 
     def derive(self, run: Packed, reading: Reading, tell: Tell) -> tuple[PolicyScore, Made]:
         from eyechart.studies.policy.page import made
