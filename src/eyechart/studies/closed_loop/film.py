@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -185,7 +186,7 @@ def _write_mp4(out: Path, film: _Film) -> int:
 
     count = 0
     with av.open(str(out), "w", format="mp4") as container:
-        stream = None
+        stream: Any = None
         for page in film.drawn():
             if stream is None:
                 stream = container.add_stream(_codec(av), rate=Fraction(film.fps).limit_denominator(1000))
