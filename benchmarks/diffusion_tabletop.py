@@ -1,4 +1,4 @@
-"""LeRobot's own DiffusionPolicy on the tabletop, asked with one seed for all calls and without: are the verdicts equal?
+"""LeRobot's own DiffusionPolicy on the tabletop, asked with one seed for all calls and without: how verdicts compare.
 
     LEROBOT_PYTHON=/path/to/python make long-diffusion
 
