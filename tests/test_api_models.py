@@ -186,6 +186,35 @@ def test_failures_on_the_way_are_asked_again(bank: FrameBank, tmp_path: Path) ->
     assert missing == [2, 0]
 
 
+def test_callables_that_hold_other_things_are_other_models(bank: FrameBank, tmp_path: Path) -> None:
+    """Partials, closures, objects and lambdas of one file; the same again goes on."""
+
+    def saying(word: str, prompt: str = "", image: bytes | None = None) -> str:
+        del prompt, image
+        return word
+
+    class Says:
+        def __init__(self, word: str) -> None:
+            self.word, self.calls = word, 0
+
+        def __call__(self, prompt: str, image: bytes | None) -> str:
+            del prompt, image
+            self.calls += 1
+            return self.word
+
+    def closing(word: str):  # noqa: ANN202
+        return lambda prompt, image: word  # noqa: ARG005
+
+    for number, make in enumerate((partial(partial, saying), Says, closing)):
+        first, other = make("STOP"), make("SLOW")
+        run = tmp_path / f"run-{number}"
+        rows = run_battery(bank, {"m": first}, run, limit=1, controls="none").rows()
+        assert run_battery(bank, {"m": first}, run, limit=1, controls="none").rows() == rows
+        with pytest.raises(LedgerError, match="two versions in one run cannot be told apart"):
+            run_battery(bank, {"m": other}, run, limit=1, controls="none")
+        assert run_battery(bank, {"m": make("STOP")}, run, limit=1, controls="none").rows() == rows
+
+
 def test_a_loss_is_accepted_where_that_is_said(bank: FrameBank, tmp_path: Path) -> None:
     """An older ledger in the place of the run's: refused in words of arguments, then the lost calls are made anew."""
     run = tmp_path / "run"

@@ -4,6 +4,7 @@ import asyncio
 import csv
 import hashlib
 import json
+import math
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
@@ -238,12 +239,15 @@ def test_missing_cells_repeats_and_failures_are_counted(
     )
     assert {key_of(gone), key_of(blank)}.isdisjoint(replies)
     left = study.questions_left(bank.root, out)
-    assert {(key.frame, key.condition) for key in left.left} == {key_of(gone), key_of(blank)}
+    assert {(key.frame, key.condition) for key in left.left} == {key_of(gone), key_of(failed), key_of(blank)}
+    worse = [{**failed, "error": "away again"}]
+    assert imported(bank.root, json_lines(tmp_path / "worse.jsonl", worse), out, ALL).again == 1
+    assert replies_of(out)[key_of(failed)].error_detail == "away again"
     later = [{**one, "text": "SLOW", "error": "", "finish_reason": "stop"} for one in (gone, failed, blank)]
     more = imported(bank.root, json_lines(tmp_path / "b.jsonl", later), out, ALL)
     assert (more.new, more.again) == (3, 1)
     assert {replies_of(out)[key_of(one)].text for one in later} == {"SLOW"}
-    assert read_manifest(out).facts["elsewhere:vlm"]["imported"].count("SHA-256") == 2
+    assert read_manifest(out).facts["elsewhere:vlm"]["imported"].count("SHA-256") == 3
     assert study.score(out, resamples=120).guards["elsewhere:vlm"][3].holds, "one outcome each, asked again or not"
 
 
@@ -317,6 +321,31 @@ def test_a_row_that_is_no_answer_to_a_call_is_named(
         )
     assert "a.jsonl, row 3" in str(raised.value)
     assert not (tmp_path / "run").exists()
+
+
+def test_what_is_no_number_is_an_empty_cell(
+    bank: FrameBank, noisy: tuple[Path, Path, list[Row]], tmp_path: Path
+) -> None:
+    """As pandas writes a missing one: no words 'nan', no finish reason, no failure."""
+    rows = [{**row, "finish_reason": math.nan, "error": math.nan} for row in noisy[2]]
+    rows[3] |= {"text": math.nan, "prompt_tokens": math.nan}
+    found = imported(bank.root, json_lines(tmp_path / "a.jsonl", rows), tmp_path / "run", ALL)
+    assert (found.new, found.blank, found.errors) == (len(rows) - 1, 1, 0)
+    held = replies_of(tmp_path / "run")
+    assert {reply.finish_reason for reply in held.values()} == {None}
+    assert not [reply for reply in held.values() if "nan" in reply.text]
+
+
+def test_a_table_that_tells_more_of_the_same_answers_is_not_taken_for_the_same(
+    bank: FrameBank, noisy: tuple[Path, Path, list[Row]], tmp_path: Path
+) -> None:
+    """A corrected finish reason is another answer, refused in words; the same table brings nothing new."""
+    rows, out = noisy[2], tmp_path / "run"
+    imported(bank.root, json_lines(tmp_path / "a.jsonl", rows), out, ALL)
+    assert imported(bank.root, json_lines(tmp_path / "a.jsonl", rows), out, ALL).new == 0
+    cut = [{**row, "finish_reason": "length"} for row in rows]
+    with pytest.raises(SourceError, match="has another answer in"):
+        imported(bank.root, json_lines(tmp_path / "b.jsonl", cut), out, ALL)
 
 
 def test_all_faults_are_named_at_once(bank: FrameBank, noisy: tuple[Path, Path, list[Row]], tmp_path: Path) -> None:

@@ -19,6 +19,8 @@ _NUMBERS = tuple(name for name in MOST if name not in {"status", "retry_after_s"
 _WORDS = ("text", "finish_reason", "error", "reasoning", "served", "provider", "system_fingerprint")
 _LABELS = ("finish_reason", "served", "provider", "system_fingerprint")
 """The words that name something, and are one short line."""
+TOLD = (*_NUMBERS, *_LABELS, "reasoning")
+"""The fields of a reply that a row may tell beside its text and its error."""
 _MOST_LABEL = 200
 _KEYS = ("call", "frame", "condition", "repeat")
 ALIASES: Mapping[str, str] = MappingProxyType(
@@ -107,7 +109,7 @@ def _answered(where: str, row: Row) -> Answered:
 
 
 def _repeat(cell: Cell, where: str) -> int:
-    number = read_number(cell, f"{where}: 'repeat'") or 0.0
+    number = read_number(_filled(cell), f"{where}: 'repeat'") or 0.0
     if number != int(number) or not 0 <= number < MOST_REPEATS:
         raise SourceError(f"{where}: 'repeat' is {number:g}, not a whole number from 0 to {MOST_REPEATS - 1}")
     return int(number)
@@ -136,8 +138,13 @@ def made_reply(text: str, told: Mapping[str, object], where: str) -> Reply:
     return reply
 
 
+def _filled(cell: Cell) -> Cell:
+    """Return a cell, or None for what tables of other programs have in an empty one: no number."""
+    return None if isinstance(cell, float) and math.isnan(cell) else cell
+
+
 def _verbatim(cell: Cell, where: str, name: str) -> str:
-    text = "" if cell is None else str(cell)
+    text = "" if (cell := _filled(cell)) is None else str(cell)
     if len(text) > MOST_CELL:
         raise SourceError(f"{where}: '{name}' has {len(text)} characters; the limit is {MOST_CELL}")
     return text
@@ -145,7 +152,7 @@ def _verbatim(cell: Cell, where: str, name: str) -> str:
 
 def _word(cell: Cell, what: str) -> str:
     """Return a cell as a short line of text; raises SourceError, beginning with ``what``, where it is none."""
-    text = "" if cell is None else str(cell).strip()
+    text = "" if (cell := _filled(cell)) is None else str(cell).strip()
     if len(text) > _MOST_LABEL or not text.isprintable():
         raise SourceError(f"{what} is no line of at most {_MOST_LABEL} printable characters")
     return text
@@ -153,9 +160,7 @@ def _word(cell: Cell, what: str) -> str:
 
 def _number(cell: Cell, what: str, name: str) -> float | int | None:
     """Return a cell as a number that a reply can have; raises SourceError, beginning with ``what``, else."""
-    if isinstance(cell, float) and math.isnan(cell):
-        cell = None  # as tables of other programs have an empty cell
-    number = read_number(cell, what)
+    number = read_number(_filled(cell), what)
     if number is None:
         return None
     if not 0 <= number <= MOST[name]:

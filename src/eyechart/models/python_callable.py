@@ -11,12 +11,15 @@ import hashlib
 import inspect
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from types import CodeType, FunctionType, MethodType
+from types import CellType, CodeType, FunctionType, MethodType
+from weakref import WeakKeyDictionary
+
+import numpy as np
 
 from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
@@ -27,6 +30,11 @@ from eyechart.modes import RequestMode, without_secrets
 OPTIONS = {"energy": "true measures this machine's energy during a call, for a model that runs here"}
 
 Ask = Callable[..., object]
+
+_DEPTH = 4
+"""How deep collections are looked into for what a callable holds."""
+_FIRST: WeakKeyDictionary[object, str] = WeakKeyDictionary()
+"""What each callable held when it was first taken."""
 
 LEFT_AT_MOST = 16
 """Calls that were given up and have not returned; while there are so many no further one is begun."""
@@ -132,8 +140,10 @@ def hold(ask: Ask, mode: RequestMode) -> PythonCallable:
     """Return a callable that is at hand as a model; ``mode`` names it, see `name_of`.
 
     Its version is the head of its module's file's digest, as where it is imported by its SPEC; of one that no file
-    holds, as in a notebook, of its own code, in which what it takes from elsewhere has no part. Raises SpecError where
-    it takes other than (prompt, image) or (prompt, images, state).
+    holds, as in a notebook, of its own code, in which what it takes from elsewhere has no part. What a partial, a
+    closure or an object holds is part of it as far as it is text, numbers, arrays and collections of these; of what
+    else it holds, a network say, the type alone: give such models folders of their own. Raises SpecError where it takes
+    other than (prompt, image) or (prompt, images, state).
     """
     require_options(mode, OPTIONS)
     whole = _takes_all(ask, mode.spec.partition(":")[2])
@@ -142,11 +152,14 @@ def hold(ask: Ask, mode: RequestMode) -> PythonCallable:
         file = Path(inspect.getfile(written))
     except (TypeError, OSError):  # of a class that a notebook holds, or that is built in
         file = Path()
-    if file.is_file():
-        digest = hashlib.sha256(file.read_bytes()).hexdigest()
-        return PythonCallable(ask, mode, digest[:12], {"file_sha256": digest}, whole)
-    digest = hashlib.sha256("\n".join(_code(written)).encode()).hexdigest()
-    return PythonCallable(ask, mode, digest[:12], {"code_sha256": digest}, whole)
+    name, content = ("file_sha256", file.read_bytes()) if file.is_file() else ("code_sha256", _source(written))
+    facts = {name: hashlib.sha256(content).hexdigest()}
+    version = facts[name]
+    if held := _held(ask).strip():
+        code = "" if name == "code_sha256" else "\n".join(_code(written))
+        facts["state_sha256"] = hashlib.sha256(f"{held}\n{code}".encode()).hexdigest()
+        version = hashlib.sha256("".join(facts.values()).encode()).hexdigest()
+    return PythonCallable(ask, mode, version[:12], facts, whole)
 
 
 def name_of(ask: Ask) -> str:
@@ -163,6 +176,66 @@ def _written(ask: object) -> FunctionType | type:
     if isinstance(ask, FunctionType):
         ask = inspect.unwrap(ask)
     return ask if isinstance(ask, FunctionType | type) else type(ask)
+
+
+def _source(written: object) -> bytes:
+    return "\n".join(_code(written)).encode()
+
+
+def _held(ask: object) -> str:
+    """Return what a callable held when it was first taken: one that counts its calls stays the same model."""
+    try:
+        return _FIRST[ask] if ask in _FIRST else _FIRST.setdefault(ask, "\n".join(_state(ask)))
+    except TypeError:  # of a class with slots, or without a hash
+        return "\n".join(_state(ask))
+
+
+def _state(ask: object) -> Iterator[str]:
+    """Yield what a callable holds beside its code: a partial, a method, a closure, a lambda or an object."""
+    if isinstance(ask, partial):
+        yield from _values(ask.args)
+        yield from _values(ask.keywords)
+        yield _held(ask.func)
+    elif isinstance(ask, MethodType):
+        yield _held(ask.__self__)
+        yield _held(ask.__func__)
+    elif isinstance(ask, FunctionType):
+        yield from _values([cell.cell_contents for cell in ask.__closure__ or () if _is_full(cell)])
+        if ask.__name__ == "<lambda>":  # a file holds many
+            yield from _code(ask)
+            yield from _values(ask.__defaults__ or ())
+    elif not isinstance(ask, type):
+        try:
+            yield from _values(vars(ask))
+        except TypeError:  # a class with slots
+            yield type(ask).__qualname__
+
+
+def _is_full(cell: CellType) -> bool:
+    try:
+        return cell.cell_contents is not _state
+    except ValueError:  # a variable that has no value yet
+        return False
+
+
+def _values(value: object, depth: int = 0) -> Iterator[str]:
+    """Yield values that are the same in every process; of others the type."""
+    if value is None or isinstance(value, str | int | float | complex | bytes):
+        yield repr(value)
+    elif isinstance(value, np.ndarray) and not value.dtype.hasobject:
+        yield f"{value.dtype} {value.shape} {hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()}"
+    elif isinstance(value, Mapping | Sequence | frozenset | set) and depth < _DEPTH:
+        inside = value.items() if isinstance(value, Mapping) else value
+        if not isinstance(value, Sequence):
+            inside = sorted(inside, key=repr)
+        for one in inside:
+            yield from _values(one, depth + 1)
+    elif isinstance(value, FunctionType):
+        yield from _code(value)
+    elif isinstance(value, MethodType | partial):
+        yield _held(value)
+    else:
+        yield type(value).__qualname__
 
 
 def _code(written: object) -> Iterator[str]:

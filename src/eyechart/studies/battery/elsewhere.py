@@ -11,6 +11,7 @@ from pathlib import Path
 from eyechart.calls import CallKey, Reply, bounded
 from eyechart.errors import LedgerError, SourceError, SpecError, printable, why
 from eyechart.importing import LOGS, Answered, Faults, open_log, read_answer_table
+from eyechart.importing.answers import TOLD
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, alone_in, is_run, read_manifest, today, write_run
 from eyechart.models.faults import is_of_the_road
@@ -203,7 +204,7 @@ class _Check:
         if key is None:
             raise SourceError(f"{one.where}: {self._why_unknown(one)}")
         for name, told in (("frame", one.frame), ("condition", one.condition)):
-            if told is not None and told != getattr(key, name):
+            if told is not None and getattr(key, name) not in {told, told.removeprefix("'")}:
                 raise SourceError(f"{one.where} has {name} '{told}', and its call is about {getattr(key, name)!r}")
         if one.request_sha256 is not None and one.request_sha256 != self.requests.digest(key):
             raise SourceError(
@@ -233,7 +234,7 @@ class _Check:
         if held == _digest(reply):
             self.brought.there += 1
             return None
-        if held and not (again and reply.error is None):
+        if held and not again:
             raise SourceError(
                 f"{one.where}: frame '{key.frame}' under {key.condition} has another answer in {self.battery.out} "
                 "already; give another --out for other answers"
@@ -245,7 +246,9 @@ class _Check:
 
 
 def _digest(reply: Reply) -> str:
-    return hashlib.sha256(repr((reply.text, reply.error, reply.error_detail)).encode("utf-8", "replace")).hexdigest()
+    """Return the digest of all that a row tells of a reply."""
+    told = (reply.text, reply.error, reply.error_detail, *(getattr(reply, name) for name in TOLD))
+    return hashlib.sha256(repr(told).encode("utf-8", "replace")).hexdigest()
 
 
 def _cleaned(reply: Reply) -> Reply:

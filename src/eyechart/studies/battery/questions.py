@@ -21,6 +21,7 @@ from eyechart.errors import LedgerError, OutputError, SpecError, why
 from eyechart.frames import MAIN, media_type
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, asked_of, read_run
+from eyechart.models.faults import is_of_the_road
 from eyechart.modes import ELSEWHERE
 from eyechart.report.table import no_formula
 from eyechart.run import Plan, in_order
@@ -117,7 +118,9 @@ def questions_of(bank: Path, asking: Asking, model: str | None = None) -> Questi
 
 
 def questions_left(bank: Path, run: Path, model: str | None = None) -> Questions:
-    """Return the calls of a run that have no final reply, the controls that its answers call for among them.
+    """Return the calls of a run that have no answer, the controls that its answers call for among them.
+
+    A call whose final reply is a failure of the road has none.
 
     ``model`` is one of the run's, which need not be named where there is one. Raises SpecError for another,
     LedgerError or BankError where the folder is no battery or the bank another.
@@ -133,9 +136,10 @@ def questions_left(bank: Path, run: Path, model: str | None = None) -> Questions
         raise LedgerError(f"{run} was made on another bank than {bank}: give its own")
     whole = plan_of(manifest, pictures)
     with Ledger(run / LEDGER) as ledger:
-        finished, stages = ledger.finished(), stages_of(manifest, whole, ledger)
+        answered = ledger.finished() - {key for key, reply in ledger.replies(spec) if is_of_the_road(reply)}
+        stages = stages_of(manifest, whole, ledger)
     one = replace(staged(whole, stages), models=(spec,))
-    left = in_order((key for key in one.keys_of(spec) if key not in finished), one.seed)
+    left = in_order((key for key in one.keys_of(spec) if key not in answered), one.seed)
     return Questions(one, manifest, tuple(left), {})
 
 
