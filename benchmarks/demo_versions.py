@@ -60,13 +60,16 @@ def write(versions: tuple[str, str], pairs: Mapping[str, Mapping[str, Took]]) ->
         "date": dt.datetime.now(dt.UTC).date().isoformat(),
         "seeds": pairs,
         "ratios": ratios,
+        "n": len(ratios),
         "median_ratio": round(statistics.median(ratios.values()), 3),
+        "range": [min(ratios.values()), max(ratios.values())],
         "bound": BOUND,
         "right": [right, verdicts],
         "load at the end": [round(one, 1) for one in os.getloadavg()],
     }
     RESULT.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    print(f"median {found['median_ratio']}× of {len(ratios)} pairs; {right} of {verdicts} verdicts right", flush=True)
+    told = f"median {found['median_ratio']}× of {found['n']} pairs (range {found['range'][0]} to {found['range'][1]})"
+    print(f"{told}; {right} of {verdicts} verdicts right", flush=True)
     return int(found["median_ratio"] > BOUND or right < verdicts)
 
 

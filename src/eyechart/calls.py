@@ -119,7 +119,8 @@ class Query:
             *_bound(self.schema),
             *([b"state" + json.dumps(state, sort_keys=True).encode()] if state else []),
         ):
-            digest.update(len(part).to_bytes(8, "big") + part)
+            digest.update(len(part).to_bytes(8, "big"))
+            digest.update(part)
         return digest.hexdigest()
 
     def _pictured(self) -> bytes:

@@ -26,7 +26,7 @@ from eyechart.studies.battery.calibrated import Calibrated
 from eyechart.studies.battery.controls import DEPTH_TESTS, TURN_TESTS
 from eyechart.studies.battery.planning import STUDY, plan_of
 from eyechart.studies.battery.published import Published, Resampling
-from eyechart.studies.battery.stages import Asked, staged, stages_of, widest
+from eyechart.studies.battery.stages import Asked, asked_of_model, staged, stages_of, supplied, widest
 from eyechart.studies.battery.stopping import Course, EarlyStop
 from eyechart.verdicts import Evidence, Stopped
 
@@ -218,13 +218,13 @@ def score_run(
     how = Resampling(resamples=resamples, seed=manifest.seed)
     plan, told = plan_of(manifest, bank), bool(manifest.prompt.fields)
     with Ledger(ledger_path) as ledger:
-        asked = stages_of(manifest, plan, ledger)
+        may, asked, answers = supplied(manifest, plan), dict[str, Asked](), dict[str, Answers]()
+        for spec in manifest.models:
+            replies = list(ledger.replies(spec))
+            asked[spec] = asked_of_model(plan, spec, replies, may)
+            reading = replace(plan, controls={spec: may if manifest.stop_early else asked[spec].controls})
+            answers[spec] = read_answers(spec, replies, reading, independent=independent, told=told)
         wide, plan = widest(manifest, plan), staged(plan, asked)
-        reading = wide if manifest.stop_early else plan
-        answers = {
-            spec: read_answers(spec, ledger.replies(spec), reading, independent=independent, told=told)
-            for spec in manifest.models
-        }
         courses = EarlyStop(wide, ledger).courses if manifest.stop_early else {}
         finished = ledger.finished() if courses else set()
         spent, kept = _took(ledger, manifest, plan, read_prices(), courses)

@@ -56,8 +56,13 @@ def widest(manifest: RunManifest, plan: Plan) -> Plan:
     return replace(plan, controls={spec: may for spec in plan.models if may})
 
 
-def asked_of_model(plan: Plan, model: str, replies: Iterable[tuple[CallKey, Reply]], may: Sequence[str]) -> Asked:
-    """Return the controls that a model is asked, out of those that it ``may`` be, after what it replied."""
+def asked_of_model(
+    plan: Plan, model: str, replies: Iterable[tuple[CallKey, Reply]], may: Sequence[str], begun: Sequence[str] = ()
+) -> Asked:
+    """Return the controls that a model is asked, out of those that it ``may`` be, after what it replied.
+
+    ``begun`` are those that its finished answers have called for already: they are not derived again.
+    """
     if not may:
         return Asked(ended=True)
     given = list(replies)
@@ -70,7 +75,7 @@ def asked_of_model(plan: Plan, model: str, replies: Iterable[tuple[CallKey, Repl
         told=bool(plan.prompt.fields),
     )
     judged: tuple[str, ...] = ()
-    wanted: tuple[str, ...] = ()
+    wanted = tuple(begun)
     while finished.issuperset(replace(plan, controls={model: (*judged, *wanted)}).keys_of(model)):
         judged = (*judged, *wanted)
         part, sure = answers.under((*plan.conditions, *judged)), plan.bank.manifest.independent
@@ -122,7 +127,7 @@ class InStages:
             return []
         before = self._controls.get(model, ())
         replies = list(self._ledger.replies(model))
-        now = asked_of_model(self._whole, model, replies, self._may).controls
+        now = asked_of_model(self._whole, model, replies, self._may, before).controls
         fresh = tuple(name for name in now if name not in before)
         if not fresh:
             return []
