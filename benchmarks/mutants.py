@@ -1,14 +1,15 @@
 """How many small faults, put into the code one at a time, the tests notice: mutmut over the rooms that decide.
 
     make mutants
-    python benchmarks/mutants.py --rooms stats,mpc --minutes 60
+    python benchmarks/mutants.py --rooms stats,mpc --minutes 60 --sample 150
 
-All mutants of ``verdicts/``, and a seeded sample of 300 of ``stats/``, of the guardian's fitting and of the
-controller. The work lies in ``build/mutants``: results stay there, so that an interrupted run goes on where it stopped;
-of a function that changed, mutmut forgets them. A mutant that no test can tell apart is listed in
+Rooms are tested in the order given. All mutants of ``verdicts/``, and a seeded sample of 300 of ``stats/``, of the
+guardian's fitting and of the controller; with ``--sample`` at most so many of these, a seeded sample again, and the
+result says how many. The work lies in ``build/mutants``: results stay there, so that an interrupted run goes on where
+it stopped; of a function that changed, mutmut forgets them. A mutant that no test can tell apart is listed in
 ``benchmarks/equivalent_mutants.toml`` by its module, the line it takes out and the line it puts in, with the reason; it
-counts nowhere. Writes
-``benchmarks/results/mutants.json``; exit 1 where a room that was tested whole is below its share.
+counts nowhere. Writes ``benchmarks/results/mutants.json``; exit 1 where a room that was tested whole is below its
+share.
 """
 
 import argparse
@@ -82,10 +83,12 @@ def outcomes() -> dict[str, int | None]:
     return found
 
 
-def chosen(names: Sequence[str], room: Room) -> list[str]:
-    """Return the mutants of a room that are tested."""
+def chosen(names: Sequence[str], room: Room, most: int | None = None) -> list[str]:
+    """Return the mutants of a room that are tested, at most so many: a seeded sample of those that would be."""
     own = sorted(name for name in names if name.startswith(room.prefixes))
-    return own if room.whole or len(own) <= SAMPLE else sorted(random.Random(SEED).sample(own, SAMPLE))  # noqa: S311
+    if not room.whole and len(own) > SAMPLE:
+        own = sorted(random.Random(SEED).sample(own, SAMPLE))  # noqa: S311
+    return own if most is None or len(own) <= most else sorted(random.Random(SEED).sample(own, most))  # noqa: S311
 
 
 def run(names: Sequence[str], children: int, seconds: float) -> int:
@@ -115,10 +118,13 @@ def module_of(name: str) -> str:
 
 
 def summary(
-    room: Room, found: Mapping[str, int | None], equivalent: Mapping[tuple[str, str, str], str]
+    room: Room,
+    found: Mapping[str, int | None],
+    equivalent: Mapping[tuple[str, str, str], str],
+    most: int | None = None,
 ) -> dict[str, object]:
     """Return a room's share with its interval, and which mutants the tests did not notice."""
-    asked = chosen(list(found), room)
+    asked = chosen(list(found), room, most)
     tested = {name: code for name in asked if (code := found[name]) is not None}
     alive = [name for name, code in tested.items() if code == SURVIVED or code in NO_TESTS]
     told = {name: change_of(name) for name in alive}
@@ -143,12 +149,14 @@ def summary(
     }
 
 
-def write(rooms: Sequence[Room], found: Mapping[str, int | None]) -> dict[str, dict[str, object]]:
+def write(
+    rooms: Sequence[Room], found: Mapping[str, int | None], most: int | None = None
+) -> dict[str, dict[str, object]]:
     """Write the result whole or not at all, and return it by room; rooms that were not asked for stay as they are."""
     listed = tomllib.loads(EQUIVALENT.read_text())["mutant"] if EQUIVALENT.exists() else []
     equivalent = {(one["module"], one["out"], one["in"]): one["reason"] for one in listed}
     before = json.loads(RESULT.read_text())["rooms"] if RESULT.exists() else {}
-    result = {**before, **{room.name: summary(room, found, equivalent) for room in rooms}}
+    result = {**before, **{room.name: summary(room, found, equivalent, most) for room in rooms}}
     version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
     date = dt.datetime.now(tz=dt.UTC).date().isoformat()
     tool = subprocess.run([str(MUTMUT), "--version"], capture_output=True, text=True, check=True).stdout.strip()
@@ -165,24 +173,27 @@ def main() -> int:
     parser.add_argument("--rooms", default=",".join(room.name for room in ROOMS), help="comma-separated (default: all)")
     parser.add_argument("--minutes", type=float, default=24 * 60, help="stop after so long (default: a day)")
     parser.add_argument("--children", type=int, default=2, help="mutants tested at once (default: 2)")
+    parser.add_argument("--sample", type=int, help="at most so many mutants a room (default: those said above)")
     parser.add_argument("--again", action="store_true", help="test those once more that the tests did not notice")
     given = parser.parse_args()
-    rooms = [room for room in ROOMS if room.name in given.rooms.split(",")]
+    by_name = {room.name: room for room in ROOMS}
+    rooms = [by_name[name] for name in given.rooms.split(",")]
     until = time.monotonic() + 60 * given.minutes
     copy()
     if run([FEW], given.children, until - time.monotonic()):  # makes all mutants, and maps tests to them
         print((WORK / "log.txt").read_text()[-3000:])
         return 2
-    found = outcomes()
     tests = json.loads((WORK / "mutants" / "mutmut-stats.json").read_text())["tests_by_mangled_function_name"]
-    wanted = [name for room in rooms for name in chosen(list(found), room)]
-    left = [name for name in wanted if found[name] is None or (given.again and found[name] == SURVIVED)]
-    reached = [name for name in left if tests.get(name.rpartition("__mutmut_")[0])]
-    if reached:
-        print(f"{len(reached)} mutants to test", flush=True)
-        run(reached, given.children, until - time.monotonic())
-    found = outcomes() | dict.fromkeys(set(left) - set(reached), NO_TESTS[0])
-    result = write(rooms, found)
+    result: dict[str, dict[str, object]] = {}
+    for room in rooms:
+        found = outcomes()
+        wanted = chosen(list(found), room, given.sample)
+        left = [name for name in wanted if found[name] is None or (given.again and found[name] == SURVIVED)]
+        reached = [name for name in left if tests.get(name.rpartition("__mutmut_")[0])]
+        if reached:
+            print(f"{room.name}: {len(reached)} mutants to test", flush=True)
+            run(reached, given.children, until - time.monotonic())
+        result = write([room], outcomes() | dict.fromkeys(set(left) - set(reached), NO_TESTS[0]), given.sample)
     below = False
     for room in rooms:
         one = result[room.name]

@@ -145,3 +145,23 @@ def test_a_gap_of_minus_infinity_is_refused() -> None:
     """The error says which gap."""
     with pytest.raises(ValueError, match="gap number 1 is -inf"):
         association.quantile_bins([1.0, -math.inf])
+
+
+def test_many_tables_at_once_are_each_what_one_alone_is() -> None:
+    """Of different shapes inside one stack: empty rows, empty columns, single counts, one row left, nothing."""
+    tables = np.array(
+        [
+            [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+            [[5, 1, 0], [2, 6, 0], [0, 0, 0]],
+            [[5, 0, 1], [2, 0, 6], [3, 0, 3]],
+            [[1, 4, 2], [0, 0, 0], [3, 1, 1]],
+            [[1, 4, 2], [0, 0, 0], [0, 0, 0]],
+            [[1, 0, 0], [4, 0, 0], [2, 0, 0]],
+            [[0, 0, 0], [0, 0, 0], [0, 0, 0]],
+        ],
+        dtype=np.float64,
+    )
+    alone = [association.cramers_v(table.astype(np.int64), correction=False).value for table in tables]
+    assert alone[-1] is None
+    assert association.cramers_v_of_tables(tables).tolist()[:-1] == pytest.approx(alone[:-1])
+    assert np.isnan(association.cramers_v_of_tables(tables)[-1])

@@ -206,3 +206,11 @@ def test_the_curve_ends_with_all_that_was_answered() -> None:
     said = answers(votes, 0, voters=4, threshold=2, point="two_way")
     curve = list(risk_coverage(votes, said, truth, voters=4))
     assert [(one.margin, one.answered, one.wrong) for one in curve] == [(4, 2, 0), (2, 4, 0), (0, 6, 1)]
+
+
+def test_no_frames_are_counted_as_nothing() -> None:
+    """Of three models without a frame every committee of two has its row, and no vote in it."""
+    found = tally(np.zeros((3, 0, 2), np.int8), np.zeros(0, np.bool_), np.zeros(0, np.int64), size=2)
+    assert found.committees.tolist() == [[0, 1], [0, 2], [1, 2]]
+    assert (found.voters, found.counts.shape, int(found.counts.sum())) == (4, (3, 1, 2, 5), 0)
+    assert found.hazard_votes.tolist() == [[0], [0], [0]]

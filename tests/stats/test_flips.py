@@ -111,3 +111,38 @@ def test_nothing_that_was_moved_cannot_be_followed() -> None:
     assert follow([1, 2], [0, 0], [0, 1], seed=0).value is None
     with pytest.raises(ValueError, match="2 gains, 1 full"):
         follow([1, 2], [1], [0, 1], seed=0)
+
+
+def test_so_many_episodes_are_enumerated_and_one_more_is_drawn() -> None:
+    """Up to 14 episodes p is exact, 2 to the power of minus their number; of more, 9999 patterns are drawn."""
+    exact = follow(np.ones(14), np.full(14, 2.0), np.arange(14), seed=0)
+    assert exact.detail == {"episodes": 14, "smallest_p": 2**-14}
+    assert exact.p == 2**-14
+    drawn = follow(np.ones(15), np.full(15, 2.0), np.arange(15), seed=0)
+    assert drawn.detail == {"episodes": 15, "smallest_p": 1 / 10_000}
+    assert drawn.p is not None
+    assert 1 / 10_000 <= drawn.p <= 8 / 10_000
+    pairs = sign_flip_test(np.ones(14), np.zeros(14), seed=0)
+    assert (pairs.p, pairs.method.endswith("all 16384 patterns")) == (2**-13, True)
+    assert sign_flip_test(np.ones(15), np.zeros(15), seed=0).method.endswith("B=5000")
+
+
+def test_drawn_patterns_agree_with_all_of_them() -> None:
+    """Of 16 episodes, all 65 536 patterns enumerated here by hand."""
+    gains = np.random.default_rng(2).normal(0.4, 1, 16)
+    signs = 1 - 2 * ((np.arange(2**16)[:, None] >> np.arange(16)) & 1)
+    everything = float(np.mean(signs @ gains >= gains.sum() - 1e-9))
+    found = follow(gains, np.ones(16), np.arange(16), seed=3)
+    assert found.p == pytest.approx(everything, abs=0.02)
+    assert 0.01 < everything < 0.5
+
+
+def test_the_interval_leaves_each_episode_out() -> None:
+    """Three episodes, by hand: shares without each, their jackknife error, and Student's quantile at .99."""
+    gains, full = np.array([1.0, 2.0, 4.0]), np.array([2.0, 3.0, 5.0])
+    left = np.array([6 / 8, 5 / 7, 3 / 5])
+    error = np.sqrt(2 / 3 * ((left - left.mean()) ** 2).sum())
+    half = stats.t.ppf(0.99, 2) * error
+    found = follow(gains, full, ["a", "b", "c"], seed=0)
+    assert found.value == pytest.approx(0.7)
+    assert found.ci == pytest.approx((0.7 - half, 0.7 + half))

@@ -28,7 +28,7 @@ def pearson_p(r: float, n: int, *, level: float = 0.95) -> Statistic:
     if n < 3:
         return Statistic(r, n, method=method, note="three pairs are needed for a test")
     if abs(r) == 1:
-        return Statistic(r, n, p=0.0 if n > 2 else None, method=method)
+        return Statistic(r, n, p=0.0, method=method)
     from scipy import special  # noqa: PLC0415 - slow to import
 
     t = abs(r) * math.sqrt((n - 2) / (1 - r * r))

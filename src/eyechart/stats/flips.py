@@ -54,7 +54,7 @@ def sign_flip_test(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, re
     else:
         rng, k = np.random.default_rng(seed), 0
         for rows in chunks(resamples, len(moved)):
-            signs = rng.integers(0, 2, size=(rows.stop - rows.start, len(moved))) * 2.0 - 1.0
+            signs = rng.integers(2, size=(rows.stop - rows.start, len(moved))) * 2.0 - 1.0
             k += int(np.count_nonzero(np.abs(signs @ moved) >= observed))
         p, how = (k + 1) / (resamples + 1), f"B={resamples}"
     return Statistic(value, len(a), p=p, method=f"{method}, {how}", detail=detail)
@@ -100,7 +100,7 @@ def _above(values: Floats, seed: int, resamples: int = 9999) -> tuple[float, flo
         return float(np.mean(signs @ values >= observed)), 2.0 ** -len(values)
     rng, k = np.random.default_rng(seed), 0
     for rows in chunks(resamples, len(values)):
-        signs = rng.integers(0, 2, size=(rows.stop - rows.start, len(values))) * 2.0 - 1.0
+        signs = rng.integers(2, size=(rows.stop - rows.start, len(values))) * 2.0 - 1.0
         k += int(np.count_nonzero(signs @ values >= observed))
     return (k + 1) / (resamples + 1), 1 / (resamples + 1)
 

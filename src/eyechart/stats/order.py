@@ -65,8 +65,6 @@ def _rises(levels: Floats, widths: list[int]) -> list[Floats]:
     sums = np.concatenate((np.zeros((len(levels), 1)), np.cumsum(levels, axis=1)), axis=1)
     found = []
     for width in widths:
-        if 2 * width > levels.shape[1]:
-            continue
         windows = sums[:, width:] - sums[:, :-width]
         found.append((windows[:, width:] - windows[:, :-width]) / np.sqrt(2 * width))
     return found
