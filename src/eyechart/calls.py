@@ -5,6 +5,7 @@ import json
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from operator import attrgetter
 from types import MappingProxyType
 from typing import Literal, NamedTuple, get_args, get_type_hints
 
@@ -254,24 +255,24 @@ MOST: Mapping[str, float] = MappingProxyType(
 )
 """What each number of a Reply may be at most; at least, 0. One beyond was not measured: it counts as not reported."""
 _KINDS = {
-    name: kind | int if kind == float | None else kind
+    name: get_args(kind | int if kind == float | None else kind) or (kind,)
     for name, kind in get_type_hints(Reply).items()
     if name != "error"
 }
+_numbers, _values = attrgetter(*MOST), attrgetter(*_KINDS)
 
 
 def bounded(reply: Reply) -> Reply:
     """Return a reply without the numbers that nobody can have measured: none, infinite, negative, or beyond `MOST`."""
-    numbers = ((name, getattr(reply, name), most) for name, most in MOST.items())
-    wrong = [name for name, one, most in numbers if isinstance(one, int | float) and not 0 <= one <= most]
+    numbers = zip(MOST.items(), _numbers(reply), strict=True)
+    wrong = [name for (name, most), one in numbers if isinstance(one, (int, float)) and not 0 <= one <= most]
     return replace(reply, **dict.fromkeys(wrong)) if wrong else reply  # type: ignore[arg-type]
 
 
 def misfit(reply: Reply) -> str | None:
     """Return in words what of a reply is not of its field's type, so that no ledger can hold it, or None."""
-    for name, kind in _KINDS.items():
-        value = getattr(reply, name)
-        if not isinstance(value, kind):
+    for (name, kinds), value in zip(_KINDS.items(), _values(reply), strict=True):
+        if not isinstance(value, kinds):
             return f"its {name} is a {type(value).__name__}"
     if reply.error is not None and reply.error not in get_args(ErrorKind):
         return f"its error is none of {', '.join(get_args(ErrorKind))}"

@@ -85,7 +85,7 @@ def decode(picture: bytes, name: str) -> RGB:
     Raises BankError, naming the picture, if it is no picture, is truncated, or has more than 25 megapixels.
     """
     with opened(picture, name, _FORMATS) as found:
-        return np.asarray(found.convert("RGB"), dtype=np.uint8)
+        return np.asarray(found if found.mode == "RGB" else found.convert("RGB"), dtype=np.uint8)
 
 
 @contextmanager

@@ -5,6 +5,7 @@ import shutil
 import sqlite3
 import tempfile
 from contextlib import ExitStack, suppress
+from operator import methodcaller
 from pathlib import Path
 
 _COPIES = 20
@@ -39,13 +40,9 @@ def connect(path: Path, mode: str) -> sqlite3.Connection:
     Of a text that is no Unicode, which only damage makes, the bytes come as escapes.
     """
     sql = sqlite3.connect(f"{path.absolute().as_uri()}?{mode}", isolation_level=None, uri=True)
-    sql.text_factory = _decoded
+    sql.text_factory = methodcaller("decode", "utf-8", "backslashreplace")  # of every text that is read
     sql.execute("PRAGMA trusted_schema = OFF")
     return sql
-
-
-def _decoded(text: bytes) -> str:
-    return text.decode("utf-8", "backslashreplace")
 
 
 def _head(log: Path) -> bytes | None:

@@ -5,6 +5,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from importlib import import_module
+from operator import attrgetter
 from typing import Any, Protocol
 
 from eyechart.calls import Query, Reply, bounded, misfit
@@ -103,11 +104,12 @@ async def ask(model: Model, query: Query) -> Reply:
 
 
 _FIELDS = tuple(one.name for one in fields(Reply))
+_values = attrgetter(*_FIELDS)
 
 
 def _cleaned(reply: Reply) -> Reply:
     """Return a reply none of whose texts holds the value of a variable of the environment that is a key by its name."""
-    texts = {name: text for name in _FIELDS if isinstance(text := getattr(reply, name), str)}
+    texts = {name: text for name, text in zip(_FIELDS, _values(reply), strict=True) if text and isinstance(text, str)}
     found: dict[str, Any] = each_without_secrets(texts)
     return replace(reply, **found) if found != texts else reply
 
