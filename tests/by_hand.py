@@ -9,6 +9,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import replace
 
+from eyechart.conditions import CONTROLS
 from eyechart.integrity import Guard
 from eyechart.stats.agreement import SwapRate
 from eyechart.stats.paired import Curve, Discordant, Dose, Part, Parts, SignTest
@@ -325,6 +326,17 @@ def cases() -> dict[str, Evidence]:
             moved(mirror_swap_rate=SwapRate(0.0, 20, (0.0, 0.2), 1.0, chance=0.5)), directions={"LEFT": 20, "RIGHT": 0}
         ),
         "no gap": evidence(whole, gap=False),
+        "turns within a lane not known": evidence(moved(**swapped, **sided | {"turns_clear_within": SILENT})),
+        "an exchange that was asked in vain": evidence(
+            moved(lane_exchange=SILENT, lane_net=SILENT), replies={**ASKED, **dict.fromkeys(CONTROLS, {"refused": 144})}
+        ),
+        "an exchange that was not drawn": evidence(
+            moved(lane_exchange=SILENT, lane_net=SILENT), absent=("lane_own", "lane_beside")
+        ),
+        "a dose that was drawn in part": evidence(moved(dose_mid=SILENT), absent=("lead_mid_far",)),
+        "watched, nothing moved": evidence(
+            nothing_known() | {"depth_observational": p(LOW)}, replies={"real": {"decision": 144}}, absent=("lead_far",)
+        ),
         "paper: nothing depends": evidence(whole, holm={"cramers_v": 0.4, "cramers_v.decision": LOW}),
     }
 
