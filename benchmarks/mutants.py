@@ -13,7 +13,9 @@ share.
 """
 
 import argparse
+import ast
 import datetime as dt
+import difflib
 import json
 import os
 import random
@@ -24,6 +26,7 @@ import sys
 import time
 import tomllib
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -104,11 +107,23 @@ def run(names: Sequence[str], children: int, seconds: float) -> int:
             return 0
 
 
+@lru_cache(maxsize=64)
+def functions_of(module: str) -> Mapping[str, Sequence[str]]:
+    """Return the lines of each function of a mutated module by its name there, stripped, without its `def`."""
+    path = WORK / "mutants" / "src" / Path(*module.split("."))
+    path = path.with_suffix(".py") if path.with_suffix(".py").exists() else path / "__init__.py"
+    text = path.read_text(encoding="utf-8")
+    lines = [line.strip() for line in text.splitlines()]
+    kinds = (ast.FunctionDef, ast.AsyncFunctionDef)
+    return {one.name: lines[one.lineno : one.end_lineno] for one in ast.walk(ast.parse(text)) if isinstance(one, kinds)}
+
+
 def change_of(name: str) -> tuple[str, str]:
     """Return the lines that a mutant takes out and puts in."""
-    shown = subprocess.run([str(MUTMUT), "show", name], cwd=WORK, capture_output=True, text=True, check=False).stdout
-    body = [line for line in shown.splitlines() if not line.startswith(("---", "+++", "#"))]
-    parts = ("\n".join(line[1:].strip() for line in body if line.startswith(sign)) for sign in "-+")
+    found, own = functions_of(module_of(name)), name.rpartition(".")[2]
+    before, after = found[own.rpartition("__mutmut_")[0] + "__mutmut_orig"], found[own]
+    told = list(difflib.unified_diff(before, after, n=0, lineterm=""))[2:]
+    parts = ("\n".join(line[1:] for line in told if line.startswith(sign)) for sign in "-+")
     return next(parts), next(parts)
 
 

@@ -328,7 +328,8 @@ def cases() -> dict[str, Evidence]:
         "no gap": evidence(whole, gap=False),
         "turns within a lane not known": evidence(moved(**swapped, **sided | {"turns_clear_within": SILENT})),
         "an exchange that was asked in vain": evidence(
-            moved(lane_exchange=SILENT, lane_net=SILENT), replies={**ASKED, **dict.fromkeys(CONTROLS, {"refused": 144})}
+            moved(lane_exchange=SILENT, lane_net=SILENT),
+            replies={**ASKED, **{one: {"refused": 144} for one in CONTROLS}},
         ),
         "an exchange that was not drawn": evidence(
             moved(lane_exchange=SILENT, lane_net=SILENT), absent=("lane_own", "lane_beside")
