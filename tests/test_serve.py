@@ -17,7 +17,9 @@ from eyechart.calls import Query, Reply
 from eyechart.errors import GuardianError
 from eyechart.frames import encode
 from eyechart.guardian import Guardian, interface_of
-from eyechart.serve import ServerLimits, openapi, serve
+from eyechart.serve.described import openapi
+from eyechart.serve.life import serve
+from eyechart.serve.limits import ServerLimits
 from eyechart.studies.guardian import Frozen, write_frozen
 from stand_ins import Held
 from voters import gap_of, says

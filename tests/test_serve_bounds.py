@@ -13,7 +13,8 @@ import pytest
 from multidict import CIMultiDict, CIMultiDictProxy
 
 from eyechart.errors import GuardianError
-from eyechart.serve import ServerLimits, serve
+from eyechart.serve.life import serve
+from eyechart.serve.limits import ServerLimits
 from eyechart.serve.names import Names, require_name
 from test_serve import FAR, NEAR, PNG, Seer, guardian_of, post, served
 

@@ -339,8 +339,8 @@ def serve(
 
     from eyechart.guardian import Guardian
     from eyechart.modes import read_mode
-    from eyechart.serve import ServerLimits
-    from eyechart.serve import serve as run
+    from eyechart.serve.life import serve as run
+    from eyechart.serve.limits import ServerLimits
 
     modes = {one.spec: one for one in map(read_mode, mode or ())}
     limits = ServerLimits(

@@ -1,6 +1,7 @@
 """A page that shows a run while it goes on: served on this machine alone, and read from the run's own files.
 
-No model is asked for it, and nothing is written. What it says is how far the run is, and claims nothing.
+No model is asked for it, and nothing is written. What it says is how far the run is, and claims nothing. A browser asks
+beside it for the end (``/over``), which is answered when the run ends: a reply that fails is a lost connection, no end.
 """
 
 import asyncio
@@ -10,7 +11,7 @@ import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import astuple, dataclass, field
 from functools import cache
 from html import escape
@@ -34,13 +35,18 @@ from eyechart.studies import Study, study_of
 FIRST = 12
 """Answers of a model that are shown, from its first on."""
 _LONGEST = 600
-_EVERY_S = 1.0
-_EARLY = 4
+_EVERY_S = 2.0
+"""Files are read at most so often, and only after the run went on."""
+_UNTIL_FIRST_S = 1.0
+"""Until the first answers are there they are read as often as this."""
+_EARLY = 3
 """So many reads with answers in them come at once; later ones within the share."""
 _SHARE = 0.01
 """The part of the run's own processor time that later reads may take together."""
 _WINDOW_S = 30.0
 _ENDING_S = 5.0
+_HELD_S = 60.0
+"""A request for the end is answered after so long at the latest, with nothing, and is made again."""
 _NOTHING = "No call was written yet."
 NOTHING_FOLLOWS = "Nothing follows from this before the run is over and scored."
 
@@ -76,7 +82,8 @@ class Asked:
 class Live:
     """A run as a page shows it: how far it is, as the run itself says, and what its ledgers hold.
 
-    Files are read when somebody looks, and so seldom that it costs a small part of one processor.
+    Files are read when somebody looks and the run went on since, and so seldom that it costs a small part of one
+    processor. ``over`` says how the run ended; it is empty while it goes on.
     """
 
     folder: Path
@@ -84,6 +91,7 @@ class Live:
     done: int = 0
     total: int = 0
     unit: str = "calls"
+    over: str = ""
     _moves: deque[tuple[float, int]] = field(default_factory=lambda: deque(maxlen=10_000))
     _kept: tuple[Asked, ...] = ()
     _asked: dict[Path, tuple[int, tuple[RunManifest | EpisodesManifest, AnySpace]]] = field(default_factory=dict)
@@ -91,6 +99,7 @@ class Live:
     _spent: float = 0.0
     _why: str = ""
     _next: float = 0.0
+    _seen: tuple[tuple[int, int], ...] | None = None
 
     def move(self, done: int, total: int) -> None:
         """Take how many calls or episodes are over, of how many."""
@@ -109,15 +118,16 @@ class Live:
     def asked(self) -> tuple[Asked, ...]:
         """Return what each model has answered so far, as it stood when the files were last read."""
         now, before = time.monotonic(), time.thread_time()
-        early = self._reads < _EARLY
-        if now >= self._next and (early or self._spent <= _SHARE * (time.process_time() - self._spent)):
+        within = self._reads < _EARLY or self._spent <= _SHARE * (time.process_time() - self._spent)
+        if now >= self._next and within and (written := self._written()) != self._seen:
             try:
                 self._kept = tuple(self._read())
                 self._why = "" if self._kept else _NOTHING
             except (EyechartError, OSError) as error:
                 self._why = printable(str(error))
             self._reads += bool(self._kept)
-            self._next = now + _EVERY_S
+            self._seen = written
+            self._next = now + (_EVERY_S if any(one.first for one in self._kept) else _UNTIL_FIRST_S)
             self._spent += time.thread_time() - before
         return self._kept
 
@@ -129,8 +139,18 @@ class Live:
         bar = f'<p><progress max="{self.total or 1}" value="{self.done}">{count}</progress></p>'
         parts = [bar, f"<p><strong>{count}</strong>{of_late}{_cost(asked)}.</p>"]
         parts += [f"<p>{escape(self._why)}</p>"] if not asked else map(_section, asked)
-        values = {"title": escape(self.folder.resolve().name), "now": "\n".join(parts)}
+        title = escape(self.folder.resolve().name)
+        values = {"title": title, "now": "\n".join(parts), "over": escape(self.over)}
         return _shell().substitute(values).encode("utf-8", "backslashreplace")
+
+    def _written(self) -> tuple[tuple[int, int], ...]:
+        """Return when each ledger and its log were last written, and their sizes; a file may vanish at any time."""
+        found = []
+        for path in sorted(self.folder.rglob(f"{LEDGER}*")):
+            with suppress(OSError):
+                stat = path.stat()
+                found.append((stat.st_mtime_ns, stat.st_size))
+        return tuple(found)
 
     def _read(self) -> Iterator[Asked]:
         study = study_of(self.folder)
@@ -206,19 +226,25 @@ def _asked(name: str, attempts: Iterator[Sent], book: Book, space: AnySpace) -> 
     return Asked(name, account, dict(decisions.most_common()), tuple(first), tuple(amiss))
 
 
-def application(live: Live) -> web.Application:
-    """Return what answers: the page at ``/``, under this machine's own names, and nothing else."""
+def application(live: Live, ended: asyncio.Event) -> web.Application:
+    """Return what answers, under this machine's own names: the page at ``/``, and at ``/over`` once more at the end."""
     names = Names()
 
     async def page(request: web.Request) -> web.Response:
         if (why := names.refuses(request.headers)) is not None:
             return web.Response(status=421, text=why)
+        if request.path == "/over":
+            try:
+                await asyncio.wait_for(ended.wait(), _HELD_S)
+            except TimeoutError:
+                return web.Response(status=204)
         html = await asyncio.to_thread(live.html)
         headers = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"}
         return web.Response(body=html, content_type="text/html", charset="utf-8", headers=headers)
 
     app = web.Application()
     app.router.add_get("/", page)
+    app.router.add_get("/over", page)
     return app
 
 
@@ -232,7 +258,7 @@ def watched(live: Live, started: Callable[[str], None]) -> Iterator[None]:
     over = asyncio.Event()
 
     async def serve() -> None:
-        runner = web.AppRunner(application(live), access_log=None)
+        runner = web.AppRunner(application(live, over), access_log=None, shutdown_timeout=_ENDING_S)
         await runner.setup()
         try:
             site = web.TCPSite(runner, "127.0.0.1", 0)
@@ -247,9 +273,12 @@ def watched(live: Live, started: Callable[[str], None]) -> Iterator[None]:
     thread = threading.Thread(target=lambda: loop.run_until_complete(serve()), name="eyechart-watch", daemon=True)
     thread.start()
     ready.wait(_ENDING_S)
+    ended = "The run was interrupted; the same command goes on with it."
     try:
         yield
+        ended = "The run is over."
     finally:
+        live.over = ended
         if not loop.is_closed():
             loop.call_soon_threadsafe(over.set)
         thread.join(_ENDING_S)
