@@ -9,12 +9,14 @@ import json
 from collections.abc import Mapping
 from dataclasses import replace
 
+import policies_by_hand
 from eyechart.conditions import CONTROLS
 from eyechart.integrity import Guard
 from eyechart.stats.agreement import SwapRate
+from eyechart.stats.evalues import EValue
 from eyechart.stats.paired import Curve, Discordant, Dose, Part, Parts, SignTest
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts import Evidence, judge_one
+from eyechart.verdicts import Evidence, Stopped, judge, judge_one, shared_notes, words_of
 from eyechart.verdicts.admission import hold
 
 JUST_BELOW = 0.0099999
@@ -217,10 +219,80 @@ def moved(**changes: Statistic) -> Found:
     return reader(**counted) | changes
 
 
-CARDS = ("depth_lateral", "constant", "unfinished", "a guard failed", "watched", "nothing came")
+CARDS = (
+    "depth_lateral",
+    "constant",
+    "unfinished",
+    "a guard failed",
+    "watched",
+    "nothing came",
+    "stopped: image_invariant",
+    "stopped: depth that swaps",
+)
+POLICIES_IN_JSON = ("policy: sees", "policy: the wrist ignored", "policy: no motions")
 CHANGED = ("shuffled", "recoloured", "lead_absent")
 SWAPPING = SwapRate(0.9, 40, (0.7, 0.98), 0.001, chance=0.5)
 GUARD = Guard("clock", holds=False, because="two replies came before their calls")
+
+
+def settled(says: str, value: float = 250.0, n: int = 40, alpha: float = 0.01) -> EValue:
+    """Return an e-value that has settled a claim."""
+    return EValue(value, n, p=1 / value, threshold=1 / alpha, alpha=alpha, settled=True, says=says)
+
+
+CLAIMS: Found = {
+    "early.near_far": settled("it brakes harder for the nearer lead", 123.4, 31),
+    "early.scorable": settled("its replies hold decisions", 60.0, 48, 0.02),
+    "early.unscorable": settled("too few of its replies hold a decision", 1e9, 24),
+    "early.presence": settled("real and blank differ"),
+    "early.presence_response": settled("real and blank differ in outputs"),
+    "early.bound_blank": settled("the effect of a blank is below 0.1", 104.2, 58),
+    "early.steady": settled("no picture gets another answer twice", 20.5, 44, 0.05),
+    "early.no_swaps": settled("less than half of its turns are exchanged"),
+    "early.swaps_rate": settled("half of its turns are exchanged, or more"),
+    "early.few_turns": settled("it turns too seldom", 50.0, 40, 0.02),
+}
+
+
+def stopped() -> dict[str, Evidence]:
+    """Return what a verdict that was settled early can be on, by a name."""
+    usual = Stopped("image_invariant", "early.bound_blank", "no_power", "early.few_turns", 58, 460, 1152)
+    with_it = ("early.steady", "early.scorable")
+    by = {"presence_only": "presence", "refusal_effect": "presence_response", "not_scorable": "unscorable"}
+    found = {
+        "image_invariant": (blind(), replace(usual, with_it=with_it, beyond=3)),
+        "image_invariant, turns": (blind(mirror_swap_rate=SWAPPING), replace(usual, lateral=None)),
+        **{
+            label: (nothing_known(), replace(usual, label=label, decided_by=f"early.{claim}", with_it=with_it[1:]))
+            for label, claim in by.items()
+        },
+        "depth_associated": (
+            nothing_known(),
+            replace(usual, label="depth_associated", decided_by="early.near_far", interventional=True),
+        ),
+    }
+    depth = replace(usual, label="depth", decided_by="depth_interventional", frames=144, interventional=True)
+    swaps = replace(depth, lateral="swaps", lateral_by="early.swaps_rate")
+    sided = {"turns_clear": signs(30, 4, 0, LOW), "turns_clear_within": signs(28, 4, 0, 0.004)}
+    found |= {
+        "depth": (moved(), depth),
+        "depth, turns": (moved(mirror_swap_rate=SWAPPING, **sided), replace(depth, lateral=None)),
+        "depth that swaps": (moved(mirror_swap_rate=SWAPPING), swaps),
+        "depth that swaps, nobody knows whither": (
+            moved(mirror_swap_rate=SWAPPING, turns_clear=signs(18, 16, 0, 0.4)),
+            swaps,
+        ),
+        "depth that does not swap": (
+            moved(mirror_swap_rate=SwapRate(0.1, 20, (0.0, 0.3), 1.0, chance=0.5)),
+            replace(depth, lateral="does_not_swap", lateral_by="early.no_swaps"),
+        ),
+        "depth that a control takes away": (moved(depth_net=net(30, 4, 144, 0.08)), depth),
+    }
+    return {f"stopped: {name}": evidence(one | CLAIMS, stopped=at) for name, (one, at) in found.items()} | {
+        "stopped: controls that the bank lacks": evidence(
+            nothing_known() | CLAIMS, stopped=found["depth_associated"][1], absent=("lane_own", "nudged")
+        )
+    }
 
 
 def cases() -> dict[str, Evidence]:
@@ -242,6 +314,11 @@ def cases() -> dict[str, Evidence]:
         "turns to the blocked side": moved(**swapped, turns_clear=signs(4, 30, 2, 1.0)),
         "does not swap": moved(mirror_swap_rate=SwapRate(0.1, 40, (0.0, 0.3), 1.0, chance=0.5)),
         "no power to swap": moved(mirror_swap_rate=SwapRate(0.7, 10, (0.2, 0.9), 0.2, chance=0.5)),
+        **{
+            f"no power to swap, {rate} of 400": moved(mirror_swap_rate=SwapRate(rate, 400, (0.0, 0.6), 0.2, chance=0.5))
+            for rate in (0.0, 0.51, 0.52, 0.55)
+        },
+        "no power to swap, a low chance": moved(mirror_swap_rate=SwapRate(0.3, 60, (0.2, 0.6), 0.2, chance=0.2)),
         "no turns": moved(mirror_swap_rate=SwapRate(None, 0)),
         "no exchange asked": moved(lane_exchange=SILENT, lane_net=SILENT),
         "no dose asked": moved(dose_mid=SILENT),
@@ -308,38 +385,60 @@ def cases() -> dict[str, Evidence]:
         "no floor": {"clears_floor": share(0.0), "cramers_v": replace(PAPER["cramers_v"], p=0.3)},
         "an image token": {"image_token.decision": Statistic(0.3, 144, (0.2, 0.4), LOW)},
         "one condition": {"cramers_v": replace(PAPER["cramers_v"], detail={"rows": ["real"]})},
+        "no conditions": {"cramers_v": replace(PAPER["cramers_v"], detail={"rows": 2})},
     }
     made |= {f"paper: {name}": blind(**one) for name, one in paper.items()}
     found = {name: evidence(one) for name, one in made.items()}
     whole = blind()
     silent = {"real": {"refused": 144}, "blank": {"decision": 144}}
-    return found | {
-        "refuses blanks": evidence(blind() | unparsed, replies=refused),
-        "refuses noise": evidence(
-            blind() | unparsed, replies={"real": {"decision": 144}, "noise": {"decision": 9, "refused": 135}}
-        ),
-        "refuses real ones": evidence(blind() | unparsed, replies=silent),
-        "unfinished": evidence(whole, answered=900),
-        "unfinished, may stop early": evidence(whole | {"early.near_far": SILENT}, answered=900),
-        "a guard failed": evidence(whole, guards=(GUARD, replace(GUARD, holds=True))),
-        "one direction": evidence(
-            moved(mirror_swap_rate=SwapRate(0.0, 20, (0.0, 0.2), 1.0, chance=0.5)), directions={"LEFT": 20, "RIGHT": 0}
-        ),
-        "no gap": evidence(whole, gap=False),
-        "turns within a lane not known": evidence(moved(**swapped, **sided | {"turns_clear_within": SILENT})),
-        "an exchange that was asked in vain": evidence(
-            moved(lane_exchange=SILENT, lane_net=SILENT),
-            replies={**ASKED, **{one: {"refused": 144} for one in CONTROLS}},
-        ),
-        "an exchange that was not drawn": evidence(
-            moved(lane_exchange=SILENT, lane_net=SILENT), absent=("lane_own", "lane_beside")
-        ),
-        "a dose that was drawn in part": evidence(moved(dose_mid=SILENT), absent=("lead_mid_far",)),
-        "watched, nothing moved": evidence(
-            nothing_known() | {"depth_observational": p(LOW)}, replies={"real": {"decision": 144}}, absent=("lead_far",)
-        ),
-        "paper: nothing depends": evidence(whole, holm={"cramers_v": 0.4, "cramers_v.decision": LOW}),
-    }
+    every = {"real": {"decision": 144}, "blank": {"refused": 144}, "noise": {"decision": 1, "refused": 143}}
+    hardly = {"real": {"decision": 144}, "blank": {"refused": 1}, "noise": {"decision": 44, "refused": 100}}
+    return (
+        found
+        | stopped()
+        | {
+            "refuses every blank": evidence(blind() | unparsed, replies=every),
+            "refuses the one blank": evidence(blind() | unparsed, replies={**hardly, "text_only": {}}),
+            "a shard, its controls not asked": evidence(moved(lane_exchange=SILENT, lane_net=SILENT), part=True),
+            "refuses blanks": evidence(blind() | unparsed, replies=refused),
+            "refuses noise": evidence(
+                blind() | unparsed, replies={"real": {"decision": 144}, "noise": {"decision": 9, "refused": 135}}
+            ),
+            "refuses real ones": evidence(blind() | unparsed, replies=silent),
+            "unfinished": evidence(whole, answered=900),
+            "unfinished, may stop early": evidence(whole | {"early.near_far": SILENT}, answered=900),
+            "a guard failed": evidence(whole, guards=(GUARD, replace(GUARD, holds=True))),
+            "one direction": evidence(
+                moved(mirror_swap_rate=SwapRate(0.0, 20, (0.0, 0.2), 1.0, chance=0.5)),
+                directions={"LEFT": 20, "RIGHT": 0},
+            ),
+            "no gap": evidence(whole, gap=False),
+            "turns within a lane not known": evidence(moved(**swapped, **sided | {"turns_clear_within": SILENT})),
+            "an exchange that was asked in vain": evidence(
+                moved(lane_exchange=SILENT, lane_net=SILENT),
+                replies={**ASKED, **{one: {"refused": 144} for one in CONTROLS}},
+            ),
+            "an exchange that was not drawn": evidence(
+                moved(lane_exchange=SILENT, lane_net=SILENT), absent=("lane_own", "lane_beside")
+            ),
+            "a dose that was drawn in part": evidence(moved(dose_mid=SILENT), absent=("lead_mid_far",)),
+            "watched, nothing moved": evidence(
+                nothing_known() | {"depth_observational": p(LOW)},
+                replies={"real": {"decision": 144}},
+                absent=("lead_far",),
+            ),
+            "paper: nothing depends": evidence(whole, holm={"cramers_v": 0.4, "cramers_v.decision": LOW}),
+        }
+    )
+
+
+class Several:
+    """A scored run of four models, two of which are alike, and one has no note in common with these."""
+
+    def evidence(self) -> dict[str, Evidence]:
+        """Return what there is to judge."""
+        made = {name: cases()[name] for name in ("depth", "constant", "unfinished", "stopped: image_invariant")}
+        return {name: replace(one, model=name) for name, one in made.items()}
 
 
 def said(case: str) -> object:
@@ -349,6 +448,11 @@ def said(case: str) -> object:
         values |= {"action_equivariance": 0.75, "actions": 2.0, "directional": 2.0}
         found = {name: Statistic(one, 9, None if one is None else (0.1, 0.9)) for name, one in values.items()}
         return [one.as_dict() for one in hold(found)]
+    if case in (policies := policies_by_hand.cases()):
+        return policies_by_hand.said(policies[case], whole=case in POLICIES_IN_JSON)
+    if case == "several":
+        verdicts = judge(Several())
+        return {"shared": shared_notes(verdicts), "text": words_of(verdicts).splitlines()}
     verdict = judge_one(cases()[case])
     told = {"json": verdict.as_dict(), "text": str(verdict).splitlines()}
     return told | ({"card": verdict._repr_html_(), "short": repr(verdict)} if case in CARDS else {})
@@ -356,7 +460,7 @@ def said(case: str) -> object:
 
 def names() -> list[str]:
     """Return the names of all cases."""
-    return [*cases(), "clauses"]
+    return [*cases(), *policies_by_hand.cases(), "several", "clauses"]
 
 
 if __name__ == "__main__":

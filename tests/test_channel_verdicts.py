@@ -1,49 +1,11 @@
 """Verdicts on channels: every label at both sides of its bounds, and what stands in the way said in words."""
 
-from collections.abc import Mapping
-
 import pytest
 
 from eyechart.gate import hold_policies
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.channels import REQUIREMENTS, PolicyVerdict, judge_camera, judge_policy, judge_state
-
-CHANNELS = ("cameras", "camera:top", "camera:wrist", "state", "instruction")
-
-
-def share(low: float, high: float, p: float | None = None, episodes: int = 12) -> Statistic:
-    """Return a share with this interval."""
-    return Statistic((low + high) / 2, 72, (low, high), p, detail={"episodes": episodes})
-
-
-USED, IGNORED, OPEN = share(0.021, 0.5), share(0.0, 0.099), share(0.019, 0.101)
-FOLLOWED = Statistic(0.6, 72, (0.31, 0.9), 0.009, detail={"smallest_p": 0.0002})
-UNFOLLOWED = Statistic(0.0, 72, (-0.1, 0.1), 0.5, detail={"smallest_p": 0.0002})
-GOOD = {
-    "motions": Statistic(1.0, 72),
-    "misfit": Statistic(0.2, 72, detail={"offset": 0.1, "spread": 1.1}),
-    "variation": Statistic(0.9, 72),
-    "noise": Statistic(0.0, 72),
-}
-
-
-def verdict(**changed: Statistic | None) -> PolicyVerdict:
-    """Return the verdict on a policy that sees, hears and knows its state, but for what is changed."""
-    names = {
-        "swap": "T.swapped@cameras",
-        "matched": "T.matched@cameras",
-        "blank": "T.blank",
-        "state": "T.swapped@state",
-    }
-    names |= {"told": "T.swapped@instruction", "follow": "follow.named", "named": "follow.told"}
-    usual = dict.fromkeys(("swap", "matched", "blank", "state", "told"), USED)
-    usual |= {"follow": FOLLOWED, "named": FOLLOWED}
-    statistics: Mapping[str, Statistic] = {
-        **GOOD,
-        **{f"T.{kind}@camera:{name}": USED for kind in ("swapped", "matched") for name in ("top", "wrist")},
-        **{names.get(name, name): one for name, one in (usual | changed).items() if one is not None},
-    }
-    return judge_policy("m", statistics, CHANNELS, scope="here.", missing={"unparsed: not_finite": 9})
+from eyechart.verdicts.channels import REQUIREMENTS, judge_camera, judge_state
+from policies_by_hand import IGNORED, NOT_ONE_BIT, OPEN, TOO_FEW, UNFOLLOWED, USED, share, verdict
 
 
 @pytest.mark.parametrize(
@@ -53,11 +15,7 @@ def verdict(**changed: Statistic | None) -> PolicyVerdict:
         ({"follow": None}, "camera_content", "moves no object"),
         ({"follow": Statistic(0.6, 72, (0.30, 0.9), 0.009)}, "camera_content", "lower end is too low"),
         ({"follow": Statistic(0.6, 72, (0.31, 0.9), 0.010)}, "camera_content", "p is not below .01"),
-        (
-            {"follow": Statistic(0.6, 36, (0.31, 0.9), 1 / 64, detail={"smallest_p": 1 / 64})},
-            "camera_content",
-            "below seven episodes",
-        ),
+        ({"follow": TOO_FEW}, "camera_content", "below seven episodes"),
         ({"named": UNFOLLOWED}, "camera_content", "where another is named"),
         ({"matched": IGNORED}, "pose_only", "it reads its own pose"),
         ({"matched": None}, "undecided", "no state to match by"),
@@ -170,9 +128,8 @@ def test_what_a_verdict_says_beside_its_labels() -> None:
     assert verdict().remarks == ()
     assert "another colour" in verdict(**{"T.recoloured": USED}).remarks[0]
     assert "next to nothing" in verdict(swap=share(0.021, 0.099)).remarks[0]
-    same = Statistic(0.0, 72, (0.0, 0.0), detail={"episodes": 12, "same": 1.0})
-    assert "not one bit" in verdict(swap=same).remarks[0]
-    assert "does it reach the policy" in verdict(told=same).remarks[0]
+    assert "not one bit" in verdict(swap=NOT_ONE_BIT).remarks[0]
+    assert "does it reach the policy" in verdict(told=NOT_ONE_BIT).remarks[0]
 
 
 def test_judging_nothing_decides_nothing() -> None:

@@ -10,6 +10,7 @@ import simulated
 from eyechart.frames import Frame
 from eyechart.gate import hold
 from eyechart.spaces.space import Decision
+from eyechart.stats.paired import Discordant, pairs_to_bound
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.published import Resampling
@@ -152,6 +153,12 @@ def test_no_fewer_frames_are_named_than_there_are(share: float) -> None:
     assert frames_to_bound(replace(one, n=20), 0.05) == (25, "were there none")
     assert frames_to_bound(replace(one, value=0.1, ci=(-0.01, 0.21)), 0.05) == (175, "were the rest like these")
     assert frames_to_bound(replace(one, ci=(0.01, 0.09)), 0.05) is None
+    assert frames_to_bound(replace(one, ci=(0.0, 0.09)), 0.05) is not None
+    assert frames_to_bound(replace(one, ci=None), 0.05) is None
+    assert frames_to_bound(replace(one, value=None), 0.05) is None
+    differs = Discordant(0.0, 20, (-0.2, 0.2), 0.9, b=2, c=2)
+    assert frames_to_bound(differs, 0.05) == (pairs_to_bound(0.2, margin=0.1, alpha=0.05), "were there none")
+    assert frames_to_bound(replace(differs, b=10, c=10), 0.01)[0] == pairs_to_bound(0.9, margin=0.1, alpha=0.01)
 
 
 def test_a_shard_that_leaves_its_controls_to_the_merged_run_is_never_finished() -> None:

@@ -240,3 +240,37 @@ def test_missing_answers_leave_their_pairs_out() -> None:
     assert agreement.pooled_kappa(np.array([[0, 1]])).value is None
     with pytest.raises(ValueError, match="integer codes of shape"):
         agreement.pooled_kappa(np.zeros((4, 2)))
+
+
+def test_pooled_kappa_says_at_which_level_its_interval_is() -> None:
+    """98 % at a one-sided alpha of .01; half or more is no level of one side."""
+    codes = np.random.default_rng(0).integers(0, 3, size=(30, 2))
+    assert agreement.pooled_kappa(codes).level == pytest.approx(0.98)
+    assert agreement.pooled_kappa(codes, alpha=0.05).level == pytest.approx(0.90)
+    for alpha in (0.0, 0.5):
+        with pytest.raises(ValueError, match="alpha below .5; got"):
+            agreement.pooled_kappa(codes, alpha=alpha)
+
+
+@pytest.mark.parametrize("n", [7, 15, 50, 144])
+def test_the_smallest_share_is_found_with_its_power_and_no_smaller_one_is(n: int) -> None:
+    """At the share the exact test has power .8; a little below it has less."""
+    share = agreement.detectable_share(n)
+    assert share is not None
+    critical = next(k for k in range(n + 1) if agreement.binomial_tail(k, n, 0.5) < 0.01)
+    assert agreement.binomial_tail(critical, n, share) == pytest.approx(0.8, abs=1e-6)
+    assert agreement.binomial_tail(critical, n, share - 0.01) < 0.8
+
+
+def test_six_trials_find_nothing_at_alpha_01() -> None:
+    """Six wins of six have p = .0156: no share can be found, and seven can; each number of a design has its range."""
+    assert agreement.detectable_share(6) is None
+    assert agreement.detectable_share(0) is None
+    assert agreement.detectable_share(7) == pytest.approx(0.8 ** (1 / 7))
+    assert agreement.detectable_share(1, 0.0) == pytest.approx(0.8, abs=1e-6)
+    for n, chance, alpha, power in ((-1, 0.5, 0.01, 0.8), (7, 1.0, 0.01, 0.8), (7, -0.1, 0.01, 0.8)):
+        with pytest.raises(ValueError, match="no such design"):
+            agreement.detectable_share(n, chance, alpha=alpha, power=power)
+    for alpha, power in ((0.0, 0.8), (1.0, 0.8), (0.01, 0.0), (0.01, 1.0)):
+        with pytest.raises(ValueError, match="no such design"):
+            agreement.detectable_share(7, alpha=alpha, power=power)

@@ -267,6 +267,11 @@ def test_a_scenario_that_cannot_be_aligned_is_left_out_by_name() -> None:
         "blocked has fewer than 2 episodes; light has episodes of 5 to 12 frames, which cannot be aligned"
     )
     assert exchange.exchange_test(*arrays, seed=0, alpha=0.01).value is None
+    for alpha in (0.0, 1.0):
+        with pytest.raises(ValueError, match=r"must lie in \(0, 1\)"):
+            exchange.exchange_test(*arrays, seed=0, alpha=alpha)
+    with pytest.raises(ValueError, match="resamples=0 be at least 1"):
+        exchange.exchange_test(*arrays, seed=0, alpha=0.05, resamples=0)
 
 
 @pytest.mark.parametrize(
@@ -300,6 +305,7 @@ def test_the_iid_trend_has_the_p_of_all_permutations() -> None:
     expected = np.mean(np.array(orders) <= level @ gap)
     found = exchange.iid_trend_test(level, gap, seed=0, resamples=20_000)
     assert found.p == pytest.approx(expected, abs=4 * math.sqrt(0.01 / 20_000))
+    assert found.method == "one-sided trend, frames permuted, B=20000"
     within = exchange.iid_trend_test(level, gap, ["a", "a", "b", "b", "c", "c"], seed=0, resamples=20_000)
     assert within.p == pytest.approx(1 / 8, abs=4 * math.sqrt(0.11 / 20_000))
 

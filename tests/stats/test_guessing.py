@@ -58,6 +58,7 @@ def test_bounds_leave_five_percent_beyond_them(k: int, n: int) -> None:
     if k < n:
         assert binom.cdf(k, n, high) == pytest.approx(0.05)
     assert low <= k / n <= high
+    assert (low == 0.0, high == 1.0) == (k == 0, k == n)
 
 
 def test_no_question_and_a_wrong_deal_are_told() -> None:

@@ -47,4 +47,6 @@ def test_a_fall_has_no_rise_and_eleven_answers_say_nothing() -> None:
     """A fall has p 1, as levels that are all alike; two windows of six answers are the fewest."""
     assert falls_everywhere(range(12), [1.0] * 6 + [0.0] * 6, seed=1).p == 1.0
     assert falls_everywhere(range(12), [1.0] * 12, seed=1).note == "all levels are alike"
+    steps = falls_everywhere(range(24), [1.0] * 12 + [0.0] * 12, seed=1)
+    assert (steps.value, steps.p, steps.note) == (0.0, 1.0, "nowhere")
     assert falls_everywhere(range(11), [1.0] * 11, seed=1).value is None

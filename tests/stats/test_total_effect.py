@@ -136,6 +136,13 @@ def test_the_share_has_no_unit_and_no_order(seed: int, unit: float) -> None:
     assert turned.ci == pytest.approx(plain.ci)
 
 
+def test_relabellings_that_are_drawn_in_parts_are_as_many_as_were_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of equal answers every deal is as far apart, so that p is 1; seven a part, and five in the last."""
+    monkeypatch.setattr("eyechart.stats.statistic.CHUNK_BYTES", 8 * 4 * 7)
+    equal = np.zeros((2, 4, 1))
+    assert relabelling_p(equal, equal, seed=0, resamples=19) == 1.0
+
+
 def test_relabelling_is_exact_and_needs_two_answers() -> None:
     """By hand: one frame, answers 0 and 0 against 1 and 1; of three deals one is as far apart, so p tends to 1/3."""
     r, s = np.zeros((2, 1, 1)), np.ones((2, 1, 1))

@@ -676,6 +676,15 @@ CASES: dict[str, Case] = {
         lambda: total_effect.total_effect(TWO, TWO, level=0.9),
         {"value": None, "n": 2, "method": OWN, "note": "2 episodes have both answers, and three are needed"},
     ),
+    "effect of one pair for each episode": (
+        lambda: total_effect.total_effect(MOVES, _pairs([1.0, 2.0, 3.0], [0, 1, 1], [1, 0, 0]), level=0.9),
+        {
+            "value": None,
+            "n": 6,
+            "method": OWN,
+            "note": "too few pairs of episodes: without one of them none is left",
+        },
+    ),
     "effect of what stands still": (
         lambda: total_effect.total_effect(MOVES, STILL, level=0.9),
         {"value": None, "n": 6, "method": OWN, "note": NO_VARIATION},

@@ -15,7 +15,6 @@ from eyechart import cli
 from eyechart.errors import SpecError
 from eyechart.frames import Frame, FrameBank, alone
 from eyechart.spaces.discrete import Discrete
-from eyechart.stats.agreement import binomial_tail, detectable_share
 from eyechart.stats.statistic import Statistic
 from eyechart.studies import battery
 from eyechart.studies.battery.calibrated import Calibrated, Found
@@ -119,25 +118,6 @@ def test_an_action_space_without_directions_has_no_mirror_test(bank: FrameBank) 
     found = power_of(replace(bank, manifest=replace(bank.manifest, action_space=space)))
     assert found.cannot_say["mirror_swap_rate"] == "no action of this space exchanges under reflection"
     assert found.directional_frames == 0
-
-
-@pytest.mark.parametrize("n", [7, 15, 50, 144])
-def test_the_smallest_share_is_found_with_its_power_and_no_smaller_one_is(n: int) -> None:
-    """At the share the exact test has power .8; a little below it has less."""
-    share = detectable_share(n)
-    assert share is not None
-    critical = next(k for k in range(n + 1) if binomial_tail(k, n, 0.5) < 0.01)
-    assert binomial_tail(critical, n, share) == pytest.approx(0.8, abs=1e-6)
-    assert binomial_tail(critical, n, share - 0.01) < 0.8
-
-
-def test_six_trials_find_nothing_at_alpha_01() -> None:
-    """Six wins of six have p = .0156: no share can be found, and seven can."""
-    assert detectable_share(6) is None
-    assert detectable_share(0) is None
-    assert detectable_share(7) == pytest.approx(0.8 ** (1 / 7))
-    with pytest.raises(ValueError, match="no such design"):
-        detectable_share(7, 1.0)
 
 
 @pytest.mark.parametrize(("words", "code"), [(["--json"], 0), ([], 0), (["--model", "nobody:x"], 2)])

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -170,29 +170,6 @@ def test_a_member_that_votes_no_hazard_is_warned_of(table: study.VoteTable) -> N
     frozen = study.fit(mute.part("calibration"), models=(GEMMA, QWEN))
     scored = study.score(frozen, mute.part("score"), enumerate_up_to=QUICK, resamples=10)
     assert f"{QWEN} votes hazard on none of the 272 frames: it adds nothing to a committee" in scored.warnings
-
-
-CHANGES: dict[str, tuple[Callable[[study.About], study.About], str]] = {
-    "bank": (lambda about: replace(about, bank="0" * 64), "the bank differs"),
-    "prompt": (lambda about: replace(about, prompt="another"), "the prompt differs"),
-    "view": (lambda about: replace(about, view="another"), "the view differs"),
-    "model": (
-        lambda about: replace(about, versions={**about.versions, QWEN: "digest-2"}),
-        f"the model '{QWEN}' differs",
-    ),
-    "no record": (lambda about: replace(about, view=None), "the view differs.*none recorded"),
-}
-
-
-@pytest.mark.parametrize("what", CHANGES)
-def test_votes_that_came_about_otherwise_are_refused_by_name(
-    table: study.VoteTable, frozen: study.Frozen, what: str
-) -> None:
-    """Another bank, prompt, view or version of a model: each said by name."""
-    change, message = CHANGES[what]
-    other = replace(table.part("score"), about=change(table.about))
-    with pytest.raises(GuardianError, match=message):
-        study.score(frozen, other)
 
 
 @pytest.mark.parametrize(

@@ -85,7 +85,8 @@ def pooled_kappa(columns: npt.ArrayLike, *, margin: float = 0.10, alpha: float =
     """
     given = np.asarray(columns)
     if given.ndim != 2 or given.shape[1] < 2 or given.dtype.kind not in "iu" or not 0 < alpha < 0.5:
-        raise ValueError(f"give integer codes of shape (frames, m), m of 2 or more, got {given.dtype} {given.shape}")
+        got = f"{given.dtype} {given.shape} and {alpha=}"
+        raise ValueError(f"give integer codes of shape (frames, m), m of 2 or more, and an alpha below .5; got {got}")
     method = f"pooled kappa, {100 * (1 - 2 * alpha):g}% Wilson interval of the agreement, chance held fixed"
     pairs, hits, expected = _pairs_within(given)
     total, frames = float(pairs.sum()), int(np.count_nonzero(pairs))

@@ -197,9 +197,7 @@ def _undecided(found: Mapping[str, Statistic]) -> Ruling:
     levels = _levels((*CHANGES, *NO_PICTURES)) | {"bound_blank": ALPHA}
     if below(found["presence"].p):  # the effect of a blank is shown; what is open is the effect of content
         levels = _levels(CHANGES)
-    open_ones = _open(found, levels)
-    if not open_ones:
-        return decided("undecided", "presence", None, "no rule's test decided at alpha {alpha}", alpha=ALPHA)
+    open_ones = _open(found, levels)  # never none: were every bound to hold, a rule above would have decided
     name, bound = max(open_ones.items(), key=lambda item: item[1].p or 0.0)
     needed = frames_to_bound(bound, levels[name])
     if needed is None:

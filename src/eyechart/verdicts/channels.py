@@ -303,6 +303,9 @@ def judge_instruction(statistics: Statistics) -> Judged:
     told = statistics.get("follow.told")
     if ignored(swap) and not _followed(told, 0.0):
         return Judged("instruction_ignored", _sentence(shown), by)
+    if ignored(swap):
+        why = f"it follows what is named {_share(told)} of the oracle's way more than what is not"
+        return Judged("undecided", _sentence(f"{shown}, but {why}"), "follow.told")
     if not used(swap):
         return Judged("undecided", _sentence(f"{shown}: {_why_open(swap, None)}"), by)
     if _followed(told, 0.0):
@@ -354,6 +357,8 @@ def _why_open(swap: Statistic | None, matched: Statistic | None) -> str:
         return "the bank has no state to match by, so whether it tells more than the pose is open"
     if used(swap):
         return f"where the state is alike it is {_share(matched)}, neither above {USED} nor below {IGNORED}"
+    if ignored(swap):
+        return f"where the state is alike it is {_share(matched)}, not below {IGNORED}"
     if swap.p is not None and swap.p > ALPHA and swap.ci is not None and swap.ci[0] > USED:
         return f"its answers are drawn, and such a difference comes by chance (p {swap.p:.3f})"
     return f"the interval is neither above {USED} nor below {IGNORED}; more episodes make it shorter"

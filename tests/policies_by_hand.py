@@ -1,0 +1,155 @@
+"""Statistics of policies, written down by hand, and the verdicts on them."""
+
+from eyechart.stats.statistic import Statistic
+from eyechart.verdicts.channels import PolicyVerdict, judge_policy
+
+CHANNELS = ("cameras", "camera:top", "camera:wrist", "state", "instruction")
+NAMES = {
+    "swap": "T.swapped@cameras",
+    "matched": "T.matched@cameras",
+    "blank": "T.blank",
+    "state": "T.swapped@state",
+    "told": "T.swapped@instruction",
+    "follow": "follow.named",
+    "named": "follow.told",
+}
+"""Short names of the statistics that most cases change."""
+
+Changes = dict[str, Statistic | None]
+
+
+def share(low: float, high: float, p: float | None = None, episodes: int = 12) -> Statistic:
+    """Return a share with this interval."""
+    return Statistic((low + high) / 2, 72, (low, high), p, detail={"episodes": episodes})
+
+
+USED, IGNORED, OPEN = share(0.021, 0.5), share(0.0, 0.099), share(0.019, 0.101)
+FOLLOWED = Statistic(0.6, 72, (0.31, 0.9), 0.009, detail={"smallest_p": 0.0002})
+UNFOLLOWED = Statistic(0.0, 72, (-0.1, 0.1), 0.5, detail={"smallest_p": 0.0002})
+A_LITTLE = Statistic(0.1, 72, (0.01, 0.3), 0.009, detail={"smallest_p": 0.0002})
+TOO_FEW = Statistic(0.6, 36, (0.31, 0.9), 1 / 64, detail={"smallest_p": 1 / 64})
+NOT_ONE_BIT = Statistic(0.0, 72, (0.0, 0.0), detail={"episodes": 12, "same": 1.0})
+GOOD = {
+    "motions": Statistic(1.0, 72),
+    "misfit": Statistic(0.2, 72, detail={"offset": 0.1, "spread": 1.1}),
+    "variation": Statistic(0.9, 72),
+    "noise": Statistic(0.0, 72),
+}
+LOST = {"unparsed: not_finite": 9, "timeout": 2, "refused": 4, "closed": 1}
+
+
+def verdict(*, left: int = 0, **changed: Statistic | None) -> PolicyVerdict:
+    """Return the verdict on a policy that sees, hears and knows its state, but for what is changed."""
+    usual = dict.fromkeys(("swap", "matched", "blank", "state", "told"), USED)
+    usual |= {"follow": FOLLOWED, "named": FOLLOWED}
+    statistics: dict[str, Statistic] = {
+        **GOOD,
+        **{f"T.{kind}@camera:{name}": USED for kind in ("swapped", "matched") for name in ("top", "wrist")},
+        **{NAMES.get(name, name): one for name, one in (usual | changed).items() if one is not None},
+    }
+    return judge_policy("m", statistics, CHANNELS, scope="here.", missing=LOST, left=left)
+
+
+def _wrist(**changed: Statistic | None) -> Changes:
+    return {f"T.{kind}@camera:wrist": one for kind, one in changed.items() if kind != "blank"} | {
+        "T.blank@wrist": changed.get("blank")
+    }
+
+
+def _misfit(value: float, offset: float, spread: float) -> Changes:
+    return {"misfit": Statistic(value, 72, detail={"offset": offset, "spread": spread})}
+
+
+CASES: dict[str, Changes] = {
+    "sees": {},
+    "no object is moved": {"follow": None},
+    "no object can be moved": {"follow": Statistic(None, 0), "named": Statistic(None, 0)},
+    "follows a little": {"follow": Statistic(0.6, 72, (0.30, 0.9), 0.009)},
+    "follows by chance": {"follow": Statistic(0.6, 72, (0.31, 0.9), 0.010)},
+    "follows in too few episodes": {"follow": TOO_FEW},
+    "follows in just enough episodes": {"follow": Statistic(0.1, 42, (0.0, 0.9), 0.02, detail={"smallest_p": 1 / 128})},
+    "follows whatever is named": {"named": UNFOLLOWED},
+    "follows rather what is named": {"named": None, "follow.rather": FOLLOWED},
+    "follows rather, little": {"named": Statistic(None, 0), "follow.rather": UNFOLLOWED},
+    "pose": {"matched": IGNORED},
+    "no state to match by": {"matched": None},
+    "no matched moment": {"matched": Statistic(None, 0)},
+    "alike states open": {"matched": OPEN},
+    "cameras open": {"swap": OPEN},
+    "ignores cameras": {"swap": IGNORED, "matched": IGNORED, "blank": IGNORED},
+    "ignores cameras, no match": {"swap": IGNORED, "matched": None, "blank": IGNORED},
+    "presence": {"swap": IGNORED, "matched": IGNORED},
+    "presence open": {"swap": IGNORED, "matched": IGNORED, "blank": OPEN},
+    "presence not asked": {"swap": IGNORED, "matched": IGNORED, "blank": None},
+    "ignored but where alike": {"swap": IGNORED, "matched": OPEN, "blank": IGNORED},
+    "used by chance": {"swap": share(0.021, 0.5, p=0.02)},
+    "used at one percent": {"swap": share(0.021, 0.5, p=0.01)},
+    "drawn answers": {"swap": share(0.03, 0.5, p=0.3), "matched": None},
+    "too few episodes": {"swap": share(0.0, 0.05, episodes=5)},
+    "just enough episodes": {"swap": share(0.0, 0.05, episodes=6), "matched": None, "blank": IGNORED},
+    "swap not asked": {"swap": None},
+    "swap cannot say": {"swap": Statistic(None, 0, note="one episode alone")},
+    "swap without an interval": {"swap": Statistic(0.4, 72, detail={"episodes": 12})},
+    "own pose, near": {"beyond@cameras": OPEN, "T.near@cameras": share(0.1, 0.3), "follow": None},
+    "own pose, near, but follows": {"beyond@cameras": OPEN, "T.near@cameras": share(0.1, 0.3)},
+    "beyond the pose": {"beyond@cameras": USED, "T.near@cameras": IGNORED, "follow": None},
+    "the wrist ignored": _wrist(swapped=IGNORED, matched=IGNORED, blank=IGNORED),
+    "the wrist's presence": _wrist(swapped=IGNORED, matched=IGNORED, blank=USED),
+    "the wrist's pose": _wrist(matched=IGNORED),
+    "the wrist near its pose": {"beyond@camera:wrist": IGNORED, "T.near@camera:wrist": USED},
+    "the wrist beyond its pose": {"beyond@camera:wrist": USED, "T.near@camera:wrist": IGNORED},
+    "state shortcut": {"swap": IGNORED, "matched": IGNORED, "blank": IGNORED, "state": USED},
+    "ignores its state": {"state": IGNORED},
+    "state open": {"state": OPEN},
+    "state not asked": {"state": None},
+    "not told": {"told": IGNORED, "named": UNFOLLOWED},
+    "not told, but follows": {"told": IGNORED},
+    "told open": {"told": OPEN},
+    "told by nobody": {"told": None},
+    "told, follows neither": {"named": UNFOLLOWED, "follow": UNFOLLOWED},
+    "told, follows the other": {"named": UNFOLLOWED, "follow": UNFOLLOWED, "follow.other": FOLLOWED},
+    "told, follows a hair more": {"named": A_LITTLE, "follow": A_LITTLE},
+    "told, nothing moved": {"named": None, "follow": None},
+    "no motions": {"motions": Statistic(0.89, 100)},
+    "motions enough": {"motions": Statistic(0.9, 100)},
+    "nothing came": {"motions": Statistic(None, 0)},
+    "misfit by its mean": _misfit(1.0, 1.01, 1.0),
+    "misfit by its spread": _misfit(1.25, 1.0, 3.1),
+    "misfit by both": _misfit(3.0, 2.5, 4.0),
+    "misfit by choice": _misfit(1.0, 1.0, 3.0),
+    "misfit that nobody explains": {"misfit": Statistic(2.0, 72)},
+    "fits in other units": _misfit(0.99, 9.0, 9.0),
+    "varies too little": {"variation": Statistic(0.019, 72)},
+    "varies just enough": {"variation": Statistic(0.02, 72)},
+    "always the same": {"noise": Statistic(None, 72, note="its answers do not vary")},
+    "noise": {"noise": Statistic(0.51, 72)},
+    "just no noise": {"noise": Statistic(0.5, 72)},
+    "constant and noise": {"variation": Statistic(0.01, 72), "noise": Statistic(0.9, 72)},
+    "paint": {"T.recoloured": USED},
+    "paint open": {"T.recoloured": OPEN},
+    "next to nothing": {"swap": share(0.021, 0.099)},
+    "next to nothing, nearly": {"swap": share(0.02, 0.099)},
+    "not one bit of the pictures": {"swap": NOT_ONE_BIT},
+    "not one bit of the words": {"told": NOT_ONE_BIT},
+}
+
+
+def said(found: PolicyVerdict, *, whole: bool) -> object:
+    """Return what a verdict says: its JSON, or a line for each of its axes, the guards and the remarks."""
+    if whole:
+        return found.as_dict()
+    axes = {"camera": found.camera, "state": found.state, "instruction": found.instruction, **found.cameras}
+    lines = [f"{name}: {one.label} by {one.by}: {one.because} / {one.why_not}" for name, one in axes.items()]
+    guards = [] if not found.guards else [f"guards: {', '.join(found.guards)}: {found.because}"]
+    return [*lines, *guards, *found.remarks]
+
+
+def cases() -> dict[str, PolicyVerdict]:
+    """Return the verdicts on all cases by their names; also on a run that is not finished."""
+    made = {f"policy: {name}": verdict(**changed) for name, changed in CASES.items()}
+    made["policy: unfinished"] = verdict(left=3)
+    made["policy: unfinished, no motions"] = verdict(left=3, motions=Statistic(0.5, 100))
+    other = {"motions": Statistic(0.5, 100)}
+    made["policy: no motions, no reasons"] = judge_policy("m", GOOD | other, (), scope="here.")
+    made["policy: no channel"] = judge_policy("m", GOOD, (), scope="here.")
+    return made
