@@ -248,7 +248,7 @@ def test_pooled_kappa_says_at_which_level_its_interval_is() -> None:
     assert agreement.pooled_kappa(codes).level == pytest.approx(0.98)
     assert agreement.pooled_kappa(codes, alpha=0.05).level == pytest.approx(0.90)
     for alpha in (0.0, 0.5):
-        with pytest.raises(ValueError, match="alpha below .5; got"):
+        with pytest.raises(ValueError, match="an alpha below"):
             agreement.pooled_kappa(codes, alpha=alpha)
 
 

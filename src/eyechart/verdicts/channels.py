@@ -303,11 +303,10 @@ def judge_instruction(statistics: Statistics) -> Judged:
     told = statistics.get("follow.told")
     if ignored(swap) and not _followed(told, 0.0):
         return Judged("instruction_ignored", _sentence(shown), by)
-    if ignored(swap):
-        why = f"it follows what is named {_share(told)} of the oracle's way more than what is not"
-        return Judged("undecided", _sentence(f"{shown}, but {why}"), "follow.told")
     if not used(swap):
-        return Judged("undecided", _sentence(f"{shown}: {_why_open(swap, None)}"), by)
+        but = f", but it follows what is named {_share(told)} of the oracle's way more than what is not"
+        why, by = (but, "follow.told") if ignored(swap) else (f": {_why_open(swap, None)}", by)
+        return Judged("undecided", _sentence(f"{shown}{why}"), by)
     if _followed(told, 0.0):
         words = f"{shown}, and it follows what is named {_share(told)} of the oracle's way more than what is not"
         return Judged("instruction_followed", _sentence(words), "follow.told")
@@ -355,10 +354,9 @@ def _why_open(swap: Statistic | None, matched: Statistic | None) -> str:
         return f"{episodes} episodes bound nothing; {LEAST_EPISODES} are the least"
     if used(swap) and (matched is None or matched.value is None):
         return "the bank has no state to match by, so whether it tells more than the pose is open"
-    if used(swap):
-        return f"where the state is alike it is {_share(matched)}, neither above {USED} nor below {IGNORED}"
-    if ignored(swap):
-        return f"where the state is alike it is {_share(matched)}, not below {IGNORED}"
+    if used(swap) or ignored(swap):
+        bounds = f"neither above {USED} nor below {IGNORED}" if used(swap) else f"not below {IGNORED}"
+        return f"where the state is alike it is {_share(matched)}, {bounds}"
     if swap.p is not None and swap.p > ALPHA and swap.ci is not None and swap.ci[0] > USED:
         return f"its answers are drawn, and such a difference comes by chance (p {swap.p:.3f})"
     return f"the interval is neither above {USED} nor below {IGNORED}; more episodes make it shorter"
