@@ -46,6 +46,50 @@ def test_each_fault_is_named(bank: FrameBank, name: str, amiss: set[str], words:
         assert said["same"].fine
 
 
+@pytest.mark.parametrize(
+    ("name", "check", "fine", "words"),
+    [
+        ("blue_first", "pictures", False, "with red and blue exchanged its error to the log is"),
+        ("upside_down", "pictures", False, "turned by half"),
+        ("cameras_exchanged", "pictures", False, "the cameras exchanged"),
+        ("reshaped", "pictures", None, "none of the forms"),
+        ("unit_floats", "cameras", None, "divided by 255 twice"),
+        ("channels_first", "motions", False, "it fails: ValueError"),
+        ("masked", "motions", False, "1 numbers of a masked array are masked"),
+        ("objects", "motions", False, "an array of object"),
+        ("overflown", "motions", False, "NaN or infinite"),
+        ("varies", "motions", False, "(5, 3), (8, 3), and the bank's motions (8, 3)"),
+        ("seventh", "motions", False, "CUDA error"),
+        ("tokens", "unit", False, "times as large as in the log"),
+        ("late_state", "same", False, "it keeps something; declare reset"),
+        ("late_pictures", "same", False, "it keeps something; declare reset"),
+        ("cached", "cameras", False, "is an earlier answer kept?"),
+        ("unseeded", "same", False, "two answers to one seed"),
+        ("jitters", "same", True, "but for rounding"),
+        ("one_buffer", "pictures", True, "as they are given"),
+        ("mutates", "pictures", True, "as they are given"),
+    ],
+)
+def test_faults_that_people_ship_are_named(
+    bank: FrameBank,
+    name: str,
+    check: str,
+    fine: bool | None,  # noqa: FBT001 - one of the cases
+    words: str,
+) -> None:
+    """By the check that they concern, within twenty calls; what cannot be known is not called a fault."""
+    found = examine_policy(f"python:faulty_arms:{name}", bank)
+    (one,) = (one for one in found.findings if one.name == check)
+    assert (one.fine, words in one.says) == (fine, True), one
+    assert found.calls <= MOST_CALLS
+
+
+def test_a_policy_that_hears_nothing_is_not_told_that_its_colours_are_exchanged(bank: FrameBank) -> None:
+    """Red and blue exchanged bring its answer to the log where blue is named, and away from it where red is."""
+    (one,) = (one for one in examine_policy("python:arms:deaf", bank).findings if one.name == "pictures")
+    assert one.fine is None
+
+
 def test_a_sound_policy_has_nothing_amiss(bank: FrameBank) -> None:
     """A trained one that uses all of its channels; one that draws its answers cannot be told by single calls."""
     sound = examine_policy("trained:sees", bank)

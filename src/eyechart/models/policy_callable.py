@@ -9,6 +9,7 @@ file's digest); ``channels`` (all): the names of those that it reads; ``reset`` 
 """
 
 import asyncio
+from collections import defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -25,13 +26,18 @@ from eyechart.spaces.motion import Motion
 
 Act = Callable[..., object]
 
+_ALONE: defaultdict[str, Lock] = defaultdict(Lock)
+"""One call at a time of all callables of a module, since they may share a network."""
+
 DECLARED: Mapping[str, object] = {"seedable": False, "version": "", "channels": None, "reset": None, "step": None}
 """What a callable may declare of itself, with what holds where it does not."""
 
 
 @dataclass(slots=True)
 class PolicyCallable:
-    """A policy behind the door of a model; one call at a time, each in a thread of its own where it is a ``guest``.
+    """A policy behind the door of a model; each call in a thread of its own where it is a ``guest``.
+
+    While ``alone`` is held by another call, none is made.
 
     ``facts`` hold what it declares: ``seedable`` and ``channels``.
     """
@@ -110,6 +116,7 @@ def open_model(name: str, mode: RequestMode) -> PolicyCallable:
         mode.timeout_s,
         seedable=bool(seedable),
         reset=reset if callable(reset) else None,
+        alone=_ALONE[name.rpartition(":")[0]],
     )
 
 

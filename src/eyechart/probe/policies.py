@@ -11,7 +11,7 @@ from eyechart.calls import Query, Reply
 from eyechart.channels import flat_state, instruction_column
 from eyechart.conditions import show
 from eyechart.errors import BankError
-from eyechart.frames import Frame, FrameBank, Stimulus
+from eyechart.frames import Frame, FrameBank, Stimulus, decode, encode
 from eyechart.models import Model, ask, open_model
 from eyechart.modes import RequestMode
 from eyechart.prompts import Prompt, policy_prompt
@@ -23,6 +23,10 @@ _FEW = 4
 """Further frames on which the numbers are held against the log."""
 _LARGE, _SMALL, _AWAY = 3.0, 1 / 3, 2.0
 """Numbers so many times the log's, or a mean so many of its spreads away, are of another unit."""
+_FAINT, _ROUNDING = 0.02, 1e-4
+"""Of what another moment changes: a channel that changes less is next to none, and two answers differ by rounding."""
+_FITS, _BETTER = 0.25, 0.25
+"""An error below this share of the log's variance fits; another form of the pictures fits better by this factor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +91,40 @@ class _Asked:
         """Return all that a frame is."""
         return Stimulus(self.bank.images(frame), frame.fields, frame.state)
 
+    @property
+    def pair(self) -> tuple[Frame, ...]:
+        """Return two of the further frames with a logged motion, told different things where there are such."""
+        logged = [frame for frame in self.further if frame.motion]
+        others = [frame for frame in logged[1:] if frame.fields != logged[0].fields] or logged[1:]
+        return (*logged[:1], *others[:1])
+
+    def forms(self, frame: Frame) -> dict[str, Stimulus]:
+        """Return a moment with its pictures as a program before the policy may have left them, by what it did."""
+        seen = self.of(frame)
+        pixels = {name: decode(one, name) for name, one in seen.images.items()}
+        names = list(pixels)
+        made = {
+            "red and blue exchanged": {name: one[..., ::-1] for name, one in pixels.items()},
+            "turned by half": {name: one[::-1, ::-1] for name, one in pixels.items()},
+            "the cameras exchanged": dict(zip(names, (pixels[name] for name in (*names[1:], names[0])), strict=True)),
+        }
+        return {
+            what: replace(seen, images={name: encode(np.ascontiguousarray(one)) for name, one in many.items()})
+            for what, many in made.items()
+            if len(names) > 1 or what != "the cameras exchanged"
+        }
+
+    def error(self, frame: Frame, answer: Motion) -> float:
+        """Return the squared error to the logged motion, over the variance of all logged ones."""
+        logged = [one for one in self.bank if one.motion]
+        states = np.array([flat_state(one.state) for one in logged])
+        given = states if states.size else None
+        every = self.space.relative(np.array([one.motion for one in logged]), given)
+        spread = np.maximum(every.std(axis=(0, 1)), 1e-9)
+        own = None if given is None else np.array(flat_state(frame.state))
+        found, wanted = (self.space.relative(one, own) for one in (answer.array, np.array(frame.motion)))
+        return float((((found - wanted) / spread) ** 2).mean())
+
     def changed(self) -> Iterator[tuple[str, Stimulus]]:
         """Yield the first moment with one thing changed: a channel of the other's, or a key that is missing."""
         mine, theirs = self.of(self.first), self.of(self.other)
@@ -128,6 +166,7 @@ async def _examine(spec: str, model: Model, asked: _Asked) -> PolicyDiagnosis:
         order = [await calls.motion(seen) for seen in (mine, mine, theirs, mine)]
         changed = {name: await calls.motion(seen) for name, seen in asked.changed()}
         further = {frame.id: await calls.motion(asked.of(frame)) for frame in asked.further}
+        forms = await _formed(calls, further) if not _drawn(order) else {}
     finally:
         await close(model)
     answers = [*order, *changed.values(), *further.values()]
@@ -135,8 +174,8 @@ async def _examine(spec: str, model: Model, asked: _Asked) -> PolicyDiagnosis:
     if order[0].action is not None:
         varies = len({one.action for one in (*order, *further.values())}) > 1
         seeded = model.facts.get("seedable") == "true"
-        findings += [_again(order, varies=varies, seeded=seeded), *_reached(order[0].action, changed, _drawn(order))]
-        findings += [_varies(order), _unit(asked, further)]
+        findings += [_again(order, varies=varies, seeded=seeded), *_reached(order, changed)]
+        findings += [_varies(order), _unit(asked, further), _form(forms)]
     return PolicyDiagnosis(spec, tuple(findings), calls.made)
 
 
@@ -159,7 +198,11 @@ def _motions(calls: _Calls, answers: list[Decision[Motion]]) -> Finding:
 
 
 def _drawn(order: list[Decision[Motion]]) -> bool:
-    return order[0].action != order[1].action
+    """Return whether two answers to the same moment, one after the other, differ by more than rounding."""
+    first, second, other, _ = (one.action for one in order)
+    if first is None or second is None or other is None:
+        return first != second
+    return first != second and _apart(first, second) > _ROUNDING * _apart(first, other)
 
 
 def _again(order: list[Decision[Motion]], *, varies: bool, seeded: bool) -> Finding:
@@ -168,13 +211,14 @@ def _again(order: list[Decision[Motion]], *, varies: bool, seeded: bool) -> Find
     All calls have one seed, which fixes the answer of who is ``seeded``.
     """
     first, second, other, third = (one.action for one in order)
-    if None in {second, other, third}:
+    if first is None or second is None or other is None or third is None:
         return Finding("same", None, "not every repeated call came back")
     if other == second and varies:
         said = "another moment got the answer of the one before: does it answer from a queue? declare reset"
         return Finding("same", False, said)
-    if first == second == third:
-        return Finding("same", True, "the same moment gets the same answer, also after another one")
+    if max(_apart(first, one) for one in (second, third)) <= _ROUNDING * _apart(first, other):
+        said = "the same moment gets the same answer, also after another one"
+        return Finding("same", True, said if first == second == third else f"{said}, but for rounding")
     if first == second:
         said = "the same moment gets another answer after another moment: it keeps something; declare reset"
         return Finding("same", False, said)
@@ -183,18 +227,62 @@ def _again(order: list[Decision[Motion]], *, varies: bool, seeded: bool) -> Find
     return Finding("same", None, "the same moment gets two answers: it draws them, or keeps something")
 
 
-def _reached(first: Motion, changed: Mapping[str, Decision[Motion]], drawn: bool) -> Iterator[Finding]:  # noqa: FBT001
-    """Yield, of each channel, whether another one changes a single bit of the answer."""
+def _reached(order: list[Decision[Motion]], changed: Mapping[str, Decision[Motion]]) -> Iterator[Finding]:
+    """Yield, of each channel, whether another one changes a single bit of the answer, and next to nothing else."""
+    first, other, drawn = order[0].action, order[2].action, _drawn(order)
+    assert first is not None
+    whole = 0.0 if other is None else _apart(first, other)
     for name, one in changed.items():
         if one.action is None or drawn:
             why = "its answers are drawn, so that a change shows nothing" if drawn else f"no motion: {one.reason}"
             yield Finding(name, None, why)
         elif one.action == first:
-            what = {"grey": "grey pictures", "state": "another state", "instruction": "another instruction"}.get(name)
+            what = {"grey": "a grey picture", "state": "another state", "instruction": "another instruction"}.get(name)
             said = f"{what or 'another picture'} changes not one bit of the answer: does it reach the policy?"
-            yield Finding(name, False, said)
+            yield Finding(name, False, f"{said} is an earlier answer kept?")
+        elif (size := _apart(first, one.action)) < _FAINT * whole:
+            said = f"it changes the answer by {size / whole:.2g} of what another moment does: it is ignored, or hardly"
+            yield Finding(name, None, f"{said} to be seen (a picture that is divided by 255 twice?)")
         else:
             yield Finding(name, True, "it reaches the policy: the answer changes with it")
+
+
+def _apart(one: Motion, other: Motion) -> float:
+    return float(np.sqrt(np.mean((one.array - other.array) ** 2)))
+
+
+async def _formed(calls: _Calls, further: Mapping[str, Decision[Motion]]) -> dict[str, list[float]]:
+    """Ask about two moments with their pictures in other forms, where it does not fit the log; errors by form."""
+    asked = calls.asked
+    given = [(frame, further[frame.id].action) for frame in asked.pair]
+    found = {"": [asked.error(frame, action) for frame, action in given if action is not None]}
+    if len(found[""]) < 2 or max(found[""]) < _FITS:
+        return found
+    for frame in asked.pair:
+        for what, seen in asked.forms(frame).items():
+            answer = (await calls.motion(seen)).action
+            if answer is not None:
+                found.setdefault(what, []).append(asked.error(frame, answer))
+    return found
+
+
+def _form(errors: Mapping[str, list[float]]) -> Finding:
+    """Say whether pictures in another form bring the answers to the log, at both of two moments."""
+    given = errors.get("", [])
+    if len(given) < 2:
+        return Finding("pictures", None, "their form was not tried: its answers are drawn, or the log is too short")
+    better = {
+        what: many
+        for what, many in errors.items()
+        if what and len(many) == 2 and max(many) < _FITS and sum(many) < _BETTER * sum(given)
+    }
+    if better:
+        what = min(better, key=lambda one: sum(better[one]))
+        said = f"with {what} its error to the log is {np.mean(better[what]):.2g} and not {np.mean(given):.2g}"
+        return Finding("pictures", False, f"{said}: are they given as in its training?")
+    if max(given) < _FITS:
+        return Finding("pictures", True, f"as they are given its error to the log is {max(given):.2g} and less")
+    return Finding("pictures", None, "its answers are not the log's, and none of the forms that were tried mends that")
 
 
 def _varies(order: list[Decision[Motion]]) -> Finding:

@@ -58,6 +58,8 @@ class Motion:
             raise ValueError(f"a {type(given).__name__} is no array: {error}") from error
         if array.dtype.kind not in "fiu" or array.dtype.itemsize > 8:
             raise ValueError(f"an array of {array.dtype} has no numbers of up to 64 bits")
+        if isinstance(given, np.ma.MaskedArray) and (hidden := int(np.ma.getmaskarray(given).sum())):
+            raise ValueError(f"{hidden} numbers of a masked array are masked, and what stands below is no answer")
         if array.size > MOST_NUMBERS:
             raise ValueError(f"an array of {array.size} numbers is too large; {MOST_NUMBERS} may be kept")
         kind = f"<f{array.dtype.itemsize}" if array.dtype.kind == "f" else "<f8"

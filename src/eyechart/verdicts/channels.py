@@ -5,6 +5,7 @@ Source: docs/decisions/0051-what-is-said-of-a-policy.md.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TypeGuard
 
 from eyechart.stats.statistic import Statistic
 
@@ -25,6 +26,11 @@ CONSTANT = 0.02
 """A policy that varies less than this share of the log's variation is constant."""
 INCONSISTENT = 0.50
 """Above this share of noise a policy does not agree with itself."""
+REMEMBERED, SURE, LEAST_NOISE = 0.02, 0.001, 0.01
+"""A policy keeps something from call to call where so much of its noise goes with the call before, with such a p.
+
+Noise below the last is rounding, and what it goes with changes no share.
+"""
 LEAST_EPISODES = 6
 """Fewer episodes bound nothing: the jackknife's intervals are too short."""
 
@@ -32,7 +38,7 @@ GUARDS: Mapping[str, str] = {
     "not_scorable": "too few of its calls came back with a motion",
     "misfit": "its answers have other means or spreads than the logged motions, and fit worse than their mean does",
     "constant": "its answers hardly vary",
-    "self_inconsistent": "its answers to one moment differ more than those to different moments",
+    "self_inconsistent": "its answers to one moment differ more than to different moments, or with the call before",
 }
 """What is asked before any axis, in this order, with what it means where it fails."""
 
@@ -178,7 +184,16 @@ def failed_guards(statistics: Statistics, missing: Mapping[str, int]) -> dict[st
         found["constant"] = "its answers are all the same"
     if noise.value is not None and noise.value > INCONSISTENT:
         found["self_inconsistent"] = f"{noise.value:.0%} of its variation is there when nothing changes at all"
+    elif noise.value is not None and noise.value > LEAST_NOISE and _remembers(kept := statistics.get("memory")):
+        words = "it keeps something; empty it before every call (reset)"
+        found["self_inconsistent"] = (
+            f"{kept.value:.0%} of its noise goes with the call before (p {kept.p:.3f}): {words}"
+        )
     return found
+
+
+def _remembers(kept: Statistic | None) -> TypeGuard[Statistic]:
+    return kept is not None and kept.value is not None and kept.value > REMEMBERED and (kept.p or 0.0) <= SURE
 
 
 def _unlike(misfit: Statistic) -> str:
@@ -329,8 +344,8 @@ def _remarks(statistics: Statistics) -> Iterator[str]:
         one = statistics.get(f"T.swapped@{channel}")
         if one is not None and (one.detail or {}).get("same") == 1.0:
             yield (
-                f"Another {word} changes not one bit of any answer: does it reach the policy? "
-                "'eyechart doctor SPEC --frames BANK' asks"
+                f"Another {word} changes not one bit of any answer: does it reach the policy, or is an earlier answer "
+                "kept? 'eyechart doctor SPEC --frames BANK' asks"
             )
     misfit = statistics.get("misfit")
     if misfit is not None and misfit.value is not None and misfit.value >= MISFIT:
@@ -338,6 +353,11 @@ def _remarks(statistics: Statistics) -> Iterator[str]:
             f"Its error is {misfit.value:.2g} of the log's variance: it does something else than was logged, so that "
             "what it uses may be put to no good use"
         )
+        if ignored(statistics.get("T.swapped@cameras")):
+            yield (
+                "It ignores its cameras, and does not do what was logged: are its pictures ordered and scaled as in "
+                "training? 'eyechart doctor SPEC --frames BANK' tries other forms"
+            )
     paint = statistics.get("T.recoloured")
     if used(paint):
         yield f"A table of another colour alone changes {_share(paint)} of the action"

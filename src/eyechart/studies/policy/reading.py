@@ -1,9 +1,10 @@
 """What one policy answered: arrays by condition, in units of scale and relative to the state that was shown."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -23,12 +24,14 @@ class Motions:
     """One policy's answers about the frames of a plan.
 
     ``answers`` maps a condition to an array (answers, frames, steps, dimensions), NaN where there is none; ``missing``
-    counts by reason the calls that came back without a motion, ``planned`` and ``finished`` those of the plan.
+    counts by reason the calls that came back without a motion, ``planned`` and ``finished`` those of the plan, and
+    ``order`` has the attempts as they were sent.
     """
 
     plan: MotionPlan
     answers: Mapping[str, Floats]
     missing: Mapping[str, int] = field(default_factory=dict)
+    order: Sequence[CallKey] = ()
     planned: int = 0
     finished: int = 0
 
@@ -110,13 +113,42 @@ class Motions:
         every = [numbers.setdefault(frame.drive, len(numbers)) for frame in self.plan.bank]
         return np.array(every)[places]
 
+    def remembered(self) -> tuple[Floats, Floats]:
+        """Return what answers have beyond the mean of those to their call, and what is known of the call before each.
+
+        The first has shape (calls, dimensions), the mean over the steps; the second (calls, numbers): the mean answer
+        to the call before, at its first and last step, and the state that it showed. Of calls that were answered more
+        than once, and whose call before was.
+        """
+        every = {name: one for name in self.answers if (one := self.of(name)) is not None and len(one) > 1}
+        means = {name: one.mean(axis=0) for name, one in every.items()}
+        shown = {name: self._shown(name) for name in every}
+        at = {frame.id: place for place, frame in enumerate(self.plan.frames)}
+        apart, before = [], []
+        for first, call in pairwise(self.order):
+            if first.condition in every and call.condition in every:
+                place, own = at[first.frame], at[call.frame]
+                answer, states = means[first.condition][place], shown[first.condition]
+                apart.append((every[call.condition][call.repeat, own] - means[call.condition][own]).mean(axis=0))
+                before.append(np.concatenate([answer[0], answer[-1], () if states is None else states[place]]))
+        if not apart:
+            return np.zeros((0, 1)), np.zeros((0, 1))
+        found = np.array(apart), np.array(before)
+        good = np.isfinite(found[0]).all(axis=1) & np.isfinite(found[1]).all(axis=1)
+        return found[0][good], found[1][good]
+
     @cached_property
     def _places(self) -> Mapping[str, int]:
         return {frame.id: place for place, frame in enumerate(self.plan.bank)}
 
 
-def read_motions(replies: Iterable[tuple[CallKey, Reply]], plan: MotionPlan, model: str) -> Motions:
-    """Return one policy's answers; ``replies`` are those of the ledger, of calls that the plan does not have too."""
+def read_motions(
+    replies: Iterable[tuple[CallKey, Reply]], plan: MotionPlan, model: str, order: Sequence[CallKey] = ()
+) -> Motions:
+    """Return one policy's answers; ``replies`` are those of the ledger, of calls that the plan does not have too.
+
+    ``order`` has its attempts as they were sent.
+    """
     expected = set(plan.keys_of(model))
     turns = plan.answers if model in plan.drawn else 1
     place = {frame.id: number for number, frame in enumerate(plan.frames)}
@@ -138,4 +170,4 @@ def read_motions(replies: Iterable[tuple[CallKey, Reply]], plan: MotionPlan, mod
             array[key.repeat, place[key.frame]] = decision.action.array
     if "real_repeat" in found:
         found["real_repeat"] = found["real_repeat"][:1]
-    return Motions(plan, found, dict(missing), len(expected), finished)
+    return Motions(plan, found, dict(missing), order, len(expected), finished)

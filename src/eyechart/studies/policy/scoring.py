@@ -33,6 +33,7 @@ from eyechart.seeds import key_seed
 from eyechart.spaces.motion import MOTION_READER, reflect
 from eyechart.stats.agreement import rate
 from eyechart.stats.flips import follow
+from eyechart.stats.memory import memory_share
 from eyechart.stats.partners import NOBODY, Places
 from eyechart.stats.shapley import shapley_values
 from eyechart.stats.statistic import Statistic, cannot_say
@@ -152,7 +153,9 @@ def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path) -> Poli
     with Ledger(ledger_path) as ledger:
         plan = drawn_of(ledger, manifest, bank)
         for spec, version in manifest.models.items():
-            motions, drawn = read_motions(ledger.replies(spec), plan, spec), spec in plan.drawn
+            drawn = spec in plan.drawn
+            order = [sent.key for sent in ledger.attempts(spec)] if drawn else []
+            motions = read_motions(ledger.replies(spec), plan, spec, order)
             statistics = statistics_of(motions, drawn=drawn, seeded=seeded(manifest, spec) and not drawn)
             found[spec] = OnePolicy(spec, version, motions, drawn, statistics)
         accounting, guards = _took(ledger, manifest, plan, read_prices())
@@ -214,6 +217,7 @@ def statistics_of(motions: Motions, *, drawn: bool, seeded: bool) -> dict[str, S
         "misfit": taken.misfit(),
         "variation": taken.variation_share(),
         "noise": taken.noise(seeded=seeded),
+        **({"memory": taken.memory()} if drawn else {}),
     }
     for name in motions.plan.conditions:
         if name not in {"real", "real_repeat", "mirrored", *MOVES} and not name.startswith(TOLD):
@@ -292,6 +296,10 @@ class _Taken:
         if not logged > 0:
             return cannot_say("the logged motions are all the same", len(frames), method)
         return Statistic(own / logged, len(frames), method=method)
+
+    def memory(self) -> Statistic:
+        """Return which share of the noise goes with the call before: of who keeps nothing, none."""
+        return memory_share(*self._motions.remembered(), seed=key_seed("memory"))
 
     def noise(self, *, seeded: bool) -> Statistic:
         """Return which share of the variation is there when nothing changes; of a seeded policy, between two seeds."""

@@ -1,0 +1,97 @@
+"""Policies as people ship them, with one fault between robot and network: what a run says, and what it cannot know."""
+
+from pathlib import Path
+
+import pytest
+
+from eyechart.frames import FrameBank
+from eyechart.simulators import open_bank_simulator
+from eyechart.studies import policy
+from eyechart.studies.policy import Extent
+from eyechart.studies.policy.scoring import PolicyScore, judge
+
+FEW = ("real", "real_repeat", "swapped@cameras", "blank")
+FAULTS = {
+    "channels_first": ("not_scorable", "error"),
+    "seventh": ("not_scorable", "error"),
+    "varies": ("not_scorable", "wrong_shape"),
+    "strings": ("not_scorable", "error"),
+    "objects": ("not_scorable", "error"),
+    "masked": ("not_scorable", "error"),
+    "one_answer": ("not_scorable", "error"),
+    "overflown": ("not_scorable", "not_finite"),
+    "with_batch": ("not_scorable", "wrong_shape"),
+    "transposed": ("not_scorable", "wrong_shape"),
+    "normalised": ("misfit", "normalisation"),
+    "tokens": ("misfit", "action space"),
+    "late_state": ("self_inconsistent", ""),
+    "late_pictures": ("self_inconsistent", "goes with the call before"),
+    "smoothed": ("self_inconsistent", "goes with the call before"),
+}
+HARMLESS = ("sound", "mutates", "one_buffer", "shared", "shared_too")
+MISUSED = ("blue_first", "upside_down", "cameras_exchanged", "unit_floats")
+
+
+@pytest.fixture(scope="module")
+def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
+    """Return a bank of twelve episodes of four frames."""
+    return open_bank_simulator("tabletop").build(tmp_path_factory.mktemp("faults") / "bank", steps=4)
+
+
+def asked(bank: FrameBank, out: Path, *names: str, **options: int) -> PolicyScore:
+    """Return the scored run of faulty policies, their calls at once."""
+    specs = [f"python:faulty_arms:{name}" for name in names]
+    policy.run(policy.plan(bank.root, specs, out, conditions=FEW, extent=Extent(answers=2)), **options)
+    return policy.score(out)
+
+
+def test_each_fault_that_can_be_known_fails_a_guard_and_gets_no_label(bank: FrameBank, tmp_path: Path) -> None:
+    """Shapes, types, masks, another unit, failures, and a history of a call that was another moment's."""
+    verdicts = judge(asked(bank, tmp_path / "run", *FAULTS))
+    for name, (guard, words) in FAULTS.items():
+        one = verdicts[f"python:faulty_arms:{name}"]
+        assert guard in one.guards, (name, one.guards)
+        assert words in one.guards[guard]
+        assert {one.camera.label, one.state.label, one.instruction.label} == {"undecided"}
+
+
+def test_what_a_call_does_to_its_own_arrays_reaches_no_other(bank: FrameBank, tmp_path: Path) -> None:
+    """Inputs that are overwritten, one buffer for all answers, and two policies that share what they keep."""
+    found = asked(bank, tmp_path / "run", *HARMLESS, concurrency=4).models
+    (first, *others) = (one.motions.answers for one in found.values())
+    for other in others:
+        assert all((first[name] == other[name]).all() for name in first)
+
+
+def test_what_draws_its_answers_keeps_nothing(bank: FrameBank, tmp_path: Path) -> None:
+    """Neither noise of a stream of its own nor rounding is taken for a history."""
+    found = asked(bank, tmp_path / "run", "unseeded", "jitters")
+    for spec, one in found.models.items():
+        assert one.drawn
+        assert one.statistics["memory"].p > 0.001
+        assert judge(found)[spec].guards == {}
+
+
+def test_pictures_in_another_form_are_not_held_against_the_policy_in_silence(bank: FrameBank, tmp_path: Path) -> None:
+    """What it does is what it does with these; that it does not do what was logged is said beside the labels."""
+    verdicts = judge(asked(bank, tmp_path / "run", *MISUSED))
+    for one in verdicts.values():
+        assert any("does something else than was logged" in remark for remark in one.remarks)
+    dark = verdicts["python:faulty_arms:unit_floats"]
+    assert any("are its pictures ordered and scaled" in remark for remark in dark.remarks)
+
+
+def test_an_answer_that_is_kept_by_the_state_is_asked_about(bank: FrameBank, tmp_path: Path) -> None:
+    """From outside it is a policy that reads its state alone; that not a bit changes is no work of a network."""
+    (one,) = judge(asked(bank, tmp_path / "run", "cached")).values()
+    assert any("an earlier answer kept" in remark for remark in one.remarks)
+
+
+def test_a_policy_that_hangs_ends_the_run_with_its_reason(bank: FrameBank, tmp_path: Path) -> None:
+    """After some calls that took too long it is left alone, and gets no label."""
+    spec = "python:faulty_arms:hangs"
+    policy.run(policy.plan(bank.root, [spec], tmp_path / "run", conditions=FEW, timeout_s=0.1), attempts=1)
+    found = policy.score(tmp_path / "run")
+    verdict = judge(found)[spec]
+    assert found.models[spec].motions.finished < 4 * len(bank)
+    assert {verdict.camera.label, verdict.state.label} == {"undecided"}
