@@ -226,10 +226,16 @@ CARDS = (
     "a guard failed",
     "watched",
     "nothing came",
+    "not scorable",
     "stopped: image_invariant",
     "stopped: depth that swaps",
 )
-POLICIES_IN_JSON = ("policy: sees", "policy: the wrist ignored", "policy: no motions")
+POLICIES_IN_JSON = (
+    "policy: sees",
+    "policy: swap without an interval",
+    "policy: the wrist ignored",
+    "policy: no motions",
+)
 CHANGED = ("shuffled", "recoloured", "lead_absent")
 SWAPPING = SwapRate(0.9, 40, (0.7, 0.98), 0.001, chance=0.5)
 GUARD = Guard("clock", holds=False, because="two replies came before their calls")
@@ -312,6 +318,7 @@ def cases() -> dict[str, Evidence]:
         "swaps, clear within open": moved(**swapped, **sided | {"turns_clear_within": signs(20, 14, 0, 0.2)}),
         "swaps to no side": moved(**swapped, turns_clear=signs(18, 16, 0, 0.4)),
         "turns to the blocked side": moved(**swapped, turns_clear=signs(4, 30, 2, 1.0)),
+        "depth_lateral, certain": moved(**swapped, **sided | {"turns_clear_within": signs(40, 0, 0, 0.0)}),
         "does not swap": moved(mirror_swap_rate=SwapRate(0.1, 40, (0.0, 0.3), 1.0, chance=0.5)),
         "no power to swap": moved(mirror_swap_rate=SwapRate(0.7, 10, (0.2, 0.9), 0.2, chance=0.5)),
         **{
@@ -333,6 +340,8 @@ def cases() -> dict[str, Evidence]:
         "coin": coin(),
         "constant": blind(),
         "constant, loosely": blind(bound_noise=loose),
+        "two effects are open": blind(bound_lead_near=replace(loose, p=0.2), bound_noise=loose, bound_scene=p(0.3)),
+        "an effect of content is there": blind(bound_content_shuffled=replace(loose, ci=(0.02, 0.2))),
         "an effect is there": blind(bound_noise=replace(loose, ci=(0.02, 0.2))),
         "another answer twice": blind(repeats_together=p(LOW)),
         "presence": blind(presence=p(LOW)),
@@ -344,6 +353,13 @@ def cases() -> dict[str, Evidence]:
             for one in ("shuffled", "recoloured", "lead_absent")
         },
         "content, sides of it": blind(content_shuffled=p(LOW), depth_interventional=signs(22, 22, 100, 0.5)),
+        "content, moved, follows the file": moved(content_shuffled=p(LOW), repeat_over_nudged=p(LOW)),
+        "an exchange without an interval": moved(lane_net=replace(net(90, 8, 144, 0.47), ci=None)),
+        "a dose at places unknown": moved(
+            dose_curve=Curve(
+                0.85, 144, doses=(*DOSES[:2], *(replace(DOSES[0], **{end: None}) for end in ("low", "high")))
+            )
+        ),
         "content, watched in vain": blind(content_shuffled=p(LOW), depth_observational=p(0.2)),
         "content, follows the file": blind(
             content_shuffled=p(LOW), depth_observational=p(LOW), repeat_over_nudged=p(LOW)
@@ -391,12 +407,18 @@ def cases() -> dict[str, Evidence]:
     found = {name: evidence(one) for name, one in made.items()}
     whole = blind()
     silent = {"real": {"refused": 144}, "blank": {"decision": 144}}
+    cut = {"real": {"decision": 140, "http_error": 3, "no_json_object": 1}, "blank": {"decision": 144}}
+    photographs = evidence(blind(content_shuffled=p(LOW)), replies={"real": {"decision": 144}}, gap=False)
     every = {"real": {"decision": 144}, "blank": {"refused": 144}, "noise": {"decision": 1, "refused": 143}}
     hardly = {"real": {"decision": 144}, "blank": {"refused": 1}, "noise": {"decision": 44, "refused": 100}}
     return (
         found
         | stopped()
         | {
+            "lost on the way": evidence(blind() | {"unparsed_rate": Statistic(0.0139, 288)}, replies=cut),
+            "content, of photographs": replace(photographs, absent=("lead_near", "lead_far")),
+            "content, of photographs of one distance": replace(photographs, absent=("lead_far",)),
+            "content, nothing moved": replace(photographs, gap=True, scenarios=2),
             "refuses every blank": evidence(blind() | unparsed, replies=every),
             "refuses the one blank": evidence(blind() | unparsed, replies={**hardly, "text_only": {}}),
             "a shard, its controls not asked": evidence(moved(lane_exchange=SILENT, lane_net=SILENT), part=True),
@@ -452,7 +474,12 @@ def said(case: str) -> object:
         return policies_by_hand.said(policies[case], whole=case in POLICIES_IN_JSON)
     if case == "several":
         verdicts = judge(Several())
-        return {"shared": shared_notes(verdicts), "text": words_of(verdicts).splitlines()}
+        alike = {name: one for name, one in verdicts.items() if one.stopped is None}
+        return {
+            "shared": shared_notes(verdicts),
+            "shared by all": shared_notes(alike),
+            "text": words_of(verdicts).splitlines(),
+        }
     verdict = judge_one(cases()[case])
     told = {"json": verdict.as_dict(), "text": str(verdict).splitlines()}
     return told | ({"card": verdict._repr_html_(), "short": repr(verdict)} if case in CARDS else {})

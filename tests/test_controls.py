@@ -108,3 +108,11 @@ def test_what_the_bank_cannot_supply_is_not_asked() -> None:
     assert controls_wanted(reads, supplied=(), asked=()) == ()
     exchanged = found(depth_interventional=1e-9, lane_exchange=1e-9)
     assert controls_wanted(exchanged, supplied=(*EXCHANGE, "nudged"), asked=EXCHANGE) == ("nudged",)
+
+
+def test_the_exchange_is_asked_whole_and_once() -> None:
+    """Where a bank supplies nothing else; and a model that was asked it in vain is asked the nudge."""
+    reads = found(depth_interventional=1e-9)
+    assert controls_wanted(reads, supplied=EXCHANGE, asked=()) == EXCHANGE
+    assert controls_wanted(reads, supplied=ALL, asked=EXCHANGE) == ("nudged",)
+    assert controls_wanted(reads, supplied=ALL, asked=("lane_own",)) == ("lane_beside",)

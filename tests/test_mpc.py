@@ -228,6 +228,7 @@ def test_a_way_round_that_leaves_the_road_is_none() -> None:
     """Off the road's half width an edge is no way, and where both are off, the target's own offset stays."""
     disc = np.array([[6.0, 2.5, 1.0]])
     assert Detour(disc, 0.0, 4.0).aim(0.0, 3.0, 2.5) == pytest.approx(3.6)
+    assert Detour(disc, 0.0, 3.6).aim(0.0, 3.0, 2.5) == pytest.approx(3.6)
     assert Detour(disc, 0.0, 3.5).aim(0.0, 3.0, 2.5) == pytest.approx(1.4)
     assert Detour(np.array([[6.0, 0.0, 5.0]]), 0.0, 4.0).aim(0.0, 1.0, 0.0) == 0.0
 
@@ -243,3 +244,43 @@ def test_discs_that_overlap_along_the_road_are_passed_together() -> None:
 def test_the_wheels_turn_as_far_as_the_speed_allows(speed: float, most: float) -> None:
     """Half a radian, or from 1.91 m/s on what keeps the lateral acceleration at 4 m/s²."""
     assert CAR.most_steer(speed) == pytest.approx(most)
+
+
+def gently(number: int) -> Iterator[tuple[State, Target, npt.NDArray[np.float64]]]:
+    """Yield states on the road with 0, 1, 2 … obstacles ahead of them."""
+    rng = np.random.default_rng(17)
+    for count in range(number):
+        place = [10.0 * count, *(rng.uniform(-1, 1, 2) * (3.0, 0.6)), rng.uniform(0.5, 5.0)]
+        state = State(*np.round(place, 2).tolist())
+        discs = np.round(np.column_stack([rng.uniform(low, high, count) for low, high in AHEAD]), 1)
+        target = Target(float(rng.integers(0, 6)), float(rng.integers(-2, 3)))
+        yield state, target, discs + np.array([state.x_m, 0.0, 0.0])
+
+
+AHEAD = ((2.0, 12.0), (-4.0, 4.0), (0.8, 1.6))
+COMMANDS = (
+    (2.0000000, -0.2172638, 5.2348168, -0.8357799),
+    (1.4148630, 0.3265743, 4.5538244, -1.0832920),
+    (-4.0000000, -0.0129111, 4.4231012, -1.4206686),
+    (2.0000000, -0.2761253, 5.5998375, -0.9579354),
+    (-4.0000000, -0.0173826, 1.3907416, 1.1645828),
+    (1.7932882, -0.1082467, 7.5951627, -0.1980358),
+    (-2.3378338, 0.1201556, 5.1149675, -0.7769184),
+    (-3.7802517, -0.0380505, 5.3655963, -0.0079904),
+    (-3.5415194, 0.1583511, 0.8296962, -0.2599392),
+)
+"""Acceleration, steering, and how far and where to the side its plan ends."""
+
+
+def test_the_commands_are_those_that_they_were() -> None:
+    """Drives that were recorded are driven again by them, so that a change of any is to be meant."""
+    plans = [(case, Mpc(CAR, ROAD).plan(*case)) for case in gently(9)]
+    found = [(one.accel_mps2, one.steer_rad, one.path[-1, 0] - case[0].x_m, one.path[-1, 1]) for case, one in plans]
+    assert np.array(found) == pytest.approx(np.array(COMMANDS), abs=1e-6)
+
+
+def test_no_intent_makes_it_drive_backwards() -> None:
+    """A speed below 0 is asked for in vain."""
+    found = speeds(Mpc(CAR, ROAD), replace(STILL, speed_mps=1.0), Target(-2.0, 0.0))
+    assert min(found) >= -1e-6
+    assert found[-1] == pytest.approx(0.0, abs=1e-3)

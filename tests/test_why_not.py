@@ -6,17 +6,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import by_hand
 import simulated
 from eyechart.frames import Frame
 from eyechart.gate import hold
 from eyechart.spaces.space import Decision
+from eyechart.stats.agreement import SwapRate
 from eyechart.stats.paired import Discordant, pairs_to_bound
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.published import Resampling
 from eyechart.studies.battery.scoring import statistics_of
 from eyechart.verdicts import LABELS, Evidence, Verdict, judge_one
-from eyechart.verdicts.calibrated import frames_to_bound
+from eyechart.verdicts.calibrated import frames_to_bound, turns_to_tell
 from eyechart.verdicts.why_not import ANY
 
 HOW = Resampling(resamples=999, seed=1, intervals=False)
@@ -158,7 +160,65 @@ def test_no_fewer_frames_are_named_than_there_are(share: float) -> None:
     assert frames_to_bound(replace(one, value=None), 0.05) is None
     differs = Discordant(0.0, 20, (-0.2, 0.2), 0.9, b=2, c=2)
     assert frames_to_bound(differs, 0.05) == (pairs_to_bound(0.2, margin=0.1, alpha=0.05), "were there none")
+    one_pair = Discordant(0.0, 1, (-1.0, 1.0), 0.9, b=1, c=0)
+    assert frames_to_bound(one_pair, 0.05)[0] == pairs_to_bound(0.9, margin=0.1, alpha=0.05)
     assert frames_to_bound(replace(differs, b=10, c=10), 0.01)[0] == pairs_to_bound(0.9, margin=0.1, alpha=0.01)
+
+
+@pytest.mark.parametrize(
+    ("value", "ends", "n", "need"),
+    [
+        (0.02, (-0.06, 0.12), 144, 225),  # until the upper end is at the margin
+        (0.08, (-0.04, 0.20), 144, 324),  # until the lower end is at 0, which is sooner
+        (0.0, (-0.12, 0.12), 144, 208),
+        (0.1, (-0.03, 0.23), 144, 244),
+        (0.02, (-0.05, 0.09), 144, 145),
+        (0.0, (-0.09, 0.09), 25, 26),
+    ],
+)
+def test_as_many_frames_are_named_as_bring_an_end_to_the_margin_or_to_nothing(
+    value: float, ends: tuple[float, float], n: int, need: int
+) -> None:
+    """An interval shrinks with the root of the frames; never fewer are named than there are, and one more."""
+    assert frames_to_bound(Statistic(value, n, ends, 0.9), 0.05) == (need, "were the rest like these")
+
+
+@pytest.mark.parametrize(
+    ("rate", "n", "need"), [(0.9, 111, 112), (0.9, 112, 113), (0.9, 400, 401), (0.55, 400, 1007), (0.51, 400, None)]
+)
+def test_more_turns_are_named_than_there_are(rate: float, n: int, need: int | None) -> None:
+    """Of a rate of .65 112 turns tell; from there on those that tell the rate that there is, and one more at least."""
+    assert turns_to_tell(SwapRate(rate, n, (0.0, 1.0), 0.5, chance=0.5)) == need
+
+
+@pytest.mark.parametrize(
+    ("tested", "need"),
+    [
+        (by_hand.signs(30, 16, 98, 0.03), 335),
+        (by_hand.signs(40, 16, 88, 0.02), 157),  # 139 at .01, and there are 144: at half of it, for Holm
+        (by_hand.signs(42, 14, 88, 0.02), 150),  # and at a quarter of it
+        (by_hand.signs(30, 10, 0, 0.02), 44),  # 40 at .01, as many as there are
+        (by_hand.signs(30, 10, 0, 0.02, "sign test of a reversal"), None),
+        (by_hand.signs(51, 49, 44, 0.5), None),
+        (by_hand.signs(52, 48, 44, 0.4), 9064),
+        (by_hand.signs(0, 30, 100, 1.0), None),
+        (by_hand.p(0.02), None),
+    ],
+)
+def test_a_test_of_signs_names_the_frames_that_its_share_would_take(tested: Statistic, need: int | None) -> None:
+    """More than there are, at the level to which its rule corrects it; none near one half, nor of a reversal."""
+    found = by_hand.blind(content_shuffled=by_hand.p(by_hand.LOW), depth_interventional=tested)
+    why = judge_one(by_hand.evidence(found)).why_not
+    assert (why.label, why.decided_by, why.frames) == ("depth", "depth_interventional", need)
+    assert why.settle.startswith("nothing on frames like these" if need is None else f"about {need} frames, were")
+
+
+@pytest.mark.parametrize(("wins", "n", "more"), [(21, 200, False), (11, 100, False), (112, 1000, True)])
+def test_a_net_effect_near_the_margin_asks_for_no_frames(wins: int, n: int, *, more: bool) -> None:
+    """From .11 on they are counted: at .10 no number of frames would lift the lower bound to it."""
+    found = by_hand.moved(depth_net=by_hand.net(wins, 0, n, 0.05))
+    why = judge_one(by_hand.evidence(found)).why_not
+    assert (why.decided_by, why.frames is not None) == ("depth_net", more)
 
 
 def test_a_shard_that_leaves_its_controls_to_the_merged_run_is_never_finished() -> None:
