@@ -176,6 +176,9 @@ PARTS = (
     Part("merge", wins=20, losses=1, ties=15, p=0.9, power=0.95),
     Part("urban", wins=4, losses=3, ties=5, p=0.4, power=0.31),
 )
+SEEN = (replace(PARTS[0], power=0.80), replace(PARTS[1], power=0.7999))
+"""One in which a reversal would just have been seen with the power that is declared, and one in which not."""
+
 DOSES = (
     Dose("lead_near", 7.0, 9.0, 144, 0.95),
     Dose("lead_mid_near", 9.1, 20.0, 140, 0.7),
@@ -329,7 +332,11 @@ def cases() -> dict[str, Evidence]:
         "no turns": moved(mirror_swap_rate=SwapRate(None, 0)),
         "no exchange asked": moved(lane_exchange=SILENT, lane_net=SILENT),
         "no dose asked": moved(dose_mid=SILENT),
+        "a power at its limit": moved(scenario_reversed=Parts(0.4, 2, p=0.4, note="urban", parts=SEEN)),
         "no nudge asked": moved(repeat_over_nudged=SILENT),
+        "no nudge asked, declines edited pictures": moved(
+            repeat_over_nudged=SILENT, unparsed_controls=Statistic(0.3, 288, (0.2, 0.4), note="86 of 288")
+        ),
         "declines edited pictures": moved(unparsed_controls=Statistic(0.3, 288, (0.2, 0.4), note="86 of 288")),
         "watched": nothing_known() | {"depth_observational": p(LOW)},
         "follows the file": moved(repeat_over_nudged=p(LOW)),

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from eyechart.stats.agreement import trials_needed
 from eyechart.stats.exchange import episodes_needed
@@ -219,8 +219,10 @@ def _not_associated(evidence: Evidence) -> WhyNot:
     if below(interventional.p):
         failed = next(failures(found), None)
         if failed is not None:
-            settle, frames = _frames(found[failed.statistic])
-            return WhyNot("depth", failed.statistic, found[failed.statistic], failed.needs, settle, frames)
+            tested = found[failed.statistic]
+            settle, frames = _frames(tested)
+            corrected = tested if failed.p is None else replace(tested, p=failed.p)
+            return WhyNot("depth", failed.statistic, corrected, failed.needs, settle, frames)
     if below(interventional.p) or below(observational.p):
         settle = "an answer to each picture of its own: no cache, and no memory of files"
         return WhyNot("depth", "repeat_over_nudged", found["repeat_over_nudged"], f"p of {ALPHA} at least", settle)
