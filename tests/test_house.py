@@ -4,6 +4,7 @@ Each list of exceptions is exact: what is mended is taken out of it, and nothing
 """
 
 import ast
+import tomllib
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
@@ -131,3 +132,15 @@ def test_hardly_a_line_is_there_twice() -> None:
 def test_no_module_is_named_for_nothing(word: str) -> None:
     """A module is named for the noun that it holds."""
     assert not [module for module in TEXTS if word in Path(module).stem.split("_")]
+
+
+def test_an_equivalent_mutant_is_of_a_line_that_stands_in_the_code() -> None:
+    """With a reason, another line in its place, and none twice: what was changed since is judged anew."""
+    path = SOURCE.parent / "benchmarks" / "equivalent_mutants.toml"
+    listed = tomllib.loads(path.read_text(encoding="utf-8"))["mutant"]
+    assert len({(one["module"], one["out"], one["in"]) for one in listed}) == len(listed)
+    for one in listed:
+        text = TEXTS[one["module"].removeprefix("eyechart.").replace(".", "/") + ".py"]
+        assert set(one["out"].splitlines()) <= {line.strip() for line in text.splitlines()}, one["out"]
+        assert one["in"] != one["out"]
+        assert one["reason"]

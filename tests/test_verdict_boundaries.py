@@ -123,6 +123,7 @@ def test_content_is_shown_at_one_percent_over_its_three_tests(kind: str) -> None
         ("self_disagreement", least(0.2000001), least(0.2)),
         ("kappa", Statistic(0.1999999, 144, (0.0, 0.3)), Statistic(0.2, 144, (0.0, 0.3))),
         ("kappa", Statistic(0.1, 144, (0.0, 0.3)), Statistic(0.1, 144, (1e-7, 0.3))),
+        ("kappa", Statistic(0.0, 144, (-0.1, 0.1)), Statistic(0.0, 144)),
         ("kappa_pooled", p(JUST_BELOW), p(0.01)),
         ("bound_kappa", p(JUST_BELOW), p(0.01)),
         ("bound_kappa", p(LOW), SILENT),
