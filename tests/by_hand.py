@@ -422,6 +422,10 @@ def cases() -> dict[str, Evidence]:
         found
         | stopped()
         | {
+            "cut off, by a budget that nobody knows": evidence(blind(), replies=refused, max_tokens=0),
+            "cut off where a picture was edited": evidence(
+                blind(), replies={"real": {"decision": 144}, "lead_near": {"decision": 140, "truncated": 4}}
+            ),
             "lost on the way": evidence(blind() | {"unparsed_rate": Statistic(0.0139, 288)}, replies=cut),
             "content, of photographs": replace(photographs, absent=("lead_near", "lead_far")),
             "content, of photographs of one distance": replace(photographs, absent=("lead_far",)),

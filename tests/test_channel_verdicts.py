@@ -4,8 +4,8 @@ import pytest
 
 from eyechart.gate import hold_policies
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.channels import REQUIREMENTS, judge_camera, judge_state
-from policies_by_hand import IGNORED, NOT_ONE_BIT, OPEN, TOO_FEW, UNFOLLOWED, USED, share, verdict
+from eyechart.verdicts.channels import REQUIREMENTS, judge_camera, judge_policy, judge_state
+from policies_by_hand import GOOD, IGNORED, NOT_ONE_BIT, OPEN, TOO_FEW, UNFOLLOWED, USED, share, verdict
 
 
 @pytest.mark.parametrize(
@@ -135,3 +135,11 @@ def test_what_a_verdict_says_beside_its_labels() -> None:
 def test_judging_nothing_decides_nothing() -> None:
     """Without any statistic of a channel."""
     assert judge_camera({}, "cameras", "its cameras").label == "undecided"
+
+
+def test_a_verdict_bears_the_name_of_its_policy_and_of_each_camera() -> None:
+    """Also where a guard failed; a camera's name may hold a colon."""
+    assert {verdict().model, verdict(motions=Statistic(0.5, 9)).model} == {"m"}
+    found = {f"T.{kind}@camera:left:arm": IGNORED for kind in ("swapped", "matched")} | {"T.blank@left:arm": USED}
+    told = judge_policy("m", GOOD | found, ("camera:left:arm",), scope="here.")
+    assert {name: one.label for name, one in told.cameras.items()} == {"left:arm": "camera_presence"}
