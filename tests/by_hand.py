@@ -407,6 +407,14 @@ def cases() -> dict[str, Evidence]:
         "below its floor": {"clears_floor": share(0.0)},
         "no floor": {"clears_floor": share(0.0), "cramers_v": replace(PAPER["cramers_v"], p=0.3)},
         "an image token": {"image_token.decision": Statistic(0.3, 144, (0.2, 0.4), LOW)},
+        "an image token at the margin": {"image_token.decision": Statistic(0.3, 144, (0.1, 0.4), LOW)},
+        "an image token, perhaps": {"image_token.decision": Statistic(0.3, 144, (0.05, 0.4), LOW)},
+        "an image token without an interval": {"image_token.decision": Statistic(0.3, 144, p=LOW)},
+        "a floor of nothing": {"clears_floor": share(0.0), "noise_floor": share(0.0)},
+        "a floor, no association at .05": {
+            "clears_floor": share(0.0),
+            "cramers_v": replace(PAPER["cramers_v"], p=0.05),
+        },
         "one condition": {"cramers_v": replace(PAPER["cramers_v"], detail={"rows": ["real"]})},
         "no conditions": {"cramers_v": replace(PAPER["cramers_v"], detail={"rows": 2})},
     }

@@ -50,6 +50,7 @@ def test_the_statistics_by_hand_earn_their_labels() -> None:
         ("dose_by_frame", with_p(0.05, LOW), with_p(0.0500001, LOW), "content"),
         ("dose_by_frame", with_p(0.5, 0.005), with_p(0.5, 0.0049999), "content"),
         ("dose_scan", p(0.005), p(0.0049999), "content"),
+        ("dose_scan", with_p(0.01, 0.005), with_p(0.01, 0.0049999), "content"),
         ("repeat_over_nudged", p(0.01), p(JUST_BELOW), "undecided"),
         ("unparsed_reference", share(0.05), share(0.0500001), "not_scorable"),
         ("unparsed_controls", least(0.05), least(0.0500001), "depth_associated"),
