@@ -2,11 +2,13 @@
 
     make long-policies
     python benchmarks/policy_rules.py --draws 5000 --processes 2
+    python benchmarks/policy_rules.py --setting "episodes respond"
 
 Every setting is kept on disk beside the digest of the rules, so an interrupted measurement goes on, and one of other
-rules begins anew. Of more than a hundred settings at their margin one may miss by chance: it is drawn again, four
-times as often and from another seed, and both stand in the result. Writes ``benchmarks/results/policies.json``; exit 1
-where an untrue label comes more often than .01 plus two standard errors, both times.
+rules begins anew. With ``--setting``, only those are measured whose names hold a word, and the rows of the others stay
+as they are, with their date. Of more than a hundred settings at their margin one may miss by chance: it is drawn again,
+four times as often and from another seed, and both stand in the result. Writes ``benchmarks/results/policies.json``;
+exit 1 where an untrue label comes more often than .01 plus two standard errors, both times.
 """
 
 import argparse
@@ -44,19 +46,27 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--draws", type=int, default=5000)
     parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--setting", action="append", help="only those whose names hold this; may be repeated")
     parser.add_argument("--cache", type=Path, default=Path("build/policy-rules"))
     args = parser.parse_args()
     cache = args.cache / digest()
     cache.mkdir(parents=True, exist_ok=True)
-    tried = [measured(cache, one, args.draws, args.processes) for one in settings()]
-    about = {"eyechart": eyechart.__version__, "date": dt.datetime.now(dt.UTC).date().isoformat(), "draws": args.draws}
+    words = args.setting or [""]
+    chosen = [one for one in settings() if any(word in one.name for word in words)]
+    tried = [measured(cache, one, args.draws, args.processes) for one in chosen]
+    today = dt.datetime.now(dt.UTC).date().isoformat()
+    about = {"eyechart": eyechart.__version__, "date": today, "draws": args.draws}
     again = {
         one.setting: measured(cache, one.setting, 4 * args.draws, args.processes, seed=1) for one in tried if one.missed
     }
-    rows = [
-        {**one.as_dict(), **({"again": again[one.setting].as_dict()} if one.setting in again else {})} for one in tried
-    ]
-    RESULT.write_text(json.dumps({**about, "settings": rows}, indent=1) + "\n", encoding="utf-8")
+    before = json.loads(RESULT.read_text(encoding="utf-8")) if RESULT.is_file() else {"settings": []}
+    rows = {one["setting"]: {"date": before["date"], **one} for one in before["settings"]}
+    for one in tried:
+        rows[one.setting.name] = {"date": today, **one.as_dict()}
+        if one.setting in again:
+            rows[one.setting.name]["again"] = again[one.setting].as_dict()
+    ordered = [rows[one.name] for one in settings() if one.name in rows]
+    RESULT.write_text(json.dumps({**about, "settings": ordered}, indent=1) + "\n", encoding="utf-8")
     return int(any(one.missed for one in again.values()))
 
 

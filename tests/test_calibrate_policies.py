@@ -25,6 +25,10 @@ BASE = Setting()
         (replace(BASE, numbers="bang-bang"), {"T.swapped@cameras": 0.10}),
         (replace(BASE, numbers="heavy tails"), {"T.swapped@cameras": 0.10}),
         (replace(BASE, response=0.25), {"T.swapped@cameras": 0.10}),
+        (
+            replace(BASE, margin="matched", response=0.25, whole=True, episodes=50),
+            {"T.swapped@cameras": 0.40, "T.matched@cameras": 0.10},
+        ),
         (replace(BASE, noise=1.0, answers=2, frames=144), {"T.swapped@cameras": 0.10, "T.blank": 0.0}),
     ],
 )
@@ -60,18 +64,32 @@ def test_an_untrue_label_is_counted_against_the_rules() -> None:
     assert replace(BASE, share=0.02).false == {"camera_content", "pose_only", "camera_presence"}
 
 
-def test_where_nothing_responds_is_counted_apart() -> None:
-    """Of a data set in which no episode responds nobody can tell that others would; elsewhere the rate is held."""
+def test_where_few_episodes_respond_nothing_untrue_is_said_of_the_data_set() -> None:
+    """Of twelve episodes none may respond; then the label is true of these, and undecided of all."""
     sparse = replace(BASE, response=0.15, whole=True)
     found = Counter(label for seed in range(60) for label in labels_of(sparse, np.random.default_rng(seed)))
-    assert found["ignores_camera, none responds"] >= 2
+    assert found["ignores_camera, true of these episodes"] >= 2
+    assert found["undecided, of the data set"] >= 60
     tried = Tried(sparse, found, 60)
     assert tried.false is not None
     assert tried.false > 0.02
-    assert tried.seen == 0.0
-    assert not tried.missed
-    assert "ignores_camera, none responds" not in str(tried.as_dict())
-    assert not any("none responds" in one for one in labels_of(BASE, np.random.default_rng(0)))
+    assert (tried.seen, tried.claimed, tried.missed) == (0.0, 0.0, False)
+    told = tried.as_dict()
+    assert "true of these" not in str(told)
+    assert told["labels"]["ignores_camera"] == tried.false
+    assert "ignores_camera" not in told["of_data_set"]
+    assert not any("true of these" in one for one in labels_of(BASE, np.random.default_rng(0)))
+    assert Tried(sparse, {"ignores_camera, of the data set": 3}, 100).missed
+
+
+def test_absence_is_said_of_the_data_set_from_enough_episodes_on() -> None:
+    """Fifty of which none responds bound the share that may; one in four that does at a similar state is too many."""
+    silent = replace(BASE, share=0.0, episodes=50)
+    told = labels_of(silent, np.random.default_rng(1))
+    assert {"ignores_camera, of the data set", "state_shortcut, of the data set"} <= set(told)
+    pose = replace(BASE, margin="matched", episodes=50, response=0.25, whole=True)
+    told = [label for seed in range(20) for label in labels_of(pose, np.random.default_rng(seed))]
+    assert "pose_only, of the data set" not in told
 
 
 def test_clear_policies_get_their_labels() -> None:

@@ -3,6 +3,7 @@
 import pytest
 
 from eyechart.gate import hold_policies
+from eyechart.stats.guarantees import share_bound
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.channels import REQUIREMENTS, judge_camera, judge_policy, judge_state
 from policies_by_hand import GOOD, IGNORED, NOT_ONE_BIT, OPEN, TOO_FEW, UNFOLLOWED, USED, share, verdict
@@ -143,3 +144,35 @@ def test_a_verdict_bears_the_name_of_its_policy_and_of_each_camera() -> None:
     found = {f"T.{kind}@camera:left:arm": IGNORED for kind in ("swapped", "matched")} | {"T.blank@left:arm": USED}
     told = judge_policy("m", GOOD | found, ("camera:left:arm",), scope="here.")
     assert {name: one.label for name, one in told.cameras.items()} == {"left:arm": "camera_presence"}
+
+
+def test_a_share_above_one_is_no_percentage() -> None:
+    """It is said to be all and more, with T as it is; an interval that ends above one ends above all."""
+    above, across = Statistic(1.34, 72, (1.1, 1.6), detail={"episodes": 12}), share(0.7, 1.2)
+    found = verdict(swap=above, matched=above)
+    assert "carry all of the action and more (T 1.34 [1.10, 1.60]), and more than all (T 1.34" in found.camera.because
+    assert "%" not in found.camera.because.partition("; moved")[0]
+    assert any(one.startswith("A share above 1 (cameras) is no part of a whole") for one in found.remarks)
+    assert "carry 95.0 % [70.0, over 100] of the action" in verdict(swap=across, follow=None).camera.because
+    assert verdict(swap=across).as_dict()["channels"]["cameras"]["ci"] == [0.7, 1.2]
+
+
+@pytest.mark.parametrize(("silent", "high", "said"), [(12, 0.3187, "undecided"), (44, 0.0994, "ignores_camera")])
+def test_absence_is_said_of_the_data_set_only_where_few_of_its_episodes_may_respond(
+    silent: int, high: float, said: str
+) -> None:
+    """None of 12 leaves 32 % open, none of 44 less than 10 %; the label of the episodes asked is the same."""
+    gone = {"swap": IGNORED, "matched": IGNORED, "blank": IGNORED}
+    found = verdict(**gone, **{"responds@cameras": share_bound(0, silent, confidence=0.99)})
+    told = found.as_dict()["axes"]["camera"]
+    assert found.camera.label == "ignores_camera"
+    assert told["data_set"]["label"] == said
+    assert told["data_set"]["share_at_most"] == pytest.approx(high, abs=1e-4)
+    assert (told["data_set"]["episodes"], told["data_set"]["responding"]) == (silent, 0)
+    assert ("up to 32 % of the data set's may; 44 episodes of which" in told["why_not"].replace("%", " %")) == (
+        silent == 12
+    )
+    (check,) = hold_policies({"m": found}, ["camera:ignores_camera"], {}).checks
+    assert check.holds
+    assert ("of these episodes" in check.because) == (silent == 12)
+    assert "data_set" not in verdict(**gone).as_dict()["axes"]["camera"]

@@ -132,6 +132,8 @@ def hold_policies(
             axis, _, wanted = name.partition(":")
             found = labels[axis]
             because = f"{found.label}: {found.because}"
+            if found.responds is not None and found.why_not:
+                because = f"{because} {found.why_not[0].upper()}{found.why_not[1:]}."
             holds: bool | None = wanted in MEETS.get(found.label, (found.label,))
             if verdict.guards or open_calls.get(spec):
                 holds = None

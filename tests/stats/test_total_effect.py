@@ -16,6 +16,7 @@ from eyechart.stats.total_effect import (
     misfit_share,
     noise_share,
     relabelling_p,
+    responding,
     shares_of_parts,
     total_effect,
     unlikeness,
@@ -110,6 +111,20 @@ def test_a_controller_that_never_changes_with_the_channel_has_a_share_of_exactly
     still = estimate(np.zeros_like(own), np.zeros_like(own), partners, episodes)
     assert still.value is None
     assert "do not vary" in still.note
+
+
+def test_an_episode_responds_where_its_own_share_is_large_under_any_condition() -> None:
+    """Three episodes of two frames, a variation of 1: the second responds to one condition, the third to both."""
+    owner = np.repeat(np.arange(3), 2)
+    first, second = (
+        Pairs(np.array(values), owner, owner) for values in ([0, 0.1, 0, 0, 1, 0], [0, 0, 0.05, 0.15, 1, 1])
+    )
+    variation = Pairs(np.ones(6), owner, owner)
+    assert responding([first, second], variation, 0.1) == (2, 3)
+    assert responding([first], variation, 0.1) == (1, 3)
+    assert responding([first], variation, 0.05) == (2, 3)
+    assert responding([], variation, 0.1) == (0, 0)
+    assert responding([first], Pairs(np.zeros(6), owner, owner), 0.1) == (0, 0)
 
 
 def test_two_episodes_cannot_say() -> None:

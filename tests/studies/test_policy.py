@@ -266,6 +266,21 @@ def test_too_few_episodes_settle_nothing(tmp_path: Path) -> None:
     assert "episodes bound nothing" in verdict.camera.because
 
 
+def test_absence_is_said_of_the_data_set_where_enough_episodes_were_asked(run: Path, tmp_path: Path) -> None:
+    """Of 12 episodes none responds, and a third of all may; of 48 less than a tenth. The label is the same."""
+    policies = json.loads(told("verdict", run, "--json"))["policies"]
+    few = policies["python:arms:middle"]["axes"]["camera"]
+    assert (few["label"], few["data_set"]["label"], few["data_set"]["responding"]) == ("ignores_camera", "undecided", 0)
+    assert "none of 12 responds, so that up to 32% of the data set's may; 44 episodes" in few["why_not"]
+    assert "data_set" not in policies["python:arms:reach"]["axes"]["camera"]
+    large = open_bank_simulator("tabletop").build(tmp_path / "bank", seeds=range(12), steps=4)
+    policy.run(policy.plan(large.root, ["python:arms:middle"], tmp_path / "run", conditions=(*FEW, "swapped@state")))
+    verdict = judge(policy.score(tmp_path / "run"))["python:arms:middle"]
+    for one in (verdict.camera, verdict.state):
+        assert (one.of_data_set, one.why_not) == (one.label, "")
+    assert verdict.camera.as_dict()["data_set"]["share_at_most"] == pytest.approx(1 - 0.01 ** (1 / 48))
+
+
 def test_what_cannot_be_asked_is_refused_in_one_line(bank: FrameBank, tmp_path: Path) -> None:
     """An unknown policy, channel, condition; a bank without motions; one answer of a policy that may draw."""
     highway = open_bank_simulator("rover").build(tmp_path / "rover", seeds=(0,), steps=4)

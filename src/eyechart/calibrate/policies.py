@@ -17,10 +17,20 @@ from eyechart.records import Plain
 from eyechart.report.table import Column, Table
 from eyechart.seeds import key_seed
 from eyechart.stats.flips import follow
+from eyechart.stats.guarantees import share_bound
 from eyechart.stats.partners import balanced_partners
 from eyechart.stats.statistic import Statistic
-from eyechart.stats.total_effect import Pairs, half_squares, relabelling_p, total_effect
-from eyechart.verdicts.channels import judge_camera, judge_instruction, judge_state
+from eyechart.stats.total_effect import Pairs, half_squares, relabelling_p, responding, total_effect
+from eyechart.verdicts.channels import (
+    IGNORED,
+    RESPONDS,
+    SURENESS,
+    Judged,
+    judge_camera,
+    judge_instruction,
+    judge_state,
+    rests_on,
+)
 
 Floats = npt.NDArray[np.float64]
 
@@ -31,8 +41,8 @@ WANTED = 0.01
 """The largest share of false claims that is wanted, before two standard errors."""
 SHARES = (0.0, 0.02, 0.05, 0.10, 0.20, 0.40)
 NOISES, ANSWERS = (0.05, 0.25, 1.0), (2, 4)
-SILENT = ", none responds"
-"""Stands after a label that was said of a data set in which no frame responds."""
+TRUE_OF_THESE, WHOLE = ", true of these episodes", ", of the data set"
+"""Stands after a label of absence that the episodes drawn deserve, if not all; and after one said of all."""
 _BATCH = 100
 
 
@@ -107,8 +117,7 @@ def settings() -> tuple[Setting, ...]:
         found += [replace(base, share=share, numbers=numbers) for numbers in ("bang-bang", "heavy tails")]
         for response in (0.15, 0.25):
             found += [replace(base, share=share, response=response, whole=whole) for whole in (False, True)]
-    for episodes, response in ((24, 0.15), (24, 0.25), (50, 0.15), (50, 0.25)):
-        found.append(replace(base, episodes=episodes, response=response, whole=True))
+    found += list(_sparse(base))
     for noise in NOISES:
         for answers in ANSWERS:
             found += [replace(base, share=share, noise=noise, answers=answers) for share in SHARES]
@@ -123,6 +132,22 @@ def settings() -> tuple[Setting, ...]:
     return tuple(dict.fromkeys(found))
 
 
+def _sparse(base: Setting) -> Iterator[Setting]:
+    """Yield settings in which only some of the episodes respond, and what they are to be held against."""
+    some = replace(base, whole=True)
+    for episodes, response in ((24, 0.15), (24, 0.25), (50, 0.10), (50, 0.15), (50, 0.25)):
+        yield replace(some, episodes=episodes, response=response)
+    for episodes in (12, 50):
+        yield replace(some, margin="matched", episodes=episodes, response=0.25)
+        for response in (0.15, 0.25):
+            yield replace(some, margin="instruction", episodes=episodes, response=response)
+            yield replace(some, episodes=episodes, response=response, noise=0.25, answers=4)
+    yield replace(base, share=0.0, episodes=50)
+    for noise in (0.05, 0.25):
+        yield replace(base, share=0.0, episodes=50, frames=288, noise=noise, answers=4)
+    yield replace(base, margin="instruction", share=0.0, episodes=50)
+
+
 @dataclass(frozen=True)
 class Tried:
     """How often each label was said in a setting, of so many data sets."""
@@ -134,26 +159,41 @@ class Tried:
     @property
     def false(self) -> float | None:
         """Return the share of data sets with the most frequent untrue label; None where none is untrue."""
-        counts = [self.labels.get(label, 0) for label in self.setting.false]
-        return max(counts) / self.draws if counts else None
+        return self._most()
+
+    @property
+    def claimed(self) -> float | None:
+        """Return the same of labels that are said of the data set, and not of the episodes asked alone."""
+        return self._most(WHOLE)
 
     @property
     def seen(self) -> float | None:
-        """Return the same of the data sets in which any frame responds: of the others nobody can tell the policy."""
-        counts = [self.labels.get(label, 0) - self.labels.get(f"{label}{SILENT}", 0) for label in self.setting.false]
-        return max(counts) / self.draws if counts else None
+        """Return the same of labels that are untrue of the episodes asked, too: by others no run can tell."""
+        return self._most(less=TRUE_OF_THESE)
 
     @property
     def missed(self) -> bool:
         """Return whether an untrue label comes more often than is wanted, beyond two standard errors."""
         most = WANTED + 2 * np.sqrt(WANTED * (1 - WANTED) / self.draws)
-        return self.seen is not None and bool(self.seen > most)
+        return any(one is not None and bool(one > most) for one in (self.seen, self.claimed))
+
+    def _most(self, after: str = "", less: str | None = None) -> float | None:
+        get = self.labels.get
+        counts = [get(f"{one}{after}", 0) - (get(f"{one}{less}", 0) if less else 0) for one in self.setting.false]
+        return max(counts) / self.draws if counts else None
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        shares = {label: count / self.draws for label, count in sorted(self.labels.items()) if SILENT not in label}
-        found = {"setting": self.setting.name, "draws": self.draws, "labels": shares, "false": self.false}
-        return {**found, "seen": self.seen} if self.seen != self.false else found
+        said = {label: count / self.draws for label, count in sorted(self.labels.items()) if TRUE_OF_THESE not in label}
+        return {
+            "setting": self.setting.name,
+            "draws": self.draws,
+            "labels": {label: share for label, share in said.items() if WHOLE not in label},
+            "of_data_set": {label.removesuffix(WHOLE): share for label, share in said.items() if WHOLE in label},
+            "false": self.false,
+            "claimed": self.claimed,
+            **({"seen": self.seen} if self.seen != self.false else {}),
+        }
 
 
 def try_rules(
@@ -193,20 +233,25 @@ def _batch(setting: Setting, seed: int, start: int, count: int) -> Counter[str]:
 
 
 def labels_of(setting: Setting, rng: np.random.Generator) -> tuple[str, ...]:
-    """Return the labels of one simulated data set, where no frame of it responds each once more as `SILENT`."""
+    """Return the labels of one simulated data set, and what is said of whole data sets each once more as `WHOLE`.
+
+    Where the share is `IGNORED` or more, and that of these episodes is not, each once more as `TRUE_OF_THESE`.
+    """
     world = _World(setting, rng)
-    labels = _labels(setting, world.statistics())
-    return labels if world.responds else (*labels, *(f"{one}{SILENT}" for one in labels))
+    judged = _judged(setting, world.statistics())
+    labels = tuple(one.label for one in judged)
+    little = setting.whole and world.share < IGNORED <= setting.share
+    own = tuple(f"{one}{TRUE_OF_THESE}" for one in labels) if little else ()
+    return (*labels, *(f"{one.of_data_set}{WHOLE}" for one in judged), *own)
 
 
-def _labels(setting: Setting, statistics: Mapping[str, Statistic]) -> tuple[str, ...]:
+def _judged(setting: Setting, statistics: Mapping[str, Statistic]) -> tuple[Judged, ...]:
     if setting.margin == "instruction":
-        return (judge_instruction(statistics).label,)
-    camera = judge_camera(statistics, "cameras", "its cameras").label
+        return (judge_instruction(statistics),)
+    camera = judge_camera(statistics, "cameras", "its cameras")
     if setting.margin in {"matched", "follow", "control"}:
         return (camera,)
-    state = judge_state(statistics, camera, there=True).label
-    return camera, state
+    return camera, judge_state(statistics, camera.label, there=True)
 
 
 def simulated(setting: Setting, rng: np.random.Generator) -> dict[str, Statistic]:
@@ -225,12 +270,17 @@ class _World:
         self._map = rng.normal(size=(LATENT, STEPS * NUMBERS))
         self._map /= np.sqrt((self._map**2).sum(axis=0))
         self._rest = self._latent()
-        self._gate = self._gates()
+        self._gate, self._far = self._gates(), np.ones((len(self._episode), 1))
+        if setting.margin == "matched":
+            self._gate, self._far = self._far, self._gate**2
 
     @property
-    def responds(self) -> bool:
-        """Return whether any frame responds to the picture."""
-        return bool(self._gate.any())
+    def share(self) -> float:
+        """Return what the channel at its margin carries in the episodes drawn, by how many of these respond."""
+        responds, share = float((self._gate**2 * self._far).mean()), self._set.share
+        if self._set.margin in {"swap", "instruction"}:
+            return share * responds / (share * responds + 1 - share)
+        return share * responds
 
     def _latent(self) -> Floats:
         """Return latent numbers of variance 1 a frame, alike within an episode, shape (frames, 3)."""
@@ -266,34 +316,41 @@ class _World:
         partner = balanced_partners(self._episode.tolist(), every, seed=int(self._rng.integers(2**32)))
         theirs, real = self._episode[partner], self._answers(picture, share)
         variation = Pairs(half_squares(real, real[:, partner]), self._episode, theirs)
-        found = {}
+        channel = "instruction" if one.margin == "instruction" else "cameras"
+        effects, found = dict[str, Pairs](), dict[str, Statistic]()
         for name, changed in wanted.items():
             other = picture[partner] if name == "swapped" else self._latent()
-            shown = self._changed(picture, other, share, changed)
-            found[name] = self._total(real, shown, self._episode if name == "blank" else theirs, variation)
+            far = self._far if name == "matched" else np.ones_like(self._far)
+            shown = self._changed(picture, other, share, changed * far)
+            condition = name if name == "blank" else f"{name}@{channel}"
+            whose = self._episode if name == "blank" else theirs
+            effects[condition] = Pairs(half_squares(real, shown), self._episode, whose)
+            found[f"T.{condition}"] = self._total((real, shown), effects[condition], variation)
+        for claim in RESPONDS:
+            rests = [effects[condition] for condition in rests_on(claim, channel) if condition in effects]
+            found[f"{claim}@{channel}"] = share_bound(*responding(rests, variation, IGNORED), confidence=SURENESS)
         if one.margin == "instruction":
-            return {"T.swapped@instruction": found["swapped"]}
-        named = {"swapped": "T.swapped@cameras", "matched": "T.matched@cameras", "blank": "T.blank"}
-        state = Statistic(1.0, one.frames, (0.5, 2.0), 0.0, detail={"episodes": one.episodes})
-        given = {named[name]: statistic for name, statistic in found.items()} | {"T.swapped@state": state}
-        return given | (self._followed() if one.margin in _CONTENT else {})
+            return found
+        found["T.swapped@state"] = Statistic(1.0, one.frames, (0.5, 2.0), 0.0, detail={"episodes": one.episodes})
+        return found | (self._followed() if one.margin in _CONTENT else {})
 
-    def _changed(self, own: Floats, other: Floats, share: float, changed: float) -> Floats:
+    def _changed(self, own: Floats, other: Floats, share: float, changed: Floats) -> Floats:
         """Return the motions where ``changed`` of the variance comes from another picture, of the ``share`` it carries.
 
-        The picture keeps its variance; where it carries nothing, the other's part is added.
+        ``changed`` is of every frame, shape (frames, 1). The picture keeps its variance; where it carries nothing, the
+        other's part is added.
         """
-        if changed > share:
+        if (changed > share).all():
             more = np.asarray(np.sqrt(2 * changed) * self._gate * other @ self._map)
             return np.asarray(self._answers(own, share) + more.reshape(1, len(own), STEPS, NUMBERS))
-        new = changed / share if share else 0.0
+        new = np.minimum(1.0, changed / share) if share else 0.0
         return self._answers((1 - new) * own + np.sqrt(new * (2 - new)) * other, share)
 
-    def _total(self, real: Floats, other: Floats, theirs: npt.NDArray[np.intp], variation: Pairs) -> Statistic:
+    def _total(self, answers: tuple[Floats, Floats], effect: Pairs, variation: Pairs) -> Statistic:
         drawn = self._set.answers > 1
-        found = total_effect(Pairs(half_squares(real, other), self._episode, theirs), variation, sampled=drawn)
+        found = total_effect(effect, variation, sampled=drawn)
         seed = int(self._rng.integers(2**32))
-        return replace(found, p=relabelling_p(real, other, seed=seed, resamples=999) if drawn else None)
+        return replace(found, p=relabelling_p(*answers, seed=seed, resamples=999) if drawn else None)
 
     def _followed(self) -> dict[str, Statistic]:
         """Return how far moved objects are followed, and how much of that because they are named."""
@@ -383,7 +440,7 @@ def power(episodes: int, frames: int, calls: int, left_out: Mapping[str, str], *
 
 def table(tried: Sequence[Tried]) -> Table:
     """Return a setting a row: how often each label was said, and the untrue one."""
-    labels = list(dict.fromkeys(label for one in tried for label in sorted(one.labels) if SILENT not in label))
+    labels = list(dict.fromkeys(label for one in tried for label in sorted(one.labels) if "," not in label))
     rows = [
         (
             one.setting.name,
@@ -391,11 +448,15 @@ def table(tried: Sequence[Tried]) -> Table:
             ", ".join(sorted(one.setting.false)),
             one.false,
             one.seen,
+            one.claimed,
             "!" if one.missed else "",
         )
         for one in tried
     ]
     head = [Column("setting"), *(Column(label, "number") for label in labels), Column("untrue here")]
-    note = f"seen: of data sets in which any frame responds; ! more than {WANTED} plus two standard errors"
-    ends = (Column("false", "number", 4), Column("seen", "number", 4), Column(""))
+    note = (
+        "false: of the labels; seen: of labels that are untrue of the episodes drawn, too; claimed: of what is said of "
+        f"the whole data set; ! seen or claimed more often than {WANTED} plus two standard errors"
+    )
+    ends = (Column("false", "number", 4), Column("seen", "number", 4), Column("claimed", "number", 4), Column(""))
     return Table("policies", "", (*head, *ends), tuple(rows), note)

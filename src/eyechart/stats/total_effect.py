@@ -5,7 +5,7 @@ One answer is enough of a controller that answers alike whenever it is asked ali
 or more let its noise cancel.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -107,6 +107,22 @@ def total_effect(
     wide = _quantile(level, there - 1) * error
     ci = (share - wide, share + wide) if signed else _interval(share, wide, error, sampled=sampled)
     return Statistic(share, n, ci, method=method, detail=detail, level=level)
+
+
+def responding(effects: Sequence[Pairs], variation: Pairs, least: float) -> tuple[int, int]:
+    """Return in how many episodes a channel carries ``least`` of the variation or more, and how many were asked.
+
+    An episode responds where the mean of its own frames' half squared distances is so large in any of ``effects``.
+    (0, 0) where the controller does not vary.
+    """
+    whole = float(variation.values.mean()) if len(variation.values) else 0.0
+    asked, found = set[int](), set[int]()
+    for effect in effects if whole > 0 else ():
+        for episode in np.unique(effect.owner).tolist():
+            asked.add(episode)
+            if effect.values[effect.owner == episode].mean() >= least * whole:
+                found.add(episode)
+    return len(found), len(asked)
 
 
 def share_difference(first: tuple[Pairs, Pairs], second: tuple[Pairs, Pairs], *, level: float = LEVEL) -> Statistic:

@@ -4,9 +4,10 @@ Source: docs/decisions/0051-what-is-said-of-a-policy.md.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeGuard
 
+from eyechart.stats.guarantees import episodes_needed
 from eyechart.stats.statistic import Statistic
 
 USED = 0.02
@@ -31,6 +32,10 @@ REMEMBERED, SURE, LEAST_NOISE = 0.02, 0.001, 0.01
 
 Noise below the last is rounding, and what it goes with changes no share.
 """
+OF_DATA_SET = 0.10
+"""Absence is said of a data set, and not of its episodes alone, where fewer than this share of them may respond."""
+SURENESS = 0.99
+"""The confidence of that bound."""
 LEAST_EPISODES = 6
 """Fewer episodes bound nothing: the jackknife's intervals are too short."""
 
@@ -80,17 +85,62 @@ REQUIREMENTS: Mapping[str, str] = {
 }
 """What a gate may require of a policy, with what it means."""
 
+RESPONDS: Mapping[str, tuple[str, ...]] = {
+    "responds": ("swapped", "matched", "blank"),
+    "responds.shown": ("swapped", "matched"),
+    "responds.alike": ("matched",),
+}
+"""In which episodes a channel carries something all the same, by the conditions that a claim of absence rests on.
+
+Of a channel that is ignored; of pictures that must only be there; of those that tell no more than the state.
+"""
+
 Statistics = Mapping[str, Statistic]
+
+
+def rests_on(claim: str, channel: str) -> Iterator[str]:
+    """Yield the conditions that a claim of `RESPONDS` on a channel rests on, of those that the channel has."""
+    for name in RESPONDS[claim]:
+        if name != "blank":
+            yield f"{name}@{channel}"
+        elif channel == "cameras":
+            yield name
+        elif channel.startswith("camera:"):
+            yield f"{name}@{channel.partition(':')[2]}"
 
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """A label on one axis: why, the statistic that decided it, and what stood in the way of a stronger one."""
+    """A label on one axis: why, the statistic that decided it, and what stood in the way of a stronger one.
+
+    Of a label of absence, ``responds`` is the share of episodes that respond, and what it may be in the data set.
+    """
 
     label: str
     because: str
     by: str = ""
     why_not: str = ""
+    responds: Statistic | None = None
+
+    @property
+    def of_data_set(self) -> str:
+        """Return the label that holds of the data set too, ``undecided`` where too many of its episodes may respond."""
+        bound = None if self.responds is None else self.responds.ci
+        return "undecided" if bound is not None and bound[1] >= OF_DATA_SET else self.label
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values; ``data_set`` says how far a claim of absence goes beyond the episodes asked."""
+        found: dict[str, object] = {
+            "label": self.label,
+            "because": self.because,
+            "by": self.by,
+            "why_not": self.why_not,
+        }
+        if self.responds is None or self.responds.ci is None:
+            return found
+        episodes = {"episodes": self.responds.n, "responding": (self.responds.detail or {}).get("k")}
+        bound = {"share_at_most": self.responds.ci[1], "confidence": SURENESS, "wanted": OF_DATA_SET}
+        return {**found, "data_set": {"label": self.of_data_set, **episodes, **bound}}
 
 
 @dataclass(frozen=True)
@@ -130,10 +180,7 @@ class PolicyVerdict:
                 name: {"T": one.value, "ci": None if one.ci is None else list(one.ci), "n": one.n}
                 for name, one in self.channels.items()
             },
-            "axes": {
-                name: {"label": one.label, "because": one.because, "by": one.by, "why_not": one.why_not}
-                for name, one in judged.items()
-            },
+            "axes": {name: one.as_dict() for name, one in judged.items()},
             "scope": self.scope,
             "remarks": list(self.remarks),
         }
@@ -230,19 +277,22 @@ def judge_camera(statistics: Statistics, channel: str, what: str) -> Judged:
     swap, matched, blank = (
         statistics.get(f"T.{name}") for name in (f"swapped@{channel}", f"matched@{channel}", f"blank{over}")
     )
-    shown = f"{what} {_verb(what, 'carry', 'carries')} {_share(swap)} of the action"
+    shown = f"{what} {_verb(what, 'carry', 'carries')} {_of_action(swap)}"
     if ignored(swap) and (matched is None or ignored(matched)):
         if ignored(blank):
             words = f"{what} could be unplugged without anybody noticing ({shown}; grey pictures {_share(blank)})"
-            return Judged("ignores_camera", _sentence(words), f"T.swapped@{channel}")
+            gone = Judged("ignores_camera", _sentence(words), f"T.swapped@{channel}")
+            return _bounded(gone, statistics.get(f"responds@{channel}"))
         if used(blank):
             words = f"{shown}, but grey pictures {_share(blank)}: that there is a picture matters, not what it shows"
-            return Judged("camera_presence", _sentence(words), f"T.blank{over}")
+            there = Judged("camera_presence", _sentence(words), f"T.blank{over}")
+            return _bounded(there, statistics.get(f"responds.shown@{channel}"))
         why = f"whether a picture must be there is open: grey ones change {_share(blank)}"
         return Judged("undecided", _sentence(f"{shown}; {why}"), f"T.blank{over}")
     if used(swap) and ignored(matched):
         words = f"{shown}, but of another episode at a similar state only {_share(matched)}: it reads its own pose"
-        return Judged("pose_only", _sentence(words), f"T.matched@{channel}")
+        pose = Judged("pose_only", _sentence(words), f"T.matched@{channel}")
+        return _bounded(pose, statistics.get(f"responds.alike@{channel}"))
     if used(swap) and used(matched):
         return _content(statistics, channel, f"{shown}, and {_share(matched)} where the state is alike")
     return Judged("undecided", _sentence(f"{shown}: {_why_open(swap, matched)}"), f"T.swapped@{channel}")
@@ -269,14 +319,12 @@ def _content(statistics: Statistics, channel: str, shown: str) -> Judged:
             plain.label, plain.because, plain.by, "the bank moves no object, so whether it is followed is open"
         )
     if not _followed(gain, FOLLOWED):
-        why = f"the moved object is followed {_share(gain)} of the oracle's way; {_least(gain)}"
+        why = f"the moved object is followed {_way(gain)} of the oracle's way; {_least(gain)}"
         return Judged(plain.label, plain.because, plain.by, why)
     if not _followed(rather := statistics.get(control), 0.0):
-        why = (
-            f"objects are followed as well where another is named: the difference is {_share(rather)}; {_least(rather)}"
-        )
+        why = f"objects are followed as well where another is named: the difference is {_way(rather)}; {_least(rather)}"
         return Judged(plain.label, plain.because, plain.by, why)
-    words = f"{shown}; moved, the named object is followed {_share(gain)} of the oracle's way (p {gain.p:.4f})"
+    words = f"{shown}; moved, the named object is followed {_way(gain)} of the oracle's way (p {gain.p:.4f})"
     return Judged("object_grounded", _sentence(words), "follow.named")
 
 
@@ -299,11 +347,12 @@ def judge_state(statistics: Statistics, camera: str, *, there: bool) -> Judged:
     if not there:
         return Judged("undecided", "The bank has no state.")
     swap, by = statistics.get("T.swapped@state"), "T.swapped@state"
-    shown = f"its state carries {_share(swap)} of the action"
+    shown = f"its state carries {_of_action(swap)}"
     if ignored(swap):
-        return Judged("ignores_state", _sentence(shown), by)
+        return _bounded(Judged("ignores_state", _sentence(shown), by), statistics.get("responds@state"))
     if used(swap) and camera == "ignores_camera":
-        return Judged("state_shortcut", _sentence(f"{shown}, and its cameras next to nothing"), by)
+        short = Judged("state_shortcut", _sentence(f"{shown}, and its cameras next to nothing"), by)
+        return _bounded(short, statistics.get("responds@cameras"))
     if used(swap):
         return Judged("state_used", _sentence(shown), by)
     return Judged("undecided", _sentence(f"{shown}: {_why_open(swap, None)}"), by)
@@ -314,23 +363,40 @@ def judge_instruction(statistics: Statistics) -> Judged:
     swap, by = statistics.get("T.swapped@instruction"), "T.swapped@instruction"
     if swap is None:
         return Judged("no_power", "No two episodes of the bank are told different things.")
-    shown = f"another instruction changes {_share(swap)} of the action"
+    shown = f"another instruction changes {_of_action(swap)}"
     told = statistics.get("follow.told")
     if ignored(swap) and not _followed(told, 0.0):
-        return Judged("instruction_ignored", _sentence(shown), by)
+        unheard = Judged("instruction_ignored", _sentence(shown), by)
+        return _bounded(unheard, statistics.get("responds@instruction"))
     if not used(swap):
         but = f", but it follows what is named {_share(told)} of the oracle's way more than what is not"
         why, by = (but, "follow.told") if ignored(swap) else (f": {_why_open(swap, None)}", by)
         return Judged("undecided", _sentence(f"{shown}{why}"), by)
     if _followed(told, 0.0):
-        words = f"{shown}, and it follows what is named {_share(told)} of the oracle's way more than what is not"
+        words = f"{shown}, and it follows what is named {_way(told)} of the oracle's way more than what is not"
         return Judged("instruction_followed", _sentence(words), "follow.told")
     if any(_followed(statistics.get(f"follow.{which}"), FOLLOWED) for which in ("named", "other")):
-        why = f"it follows what is named only {_share(told)} of the oracle's way more; {_least(told)}"
+        why = f"it follows what is named only {_way(told)} of the oracle's way more; {_least(told)}"
         return Judged("undecided", _sentence(f"{shown}, but {why}"), "follow.told")
     moved = told is not None and told.value is not None
     what = "it follows no object that is moved in the picture" if moved else "the bank moves no object"
     return Judged("instruction_followed", _sentence(shown), by, f"whether it goes to what is named is open: {what}")
+
+
+def _bounded(found: Judged, one: Statistic | None) -> Judged:
+    """Return a label of absence, of the whole data set only where few enough of its episodes may respond."""
+    if one is None or one.value is None or one.ci is None:
+        return found
+    if one.ci[1] < OF_DATA_SET:
+        return replace(found, responds=one)
+    k = round(one.value * one.n)
+    some = f"{k} of {one.n} {'responds' if k == 1 else 'respond'}" if k else f"none of {one.n} responds"
+    needed = episodes_needed(OF_DATA_SET, confidence=SURENESS)
+    why = (
+        f"it is said of these episodes: {some}, so that up to {one.ci[1]:.0%} of the data set's may; "
+        f"{needed} episodes of which none does would bound that at {OF_DATA_SET:.0%}"
+    )
+    return replace(found, why_not=why, responds=one)
 
 
 def _unfinished(left: int) -> tuple[str, ...]:
@@ -360,10 +426,22 @@ def _remarks(statistics: Statistics) -> Iterator[str]:
             )
     paint = statistics.get("T.recoloured")
     if used(paint):
-        yield f"A table of another colour alone changes {_share(paint)} of the action"
+        yield f"A table of another colour alone changes {_of_action(paint)}"
+    yield from _beyond_all(statistics)
     near = statistics.get("T.swapped@cameras")
     if near is not None and near.ci is not None and near.ci[0] > USED and near.ci[1] < IGNORED:
-        yield f"Its cameras are used, and carry next to nothing: {_share(near)} of the action"
+        yield f"Its cameras are used, and carry next to nothing: {_of_action(near)}"
+
+
+def _beyond_all(statistics: Statistics) -> Iterator[str]:
+    swapped = ((name, one.ci) for name, one in statistics.items() if name.startswith("T.swapped@"))
+    beyond = [name for name, ci in swapped if ci is not None and ci[0] > 1]
+    if beyond:
+        which = ", ".join(name.partition("@")[2] for name in beyond)
+        yield (
+            f"A share above 1 ({which}) is no part of a whole: another episode's channel contradicts the others, "
+            "and the answer changes more than between two moments"
+        )
 
 
 def _why_open(swap: Statistic | None, matched: Statistic | None) -> str:
@@ -383,6 +461,28 @@ def _why_open(swap: Statistic | None, matched: Statistic | None) -> str:
 
 
 def _share(one: Statistic | None) -> str:
+    """Return a share of the action in words; one above 1 is no percentage of anything."""
+    if one is None or one.value is None or one.value <= 1:
+        return _way(one) if one is None or one.ci is None or one.ci[1] <= 1 else f"{_low(one)}, over 100]"
+    return f"more than all (T {one.value:.2f}{_ends(one)})"
+
+
+def _of_action(one: Statistic | None) -> str:
+    if one is None or one.value is None or one.value <= 1:
+        return f"{_share(one)} of the action"
+    return f"all of the action and more (T {one.value:.2f}{_ends(one)})"
+
+
+def _ends(one: Statistic) -> str:
+    return "" if one.ci is None else f" [{one.ci[0]:.2f}, {one.ci[1]:.2f}]"
+
+
+def _low(one: Statistic) -> str:
+    return _way(one).rpartition(",")[0]
+
+
+def _way(one: Statistic | None) -> str:
+    """Return a share in percent; of a way that is followed it may be more than all, which is too far."""
     if one is None or one.value is None:
         return "— %"
     interval = "" if one.ci is None else f" [{100 * one.ci[0]:.1f}, {100 * one.ci[1]:.1f}]"

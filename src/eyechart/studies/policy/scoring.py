@@ -33,6 +33,7 @@ from eyechart.seeds import key_seed
 from eyechart.spaces.motion import MOTION_READER, reflect
 from eyechart.stats.agreement import rate
 from eyechart.stats.flips import follow
+from eyechart.stats.guarantees import share_bound
 from eyechart.stats.memory import memory_share
 from eyechart.stats.partners import NOBODY, Places
 from eyechart.stats.shapley import shapley_values
@@ -43,6 +44,7 @@ from eyechart.stats.total_effect import (
     misfit_share,
     noise_share,
     relabelling_p,
+    responding,
     share_difference,
     shares_of_parts,
     total_effect,
@@ -50,7 +52,7 @@ from eyechart.stats.total_effect import (
 )
 from eyechart.studies.policy.planning import STUDY, drawers, motions_of, seeded
 from eyechart.studies.policy.reading import Floats, Motions, read_motions
-from eyechart.verdicts.channels import PolicyVerdict, judge_policy
+from eyechart.verdicts.channels import IGNORED, RESPONDS, SURENESS, PolicyVerdict, judge_policy, rests_on
 
 Took = tuple[dict[str, dict[str, Account]], dict[str, tuple[Guard, ...]]]
 
@@ -224,6 +226,8 @@ def statistics_of(motions: Motions, *, drawn: bool, seeded: bool) -> dict[str, S
             found[f"T.{name}"] = taken.total(name)
     cameras = (name for name in channels_of(motions.plan.bank) if name not in {STATE, INSTRUCTION})
     found |= {f"beyond@{name}": taken.beyond(name) for name in cameras if f"T.near@{name}" in found}
+    absent = [name for name in channels_of(motions.plan.bank) if f"T.swapped@{name}" in found]
+    found |= {f"{claim}@{name}": taken.responds(name, claim) for name in absent for claim in RESPONDS}
     found |= {f"follow.{which}": taken.follow((which,)) for which in OBJECTS}
     found["follow.told"] = taken.told()
     found["follow.rather"] = taken.follow(OBJECTS)
@@ -385,6 +389,16 @@ class _Taken:
         there = np.isin(places, self._whole(self._real))
         frames = np.flatnonzero(good & there)
         return frames, places[frames]
+
+    def responds(self, channel: str, claim: str) -> Statistic:
+        """Return the share of episodes in which a channel carries `IGNORED` or more, bounded for the whole data set.
+
+        It may do so under any condition that the claim of absence rests on. The data set is all episodes from which
+        these were drawn.
+        """
+        found = [self.pairs(one) for one in rests_on(claim, channel)]
+        effects = [one[0] for one in found if not isinstance(one, str)]
+        return share_bound(*responding(effects, self._variation(), IGNORED), confidence=SURENESS)
 
     def beyond(self, channel: str) -> Statistic:
         """Return the share that goes with pictures at a similar state, over what goes with those of the own episode.
