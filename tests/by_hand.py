@@ -320,6 +320,7 @@ def cases() -> dict[str, Evidence]:
         ),
         "swaps, clear within open": moved(**swapped, **sided | {"turns_clear_within": signs(20, 14, 0, 0.2)}),
         "swaps to no side": moved(**swapped, turns_clear=signs(18, 16, 0, 0.4)),
+        "turns to the blocked side, perhaps": moved(**swapped, turns_clear=signs(10, 15, 2, 0.9)),
         "turns to the blocked side": moved(**swapped, turns_clear=signs(4, 30, 2, 1.0)),
         "depth_lateral, certain": moved(**swapped, **sided | {"turns_clear_within": signs(40, 0, 0, 0.0)}),
         "does not swap": moved(mirror_swap_rate=SwapRate(0.1, 40, (0.0, 0.3), 1.0, chance=0.5)),

@@ -214,3 +214,8 @@ def test_no_frames_are_counted_as_nothing() -> None:
     assert found.committees.tolist() == [[0, 1], [0, 2], [1, 2]]
     assert (found.voters, found.counts.shape, int(found.counts.sum())) == (4, (3, 1, 2, 5), 0)
     assert found.hazard_votes.tolist() == [[0], [0], [0]]
+
+
+def test_no_frames_have_no_answers() -> None:
+    """An empty list of counts, which is none of floats."""
+    assert answers([], [], voters=4, threshold=2, point="two_way").tolist() == []

@@ -146,3 +146,19 @@ def test_the_interval_leaves_each_episode_out() -> None:
     found = follow(gains, full, ["a", "b", "c"], seed=0)
     assert found.value == pytest.approx(0.7)
     assert found.ci == pytest.approx((0.7 - half, 0.7 + half))
+
+
+def test_patterns_that_are_drawn_in_parts_are_all_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where plus and minus are alike every pattern is as extreme, and where all are plus hardly any of 2 to the 40."""
+    monkeypatch.setattr("eyechart.stats.statistic.CHUNK_BYTES", 8 * 16 * 7)
+    alike = np.tile([1.0, -1.0], 8)
+    assert sign_flip_test(alike, np.zeros(16), seed=0, resamples=19).p == 1.0
+    assert follow(np.zeros(16), np.ones(16), np.arange(16), seed=0).p == 1.0
+    assert follow(np.ones(40), np.ones(40), np.arange(40), seed=0).p == 1 / 10_000
+    assert sign_flip_test(np.ones(40), np.zeros(40), seed=0, resamples=19).p == 1 / 20
+
+
+def test_outcomes_that_are_yes_or_no_are_numbers() -> None:
+    """Collided or not, in each of five worlds."""
+    found = sign_flip_test([True, True, True, False, True], [False] * 5, seed=0)
+    assert (found.value, found.p) == (0.8, 2 / 16)

@@ -113,6 +113,9 @@ def test_the_conformal_threshold_keeps_the_risk_in_expectation() -> None:
     assert conformal_threshold(np.ones((3, 5)), 0.5)[0] is None
     with pytest.raises(ValueError, match="do not fall"):
         conformal_threshold(np.array([[0.5], [0.2]]), 0.5)
+    for loss in (-0.01, 1.01):
+        with pytest.raises(ValueError, match=r"shares in \[0, 1\]"):
+            conformal_threshold(np.array([[loss]]), 0.5)
 
 
 def tail(k: int, n: int, risk: Fraction) -> Fraction:

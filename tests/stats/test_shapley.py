@@ -54,3 +54,9 @@ def test_a_missing_subset_is_named() -> None:
     """Nothing is guessed of a subset that nobody asked."""
     with pytest.raises(ValueError, match=r"\['a', 'b'\]"):
         shapley_values({frozenset(): 0.0, frozenset("a"): 1.0, frozenset("b"): 1.0})
+
+
+def test_what_is_right_or_wrong_has_a_worth() -> None:
+    """Two parts that are right only together, as truth values: half each."""
+    found = shapley_values({frozenset(some): set(some) == {"a", "b"} for some in ("", "a", "b", "ab")})
+    assert {name: float(one) for name, one in found.items()} == {"a": 0.5, "b": 0.5}

@@ -745,8 +745,8 @@ CASES: dict[str, Case] = {
         {"value": None, "n": 1, "method": FIT, "note": "the logged actions are all the same"},
     ),
     "fit to two episodes": (
-        lambda: total_effect.misfit_share([[[1.0]], [[2.0]]], [[[2.0]], [[0.0]]], np.arange(2), level=0.9),
-        {"value": 2.5, "n": 2, "ci": None, "method": FIT, "note": "fewer than three episodes"},
+        lambda: total_effect.misfit_share([[[1.0]], [[2.0]]], [[[2.0]], [[-2.0]]], np.arange(2), level=0.9),
+        {"value": 2.125, "n": 2, "ci": None, "method": FIT, "note": "fewer than three episodes"},
     ),
     "fit to three episodes": (
         lambda: total_effect.misfit_share(
