@@ -32,7 +32,7 @@ _MOMENTS = 2
 
 def shares(spec: str, policy: OnePolicy) -> Drawing:
     """Draw the share of every channel, and of pictures at a similar state and of grey ones, with the two margins."""
-    rows = [(name.removeprefix("T."), one) for name, one in policy.statistics.items() if _is_drawn(name, one)]
+    rows = [(_in_words(name), one) for name, one in policy.statistics.items() if _is_drawn(name, one)]
     with style():
         figure, axes = canvas(4.4, 0.7 + 0.25 * max(1, len(rows)), (1.6, 0.15, 0.5, 0.08))
         axes.set_xscale("function", functions=(np.sqrt, np.square))
@@ -48,13 +48,24 @@ def shares(spec: str, policy: OnePolicy) -> Drawing:
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         axes.set_xlabel("share of its own variation", fontsize=8.5)
     told = "; ".join(f"{name} {number(one.value, 3)}" for name, one in rows)
-    title = "How much each channel carries: blue is used, red ignored (left of the dashes), grey open"
+    title = "How much each channel carries: blue is used, red ignored (left of the dashes), grey undecided"
     return Drawing(_slug(f"shares-{spec}"), title, f"Shares with 98 % intervals. {told}", figure)
+
+
+def _in_words(name: str) -> str:
+    """Return what was shown instead, of a share's name: ``T.matched@camera:top`` is 'top, at a like state'."""
+    base, _, channel = name.removeprefix("T.").partition("@")
+    what = channel.removeprefix("camera:") or "cameras"
+    return f"{what if len(what) <= _LONGEST else f'…{what[1 - _LONGEST :]}'}, {_INSTEAD[base]}"
+
+
+_LONGEST = 14
+_INSTEAD = {"swapped": "another's", "matched": "at a like state", "blank": "grey"}
 
 
 def _is_drawn(name: str, one: Statistic) -> bool:
     base = name.removeprefix("T.").partition("@")[0]
-    return name.startswith("T.") and base in {"swapped", "matched", "blank"} and one.value is not None
+    return name.startswith("T.") and base in _INSTEAD and one.value is not None
 
 
 def _interval(axes: Axes, y: int, one: Statistic, colour: str) -> None:

@@ -41,10 +41,11 @@ def _tables(score: PolicyScore) -> list[Table]:
 
 def _sections(score: PolicyScore, pictures: FrameBank | None) -> Iterator[Section]:
     verdicts = judge(score)
-    yield Section("In short", lines=[f"{spec}: {_labels_of(one)}" for spec, one in verdicts.items()])
+    short = [f"{spec}: {_answer(one)} Next: {_next(one)[0]}" for spec, one in verdicts.items()]
+    yield Section("In short", lines=short)
     for spec, one in verdicts.items():
         drawings = [shares(spec, score.models[spec]), *moments(spec, score.models[spec], pictures)]
-        yield Section(spec, _answer(one), drawings, lines=list(_why(one)))
+        yield Section(spec, f"{_labels_of(one)} {_answer(one)}", drawings, lines=list(_why(one)))
     intro = "The share of a policy's own variation that goes when a channel is another episode's, and what follows."
     yield Section("Side by side", intro, tables=[verdict_table(verdicts), channel_table(verdicts)])
     yield Section("Every statistic", tables=[*statistics_table(score).split(), parts_table(score)])
@@ -69,19 +70,30 @@ def _answer(one: PolicyVerdict) -> str:
 
 
 def _why(one: PolicyVerdict) -> Iterator[str]:
-    """Yield why, axis by axis, what stands in the way of more, and what to do next."""
+    """Yield what to do next, why, axis by axis, and what stands in the way of more, once for all axes that share it."""
+    yield from (f"Next: {advice}" for advice in _next(one))
     yield from (f"{name}: {why}." for name, why in one.guards.items())
     axes = {"cameras": one.camera, **{f"{name} camera": judged for name, judged in one.cameras.items()}}
     axes |= {"state": one.state, "instruction": one.instruction}
+    open_by: dict[str, list[str]] = {}
     for name, judged in axes.items() if not one.guards else ():
-        more = f" Not more, because {judged.why_not}." if judged.why_not else ""
-        yield f"{name}: {judged.label}. {judged.because}{more}"
+        yield f"{name}: {judged.label}. {judged.because}"
+        if judged.why_not:
+            open_by.setdefault(judged.why_not, []).append(name)
+    yield from (f"Not more of {', '.join(names)}, because {why}." for why, names in open_by.items())
     yield from (f"{remark}." for remark in one.remarks)
-    yield from (f"Next: {advice}" for label, advice in NEXT.items() if label in _labels(one))
-    for name, judged in one.cameras.items():
-        if judged.label == "ignores_camera" != one.camera.label:
-            yield f"Next: leave out the {name} camera, or find out why: a crop, a dark picture, another key."
     yield f"Scope: {one.scope}"
+
+
+def _next(one: PolicyVerdict) -> list[str]:
+    """Return what somebody who trains this policy could do next, the first thing first."""
+    found = [advice for label, advice in NEXT.items() if label in _labels(one)]
+    for name, judged in one.cameras.items() if not one.guards else ():
+        if judged.label == "ignores_camera" != one.camera.label:
+            found.append(f"leave out the {name} camera, or find out why: a crop, a dark picture, another key.")
+        elif judged.label == "undecided" != one.camera.label:
+            found.append(f"what the {name} camera is used for is open: {SETTLE}")
+    return found or [FINE]
 
 
 def _labels(one: PolicyVerdict) -> set[str]:
@@ -89,15 +101,22 @@ def _labels(one: PolicyVerdict) -> set[str]:
     return {*one.guards, *(each.label for each in judged if not one.guards)}
 
 
+SETTLE = "ask more episodes; 'eyechart plan BANK' says how often so many settle it."
+FINE = (
+    "nothing here asks to be mended. Hold it so for the next checkpoint: 'eyechart gate RUN --require "
+    "camera:camera_content', and drive it in closed loop, which no run of frames replaces."
+)
 NEXT = {
     "not_scorable": "call it once by hand with a frame of the bank, and look at the shape and numbers of its answer.",
     "misfit": "compare the means and spreads of its answers with the log's: un-normalise, or declare the unit.",
     "constant": "look at what reaches it: an input that is always the same, or an output that is scaled away.",
     "self_inconsistent": "empty its queue and its history before every call (reset), or give it a seed.",
+    "ignores_camera": "ask 'eyechart doctor SPEC --frames BANK' whether the picture reaches it; if so, train where "
+    "the state alone does not tell what to do.",
     "state_shortcut": "take from its state what tells where the object is, or train with that number at random.",
-    "ignores_camera": "check that the picture reaches it; then train where the state alone does not tell what to do.",
     "pose_only": "train with objects in more places: what it sees now tells it only where its own arm is.",
     "camera_presence": "train with pictures that differ where the action does.",
     "instruction_ignored": "train with several instructions in one scene, so that the picture does not tell the task.",
+    "undecided": SETTLE,
 }
 """What somebody who trains policies could do next, by label."""
