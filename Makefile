@@ -14,7 +14,7 @@ DOCS := $(VENV)/.docs
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm demo-policy ladder hierarchy test test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-coverage long-power long-policies long-lerobot long-act long-diffusion long-serve long-endpoints long-replies long-faults long-fuzz long-watch mutants clean
+.PHONY: help demo demo-vlm demo-policy ladder hierarchy test test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-coverage long-power long-policies long-lerobot long-act long-diffusion long-serve long-endpoints long-replies long-faults long-fuzz long-watch long-page mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -36,6 +36,7 @@ help:
 	@echo "make long-faults a battery through every fault of the road at random, killed again and again: nothing lost, one verdict"
 	@echo "make long-fuzz   broken ledgers, modes, prompts, tables, guardians, bundles and banks: an error in words each"
 	@echo "make long-watch  a run with --watch and one without beside a slow server, in pairs: first answers, processor time"
+	@echo "make long-page   the page of 20 models on 288 frames under 15 conditions: its size, and the time to open it in Chromium"
 	@echo "make long-serve   a served guardian under hostile load, against the table of classes of replies"
 	@echo "make long-endpoints  doctor, probe, battery and verdict on every way of serving (LITELLM=, TRANSFORMERS=, LLAMA=, URL=)"
 	@echo "make long-policies  the rules on policies, in simulated settings that were fixed before"
@@ -119,6 +120,9 @@ long-speed: $(CORE) $(OLD_PYTHON)
 
 long-watch: $(CORE)
 	$(BIN)/python benchmarks/live_watch.py
+
+long-page: $(BROWSER)
+	EYECHART_CHROMIUM="$${EYECHART_CHROMIUM:-$(CHROMIUM)}" $(BIN)/python benchmarks/large_page.py
 
 long-coverage: $(CORE)
 	$(BIN)/python benchmarks/long_coverage.py

@@ -13,7 +13,7 @@ import pytest
 import stand_ins
 from eyechart.calls import Query, Reply
 from eyechart.models import ADAPTERS
-from eyechart.report.page import Page, write_page
+from eyechart.report.page import Page, unpack, write_page
 from eyechart.spaces.discrete import DRIVING
 from eyechart.studies import battery as study
 from eyechart.studies.battery import subjects
@@ -84,4 +84,5 @@ def data_of(html: str) -> dict[str, list]:
     """Return the data that the browser of frames reads."""
     block = re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.DOTALL)
     assert block is not None
-    return json.loads(block.group(1))
+    packed = re.search(r'<script type="application/octet-stream" id="packed">(.*?)</script>', html, re.DOTALL)
+    return json.loads(block.group(1)) | (json.loads(unpack(packed.group(1), 1 << 30)) if packed else {})

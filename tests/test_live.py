@@ -14,7 +14,7 @@ import banks
 import stand_ins
 from eyechart.costs import Account
 from eyechart.models.prices import read_prices
-from eyechart.serve.live import NOTHING_FOLLOWS, Asked, Live, watched
+from eyechart.serve.live import NOTHING_FOLLOWS, Answer, Asked, Live, watched
 from report_runs import HOSTILE, hostile, make_run
 
 SLOW = """
@@ -94,7 +94,7 @@ def test_files_are_read_so_seldom_that_it_costs_little(tmp_path: Path, monkeypat
         return made
 
     live = Live(tmp_path, read_prices())
-    made = (Asked("m", Account(*([0] * 18)), {}, (), ()),)  # type: ignore[arg-type]
+    made = (Asked("m", Account(*([0] * 18)), {}, (Answer("f", "real", "SLOW", "SLOW"),), ()),)  # type: ignore[arg-type]
     monkeypatch.setattr(live, "_read", busy)
     for name in ("_EVERY_S", "_UNTIL_FIRST_S"):
         monkeypatch.setattr(f"eyechart.serve.live.{name}", 0.0)
@@ -117,6 +117,28 @@ def test_files_that_did_not_change_are_not_read_again(tmp_path: Path, monkeypatc
     for _ in range(20):
         live.html()
     assert len(reads) == 2
+
+
+def test_reads_that_found_no_answer_yet_delay_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first answer of a slow server is shown as soon as it is there, however much was read before."""
+    live, ledger = Live(tmp_path, read_prices()), tmp_path / "ledger.sqlite"
+    account, answer = Account(*([0] * 18)), Answer("f", "real", "SLOW", "SLOW")  # type: ignore[arg-type]
+    said: list[Answer] = []
+
+    def slow() -> tuple[Asked, ...]:
+        begun = time.thread_time()
+        while time.thread_time() - begun < 0.05:
+            pass
+        return (Asked("m", account, {}, tuple(said), ()),)
+
+    monkeypatch.setattr(live, "_read", slow)
+    monkeypatch.setattr("eyechart.serve.live._UNTIL_FIRST_S", 0.0)
+    for number in range(6):
+        ledger.write_text("x" * number)
+        assert live.asked()[0].first == ()
+    said.append(answer)
+    ledger.write_text("an answer")
+    assert live.asked()[0].first == (answer,)
 
 
 def test_a_page_of_a_run_imports_no_server_of_a_guardian() -> None:

@@ -18,7 +18,7 @@ from eyechart import __version__
 from eyechart.channels import find_exchange
 from eyechart.conditions import find_condition
 from eyechart.errors import LedgerError, SpecError
-from eyechart.frames import FrameBank, open_bank
+from eyechart.frames import BankManifest, FrameBank, open_bank
 from eyechart.limits import NOTHING, Limits, Spent, added
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
@@ -389,8 +389,13 @@ def asked_of(bank: FrameBank, prompt: Prompt, reader: int = READER) -> FrameBank
 
     ``reader`` is the version of the rules by which an action is read from a reply.
     """
-    space = prompt.space if isinstance(prompt.space, Discrete) else bank.manifest.action_space
-    return replace(bank, said=prompt.fields, manifest=replace(bank.manifest, action_space=space.by(reader)))
+    space = asked_space(bank.manifest, prompt, reader)
+    return replace(bank, said=prompt.fields, manifest=replace(bank.manifest, action_space=space))
+
+
+def asked_space(bank: BankManifest, prompt: Prompt, reader: int = READER) -> Discrete:
+    """Return the actions that are read from replies: the prompt's own, or the bank's."""
+    return (prompt.space if isinstance(prompt.space, Discrete) else bank.action_space).by(reader)
 
 
 def read_run(path: Path, *, reread: bool = False) -> tuple[RunManifest, FrameBank]:

@@ -4,6 +4,7 @@ import pytest
 
 from eyechart.bundle.comparing import Rounding, compare_tables, compare_values, same_drawing, same_number
 from eyechart.bundle.pages import Strictness, compare_pages
+from eyechart.report.page import pack
 
 EXACT = Rounding(())
 STRICT = Strictness(drawings=True, pictures=True)
@@ -131,3 +132,30 @@ def test_nothing_in_a_page_is_overlooked(more: str) -> None:
     """Comments, declarations and instructions are found too, on either side."""
     for pages in ((PAGE + more, PAGE), (PAGE, PAGE + more)):
         assert len(list(compare_pages(*pages, EXACT, STRICT))) == 1
+
+
+def _packed(text: str) -> str:
+    frame = {"id": "f1", "scenario": "light"}
+    model = {"name": "m", "calls": {"real": [[0, "STOP", True]]}}
+    run = {"name": "r", "frames": [frame], "pictures": {"real": [0]}, "models": [model]}
+    return (
+        f'{PAGE}<script type="application/octet-stream" id="packed">{pack({"texts": [text], "runs": [run]})}</script>'
+    )
+
+
+@pytest.mark.parametrize(
+    ("printed", "found"),
+    [
+        (_packed("I stop."), []),
+        (_packed("I go."), [("report.html, frames, m, real, frame f1, reply", "I go.")]),
+        (_packed("I stop." * 10_000), [("report.html, frames", "data that cannot be read")]),
+        (
+            _packed("I stop.").replace('id="packed">e', 'id="packed">f'),
+            [("report.html, frames", "data that cannot be read")],
+        ),
+    ],
+    ids=["the same", "a reply changed", "far more than recomputed", "damaged"],
+)
+def test_packed_replies_are_compared_as_those_that_lie_open(printed: str, found: list[tuple[str, str]]) -> None:
+    """A changed reply is named by its call; what unpacks to far more, or not at all, is no data."""
+    assert [(one.where, one.printed) for one in compare_pages(printed, _packed("I stop."), EXACT, STRICT)] == found

@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from html import unescape
+from itertools import chain
 from typing import Any
 
 from eyechart.bundle.comparing import (
@@ -17,13 +18,17 @@ from eyechart.bundle.comparing import (
     same_writing,
     skeleton,
 )
-from eyechart.report.page import embedded_json
+from eyechart.report.page import embedded_json, unpack
 
 _DATA = re.compile(r'(<script type="application/json" id="data">)(.*?)(</script>)', re.DOTALL)
+_PACKED = re.compile(r'(<script type="application/octet-stream" id="packed">)(.*?)(</script>)', re.DOTALL)
 _TOKEN = re.compile(r"<!--.*?-->|<[!?/]?[a-zA-Z][^>]*>|[^<]+|<", re.DOTALL)
 _TAG = re.compile(r"</?([\w:-]+)")
 _ATTRIBUTE = re.compile(r'([^\s"=<>/]+)(?:="([^"]*)")?')
 _PICTURE = re.compile(r'"data:image/[^"]*"')
+_MOST_UNPACKED = 1_000_000_000
+_LONGER = 8
+"""A page's packed data is read where it has at most so many bytes for each character of what is recomputed."""
 _DRAWN = {"d", "x", "y", "width", "height", "transform", "style", "points", "viewBox"}
 _LABELS = {"caption", "h3", "title", "dt", "th"}
 
@@ -129,7 +134,7 @@ class _Place:
 def tokens_of(html: str) -> Iterator[Token]:
     """Yield all that stands in a page, without the data of its browser of frames."""
     place = _Place()
-    for found in _TOKEN.finditer(_DATA.sub(r"\1\3", html, count=1)):
+    for found in _TOKEN.finditer(_PACKED.sub(r"\1\3", _DATA.sub(r"\1\3", html, count=1), count=1)):
         place.read(found.group())
         yield Token(found.group(), str(place), place.drawn)
 
@@ -191,21 +196,32 @@ def _same_attribute(name: str, mine: str | None, theirs: str | None, rounding: R
 
 
 def _compare_data(printed: str, recomputed: str, rounding: Rounding, how: Strictness) -> Iterator[Difference]:
-    blocks = [_DATA.search(html) for html in (printed, recomputed)]
-    if blocks == [None, None]:  # a page of scene estimates, which has no browser
-        return
     try:
-        mine, theirs = (json.loads(block.group(2)) for block in blocks if block is not None)
-    except (ValueError, RecursionError):
+        own = list(_blocks(recomputed, _MOST_UNPACKED))
+        given = list(_blocks(printed, _LONGER * (1 + sum(map(len, own)))))
+        if given == own == []:  # a page of scene estimates, which has no browser
+            return
+        mine, theirs = (
+            dict[str, Any](chain.from_iterable(json.loads(one).items() for one in side)) for side in (given, own)
+        )
+        written = all(same_writing(json.loads(one), one, embedded_json) for one in given)
+    except (ValueError, AttributeError, RecursionError):
         yield Difference("report.html, frames", "data that cannot be read", "the calls of the ledger")
         return
-    if blocks[0] is not None and not same_writing(mine, blocks[0].group(2), embedded_json):
+    if not written:
         yield Difference("report.html, frames, data", "written in another way", "as a report writes them")
     if not how.pictures:
         for side in (mine, theirs):
-            if isinstance(side, dict):
-                side.pop("pictures", None)
+            side.pop("pictures", None)
     yield from compare_values(mine, theirs, rounding, lambda path: f"report.html, frames, {_named(theirs, path)}")
+
+
+def _blocks(html: str, most: int) -> Iterator[str]:
+    """Yield a page's data as JSON: what stands in it, and what it holds packed, of ``most`` bytes or ValueError."""
+    if plain := _DATA.search(html):
+        yield plain.group(2)
+    if packed := _PACKED.search(html):
+        yield unpack(packed.group(2), most)
 
 
 def _named(data: Mapping[str, Any], path: Path) -> str:

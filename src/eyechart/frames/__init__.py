@@ -1,6 +1,14 @@
 """A frame bank is a Hugging Face imagefolder with a manifest that fixes its geometry and its pictures."""
 
-from eyechart.frames.folder import BankWriter, check, open_bank, open_unchecked, read_axis, read_metadata
+from eyechart.frames.folder import (
+    BankWriter,
+    check,
+    open_bank,
+    open_unchecked,
+    read_axis,
+    read_bank_manifest,
+    read_metadata,
+)
 from eyechart.frames.nouns import (
     DISTANCES,
     FILE_SUFFIX,
@@ -68,6 +76,7 @@ __all__ = [
     "open_bank",
     "open_unchecked",
     "read_axis",
+    "read_bank_manifest",
     "read_bounded",
     "read_colour",
     "read_metadata",

@@ -49,7 +49,9 @@ def open_bank(root: Path) -> FrameBank:
     return bank
 
 
-def _read_manifest(path: Path) -> BankManifest:
+def read_bank_manifest(root: Path) -> BankManifest:
+    """Read what a bank declares of itself, without its frames; raises BankError naming the file at fault."""
+    path = root / "manifest.json"
     try:
         raw = _plain(path.read_text(encoding="utf-8"))
         if raw.get("format") != FORMAT:
@@ -179,7 +181,7 @@ def _geometry_problems(bank: FrameBank) -> list[str]:
 
 def open_unchecked(root: Path) -> FrameBank:
     """Open a bank whose ground truth may differ from what its manifest recorded; ``check`` says how."""
-    manifest = _read_manifest(root / "manifest.json")
+    manifest = read_bank_manifest(root)
     return FrameBank(root=root, frames=read_metadata(root / "metadata.jsonl", manifest), manifest=manifest)
 
 

@@ -125,9 +125,10 @@ class Live:
                 self._why = "" if self._kept else _NOTHING
             except (EyechartError, OSError) as error:
                 self._why = printable(str(error))
-            self._reads += bool(self._kept)
+            answered = any(one.first for one in self._kept)
+            self._reads += answered
             self._seen = written
-            self._next = now + (_EVERY_S if any(one.first for one in self._kept) else _UNTIL_FIRST_S)
+            self._next = now + (_EVERY_S if answered else _UNTIL_FIRST_S)
             self._spent += time.thread_time() - before
         return self._kept
 

@@ -44,5 +44,29 @@ const eyechart = (() => {
     }));
   };
 
-  return { data, at, make, options };
+  const unpack = async () => {
+    const bytes = Uint8Array.from(atob(at("packed").textContent.trim()), (sign) => sign.charCodeAt(0));
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+    Object.assign(data, JSON.parse(await new Response(stream).text()));
+    at("packed").remove();
+  };
+
+  const begin = (place, told, start) => {
+    if (!at("packed")) return start();
+    at(told).textContent = "The replies of this large report are unpacked when they are looked at.";
+    const near = new IntersectionObserver(async (seen) => {
+      if (!seen.some((one) => one.isIntersecting)) return;
+      near.disconnect();
+      try {
+        await unpack();
+      } catch (error) {
+        at(told).textContent = `This browser cannot unpack the replies (${error.message}); a newer one can.`;
+        return;
+      }
+      start();
+    }, { rootMargin: "600px" });
+    near.observe(at(place));
+  };
+
+  return { data, at, make, options, begin };
 })();

@@ -1,4 +1,4 @@
-(() => {
+eyechart.begin("frames", "status", () => {
   const { data, at, make, options } = eyechart;
   const CUT = 1500;
   const filters = ["text", "run", "model", "scenario", "condition", "decision", "differs"];
@@ -159,4 +159,4 @@
   field.run.addEventListener("input", openRun);
   openRun();
   update();
-})();
+});

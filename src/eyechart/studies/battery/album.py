@@ -20,8 +20,10 @@ NO_PICTURE = -1
 LEFT_OUT = -2
 """The picture is not in the album."""
 
-BUDGET_BYTES = 9_000_000
+BUDGET_BYTES = 7_500_000
 """Of so many encoded bytes an album is made; base64 makes a third more of them."""
+LEAST_BYTES = 2_000_000
+"""As many at least, in a page whose replies take nearly all of its room."""
 
 RUNGS: tuple[tuple[int, int], ...] = ((600, 82), (480, 75), (360, 65), (240, 55), (160, 45))
 """Largest width in pixels, and WebP quality: the first rung on which the album fits its budget is taken."""

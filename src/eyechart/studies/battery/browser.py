@@ -7,6 +7,7 @@ from itertools import starmap
 from eyechart.calls import Reply
 from eyechart.conditions import find_condition, seed_of, speaker
 from eyechart.frames import Frame, Scalar
+from eyechart.report.page import evenly, pack
 from eyechart.run import spread
 from eyechart.spaces.space import Decision
 from eyechart.studies.battery.album import Album
@@ -14,8 +15,13 @@ from eyechart.studies.battery.subjects import Evidence
 
 LONGEST = 400_000
 """Characters of one reply that the page holds; the ledger has all of it."""
-BUDGET = 8_000_000
+BUDGET = 32_000_000
 """Characters of all replies together that the page holds."""
+PACKED_FROM = 1_500_000
+"""From so many characters of replies and calls on, the page holds them packed, and unpacks them when they are seen."""
+_CALL, _CALL_PACKED = 20, 5
+"""Characters that a call takes beside its reply."""
+_SAMPLE = 2000
 
 MOST_FRAMES = 3000
 MOST_CALLS = 120_000
@@ -39,6 +45,11 @@ class Texts:
         """Return how many replies are not there whole."""
         return sum(len(text) > self.limit for text in self.numbers)
 
+    @property
+    def characters(self) -> int:
+        """Return how many characters are there together."""
+        return sum(min(len(text), self.limit) for text in self.numbers)
+
 
 def frames_shown(
     evidence: Sequence[Evidence], *, frames: int = MOST_FRAMES, calls: int = MOST_CALLS
@@ -59,6 +70,41 @@ def collect_texts(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]], 
     texts = dict.fromkeys(reply.text for reply, _ in _told(evidence, shown))
     numbers = {text: number for number, text in enumerate(texts)}
     return Texts(numbers, _fitting(numbers, LONGEST, budget))
+
+
+def _calls_shown(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]]) -> int:
+    runs = zip(evidence, shown, strict=True)
+    return sum(len(places) * len(run.conditions) * len(run.score.models) for run, places in runs)
+
+
+def _heavy(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]], texts: Texts) -> bool:
+    """Return whether the replies about the shown frames are so many that a page holds them packed."""
+    return texts.characters + _CALL * _calls_shown(evidence, shown) > PACKED_FROM
+
+
+def about_packed(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]], texts: Texts) -> int:
+    """Return about how many characters the replies take packed, by a sample; 0 where they are not packed."""
+    if not _heavy(evidence, shown, texts):
+        return 0
+    sample = [text[: texts.limit] for text in evenly(list(texts.numbers), _SAMPLE)]
+    each = len(pack(sample)) / max(1, sum(map(len, sample)))
+    return int(each * texts.characters) + _CALL_PACKED * _calls_shown(evidence, shown)
+
+
+def packed_data(
+    evidence: Sequence[Evidence], album: Album, texts: Texts, shown: Sequence[Sequence[int]], room: int
+) -> tuple[Texts, dict[str, object], str]:
+    """Return the replies cut until they fit ``room``, in characters, and what scripts read: at once, and packed."""
+    budget = BUDGET
+    while True:
+        data = browser_data(evidence, album, texts, shown)
+        if not _heavy(evidence, shown, texts):
+            return texts, data, ""
+        packed = pack({name: values for name, values in data.items() if name != "pictures"})
+        if len(packed) <= room or budget < PACKED_FROM:
+            return texts, {"pictures": data["pictures"]}, packed
+        budget = int(0.9 * texts.characters * room / len(packed))
+        texts = collect_texts(evidence, shown, budget=budget)
 
 
 def _told(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]]) -> Iterator[tuple[Reply, Decision[str]]]:

@@ -14,8 +14,8 @@ from eyechart.spaces.space import MISSING
 from eyechart.stats.evalues import EValue
 from eyechart.stats.statistic import Statistic
 from eyechart.studies import Tell
-from eyechart.studies.battery.album import NO_PICTURE, Album, make_album
-from eyechart.studies.battery.browser import Texts, browser_data, collect_texts, frames_shown
+from eyechart.studies.battery.album import BUDGET_BYTES, LEAST_BYTES, NO_PICTURE, Album, make_album
+from eyechart.studies.battery.browser import Texts, about_packed, collect_texts, frames_shown, packed_data
 from eyechart.studies.battery.figures import figures
 from eyechart.studies.battery.planning import conditions_of, plan_of
 from eyechart.studies.battery.subjects import Evidence, Subject, subjects
@@ -24,6 +24,10 @@ from eyechart.verdicts import LABELS, Stopped, shared_notes
 
 MODELS_DRAWN = 24
 """Models that have figures of their own in the page."""
+MOST_CHARACTERS = 14_500_000
+"""A page of so many replies that they are packed is meant to have no more: it can be sent by mail."""
+LEAST_PACKED = 2_500_000
+"""Characters that packed replies may take whatever else is in the page."""
 GUARDS_SHOWN = 4
 """Up to so many models every guard of each has its row."""
 SHOWN_TOGETHER = (
@@ -43,13 +47,18 @@ def make_page(evidence: Sequence[Evidence], *, tell: Tell = lambda _: None) -> P
     shared = shared_notes({who.label: who.verdict for who in everyone})
     tell("figures")
     drawn = figures(everyone)
-    album, texts = make_album(evidence, shown, tell=tell), collect_texts(evidence, shown)
+    texts, room = collect_texts(evidence, shown), MOST_CHARACTERS - characters_beside(everyone)
+    pictures = 3 * (room - about_packed(evidence, shown, texts)) // 4
+    album = make_album(evidence, shown, budget=min(max(pictures, LEAST_BYTES), BUDGET_BYTES), tell=tell)
     tell("the page")
+    room = max(LEAST_PACKED, room - sum(map(len, album.uris)))
+    texts, data, packed = packed_data(evidence, album, texts, shown, room)
     notes = _notes(evidence, shown, album, texts, len(everyone))
     html = fill(
         "page.html",
         scripts=("layout.js", "browser.js", "page.js"),
-        data=browser_data(evidence, album, texts, shown),
+        data=data,
+        packed=packed,
         title=", ".join(run.name for run in evidence),
         runs=[_run(run) for run in evidence],
         cards=[_card(who, shared) for who in everyone],
@@ -70,6 +79,12 @@ def make_page(evidence: Sequence[Evidence], *, tell: Tell = lambda _: None) -> P
         notes=notes,
     )
     return Page(html, drawn, tuple(notes))
+
+
+def characters_beside(everyone: Sequence[Subject]) -> int:
+    """Return how many characters a page has at most without its pictures and replies: figures, tables, and style."""
+    drawn = sum(65_000 + 150 * len(who.run.frames) for who in everyone[:MODELS_DRAWN])
+    return 300_000 + drawn + 45_000 * len(everyone)
 
 
 def _notes(

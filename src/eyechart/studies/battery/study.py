@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from eyechart.errors import LedgerError
+from eyechart.frames import read_bank_manifest
 from eyechart.gate import REQUIREMENTS, Gate, hold
-from eyechart.manifest import RunManifest, read_manifest, read_run
+from eyechart.manifest import BANK, RunManifest, asked_space, read_manifest, read_run
 from eyechart.models.prices import Prices
 from eyechart.spaces.space import AnySpace
 from eyechart.studies import NO_DRIVES, Made, Packed, Reading, S, Study, Tell, Took, run_json
@@ -36,8 +37,9 @@ class OfFrames(Study[S]):
         return read_manifest(run)
 
     def asked(self, run: Path) -> tuple[RunManifest, AnySpace]:
-        manifest, bank = read_run(run)
-        return manifest, manifest.prompt.asks(bank.manifest.action_space)
+        manifest = read_manifest(run)
+        space = asked_space(read_bank_manifest(run / BANK), manifest.prompt, manifest.reader)
+        return manifest, manifest.prompt.asks(space)
 
     def took_run(self, run: Path, prices: Prices) -> Took:
         return Took(*took(run, prices=prices), probes=dict(read_manifest(run).probes))
