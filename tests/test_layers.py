@@ -13,7 +13,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("cli",),
     ("testing", "api", "bundle", "inspect", "paper"),
     ("serve",),
-    ("calibrate", "compare", "transfer", "guardian"),
+    ("calibrate", "compare", "transfer", "guardian", "overview"),
     ("studies",),
     ("report",),
     ("gate", "destination"),

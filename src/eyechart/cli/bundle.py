@@ -12,7 +12,9 @@ _SHOWN = 40
 
 
 def report(
-    runs: Annotated[list[Path], typer.Argument(help="Folders of the runs.", metavar="RUN...")],
+    runs: Annotated[
+        list[Path], typer.Argument(help="Folders of the runs, or one folder that holds them.", metavar="RUN...")
+    ],
     out: Annotated[Path, typer.Option(help="HTML file to write.")],
     frames: Annotated[list[Path] | None, typer.Option(help="The bank, if it has moved; again for another.")] = None,
     figures: Annotated[Path | None, typer.Option(help="Folder for each figure as SVG and PDF.")] = None,
@@ -25,23 +27,29 @@ def report(
     """Write one self-contained HTML page with verdicts, figures, statistics and every reply.
 
     Of batteries, of episodes, of a whole study of the hierarchy, or of scene estimates: the clauses of admission and
-    the worst frames with what was told of them. It needs no network and shows in any browser.
+    the worst frames with what was told of them. It needs no network and shows in any browser. Of a folder that holds
+    runs of any kinds: an index of them, models side by side, and each model over time.
     Example: eyechart report run --out report.html
     """
     from eyechart.destination import require_free
     from eyechart.errors import SpecError
+    from eyechart.overview import holds_runs, make_index
     from eyechart.report.page import write_figures, write_page
     from eyechart.report.table import write_tables
     from eyechart.studies import Reading, study_of
 
     require_free(out, "report")
-    studies = [study_of(run, "report" if against is None else "report --against") for run in runs]
+    listed = len(runs) == 1 and holds_runs(runs[0])
+    of_runs = {"--frames": frames, "--figures": figures, "--against": against, "--step": step}
+    if listed and (given := [name for name, value in of_runs.items() if value]):
+        raise SpecError(f"an index of runs takes no {', '.join(given)}: give the runs themselves")
+    studies = [] if listed else [study_of(run, "report" if against is None else "report --against") for run in runs]
     if len({one.runs_are for one in studies}) > 1:
         told = ", ".join(f"{run} of {one.runs_are}" for run, one in zip(runs, studies, strict=True))
         raise SpecError(f"a report is about one kind of run ({told}): make one of each")
     reading = Reading(independent, reread, against, steps=read_steps(step, studies))
     with patience("report") as tell:
-        made = studies[0].report(runs, frames or [], reading, tell)
+        made = studies[0].report(runs, frames or [], reading, tell) if studies else make_index(runs[0], reading, tell)
         write_page(made.page, out)
         if figures is not None:
             tell("files of figures")

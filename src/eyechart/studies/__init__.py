@@ -19,6 +19,7 @@ from eyechart.manifest import BESIDE, LEDGER, RUN, EpisodesManifest, RunManifest
 from eyechart.models.prices import Prices
 from eyechart.records import plain
 from eyechart.spaces.space import AnySpace
+from eyechart.stats.statistic import Statistic
 from eyechart.verdicts import Verdict
 
 if TYPE_CHECKING:  # a score needs no terminal and no figures
@@ -115,6 +116,21 @@ class Made:
     lines: Sequence[str]
 
 
+@dataclass(frozen=True)
+class Finding:
+    """What a run says of one model, in a word and the estimate that decided it; ``state`` says what keeps it open.
+
+    ``tone`` is that of a ``Mark`` of a table. ``marks`` are the guards that failed, in words.
+    """
+
+    label: str
+    tone: str
+    decided_by: str = ""
+    estimate: Statistic | None = None
+    state: str = ""
+    marks: Sequence[str] = ()
+
+
 class Study(ABC, Generic[S]):
     """A kind of run, of which a report speaks as ``runs_are``.
 
@@ -180,6 +196,11 @@ class Study(ABC, Generic[S]):
 
     def verdicts(self, score: S) -> Mapping[str, Verdict]:
         """Return the verdict on each model, none where a study has none."""
+        del score
+        return {}
+
+    def findings(self, score: S) -> Mapping[str, Finding]:
+        """Return what an index of runs says of each model, none where a study has no verdict."""
         del score
         return {}
 

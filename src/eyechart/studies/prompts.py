@@ -4,6 +4,7 @@ A cell is a battery of its own, of real and blank pictures, so that it resumes, 
 Source: paper, section Prompt formulation gates measured grounding and Table t:prompts.
 """
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -26,13 +27,15 @@ from eyechart.run import Progress
 from eyechart.stats.agreement import rate
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic, cannot_say
-from eyechart.studies import NO_DRIVES, Made, Reading, Tell, battery, names_of
+from eyechart.studies import NO_DRIVES, Made, Reading, Tell, battery, names_of, run_json
 from eyechart.studies.battery import OfFrames
 from eyechart.studies.probed import spent_on
 
 FRAMES = 100
 """Frames a cell, each shown real and blank: the paper's 100 queries, and the same 100 blank."""
 
+_ALIKE = ("study", "models", "fingerprint", "conditions", "limit", "seed")
+"""What the manifests of the cells of one study have in common."""
 CONDITIONS = ("real", "blank")
 
 DEPENDENCE = ("mutual_information", "obstacle", "cramers_v_real_blank")
@@ -127,6 +130,13 @@ def plan(
 def cells_in(out: Path) -> list[Path]:
     """Return the folders of a study's cells, as far as they are begun."""
     return [one for one in sorted(out.iterdir()) if is_run(one)] if out.is_dir() else []
+
+
+def is_study(folder: Path) -> bool:
+    """Return whether a folder's runs are the cells of one study: the same models and frames, each asked otherwise."""
+    cells = [run_json(one) for one in cells_in(folder)] if not is_run(folder) else []
+    alike = {json.dumps([one.get(name) for name in _ALIKE], sort_keys=True) for one in cells}
+    return len(alike) == 1 < len(cells) == len({repr([one.get("prompt"), one.get("modes")]) for one in cells})
 
 
 def run(

@@ -36,6 +36,24 @@ const eyechart = (() => {
   addEventListener("scroll", () => requestAnimationFrame(current), { passive: true });
   current();
 
+  const widths = new WeakMap();
+  const fold = (entries) => {
+    for (const { target, contentRect } of entries) {
+      const table = target.querySelector("table");
+      if (!contentRect.width || widths.get(target) === contentRect.width) continue;
+      widths.set(target, contentRect.width);
+      table.classList.remove("folded");
+      if (target.scrollWidth <= target.clientWidth + 1) continue;
+      const heads = [...table.tHead.rows[0].cells].map((one) => one.textContent);
+      for (const row of table.tBodies[0].rows) for (const one of row.cells) one.dataset.head = heads[one.cellIndex];
+      table.classList.add("folded");
+    }
+  };
+  const folding = new ResizeObserver(fold);
+  for (const one of document.querySelectorAll(".scroll:has(> table > thead)")) {
+    if (!one.closest(".pair")) folding.observe(one);
+  }
+
   const options = (select, pairs) => {
     select.replaceChildren(...pairs.map(([value, text]) => {
       const option = make("option", "", text);

@@ -11,10 +11,10 @@ from eyechart.gate import REQUIREMENTS, Gate, hold
 from eyechart.manifest import BANK, RunManifest, asked_space, read_manifest, read_run
 from eyechart.models.prices import Prices
 from eyechart.spaces.space import AnySpace
-from eyechart.studies import NO_DRIVES, Made, Packed, Reading, S, Study, Tell, Took, run_json
+from eyechart.studies import NO_DRIVES, Finding, Made, Packed, Reading, S, Study, Tell, Took, run_json
 from eyechart.studies.battery.planning import STUDY
 from eyechart.studies.battery.scoring import BatteryScore, require_scorable, score, score_run, took
-from eyechart.verdicts import Verdict, judge, words_of
+from eyechart.verdicts import LABELS, Verdict, judge, words_of
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -67,6 +67,14 @@ class BatteryStudy(OfFrames[BatteryScore]):
 
     def verdicts(self, score: BatteryScore) -> Mapping[str, Verdict]:
         return judge(score)
+
+    def findings(self, score: BatteryScore) -> Mapping[str, Finding]:
+        found = {}
+        for spec, one in judge(score).items():
+            label, by = one.calibrated.label, one.calibrated.decided_by
+            estimate = score.models[spec].statistics[by]
+            found[spec] = Finding(label, LABELS[label].family, by, estimate, one.state, one.marks)
+        return found
 
     def printed(self, score: BatteryScore) -> "Iterator[Table | str]":
         from eyechart.report.accounts import costs_table

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 from eyechart.gate import Gate, hold_policies
 from eyechart.manifest import read_manifest
 from eyechart.models.prices import Prices
-from eyechart.studies import NO_DRIVES, Course, Made, Packed, Reading, Tell, Took
+from eyechart.studies import NO_DRIVES, Course, Finding, Made, Packed, Reading, Tell, Took
 from eyechart.studies.battery import OfFrames
 from eyechart.studies.policy.planning import STUDY
 from eyechart.studies.policy.scoring import PolicyScore, judge, require_scorable, score, score_run, took
@@ -38,6 +38,18 @@ class Policies(OfFrames[PolicyScore]):
 
     def require_scorable(self, run: Path, reading: Reading) -> None:
         require_scorable(run, read_manifest(run), reread=reading.reread)
+
+    def findings(self, score: PolicyScore) -> Mapping[str, Finding]:
+        from eyechart.studies.policy.tables import mark
+
+        found = {}
+        for spec, one in judge(score).items():
+            said, motions = mark(one.camera.label), score.models[spec].motions
+            left = motions.planned - motions.finished
+            state = f"unfinished: {motions.finished} of {motions.planned} calls" if left else ""
+            guards = [f"{name}: {why}" for name, why in one.guards.items()]
+            found[spec] = Finding(said.text, said.tone, "camera", one.channels.get("camera"), state, guards)
+        return found
 
     def printed(self, score: PolicyScore) -> "Iterator[Table | str]":
         from eyechart.report.accounts import costs_table
