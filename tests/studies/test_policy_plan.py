@@ -29,6 +29,9 @@ def test_the_command_says_it_and_what_cannot_be_asked(tmp_path: Path, monkeypatc
     assert found.exit_code == 0, found.output
     assert "channels: cameras, camera:top, camera:wrist, state, instruction" in found.stdout
     assert "how often 8 episodes (32 frames) settle it" in found.stdout
+    assert "--shapley asks 64 calls more" in found.stdout
+    words = " ".join(found.stdout.split())
+    assert "said of these episodes, not of the data set: where none of 8 responds, up to 43.8% may" in words
     said = json.loads(CliRunner().invoke(app, ["plan", str(bank.root), "--json"]).stdout)
     assert (said["episodes"], said["frames"]) == (8, 32)
     assert said["calls"] % 32 == 0

@@ -222,11 +222,16 @@ def plan(
 def _plan_policies(bank: "FrameBank", *, json: bool) -> None:
     """Print what a bank can say of a policy, and how many calls it takes."""
     from eyechart.calibrate.policies import power
-    from eyechart.channels import channels_of, conditions_of
+    from eyechart.channels import channels_of, conditions_of, subset_conditions
     from eyechart.cli.terminal import print_each
+    from eyechart.stats.guarantees import share_bound
+    from eyechart.verdicts.channels import OF_DATA_SET, SURENESS
 
     conditions, left_out = conditions_of(bank)
+    more = len({*subset_conditions(bank).values()} - {*conditions})
     episodes = len({frame.drive for frame in bank})
+    bound = (share_bound(0, episodes, confidence=SURENESS).ci or (0.0, 1.0))[1]
+    whole = "the data set" if bound < OF_DATA_SET else "these episodes, not of the data set"
     found = power(episodes, len(bank), len(conditions) * len(bank), left_out)
     if json:
         print_json(found.as_dict())
@@ -237,7 +242,8 @@ def _plan_policies(bank: "FrameBank", *, json: bool) -> None:
             f"channels: {', '.join(channels_of(bank))}",
             f"calls: {found.calls} ({len(conditions)} conditions); about four times as many of who draws its answers",
             *(f"not asked: {name}: {why}" for name, why in left_out.items() if "frame" in why),
-            "an effect that only a few episodes would show is missed where none of these is such a one",
+            *([f"--shapley asks {more * len(bank)} calls more"] if more else []),
+            f"absence (ignores_camera …) is said of {whole}: where none of {episodes} responds, up to {bound:.1%} may",
         ]
     )
 
