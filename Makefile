@@ -14,7 +14,7 @@ DOCS := $(VENV)/.docs
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm demo-policy ladder hierarchy test test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-coverage long-power long-policies long-lerobot long-act long-diffusion long-serve long-endpoints long-replies long-faults long-fuzz long-watch long-page mutants clean
+.PHONY: help demo demo-vlm demo-policy ladder hierarchy test test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-diffusion long-serve long-endpoints long-replies long-faults long-fuzz long-watch long-page mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -40,6 +40,7 @@ help:
 	@echo "make long-serve   a served guardian under hostile load, against the table of classes of replies"
 	@echo "make long-endpoints  doctor, probe, battery and verdict on every way of serving (LITELLM=, TRANSFORMERS=, LLAMA=, URL=)"
 	@echo "make long-policies  the rules on policies, in simulated settings that were fixed before"
+	@echo "make long-policy-draws  the trained policies again: other draws, other episodes, other numbers of threads"
 	@echo "make long-lerobot   a data set by LeRobot's own writer, from import to gate: verdicts, time and memory"
 	@echo "make long-act       LeRobot's ACT, trained with and without a state that tells it all: opposite verdicts"
 	@echo "make long-diffusion LeRobot's DiffusionPolicy, asked with one seed and without: are the verdicts equal?"
@@ -135,6 +136,9 @@ mutants: $(MUTANTS)
 
 long-policies: $(CORE)
 	$(BIN)/python benchmarks/policy_rules.py
+
+long-policy-draws: $(CORE)
+	$(BIN)/python benchmarks/policy_draws.py
 
 long-lerobot: $(MODELS)
 	$(BIN)/python benchmarks/lerobot_policy.py
