@@ -4,9 +4,9 @@
     python benchmarks/fuzzed_files.py --files 100000 --wholes 300
 
 Ledgers, modes, prompts, tables and frozen guardians, so many of each; whole bundles and banks. A mutation follows from
-its number. Parts are kept on disk, so that an interrupted measurement goes on. Writes
-``benchmarks/results/fuzz.json``; exit 1 where anything was wrong. The process may take no more than ``MOST_BYTES`` of
-addresses: what needs more is wrong.
+its number. An interrupted measurement goes on where its result stands, and one of this version that is committed too;
+``--anew`` begins with the first mutation. Writes ``benchmarks/results/fuzz.json``; exit 1 where anything was wrong. The
+process may take no more than ``MOST_BYTES`` of addresses: what needs more is wrong.
 """
 
 import argparse
@@ -25,7 +25,6 @@ import eyechart  # noqa: E402
 from mutated_files import subjects, wholes  # noqa: E402 - of the tests, whose short form reads the same
 
 RESULT = ROOT / "benchmarks" / "results" / "fuzz.json"
-KEPT = ROOT / "build" / f"fuzzed_files_{eyechart.__version__}.json"
 PART, WHOLE_PART = 2_000, 10
 MOST_BYTES = 4_000_000_000
 MOST_KB = 1_000_000
@@ -37,9 +36,10 @@ def main() -> int:
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--files", type=int, default=100_000)
     options.add_argument("--wholes", type=int, default=300)
+    options.add_argument("--anew", action="store_true")
     asked = options.parse_args()
     resource.setrlimit(resource.RLIMIT_AS, (MOST_BYTES, MOST_BYTES))
-    kept = json.loads(KEPT.read_text()) if KEPT.is_file() else {}
+    kept = {} if asked.anew else stands()
     with tempfile.TemporaryDirectory(prefix="eyechart-fuzz-") as work:
         home, single = Path(work), Path(work) / "single"
         single.mkdir()
@@ -58,21 +58,31 @@ def main() -> int:
                 one["read"], spent = end, time.process_time() - began
                 one["processor_seconds"] = round(one["processor_seconds"] + spent, 1)
                 kept["peak_kb"] = max(kept.get("peak_kb", 0), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
-                KEPT.parent.mkdir(exist_ok=True)
-                KEPT.write_text(json.dumps(kept))
-                failed = write(kept)
-    print(f"{RESULT}: {failed} wrong")
+                write(kept)
+    failed = wrong_in(kept)
+    print(f"{RESULT}: {failed} wrong, at most {kept['peak_kb']} kB held")
     return int(bool(failed) or kept["peak_kb"] > MOST_KB)
 
 
-def write(kept: dict) -> int:
-    """Write what was found so far; return how many readings were wrong."""
+def stands() -> dict:
+    """Return what the result of this version holds; a measurement of another version begins anew."""
+    found = json.loads(RESULT.read_text()) if RESULT.is_file() else {}
+    return {**found["kinds"], "peak_kb": found["peak_kb"]} if found.get("version") == eyechart.__version__ else {}
+
+
+def wrong_in(kept: dict) -> int:
+    """Return how many readings were wrong."""
+    return sum(len(one["wrong"]) for name, one in kept.items() if name != "peak_kb")
+
+
+def write(kept: dict) -> None:
+    """Write what was found so far, whole or not at all."""
     about = {"date": dt.datetime.now(tz=dt.UTC).date().isoformat(), "version": eyechart.__version__}
-    told = {name: {**one, "wrong": one["wrong"][:20]} for name, one in kept.items() if name != "peak_kb"}
-    failed = sum(len(one["wrong"]) for one in told.values())
-    memory = {"peak_kb": kept["peak_kb"], "most_kb": MOST_KB}
-    RESULT.write_text(json.dumps({**about, "wrong": failed, **memory, "kinds": told}, indent=1) + "\n")
-    return failed
+    told = {name: one for name, one in kept.items() if name != "peak_kb"}
+    memory = {"peak_kb": kept["peak_kb"], "most_kb": MOST_KB, "most_addresses": MOST_BYTES}
+    part = RESULT.with_suffix(".part")
+    part.write_text(json.dumps({**about, "wrong": wrong_in(kept), **memory, "kinds": told}, indent=1) + "\n")
+    part.replace(RESULT)
 
 
 if __name__ == "__main__":

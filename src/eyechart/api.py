@@ -7,7 +7,7 @@ What the command line does step by step is done here in one call each; the steps
 import asyncio
 import secrets
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from html import escape
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
-from eyechart.errors import SpecError, speaks_of_arguments
+from eyechart.errors import SpecError, speaks_of_arguments, whole_number
 from eyechart.frames import FrameBank
 from eyechart.limits import Spent
 from eyechart.manifest import LEDGER
@@ -33,6 +33,7 @@ from eyechart.studies.battery import Battery, BatteryScore, Extent
 from eyechart.studies.probed import Allowed, Asked, Probing, accept_losses, plan_probed
 from eyechart.verdicts import Verdict, judge, words_of
 
+_RESAMPLES = 5000
 AskedModel = str | RequestMode | Callable[..., object]
 """A model: its SPEC, the mode in which it is asked, or a callable that takes (prompt, image) and returns its answer."""
 
@@ -132,8 +133,12 @@ def build_bank(
     ``steps`` frames are taken of every episode, and each of ``seeds`` gives one episode a scenario; ``progress`` gets
     (frames done, of how many). Raises SpecError for an unknown simulator or preset, BankError where ``out`` is taken.
     """
+    steps = whole_number("steps", steps, 1)
+    if isinstance(seeds, str | bytes) or not isinstance(seeds, Iterable):
+        raise SpecError(f"seeds are several whole numbers, for example (0, 1, 2), not {seeds!r}")
+    drawn = [whole_number("each of seeds", one, 0) for one in seeds]
     opened = open_bank_simulator(simulator)
-    return opened.build(Path(out), preset=preset, seeds=seeds, steps=steps, progress=progress)
+    return opened.build(Path(out), preset=preset, seeds=drawn, steps=steps, progress=progress)
 
 
 class _Mode(TypedDict, total=False):
@@ -198,7 +203,11 @@ def run_battery(
     named: dict[str, Any] = {**asking}
     how = {name: named.pop(name) for name in _Mode.__annotations__ if name in named}
     held, modes, by_option = _asked_models(models, how)
-    extent = Extent(named.pop("limit", None), controls=named.pop("controls", None))
+    concurrency = whole_number("concurrency", concurrency, 1)
+    if "seed" in named:
+        named["seed"] = whole_number("seed", named["seed"], 0)
+    limit = named.pop("limit", None)
+    extent = Extent(None if limit is None else whole_number("limit", limit, 1), controls=named.pop("controls", None))
     again, moved = named.pop("again", False), named.pop("moved", False)
     if named.pop("accept_loss", False):
         list(accept_losses(Path(out)))
@@ -247,6 +256,14 @@ def _several(
     several: list[tuple[str, AskedModel]] = []
     if isinstance(models, Mapping):
         several += models.items()
+        for name, one in several:
+            if isinstance(one, str | RequestMode):
+                raise SpecError(
+                    f"models={{{name!r}: …}} names a callable, and a {type(one).__name__} is called by its SPEC: "
+                    "give it in a list"
+                )
+            if not isinstance(name, str):
+                raise SpecError(f"models maps names to callables; {name!r} is no name")
     elif isinstance(models, str | RequestMode) or not isinstance(models, Sequence):
         several.append(("", models))
     else:
@@ -258,7 +275,9 @@ def _several(
 
 
 @speaks_of_arguments
-def read_report(run: Path | str, *, resamples: int = 5000, independent: bool = False, reread: bool = False) -> Report:
+def read_report(
+    run: Path | str, *, resamples: int = _RESAMPLES, independent: bool = False, reread: bool = False
+) -> Report:
     """Score and judge a run, finished or not, as ``eyechart verdict`` does; it makes no call and changes nothing.
 
     ``resamples`` are drawn in each permutation test and bootstrap; ``independent`` declares that frames outside
@@ -270,6 +289,7 @@ def read_report(run: Path | str, *, resamples: int = 5000, independent: bool = F
 
 
 def _read_report(run: Path | str, **reading: Any) -> Report:  # noqa: ANN401 - those of `read_report`
+    reading["resamples"] = whole_number("resamples", reading.get("resamples", _RESAMPLES), 1)
     scored = battery.score(Path(run), **reading)
     return Report(Path(run), scored, judge(scored))
 

@@ -1,10 +1,12 @@
 """The errors that a user can cause, and so can mend: one line that says what, which and what to do."""
 
 import errno
+import math
 import os
 import re
 from collections.abc import Callable, Iterable
 from functools import wraps
+from numbers import Integral, Real
 from typing import ParamSpec, TypeVar
 
 _LONGEST = 500
@@ -112,6 +114,23 @@ def why(error: Exception) -> str:
         target = error.filename2 if isinstance(error, OSError) else None
         return f"the disk is full ({os.fspath(target)})" if target else "the disk is full"
     return (error.strerror if isinstance(error, OSError) else None) or printable(str(error))
+
+
+def whole_number(name: str, value: object, least: int) -> int:
+    """Return an argument that is a whole number of ``least`` or more; raises SpecError that names it where it is none.
+
+    True and False are none; a whole number of numpy is one.
+    """
+    if isinstance(value, bool) or not isinstance(value, Integral) or int(value) < least:
+        raise SpecError(f"{name} is a whole number of {least} or more, not {printable(repr(value))[:60]}")
+    return int(value)
+
+
+def finite_number(name: str, value: object) -> float:
+    """Return an argument that is a finite number; raises SpecError that names it where it is none."""
+    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
+        raise SpecError(f"{name} is a number, not {printable(repr(value))[:60]}")
+    return float(value)
 
 
 class EyechartError(Exception):

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from textwrap import wrap
 
-from eyechart.errors import printable, speaks_of_arguments
+from eyechart.errors import finite_number, printable, speaks_of_arguments, whole_number
 from eyechart.gate import Check, hold
 from eyechart.report.names import shorten
 from eyechart.studies import battery
@@ -33,6 +33,9 @@ def assert_grounded(
     `eyechart.gate.hold` gives every check whole. ``independent`` and ``reread`` are those of
     `eyechart.api.read_report`. Raises LedgerError or BankError where the folder is no run, or needs ``reread``.
     """
+    whole_number("resamples", resamples, 1)
+    if max_unparsed is not None:
+        finite_number("max_unparsed", max_unparsed)
     scored = battery.score(Path(run), resamples=resamples, independent=independent, reread=reread)
     gate = hold(scored, require or ("depth",), max_unparsed=max_unparsed, allow_fingerprints=allow_fingerprints)
     if gate.exit_code:

@@ -6,6 +6,9 @@ import hashlib
 import json
 import math
 import re
+import shutil
+import subprocess
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import cache
@@ -35,6 +38,7 @@ from known import Demo
 Row = dict[str, Any]
 KEYS = ("call", "frame", "condition", "repeat")
 NOISY = "standin:noisy"
+INSPECT_LOG = Path(__file__).parents[1] / "inspect_logs" / "battery.json"
 ALL = Asking(extent=Extent(controls="all"))
 
 
@@ -90,6 +94,37 @@ def as_csv(path: Path, rows: list[Row]) -> Path:
         writer = csv.DictWriter(file, list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)
+    return path
+
+
+def as_parquet(path: Path, rows: list[Row]) -> Path:
+    """Write rows as Parquet."""
+    import pyarrow as pa  # noqa: PLC0415 - an extra that not every environment has
+    from pyarrow import parquet  # noqa: PLC0415
+
+    parquet.write_table(pa.Table.from_pylist(rows), path)
+    return path
+
+
+def as_log(path: Path, rows: list[Row]) -> Path:
+    """Write rows as a log in the form of one that Inspect AI wrote: its first sample with each row's call and reply."""
+    log = json.loads(INSPECT_LOG.read_text(encoding="utf-8"))
+    whole = log["samples"][0]
+    log["samples"] = [
+        {
+            **whole,
+            "id": row["call"],
+            "epoch": row["repeat"] + 1,
+            "metadata": {name: row[name] for name in ("call", "frame", "condition")},
+            "output": {
+                **whole["output"],
+                "choices": [{"message": {"role": "assistant", "content": row["text"]}, "stop_reason": "stop"}],
+                "completion": row["text"],
+            },
+        }
+        for row in rows
+    ]
+    path.write_text(json.dumps(log), encoding="utf-8")
     return path
 
 
@@ -153,17 +188,105 @@ def test_what_is_exported_is_what_a_run_asks(noisy: tuple[Path, Path, list[Row]]
     assert [row["frame"] + row["condition"] for row in rows] == order, "the order in which a run asks"
 
 
-@pytest.mark.parametrize("write", [json_lines, as_csv])
+@pytest.mark.parametrize(
+    ("ending", "write"),
+    [
+        (".jsonl", json_lines),
+        (".csv", as_csv),
+        (".json", as_log),
+        pytest.param(".parquet", as_parquet, marks=pytest.mark.models),
+    ],
+)
 def test_what_came_back_is_the_run_statistic_by_statistic(
-    bank: FrameBank, noisy: tuple[Path, Path, list[Row]], tmp_path: Path, write: Callable[[Path, list[Row]], Path]
+    bank: FrameBank,
+    noisy: tuple[Path, Path, list[Row]],
+    tmp_path: Path,
+    ending: str,
+    write: Callable[[Path, list[Row]], Path],
 ) -> None:
     """Of a model that draws its answers too, for the seeds are those of a run of it."""
     native, _, rows = noisy
-    found = imported(
-        bank.root, write(tmp_path / f"a{'.csv' if write is as_csv else '.jsonl'}", rows), tmp_path / "run", ALL
-    )
+    found = imported(bank.root, write(tmp_path / f"a{ending}", rows), tmp_path / "run", ALL)
     assert (found.new, found.errors, found.repeats, found.there) == (len(rows), 0, 0, 0)
     assert statistics_of(tmp_path / "run") == statistics_of(native)
+    held, came = (
+        {key: (one.text, one.finish_reason) for key, one in replies_of(run).items()}
+        for run in (native, tmp_path / "run")
+    )
+    assert came == held
+
+
+def test_a_run_gets_another_model_only_where_it_is_named(
+    bank: FrameBank, noisy: tuple[Path, Path, list[Row]], tmp_path: Path
+) -> None:
+    """The name of a file is no choice of a second model; what a run gets besides answers is said."""
+    rows, out = noisy[2], tmp_path / "run"
+    first = study.source_of(json_lines(tmp_path / "first.jsonl", rows[:20]))
+    assert study.bring(study.read_import(bank.root, first, out, None, ALL)).new == 20
+    before = read_manifest(out)
+    rest = study.source_of(json_lines(tmp_path / "rest.jsonl", rows[20:40]))
+    with pytest.raises(SpecError, match=r"holds answers of first, and .* would be those of 'rest': say with --model"):
+        study.read_import(bank.root, rest, out, None, ALL)
+    same = study.read_import(bank.root, rest, out, "first", ALL)
+    assert (same.widened, study.bring(same).new) == ((), 20)
+    assert read_manifest(out).models == before.models
+    (words,) = study.read_import(bank.root, rest, out, "rest", ALL).widened
+    assert "elsewhere:rest is a model besides elsewhere:first" in words
+
+
+def test_an_import_says_what_else_a_run_is_asked_now(
+    bank: FrameBank, noisy: tuple[Path, Path, list[Row]], tmp_path: Path
+) -> None:
+    """More conditions, more frames, other controls."""
+    out, real = tmp_path / "run", [row for row in noisy[2] if row["condition"] == "real"]
+    few = Asking(conditions=("real",), extent=Extent(limit=6, controls="none"))
+    asked = {row["call"] for row in exported(bank.root, tmp_path / "asked", few)}
+    answers = json_lines(tmp_path / "a.jsonl", [row for row in real if row["call"] in asked])
+    assert imported(bank.root, answers, out, few).new == 6
+    more = Asking(conditions=("real", "blank"), extent=Extent(limit=8, controls="auto"))
+    words = study.read_import(bank.root, study.source_of(answers), out, "vlm", more).widened
+    assert [one.removeprefix(f"{out} grows: ").partition(",")[0].partition(":")[0] for one in words] == [
+        "it is now asked blank too",
+        "it is now of 8 frames",
+        "its controls are now 'auto'",
+    ]
+    assert study.read_import(bank.root, study.source_of(answers), out, "vlm", few).widened == ()
+
+
+@pytest.mark.parametrize("name", ["", "  ", "x" * 201, "a\nb"])
+def test_a_name_that_is_no_line_is_refused(
+    bank: FrameBank, noisy: tuple[Path, Path, list[Row]], tmp_path: Path, name: str
+) -> None:
+    """It stands in the SPEC of every table."""
+    with pytest.raises(SpecError, match="in a line of 1 to 200 signs"):
+        imported(bank.root, json_lines(tmp_path / "a.jsonl", noisy[2]), tmp_path / "run", ALL, name)
+
+
+def test_further_answers_without_a_first_are_said(
+    bank: FrameBank, noisy: tuple[Path, Path, list[Row]], tmp_path: Path
+) -> None:
+    """Repeats are counted from 0, which whoever counts from 1 is told."""
+    late = [{**row, "repeat": 1} for row in noisy[2]]
+    with pytest.raises(SourceError, match=f"all {len(late)} have a repeat of 1 or more, and the first .* has repeat 0"):
+        imported(bank.root, json_lines(tmp_path / "a.jsonl", late), tmp_path / "run", ALL)
+    found = imported(bank.root, json_lines(tmp_path / "b.jsonl", [*noisy[2][:9], *late[9:12]]), tmp_path / "run", ALL)
+    assert (found.new, found.firstless) == (9, 3)
+    assert "3 calls with further answers and no first (repeat 0)" in found.words
+    found = imported(bank.root, json_lines(tmp_path / "c.jsonl", [*noisy[2][:9], *late[:9]]), tmp_path / "run", ALL)
+    assert (found.there, found.repeats, found.firstless) == (0, 9, 0)
+
+
+@pytest.mark.parametrize("write", [json_lines, as_csv])
+def test_columns_are_known_in_whatever_letters(
+    bank: FrameBank, noisy: tuple[Path, Path, list[Row]], tmp_path: Path, write: Callable[[Path, list[Row]], Path]
+) -> None:
+    """'Finish Reason' is the finish reason; it was a column that says nothing."""
+    other = {"call": "Call", "text": "TEXT", "finish_reason": "Finish Reason", "prompt_tokens": "Prompt-Tokens"}
+    rows = [{other.get(name, name.title()): value for name, value in row.items()} for row in noisy[2]]
+    answers = write(tmp_path / f"a{'.csv' if write is as_csv else '.jsonl'}", rows)
+    assert imported(bank.root, answers, tmp_path / "run", ALL).new == len(rows)
+    came = replies_of(tmp_path / "run")
+    assert {(one.finish_reason, one.prompt_tokens) for one in came.values()} == {("stop", 3)}
 
 
 def test_a_run_of_imported_answers_says_so_and_its_guards_cannot_say(
@@ -394,6 +517,35 @@ def test_the_export_is_there_whole_or_not_at_all(bank: FrameBank, tmp_path: Path
     assert [one.name for one in tmp_path.iterdir()] == ["taken"]
     assert study.write_questions(asked, tmp_path / "out") == (36, 19)
     assert (tmp_path / "out").stat().st_mode & 0o777 == 0o755
+
+
+def test_what_a_killed_export_left_is_cleared_by_the_next(bank: FrameBank, tmp_path: Path) -> None:
+    """Beside the folder stands at most one part, whoever was killed; one that is being written is not taken over."""
+    out, left = tmp_path / "out", tmp_path / ".out.part"
+    script = (
+        "import os, sys; from pathlib import Path; from eyechart.studies import battery as study;"
+        "study.write_questions(study.questions_of(Path(sys.argv[1]), study.Asking(conditions=('real', 'blank'))),"
+        "Path(sys.argv[2]), progress=lambda done, _: os.kill(os.getpid(), 9) if done == 10 else None)"
+    )
+    killed = subprocess.run([sys.executable, "-c", script, str(bank.root), str(out)], check=False)
+    assert killed.returncode == -9
+    assert [one.name for one in tmp_path.iterdir()] == [left.name]
+    asked = study.questions_of(bank.root, Asking(conditions=("real", "blank")))
+
+    def second(done: int, _: int) -> None:
+        if done == 10:
+            with pytest.raises(OutputError, match="another process is writing"):
+                study.write_questions(asked, out)
+
+    assert study.write_questions(asked, out, progress=second) == (36, 19)
+    assert [one.name for one in tmp_path.iterdir()] == ["out"]
+    assert sorted(one.name for one in out.iterdir()) == ["README.txt", "asked.csv", "asked.json", "asked.jsonl", "pictures"]
+    shutil.rmtree(out)
+    left.mkdir()
+    (left / "mine.txt").write_text("mine")
+    with pytest.raises(OutputError, match="in the way, and eyechart did not make it"):
+        study.write_questions(asked, out)
+    assert (left / "mine.txt").read_text() == "mine"
 
 
 def test_words_of_a_bank_are_no_formula_in_the_sheet(tmp_path: Path) -> None:

@@ -87,8 +87,10 @@ def import_(
     asking = _asking(prompt, conditions, seed, limit, controls)
     with resumable(), progress("answers", "rows") as move:
         source = study.source_of(answers)
-        read = study.read_import(frames, source, out, model or source.answered_by, asking, progress=move)
+        read = study.read_import(frames, source, out, model, asking, progress=move)
     say(f"{read.spec}: {read.brought.words}; eyechart made none of these calls, and every verdict on them says so")
+    for words in read.widened:
+        say(f"warning: {words}")
     if dry_run:
         return
     with resumable("answers that were imported are kept; the same command goes on"), progress("import", "rows") as move:

@@ -8,6 +8,7 @@ from eyechart.frames.folder import (
     read_axis,
     read_bank_manifest,
     read_metadata,
+    whole_folder,
 )
 from eyechart.frames.nouns import (
     DISTANCES,
@@ -84,4 +85,5 @@ __all__ = [
     "require_plain",
     "rounded_truth",
     "size_of",
+    "whole_folder",
 ]

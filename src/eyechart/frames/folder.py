@@ -3,15 +3,17 @@
 import hashlib
 import json
 import shutil
-import tempfile
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, cast, get_args
 
-from eyechart.errors import BankError, SpecError
+from filelock import FileLock, Timeout
+
+from eyechart.errors import BankError, EyechartError, SpecError
 from eyechart.frames.nouns import (
     DISTANCES,
     FILE_SUFFIX,
@@ -33,6 +35,46 @@ from eyechart.spaces.motion import MotionSpace
 
 MOTION = "motion"
 """The column of logged motions, in a bank that declares what they are."""
+
+
+_LOCK = ".lock"
+
+
+@contextmanager
+def whole_folder(out: Path, error: type[EyechartError]) -> Iterator[Path]:
+    """Yield a folder beside ``out`` that takes its place when the block ends well; no part of it is left otherwise.
+
+    ``out`` is not there, or an empty folder. What a process left that was killed while it wrote there is cleared.
+    Raises ``error`` where another process writes there now, or the name beside is somebody else's.
+    """
+    out.parent.mkdir(parents=True, exist_ok=True)
+    work = out.with_name(f".{out.name[:50]}.part")
+    if work.exists() and not (work / _LOCK).is_file():
+        raise error(f"{work} is in the way, and eyechart did not make it: remove it, or choose another place")
+    work.mkdir(exist_ok=True)
+    try:
+        with FileLock(work / _LOCK, timeout=0):
+            try:
+                _clear(work, keep=_LOCK)
+                yield work
+                work.chmod(0o755)
+                (work / _LOCK).unlink()
+                if out.exists():
+                    out.rmdir()
+                work.replace(out)
+            except BaseException:
+                shutil.rmtree(work, ignore_errors=True)
+                raise
+    except Timeout as held:
+        raise error(f"another process is writing {out}; wait for it, or choose another place") from held
+
+
+def _clear(folder: Path, *, keep: str) -> None:
+    for one in folder.iterdir():
+        if one.is_dir() and not one.is_symlink():
+            shutil.rmtree(one)
+        elif one.name != keep:
+            one.unlink()
 
 
 def open_bank(root: Path) -> FrameBank:
@@ -229,6 +271,7 @@ class BankWriter:
 
     def __init__(self, out: Path, manifest: BankManifest) -> None:
         _require_free(out)
+        self._folder = whole_folder(out, BankError)
         self._out = out
         self._manifest = manifest
         self._rows: list[str] = []
@@ -237,8 +280,7 @@ class BankWriter:
         self._distances: dict[str, dict[str, float]] = {}
 
     def __enter__(self) -> Self:
-        self._out.parent.mkdir(parents=True, exist_ok=True)
-        self._work = Path(tempfile.mkdtemp(prefix=f".{self._out.name}-", dir=self._out.parent))
+        self._work = self._folder.__enter__()
         return self
 
     def add(
@@ -329,11 +371,13 @@ class BankWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        try:
-            if kind is None:
+        if kind is None:
+            try:
                 self._finish()
-        finally:
-            shutil.rmtree(self._work, ignore_errors=True)
+            except BaseException as failed:
+                self._folder.__exit__(type(failed), failed, failed.__traceback__)
+                raise
+        self._folder.__exit__(kind, error, trace)
 
     def _finish(self) -> None:
         controls = replace(self._manifest.controls, distances=self._distances) if self._distances else Controls()
@@ -342,11 +386,7 @@ class BankWriter:
         text = json.dumps(manifest.as_dict(), indent=1, ensure_ascii=False)
         (self._work / "manifest.json").write_text(text + "\n", encoding="utf-8")
         open_bank(self._work)
-        self._work.chmod(0o755)
         _require_free(self._out)
-        if self._out.exists():
-            self._out.rmdir()
-        self._work.replace(self._out)
 
 
 def _numbers(distances: Mapping[str, Scalar], frame_id: str) -> dict[str, float]:

@@ -9,7 +9,7 @@ from typing import cast, get_args
 
 from eyechart.calls import MOST, ErrorKind, Reply, misfit
 from eyechart.errors import SourceError, printable
-from eyechart.importing.cells import MOST_CELL, Cell, Progress, Row, read_number
+from eyechart.importing.cells import MOST_CELL, Cell, Progress, Row, plain_name, read_number
 from eyechart.importing.faults import Faults
 from eyechart.importing.tables import open_table
 
@@ -74,9 +74,15 @@ def read_answer_table(path: Path, faults: Faults, progress: Progress | None = No
     faults.join(table.faults)
 
 
+def meaning(column: str) -> str:
+    """Return what a column is, in whatever letters and with whatever between its words; its own name where unknown."""
+    plain = plain_name(column)
+    return ALIASES.get(plain, plain if plain in (*_KEYS, *_KNOWN) else column)
+
+
 def _named(path: Path, columns: Sequence[str]) -> dict[str, str]:
     """Return what each column means; raises SourceError where one that is needed is missing."""
-    named = {name: ALIASES.get(name.lower(), name) for name in columns}
+    named = {name: meaning(name) for name in columns}
     for needed in ("call", "text"):
         if needed not in named.values():
             raise SourceError(
@@ -90,10 +96,11 @@ def _meant(where: str, row: Row, named: Mapping[str, str]) -> Row:
     """Return a row by what its columns mean; raises SourceError where two that mean the same are filled."""
     found: dict[str, Cell] = {}
     for name, cell in row.items():
-        if cell is not None and found.get(named[name]) is not None:
-            raise SourceError(f"{where} has two columns for {named[name]}, '{name}' among them: leave one out")
+        means = named.get(name) or meaning(name)
+        if cell is not None and found.get(means) is not None:
+            raise SourceError(f"{where} has two columns for {means}, '{name}' among them: leave one out")
         if cell is not None:
-            found[named[name]] = cell
+            found[means] = cell
     return found
 
 

@@ -13,7 +13,7 @@ from typing import TypeVar
 
 from eyechart.channels import INSTRUCTION, STATE, channels_of, conditions_of
 from eyechart.conditions import OVER, undrawn_controls
-from eyechart.errors import SourceError
+from eyechart.errors import SourceError, finite_number, whole_number
 from eyechart.frames import (
     IMPORTED,
     BankManifest,
@@ -90,6 +90,11 @@ class Choices:
     every: int = 1
     rig: reading.Rig | None = None
     convert: Convert | None = None
+
+    def __post_init__(self) -> None:
+        whole_number("every", self.every, 1)
+        if self.threshold is not None:
+            finite_number("threshold", self.threshold)
 
 
 @dataclass(frozen=True)
@@ -255,8 +260,6 @@ def _check_count(table: Table, rows: int, frames: int) -> None:
 
 
 def _check_choices(choices: Choices, places: Mapping[str, str], table: Table, faults: Faults) -> None:
-    if choices.every < 1:
-        raise SourceError(f"--every takes a number of 1 or more, not {choices.every}")
     if "gap" in places and (choices.threshold is None or not _unit(choices, places)):
         faults.add(f"the gap '{places['gap']}' needs what counts as near: --threshold and --unit, for example 18 and m")
     if "gap" not in places and choices.threshold is not None and not choices.columns.get("gap"):

@@ -23,6 +23,11 @@ _WHOLE = re.compile(r"[+-]?(0|[1-9]\d*)")
 _EXACT = 2**53
 
 
+def plain_name(column: str) -> str:
+    """Return a column's name as it is compared: in small letters, with '_' for blanks and hyphens."""
+    return re.sub(r"[\s-]+", "_", column.strip().lower())
+
+
 def read_number(cell: Cell, what: str) -> float | None:
     """Return a cell as a finite number, None where it is empty; ``what`` names row and column in the SourceError.
 

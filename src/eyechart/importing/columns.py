@@ -1,6 +1,5 @@
 """Columns get their places: which one names the picture, the gap, the episode; the others are kept as ground truth."""
 
-import re
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
@@ -10,6 +9,7 @@ import msgspec
 from eyechart.conditions import CONDITIONS
 from eyechart.errors import BankError, SpecError, meant
 from eyechart.frames import FILE_SUFFIX, Camera, MirrorAxis, is_reserved, require_exchanged
+from eyechart.importing.cells import plain_name
 from eyechart.importing.faults import Faults
 from eyechart.importing.logged import Logged
 from eyechart.importing.tables import Table
@@ -181,7 +181,7 @@ def _require_once(found: Mapping[str, str], faults: Faults) -> None:
 
 def _called(own: Sequence[str], usual: Sequence[str], columns: Sequence[str], taken: Collection[str]) -> str:
     """Return the column that is called so, or usually so in whatever letters and not taken; "" where none is."""
-    by_name = {re.sub(r"[\s-]+", "_", column.lower()): column for column in reversed(columns) if column not in taken}
+    by_name = {plain_name(column): column for column in reversed(columns) if column not in taken}
     named = [*(one for one in own if one in columns), *(by_name[one] for one in usual if one in by_name)]
     return next(iter(named), "")
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path, PurePosixPath
 
-from eyechart.errors import BankError, SourceError
+from eyechart.errors import BankError, SourceError, whole_number
 from eyechart.frames import MAX_IMAGE_BYTES, encode, inside, made_plain, read_colour, require_plain
 
 
@@ -22,8 +22,8 @@ class Convert:
 
     def __post_init__(self) -> None:
         read_colour(self.background)
-        if self.longest is not None and self.longest < 1:
-            raise SourceError(f"longest takes a number of pixels of 1 or more, not {self.longest}")
+        if self.longest is not None:
+            whole_number("longest, in pixels,", self.longest, 1)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from itertools import chain
 from pathlib import Path
 
 from eyechart.errors import SourceError
-from eyechart.importing.cells import Cell, Progress, Row
+from eyechart.importing.cells import Cell, Progress, Row, plain_name
 from eyechart.importing.faults import Faults
 from eyechart.importing.parquet import open_parquet
 
@@ -41,7 +41,7 @@ class Table:
 def open_table(path: Path, progress: Progress | None = None, *, optional: Sequence[str] = ()) -> Table:
     """Open a table by its ending: .csv, .tsv, .jsonl, .ndjson or .parquet. ``progress`` counts what was read of it.
 
-    A row of JSON lines has the columns of the first, and may have ``optional`` ones.
+    A row of JSON lines has the columns of the first, and may have ``optional`` ones, in whatever letters.
     Raises SourceError, also while its rows are read, that names the table, the row and what is wrong; what is wrong in
     one row alone is noted in its ``faults``.
     """
@@ -120,13 +120,18 @@ def _json_lines(path: Path, progress: Progress | None, optional: Sequence[str]) 
     head = next(lines, None)
     if head is None:
         raise SourceError(f"{path} is empty; each line must be a JSON object")
-    columns = tuple(dict.fromkeys([*_json_row(path, 1, head), *optional]))
+    columns = tuple(_json_row(path, 1, head))
     _check_columns(path, columns)
     faults = Faults()
-    return Table(path.name, columns, _json_rows(path, chain([head], lines), columns, faults), typed=True, faults=faults)
+    rows = _json_rows(path, chain([head], lines), (columns, frozenset(optional)), faults)
+    return Table(path.name, tuple(dict.fromkeys([*columns, *optional])), rows, typed=True, faults=faults)
 
 
-def _json_rows(path: Path, lines: Iterator[str], columns: tuple[str, ...], faults: Faults) -> Iterator[Row]:
+_Known = tuple[tuple[str, ...], frozenset[str]]
+"""The columns of a table's first row, and the plain names of those that any other may have."""
+
+
+def _json_rows(path: Path, lines: Iterator[str], columns: _Known, faults: Faults) -> Iterator[Row]:
     for number, line in enumerate(lines, 1):
         row: Row = {}
         with faults.noted():
@@ -134,14 +139,14 @@ def _json_rows(path: Path, lines: Iterator[str], columns: tuple[str, ...], fault
         yield row
 
 
-def _plain_row(path: Path, number: int, line: str, columns: tuple[str, ...]) -> Row:
-    row = _json_row(path, number, line)
+def _plain_row(path: Path, number: int, line: str, known: _Known) -> Row:
+    row, (columns, optional) = _json_row(path, number, line), known
     for name, cell in row.items():
-        if name not in columns:
+        if name not in columns and plain_name(name) not in optional:
             raise SourceError(f"{path}, row {number} has a column '{name}' that the first row has not")
         if not isinstance(cell, str | int | float | bool | None):
             raise SourceError(f"{path}, row {number}: '{name}' is a {type(cell).__name__}, not a plain value")
-    return {name: None if row.get(name) == "" else row.get(name) for name in columns}
+    return {name: None if cell == "" else cell for name, cell in {**dict.fromkeys(columns), **row}.items()}
 
 
 def _json_row(path: Path, number: int, line: str) -> dict[str, Cell]:

@@ -13,7 +13,7 @@ from eyechart.errors import LedgerError, SourceError, SpecError, printable, why
 from eyechart.importing import LOGS, Answered, Faults, open_log, read_answer_table
 from eyechart.importing.answers import TOLD
 from eyechart.ledger import Ledger
-from eyechart.manifest import LEDGER, alone_in, is_run, read_manifest, today, write_run
+from eyechart.manifest import LEDGER, RunManifest, alone_in, is_run, read_manifest, today, write_run
 from eyechart.models.faults import is_of_the_road
 from eyechart.modes import ELSEWHERE, RequestMode, each_without_secrets
 from eyechart.run import Progress
@@ -24,6 +24,7 @@ IMPORTED = "imported"
 """The version of whatever answered elsewhere, and the fact of a run's manifest that says what was imported."""
 _AT_ONCE = 500
 _MOST_SOURCES = 50
+_MOST_NAME = 200
 
 Read = Callable[[Faults, Progress], Iterator[Answered]]
 """Yields the answers of a source anew each time that it is called, and notes what is wrong in it."""
@@ -49,7 +50,7 @@ class Brought:
 
     ``new`` answers will be, or were, appended, ``again`` of them in place of a failure; ``there`` the run holds
     already. ``errors`` of the new ones are failures, ``repeats`` are further answers to a call, of which the first
-    counts, and ``blank`` rows hold no answer.
+    counts, and ``blank`` rows hold no answer. ``firstless`` calls have further answers and no first one.
     """
 
     new: int = 0
@@ -58,6 +59,7 @@ class Brought:
     errors: int = 0
     repeats: int = 0
     blank: int = 0
+    firstless: int = 0
 
     @property
     def words(self) -> str:
@@ -69,6 +71,7 @@ class Brought:
             (self.there, "there already"),
             (self.repeats, "repeats, of which the first counts"),
             (self.blank, "rows without an answer"),
+            (self.firstless, "calls with further answers and no first (repeat 0), which stay without an answer"),
         )
         return ", ".join(f"{count} {name}" for count, name in parts if count or name == "new answers")
 
@@ -81,6 +84,8 @@ class Import:
     source: Source
     brought: Brought
     requests: "_Requests"
+    widened: tuple[str, ...] = ()
+    """In words, what a run that is there already gets besides answers: another model, conditions, frames, controls."""
 
     @cached_property
     def spec(self) -> str:
@@ -90,17 +95,17 @@ class Import:
 
 
 def read_import(
-    bank: Path, source: Source, out: Path, name: str, asking: Asking, *, progress: Progress = lambda *_: None
+    bank: Path, source: Source, out: Path, name: str | None, asking: Asking, *, progress: Progress = lambda *_: None
 ) -> Import:
     """Read the answers of a source for a battery on a bank, the rest of one that ``out`` may hold already.
 
-    They are under the SPEC ``elsewhere:NAME``. Nothing is written. Raises SourceError that names every row at fault:
+    They are under the SPEC ``elsewhere:NAME``; without a name it is what the source says answered, which a run that is
+    there must hold already. Nothing is written. Raises SourceError that names every row at fault:
     a key that is none of this bank, prompt and seed, a call or a repeat that is answered twice, a frame that is not
     of the bank, or an answer where the run holds another; and what `plan` raises.
     """
-    if not name.strip() or not name.isprintable():
-        raise SpecError(f"--model names what answered, in a line of text; got {name[:80]!r}")
-    spec = f"{ELSEWHERE}:{name.strip()}"
+    before = read_manifest(out) if is_run(out) else None
+    spec = _spec(source, name, before, out)
     told = _facts(out, spec, source)
     battery = planned(bank, {spec: RequestMode(spec)}, {spec: (IMPORTED, told)}, out, asking)
     requests = _Requests(battery)
@@ -109,9 +114,47 @@ def read_import(
         with faults.noted():
             check.take(one)
     faults.require_none(source.name)
-    if not check.brought.new and not check.brought.there:
-        raise SourceError(f"{source.name} holds no answer: its column 'text' is empty")
-    return Import(battery, source, check.brought, requests)
+    brought = check.counted()
+    if not brought.new and not brought.there:
+        raise SourceError(f"{source.name} holds no answer that counts: {_no_answer(brought)}")
+    return Import(battery, source, brought, requests, _widened(before, battery.manifest, out))
+
+
+def _spec(source: Source, name: str | None, before: RunManifest | None, out: Path) -> str:
+    """Return the SPEC of what answered; raises SpecError where it is no name, or nobody chose it for this run."""
+    given = (source.answered_by if name is None else name).strip()
+    if not given or not given.isprintable() or len(given) > _MOST_NAME:
+        raise SpecError(f"--model names what answered, in a line of 1 to {_MOST_NAME} signs; got {given[:80]!r}")
+    spec = f"{ELSEWHERE}:{given}"
+    if name is None and before is not None and spec not in before.models:
+        held = ", ".join(one.removeprefix(f"{ELSEWHERE}:") for one in before.models)
+        raise SpecError(
+            f"{out} holds answers of {held}, and {source.name} would be those of '{given[:80]}': say with --model "
+            "whose they are; another name makes another model of the run"
+        )
+    return spec
+
+
+def _no_answer(brought: Brought) -> str:
+    if not brought.repeats:
+        return "its column 'text' is empty"
+    return f"all {brought.repeats} have a repeat of 1 or more, and the first answer to a call has repeat 0"
+
+
+def _widened(before: RunManifest | None, now: RunManifest, out: Path) -> tuple[str, ...]:
+    """Return in words what a run gets besides answers, which whoever imports a part of them may not have meant."""
+    if before is None:
+        return ()
+    models = [one for one in now.models if one not in before.models]
+    conditions = [one for one in now.conditions if one not in before.conditions]
+    frames = before.limit is not None and before.limit != now.limit
+    said = (
+        (models, f"{', '.join(models)} is a model besides {', '.join(before.models)}, which is asked all again"),
+        (conditions, f"it is now asked {', '.join(conditions)} too: --conditions says which are meant"),
+        (frames, f"it is now of {now.limit or 'all'} frames, and was of {before.limit}: --limit says how many"),
+        (before.controls != now.controls, f"its controls are now '{now.controls}', and were '{before.controls}'"),
+    )
+    return tuple(f"{out} grows: {words}" for grows, words in said if grows)
 
 
 def bring(read: Import, *, progress: Progress = lambda *_: None) -> Brought:
@@ -132,7 +175,7 @@ def bring(read: Import, *, progress: Progress = lambda *_: None) -> Brought:
                         for key, reply, again in some:
                             ledger.close(ledger.begin(key, read.requests.digest(key), again=again), reply)
                 faults.require_none(read.source.name)
-                return check.brought
+                return check.counted()
     except sqlite3.Error as error:
         said = why(error)
         raise LedgerError(f"{battery.out / LEDGER} cannot be written: {said}; the same command resumes") from error
@@ -160,6 +203,12 @@ class _Check:
     requests: _Requests
     brought: Brought = field(default_factory=Brought)
     seen: set[tuple[str, int]] = field(default_factory=set)
+
+    def counted(self) -> Brought:
+        """Return the counts, when all is taken: of calls too that have further answers and nowhere a first one."""
+        calls = {call for call, repeat in self.seen if repeat and (call, 0) not in self.seen}
+        self.brought.firstless = sum(self._calls[call] not in self._held for call in calls)
+        return self.brought
 
     @cached_property
     def _keys(self) -> Keys:

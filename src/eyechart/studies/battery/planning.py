@@ -1,8 +1,6 @@
 """Planning, running and merging batteries: every frame under every condition, and nothing asked twice."""
 
-import shutil
 import sqlite3
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
@@ -22,7 +20,7 @@ from eyechart.conditions import (
 )
 from eyechart.costs import CostEstimate, estimate
 from eyechart.errors import BankError, LedgerError, SpecError, why
-from eyechart.frames import IMPORTED, FrameBank, check, open_bank
+from eyechart.frames import IMPORTED, FrameBank, check, open_bank, whole_folder
 from eyechart.ledger import Ledger
 from eyechart.limits import Limits, Outcome, Spent
 from eyechart.manifest import (
@@ -492,22 +490,13 @@ def merge(shards: Sequence[Path], out: Path) -> int:
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise LedgerError(f"{out} exists and is not empty; choose another --out for the merged run")
     manifest, bank = _whole(shards)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    work = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
-    try:
+    calls = 0
+    with whole_folder(out, LedgerError) as work:
         write_run(work, manifest, bank)
-        calls = 0
         with Ledger(work / LEDGER, create=True) as merged:
             for shard in shards:
                 with Ledger(shard / LEDGER) as ledger:
                     calls += merged.absorb(ledger)
-        work.chmod(0o755)
-        if out.exists():
-            out.rmdir()
-        work.replace(out)
-    except BaseException:
-        shutil.rmtree(work, ignore_errors=True)
-        raise
     return calls
 
 

@@ -6,8 +6,6 @@ A key holds for one bank, prompt and seed: an answer to another question has ano
 import csv
 import hashlib
 import json
-import shutil
-import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -18,7 +16,7 @@ from eyechart import __version__
 from eyechart.calls import CallKey, Query
 from eyechart.conditions import available
 from eyechart.errors import LedgerError, OutputError, SpecError, why
-from eyechart.frames import MAIN, media_type
+from eyechart.frames import MAIN, media_type, whole_folder
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, asked_of, read_run
 from eyechart.models.faults import is_of_the_road
@@ -236,20 +234,10 @@ def _whole_folder(out: Path) -> Iterator[Path]:
     if out.exists() and (not out.is_dir() or any(_entries(out))):
         raise OutputError(f"{out} exists and is not empty; choose another --out for the export")
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        work = Path(tempfile.mkdtemp(prefix=f".{out.name[:50]}-", dir=out.parent))
+        with whole_folder(out, OutputError) as work:
+            yield work
     except OSError as error:
         raise OutputError(f"{out} cannot be written: {why(error)}; choose another place") from error
-    try:
-        yield work
-        work.chmod(0o755)
-        if out.exists():
-            out.rmdir()
-        work.replace(out)
-    except OSError as error:
-        raise OutputError(f"{out} cannot be written: {why(error)}; choose another place") from error
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
 
 
 def _entries(folder: Path) -> Iterable[Path]:
