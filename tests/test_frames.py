@@ -578,7 +578,7 @@ def test_an_empty_folder_may_become_a_bank(tmp_path: Path) -> None:
 
 
 def test_a_killed_writer_leaves_only_a_hidden_folder(tmp_path: Path) -> None:
-    """A bank is there whole or not at all; what a kill leaves has a dot before its name and is in nobody's way."""
+    """A bank is there whole or not at all; what a kill leaves has a dot before its name and is cleared by the next."""
     program = f"""
 import pathlib, time, banks
 from eyechart.frames import BankWriter
@@ -596,9 +596,9 @@ with BankWriter(pathlib.Path({str(tmp_path / "bank")!r}), banks.manifest()) as w
         writer.send_signal(signal.SIGKILL)
     assert writer.returncode == -signal.SIGKILL
     left = [path.name for path in tmp_path.iterdir()]
-    assert len(left) == 1
-    assert left[0].startswith(".bank-")
+    assert left == [".bank.part"]
     assert check(banks.build_bank(tmp_path / "bank").root) == []
+    assert [path.name for path in tmp_path.iterdir()] == ["bank"], "the next writer clears it"
 
 
 def test_checking_changes_nothing(bank: FrameBank) -> None:

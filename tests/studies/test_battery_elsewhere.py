@@ -539,7 +539,13 @@ def test_what_a_killed_export_left_is_cleared_by_the_next(bank: FrameBank, tmp_p
 
     assert study.write_questions(asked, out, progress=second) == (36, 19)
     assert [one.name for one in tmp_path.iterdir()] == ["out"]
-    assert sorted(one.name for one in out.iterdir()) == ["README.txt", "asked.csv", "asked.json", "asked.jsonl", "pictures"]
+    assert sorted(one.name for one in out.iterdir()) == [
+        "README.txt",
+        "asked.csv",
+        "asked.json",
+        "asked.jsonl",
+        "pictures",
+    ]
     shutil.rmtree(out)
     left.mkdir()
     (left / "mine.txt").write_text("mine")
