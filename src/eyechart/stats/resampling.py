@@ -58,6 +58,27 @@ def permute_mutual_information(tables: npt.ArrayLike, *, seed: int, resamples: i
     return Statistic(max(0.0, (observed + constant) / n), n, p=p, method=method, detail=detail, unit="bits")
 
 
+def permute_agreement(table: npt.ArrayLike, *, seed: int, resamples: int = 5000) -> Statistic:
+    """Return how often two series of one set of labels agree when one of them stands in random order.
+
+    ``table``, shape (k, k), counts how often label i of one meets label j of the other. ``value`` is what is expected
+    of a random order (exact), ``ci`` holds 95 % of the ``resamples`` orders, and ``p`` is one-sided, (k+1)/(B+1): of an
+    order that agrees at least as often as the observed one, which is in ``detail``. None of an empty table. Source:
+    paper, section Results (decision-level replay).
+    """
+    counts = np.asarray(table, dtype=np.int64)
+    n, method = int(counts.sum()), f"the same decisions in random order, 95% of {resamples} orders"
+    if n == 0:
+        return cannot_say("no decisions to compare", method=method)
+    drawn = np.trace(_random_tables(_stack(counts), resamples, seed), axis1=1, axis2=2)
+    observed = int(np.trace(counts))
+    low, high = (float(edge) / n for edge in np.quantile(drawn, [0.025, 0.975]))
+    detail = {"labels": len(counts), "observed": observed / n}
+    p = permutation_p(int(np.count_nonzero(drawn >= observed)), resamples)
+    expected = float(counts.sum(axis=1) @ counts.sum(axis=0)) / n**2
+    return Statistic(expected, n, (low, high), p, method, detail=detail)
+
+
 def holm(p_values: Sequence[float | None]) -> list[float | None]:
     """Return Holm's adjusted p values in the given order (Holm 1979).
 

@@ -22,7 +22,7 @@ from eyechart.stats.agreement import rate
 from eyechart.stats.association import contingency, entropy_bits, modal_share, quantile_bins
 from eyechart.stats.episodes import share_over_episodes
 from eyechart.stats.exchange import exchange_mi_test
-from eyechart.stats.resampling import holm, permutation_p, permute_mutual_information
+from eyechart.stats.resampling import holm, permute_agreement, permute_mutual_information
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.closed_loop.ladder import LEVEL
 from eyechart.studies.closed_loop.reading import MODAL_CONSTANT, Driver, Drives
@@ -215,9 +215,6 @@ def _share(information: Statistic, entropy: Statistic) -> Statistic:
     return Statistic(information.value / entropy.value, entropy.n, method=method)
 
 
-SHUFFLES = 1000
-
-
 def _demand(step: Step) -> str | None:
     """Return what the safety policy asks for (the truth's column ``demand``)."""
     asked = step.truth.get("demand")
@@ -240,8 +237,8 @@ class Replay:
     """One driver held against one controller.
 
     ``agreement`` has an interval over episodes. ``constants`` maps each action to the agreement of always taking it at
-    the same moments. ``shuffled`` is the mean agreement of the same decisions in random order, its interval that of the
-    permutations, and its p that of an order which agrees at least as often.
+    the same moments. ``shuffled`` is the expected agreement of the same decisions in random order, its interval that of
+    5000 permutations, and its p that of an order which agrees at least as often.
     """
 
     driver: Driver
@@ -269,7 +266,7 @@ class Replay:
         }
 
 
-def replays(drives: Drives) -> list[Replay]:
+def replays(drives: Drives, *, resamples: int = 5000) -> list[Replay]:
     """Return a driver held against each controller that the truth of its moments tells; only decisions count."""
     found = []
     for name, controller in CONTROLLERS.items():
@@ -281,7 +278,7 @@ def replays(drives: Drives) -> list[Replay]:
             seed = key_seed("replay", drives.driver.simulator, drives.driver.policy, drives.driver.condition, name)
             agreement = _agreement(actions == wanted, worlds)
             constants = {one: _agreement(wanted == one, worlds) for one in drives.space.actions}
-            found.append(Replay(drives.driver, name, agreement, constants, _shuffled(actions, wanted, seed)))
+            found.append(Replay(drives.driver, name, agreement, constants, _shuffled(actions, wanted, seed, resamples)))
     return found
 
 
@@ -293,17 +290,9 @@ def _agreement(hits: NDArray[np.bool_], worlds: NDArray[np.str_]) -> Statistic:
     return replace(rate(int(hits.sum()), len(hits)), note=found.note) if found.ci is None else found
 
 
-def _shuffled(actions: NDArray[np.str_], asked: NDArray[np.str_], seed: int) -> Statistic:
+def _shuffled(actions: NDArray[np.str_], asked: NDArray[np.str_], seed: int, resamples: int) -> Statistic:
     """Return how often the same decisions agree in random order."""
-    method = f"the same decisions in random order, 95% of {SHUFFLES} orders"
-    if not len(actions):
-        return cannot_say("no decisions to compare", method=method)
     names, codes = np.unique(np.concatenate([actions, asked]), return_inverse=True)
-    mine, theirs = codes[: len(actions)], codes[len(actions) :]
-    rng = np.random.default_rng(seed)
-    rates = np.array([float(np.mean(rng.permutation(mine) == theirs)) for _ in range(SHUFFLES)])
-    low, high = (float(edge) for edge in np.quantile(rates, [0.025, 0.975]))
-    observed = float(np.mean(mine == theirs))
-    k = int(np.count_nonzero(rates >= observed - 1e-12))
-    detail = {"labels": len(names), "observed": observed}
-    return Statistic(float(rates.mean()), len(actions), (low, high), permutation_p(k, SHUFFLES), method, detail=detail)
+    table = np.zeros((len(names), len(names)), dtype=np.int64)
+    np.add.at(table, (codes[: len(actions)], codes[len(actions) :]), 1)
+    return permute_agreement(table, seed=seed, resamples=resamples)

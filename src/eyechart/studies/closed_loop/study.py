@@ -108,7 +108,7 @@ class ClosedLoopScore:
     @cached_property
     def replays(self) -> tuple[Replay, ...]:
         """Return each driver held against each scripted controller."""
-        return tuple(found for one in self.drives for found in replays(one))
+        return tuple(found for one in self.drives for found in replays(one, resamples=self.resamples))
 
     @cached_property
     def twins(self) -> tuple[Twins, ...]:
