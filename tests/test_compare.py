@@ -4,18 +4,22 @@ import json
 import shutil
 import sqlite3
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 import banks
 from eyechart import cli
-from eyechart.compare import compare
+from eyechart.cli.app import app
+from eyechart.compare import compare, frames_in_common
 from eyechart.errors import SpecError
-from eyechart.frames import FrameBank
+from eyechart.frames import MAIN, BankWriter, FrameBank, encode, open_bank
 from eyechart.manifest import LEDGER
 from eyechart.studies import battery
 from eyechart.transfer import read_scores, transfer
+from eyechart.verdicts import judge
 
 SPECS = ("scripted:depth", "scripted:constant", "scripted:presence", "scripted:refuse_blank")
 
@@ -50,8 +54,12 @@ def test_runs_that_share_no_bank_or_no_model_are_refused(runs: tuple[Path, Path]
     other = banks.build_bank(tmp_path / "bank", scenarios=["light"])
     battery.run(battery.plan(other.root, ["scripted:depth"], tmp_path / "elsewhere"))
     first = battery.score(runs[0])
-    with pytest.raises(SpecError, match="on different banks"):
-        compare(first, battery.score(tmp_path / "elsewhere"))
+    elsewhere = battery.score(tmp_path / "elsewhere")
+    assert len(frames_in_common(first, elsewhere)) == len(other)
+    strange = banks.build_bank(tmp_path / "strange", scenarios=["strange"])
+    battery.run(battery.plan(strange.root, ["scripted:depth"], tmp_path / "nothing"))
+    with pytest.raises(SpecError, match="share no frame of equal geometry"):
+        frames_in_common(first, battery.score(tmp_path / "nothing"))
     bank = runs[0].parent / "bank"
     battery.run(battery.plan(bank, ["scripted:random"], tmp_path / "another"))
     with pytest.raises(SpecError, match="no model in common"):
@@ -134,3 +142,52 @@ def test_the_commands_answer_in_words_in_json_and_by_exit_code(
     assert out.count("(mean of 2 runs)") == 4
     assert "Pearson r = " in out
     assert "Spearman r = " in out
+
+
+def moved_bank(bank: FrameBank, out: Path) -> FrameBank:
+    """Write a bank again with the first lead half a metre farther, and two frames more."""
+    first, *rest = bank
+    moved = replace(first, truth={**first.truth, "lead_gap_m": first.truth["lead_gap_m"] + 0.5})
+    more = [replace(first, id=f"more-{n}", step=90 + n, pictures={MAIN: f"images/more{n}.png"}) for n in range(2)]
+    with BankWriter(out, banks.manifest()) as writer:
+        for code, frame in enumerate([moved, *rest, *more]):
+            writer.add(replace(frame, counterfactuals={}), {MAIN: encode(banks.draw(20.0, code))}, {})
+    return open_bank(out)
+
+
+def test_two_banks_are_compared_frame_by_frame(bank: FrameBank) -> None:
+    """What they share, how far the numbers lie apart, and which frame is another moment."""
+    other = moved_bank(bank, bank.root.parent / "moved")
+    done = CliRunner().invoke(app, ["frames", "check", str(bank.root), str(other.root)])
+    assert done.exit_code == 1
+    first = next(iter(bank)).id
+    assert f"{len(bank)} frames stand in both banks, of {len(bank)} and of {len(bank) + 2}" in done.output
+    assert f"{len(bank) - 1} are the same moments" in done.output
+    assert f"{first} differs in lead_gap_m" in done.output
+    assert "lead_gap_m: at most 0.500 apart" in done.output
+    same = CliRunner().invoke(app, ["frames", "check", str(bank.root), str(bank.root), "--json"])
+    assert (same.exit_code, json.loads(same.stdout)["geometry"]["equal"]) == (0, len(bank))
+    none = banks.build_bank(bank.root.parent / "none", scenarios=["strange"])
+    apart = CliRunner().invoke(app, ["frames", "check", str(bank.root), str(none.root)])
+    assert (apart.exit_code, "has one name in both banks" in apart.output) == (1, True)
+
+
+def test_runs_on_two_banks_are_compared_on_the_frames_that_both_have(
+    runs: tuple[Path, Path], bank: FrameBank, tmp_path: Path
+) -> None:
+    """As if both had been asked about these alone: here all but one of the small bank's, and the verdict is theirs."""
+    other = moved_bank(bank, tmp_path / "bank")
+    battery.run(battery.plan(other.root, SPECS[:2], tmp_path / "second"))
+    done = CliRunner().invoke(app, ["compare", str(runs[0]), str(tmp_path / "second"), "--resamples", "999", "--json"])
+    found = json.loads(done.stdout)
+    assert f"bank, compared on the {len(bank) - 1} frames that both have" in found["apart"][0]
+    depth = found["models"]["scripted:depth"]
+    assert depth["differences"]["across_runs"]["n"] == len(bank) - 1
+    shared = [frame.id for frame in bank][1:]
+    alone = battery.score(runs[0], frames=shared)
+    assert alone.models["scripted:depth"].answers.frames == tuple(bank)[1:]
+    assert depth["labels"]["verdict"][0] == judge(alone)["scripted:depth"].calibrated.label
+    with pytest.raises(SpecError, match=f"of which they share {len(bank) - 1}: score both on these alone"):
+        compare(battery.score(runs[0]), battery.score(tmp_path / "second"))
+    with pytest.raises(SpecError, match="it asks about none of them"):
+        battery.score(runs[0], frames=["nowhere"])

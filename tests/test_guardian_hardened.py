@@ -249,6 +249,7 @@ def test_every_command_that_reads_a_run_says_that_it_is_not_finished(
     ):
         found, _, err = say("guardian", *words)
         assert (found, why in err, "not finished" in err) == (code, True, bool(why)), (words, err)
+        assert ("frames are left out: " in err) == ("--unseen" in words and code == 0), (words, err)
     _, out, _ = say("guardian", "modular", guardian, *asked, "--frames", bank.root, "--json")
     assert "not finished" in json.loads(out)["warnings"][0]
 

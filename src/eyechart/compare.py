@@ -1,15 +1,16 @@
 """Two runs are compared model by model: whether each statistic and each verdict came out again."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from eyechart.errors import SpecError
+from eyechart.frames import same_moments
 from eyechart.records import Plain, plain
 from eyechart.report.table import MARK, STATISTIC, Cell, Column, Table, columns, statistic_cells
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.battery import BatteryScore, differences
+from eyechart.studies.battery import BatteryScore, ModelScore, differences
 from eyechart.studies.battery.replication import Difference
 from eyechart.verdicts import judge
 
@@ -91,17 +92,19 @@ class Comparison:
 
 
 def compare(first: BatteryScore, second: BatteryScore, *, resamples: int = 2000) -> Comparison:
-    """Compare two batteries on one bank, model by model; the second run's numbers minus the first's.
+    """Compare two batteries on the same frames, model by model; the second run's numbers minus the first's.
 
-    Raises SpecError where the runs are on different banks, have no model in common, or stopped early. Another prompt,
-    seed, version or set of conditions is allowed and named: then the difference is what that change did. Source: paper,
-    paragraph Replication.
+    Raises SpecError where the runs are on different banks and were not scored on the frames that both have
+    (``frames_in_common``), have no model in common, or stopped early. Another prompt, seed, version or set of
+    conditions is allowed and named: then the difference is what that change did. Source: paper, paragraph Replication.
     """
     if first.manifest.fingerprint != second.manifest.fingerprint:
-        raise SpecError(
-            f"the runs are on different banks ({first.bank.name} and {second.bank.name}); "
-            "a replication asks about the same frames"
-        )
+        both = set(frames_in_common(first, second))
+        if not all({frame.id for frame in one.answers.frames} <= both for one in (*_models(first), *_models(second))):
+            raise SpecError(
+                f"the runs are on different banks ({first.bank.name} and {second.bank.name}); a replication asks about "
+                f"the same frames, of which they share {len(both)}: score both on these alone"
+            )
     common = [spec for spec in first.models if spec in second.models]
     if not common:
         raise SpecError(f"the runs have no model in common: {', '.join(first.models)} and {', '.join(second.models)}")
@@ -138,6 +141,25 @@ def compare(first: BatteryScore, second: BatteryScore, *, resamples: int = 2000)
     return Comparison(models, _apart(first, second), tuple(marks))
 
 
+def frames_in_common(first: BatteryScore, second: BatteryScore) -> tuple[str, ...]:
+    """Return the frames that two runs asked about and that are the same moments in their banks.
+
+    Raises SpecError where there is none.
+    """
+    asked = [{frame.id for one in _models(run) for frame in one.answers.frames} for run in (first, second)]
+    moments = same_moments(first.bank.manifest, second.bank.manifest)
+    if found := tuple(frame for frame in moments if frame in asked[0] & asked[1]):
+        return found
+    raise SpecError(
+        f"the runs are on different banks ({first.bank.name} and {second.bank.name}) that share no frame of equal "
+        "geometry; a replication asks about the same frames: 'eyechart frames check BANK OTHER' compares them"
+    )
+
+
+def _models(run: BatteryScore) -> Iterable[ModelScore]:
+    return run.models.values()
+
+
 def _apart(first: BatteryScore, second: BatteryScore) -> tuple[str, ...]:
     """Return what the two runs do not have in common, in words."""
     pairs = {
@@ -146,6 +168,10 @@ def _apart(first: BatteryScore, second: BatteryScore) -> tuple[str, ...]:
         "conditions": (", ".join(first.manifest.conditions), ", ".join(second.manifest.conditions)),
     }
     both = "{}: {} in the first run, {} in the second"
+    if first.manifest.fingerprint != second.manifest.fingerprint:
+        count = len(frames_in_common(first, second))
+        words = [f"{run.bank.name} ({len(run.bank)} frames)" for run in (first, second)]
+        pairs |= {f"bank, compared on the {count} frames that both have": (words[0], words[1])}
     said = [both.format(name, one, other) for name, (one, other) in pairs.items() if one != other]
     for spec in first.models.keys() & second.models.keys():
         one, other = first.models[spec].version, second.models[spec].version

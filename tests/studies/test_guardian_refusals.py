@@ -153,6 +153,18 @@ def test_frames_that_chose_it_are_named(table: study.VoteTable, frozen: study.Fr
     assert list(shared_frames(spelt, frozen.selection.frames, ())) == [("./F274.PNG", "f274", "has the name of")]
     assert frozen.unseen(spelt).frames == ("f000",)
     assert frozen.exported().unseen(spelt) is spelt
+    assert frozen.exported().left_out(spelt) == {}
+    assert frozen.left_out(table) == {"chose this guardian": 16}
+    both = replace(table, frames=("f000", "f1", "F274.png", *table.frames[3:]), pictures=("digest of f273",) * 288)
+    assert list(seeing.left_out(both).items()) == [
+        ("chose this guardian", 16),
+        ("show the very picture of one that did", 272),
+    ]
+    other = replace(both, pictures=None)
+    assert list(frozen.left_out(other).items()) == [
+        ("chose this guardian", 16),
+        ("have the name of one that did, but for its spelling or its ending", 1),
+    ]
     assert refused(lambda: frozen.exported().may_score(one)) == (
         "an exported guardian does not hold the frames that chose it, so it cannot score: give the guardian.json that "
         "it was made of"

@@ -9,8 +9,11 @@ from eyechart.cli.options import Json, Model
 from eyechart.cli.terminal import print_json, print_line, progress, say
 
 if TYPE_CHECKING:
-    from eyechart.frames import FrameBank
+    from eyechart.frames import FrameBank, Shared
     from eyechart.importing import Ahead, Convert
+
+_FEW = 8
+"""So many frames that differ are named; --json has all."""
 
 app = typer.Typer(help="Build, import, check and show frame banks.", no_args_is_help=True)
 
@@ -131,25 +134,46 @@ def import_(
 @app.command(epilog="Example: eyechart frames check bank")
 def check(
     bank: Annotated[Path, typer.Argument(help="Folder of the bank.")],
+    other: Annotated[Path | None, typer.Argument(help="Folder of another bank, to compare shared frames.")] = None,
     json: Json = False,
 ) -> None:
-    """Recompute fingerprint and picture hashes; name what differs. Exit 0: as recorded, 1: something differs."""
+    """Recompute fingerprint and picture hashes; name what differs. Exit 0: as recorded, 1: something differs.
+
+    With OTHER, also whether the frames of one name in both banks are the same moments: ground truth to 3 decimals, not
+    pixels, which other versions of libraries draw otherwise.
+    """
     from eyechart.conditions import undrawn_controls
     from eyechart.frames import check as check_bank
-    from eyechart.frames import open_bank
+    from eyechart.frames import open_bank, open_unchecked, shared
 
-    problems = check_bank(bank)
+    problems = [problem for each in filter(None, (bank, other)) for problem in check_bank(each)]
     undrawn = {} if problems else undrawn_controls(open_bank(bank))
+    both = None if other is None else shared(open_unchecked(bank), open_unchecked(other))
+    unlike = both is not None and bool(both.unlike or not both.frames)
     if json:
-        more = {"undrawn": undrawn} if undrawn else {}
-        print_json({"bank": str(bank), "ok": not problems, "problems": problems, **more})
+        more: dict[str, object] = {"undrawn": undrawn} if undrawn else {}
+        more |= {} if both is None else {"other": str(other), "geometry": both.as_dict()}
+        print_json({"bank": str(bank), "ok": not problems and not unlike, "problems": problems, **more})
     else:
         lacking = [f"{name}: {count} frames lack it; it could not be drawn" for name, count in undrawn.items()]
-        whole = [f"{bank} is what its manifest recorded", *lacking]
-        for line in [f"eyechart: {one}" for one in problems] or whole:
+        whole = [f"{each} is what its manifest recorded" for each in filter(None, (bank, other))]
+        for line in [f"eyechart: {one}" for one in problems] or [*whole, *lacking]:
             say(line)
-    if problems:
+        for line in () if both is None else _shared_words(both):
+            say(line)
+    if problems or unlike:
         raise typer.Exit(1)
+
+
+def _shared_words(both: "Shared") -> list[str]:
+    """Return in words how many frames two banks share, and how far apart their ground truth is."""
+    (one, other), count, names = both.sizes, len(both.frames), list(both.unlike)
+    if not count:
+        return [f"no frame of the {one} and the {other} has one name in both banks"]
+    words = [f"{count} frames stand in both banks, of {one} and of {other}: {count - len(names)} are the same moments"]
+    words += [f"{name}: at most {by:.3f} apart" for name, by in both.furthest.items()]
+    words += [f"{frame} differs in {', '.join(both.unlike[frame])}" for frame in names[:_FEW]]
+    return [*words, *([f"and {len(names) - _FEW} more frames differ"] if len(names) > _FEW else [])]
 
 
 @app.command(

@@ -190,7 +190,7 @@ def score(
     if html is not None:
         require_free(html, "report")
     frozen = study.read_frozen(guardian)
-    table = _left(how.read(votes, frames), frozen, unseen=unseen)
+    table, left, words = _left(how.read(votes, frames), frozen, unseen=unseen)
     fresh = None
     if bound is not None:
         fresh = _part(how.read([bound], frames), "bound")
@@ -205,6 +205,7 @@ def score(
     if fresh is not None:
         bounded = study.bound(frozen, fresh, scored=table, confidence=confidence, risk=risk)
     found = replace(study.score(frozen, table), bound=bounded)
+    _say_left(words)
     members = members_of(frozen.committee, table, votes, reread=how.reread)
     found = replace(found, warnings=(*found.warnings, *(one.words for one in members if one.doubtful)))
     if html is not None:
@@ -214,7 +215,8 @@ def score(
         write_page(guardian_page(found, bank), html)
         say(f"wrote {html}, {html.stat().st_size / 1e6:.1f} MB")
     if json:
-        print_json({**found.as_dict(), "members": [one.as_dict() for one in members]})
+        told = {"left_out": left} if unseen else {}
+        print_json({**found.as_dict(), **told, "members": [one.as_dict() for one in members]})
         return
     named = f"{len(table.frames)} frames of {len(set(table.episodes))} episodes, bank {frozen.about.bank_name or '—'}"
     sound = (one.words for one in members if not one.doubtful)
@@ -271,13 +273,14 @@ def modular(
     from eyechart.studies import guardian as study
 
     frozen = study.read_frozen(guardian)
-    table = _left(how.read(votes, frames), frozen, unseen=unseen)
+    table, left, words = _left(how.read(votes, frames), frozen, unseen=unseen)
     table = _part(table, "score")
     bank = open_bank(frames)
     frozen.may_show(bank)
     found = study.replay(frozen, table, study.reader_of(bank))
+    _say_left(words)
     if json:
-        print_json(found.as_dict())
+        print_json({**found.as_dict(), **({"left_out": left} if unseen else {})})
         return
     print_each(replay_lines(found))
     for line in found.warnings:
@@ -392,19 +395,29 @@ def _ids_of(path: Path) -> list[str]:
         raise VoteError(f"{path} is no list of frame ids, one a line: {error}") from error
 
 
-def _left(table: "VoteTable", frozen: "Frozen", *, unseen: bool) -> "VoteTable":
-    """Return what of a table a guardian is scored on, without the frames that chose it where these are ``unseen``."""
+def _left(table: "VoteTable", frozen: "Frozen", *, unseen: bool) -> "tuple[VoteTable, dict[str, int], str]":
+    """Return what of a table a guardian is scored on, how many frames were left out by the reason, and that in words.
+
+    With ``unseen`` those that chose the guardian are left out.
+    """
     from eyechart.errors import GuardianError
 
     if not unseen:
-        return table
-    kept = frozen.unseen(table)
+        return table, {}, ""
+    kept, left = frozen.unseen(table), frozen.left_out(table)
     if table.frames and not kept.frames:
         raise GuardianError(
             f"all {len(table.frames)} frames of {table.name} chose this guardian, so none is left to score: give votes "
             "on other frames, as 'eyechart run structured' asks for"
         )
-    return kept
+    why = ", ".join(f"{count} {words}" for words, count in left.items())
+    return kept, left, f"{sum(left.values())} of {len(table.frames)} frames are left out{why and f': {why}'}"
+
+
+def _say_left(words: str) -> None:
+    """Say what was left out, where anything may have been."""
+    if words:
+        say(words)
 
 
 def _part(table: "VoteTable", name: str) -> "VoteTable":

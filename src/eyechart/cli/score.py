@@ -133,14 +133,19 @@ def compare(
     step: Steps = None,
     json: Json = False,
 ) -> None:
-    """Compare two runs on one bank, per verdict and per statistic, with a test of difference.
+    """Compare two runs on the same frames, per verdict and per statistic, with a test of difference.
+
+    Runs on two banks are scored anew on the frames that are the same moments in both.
 
     Policies are compared each with the one before it: as they were asked, or by the step of a training, which --step
     gives, or they declare. 'eyechart report' draws it.
     Exit 0: every verdict and statistic came out again; 1: something differs; 2: the runs cannot be compared.
     Example: eyechart compare monday tuesday
     """
+    from dataclasses import replace
+
     from eyechart.compare import compare as compared
+    from eyechart.compare import frames_in_common
     from eyechart.errors import SpecError
     from eyechart.studies import Reading, study_of
 
@@ -158,6 +163,9 @@ def compare(
         return
     if second is None:
         raise SpecError(f"{first} is compared with another run: give the folder of its replication")
+    if scores[0].manifest.fingerprint != scores[1].manifest.fingerprint:
+        reading = replace(reading, frames=frames_in_common(*scores))
+        scores = [study.score(run, reading) for run in runs]
     found = compared(*scores, resamples=resamples)
     print_json(found.as_dict()) if json else print_each(found.printed(every=every), names=names)
     if not found.replicated:

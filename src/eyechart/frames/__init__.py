@@ -30,6 +30,7 @@ from eyechart.frames.nouns import (
     require_exchanged,
     rounded_truth,
 )
+from eyechart.frames.overlap import Shared, same_moments, shared
 from eyechart.frames.pictures import (
     MAX_IMAGE_BYTES,
     MAX_PIXELS,
@@ -63,6 +64,7 @@ __all__ = [
     "Gap",
     "MirrorAxis",
     "Scalar",
+    "Shared",
     "Stimulus",
     "alone",
     "as_png",
@@ -84,6 +86,8 @@ __all__ = [
     "require_exchanged",
     "require_plain",
     "rounded_truth",
+    "same_moments",
+    "shared",
     "size_of",
     "whole_folder",
 ]

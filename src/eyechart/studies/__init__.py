@@ -65,7 +65,8 @@ class Reading:
     """How runs are read: what is declared of their frames and replies, and what drives are held ``against``.
 
     Where not ``driven``, a page of drives shows no picture, because no world is opened for one.
-    ``steps`` says of policies, by SPEC, how far their training had come.
+    ``steps`` says of policies, by SPEC, how far their training had come. ``frames`` are those of a bank that a battery
+    is scored on; empty for all that were asked about.
     """
 
     independent: bool = False
@@ -74,6 +75,7 @@ class Reading:
     resamples: int = 5000
     driven: bool = True
     steps: Mapping[str, int] = field(default_factory=dict)
+    frames: Sequence[str] = ()
 
 
 @dataclass

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Generic, TypeVar
@@ -173,8 +173,15 @@ def _count(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
-def score(path: Path, *, resamples: int = 5000, independent: bool = False, reread: bool = False) -> BatteryScore:
-    """Score the battery in a run's folder, finished or not.
+def score(
+    path: Path,
+    *,
+    resamples: int = 5000,
+    independent: bool = False,
+    reread: bool = False,
+    frames: Sequence[str] = (),
+) -> BatteryScore:
+    """Score the battery in a run's folder, finished or not; on some ``frames`` of those that it asks about, or on all.
 
     ``independent`` declares that frames outside episodes are independent draws, as a bank's manifest may. ``reread``
     has the replies of a run that was begun under an older version of the reader read by today's. Raises
@@ -183,6 +190,13 @@ def score(path: Path, *, resamples: int = 5000, independent: bool = False, rerea
     """
     manifest, bank = read_run(path, reread=reread)
     require_scorable(path, manifest, bank, independent=independent, reread=reread)
+    if frames:
+        chosen = set(frames)
+        asked = tuple(one.id for one in plan_of(manifest, bank).frames if one.id in chosen)
+        if not asked or manifest.stop_early:
+            why = "its answers chose its frames" if manifest.stop_early else "it asks about none of them"
+            raise SpecError(f"{path} cannot be scored on {len(chosen)} frames of its bank: {why}")
+        manifest = replace(manifest, frames=asked)
     return score_run(manifest, bank, path / LEDGER, resamples=resamples, independent=independent)
 
 

@@ -63,7 +63,13 @@ class BatteryStudy(OfFrames[BatteryScore]):
     required = "depth"
 
     def score(self, folder: Path, reading: Reading) -> BatteryScore:
-        return score(folder, independent=reading.independent, reread=reading.reread, resamples=reading.resamples)
+        return score(
+            folder,
+            independent=reading.independent,
+            reread=reading.reread,
+            resamples=reading.resamples,
+            frames=reading.frames,
+        )
 
     def verdicts(self, score: BatteryScore) -> Mapping[str, Verdict]:
         return judge(score)

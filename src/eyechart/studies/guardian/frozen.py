@@ -5,6 +5,7 @@ import json
 import math
 import re
 import unicodedata
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -35,6 +36,11 @@ _MOST_BYTES = 64_000_000
 NAME, PICTURE, SPELLING = "is", "shows the very picture of", "has the name of"
 """By what a frame is known as another one, in words."""
 _MORE = {PICTURE: "", SPELLING: ", but for its spelling or its ending"}
+_LEFT = {
+    NAME: "chose this guardian",
+    PICTURE: "show the very picture of one that did",
+    SPELLING: "have the name of one that did, but for its spelling or its ending",
+}
 
 _NAMES = {"single": "best_single_model"}
 """What a field of a selection is called in the file, where it has another name there."""
@@ -149,6 +155,13 @@ class Frozen:
             return table
         shared = shared_frames(table, self.selection.frames, self.selection.pictures)
         return table.without([frame for frame, _, _ in shared])
+
+    def left_out(self, table: VoteTable) -> dict[str, int]:
+        """Return how many frames of a table ``unseen`` leaves out, by the reason in words; reasons of none are not."""
+        if self.selection is None:
+            return {}
+        known = Counter(how for _, _, how in shared_frames(table, self.selection.frames, self.selection.pictures))
+        return {words: known[how] for how, words in _LEFT.items() if known[how]}
 
     def may_show(self, bank: FrameBank) -> None:
         """Raise GuardianError where a bank's pictures are not those of the votes that chose this guardian."""

@@ -1,0 +1,61 @@
+"""Frames that two banks both have: whether they are the same moments, and how far their numbers lie apart.
+
+Source: paper, section Experimental Setup (the geometry fingerprint: both arms agree on all shared frames).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from eyechart.frames.nouns import BankManifest, Frame, FrameBank
+
+
+@dataclass(frozen=True)
+class Shared:
+    """The frames of one name in two banks, in the order of the first.
+
+    ``sizes`` are how many frames each bank has. ``unlike`` says of each shared frame whose geometry differs what does.
+    ``furthest`` maps each number of the ground truth that both have to the largest difference, in its own unit.
+    """
+
+    frames: tuple[str, ...]
+    sizes: tuple[int, int]
+    unlike: Mapping[str, tuple[str, ...]]
+    furthest: Mapping[str, float]
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return {
+            "shared": len(self.frames),
+            "of": list(self.sizes),
+            "equal": len(self.frames) - len(self.unlike),
+            "unlike": {frame: list(what) for frame, what in self.unlike.items()},
+            "largest_differences": dict(self.furthest),
+        }
+
+
+def shared(one: FrameBank, other: FrameBank) -> Shared:
+    """Return the frames of one name in two banks; geometry is equal where it is to 3 decimals, whatever the pixels."""
+    theirs = {frame.id: frame for frame in other}
+    pairs = [(frame, theirs[frame.id]) for frame in one if frame.id in theirs]
+    unlike = {mine.id: _unlike(mine, its) for mine, its in pairs if mine.geometry() != its.geometry()}
+    furthest: dict[str, float] = {}
+    for mine, its in pairs:
+        for name in mine.truth.keys() & its.truth.keys():
+            a, b = mine.truth[name], its.truth[name]
+            if isinstance(a, int | float) and isinstance(b, int | float) and not isinstance(a, bool):
+                furthest[name] = max(furthest.get(name, 0.0), abs(a - b))
+    return Shared(tuple(mine.id for mine, _ in pairs), (len(one), len(other)), unlike, dict(sorted(furthest.items())))
+
+
+def same_moments(one: BankManifest, other: BankManifest) -> tuple[str, ...]:
+    """Return the frames of one name and of equal geometry in two banks, in the order of the first."""
+    theirs = other.geometry
+    return tuple(frame for frame, digest in one.geometry.items() if theirs.get(frame) == digest)
+
+
+def _unlike(one: Frame, other: Frame) -> tuple[str, ...]:
+    """Return the names of what differs between two frames."""
+    parts = ("scenario", "episode", "step", "cameras", "fields", "state", "motion")
+    found = [name for name in parts if getattr(one, name) != getattr(other, name)]
+    names = sorted(one.truth.keys() | other.truth.keys())
+    return (*found, *(name for name in names if one.truth.get(name, "") != other.truth.get(name, "")))
