@@ -191,16 +191,10 @@ def score(
         require_free(html, "report")
     frozen = study.read_frozen(guardian)
     table, left, words = _left(how.read(votes, frames), frozen, unseen=unseen)
-    fresh = None
     if bound is not None:
-        fresh = _part(how.read([bound], frames), "bound")
-    elif bound_episodes is not None:
-        names = [name.strip() for name in bound_episodes.split(",") if name.strip()]
-        fresh = table.of_episodes(names)
-        table = table.without(fresh.frames)
-    elif table.split is not None and "bound" in table.split:
-        fresh = table.part("bound")
-    table = _part(table, "score")
+        table, fresh = _part(table, "score"), _part(how.read([bound], frames), "bound")
+    else:
+        table, fresh = _parted(table, bound_episodes)
     bounded = None
     if fresh is not None:
         bounded = study.bound(frozen, fresh, scored=table, confidence=confidence, risk=risk)
@@ -412,6 +406,15 @@ def _left(table: "VoteTable", frozen: "Frozen", *, unseen: bool) -> "tuple[VoteT
         )
     why = ", ".join(f"{count} {words}" for words, count in left.items())
     return kept, left, f"{sum(left.values())} of {len(table.frames)} frames are left out{why and f': {why}'}"
+
+
+def _parted(table: "VoteTable", bound_episodes: str | None) -> "tuple[VoteTable, VoteTable | None]":
+    """Return what of a table is scored, and what gives the bound: some of its episodes, or rows whose split says so."""
+    if bound_episodes is not None:
+        fresh = table.of_episodes([name.strip() for name in bound_episodes.split(",") if name.strip()])
+        return _part(table.without(fresh.frames), "score"), fresh
+    bound = table.part("bound") if table.split is not None and "bound" in table.split else None
+    return _part(table, "score"), bound
 
 
 def _say_left(words: str) -> None:
