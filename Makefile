@@ -11,10 +11,16 @@ BENCH := $(VENV)/.bench
 MUTANTS := $(VENV)/.mutants
 INSPECT := $(VENV)/inspect
 DOCS := $(VENV)/.docs
+EXTRAS := $(VENV)/.extras
+
+# Python keeps what it compiled, also where the environment says otherwise: each start of a command compiles it all else.
+export PYTHONDONTWRITEBYTECODE :=
+
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm demo-policy ladder hierarchy test test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-diffusion long-serve long-endpoints long-replies long-faults long-fuzz long-watch long-page mutants clean
+.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-diffusion long-serve long-endpoints long-replies long-faults long-fuzz long-watch long-page mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -25,6 +31,7 @@ help:
 	@echo "make test         the tests of the core"
 	@echo "make test-models  the tests that need extras (Hugging Face datasets, Parquet, LeRobot, Transformers, Ray)"
 	@echo "make test-browser the report in headless Chromium, which has to be there (apt-get install chromium)"
+	@echo "make extras       what test-models, test-browser and docs need, installed at once"
 	@echo "make lint         ruff and mypy"
 	@echo "make docs         the site, in build/docs"
 	@echo "make wheel        the package, in dist, with its contents checked"
@@ -85,7 +92,7 @@ format: $(DEV)
 	$(BIN)/ruff format .
 
 docs: $(DOCS)
-	$(BIN)/python -m sphinx -E -W --keep-going -q -b html docs build/docs
+	$(BIN)/python -m sphinx -j 2 -E -W --keep-going -q -b html docs build/docs
 	$(BIN)/python docs/check_site.py build/docs
 
 wheel: $(VENV)/bin/python
@@ -184,35 +191,43 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(CORE): $(VENV)/bin/python pyproject.toml constraints.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	$(PIP) -e .
 	@touch $@
 
-$(DEV): $(CORE)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
-	@touch $@
+$(DEV): $(VENV)/bin/python pyproject.toml constraints.txt
+	$(PIP) -e '.[dev]'
+	@touch $(CORE) $@
 
 $(VLM): $(CORE)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[transformers]'
+	$(PIP) -e '.[transformers]'
 	@touch $@
 
 $(MODELS): $(DEV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,hub,parquet,lerobot,film,transformers,serve,ray]'
+	$(PIP) -e '.[dev,hub,parquet,lerobot,film,transformers,serve,ray]'
 	@touch $@
 
+# All that the checks need beside dev, in one go, where all of them are run: continuous integration. What nobody imports
+# is not compiled.
+$(EXTRAS): $(DEV)
+	$(PIP) --no-compile -e '.[dev,hub,parquet,lerobot,film,transformers,serve,ray,docs,browser]'
+	@touch $(MODELS) $(DOCS) $(BROWSER) $@
+
+extras: $(EXTRAS)
+
 $(DOCS): $(CORE)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	$(PIP) -e '.[docs]'
 	@touch $@
 
 $(BROWSER): $(DEV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,browser]'
+	$(PIP) -e '.[dev,browser]'
 	@touch $@
 
 $(BENCH): $(DEV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,bench,transformers]'
+	$(PIP) -e '.[dev,bench,transformers]'
 	@touch $@
 
 $(MUTANTS): $(DEV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,mutants]'
+	$(PIP) -e '.[dev,mutants]'
 	@touch $@
 
 # What the benchmark of calls compares with has requirements of its own, which the versions above do not meet.

@@ -18,6 +18,14 @@ FIRST = ("test_adversarial_runs.py", "test_battery_kill.py", "test_episodes_kill
 """Files of one long test; where several processes share the tests, none waits for these at the end."""
 
 
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave out the files that have no test of the one marker that is asked for: to import them takes a while."""
+    asked = config.option.markexpr
+    if asked not in {"models", "browser"} or collection_path.suffix != ".py":
+        return None
+    return True if f"pytest.mark.{asked}" not in collection_path.read_text(encoding="utf-8") else None
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the long files first, then the others by how many tests they have."""
