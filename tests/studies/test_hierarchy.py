@@ -1,18 +1,21 @@
 """The hierarchy tells a planner that sees from one that does not, and prints what completion does not show."""
 
 import itertools
+import json
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 import planners
 from eyechart.calls import Reply
-from eyechart.episodes import Bounds, expected, read_episodes
+from eyechart.cli.app import app
+from eyechart.episodes import Bounds, Episodes, expected, read_episodes
 from eyechart.episodes import plan as plan_episodes
 from eyechart.episodes import run as run_episodes
-from eyechart.errors import LedgerError
+from eyechart.errors import LedgerError, SpecError
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER
 from eyechart.models.prices import Prices, read_prices
@@ -329,3 +332,65 @@ def test_a_folder_without_the_study_is_refused(tmp_path: Path) -> None:
     with pytest.raises(LedgerError, match="holds no run of the hierarchy; 'eyechart run hierarchy --out"):
         score(tmp_path)
     assert list(read_episodes(tmp_path)) == []
+
+
+def driven(planned: Mapping[str, Episodes]) -> dict[str, set[tuple[str, str, int]]]:
+    """Return who is to drive where, by part."""
+    return {name: {(key.policy, key.scenario, key.seed) for key in one.keys} for name, one in planned.items()}
+
+
+def test_sources_arms_worlds_and_seeds_are_chosen(tmp_path: Path) -> None:
+    """By the names of the tables, some of which hold commas, or by policies, which stand for every arm of theirs."""
+    chosen = hierarchy.read_choice("oracle, lateral intent, mirrored, random", None, "offset, clutter", [3])
+    found = driven(hierarchy.plan(tmp_path, choice=chosen))
+    assert found == {
+        "primary": {("random", "offset", 3), ("random", "clutter", 3)},
+        "lateral": {("mirrored:route", "offset", 3), ("mirrored:route", "clutter", 3)},
+    }
+    both = hierarchy.plan(tmp_path, choice=hierarchy.read_choice("route", "primary,lateral"))
+    assert {name: len(one.keys) for name, one in both.items()} == {"primary": 25, "lateral": 32}
+    single = hierarchy.plan(tmp_path, choice=hierarchy.read_choice(worlds="single"))
+    assert set(single) == {"primary"}  # the second ablation has no such world
+
+
+def test_a_model_drives_alone_where_no_source_is_wanted(tmp_path: Path) -> None:
+    """In every arm of models, or in those that are chosen; an arm without models has none to drive."""
+    model = [RequestMode(SEEING)]
+    alone = hierarchy.plan(tmp_path, model, choice=hierarchy.read_choice("none", seeds=[0]))
+    assert list(alone) == ["primary-models", "unaware-models", "lateral-models"]
+    arm = hierarchy.plan(tmp_path, model, choice=hierarchy.read_choice("none", "lateral", seeds=[0]))
+    assert list(arm) == ["lateral-models"]
+    with pytest.raises(SpecError, match="no model drives in this choice: models are in the arms primary, unaware, lat"):
+        hierarchy.plan(tmp_path, model, choice=hierarchy.read_choice(arms="constrained"))
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        ({"sources": "route, oracel"}, "--sources takes one or more of MPC-only; oracle intent; .* got 'oracel'"),
+        ({"arms": "primary-models"}, "--arms takes one or more of primary, constrained, unaware, lateral"),
+        ({"worlds": "offset,maze"}, "--worlds takes one or more of offset, single, slalom, gate, clutter"),
+        ({"worlds": " , "}, "--worlds takes one or more of"),
+        ({"sources": "mirrored:route", "arms": "primary"}, "nobody is left to drive"),
+        ({"sources": "none"}, "nobody is left to drive"),
+    ],
+)
+def test_a_choice_that_the_study_does_not_have_says_what_it_has(
+    words: Mapping[str, str], why: str, tmp_path: Path
+) -> None:
+    """In one sentence that names the option."""
+    with pytest.raises(SpecError, match=why):
+        hierarchy.plan(tmp_path, choice=hierarchy.read_choice(**words))
+
+
+def test_a_chosen_part_of_the_study_is_driven_and_read(tmp_path: Path) -> None:
+    """The command drives it, its tables have these rows alone, and a wider choice goes on in the same folder."""
+    words = ["run", "hierarchy", "--arms", "primary", "--worlds", "offset", "--out", str(tmp_path / "out"), "--json"]
+    first = CliRunner().invoke(app, [*words, "--sources", "route", "--seeds", "1"])
+    assert first.exit_code == 0, first.output
+    rows = {(one["name"], one["goals"]["n"]) for one in json.loads(first.stdout)["sources"]}
+    assert rows == {("oracle intent", 1)}
+    wider = CliRunner().invoke(app, [*words, "--sources", "route,random intent", "--seeds", "0,1"])
+    rows = {(one["name"], one["goals"]["n"]) for one in json.loads(wider.stdout)["sources"]}
+    assert rows == {("oracle intent", 2), ("random intent", 2)}
+    assert not json.loads(wider.stdout)["unfinished"]

@@ -121,6 +121,16 @@ def hierarchy(
         list[str] | None, typer.Option(help="A model's SPEC as the source of intent; again for more.")
     ] = None,
     mode: options.Mode = None,
+    sources: Annotated[
+        str | None, typer.Option(help="Scripted sources with commas, by name or policy; or none. Default: all.")
+    ] = None,
+    arms: Annotated[
+        str | None, typer.Option(help="Of primary, constrained, unaware, lateral, with commas; default: all.")
+    ] = None,
+    worlds: Annotated[str | None, typer.Option(help="Families of obstacles, with commas; default: all.")] = None,
+    seeds: Annotated[
+        str | None, typer.Option(help="So many worlds a family; or which, with commas. Default: 5 and 8, the paper's.")
+    ] = None,
     prompt: _Prompt = None,
     seed: _Seed = 0,
     processes: Annotated[int, typer.Option(min=1, help="Processes that hold the worlds.")] = 2,
@@ -136,27 +146,28 @@ def hierarchy(
 ) -> None:
     """Let sources of intent plan for a rover under a model-predictive controller, beside the paper's tables.
 
-    Scripted sources always, a model where one is given: with real, mirrored and blank pictures and with those of other
+    Scripted sources, and a model where one is given: with real, mirrored and blank pictures and with those of other
     worlds; one that is served elsewhere is probed first. A planner that says nothing within --timeout stops the rover.
     Interrupt it at will: it resumes. Exit 1: episodes are unfinished, or ended in an error; 3: stopped at --max-calls
     or --max-cost.
-    Example: eyechart run hierarchy --policy scripted:clear_side --out hierarchy
+    Example: eyechart run hierarchy --policy scripted:clear_side --sources route,random --seeds 2 --out hierarchy
     """
     from eyechart import episodes as study
-    from eyechart.studies.hierarchy import PARTS, plan, run, score
+    from eyechart.studies.hierarchy import PARTS, plan, read_choice, run, score
     from eyechart.studies.hierarchy.study import Hierarchy
     from eyechart.studies.probed import Probing
 
     allowed = spending.allowed(out, dry_run=dry_run)
+    choice = read_choice(sources, arms, worlds, None if seeds is None else _seeds(seeds))
     planned, failed = plan_probed(
         Probing(
             lambda modes, probes: plan(
-                out, modes, seed=seed, prompt=prompt, silence=silence, again=again, probes=probes
+                out, modes, choice=choice, seed=seed, prompt=prompt, silence=silence, again=again, probes=probes
             ),
             lambda parts: study.sample_of(next(parts[name] for name in parts if PARTS[name].models)),
             lambda parts, probes: study.keep_probes(next(iter(parts.values())), probes),
             [out / name for name in PARTS],
-            others=True,
+            others=choice.sources != frozenset(),
         ),
         options.read_modes(policy or [], mode, how.given()),
         allowed,

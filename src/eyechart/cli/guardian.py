@@ -191,10 +191,7 @@ def score(
         require_free(html, "report")
     frozen = study.read_frozen(guardian)
     table, left, words = _left(how.read(votes, frames), frozen, unseen=unseen)
-    if bound is not None:
-        table, fresh = _part(table, "score"), _part(how.read([bound], frames), "bound")
-    else:
-        table, fresh = _parted(table, bound_episodes)
+    table, fresh = _parted(table, bound_episodes, None if bound is None else how.read([bound], frames))
     bounded = None
     if fresh is not None:
         bounded = study.bound(frozen, fresh, scored=table, confidence=confidence, risk=risk)
@@ -408,8 +405,12 @@ def _left(table: "VoteTable", frozen: "Frozen", *, unseen: bool) -> "tuple[VoteT
     return kept, left, f"{sum(left.values())} of {len(table.frames)} frames are left out{why and f': {why}'}"
 
 
-def _parted(table: "VoteTable", bound_episodes: str | None) -> "tuple[VoteTable, VoteTable | None]":
-    """Return what of a table is scored, and what gives the bound: some of its episodes, or rows whose split says so."""
+def _parted(
+    table: "VoteTable", bound_episodes: str | None, other: "VoteTable | None"
+) -> "tuple[VoteTable, VoteTable | None]":
+    """Return what of a table is scored, and what bounds: another table, some of its episodes, or rows of that split."""
+    if other is not None:
+        return _part(table, "score"), _part(other, "bound")
     if bound_episodes is not None:
         fresh = table.of_episodes([name.strip() for name in bound_episodes.split(",") if name.strip()])
         return _part(table.without(fresh.frames), "score"), fresh

@@ -1,5 +1,6 @@
 """Which sources of intent drive which arm of the hierarchy, and where: up to seven runs, one after another."""
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
@@ -9,6 +10,7 @@ from eyechart.episodes import Bounds, Episodes, Setup
 from eyechart.episodes import plan as plan_episodes
 from eyechart.episodes import run as run_episodes
 from eyechart.episodes.running import USUAL
+from eyechart.errors import SpecError
 from eyechart.limits import Outcome, Spent
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
@@ -91,10 +93,83 @@ def name_of(part: str, driver: Driver) -> str:
     return f"{driver.policy}{_INTENT.get(part, '')}{_SHOWN[driver.condition]}"
 
 
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """What of the study is driven; what is None is all of it.
+
+    ``sources`` are those that are no model, pairs of a part and a policy; ``arms`` are parts without ``-models``,
+    ``worlds`` families of obstacles, ``seeds`` those of each family, in place of the paper's 5 and 8.
+    """
+
+    sources: frozenset[tuple[str, str]] | None = None
+    arms: tuple[str, ...] | None = None
+    worlds: tuple[str, ...] | None = None
+    seeds: tuple[int, ...] | None = None
+
+    def of(self, name: str, part: Part) -> Part | None:
+        """Return what is driven of a part, None where nothing is."""
+        if self.arms is not None and name.removesuffix(MODELS) not in self.arms:
+            return None
+        policies = [one for one in part.policies if self.sources is None or (name, one) in self.sources]
+        worlds = [one for one in part.scenarios if self.worlds is None or one in self.worlds]
+        left = replace(part, policies=tuple(policies), scenarios=tuple(worlds))
+        return left if worlds and (policies or part.models) else None
+
+
+ALL = Choice()
+MODELS = "-models"
+NOBODY = "none"
+"""The word for no source but models."""
+
+
+def read_sources(text: str) -> frozenset[tuple[str, str]]:
+    """Read names of sources as the tables have them, or their policies, with commas; ``none`` is no scripted source.
+
+    A policy stands for the source of that policy in every arm. Raises SpecError that lists what is known.
+    """
+    known = {name: {place} for name, place in SCRIPTED.items()}
+    for place in SCRIPTED.values():
+        known.setdefault(place[1], set()).add(place)
+    known[NOBODY] = set()
+    found, rest = set[tuple[str, str]](), text.strip()
+    while rest:
+        fits = [name for name in known if re.match(rf"{re.escape(name)}\s*(,|$)", rest)]
+        if not fits:
+            raise SpecError(f"--sources takes one or more of {'; '.join(known)}, with commas; got '{rest}'")
+        longest = max(fits, key=len)
+        found |= known[longest]
+        rest = rest[len(longest) :].lstrip(" ,")
+    return frozenset(found)
+
+
+def read_choice(
+    sources: str | None = None, arms: str | None = None, worlds: str | None = None, seeds: Sequence[int] | None = None
+) -> Choice:
+    """Read what of the study is driven from words with commas; raises SpecError for what it does not have."""
+    parts = tuple(name for name in PARTS if not name.endswith(MODELS))
+    families = tuple(dict.fromkeys(family for part in PARTS.values() for family in part.scenarios))
+    return Choice(
+        None if sources is None else read_sources(sources),
+        _named("--arms", arms, parts),
+        _named("--worlds", worlds, families),
+        None if seeds is None else tuple(seeds),
+    )
+
+
+def _named(option: str, text: str | None, known: Sequence[str]) -> tuple[str, ...] | None:
+    if text is None:
+        return None
+    names = tuple(dict.fromkeys(one.strip() for one in text.split(",") if one.strip()))
+    if not names or set(names) - set(known):
+        raise SpecError(f"{option} takes one or more of {', '.join(known)}, with commas; got '{text}'")
+    return names
+
+
 def plan(
     out: Path,
     models: Sequence[RequestMode] = (),
     *,
+    choice: Choice = ALL,
     seed: int = 0,
     prompt: str | None = None,
     silence: str = SILENCE,
@@ -103,12 +178,14 @@ def plan(
 ) -> dict[str, Episodes]:
     """Plan the study's runs in folders of ``out``, or the rest of what it holds of them; nothing is asked.
 
-    Without ``models`` only the scripted sources drive. ``silence`` is what becomes of a call that fails in a way that
-    may pass, one of `eyechart.episodes.SILENCES`. ``probes`` says what was spent on probing models; the first run with
-    models keeps it. Raises what `eyechart.episodes.plan` raises.
+    Without ``models`` only the scripted sources drive; a ``choice`` leaves some of them out, or some worlds.
+    ``silence`` is what becomes of a call that fails in a way that may pass, one of `eyechart.episodes.SILENCES`.
+    ``probes`` says what was spent on probing models; the first run with models keeps it. Raises what
+    `eyechart.episodes.plan` raises, and SpecError where nobody is left to drive.
     """
     planned: dict[str, Episodes] = {}
-    for name, part in PARTS.items():
+    chosen = {name: left for name, part in PARTS.items() if (left := choice.of(name, part)) is not None}
+    for name, part in chosen.items():
         drivers: list[str | RequestMode] = [*part.policies, *(models if part.models else ())]
         if drivers:
             made = plan_episodes(
@@ -116,13 +193,21 @@ def plan(
                 drivers,
                 out / name,
                 scenarios=part.scenarios,
-                seeds=range(part.seeds),
+                seeds=range(part.seeds) if choice.seeds is None else choice.seeds,
                 conditions=part.conditions,
                 prompt=prompt,
             )
             planned[name] = replace(made, again=again).counting(probes or {} if part.models else {})
             probes = None if part.models else probes
+    if models and not any(chosen[name].models for name in planned):
+        raise SpecError(f"no model drives in this choice: models are in the arms {', '.join(_of_models())}")
+    if not planned:
+        raise SpecError("nobody is left to drive: this choice leaves no source in any of its arms and worlds")
     return planned
+
+
+def _of_models() -> list[str]:
+    return [name.removesuffix(MODELS) for name, part in PARTS.items() if part.models]
 
 
 Watch = Callable[[str], AbstractContextManager[Callable[[int, int], None] | None]]
