@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from eyechart.channels import reflected, show
 from eyechart.errors import SourceError, SpecError
-from eyechart.frames import FrameBank, check
+from eyechart.frames import FrameBank, check, decode, open_bank
 from eyechart.importing import Choices, costs, import_table, read_rig
 from eyechart.studies import policy
 from eyechart.studies.policy.scoring import judge
@@ -151,3 +152,89 @@ def test_a_cell_that_is_no_number_is_a_fault_and_episodes_are_needed(tmp_path: P
         imported(tmp_path, broken)
     with pytest.raises(SourceError, match="say which column is the episode"):
         imported(tmp_path, [lines[0].replace("drive", "who"), *lines[1:]])
+
+
+AXES = RIG.replace('column = "front"', 'column = "front"\nmirror_axis = "horizontal"').replace(
+    'column = "side"', 'column = "side"\nmirror_axis = "horizontal"'
+)
+REFLECTION = """
+[reflection.numbers]
+j0 = { mirrors = "j1" }
+pan = { mirrors = "a1" }
+"""
+
+
+def leans(images: dict[str, np.ndarray], state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Do as `act` does, and more to one side."""
+    return act(images, state, instruction) + np.array([0.3, 0.0])
+
+
+def test_a_mirrored_moment_of_an_imported_log_is_shown_and_scored(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pictures flipped, joints exchanged; who does the same on both sides fits the reflection, who leans does not."""
+    bank = imported(tmp_path, rows(tmp_path), AXES + REFLECTION)
+    space = bank.manifest.motion
+    assert space is not None
+    assert [one.mirrors for one in (*space.dimensions, *space.state)] == ["a1", "pan", "j1", "j0"]
+    frame = bank.frames[0]
+    seen, own = reflected(show("mirrored", frame, bank, 0), space), decode(bank.images(frame)["front"], "front")
+    assert (decode(seen.images["front"], "front") == own[:, ::-1]).all()
+    assert seen.state["joints"] == frame.state["joints"][::-1]
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    specs = [f"python:test_importing_motions:{name}" for name in ("act", "leans")]
+    policy.run(policy.plan(bank.root, specs, tmp_path / "run", conditions=("real", "real_repeat", "mirrored")))
+    even, leaning = (one.statistics["mirror"].value for one in policy.score(tmp_path / "run").models.values())
+    assert even == pytest.approx(0, abs=1e-9)
+    assert leaning is not None
+    assert leaning > 0.05
+
+
+def test_a_side_that_is_named_is_exchanged_or_asked_about(tmp_path: Path) -> None:
+    """An instruction that names a side, without words that are exchanged, is said at the import."""
+    lines = [line.replace(",go,", ",go to the left,") for line in rows(tmp_path)]
+    silent = imported(tmp_path, lines, AXES + REFLECTION)
+    assert any("1 instructions name a side, such as 'go to the left'" in line for line in costs(silent))
+    (tmp_path / "bank").rename(tmp_path / "first")
+    bank = imported(tmp_path, lines, AXES + REFLECTION + '[reflection.words]\nleft = "right"\n')
+    assert not [line for line in costs(bank) if "mirrored" in line]
+    space = open_bank(bank.root).manifest.motion
+    assert space is not None
+    said = {reflected(show("mirrored", frame, bank, 0), space).fields["task"] for frame in bank}
+    assert said == {"go to the right", "leave"}
+
+
+def test_cameras_that_exchange_places_show_each_other_s_reflection(tmp_path: Path) -> None:
+    """As a left and a right wrist do."""
+    rig = (AXES + REFLECTION).replace('name = "front"', 'name = "front"\nmirrors = "side"')
+    bank = imported(tmp_path, rows(tmp_path), rig.replace('name = "side"', 'name = "side"\nmirrors = "front"'))
+    seen, own = show("mirrored", bank.frames[0], bank, 0).images, bank.images(bank.frames[0])
+    assert (decode(seen["front"], "front") == decode(own["side"], "side")[:, ::-1]).all()
+
+
+def test_without_a_reflection_the_import_says_that_nothing_is_mirrored(tmp_path: Path) -> None:
+    """And who says how."""
+    bank = imported(tmp_path, rows(tmp_path), AXES)
+    why = "mirrored: the bank does not say what a reflected motion is; [reflection] of a rig says it"
+    assert why in costs(bank)
+
+
+@pytest.mark.parametrize(
+    ("rig", "said"),
+    [
+        (AXES + REFLECTION.replace("pan =", "pen ="), "names 'pen'; did you mean 'pan'"),
+        (AXES + REFLECTION.replace('"a1"', '"j1"'), "'pan' mirrors 'j1', which is not of the same numbers"),
+        (RIG + REFLECTION, "needs the mirror_axis of every camera; 'front' has none"),
+        (AXES + "[reflection.numbers]\npan = { mirrors = 'a1' }", "must be measured relative to the reflected 'j0'"),
+        (AXES + "[reflection.numbers]\npan = { sign = 2 }", "a reflection has sign 1 or -1"),
+        (AXES.partition("[motion]")[0] + REFLECTION, "there is no [motion]"),
+        (AXES.replace('column = "side"', ""), "camera 'side' has no column"),
+    ],
+)
+def test_a_reflection_that_cannot_be_is_one_line(tmp_path: Path, rig: str, said: str) -> None:
+    """It names what is wrong, and no bank is written."""
+    with pytest.raises(SpecError) as refused:
+        imported(tmp_path, rows(tmp_path), rig)
+    assert said in str(refused.value)
+    assert "\n" not in str(refused.value)
+    assert not (tmp_path / "bank").exists()

@@ -129,9 +129,19 @@ def _lacking(name: str, bank: FrameBank) -> str:
         return "the bank has no instruction"
     if name == "mirrored" and (bank.manifest.motion is None or not bank.manifest.motion.mirrored):
         return "the bank does not say what a reflected motion is"
+    if name == "mirrored" and (pair := _unlike_pair(bank)):
+        return f"the pictures of {pair}, which exchange places, have other sizes"
     lacking = sum(not shown(name, frame, bank) for frame in bank)
     what = "mirror axis" if name == "mirrored" else "such picture"
     return f"{lacking} of {len(bank)} frames have no {what}" if lacking else ""
+
+
+def _unlike_pair(bank: FrameBank) -> str:
+    """Return two cameras that exchange places under reflection and whose pictures have other sizes, in words."""
+    first = bank.frames[0]
+    pairs = [(one.name, one.mirrors) for one in first.cameras if one.mirrors]
+    shapes = bank.shapes(first) if pairs else {}
+    return next((f"'{one}' and '{other}'" for one, other in pairs if shapes[one] != shapes[other]), "")
 
 
 def _unpartnered(base: str, channel: str, bank: FrameBank) -> str:
@@ -193,7 +203,10 @@ def sources(name: str, frame: Frame, source: Source, run_seed: int) -> tuple[str
 
 
 def reflected(seen: Stimulus, space: MotionSpace) -> Stimulus:
-    """Return a mirrored stimulus with the state that the reflected world has, where the space says it."""
+    """Return a mirrored stimulus with the words and the state of the reflected world, where the space says them."""
+    if space.words:
+        said = {name: space.reflect_text(one) if isinstance(one, str) else one for name, one in seen.fields.items()}
+        seen = replace(seen, fields=said)
     if not space.state:
         return seen
     numbers = reflect(np.array(flat_state(seen.state)), space.state)

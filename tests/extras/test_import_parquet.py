@@ -13,9 +13,10 @@ import pytest
 
 import parquets
 import photographs
-from eyechart.errors import SourceError
-from eyechart.frames import check, decode, encode
-from eyechart.importing import Ahead, Choices, costs, import_lerobot, import_table
+from eyechart.channels import conditions_of, reflected, show
+from eyechart.errors import SourceError, SpecError
+from eyechart.frames import FrameBank, check, decode, encode
+from eyechart.importing import Ahead, Choices, costs, import_lerobot, import_table, read_rig
 from eyechart.models import ADAPTERS
 from eyechart.spaces.discrete import read_space
 from eyechart.studies import battery
@@ -86,7 +87,8 @@ import resource, sys
 from pathlib import Path
 resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[3]), int(sys.argv[3])))
 from eyechart.importing import Choices, import_table
-from eyechart.errors import SourceError
+from eyechart.channels import conditions_of, reflected, show
+from eyechart.errors import SourceError, SpecError
 try:
     import_table(Path(sys.argv[1]), Path(sys.argv[2]), Path(sys.argv[1]) / "bank", Choices())
 except SourceError as error:
@@ -121,7 +123,8 @@ def test_a_table_that_unpacks_to_gigabytes_is_refused_in_bounded_memory(tmp_path
 BEYOND = """
 import sys
 from pathlib import Path
-from eyechart.errors import SourceError
+from eyechart.channels import conditions_of, reflected, show
+from eyechart.errors import SourceError, SpecError
 from eyechart.importing.parquet import open_parquet
 for path in map(Path, sys.argv[1:]):
     try:
@@ -447,6 +450,66 @@ def test_a_lerobot_data_set_becomes_a_bank_for_policies(tmp_path: Path, *, insid
         assert np.abs(np.array(shown) - expected).max() <= (0 if inside else 2)
         assert frame.fields == {"task": ("cross the yard", "park")[int(frame.episode) % 2]}
     assert any("8 of 32 frames have no logged motion" in line for line in costs(bank))
+
+
+MIRRORED = """
+[[camera]]
+name = "front"
+mirror_axis = "horizontal"
+mirrors = "rear"
+
+[[camera]]
+name = "rear"
+mirror_axis = "horizontal"
+mirrors = "front"
+
+[reflection]
+words = { yard = "park" }
+numbers = { speed = { sign = -1, about = 0.5 } }
+"""
+
+
+def robot(folder: Path) -> FrameBank:
+    """Import a data set with the rig beside it."""
+    rig = read_rig(folder / "rig.toml", of_table=False)
+    return import_lerobot(folder / "set", folder / "bank", Choices(every=3, rig=rig), ahead=Ahead(4))
+
+
+def test_a_lerobot_data_set_says_by_a_rig_what_is_reflected(tmp_path: Path) -> None:
+    """Its cameras by their short names, and the numbers of state and action by theirs."""
+    arm(tmp_path / "set", inside=True)
+    (tmp_path / "rig.toml").write_text(MIRRORED)
+    bank = robot(tmp_path)
+    space = bank.manifest.motion
+    assert space is not None
+    for many in (space.dimensions, space.state):
+        assert [(one.sign, one.about) for one in many] == [(1, 0), (-1, 0.5)]
+    assert "mirrored" in conditions_of(bank)[0]
+    frame = bank.frames[0]
+    seen = reflected(show("mirrored", frame, bank, 0), space)
+    assert seen.state["state"] == (frame.state["state"][0], 1 - frame.state["state"][1])
+    assert (decode(seen.images["front"], "") == decode(bank.images(frame)["rear"], "")[:, ::-1]).all()
+    assert seen.fields == {"task": "cross the park"}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('name = "rear"', 'name = "raer"', "did you mean 'rear'"),
+        ("speed =", "sped =", "did you mean 'speed'"),
+        ('name = "front"', 'name = "front"\ncolumn = "x"', "a LeRobotDataset says itself"),
+    ],
+)
+def test_a_rig_that_does_not_fit_a_data_set_is_one_line(tmp_path: Path, old: str, new: str, said: str) -> None:
+    """It names what there is."""
+    arm(tmp_path / "set", inside=True)
+    (tmp_path / "rig.toml").write_text(
+        MIRRORED.replace('mirrors = "rear"\n', "").replace('mirrors = "front"\n', "").replace(old, new)
+    )
+    with pytest.raises(SpecError) as refused:
+        robot(tmp_path)
+    assert said in str(refused.value)
+    assert not (tmp_path / "bank").exists()
 
 
 def test_an_action_of_another_kind_is_said_and_one_number_is_no_vector(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Motions: kept to the byte, read strictly, measured in units of scale, and reflected as the world is."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from hypothesis.extra import numpy as hnp
 
 from eyechart.calls import Reply
 from eyechart.errors import SpecError
-from eyechart.spaces.motion import Dimension, Motion, MotionSpace
+from eyechart.spaces.motion import Dimension, Motion, MotionSpace, reflect
 
 REACH = MotionSpace(
     "reach",
@@ -23,7 +24,7 @@ ARMS = MotionSpace(
     (Dimension("left", mirrors="right", state=0, sign=-1), Dimension("right", mirrors="left", state=1, sign=-1)),
     horizon=4,
     kind="absolute",
-    state=(Dimension("left"), Dimension("right")),
+    state=(Dimension("left", mirrors="right", sign=-1), Dimension("right", mirrors="left", sign=-1)),
     mirrored=True,
 )
 
@@ -137,3 +138,46 @@ def test_what_cannot_be_a_space_is_refused() -> None:
     ):
         with pytest.raises(SpecError, match=words):
             made()
+
+
+def test_a_reflection_commutes_with_measuring_from_the_state() -> None:
+    """Reflected places less reflected states are the reflected differences, whatever they are reflected about."""
+    names = (("left", "right", 1, -1.0, 0.0), ("right", "left", 0, -1.0, 0.0), ("x", "", 2, -1.0, 0.5))
+    places = tuple(Dimension(one, mirrors=other, sign=sign, about=at) for one, other, _, sign, at in names)
+    own = tuple(replace(one, state=number) for one, (_, _, number, _, _) in zip(places, names, strict=True))
+    space = MotionSpace("arms", own, 2, "absolute", state=(places[1], places[0], places[2]), mirrored=True)
+    rng = np.random.default_rng(0)
+    motions, states = rng.normal(size=(5, 2, 3)), rng.normal(size=(5, 3))
+    there = space.relative(reflect(motions, space.dimensions), reflect(states, space.state))
+    assert space.reflect_relative(space.relative(motions, states)) == pytest.approx(there)
+    assert reflect(reflect(motions, space.dimensions), space.dimensions) == pytest.approx(motions)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"sign": 1.0}, "need one sign and about"),
+        ({"about": 0.5}, "need one sign and about"),
+    ],
+)
+def test_a_reflection_that_is_none_is_refused(change: dict[str, float], said: str) -> None:
+    """The reflection of the reflection is the number itself, in one space and in its state."""
+    other = replace(ARMS.dimensions[1], **change)  # type: ignore[arg-type]
+    with pytest.raises(SpecError, match=said):
+        replace(ARMS, dimensions=(ARMS.dimensions[0], other))
+
+
+def test_a_place_is_reflected_as_its_number_of_the_state() -> None:
+    """Else what is measured from it would be measured from another place there."""
+    with pytest.raises(SpecError, match="reflected 'left' must be measured relative to the reflected 'left'"):
+        replace(ARMS, state=(Dimension("left"), Dimension("right")))
+
+
+def test_an_instruction_exchanges_its_words_whole_and_keeps_its_capitals() -> None:
+    """Twice is the text itself; a word inside another stays."""
+    space = replace(REACH, words=(("left", "right"), ("port", "starboard")))
+    said = "Left arm: put the LEFT cup right of the bright leftover, to port"
+    there = "Right arm: put the RIGHT cup left of the bright leftover, to starboard"
+    assert space.reflect_text(said) == there
+    assert space.reflect_text(there) == said
+    assert REACH.reflect_text(said) == said

@@ -66,7 +66,8 @@ def import_(
     format_: Annotated[str, typer.Option("--format", help="table or lerobot.")] = "table",
     camera: Annotated[str | None, typer.Option(help="Camera of a LeRobotDataset.")] = None,
     rig: Annotated[
-        Path | None, typer.Option(help="TOML file of several cameras: the column and mirror axis of each; state.")
+        Path | None,
+        typer.Option(help="TOML file of several cameras: column and mirror axis of each; state, motion, reflection."),
     ] = None,
     horizon: Annotated[
         int | None,
@@ -102,7 +103,7 @@ def import_(
     choices = Choices(
         columns=_places(map_ or []),
         mirror=axis,
-        rig=None if rig is None else read_rig(rig),
+        rig=None if rig is None else read_rig(rig, of_table=table is not None),
         space=DRIVING if actions is None else read_space(actions),
         threshold=threshold,
         unit=unit,
@@ -118,8 +119,8 @@ def import_(
         raise SpecError("give --table FILE of the pictures, or --format lerobot, and not both")
     if convert and table is None:
         raise SpecError("--convert is for the pictures of --table: those of a LeRobotDataset are made from its videos")
-    if rig is not None and (table is None or mirror != "none"):
-        raise SpecError("--rig is for --table, and says the mirror axis of each camera: leave out --mirror")
+    if rig is not None and mirror != "none":
+        raise SpecError("--rig says the mirror axis of each camera: leave out --mirror")
     ahead = _ahead(horizon, kind, of_table=table is not None)
     with progress("import", "rows and frames") as move:
         if table is None:

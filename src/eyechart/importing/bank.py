@@ -3,6 +3,7 @@
 A picture of one's own is copied as it is, after a look at whether every program shows the same of it.
 """
 
+import re
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -57,6 +58,7 @@ MOST_TEXT = 400_000_000
 """Characters of all kept cells together, with an allowance of 50 a cell."""
 _LARGE = 3_000_000
 """Pixels from which on a picture leaves as 5 MB and more, by 1.7 bytes a pixel of a photograph."""
+_SIDES = re.compile(r"\b(left|right)\b", re.IGNORECASE)
 LEAST_BOUNDED = 6
 """Episodes below which no share of a policy's channel is bounded (docs/decisions/0050)."""
 ALL = "all"
@@ -584,4 +586,18 @@ def _costs_of_policies(bank: FrameBank, motion: MotionSpace) -> list[str]:
     return [
         *lines,
         *(f"{name}: {why}" for name, why in conditions_of(bank)[1].items() if OVER in name and "frame" in why),
+        *_costs_of_reflection(bank, motion),
     ]
+
+
+def _costs_of_reflection(bank: FrameBank, motion: MotionSpace) -> Iterator[str]:
+    """Yield why the mirrored moment is not shown, or what its instructions may say wrongly."""
+    if (why := conditions_of(bank)[1].get("mirrored")) is not None:
+        yield f"mirrored: {why}" + ("" if motion.mirrored else "; [reflection] of a --rig says it")
+        return
+    said = {str(one) for frame in bank for one in frame.fields.values()}
+    sided = sorted(one for one in said if _SIDES.search(one) and motion.reflect_text(one) == one)
+    if sided:
+        words = '[reflection.words] says what is exchanged, as left = "right"'
+        named = f"{len(sided)} instructions name a side, such as '{sided[0][:60]}', and stay as they are"
+        yield f"mirrored: {named}; {words}"

@@ -11,7 +11,7 @@ from eyechart.errors import BankError, SpecError, meant
 from eyechart.frames import FILE_SUFFIX, Camera, MirrorAxis, is_reserved, require_exchanged
 from eyechart.importing.cells import plain_name
 from eyechart.importing.faults import Faults
-from eyechart.importing.logged import Logged
+from eyechart.importing.logged import Logged, Reflection
 from eyechart.importing.tables import Table
 from eyechart.spaces.discrete import read_toml
 from eyechart.spaces.motion import MotionSpace
@@ -54,21 +54,28 @@ UNITS = ("mm", "cm", "m", "km", "ft", "px")
 
 
 class Column(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A camera of a rig, the column of its pictures, and those of its pictures with one thing changed."""
+    """A camera of a rig, the column of its pictures, and those of its pictures with one thing changed.
+
+    Of a LeRobotDataset the name is that of its camera, and there is no column.
+    """
 
     name: str
-    column: str
+    column: str = ""
     mirror_axis: MirrorAxis = "none"
     mirrors: str = ""
     changed: dict[str, str] = {}
 
 
 class Rig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The cameras of a table, the columns of each state's numbers, and those of the motion that was logged."""
+    """The cameras of a table, the columns of each state's numbers, and those of the motion that was logged.
+
+    And what state and motion are in the reflected world, where somebody says it.
+    """
 
     camera: Annotated[tuple[Column, ...], msgspec.Meta(min_length=1)]
     state: dict[str, tuple[str, ...]] = {}
     motion: Logged | None = None
+    reflection: Reflection | None = None
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
@@ -78,7 +85,7 @@ class Rig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def space(self) -> MotionSpace | None:
         """Return what the logged motions are, None where there are none."""
-        return None if self.motion is None else self.motion.space(self.state)
+        return None if self.motion is None else self.motion.space(self.state, self.reflection)
 
     @property
     def changed(self) -> tuple[str, ...]:
@@ -96,21 +103,47 @@ class Rig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return taken | {f"motion {place}": one.column for place, one in enumerate(done)}
 
 
-def read_rig(path: Path) -> Rig:
+def read_rig(path: Path, *, of_table: bool = True) -> Rig:
     """Read a rig from a TOML file: a ``[[camera]]`` each, with name, column, mirror_axis and mirrors, and ``[state]``.
 
     ``[camera.changed]`` names the columns of its pictures with one thing changed. ``[motion]`` says what was logged
-    (`Logged`), each number a ``[[motion.number]]``. Raises SpecError naming the file and what is wrong in it.
+    (`Logged`), each number a ``[[motion.number]]``, and ``[reflection]`` what the reflected world has (`Reflection`).
+    One that is not ``of_table`` has cameras and ``[reflection]`` alone. Raises SpecError naming the file and what is
+    wrong in it.
     """
     try:
         rig = msgspec.convert(read_toml(path), Rig)
         require_exchanged(rig.cameras)
         _require_changed_alike(rig.camera)
+        (_require_columns if of_table else _require_no_columns)(rig)
+        _require_axes(rig)
         if rig.motion is not None:
-            rig.motion.space(rig.state)
+            rig.motion.space(rig.state, rig.reflection)
     except (msgspec.ValidationError, BankError, SpecError) as error:
         raise SpecError(f"{path} is no rig of cameras: {error}") from error
     return rig
+
+
+def _require_columns(rig: Rig) -> None:
+    for one in rig.camera:
+        if not one.column:
+            raise SpecError(f"camera '{one.name}' has no column: which one of the table names its pictures?")
+    if rig.reflection is not None and rig.motion is None:
+        raise SpecError("[reflection] says what a reflected motion is, and there is no [motion]")
+
+
+def _require_no_columns(rig: Rig) -> None:
+    own = [f"camera '{one.name}': column" for one in rig.camera if one.column or one.changed]
+    own += [name for name, there in (("[state]", rig.state), ("[motion]", rig.motion)) if there]
+    if own:
+        raise SpecError(f"{own[0]} is for a --table; a LeRobotDataset says itself where its pictures and numbers are")
+
+
+def _require_axes(rig: Rig) -> None:
+    """Raise SpecError where a reflection is declared, and a camera says not how its pictures are reflected."""
+    lacking = [one.name for one in rig.camera if one.mirror_axis == "none"]
+    if rig.reflection is not None and lacking:
+        raise SpecError(f"[reflection] needs the mirror_axis of every camera; '{lacking[0]}' has none")
 
 
 def _require_changed_alike(cameras: Sequence[Column]) -> None:

@@ -17,7 +17,9 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from eyechart.errors import SourceError
+import msgspec
+
+from eyechart.errors import SourceError, SpecError, meant
 from eyechart.frames import Frame, FrameBank
 from eyechart.importing.bank import Choices, Shown, Source, cells_of, frames_of, keep, write
 from eyechart.importing.cells import Progress, Row
@@ -68,11 +70,16 @@ def import_lerobot(
     """Make a bank at ``out`` of a LeRobotDataset v3; episodes and steps are those of the data set.
 
     With ``ahead`` it is one for policies: of all cameras, or of the one named, with the state, the task as what a
-    policy is told, and the actions of so many steps from each frame on. Without, it is of one camera. The columns are
+    policy is told, and the actions of so many steps from each frame on; a rig says what is reflected. Without, it is of
+    one camera. The columns are
     those of its data files; components of vectors come as ``observation.state.NAME`` (or ``.0``, ``.1``, …), the words
     of the task as ``task``. Raises SourceError, and leaves nothing at ``out``.
     """
     data = read_meta(folder, camera, every=ahead is not None)
+    if choices.rig is not None:
+        if ahead is None:
+            raise SpecError("--rig of a LeRobotDataset says what is reflected in a bank for policies: give --horizon")
+        _require_cameras(data, choices.rig)
     if drawn := set(PICTURED) & choices.columns.keys():
         raise SourceError(f"--map {min(drawn)}=…: a LeRobotDataset holds no pictures with one thing changed")
     own = {"file", "episode", "step"} & choices.columns.keys()
@@ -156,11 +163,32 @@ def _rig(data: Dataset, ahead: Ahead, choices: Choices) -> Rig:
         Number(column, name, state=known.get(name, "") if kind in RELATIVE else "")
         for column, name in zip(action, _labels(data.features, ACTION), strict=True)
     ]
+    by_name = [one | {column: column for column in one.values()} for one in (names, done)]
+    reflection = None if choices.rig is None else choices.rig.reflection
     return Rig(
-        tuple(Column(_short(name), name, choices.mirror) for name in data.reels),
+        tuple(_named(name, choices) for name in data.reels),
         {"state": tuple(state)} if state else {},
         Logged(tuple(numbers), ahead.horizon, kind, data.fps, ACTION),
+        None if reflection is None else reflection.by_column(*by_name),
     )
+
+
+def _named(camera: str, choices: Choices) -> Column:
+    """Return a camera by its short name, with the axis and the partner that are declared of it."""
+    for one in () if choices.rig is None else choices.rig.camera:
+        if one.name == _short(camera):
+            return msgspec.structs.replace(one, column=camera)
+    return Column(_short(camera), camera, choices.mirror)
+
+
+def _require_cameras(data: Dataset, rig: Rig) -> None:
+    """Raise SpecError where a rig names a camera that the bank has not, or a reflection leaves one out."""
+    there, named = [_short(name) for name in data.reels], [one.name for one in rig.camera]
+    for name in named:
+        if name not in there:
+            raise SpecError(f"--rig names a camera '{name}';{meant(name, there)} the bank has {', '.join(there)}")
+    if rig.reflection is not None and (lacking := [name for name in there if name not in named]):
+        raise SpecError(f"[reflection] of --rig needs the mirror_axis of every camera; '{lacking[0]}' is not named")
 
 
 def _short(camera: str) -> str:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import msgspec
 
-from eyechart.errors import SourceError, SpecError
+from eyechart.errors import SourceError, SpecError, meant
 from eyechart.importing.cells import Row, read_part
 from eyechart.importing.faults import Faults
 from eyechart.spaces.motion import Dimension, Kind, MotionSpace
@@ -32,6 +32,46 @@ class Number(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     state: str = ""
 
 
+class Reflected(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a number is in the reflected world: that of ``mirrors``, its own without, times ``sign`` about ``about``."""
+
+    mirrors: str = ""
+    sign: float = 1.0
+    about: float = 0.0
+
+
+class Reflection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What the reflected world has of a state and a motion: what is not in ``numbers`` stays as it is there.
+
+    ``words`` are what an instruction exchanges, such as left and right. Names are those of columns, or of numbers.
+    """
+
+    numbers: dict[str, Reflected] = {}
+    words: dict[str, str] = {}
+
+    def by_column(self, *parts: Mapping[str, str]) -> "Reflection":
+        """Return the same by columns; each of the ``parts`` (the motion, the state) maps names to its columns.
+
+        A name that several have is of each. Of two numbers that exchange places it is enough to name one. Raises
+        SpecError where a name is of no part, or what it mirrors is not of the same.
+        """
+        found: dict[str, Reflected] = {}
+        for name, one in self.numbers.items():
+            holders = [part for part in parts if name in part]
+            if not holders:
+                every = [*dict.fromkeys(other for part in parts for other in part)]
+                raise SpecError(f"[reflection] names '{name}';{meant(name, every)} there are {', '.join(every)}")
+            for part in holders:
+                if one.mirrors and one.mirrors not in part:
+                    raise SpecError(f"[reflection]: '{name}' mirrors '{one.mirrors}', which is not of the same numbers")
+                own, other = part[name], part[one.mirrors or name]
+                found[own] = msgspec.structs.replace(one, mirrors="" if own == other else other)
+        for column, one in list(found.items()):
+            if one.mirrors:
+                found.setdefault(one.mirrors, msgspec.structs.replace(one, mirrors=column))
+        return Reflection(found, self.words)
+
+
 class Logged(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The columns of a log that are motions: what was done in the step of each row, in this order."""
 
@@ -41,32 +81,45 @@ class Logged(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rate_hz: float | None = None
     name: str = "action"
 
-    def space(self, state: Mapping[str, Sequence[str]]) -> MotionSpace:
+    def space(self, state: Mapping[str, Sequence[str]], reflection: Reflection | None = None) -> MotionSpace:
         """Return the motions of a bank; ``state`` maps each state to the columns of its numbers.
 
-        Raises SpecError where a number belongs to a column that no state has.
+        Raises SpecError where a number belongs to a column that no state has, or the reflection is none.
         """
         columns = [column for many in state.values() for column in many]
         for one in self.number:
             if one.state and one.state not in columns:
                 has = ", ".join(columns) or "no number"
                 raise SpecError(f"the motion's '{one.column}' belongs to '{one.state}', and the state has {has}")
+        names = {one.column: one.name or one.column for one in self.number}
+        done = {name: column for column, name in names.items()} | {column: column for column in names}
+        known = (reflection or Reflection()).by_column(done, {column: column for column in columns})
+        given = [known.numbers.get(one.column, Reflected()) for one in self.number]
+        places = [known.numbers.get(column, Reflected()) for column in columns]
         return MotionSpace(
             self.name,
             tuple(
                 Dimension(
-                    one.name or one.column,
+                    names[one.column],
                     unit=one.unit,
                     scale=one.scale,
                     along=one.along,
+                    mirrors=names.get(there.mirrors, ""),
+                    sign=there.sign,
+                    about=there.about,
                     state=columns.index(one.state) if one.state else None,
                 )
-                for one in self.number
+                for one, there in zip(self.number, given, strict=True)
             ),
             self.horizon,
             self.kind,
             self.rate_hz,
-            state=tuple(Dimension(column) for column in columns),
+            state=tuple(
+                Dimension(column, mirrors=there.mirrors, sign=there.sign, about=there.about)
+                for column, there in zip(columns, places, strict=True)
+            ),
+            mirrored=reflection is not None,
+            words=tuple(known.words.items()),
         )
 
 

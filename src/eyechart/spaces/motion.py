@@ -8,8 +8,9 @@ import binascii
 import hashlib
 import json
 import math
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Literal, cast, get_args
 
@@ -136,13 +137,19 @@ def reflect(numbers: Floats, dimensions: Sequence[Dimension]) -> Floats:
 
 
 def require_mirrored(dimensions: Sequence[Dimension], what: str) -> None:
-    """Raise SpecError where two dimensions have one name, or one mirrors another that does not mirror it."""
+    """Raise SpecError where two dimensions have one name, or the reflection of the reflection were another number."""
     by_name = {one.name: one for one in dimensions}
     if len(by_name) < len(dimensions):
         raise SpecError(f"{what}: two dimensions have one name: {', '.join(one.name for one in dimensions)}")
     for one in dimensions:
         if one.mirrors and (one.mirrors not in by_name or by_name[one.mirrors].mirrors != one.name):
             raise SpecError(f"{what}: '{one.name}' mirrors '{one.mirrors}', which must be there and mirror it too")
+        if one.mirrors and _as_reflected(by_name[one.mirrors]) != _as_reflected(one):
+            raise SpecError(f"{what}: '{one.name}' and '{one.mirrors}' mirror each other, and need one sign and about")
+
+
+def _as_reflected(one: Dimension) -> tuple[float, float]:
+    return one.sign, one.about
 
 
 @dataclass(frozen=True)
@@ -151,7 +158,8 @@ class MotionSpace:
 
     ``state`` says what the numbers of the state are, all of them in the order in which a controller gets them, none
     where nobody says. A dimension of a place (``absolute``, ``waypoints``) that names its number in the state is
-    measured relative to it. Without ``mirrored`` nobody says what the reflected world would call for.
+    measured relative to it. Without ``mirrored`` nobody says what the reflected world would call for; ``words`` are the
+    pairs that an instruction exchanges there, such as left and right.
     """
 
     reader: ClassVar[int] = MOTION_READER
@@ -163,6 +171,7 @@ class MotionSpace:
     rate_hz: float | None = None
     state: tuple[Dimension, ...] = ()
     mirrored: bool = False
+    words: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
         if self.horizon < 1 or not self.dimensions:
@@ -172,6 +181,22 @@ class MotionSpace:
         for one in self.dimensions:
             if one.state is not None and not 0 <= one.state < len(self.state):
                 raise SpecError(f"motion '{self.name}': '{one.name}' belongs to number {one.state} of no such state")
+        if self.mirrored:
+            self._require_reflected_alike()
+
+    def _require_reflected_alike(self) -> None:
+        """Raise SpecError where a place is reflected otherwise than the number of the state that it belongs to."""
+        by_name = {one.name: one for one in self.dimensions}
+        for one in self.dimensions:
+            if one.state is None or self.kind not in PLACES:
+                continue
+            own, other = self.state[one.state], by_name[one.mirrors or one.name].state
+            theirs = None if other is None else self.state[other].name
+            if _as_reflected(own) != _as_reflected(one) or (own.mirrors or own.name) != theirs:
+                raise SpecError(
+                    f"motion '{self.name}': the reflected '{one.name}' must be measured relative to the reflected "
+                    f"'{own.name}' of the state: say the same of both"
+                )
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -257,6 +282,29 @@ class MotionSpace:
         """Return the motion that the reflected world calls for; None where nobody can say."""
         return Motion.of(reflect(action.array, self.dimensions)) if self.mirrored else None
 
+    def reflect_relative(self, numbers: Floats) -> Floats:
+        """Return what `relative` returned as the reflected world has it; a difference is reflected about 0."""
+        own = [replace(one, about=0.0) if self._is_relative(one) else one for one in self.dimensions]
+        return reflect(numbers, own)
+
+    def _is_relative(self, one: Dimension) -> bool:
+        return self.kind in PLACES and one.state is not None and bool(self.state)
+
+    def reflect_text(self, text: str) -> str:
+        """Return an instruction with its ``words`` exchanged, each whole and with the capitals that it had."""
+        pairs = {one.lower(): other for pair in self.words for one, other in (pair, pair[::-1])}
+        if not pairs:
+            return text
+        every = "|".join(re.escape(one) for one in sorted(pairs, key=len, reverse=True))
+
+        def other(found: re.Match[str]) -> str:
+            own, said = found[0], pairs[found[0].lower()]
+            if own.isupper() and len(own) > 1:
+                return said.upper()
+            return said[:1].upper() + said[1:] if own[:1].isupper() else said
+
+        return re.sub(rf"(?<!\w)(?:{every})(?!\w)", other, text, flags=re.IGNORECASE)
+
     def symbol(self, action: Motion) -> str:
         """Return a motion in words: its first step."""
         first = action.array.reshape(-1, len(self.dimensions))[0]
@@ -276,6 +324,7 @@ class MotionSpace:
             "kind": self.kind,
             "rate_hz": self.rate_hz,
             "mirrored": self.mirrored,
+            **({"words": [list(pair) for pair in self.words]} if self.words else {}),
             **{name: [_plain(one) for one in many] for name, many in parts.items()},
         }
 

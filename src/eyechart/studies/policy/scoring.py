@@ -30,7 +30,7 @@ from eyechart.models.prices import Prices, read_prices
 from eyechart.records import plain
 from eyechart.run import MotionPlan
 from eyechart.seeds import key_seed
-from eyechart.spaces.motion import MOTION_READER, reflect
+from eyechart.spaces.motion import MOTION_READER
 from eyechart.stats.agreement import rate
 from eyechart.stats.flips import follow
 from eyechart.stats.guarantees import share_bound
@@ -467,7 +467,7 @@ class _Taken:
         if not len(frames):
             return cannot_say(NO_FRAMES)
         scales = self._motions.scales
-        expected = reflect(self._real[:, frames] * scales, space.dimensions) / scales
+        expected = space.reflect_relative(self._real[:, frames] * scales) / scales
         owner = self._episodes[frames]
         values = half_squares(expected, changed[:, frames])
         return total_effect(Pairs(values, owner, owner), self._variation(), sampled=self._drawn)
