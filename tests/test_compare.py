@@ -4,20 +4,25 @@ import json
 import shutil
 import sqlite3
 import sys
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+import scipy.stats
 from typer.testing import CliRunner
 
 import banks
+import drives
 from eyechart import cli
 from eyechart.cli.app import app
 from eyechart.compare import compare, frames_in_common
 from eyechart.errors import SpecError
-from eyechart.frames import MAIN, BankWriter, FrameBank, encode, open_bank
+from eyechart.frames import MAIN, BankWriter, FrameBank, Scalar, encode, open_bank
 from eyechart.manifest import LEDGER
-from eyechart.studies import battery
+from eyechart.seeds import key_seed
+from eyechart.studies import battery, closed_loop
 from eyechart.transfer import read_scores, transfer
 from eyechart.verdicts import judge
 
@@ -74,7 +79,7 @@ def test_replicates_of_a_model_are_one_cell(runs: tuple[Path, Path]) -> None:
     assert found.pearson.note == "3 pairs are too few for a correlation; 4 are the least"
     assert found.left_out[-1] == "nobody: a score, but no run asked it"
     assert found.left_out[0].startswith("scripted:depth on ")
-    with pytest.raises(SpecError, match="there is no statistic 'idea'; a battery has unparsed_rate, "):
+    with pytest.raises(SpecError, match="there is no statistic 'idea'; these runs have unparsed_rate, "):
         transfer([battery.score(runs[0])], scores, measure="idea")
 
 
@@ -191,3 +196,86 @@ def test_runs_on_two_banks_are_compared_on_the_frames_that_both_have(
         compare(battery.score(runs[0]), battery.score(tmp_path / "second"))
     with pytest.raises(SpecError, match="it asks about none of them"):
         battery.score(runs[0], frames=["nowhere"])
+
+
+EDGE = {"a": 0.031, "b": 0.42, "c": 0.7, "d": 0.18}
+"""Scores of four models that no run of this file decided."""
+
+
+def by_noise(share: float) -> drives.Decide:
+    """Brake by the gap, but at this share of moments as it comes."""
+    toss = drives.tossing(f"noise {share}")
+
+    def decide(truth: Mapping[str, Scalar], step: int, seed: int) -> str | None:
+        noisy = key_seed("noisy", share, str(truth["lead_gap_m"]), step, seed) % 1000 < 1000 * share
+        return toss(truth, step, seed) if noisy else drives.by_depth(truth, step, seed)
+
+    return decide
+
+
+@pytest.fixture(scope="module")
+def platforms(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Return drives of four models in two simulators: constants, noise and readers, as in Table t:degeneracy."""
+    folder, noise = tmp_path_factory.mktemp("edge"), {"a": 1.0, "b": 0.7, "c": 0.3}
+    made = []
+    for simulator in ("drone", "rover"):
+        how = {"simulator": simulator, "seeds": range(2), "forward": True}
+        found = [one for who, share in noise.items() for one in drives.drive(who, by_noise(share), **how)]
+        found += drives.drive("d", drives.always("STRAIGHT"), **how)
+        found += drives.drive("a", drives.by_depth, condition="blank", **how)
+        found += drives.drive("oracle", drives.by_depth, **how)
+        made.append(drives.make_run(folder / simulator, found, models=tuple(EDGE), simulator=simulator))
+    return made[0], made[1]
+
+
+def test_scores_are_set_beside_the_eight_cells_of_the_audit(platforms: tuple[Path, Path], tmp_path: Path) -> None:
+    """MI and entropy are the audit's, of models and real pictures; both correlations are scipy's, with an exact p."""
+    table = _scores(tmp_path, EDGE)
+    audited = {
+        (row.driver.policy, row.driver.simulator): row.statistics
+        for row in closed_loop.score(platforms).audit
+        if row.driver.policy in EDGE and row.driver.condition == "real"
+    }
+    for measure, name in (
+        ("mutual_information.decision", "information_bits"),
+        ("entropy", "entropy_bits"),
+        ("information_bits", "information_bits"),
+    ):
+        words = ["transfer", *map(str, platforms), "--scores", str(table), "--measure", measure, "--json"]
+        done = CliRunner().invoke(app, words)
+        found = json.loads(done.stdout)
+        cells = {(one["model"], one["bank"]): one["measured"] for one in found["cells"]}
+        assert cells == pytest.approx({key: statistics[name].value for key, statistics in audited.items()})
+        assert len(cells) == 8
+        x, y = [EDGE[model] for model, _ in cells], list(cells.values())
+        for kind, tested in (("pearson", scipy.stats.pearsonr(x, y)), ("spearman", scipy.stats.spearmanr(x, y))):
+            assert (found[kind]["value"], found[kind]["n"]) == (pytest.approx(tested.statistic), 8)
+        assert found["pearson"]["p"] == pytest.approx(scipy.stats.pearsonr(x, y).pvalue)
+        rng = np.random.default_rng(0)
+        near = [abs(np.corrcoef(rng.permutation(x), y)[0, 1]) for _ in range(4000)]
+        drawn = np.mean(np.array(near) >= abs(found["pearson"]["value"]) - 1e-9)
+        assert found["pearson"]["detail"]["p_exact"] == pytest.approx(drawn, abs=0.04)
+        assert "exact over 40320 orders" in found["spearman"]["method"]
+    assert cells["d", "rover"] == 0.0  # a constant tells nothing, and is a cell
+
+
+def test_batteries_and_drives_are_cells_of_one_correlation(
+    runs: tuple[Path, Path], platforms: tuple[Path, Path], tmp_path: Path
+) -> None:
+    """A bank and a simulator are two places; a statistic that one kind lacks leaves its cells out by name."""
+    scores = {"scripted:depth": 1.0, **EDGE}
+    scored = [battery.score(runs[0]), closed_loop.score(platforms[0])]
+    found = transfer(scored, scores)
+    assert {cell.bank for cell in found.cells} == {scored[0].bank.name, "drone"}
+    assert len(found.cells) == 5
+    lacking = transfer(scored, scores, measure="idi")
+    assert [cell.model for cell in lacking.cells] == ["scripted:depth"]
+    assert "a on drone: its run has no idi" in lacking.left_out
+    done = CliRunner().invoke(app, ["transfer", str(platforms[0]), "--scores", str(_scores(tmp_path, EDGE))])
+    assert "over all orders" in " ".join(done.stdout.split())
+
+
+def _scores(folder: Path, scores: Mapping[str, float]) -> Path:
+    path = folder / "scores.csv"
+    path.write_text("model,score\n" + "".join(f"{name},{one}\n" for name, one in scores.items()))
+    return path

@@ -7,22 +7,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
+from typing import Protocol
 
 from eyechart.errors import SpecError
 from eyechart.records import Plain
 from eyechart.stats.correlation import pearson, spearman
-from eyechart.stats.statistic import Statistic
-from eyechart.studies.battery import BatteryScore
+from eyechart.stats.statistic import Measured, Statistic
 
 MEASURE = "mutual_information.decision"
-"""The statistic that stands for grounding unless another is named: bits that the decisions hold about the gap."""
+"""The statistic that stands for grounding unless another is named: bits that the decisions hold about the gap.
+
+Drives have it too, about the scene at each step (Table t:degeneracy)."""
 
 _FILE_BYTES = 10_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One model on one bank: its external score, and its measured statistic, the mean over so many runs."""
+    """One model on one ``bank``, or in one simulator: its external score, and its statistic, the mean over ``runs``."""
 
     model: str
     bank: str
@@ -80,35 +82,39 @@ def _scores(path: Path, rows: "csv.DictReader[str]") -> dict[str, float]:
     return scores
 
 
-def transfer(runs: Sequence[BatteryScore], scores: dict[str, float], *, measure: str = MEASURE) -> Transfer:
-    """Correlate external scores with a statistic over every model of every run.
+class Run(Protocol):
+    """A run that is scored, of any study whose models can be set beside those of others."""
 
-    A model on two banks is two cells; several runs of a model on one bank are replicates, whose values are averaged to
-    one cell, because they are no further evidence about models. Models without a score, scores without a model and
-    statistics that cannot say are left out by name. Raises SpecError where no run has the statistic. Source: paper,
-    section Transfer and deployment characteristics.
+    def measured(self) -> Sequence[Measured]:
+        """Return what was measured of each model in each place."""
+
+
+def transfer(runs: Sequence[Run], scores: dict[str, float], *, measure: str = MEASURE) -> Transfer:
+    """Correlate external scores with a statistic over every model of every run, of a battery or of drives.
+
+    A model on two banks, or in two simulators, is two cells; several runs of a model in one place are replicates,
+    whose values are averaged to one cell, because they are no further evidence about models. Models without a score,
+    scores without a model and statistics that cannot say are left out by name. Raises SpecError where no run has the
+    statistic. Source: paper, section Transfer and deployment characteristics.
     """
-    measured: dict[tuple[str, str], list[float]] = {}
-    left_out, asked = [], set()
-    for run in runs:
-        for spec, one in run.models.items():
-            asked.add(spec)
-            if measure not in one.statistics:
-                raise SpecError(f"there is no statistic '{measure}'; a battery has {', '.join(one.statistics)}")
-            found = one.statistics[measure]
-            if spec not in scores:
-                left_out.append(f"{spec} on {run.bank.name}: no external score")
-            elif found.value is None:
-                left_out.append(f"{spec} on {run.bank.name}: {measure} cannot say ({found.note})")
-            else:
-                measured.setdefault((spec, run.bank.name), []).append(found.value)
+    values: dict[tuple[str, str], list[float]] = {}
+    left_out, every = [], [one for run in runs for one in run.measured()]
+    known = list(dict.fromkeys(name for one in every for name in one.statistics))
+    if every and measure not in known:
+        raise SpecError(f"there is no statistic '{measure}'; these runs have {', '.join(known)}")
+    for one in every:
+        found, place = one.statistics.get(measure), f"{one.model} on {one.where}"
+        if one.model not in scores:
+            left_out.append(f"{place}: no external score")
+        elif found is None:
+            left_out.append(f"{place}: its run has no {measure}")
+        elif found.value is None:
+            left_out.append(f"{place}: {measure} cannot say ({found.note})")
+        else:
+            values.setdefault((one.model, one.where), []).append(found.value)
+    asked = {one.model for one in every}
     left_out += [f"{spec}: a score, but no run asked it" for spec in scores if spec not in asked]
-    cells = [Cell(spec, bank, scores[spec], fmean(values), len(values)) for (spec, bank), values in measured.items()]
+    cells = [Cell(spec, where, scores[spec], fmean(each), len(each)) for (spec, where), each in values.items()]
     columns = [one.score for one in cells], [one.measured for one in cells]
-    waiting = [
-        f"{spec} on {run.bank.name}: {one.answered} of {one.planned} calls"
-        for run in runs
-        for spec, one in run.evidence().items()
-        if one.unfinished
-    ]
+    waiting = [f"{one.model} on {one.where}: {one.unfinished}" for one in every if one.unfinished]
     return Transfer(measure, tuple(cells), pearson(*columns), spearman(*columns), tuple(left_out), tuple(waiting))

@@ -180,9 +180,10 @@ def transfer(
     ] = "mutual_information.decision",
     json: Json = False,
 ) -> None:
-    """Correlate scores from elsewhere with grounding, over the models of the runs.
+    """Correlate scores from elsewhere with grounding, over the models of runs of any kinds, drives included.
 
-    Example: eyechart transfer run-highway run-rover --scores perception.csv
+    A model on two banks, or in two simulators, is two cells. Of drives the statistics are those of the audit.
+    Example: eyechart transfer run-highway drives-rover --scores perception.csv
     """
     from eyechart.report.table import number, p_value
     from eyechart.studies import Reading, study_of
@@ -201,10 +202,14 @@ def transfer(
         mean = f" (mean of {cell.runs} runs)" if cell.runs > 1 else ""
         lines.append(f"{cell.model} on {cell.bank}: score {cell.score:g}, {measure} {cell.measured:.3f}{mean}")
     lines += [f"left out: {line}" for line in found.left_out]
-    lines += [f"unfinished: {line}; its controls may still be to be asked" for line in found.unfinished]
+    lines += [f"unfinished: {line}" for line in found.unfinished]
     for name, one in (("Pearson", found.pearson), ("Spearman", found.spearman)):
         interval = "—" if one.ci is None else f"[{one.ci[0]:.3f}, {one.ci[1]:.3f}]"
         why = f" ({one.note})" if one.note else ""
-        lines.append(f"{name} r = {number(one.value)}, 95 % interval {interval}, p {p_value(one.p)}, n {one.n}{why}")
+        exact = (one.detail or {}).get("p_exact")
+        more = f" (over all orders {p_value(exact)})" if isinstance(exact, float) else ""
+        lines.append(
+            f"{name} r = {number(one.value)}, 95 % interval {interval}, p {p_value(one.p)}{more}, n {one.n}{why}"
+        )
     names = {name for study, run in zip(studies, runs, strict=True) for name in study.models(run)}
     print_each(lines, names=sorted(names | set(external)))

@@ -1,13 +1,14 @@
 """Correlation of two columns of numbers: Pearson's r and Spearman's rank correlation, each with n, interval and p."""
 
 import math
+from dataclasses import replace
 from itertools import permutations
 from statistics import NormalDist
 
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import TIE, Statistic, cannot_say
 
 EXACT_UP_TO = 9
 """With so many pairs or fewer Spearman's p is exact: all orders are enumerated (362 880 of nine)."""
@@ -41,13 +42,16 @@ def pearson_p(r: float, n: int, *, level: float = 0.95) -> Statistic:
 def pearson(x: npt.ArrayLike, y: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
     """Return Pearson's r of two columns of one length, with Fisher's interval and the two-sided p of the t test.
 
-    ``n`` counts pairs. Equals ``scipy.stats.pearsonr`` and R ``cor.test``. Says that it cannot say below four
-    pairs and where a column is constant. Source: paper, section Transfer and deployment characteristics.
+    ``n`` counts pairs. Equals ``scipy.stats.pearsonr`` and R ``cor.test``. With at most nine pairs ``detail`` has
+    ``p_exact`` besides, over all orders of one column, which takes nothing for normal. Says that it cannot say below
+    four pairs and where a column is constant. Source: paper, section Transfer and deployment characteristics, whose p
+    is that of the t test.
     """
     one, other = _columns(x, y)
     if why := _undefined(one, other):
         return cannot_say(why, len(one), "Pearson correlation")
-    return pearson_p(float(np.clip(np.corrcoef(one, other)[0, 1], -1, 1)), len(one), level=level)
+    found = pearson_p(float(np.clip(np.corrcoef(one, other)[0, 1], -1, 1)), len(one), level=level)
+    return replace(found, detail={"p_exact": _exact_p(one, other)}) if len(one) <= EXACT_UP_TO else found
 
 
 def spearman(x: npt.ArrayLike, y: npt.ArrayLike, *, level: float = 0.95) -> Statistic:
@@ -98,4 +102,5 @@ def _exact_p(one: npt.NDArray[np.float64], other: npt.NDArray[np.float64]) -> fl
     centred, against = one - one.mean(), other - other.mean()
     orders = np.array(list(permutations(range(len(one)))), dtype=np.int8)
     sums = np.abs(centred[orders] @ against)
-    return float((sums >= abs(centred @ against) - 1e-9).mean())
+    observed = abs(centred @ against)
+    return float((sums >= observed - TIE * max(1.0, observed)).mean())

@@ -48,6 +48,19 @@ class Statistic:
         }
 
 
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """What was measured of one model in one place: a bank, or a world that it drove in.
+
+    ``unfinished`` says in words what its run lacks, and is empty where it lacks nothing.
+    """
+
+    model: str
+    where: str
+    statistics: Mapping[str, Statistic]
+    unfinished: str = ""
+
+
 def percent(level: float) -> str:
     """Return the level of an interval as text."""
     return f"{100 * level:g} %"

@@ -20,7 +20,7 @@ from eyechart.records import plain
 from eyechart.run import Plan
 from eyechart.spaces.reader import READER, READERS
 from eyechart.stats.resampling import holm
-from eyechart.stats.statistic import Statistic
+from eyechart.stats.statistic import Measured, Statistic
 from eyechart.studies.battery.answers import Answers, read_answers
 from eyechart.studies.battery.calibrated import Calibrated
 from eyechart.studies.battery.controls import DEPTH_TESTS, TURN_TESTS
@@ -125,6 +125,17 @@ class BatteryScore(CallsScore[ModelScore]):
             )
             for spec, model in self.models.items()
         }
+
+    def measured(self) -> tuple[Measured, ...]:
+        """Return the statistics of every model on the bank."""
+        calls = {
+            spec: f"{one.answered} of {one.planned} calls; its controls may still be to be asked"
+            for spec, one in self.evidence().items()
+            if one.unfinished
+        }
+        return tuple(
+            Measured(spec, self.bank.name, one.statistics, calls.get(spec, "")) for spec, one in self.models.items()
+        )
 
     def scope(self, model: ModelScore | None = None) -> str:
         """Return the sentence that bounds a verdict: bank, episodes, model, prompt, date, what was not tested."""

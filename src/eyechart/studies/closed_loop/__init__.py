@@ -3,7 +3,7 @@
 Source: paper, Tables t:baselines and t:degeneracy.
 """
 
-from eyechart.studies.closed_loop.audit import Degeneracy, Replay
+from eyechart.studies.closed_loop.audit import Degeneracy, Replay, measured
 from eyechart.studies.closed_loop.blind import DIFFERS, Blind, blind_baselines
 from eyechart.studies.closed_loop.ladder import (
     LEVEL,
@@ -38,6 +38,7 @@ __all__ = [
     "blind_baselines",
     "corrected",
     "exact_rate",
+    "measured",
     "outcomes_of",
     "paired",
     "read_drives",

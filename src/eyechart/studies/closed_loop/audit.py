@@ -23,7 +23,7 @@ from eyechart.stats.association import contingency, entropy_bits, modal_share, q
 from eyechart.stats.episodes import share_over_episodes
 from eyechart.stats.exchange import exchange_mi_test
 from eyechart.stats.resampling import holm, permute_agreement, permute_mutual_information
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import Measured, Statistic, cannot_say
 from eyechart.studies.closed_loop.ladder import LEVEL
 from eyechart.studies.closed_loop.reading import MODAL_CONSTANT, Driver, Drives
 
@@ -115,6 +115,26 @@ def audit(drives: Sequence[Drives], *, resamples: int = 5000) -> list[Degeneracy
     naive = holm([row.statistics["information_bits"].p for row in rows])
     safe = holm([row.statistics["information_episode_safe"].p for row in rows])
     return [replace(row, holm_naive=p, holm=q) for row, p, q in zip(rows, naive, safe, strict=True)]
+
+
+BITS = {"mutual_information.decision": "information_bits", "entropy": "entropy_bits"}
+"""What a battery calls the same of its frames."""
+
+
+def measured(drives: Sequence[Drives], unfinished: Mapping[str, str], *, resamples: int = 5000) -> tuple[Measured, ...]:
+    """Return the audit of every model that drove with real pictures, by the names of a battery too.
+
+    Crash and success are not among them: they are held against policies that see nothing, in the same worlds.
+    ``unfinished`` says by model what its run lacks.
+    """
+    found = []
+    for one in drives:
+        if one.asked and one.driver.condition == "real":
+            row = degeneracy(one, resamples=resamples).statistics
+            also = {name: row[mine] for name, mine in BITS.items()}
+            who = one.driver.policy
+            found.append(Measured(who, one.driver.simulator, {**also, **row}, unfinished.get(who, "")))
+    return tuple(found)
 
 
 def degeneracy(drives: Drives, *, resamples: int = 5000) -> Degeneracy:

@@ -15,8 +15,9 @@ from eyechart.manifest import LEDGER, EpisodesManifest
 from eyechart.models.prices import Prices
 from eyechart.records import plain
 from eyechart.spaces.space import AnySpace
+from eyechart.stats.statistic import Measured
 from eyechart.studies import Made, Reading, S, Study, Tell, Took
-from eyechart.studies.closed_loop.audit import Degeneracy, Replay, audit, replays
+from eyechart.studies.closed_loop.audit import Degeneracy, Replay, audit, measured, replays
 from eyechart.studies.closed_loop.blind import Blind, blind_baselines
 from eyechart.studies.closed_loop.identical import SUSPECT, Repeats, Twins, repeated_requests, twins
 from eyechart.studies.closed_loop.ladder import Outcomes, Paired, Rung, against, outcomes_of, reference_of, rung
@@ -120,6 +121,11 @@ class ClosedLoopScore:
         """Return what the repeated requests of each driver tell."""
         return tuple(found for one in self.drives if (found := repeated_requests(one)) is not None)
 
+    def measured(self) -> tuple[Measured, ...]:
+        """Return the audit of every model."""
+        lacking = {one.policy: one.words for left in self.unfinished.values() for one in left}
+        return measured(self.drives, lacking, resamples=self.resamples)
+
     @property
     def suspect(self) -> bool:
         """Return whether anything points to a cache."""
@@ -189,7 +195,7 @@ if TYPE_CHECKING:
 
 NO_LEDGER = {
     **dict.fromkeys(
-        ("verdict", "compare", "transfer", "gate"),
+        ("verdict", "compare", "gate"),
         "holds drives, which are compared world by world: use 'eyechart score'",
     ),
 }

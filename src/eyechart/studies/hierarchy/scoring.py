@@ -15,7 +15,7 @@ from eyechart.records import plain
 from eyechart.seeds import key_seed
 from eyechart.stats.episodes import share_over_episodes
 from eyechart.stats.resampling import cluster_bootstrap
-from eyechart.stats.statistic import Statistic
+from eyechart.stats.statistic import Measured, Statistic
 from eyechart.studies.closed_loop import (
     DIFFERS,
     LEVEL,
@@ -28,6 +28,7 @@ from eyechart.studies.closed_loop import (
     blind_baselines,
     corrected,
     exact_rate,
+    measured,
     outcomes_of,
     paired,
     read_drives,
@@ -199,6 +200,14 @@ class HierarchyScore:
     def _shown(self, part: str, policy: str) -> bool:
         mine = {one.condition: one for name, one in self.blind if (name, one.driver.policy) == (part, policy)}
         return {"blank", "shuffled"} <= mine.keys() and all(shows(mine[name]) for name in ("blank", "shuffled"))
+
+    def measured(self) -> tuple[Measured, ...]:
+        """Return the audit of every model in every arm, a simulator each."""
+        found: list[Measured] = []
+        for part, drives in self.drives.items():
+            lacking = {one.policy: one.words for one in self.unfinished.get(part, ())}
+            found += measured(drives, lacking, resamples=self.resamples)
+        return tuple(found)
 
     @property
     def words(self) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from eyechart.spaces.scene import SCENE_READER, SCENES, Estimate
 from eyechart.stats.agreement import rate
 from eyechart.stats.episodes import share_over_episodes
 from eyechart.stats.resampling import cluster_bootstrap, ratio_of_sums
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import Measured, Statistic, cannot_say
 from eyechart.studies.battery import CallsScore, plan_of, took_run
 from eyechart.studies.structured.planning import STUDIES
 from eyechart.studies.structured.told import Floats, Mask, Told, read_told
@@ -212,6 +212,18 @@ class StructuredScore(CallsScore[EstimatorScore]):
 
     def __repr__(self) -> str:
         return f"<StructuredScore of {', '.join(self.models) or 'no model'} on {self.pairs} pairs of {self.bank.name}>"
+
+    def measured(self) -> tuple[Measured, ...]:
+        """Return the figures of every estimator on the bank."""
+        return tuple(
+            Measured(
+                spec,
+                self.bank.name,
+                one.statistics,
+                "" if one.answered >= one.planned else f"{one.answered} of {one.planned} calls",
+            )
+            for spec, one in self.models.items()
+        )
 
     def evidence(self) -> dict[str, Evidence]:
         """Return what there is to hold every model to."""

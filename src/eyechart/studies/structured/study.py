@@ -30,7 +30,7 @@ class Structured(OfFrames[StructuredScore]):
     runs_are = "estimates"
     requirements = ADMISSION
     required = "admission"
-    refuses: ClassVar = {**NO_DRIVES, **dict.fromkeys(("verdict", "compare", "transfer"), _NO_VERDICT)}
+    refuses: ClassVar = {**NO_DRIVES, **dict.fromkeys(("verdict", "compare"), _NO_VERDICT)}
 
     def score(self, folder: Path, reading: Reading) -> StructuredScore:
         return score(folder, reread=reading.reread, resamples=reading.resamples)
