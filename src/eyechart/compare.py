@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from eyechart.errors import SpecError
 from eyechart.frames import same_moments
-from eyechart.records import Plain, plain
+from eyechart.records import Written
 from eyechart.report.table import MARK, STATISTIC, Cell, Column, Table, columns, statistic_cells
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Statistic
@@ -22,11 +22,13 @@ ALPHA = 0.05
 
 
 @dataclass(frozen=True)
-class Replication(Plain):
+class Replication(Written):
     """One model in two runs: its labels, each statistic's difference, and the p of those corrected by Holm.
 
     ``labels`` maps ``verdict``, ``lateral`` and ``paper`` to what the first and the second run say.
     """
+
+    written = "replicated versions labels differences holm changed"
 
     model: str
     versions: tuple[str, str]
@@ -45,20 +47,17 @@ class Replication(Plain):
         same = all(self.labels[name][0] == self.labels[name][1] for name in ("verdict", "lateral"))
         return same and not self.changed
 
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        found = {"replicated": self.replicated, **super().as_dict(), "changed": list(self.changed)}
-        return {name: value for name, value in found.items() if name != "model"}
-
 
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(Written):
     """Every model that both runs asked. ``apart`` says in words what the two runs did not have in common.
 
     A run that is not finished is named there too.
 
     ``marks`` are the guards that failed in either run: its numbers are not to be relied on.
     """
+
+    written = "replicated apart failed_guards=marks models"
 
     models: Mapping[str, Replication]
     apart: tuple[str, ...]
@@ -68,15 +67,6 @@ class Comparison:
     def replicated(self) -> bool:
         """Return whether every model's verdict and statistics came out again."""
         return all(one.replicated for one in self.models.values())
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        return {
-            "replicated": self.replicated,
-            "apart": list(self.apart),
-            "failed_guards": list(self.marks),
-            "models": plain(self.models),
-        }
 
     def printed(self, *, every: bool) -> "Iterator[Table | Text | str]":
         """Yield what the runs did not share, and of each model a table and a line; ``every`` statistic, or the main."""

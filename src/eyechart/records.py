@@ -4,7 +4,7 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
-from typing import Annotated, Any, Protocol, TypeVar, runtime_checkable
+from typing import Annotated, Any, ClassVar, Protocol, TypeVar, runtime_checkable
 
 import msgspec
 import numpy as np
@@ -55,6 +55,27 @@ class Plain(Protocol):
     def as_dict(self) -> dict[str, Any]:
         """Return plain JSON values."""
         return {one.name: plain(getattr(self, one.name)) for one in fields(self)}  # type: ignore[arg-type]
+
+
+class Written:
+    """A record that is written as ``written`` says, a word a key: ``KEY=PATH``, or a path, whose last name is its key.
+
+    A path leads by dots from part to part, and where a part is None to None. Of ``*PATH`` all keys are written.
+    """
+
+    __slots__ = ()
+    written: ClassVar[str]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain JSON values."""
+        found: dict[str, Any] = {}
+        for word in self.written.split():
+            key, _, path = word.rpartition("=")
+            value: object = self
+            for name in path.removeprefix("*").split("."):
+                value = None if value is None else getattr(value, name)
+            found |= plain(value) if path.startswith("*") else {key or name: plain(value)}
+        return found
 
 
 def plain(value: object) -> Any:  # noqa: ANN401 - JSON of the same shape

@@ -19,7 +19,7 @@ from eyechart.probe.asking import Asker, LimitReachedError, Tell
 from eyechart.probe.causes import likely_causes
 from eyechart.probe.sample import Sample, default_sample, is_served, json_binds, plain, schema_binds
 from eyechart.probe.sight import Sight, look
-from eyechart.records import plain as as_plain
+from eyechart.records import Written
 from eyechart.seeds import key_seed
 
 MOST_CALLS = 60
@@ -45,8 +45,10 @@ class ProbeError(EyechartError):
 
 
 @dataclass(frozen=True)
-class Found:
+class Found(Written):
     """A model's pinned mode with what was measured in it, what its pictures did, and what else is worth knowing."""
+
+    written = "mode sight.outcome sight.because causes notes spent"
 
     mode: RequestMode
     sight: Sight
@@ -59,12 +61,6 @@ class Found:
         """Return what was measured."""
         assert self.mode.measured is not None
         return self.mode.measured
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        seen = {"outcome": self.sight.outcome, "because": self.sight.because}
-        found = {"mode": self.mode, **seen, "causes": self.causes, "notes": self.notes, "spent": self.spent}
-        return {name: as_plain(value) for name, value in found.items()}
 
 
 def probe(

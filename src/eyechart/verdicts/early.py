@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from eyechart.records import Written
 from eyechart.stats.evalues import EValue
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.calibrated import calibrated_rules
@@ -32,7 +33,7 @@ VALIDITY = (
 
 
 @dataclass(frozen=True, slots=True)
-class Stopped:
+class Stopped(Written):
     """Where a model's verdict was settled before its run ended.
 
     ``label`` is the calibrated one, without its lateral axis, ``decided_by`` the first of the claims that it rests on
@@ -41,6 +42,8 @@ class Stopped:
     the stop, of ``planned``; ``beyond`` those that were under way, or had overtaken a slower one, and count for
     nothing.
     """
+
+    written = "rule=label decided_by with=with_it lateral lateral_by frames calls planned saved beyond"
 
     label: str
     decided_by: str
@@ -62,21 +65,6 @@ class Stopped:
     def saved(self) -> int:
         """Return the number of calls that were not made."""
         return self.planned - self.calls - self.beyond
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        return {
-            "rule": self.label,
-            "decided_by": self.decided_by,
-            "with": list(self.with_it),
-            "lateral": self.lateral,
-            "lateral_by": self.lateral_by,
-            "frames": self.frames,
-            "calls": self.calls,
-            "planned": self.planned,
-            "saved": self.saved,
-            "beyond": self.beyond,
-        }
 
     def words(self) -> str:
         """Return what happened, in words."""

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from eyechart.records import plain
+from eyechart.records import Written
 from eyechart.stats.paired import Curve, Discordant, Dose, Part, Parts
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.controls import blind_spots
@@ -12,13 +12,15 @@ from eyechart.verdicts.ruling import number
 
 
 @dataclass(frozen=True, slots=True)
-class Effects:
+class Effects(Written):
     """What its braking does when something is moved.
 
     ``net`` is of the lead near over far, ``exchange`` of the lead near over a neighbour near, None where it was not
     answered. ``scenarios`` count both together, ``doses`` are its mean braking levels from the nearest distance, and
     ``unseen`` the parts in which a reversal would not have been seen with the declared power.
     """
+
+    written = "net exchange scenarios doses tested not_excluded"
 
     net: Discordant
     exchange: Discordant | None
@@ -70,15 +72,6 @@ class Effects:
             where = ", or ".join(self.not_excluded)
             said["not excluded"] = f"that its braking is reversed {where}: less than a power of {VETO_POWER}"
         return said
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        made = {
-            name: None if one is None else one.as_dict()
-            for name, one in (("net", self.net), ("exchange", self.exchange))
-        }
-        parts = {"scenarios": plain(self.scenarios), "doses": plain(self.doses)}
-        return made | parts | {"tested": list(self.tested), "not_excluded": list(self.not_excluded)}
 
 
 def effects_of(found: Mapping[str, Statistic]) -> Effects | None:

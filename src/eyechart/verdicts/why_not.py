@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
+from eyechart.records import Written
 from eyechart.stats.agreement import trials_needed
 from eyechart.stats.exchange import episodes_needed
 from eyechart.stats.paired import Discordant, SignTest, net_effect
@@ -32,12 +33,16 @@ ANY = "any other"
 
 
 @dataclass(frozen=True, slots=True)
-class WhyNot:
+class WhyNot(Written):
     """The nearest stronger label, the statistic that kept a model from it, what it needs, and what would settle it.
 
     ``frames``, ``episodes`` and ``conditions`` are what would settle it where that is what is missing; more frames are
     never named where a condition is. ``p`` is that of the rule, corrected where the rule corrects it.
     """
+
+    written = (
+        "label decided_by statistic.value statistic.ci statistic.n statistic.p needs settle frames episodes conditions"
+    )
 
     label: str
     decided_by: str
@@ -55,23 +60,6 @@ class WhyNot:
     def settled_by(self) -> str:
         """Return in words what would settle it."""
         return f"what would settle it: {self.settle}"
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        one = self.statistic
-        return {
-            "label": self.label,
-            "decided_by": self.decided_by,
-            "value": None if one is None else one.value,
-            "ci": None if one is None or one.ci is None else list(one.ci),
-            "n": None if one is None else one.n,
-            "p": None if one is None else one.p,
-            "needs": self.needs,
-            "settle": self.settle,
-            "frames": self.frames,
-            "episodes": self.episodes,
-            "conditions": list(self.conditions),
-        }
 
 
 def why_not(evidence: Evidence, ruling: Ruling, lateral: Ruling) -> WhyNot | None:

@@ -16,7 +16,7 @@ from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
 from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import made_elsewhere
-from eyechart.records import plain
+from eyechart.records import Written
 from eyechart.run import Plan
 from eyechart.spaces.reader import READER, READERS
 from eyechart.stats.resampling import holm
@@ -41,7 +41,7 @@ HOLM = ("cramers_v", "cramers_v.decision", "obstacle", "mutual_information", "mu
 
 
 @dataclass(frozen=True)
-class ModelScore:
+class ModelScore(Written):
     """One model's decisions and statistics. ``holm`` maps a test to its p corrected over the run's models.
 
     ``planned`` and ``answered`` count calls; a verdict on fewer than planned says so. ``stopped`` says where the run
@@ -49,6 +49,8 @@ class ModelScore:
     e-values, and of all others the value alone, because a p or an interval of a sample of fixed size is none here.
     ``controls`` says which controls it was asked; those of a stage that is not finished are in no statistic.
     """
+
+    written = "version planned answered stopped controls.controls statistics holm"
 
     model: str
     version: str
@@ -67,7 +69,10 @@ M = TypeVar("M")
 
 @dataclass(frozen=True)
 class CallsScore(ABC, Generic[M]):
-    """Everything that a ledger says of calls about a bank's frames, and, apart from it, what the calls took."""
+    """Everything that a ledger says of calls about a bank's frames, and, apart from it, what the calls took.
+
+    What two runs may differ in (timing, attempts) is ``accounting`` and ``guards``.
+    """
 
     manifest: RunManifest
     bank: FrameBank
@@ -86,8 +91,13 @@ class CallsScore(ABC, Generic[M]):
 
 
 @dataclass(frozen=True)
-class BatteryScore(CallsScore[ModelScore]):
+class BatteryScore(Written, CallsScore[ModelScore]):
     """Everything that the ledger of one battery says, and, apart from it, what the calls took."""
+
+    written = (
+        "manifest.study bank=bank.name manifest.fingerprint prompt=manifest.prompt.key manifest.seed "
+        "manifest.stop_early manifest.controls bank.manifest.action_space.reader independent models accounting guards"
+    )
 
     independent: bool = False
     """Whether whoever scored it, or the bank, declared that frames without episodes are independent draws."""
@@ -150,34 +160,6 @@ class BatteryScore(CallsScore[ModelScore]):
         if any(made_elsewhere(spec) for spec in ([model.model] if model else self.models)):
             asked = f"asked elsewhere and not by eyechart{'' if model else ' where its name says so'}, {asked}"
         return f"On bank {bank.name} ({bank.manifest.picture}; {size}), {who} {asked}"
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values; what two runs may differ in (timing, attempts) is ``accounting`` and ``guards``."""
-        return {
-            "study": self.manifest.study,
-            "bank": self.bank.name,
-            "fingerprint": self.manifest.fingerprint,
-            "prompt": self.manifest.prompt.key,
-            "seed": self.manifest.seed,
-            "stop_early": self.manifest.stop_early,
-            "controls": self.manifest.controls,
-            "reader": self.bank.manifest.action_space.reader,
-            "independent": self.independent,
-            "models": {
-                spec: {
-                    "version": score.version,
-                    "planned": score.planned,
-                    "answered": score.answered,
-                    "stopped": plain(score.stopped),
-                    "controls": list(score.controls.controls),
-                    "statistics": plain(score.statistics),
-                    "holm": dict(score.holm),
-                }
-                for spec, score in self.models.items()
-            },
-            "accounting": plain(self.accounting),
-            "guards": plain(self.guards),
-        }
 
 
 def _count(number: int, noun: str) -> str:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from eyechart.episodes import Step
 from eyechart.policies import Observation
 from eyechart.policies.scripted import NEEDS, Oracle
-from eyechart.records import plain
+from eyechart.records import Written
 from eyechart.seeds import key_seed
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import MISSING
@@ -62,7 +62,7 @@ def scene_of(drives: Drives) -> Scene:
 
 
 @dataclass(frozen=True)
-class Degeneracy:
+class Degeneracy(Written):
     """One driver's row. ``geometry`` says what the information is about.
 
     ``statistics``: modal_share, distinct_actions, entropy_bits, information_bits (its p takes steps for independent, as
@@ -70,6 +70,8 @@ class Degeneracy:
     episodes), unparsed_rate. ``holm_naive`` and ``holm`` are the two p corrected over the audited drivers, a constant
     one among them with p = 1. ``reasons`` counts the steps without a decision by reason.
     """
+
+    written = "*driver geometry constant label statistics missing=reasons holm_naive holm"
 
     driver: Driver
     geometry: str
@@ -94,19 +96,6 @@ class Degeneracy:
         if self.holm is None:
             return "cannot say"
         return "follows the scene" if self.holm < LEVEL else "varies, no link found"
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        return {
-            **plain(self.driver),
-            "geometry": self.geometry,
-            "constant": self.constant,
-            "label": self.label,
-            "statistics": plain(self.statistics),
-            "missing": dict(self.reasons),
-            "holm_naive": self.holm_naive,
-            "holm": self.holm,
-        }
 
 
 def audit(drives: Sequence[Drives], *, resamples: int = 5000) -> list[Degeneracy]:
@@ -253,13 +242,15 @@ CONTROLLERS: dict[str, Callable[[Step], str | None]] = {"oracle": _oracle, "dema
 
 
 @dataclass(frozen=True)
-class Replay:
+class Replay(Written):
     """One driver held against one controller.
 
     ``agreement`` has an interval over episodes. ``constants`` maps each action to the agreement of always taking it at
     the same moments. ``shuffled`` is the expected agreement of the same decisions in random order, its interval that of
     5000 permutations, and its p that of an order which agrees at least as often.
     """
+
+    written = "driver.policy driver.condition driver.run controller agreement constants shuffled"
 
     driver: Driver
     controller: str
@@ -272,18 +263,6 @@ class Replay:
         """Return the constant that agrees most, and how often."""
         known = [(name, one.value) for name, one in self.constants.items() if one.value is not None]
         return max(known, key=lambda pair: pair[1], default=None)
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        return {
-            "policy": self.driver.policy,
-            "condition": self.driver.condition,
-            "run": self.driver.run,
-            "controller": self.controller,
-            "agreement": self.agreement.as_dict(),
-            "constants": plain(self.constants),
-            "shuffled": self.shuffled.as_dict(),
-        }
 
 
 def replays(drives: Drives, *, resamples: int = 5000) -> list[Replay]:

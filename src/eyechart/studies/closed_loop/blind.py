@@ -12,6 +12,7 @@ from operator import attrgetter
 
 from eyechart.conditions import CONDITIONS, OVER
 from eyechart.episodes import Step
+from eyechart.records import Written
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.closed_loop.identical import same_drive
 from eyechart.studies.closed_loop.ladder import LEVEL, Outcomes, Paired, corrected, paired
@@ -51,11 +52,13 @@ picture as its own, tells what the camera shows."""
 
 
 @dataclass(frozen=True)
-class Blind:
+class Blind(Written):
     """A policy with real pictures less the same policy under another condition, and what that shows, in words.
 
     ``finding`` is one of differs, no_difference_found, identical (every drive the same to the last digit), cannot_say.
     """
+
+    written = "*paired driver.policy condition asks finding sentence"
 
     driver: Driver
     condition: str
@@ -74,17 +77,6 @@ class Blind:
         if self.finding == DIFFERS and self.asks != REPEAT:
             return "sees" if self.asks == CAMERA else "partly"
         return "blind" if self.finding == SAME and (self.asks == CAMERA or _unseen(self.condition)) else "open"
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        return {
-            **self.paired.as_dict(),
-            "policy": self.driver.policy,
-            "condition": self.condition,
-            "asks": self.asks,
-            "finding": self.finding,
-            "sentence": self.sentence,
-        }
 
 
 def blind_baselines(drives: Sequence[Drives], outcomes: Outcomes, *, resamples: int = 5000) -> list[Blind]:

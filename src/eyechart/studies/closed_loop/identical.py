@@ -16,6 +16,7 @@ from statistics import median
 
 from eyechart.calls import Reply
 from eyechart.episodes import Episode
+from eyechart.records import Written
 from eyechart.simulators import declared_by
 from eyechart.studies.closed_loop.reading import MODAL_CONSTANT, UNDECIDED, Driver, Drives, undecided_share
 
@@ -30,11 +31,13 @@ SLOW_S = 0.1
 
 
 @dataclass(frozen=True)
-class Repeats:
+class Repeats(Written):
     """What a driver's repeated requests tell: the same request again, its text and how long it took.
 
     ``ratio`` is the median seconds of repeats over that of first requests, None where they are not measured.
     """
+
+    written = "driver=driver.label driver.simulator repeats same_text latency_ratio=ratio suspect words"
 
     driver: Driver
     repeats: int
@@ -42,18 +45,6 @@ class Repeats:
     ratio: float | None
     suspect: bool
     words: str
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        return {
-            "driver": self.driver.label,
-            "simulator": self.driver.simulator,
-            "repeats": self.repeats,
-            "same_text": self.same_text,
-            "latency_ratio": self.ratio,
-            "suspect": self.suspect,
-            "words": self.words,
-        }
 
 
 def repeated_requests(drives: Drives) -> Repeats | None:

@@ -15,7 +15,7 @@ from eyechart.episodes import ACTION_MAP, Episode, Episodes, Setup, plan
 from eyechart.errors import SpecError
 from eyechart.modes import RequestMode
 from eyechart.policies import open_policy
-from eyechart.records import plain
+from eyechart.records import Written
 from eyechart.seeds import key_seed
 from eyechart.simulators import declared_by, open_simulator
 from eyechart.spaces.discrete import Discrete
@@ -108,28 +108,24 @@ def outcomes_of(drives: Sequence[Drives]) -> Outcomes:
 
 
 @dataclass(frozen=True)
-class Rung:
+class Rung(Written):
     """One driver's row: its statistics by name, each with n and interval; a rate's is exact (Clopper-Pearson)."""
+
+    written = "*driver episodes_in_error=errors statistics"
 
     driver: Driver
     statistics: Mapping[str, Statistic]
     errors: int
 
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        return {
-            **plain(self.driver),
-            "episodes_in_error": self.errors,
-            "statistics": plain(self.statistics),
-        }
-
 
 @dataclass(frozen=True)
-class Paired:
+class Paired(Written):
     """Two drivers in the same worlds: first less second, each difference with its n, interval and p.
 
     ``holm`` holds the p of each corrected over the whole family that was compared.
     """
+
+    written = "first=first.label second=second.label first.simulator worlds differences holm changed"
 
     first: Driver
     second: Driver
@@ -141,18 +137,6 @@ class Paired:
     def changed(self) -> tuple[str, ...]:
         """Return what differs significantly after correction."""
         return tuple(name for name, p in self.holm.items() if p is not None and p < LEVEL)
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        return {
-            "first": self.first.label,
-            "second": self.second.label,
-            "simulator": self.first.simulator,
-            "worlds": self.worlds,
-            "differences": plain(self.differences),
-            "holm": dict(self.holm),
-            "changed": list(self.changed),
-        }
 
 
 def rung(drives: Drives, outcomes: Outcomes, *, resamples: int = 5000) -> Rung:

@@ -11,7 +11,7 @@ import numpy as np
 from eyechart.episodes import Episode, Unfinished, read_episodes
 from eyechart.errors import LedgerError
 from eyechart.integrity import ServedGuard
-from eyechart.records import plain
+from eyechart.records import Written, plain
 from eyechart.seeds import key_seed
 from eyechart.stats.episodes import share_over_episodes
 from eyechart.stats.resampling import cluster_bootstrap
@@ -58,7 +58,7 @@ UNPUBLISHED: Printed = ("", "", None, None)
 
 
 @dataclass(frozen=True)
-class Source:
+class Source(Written):
     """One source of intent in one arm: its rates with exact intervals, and what it emitted.
 
     ``intents`` counts the intents that were emitted, and ``stop_share`` is of them: a STOP that the fail-safe executed
@@ -66,6 +66,11 @@ class Source:
     why its reply holds no decision. ``solver_failures`` are plans that braked instead. The intervals of
     ``distance_m`` and ``stop_share`` resample episodes, and are None where all have the same.
     """
+
+    written = (
+        "part name driver.simulator source=driver.policy driver.condition goals crashes distance_m stop_share intents "
+        "intents_emitted=emitted fail_safe_steps=fail_safe no_decision solver_failures episodes_in_error=errors"
+    )
 
     part: str
     name: str
@@ -89,31 +94,16 @@ class Source:
         """Return at how many steps the fail-safe was executed because there was no decision."""
         return sum(self.no_decision.values())
 
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        return {
-            "part": self.part,
-            "name": self.name,
-            "simulator": self.driver.simulator,
-            "source": self.driver.policy,
-            "condition": self.driver.condition,
-            **{name: getattr(self, name).as_dict() for name in ("goals", "crashes", "distance_m", "stop_share")},
-            "intents": dict(self.intents),
-            "intents_emitted": self.emitted,
-            "fail_safe_steps": self.fail_safe,
-            "no_decision": dict(self.no_decision),
-            "solver_failures": self.solver_failures,
-            "episodes_in_error": self.errors,
-        }
-
 
 @dataclass(frozen=True)
-class Completion:
+class Completion(Written):
     """How often a model reaches the goal in one arm, beside itself with pictures that show nothing of its world.
 
     ``goals`` are by condition, ``shown`` says whether both paired differences, from blank and from other worlds'
     pictures, exclude zero after Holm, upwards.
     """
+
+    written = "part source=policy goals shows_perception=shown"
 
     part: str
     policy: str
@@ -126,11 +116,6 @@ class Completion:
         counts = ", ".join(f"{_WITH[name]} {count_of(one)}" for name, one in self.goals.items())
         found = "the paired differences exclude zero" if self.shown else NOT_PERCEPTION
         return f"{PARTS[self.part].simulator}, {self.policy}: goals {counts}: {found}."
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        goals = plain(self.goals)
-        return {"part": self.part, "source": self.policy, "goals": goals, "shows_perception": self.shown}
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from eyechart.integrity import Guard, GuardChecks
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
 from eyechart.models.prices import Prices, read_prices
-from eyechart.records import plain
+from eyechart.records import Written
 from eyechart.run import MotionPlan
 from eyechart.seeds import key_seed
 from eyechart.spaces.motion import MOTION_READER
@@ -61,8 +61,10 @@ NO_FRAMES = "no frame has both answers"
 
 
 @dataclass(frozen=True)
-class OnePolicy:
+class OnePolicy(Written):
     """One policy: its statistics by name, its answers, and whether these are drawn."""
+
+    written = "version motions.planned answered motions.missing drawn statistics"
 
     model: str
     version: str
@@ -77,8 +79,13 @@ class OnePolicy:
 
 
 @dataclass(frozen=True)
-class PolicyScore:
+class PolicyScore(Written):
     """Every policy of a run, and what their calls took."""
+
+    written = (
+        "manifest.study bank=bank.name manifest.fingerprint manifest.seed manifest.prompt.space.reader channels "
+        "policies=models accounting guards"
+    )
 
     manifest: RunManifest
     bank: FrameBank
@@ -101,30 +108,6 @@ class PolicyScore:
             f"{where}, {spec}@{one.version} on {self.manifest.created}; not tested: other data, closed loop, and what "
             "only few episodes would show."
         )
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        return {
-            "study": self.manifest.study,
-            "bank": self.bank.name,
-            "fingerprint": self.manifest.fingerprint,
-            "seed": self.manifest.seed,
-            "reader": MOTION_READER,
-            "channels": list(self.channels),
-            "policies": {
-                spec: {
-                    "version": one.version,
-                    "planned": one.motions.planned,
-                    "answered": one.motions.finished,
-                    "missing": dict(one.motions.missing),
-                    "drawn": one.drawn,
-                    "statistics": plain(one.statistics),
-                }
-                for spec, one in self.models.items()
-            },
-            "accounting": plain(self.accounting),
-            "guards": plain(self.guards),
-        }
 
 
 def score(path: Path, *, reread: bool = False) -> PolicyScore:

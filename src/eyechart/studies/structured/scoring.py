@@ -11,7 +11,7 @@ from eyechart.errors import LedgerError
 from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
-from eyechart.records import plain
+from eyechart.records import Written
 from eyechart.seeds import key_seed
 from eyechart.spaces.discrete import DRIVING, Discrete
 from eyechart.spaces.scene import SCENE_READER, SCENES, Estimate
@@ -164,11 +164,16 @@ def _nothing() -> Statistic:
 
 
 @dataclass(frozen=True)
-class EstimatorScore:
+class EstimatorScore(Written):
     """One model's estimates and figures: over all frames, and over those before any collision of their episode.
 
     ``before`` is None where the bank does not record collisions. ``clauses`` are held against ``statistics``.
     """
+
+    written = (
+        "version planned answered admitted clauses unread=told.reasons repairs=told.repairs statistics "
+        "before_collision=before"
+    )
 
     model: str
     version: str
@@ -189,24 +194,15 @@ class EstimatorScore:
         """Return the names of the clauses that are not met."""
         return frozenset(one.name for one in self.clauses if not one.passes)
 
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        return {
-            "version": self.version,
-            "planned": self.planned,
-            "answered": self.answered,
-            "admitted": self.admitted,
-            "clauses": plain(self.clauses),
-            "unread": self.told.reasons,
-            "repairs": self.told.repairs,
-            "statistics": plain(self.statistics),
-            "before_collision": plain(self.before),
-        }
-
 
 @dataclass(frozen=True)
-class StructuredScore(CallsScore[EstimatorScore]):
+class StructuredScore(Written, CallsScore[EstimatorScore]):
     """Everything that the ledger of an admission or a structured run says, and, apart from it, what the calls took."""
+
+    written = (
+        "manifest.study bank=bank.name manifest.fingerprint prompt=manifest.prompt.key manifest.view manifest.seed "
+        "manifest.prompt.space.reader pairs manifest.frames models accounting guards"
+    )
 
     pairs: int
 
@@ -237,23 +233,6 @@ class StructuredScore(CallsScore[EstimatorScore]):
                 guards=self.guards[spec],
             )
             for spec, one in self.models.items()
-        }
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values; what two runs may differ in (timing, attempts) is ``accounting`` and ``guards``."""
-        return {
-            "study": self.manifest.study,
-            "bank": self.bank.name,
-            "fingerprint": self.manifest.fingerprint,
-            "prompt": self.manifest.prompt.key,
-            "view": self.manifest.view,
-            "seed": self.manifest.seed,
-            "reader": SCENE_READER,
-            "pairs": self.pairs,
-            "frames": list(self.manifest.frames),
-            "models": {spec: one.as_dict() for spec, one in self.models.items()},
-            "accounting": plain(self.accounting),
-            "guards": plain(self.guards),
         }
 
 
