@@ -5,6 +5,7 @@ import json
 import os
 import platform
 import shutil
+import sqlite3
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields, replace
@@ -17,7 +18,7 @@ from filelock import FileLock, Timeout
 from eyechart import __version__
 from eyechart.channels import find_exchange
 from eyechart.conditions import find_condition
-from eyechart.errors import LedgerError, SpecError
+from eyechart.errors import LedgerError, SpecError, why
 from eyechart.frames import BankManifest, FrameBank, open_bank
 from eyechart.limits import NOTHING, Limits, Spent, added
 from eyechart.models.prices import Prices
@@ -338,11 +339,16 @@ def write_run(out: Path, manifest: RunManifest, bank: FrameBank) -> None:
 
 @contextmanager
 def alone_in(out: Path) -> Iterator[None]:
-    """Hold a run's folder, which is made where it is missing; raises LedgerError where another process does."""
+    """Hold a run's folder, which is made where it is missing.
+
+    Raises LedgerError where another process does, or its ledger cannot be written.
+    """
     out.mkdir(parents=True, exist_ok=True)
     try:
         with FileLock(out / ".lock", timeout=0):
             yield
+    except sqlite3.Error as error:
+        raise LedgerError(f"{out / LEDGER} cannot be written: {why(error)}; the same command resumes") from error
     except Timeout as error:
         raise LedgerError(f"another process is writing to {out}; wait for it, or choose another --out") from error
 

@@ -5,7 +5,7 @@ import random
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Protocol
+from typing import Protocol, TypedDict, Unpack
 
 from eyechart import channels
 from eyechart.attempts import Caller, budget_of, close, first_error
@@ -14,7 +14,7 @@ from eyechart.conditions import SAMPLED, available, sample, show, sources
 from eyechart.errors import SpecError
 from eyechart.frames import Frame, FrameBank, Stimulus
 from eyechart.ledger import Ledger
-from eyechart.limits import Budget, Limits, Outcome, Pace
+from eyechart.limits import Limits, Outcome, Pace
 from eyechart.models import Model
 from eyechart.models.faults import is_of_the_road
 from eyechart.perception.view import View, through
@@ -216,16 +216,17 @@ def spread(frames: Sequence[Frame], limit: int | None) -> tuple[Frame, ...]:
     return tuple(frames[place] for place in sorted(place for _, place in sorted(ranked)[:limit]))
 
 
+class Calling(TypedDict, total=False):
+    """How calls are made: so many at once a model (8), each tried so often (5), within limits; who is told of them."""
+
+    concurrency: int
+    attempts: int
+    limits: Limits | None
+    progress: Progress | None
+
+
 def execute(
-    plan: Plan,
-    models: Mapping[str, Model],
-    ledger: Ledger,
-    *,
-    concurrency: int = 8,
-    attempts: int = 5,
-    limits: Limits | None = None,
-    progress: Progress | None = None,
-    stages: Stages | None = None,
+    plan: Plan, models: Mapping[str, Model], ledger: Ledger, stages: Stages | None = None, **how: Unpack[Calling]
 ) -> Outcome:
     """Make every planned call that the ledger does not hold finished, in seeded random order.
 
@@ -234,14 +235,9 @@ def execute(
     A call whose error is transient is tried up to ``attempts`` times, with backoff. An interrupt leaves the
     ledger whole: what was under way stands as sent with its outcome unknown, and the same plan resumes it.
     """
-    keys = plan.keys()
-    finished = ledger.finished()
+    keys, finished = plan.keys(), ledger.finished()
     todo = in_order((key for key in keys if key not in finished), plan.seed)
-    budget = budget_of(limits, plan.models, ledger)
-    caller = Caller(ledger, budget, attempts=attempts)
-    stimuli, done = plan.stimuli(), len(keys) - len(todo)
-    execution = _Execution(plan, models, caller, progress, stages, stimuli, planned=len(keys), done=done)
-    return _executed(execution, todo, concurrency, budget)
+    return _Execution(plan, models, ledger, stages, planned=len(keys), done=len(keys) - len(todo), **how).made(todo)
 
 
 def failed_on_the_road(ledger: Ledger, models: Iterable[str]) -> list[CallKey]:
@@ -250,33 +246,13 @@ def failed_on_the_road(ledger: Ledger, models: Iterable[str]) -> list[CallKey]:
     return [key for spec in models for key, one in ledger.replies(spec) if key in finished and is_of_the_road(one)]
 
 
-def ask_again(
-    plan: Plan,
-    models: Mapping[str, Model],
-    ledger: Ledger,
-    *,
-    concurrency: int = 8,
-    attempts: int = 5,
-    limits: Limits | None = None,
-    progress: Progress | None = None,
-) -> Outcome:
+def ask_again(plan: Plan, models: Mapping[str, Model], ledger: Ledger, **how: Unpack[Calling]) -> Outcome:
     """Make the calls once more that ended in a failure of the road; never one that got a reply, or a wrong request.
 
     The last final reply of a call counts, and the earlier ones stay.
     """
     todo = in_order(failed_on_the_road(ledger, plan.models), plan.seed)
-    budget = budget_of(limits, plan.models, ledger)
-    caller = Caller(ledger, budget, attempts=attempts, again=True)
-    execution = _Execution(plan, models, caller, progress, None, plan.stimuli(), planned=len(todo), done=0)
-    return _executed(execution, todo, concurrency, budget)
-
-
-def _executed(execution: "_Execution", todo: list[CallKey], concurrency: int, budget: Budget) -> Outcome:
-    try:
-        asyncio.run(execution.run(todo, concurrency))
-    except BaseExceptionGroup as group:
-        raise first_error(group) from None
-    return Outcome(dict(budget.set_aside), budget.stopped, budget.uncounted)
+    return _Execution(plan, models, ledger, planned=len(todo), again=True, **how).made(todo)
 
 
 @dataclass
@@ -285,31 +261,45 @@ class _Execution:
 
     plan: Plan
     models: Mapping[str, Model]
-    caller: Caller
-    progress: Progress | None
-    stages: Stages | None
-    stimuli: Stimuli
-    planned: int
-    done: int
+    ledger: Ledger
+    stages: Stages | None = None
+    planned: int = 0
+    done: int = 0
+    again: bool = False
+    concurrency: int = 8
+    attempts: int = 5
+    limits: Limits | None = None
+    progress: Progress | None = None
 
-    async def run(self, todo: list[CallKey], concurrency: int) -> None:
+    def made(self, todo: list[CallKey]) -> Outcome:
+        """Make these calls, and what the stages add to them."""
+        budget = budget_of(self.limits, self.plan.models, self.ledger)
+        self.caller = Caller(self.ledger, budget, attempts=self.attempts, again=self.again)
+        self.stimuli = self.plan.stimuli()
+        try:
+            asyncio.run(self._run(todo))
+        except BaseExceptionGroup as group:
+            raise first_error(group) from None
+        return Outcome(dict(budget.set_aside), budget.stopped, budget.uncounted)
+
+    async def _run(self, todo: list[CallKey]) -> None:
         self._report()
         try:
             async with asyncio.TaskGroup() as group:
                 for spec in self.plan.models:
                     mine = [key for key in todo if key.model == spec]
-                    group.create_task(self._ask(spec, mine, concurrency))
+                    group.create_task(self._ask(spec, mine))
         finally:
             for model in self.models.values():
                 await close(model)
 
-    async def _ask(self, spec: str, todo: Sequence[CallKey], concurrency: int) -> None:
+    async def _ask(self, spec: str, todo: Sequence[CallKey]) -> None:
         """Make a model's calls, stage by stage."""
-        pace = Pace(concurrency)
+        pace = Pace(self.concurrency)
         while True:
             queue = iter(todo) if self.stages is None else self.stages.queue(spec, todo)
             async with asyncio.TaskGroup() as group:
-                for _ in range(concurrency if todo else 0):
+                for _ in range(self.concurrency if todo else 0):
                     group.create_task(self._work(queue, self.models[spec], pace))
             todo = () if self.stages is None else self.stages.more(spec)
             if not todo:

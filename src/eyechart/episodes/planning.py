@@ -1,7 +1,6 @@
 """Planning and running episodes: who drives, in which worlds, what that may take, and nothing driven twice."""
 
 import asyncio
-import sqlite3
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -226,17 +225,13 @@ def run(
     another process is writing to the same run, or the ledger cannot be written.
     """
     open_worker = _engine(engine, planned.setup)
-    try:
-        with alone_in(planned.out), ExitStack() as opened:
-            _begin(planned)
-            left = planned.left()
-            keep, ledger = _keeper(planned, len(left), progress), None
-            if any(key.policy in planned.drivers.models for key in left):
-                ledger = opened.enter_context(Ledger(planned.out / LEDGER, create=True))
-            return drive(left, planned.drivers, open_worker, keep, ledger=ledger, bounds=bounds)
-    except sqlite3.Error as error:
-        said = why(error)
-        raise LedgerError(f"{planned.out / LEDGER} cannot be written: {said}; the same command resumes") from error
+    with alone_in(planned.out), ExitStack() as opened:
+        _begin(planned)
+        left = planned.left()
+        keep, ledger = _keeper(planned, len(left), progress), None
+        if any(key.policy in planned.drivers.models for key in left):
+            ledger = opened.enter_context(Ledger(planned.out / LEDGER, create=True))
+        return drive(left, planned.drivers, open_worker, keep, ledger=ledger, bounds=bounds)
 
 
 def keep_probes(planned: Episodes, probes: Mapping[str, Spent]) -> None:

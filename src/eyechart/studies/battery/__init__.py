@@ -20,6 +20,7 @@ from eyechart.studies.battery.planning import (
     resumed,
     run,
     sample_of,
+    writing,
 )
 from eyechart.studies.battery.questions import Questions, questions_left, questions_of, write_questions
 from eyechart.studies.battery.replication import differences
@@ -58,4 +59,5 @@ __all__ = [
     "took",
     "took_run",
     "write_questions",
+    "writing",
 ]

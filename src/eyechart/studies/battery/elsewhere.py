@@ -1,7 +1,6 @@
 """A run made of answers that came from elsewhere: eyechart made none of its calls, and says so wherever it is read."""
 
 import hashlib
-import sqlite3
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -9,15 +8,15 @@ from itertools import islice
 from pathlib import Path
 
 from eyechart.calls import CallKey, Reply, bounded
-from eyechart.errors import LedgerError, SourceError, SpecError, printable, why
+from eyechart.errors import SourceError, SpecError, printable, why
 from eyechart.importing import LOGS, Answered, Faults, open_log, read_answer_table
 from eyechart.importing.answers import TOLD
 from eyechart.ledger import Ledger
-from eyechart.manifest import LEDGER, RunManifest, alone_in, is_run, read_manifest, today, write_run
+from eyechart.manifest import LEDGER, RunManifest, is_run, read_manifest, today
 from eyechart.models.faults import is_of_the_road
 from eyechart.modes import ELSEWHERE, RequestMode, each_without_secrets
 from eyechart.run import Progress
-from eyechart.studies.battery.planning import Asking, Battery, planned, resumed
+from eyechart.studies.battery.planning import Asking, Battery, planned, writing
 from eyechart.studies.battery.questions import Keys, showable, unasked
 
 IMPORTED = "imported"
@@ -162,23 +161,16 @@ def bring(read: Import, *, progress: Progress = lambda *_: None) -> Brought:
 
     Raises LedgerError where another process writes to the run, or the ledger cannot be written.
     """
-    battery, plan = read.battery, read.battery.plan
-    try:
-        with alone_in(battery.out):
-            manifest = resumed(battery.out, battery.manifest, plan.bank)
-            write_run(battery.out, manifest, plan.bank)
-            with Ledger(battery.out / LEDGER, create=True) as ledger:
-                check, faults = _Check(battery, read.requests), Faults()
-                rows = (new for one in read.source.read(faults, progress) if (new := check.take(one)) is not None)
-                while some := list(islice(rows, _AT_ONCE)):
-                    with ledger.together():
-                        for key, reply, again in some:
-                            ledger.close(ledger.begin(key, read.requests.digest(key), again=again), reply)
-                faults.require_none(read.source.name)
-                return check.counted()
-    except sqlite3.Error as error:
-        said = why(error)
-        raise LedgerError(f"{battery.out / LEDGER} cannot be written: {said}; the same command resumes") from error
+    battery = read.battery
+    with writing(battery.out, battery.manifest, battery.plan.bank) as (_, ledger):
+        check, faults = _Check(battery, read.requests), Faults()
+        rows = (new for one in read.source.read(faults, progress) if (new := check.take(one)) is not None)
+        while some := list(islice(rows, _AT_ONCE)):
+            with ledger.together():
+                for key, reply, again in some:
+                    ledger.close(ledger.begin(key, read.requests.digest(key), again=again), reply)
+        faults.require_none(read.source.name)
+        return check.counted()
 
 
 class _Requests:

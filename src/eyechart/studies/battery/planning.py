@@ -1,10 +1,10 @@
 """Planning, running and merging batteries: every frame under every condition, and nothing asked twice."""
 
-import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from typing import Unpack
 
 from eyechart.conditions import (
     BATTERY,
@@ -19,10 +19,10 @@ from eyechart.conditions import (
     show,
 )
 from eyechart.costs import CostEstimate, estimate
-from eyechart.errors import BankError, LedgerError, SpecError, why
+from eyechart.errors import BankError, LedgerError, SpecError
 from eyechart.frames import IMPORTED, FrameBank, check, open_bank, whole_folder
 from eyechart.ledger import Ledger
-from eyechart.limits import Limits, Outcome, Spent
+from eyechart.limits import Outcome, Spent
 from eyechart.manifest import (
     CONTROLS_ASKED,
     LEDGER,
@@ -45,7 +45,7 @@ from eyechart.modes import RequestMode
 from eyechart.perception.view import View, through
 from eyechart.probe import Sample
 from eyechart.prompts import Prompt, find_prompt, neutral, require_sayable
-from eyechart.run import MotionPlan, Plan, Progress, ask_again, execute, spread
+from eyechart.run import Calling, MotionPlan, Plan, ask_again, execute, spread
 from eyechart.spaces.motion import MotionSpace
 from eyechart.spaces.reader import READERS
 from eyechart.studies.battery.stages import Asked, InStages, staged, stages_of, widest
@@ -422,61 +422,35 @@ def keep_probes(battery: Battery, probes: Mapping[str, Spent]) -> None:
         write_run(battery.out, manifest.counting(probes), battery.plan.bank)
 
 
-def run(
-    battery: Battery,
-    *,
-    concurrency: int = 8,
-    attempts: int = 5,
-    limits: Limits | None = None,
-    progress: Progress | None = None,
-    again: bool = False,
-) -> Outcome:
+@contextmanager
+def writing(out: Path, manifest: RunManifest, bank: FrameBank) -> Iterator[tuple[RunManifest, Ledger]]:
+    """Hold a run on a bank while calls are added to it; yield its manifest, joined with what stands there, and ledger.
+
+    Raises LedgerError where another process is writing to the same run, or the ledger cannot be written.
+    """
+    with alone_in(out):
+        # Again, now that nobody else writes: another process may have begun or extended this run since.
+        manifest = resumed(out, manifest, bank)
+        write_run(out, manifest, bank)
+        with Ledger(out / LEDGER, create=True) as ledger:
+            yield manifest, ledger
+
+
+def run(battery: Battery, *, again: bool = False, **how: Unpack[Calling]) -> Outcome:
     """Make the calls of a planned battery that its ledger does not hold yet, and return how that ended.
 
     With ``again``, those that ended in a failure of the road are made once more before.
 
     Raises LedgerError where another process is writing to the same run, or the ledger cannot be written.
     """
-    try:
-        with alone_in(battery.out):
-            # Again, now that nobody else writes: another process may have begun or extended this run since.
-            manifest = resumed(battery.out, battery.manifest, battery.plan.bank)
-            write_run(battery.out, manifest, battery.plan.bank)
-            with Ledger(battery.out / LEDGER, create=True) as ledger:
-                if again:
-                    bounds = {"concurrency": concurrency, "attempts": attempts}
-                    first = ask_again(battery.plan, battery.models, ledger, limits=limits, progress=progress, **bounds)
-                    if first.stopped is not None:
-                        return first
-                return _ask(battery, manifest, ledger, concurrency, attempts, limits, progress)
-    except sqlite3.Error as error:
-        said = why(error)
-        raise LedgerError(f"{battery.out / LEDGER} cannot be written: {said}; the same command resumes") from error
-
-
-def _ask(
-    battery: Battery,
-    manifest: RunManifest,
-    ledger: Ledger,
-    concurrency: int,
-    attempts: int,
-    limits: Limits | None,
-    progress: Progress | None,
-) -> Outcome:
-    """Make the calls of every stage that comes."""
-    whole = plan_of(manifest, battery.plan.bank)
-    plan = staged(battery.plan, stages_of(manifest, whole, ledger))
-    later = InStages(plan, whole, manifest, ledger)
-    return execute(
-        plan,
-        battery.models,
-        ledger,
-        concurrency=concurrency,
-        attempts=attempts,
-        limits=limits,
-        progress=progress,
-        stages=EarlyStop(widest(manifest, battery.plan), ledger, later) if manifest.stop_early else later,
-    )
+    with writing(battery.out, battery.manifest, battery.plan.bank) as (manifest, ledger):
+        if again and (first := ask_again(battery.plan, battery.models, ledger, **how)).stopped is not None:
+            return first
+        whole = plan_of(manifest, battery.plan.bank)
+        plan = staged(battery.plan, stages_of(manifest, whole, ledger))
+        later = InStages(plan, whole, manifest, ledger)
+        stages = EarlyStop(widest(manifest, battery.plan), ledger, later) if manifest.stop_early else later
+        return execute(plan, battery.models, ledger, stages, **how)
 
 
 def merge(shards: Sequence[Path], out: Path) -> int:

@@ -1,24 +1,23 @@
 """Planning and running: every frame under every condition once, and again where a policy draws its answers."""
 
-import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
+from typing import Unpack
 
 from eyechart.calls import CallKey, Reply
 from eyechart.channels import channels_of, conditions_of, find_exchange, instruction_column, subset_conditions
-from eyechart.errors import BankError, LedgerError, SpecError, why
+from eyechart.errors import BankError, SpecError
 from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
-from eyechart.limits import Limits, Outcome
-from eyechart.manifest import LEDGER, PNG, RunManifest, alone_in, asked_of, today, versions, write_run
+from eyechart.limits import Outcome
+from eyechart.manifest import LEDGER, PNG, RunManifest, asked_of, today, versions
 from eyechart.models import Model, open_model
 from eyechart.modes import RequestMode
 from eyechart.prompts import policy_prompt
-from eyechart.run import MotionPlan, Progress, ask_again, execute, in_order, spread
+from eyechart.run import Calling, MotionPlan, ask_again, execute, in_order, spread
 from eyechart.spaces.motion import MOTION_READER, Motion
-from eyechart.studies.battery import open_whole, plan_of, resumed
+from eyechart.studies.battery import open_whole, plan_of, resumed, writing
 
 STUDY = "policy"
 ANSWERS = 4
@@ -227,42 +226,17 @@ class _Again:
         return in_order((key for key in again if key not in done), self._plan.seed)
 
 
-def run(
-    planned: PolicyRun,
-    *,
-    concurrency: int = 1,
-    attempts: int = 5,
-    limits: Limits | None = None,
-    progress: Progress | None = None,
-    again: bool = False,
-) -> Outcome:
-    """Make the calls that the run's ledger does not hold yet, and return how that ended.
+def run(planned: PolicyRun, *, again: bool = False, **how: Unpack[Calling]) -> Outcome:
+    """Make the calls that the run's ledger does not hold yet, one at a time a policy, and return how that ended.
 
     With ``again``, those that ended in a failure of the road are made once more before.
 
     Raises LedgerError where another process is writing to the same run, or the ledger cannot be written.
     """
-    try:
-        with alone_in(planned.out):
-            # Again, now that nobody else writes: another process may have begun or extended this run since.
-            manifest = resumed(planned.out, planned.manifest, planned.plan.bank)
-            write_run(planned.out, manifest, planned.plan.bank)
-            with Ledger(planned.out / LEDGER, create=True) as ledger:
-                begun = replace(planned.plan, drawn=drawers(ledger, manifest) & set(planned.plan.models))
-                asking = partial(execute, stages=_Again(begun, manifest, ledger))
-                for ask in (ask_again, asking) if again else (asking,):
-                    outcome = ask(
-                        begun,
-                        planned.models,
-                        ledger,
-                        concurrency=concurrency,
-                        attempts=attempts,
-                        limits=limits,
-                        progress=progress,
-                    )
-                    if outcome.stopped is not None:
-                        break
-                return outcome
-    except sqlite3.Error as error:
-        said = why(error)
-        raise LedgerError(f"{planned.out / LEDGER} cannot be written: {said}; the same command resumes") from error
+    asked: Calling = {"concurrency": 1, **how}
+    with writing(planned.out, planned.manifest, planned.plan.bank) as (manifest, ledger):
+        begun = replace(planned.plan, drawn=drawers(ledger, manifest) & set(planned.plan.models))
+        stages = _Again(begun, manifest, ledger)
+        if again and (first := ask_again(begun, planned.models, ledger, **asked)).stopped is not None:
+            return first
+        return execute(begun, planned.models, ledger, stages, **asked)
