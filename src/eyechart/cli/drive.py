@@ -1,7 +1,6 @@
 """Policies and models drive: ``run closed-loop``, ``online``, ``hierarchy``; ``ladder``, ``audit`` and ``film``."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -11,7 +10,7 @@ import typer
 
 from eyechart.cli import options
 from eyechart.cli.probe import plan_probed, say_aside, tell_empty, tell_none
-from eyechart.cli.run import View, bound, live_page, watched_progress
+from eyechart.cli.run import View, bound, live_page, moved, watched_progress
 from eyechart.cli.terminal import patience, print_each, print_json, processors, progress, resumable, say
 
 if TYPE_CHECKING:
@@ -184,7 +183,7 @@ def hierarchy(
             bounds=study.Bounds(processes=processes, concurrency=concurrency),
             calls=spending.max_calls,
             cost_usd=spending.max_cost,
-            watch=partial(_watched, also=also),
+            watch=partial(moved, unit="episodes", also=also, kept=KEPT),
         )
     found = score(out)
     print_json(found.as_dict()) if json else print_each(Hierarchy().printed(found), 160)
@@ -566,14 +565,3 @@ def _show(rows: "Sequence[Row]", planned: "Episodes", *, json: bool) -> None:
         for row in rows
     )
     print_each([Table("means", f"{planned.manifest.simulator}: means over episodes", named, cells)])
-
-
-@contextmanager
-def _watched(part: str, also: Callable[[int, int], None]) -> "Iterator[Callable[[int, int], None]]":
-    with resumable(KEPT), progress(part, "episodes") as move:
-
-        def both(done: int, total: int) -> None:
-            also(done, total)
-            move(done, total)
-
-        yield both

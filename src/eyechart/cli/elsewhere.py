@@ -11,11 +11,6 @@ from eyechart.cli.terminal import progress, resumable, say
 if TYPE_CHECKING:
     from eyechart.studies.battery import Asking
 
-_Prompt = Annotated[
-    str | None, typer.Option(help="A name of 'eyechart list prompts', or FILE.toml; default: one that suits the bank.")
-]
-_Conditions = Annotated[str | None, typer.Option(help="With commas; default: all that the bank has.")]
-_Seed = Annotated[int, typer.Option(min=0, help="Seed of stimuli, sampling and the order of calls.")]
 _Controls = Annotated[
     str | None,
     typer.Option(help="auto: those that answers call for, later; all; none. Default: auto, none with --conditions."),
@@ -25,9 +20,9 @@ _Controls = Annotated[
 def export(
     bank: Annotated[Path, typer.Argument(help="Folder of the bank.")],
     out: Annotated[Path, typer.Option(help="Folder to write; it is there whole or not at all.")],
-    conditions: _Conditions = None,
-    prompt: _Prompt = None,
-    seed: _Seed = 0,
+    conditions: options.Conditions = None,
+    prompt: options.Prompt = None,
+    seed: options.Seed = 0,
     limit: options.Limit = None,
     controls: _Controls = None,
     model: Annotated[
@@ -67,9 +62,9 @@ def import_(
     model: Annotated[
         str | None, typer.Option(help="What answered; default: the file's name, or the model of a log.")
     ] = None,
-    prompt: _Prompt = None,
-    conditions: _Conditions = None,
-    seed: _Seed = 0,
+    prompt: options.Prompt = None,
+    conditions: options.Conditions = None,
+    seed: options.Seed = 0,
     limit: options.Limit = None,
     controls: _Controls = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Check the answers and write nothing.")] = False,

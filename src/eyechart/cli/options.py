@@ -21,6 +21,12 @@ Mode = Annotated[list[Path] | None, typer.Option(help="FILE.toml: a model's requ
 Model = Annotated[list[str] | None, typer.Option(help="A model's SPEC; give it again for more models.")]
 Frames = Annotated[Path, typer.Option(help="Folder of the frame bank.")]
 Out = Annotated[Path, typer.Option(help="Folder of the run; the same one resumes it.")]
+Prompt = Annotated[
+    str | None, typer.Option(help="A name of 'eyechart list prompts', or FILE.toml; default: one that suits the bank.")
+]
+Conditions = Annotated[str | None, typer.Option(help="With commas; default: all that the bank has.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of stimuli, sampling and the order of calls.")]
+Shard = Annotated[str | None, typer.Option(help="i/n: make only these calls; join with 'merge'.")]
 Limit = Annotated[int | None, typer.Option(help="So many frames, from every episode in turn.")]
 Concurrency = Annotated[int, typer.Option(min=1, help="Calls under way at once, a model.")]
 Episodes = Annotated[int, typer.Option(min=1, help="Episodes of a model under way at once.")]

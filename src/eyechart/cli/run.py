@@ -24,7 +24,6 @@ app = typer.Typer(help="Run a study: make its calls and append them to a ledger.
 View = Annotated[
     str | None, typer.Option(help="calibrated or none; default: calibrated where the pictures have such a view.")
 ]
-_Seed = Annotated[int, typer.Option(min=0, help="Seed of stimuli, sampling and the order of calls.")]
 
 
 @app.command(
@@ -39,14 +38,11 @@ def battery(
     out: options.Out,
     model: options.Model = None,
     mode: options.Mode = None,
-    prompt: Annotated[
-        str | None,
-        typer.Option(help="A name of 'eyechart list prompts', or FILE.toml; default: one that suits the bank."),
-    ] = None,
-    conditions: Annotated[str | None, typer.Option(help="With commas; default: all that the bank has.")] = None,
-    seed: _Seed = 0,
+    prompt: options.Prompt = None,
+    conditions: options.Conditions = None,
+    seed: options.Seed = 0,
     limit: options.Limit = None,
-    shard: Annotated[str | None, typer.Option(help="i/n: make only these calls; join with 'merge'.")] = None,
+    shard: options.Shard = None,
     concurrency: options.Concurrency = 8,
     how: options.Options = options.AS_USUAL,
     spending: options.Spending = options.NO_LIMIT,
@@ -109,7 +105,7 @@ def prompts(
     ] = None,
     conditions: Annotated[str, typer.Option(help="With commas; 'all' for a whole battery a cell.")] = "real,blank",
     limit: Annotated[int, typer.Option(min=1, help="Frames a cell, the same in each.")] = 100,
-    seed: _Seed = 0,
+    seed: options.Seed = 0,
     concurrency: options.Concurrency = 8,
     how: options.Addressing = options.ADDRESSED,
     spending: options.Spending = options.NO_LIMIT,
@@ -257,9 +253,9 @@ def policy(
     shapley: Annotated[
         bool, typer.Option("--shapley", help="Ask every subset of the channels, for Shapley shares; says the cost.")
     ] = False,
-    seed: _Seed = 0,
+    seed: options.Seed = 0,
     limit: options.Limit = None,
-    shard: Annotated[str | None, typer.Option(help="i/n: make only these calls; join with 'merge'.")] = None,
+    shard: options.Shard = None,
     concurrency: Annotated[int, typer.Option(min=1, help="Calls under way at once, a policy.")] = 1,
     timeout_s: Annotated[float | None, typer.Option(min=0.1, help="Seconds for an answer.")] = None,
     max_calls: Annotated[int | None, typer.Option(min=1, help="Stop at so many calls, all told.")] = None,
@@ -381,7 +377,16 @@ def watched_progress(
     what: str, unit: str, out: Path, allowed: "Allowed", kept: str | None = None
 ) -> "Iterator[Callable[[int, int], None]]":
     """Show a bar while a run goes on, and serve its page where ``allowed`` asks for one."""
-    with resumable(kept) if kept else resumable(), progress(what, unit) as move, live_page(out, unit, allowed) as also:
+    with live_page(out, unit, allowed) as also, moved(what, unit, also, kept) as move:
+        yield move
+
+
+@contextmanager
+def moved(
+    what: str, unit: str, also: Callable[[int, int], None], kept: str | None = None
+) -> "Iterator[Callable[[int, int], None]]":
+    """Show a bar, and yield what moves it and another."""
+    with resumable(kept) if kept else resumable(), progress(what, unit) as move:
 
         def both(done: int, total: int) -> None:
             also(done, total)
