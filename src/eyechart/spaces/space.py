@@ -1,7 +1,8 @@
 """A space knows what an action is; a decision is an action, or the reason there is none."""
 
+import json
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Generic, Literal, Protocol, TypeVar
 
@@ -14,6 +15,7 @@ UNPARSED = "UNPARSED"
 """The response-level symbol of every reply without a decision; no action may have this name."""
 
 A = TypeVar("A")
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +110,7 @@ _THINK_TAG = re.compile(r"(</?think(?:ing)?>)", re.IGNORECASE)
 READ_AT_MOST = 100_000
 """Characters outside thinking, the last ones, that are read for a decision; the ledger keeps all of a reply."""
 _LEVELS_AT_MOST = 100
+_BRACES_AT_MOST = 1000
 _STRUCTURE = re.compile(r'"(?:[^"\\]|\\.)*+"?|[{}\[\]]', re.DOTALL)
 
 _ENDED: Mapping[str | None, Missing] = {"length": "truncated", "content_filter": "refused", "refusal": "refused"}
@@ -167,3 +170,27 @@ def too_deep(text: str, start: int = 0) -> bool:
         if not 0 < depth <= _LEVELS_AT_MOST:
             return depth > 0
     return False
+
+
+def json_objects(text: str, kind: Callable[[list[tuple[str, object]]], T]) -> Iterator[tuple[int, int, T]]:
+    """Yield the outermost JSON objects in a text, wherever they stand; none where it has too many braces to try.
+
+    Each with where it begins and ends, and as the ``kind`` that its keys and values make, as those within it are. One
+    that is nested too deeply is taken as text.
+    """
+    decoder, start = json.JSONDecoder(object_pairs_hook=kind), text.find("{")
+    if text.count("{") > _BRACES_AT_MOST:
+        return
+    while start >= 0:
+        end = start + 1
+        try:
+            value, ended = decoder.raw_decode(text, start)
+            if not too_deep(text, start):
+                end = ended
+                yield start, end, value
+        except ValueError:
+            pass
+        except RecursionError:
+            if not too_deep(text, start):
+                raise
+        start = text.find("{", end)

@@ -6,6 +6,7 @@ Source: paper, section Constructive renderer-calibrated controller. The full bat
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from eyechart.records import Written
 from eyechart.stats.statistic import Statistic
 
 
@@ -32,11 +33,13 @@ CLAUSES: dict[str, Clause] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Held:
+class Held(Written):
     """A clause held against a model: the statistic that was read, and whether it meets the clause.
 
     ``passes`` is None where the statistic cannot say, which admits nobody.
     """
+
+    written = "clause=name clause.least statistic.value statistic.n statistic.ci outcome"
 
     name: str
     clause: Clause
@@ -48,17 +51,10 @@ class Held:
         value = self.statistic.value
         return None if value is None else value >= self.clause.least
 
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        outcome = {True: "pass", False: "fail", None: "cannot say"}[self.passes]
-        return {
-            "clause": self.name,
-            "least": self.clause.least,
-            "value": self.statistic.value,
-            "n": self.statistic.n,
-            "ci": None if self.statistic.ci is None else list(self.statistic.ci),
-            "outcome": outcome,
-        }
+    @property
+    def outcome(self) -> str:
+        """Return the same in a word."""
+        return {True: "pass", False: "fail", None: "cannot say"}[self.passes]
 
 
 def hold(statistics: Mapping[str, Statistic]) -> tuple[Held, ...]:

@@ -8,6 +8,7 @@ from typing import TypeGuard
 
 from eyechart.conditions import BATTERY
 from eyechart.integrity import Guard
+from eyechart.records import Written
 from eyechart.stats.exchange import episodes_needed
 from eyechart.stats.paired import SignTest
 from eyechart.stats.statistic import Statistic
@@ -39,7 +40,7 @@ _CELL = "text-align:left;vertical-align:top;padding:.15em .9em .15em 0;backgroun
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Verdict(Written):
     """What a model's answers support under both sets of rules; the calibrated label is the headline.
 
     ``lateral`` is its own axis; ``evidence`` says how the question of distance was put: by intervention on the
@@ -50,6 +51,13 @@ class Verdict:
     (calls finished, calls planned) where some are still to be made, and the verdict is on what there is. ``effects``
     say how large what was measured is, and where; ``why_not`` what kept it from the nearest stronger label.
     """
+
+    written = (
+        "paper=paper.label calibrated=calibrated.label lateral=lateral.label evidence calibrated.because "
+        "calibrated.decided_by paper_because=paper.because paper_decided_by=paper.decided_by "
+        "lateral_because=lateral.because trust scope notes failed_guards=marks unfinished=counted "
+        "stopped_early=stopped effects why_not"
+    )
 
     model: str
     paper: Ruling
@@ -79,6 +87,11 @@ class Verdict:
         return f"{answered} of {planned} calls{'' if answered < planned else ', controls not asked'}"
 
     @property
+    def counted(self) -> dict[str, int] | None:
+        """Return the same counts by their names."""
+        return None if self.unfinished is None else dict(zip(_COUNTED, self.unfinished, strict=True))
+
+    @property
     def headline(self) -> str:
         """Return the calibrated label, and behind it that the run is not finished where it is not."""
         return f"{self.calibrated.label} ({self.state})" if self.state else self.calibrated.label
@@ -87,28 +100,6 @@ class Verdict:
     def marks(self) -> tuple[str, ...]:
         """Return the guards that failed, in words: with one of them the verdict is not to be relied on."""
         return tuple(f"guard '{guard.name}' failed: {guard.because}" for guard in self.failed)
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values; labels under the names that scripts rely on."""
-        return {
-            "paper": self.paper.label,
-            "calibrated": self.calibrated.label,
-            "lateral": self.lateral.label,
-            "evidence": self.evidence,
-            "because": self.calibrated.because,
-            "decided_by": self.calibrated.decided_by,
-            "paper_because": self.paper.because,
-            "paper_decided_by": self.paper.decided_by,
-            "lateral_because": self.lateral.because,
-            "trust": self.trust,
-            "scope": self.scope,
-            "notes": list(self.notes),
-            "failed_guards": list(self.marks),
-            "unfinished": None if self.unfinished is None else dict(zip(_COUNTED, self.unfinished, strict=True)),
-            "stopped_early": None if self.stopped is None else self.stopped.as_dict(),
-            "effects": None if self.effects is None else self.effects.as_dict(),
-            "why_not": None if self.why_not is None else self.why_not.as_dict(),
-        }
 
     @property
     def measures(self) -> dict[str, str]:

@@ -1,15 +1,13 @@
 """What a reply states in a form of its own: JSON, tags, boxes, and lines that begin with ``action:``."""
 
-import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from eyechart.spaces.reader.names import Names, fold
 from eyechart.spaces.reader.prose import read_prose, takes_back
-from eyechart.spaces.space import Decision, refuses, too_deep
+from eyechart.spaces.space import Decision, json_objects, refuses
 
-_BRACES_AT_MOST = 1000
 _STATED_AT_MOST = 100
 _THOUGHT = re.compile(
     r"<\|begin_of_thought\|>.*?(?:<\|end_of_thought\|>|\Z)|◁think▷.*?(?:◁/think▷|\Z)"
@@ -202,7 +200,7 @@ def _is_denied(text: str, one: _Stated, names: Names) -> bool:
 def _objects(text: str, names: Names) -> Iterator[_Stated]:
     """Yield what each JSON object states; where no object is whole, what stands between a key and a comma."""
     whole = False
-    for start, end, value in _json_objects(text):
+    for start, end, value in json_objects(text, _Pairs):
         whole = whole or bool(value)
         for action, why in _stated_in(value, names):
             yield _Stated(start, end, action, why)
@@ -253,7 +251,7 @@ def _given(key: str, value: object) -> object:
     """Return a value; what a call of a tool is given may be JSON inside a string."""
     if key != "arguments" or not isinstance(value, str):
         return value
-    return next((inner for _, _, inner in _json_objects(value)), None)
+    return next((inner for _, _, inner in json_objects(value, _Pairs)), None)
 
 
 def _is_another(key: str, value: object, names: Names) -> bool:
@@ -315,33 +313,10 @@ def _called(value: _Pairs, names: Names) -> str | None:
     return names.action(name) if isinstance(name, str) and ("arguments" in given or "parameters" in given) else None
 
 
-def _json_objects(text: str) -> Iterator[tuple[int, int, object]]:
-    """Yield the outermost JSON objects in a text, wherever they stand; none where it has too many braces to try.
-
-    One that is nested too deeply is taken as text.
-    """
-    decoder, start = json.JSONDecoder(object_pairs_hook=_Pairs), text.find("{")
-    if text.count("{") > _BRACES_AT_MOST:
-        return
-    while start >= 0:
-        end = start + 1
-        try:
-            value, ended = decoder.raw_decode(text, start)
-            if not too_deep(text, start):
-                end = ended
-                yield start, end, value
-        except ValueError:
-            pass
-        except RecursionError:
-            if not too_deep(text, start):
-                raise
-        start = text.find("{", end)
-
-
 def _without_objects(text: str) -> str:
     """Return a text without its JSON objects; what they would state was looked for."""
     parts, done = [], 0
-    for start, end, value in _json_objects(text):
+    for start, end, value in json_objects(text, _Pairs):
         if value:
             parts.append(text[done:start])
             done = end

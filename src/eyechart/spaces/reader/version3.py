@@ -4,11 +4,10 @@ They are changed no more. What is wrong with them is in docs/decisions/0046: the
 the decision, whatever is said of it.
 """
 
-import json
 import re
 from collections.abc import Iterator, Mapping
 
-from eyechart.spaces.space import Decision, refuses, too_deep
+from eyechart.spaces.space import Decision, json_objects, refuses
 
 _NEGATION = re.compile(
     r"(\b(not|cannot|never|avoid|avoiding|no|nor|neither|without|than|instead\s+of|unable\s+to)|n't)\s+(\w+\s+)?"
@@ -22,7 +21,6 @@ _NEGATED = re.compile(
 )
 _JSON_KEYS = ("action", "decision", "answer")
 _MARKER = r"\b(?:action|answer|decision)\W{0,4}(?:[:=>→–—\n-]|\bis\b)\W{0,6}"
-_BRACES_AT_MOST = 1000
 _SHORT = 80
 """Characters up to which an action in lower case is an answer; in longer prose "the road is straight" is none."""
 
@@ -83,31 +81,8 @@ def _only_one(found: list[re.Match[str]], by_name: Mapping[str, str]) -> Decisio
 
 def _json_actions(text: str) -> Iterator[str]:
     """Yield what each JSON object that states an action states; an empty text where that is no text."""
-    for value in _json_objects(text):
+    for _, _, value in json_objects(text, dict):
         by_key = {key.lower(): action for key, action in value.items()}
         stated = next((by_key[key] for key in _JSON_KEYS if key in by_key), None)
         if any(key in by_key for key in _JSON_KEYS):
             yield stated if isinstance(stated, str) else ""
-
-
-def _json_objects(text: str) -> Iterator[dict[str, object]]:
-    """Yield the outermost JSON objects in a text, wherever they stand; none where it has too many braces to try.
-
-    One that is nested too deeply is taken as text.
-    """
-    decoder, start = json.JSONDecoder(), text.find("{")
-    if text.count("{") > _BRACES_AT_MOST:
-        return
-    while start >= 0:
-        end = start + 1
-        try:
-            value, ended = decoder.raw_decode(text, start)
-            if not too_deep(text, start):
-                end = ended
-                yield value
-        except ValueError:
-            pass
-        except RecursionError:
-            if not too_deep(text, start):
-                raise
-        start = text.find("{", end)
