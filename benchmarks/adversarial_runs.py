@@ -37,7 +37,8 @@ NOT_FORWARD = frozenset({"stops_at_flipped", "second_nearest", "rearmost", "own_
 
 def say(*words: str, seed: int = 0, bank: Path | None = None) -> str:
     """Run a command of eyechart; returns what it printed."""
-    env = {**os.environ, "PYTHONPATH": str(Path(__file__).parent), "EYECHART_ADVERSARY_SEED": str(seed)}
+    found = os.pathsep.join(filter(None, (str(Path(__file__).parent), os.environ.get("PYTHONPATH"))))
+    env = {**os.environ, "PYTHONPATH": found, "EYECHART_ADVERSARY_SEED": str(seed)}
     if bank is not None:
         env["EYECHART_ADVERSARY_BANK"] = str(bank)
     done = subprocess.run([EYECHART, *words], env=env, check=False, capture_output=True, text=True)
@@ -117,9 +118,7 @@ def truths_on(simulator: str, number: int, folder: Path, specs: list[str]) -> di
     names = [spec.rpartition(":")[2] for spec in specs if spec.startswith("python:")]
     if not kept.is_file():
         bank = folder / f"{simulator}-{number}"
-        os.environ["EYECHART_ADVERSARY_BANK"] = str(bank)
-        adversary_door.frame_numbers.cache_clear()
-        adversary_door.known_files.cache_clear()
+        adversary_door.turn_to(bank)
         pictures = Pictures(open_bank(bank))
         kept.write_text(json.dumps({name: asdict(find_truth(name, pictures)) for name in names}), encoding="utf-8")
     found = json.loads(kept.read_text())

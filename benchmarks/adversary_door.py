@@ -16,6 +16,7 @@ import numpy as np
 
 from eyechart.calibrate.adversaries import ADVERSARIES, Adversary, Rule, graded, lead, road
 from eyechart.calls import Reply
+from eyechart.conditions import flip
 from eyechart.frames import decode, open_bank
 from eyechart.models.scripted import Answer, Sight, see
 
@@ -25,26 +26,55 @@ SHADES = ("STOP", "SLOW", "STRAIGHT")
 
 @cache
 def frame_numbers() -> dict[bytes, int]:
-    """Return of which frame each picture of the bank is, by its digest."""
+    """Return of which frame each picture of the bank is, by what `_key` makes of it, as it is and mirrored."""
     bank = open_bank(Path(os.environ["EYECHART_ADVERSARY_BANK"]))
-    return {
-        hashlib.sha256(picture).digest(): number
-        for number, frame in enumerate(bank)
-        for name in (None, *frame.counterfactuals)
-        for picture in bank.images(frame, name).values()
-    }
+    found = {}
+    for number, frame in enumerate(bank):
+        axes = {one.name: one.mirror_axis for one in frame.cameras}
+        for name in (None, *frame.counterfactuals):
+            for camera, picture in bank.images(frame, name).items():
+                pixels = decode(picture, frame.id)
+                shown = (pixels, flip(pixels, axes[camera])) if axes[camera] != "none" and name is None else (pixels,)
+                found |= {_key(one): number for one in shown}
+    return found
+
+
+def _key(pixels: np.ndarray) -> bytes:
+    """Return what tells a picture from others, and not from the same one nudged: all but its first and last row."""
+    return hashlib.sha256(pixels[1:-1].tobytes()).digest()
 
 
 def see_frame(image: bytes | None) -> Sight:
-    """Read a picture; where the road has no stripes that tell one frame from another, the number of the frame does.
+    """Read a picture; the number of its frame stands for what tells one frame's road from another's.
 
-    So a rule that is wrong on some of the frames is wrong on all pictures of these, in every world.
+    So a rule that is wrong on some of the frames is wrong on all pictures of these, in every world: where stripes are
+    seen forward, what hides them moves their phase by a little, and another phase is another frame to such a rule.
     """
     sight = see(image)
-    number = None if sight.reading is None else frame_numbers().get(sight.file)
-    if sight.reading is None or sight.reading.stripe_phase is not None or number is None:
+    if sight.reading is None or image is None:
         return sight
-    return replace(sight, reading=replace(sight.reading, stripe_phase=float(number)))
+    return _numbered(sight, image)
+
+
+def _numbered(sight: Sight, image: bytes) -> Sight:
+    if sight.file not in _NUMBERED:
+        number = frame_numbers().get(_key(decode(image, "the picture")))
+        assert sight.reading is not None
+        phase = sight.reading.stripe_phase if number is None else float(number)
+        _NUMBERED[sight.file] = replace(sight, reading=replace(sight.reading, stripe_phase=phase))
+    return _NUMBERED[sight.file]
+
+
+_NUMBERED: dict[bytes, Sight] = {}
+"""What was made of each file, by its digest."""
+
+
+def turn_to(bank: Path) -> None:
+    """Have the adversaries know the files of this bank, and forget those of another."""
+    os.environ["EYECHART_ADVERSARY_BANK"] = str(bank)
+    frame_numbers.cache_clear()
+    known_files.cache_clear()
+    _NUMBERED.clear()
 
 
 @cache

@@ -26,8 +26,8 @@ CLEARLY = 0.4
 """Levels of braking by which the farther of two is braked for harder on the average, where the order is wrong."""
 SMALL, LARGE = 0.10, 0.30
 """Below the one an effect, a share of frames or of changes is none to speak of; from the other on it is one."""
-DRAWN = (*DISTANCES, "lane_own", "lane_beside", "recoloured", "nudged")
-ROADS = ("real", "shuffled", "cross_scenario", "mirrored", *DRAWN)
+DRAWN = (*DISTANCES, "lane_own", "lane_beside", "recoloured")
+ROADS = ("real", "shuffled", "cross_scenario", "mirrored", "nudged", *DRAWN)
 NO_ROADS = ("blank", "noise", "text_only")
 APART = 1.1
 """Distances of a ratio below this are about the same."""
