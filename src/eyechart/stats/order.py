@@ -1,8 +1,11 @@
 """Whether answers that should fall along a scale do: pairs lost beyond noise, and rises in some range of it."""
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 
+from eyechart.stats.agreement import rate
 from eyechart.stats.statistic import Statistic, cannot_say
 
 Floats = npt.NDArray[np.float64]
@@ -11,6 +14,8 @@ FEWEST = 6
 """No window of `falls_everywhere` is narrower."""
 WIDEST = 1 / 4
 """Nor wider than this share of the answers."""
+
+SWAPPED_ENDS = "share of pairs at opposite ends of braking the wrong way round, less what independent answers explain"
 
 
 def lost_beyond_noise(lost: int, pairs: int, wavered: int, repeats: int) -> float:
@@ -27,6 +32,38 @@ def lost_beyond_noise(lost: int, pairs: int, wavered: int, repeats: int) -> floa
         raise ValueError(msg)
     share = pairs / (pairs + 2 * repeats)
     return float(special.bdtrc(lost - 1, lost + wavered, share))
+
+
+def swapped_ends(
+    pairs: tuple[npt.ArrayLike, npt.ArrayLike],
+    repeats: tuple[npt.ArrayLike, npt.ArrayLike],
+    *,
+    light: float,
+    hard: float,
+    level: float = 0.95,
+) -> Statistic:
+    """Return the share of pairs whose first is at most ``light`` and whose second at least ``hard``, less noise.
+
+    ``pairs`` holds the levels of what should be the harder and the less hard, ``repeats`` two answers to one picture.
+    Where each picture has a chance of its own to be answered at an end, the same for all pictures at such a distance,
+    the share of these pairs times that of the opposite ones is the product of what one picture's answers are at
+    opposite ends by chance, half of that of repeats for either picture. So noise explains that share squared, divided
+    by the opposite ones' share. ``ci`` is Wilson's of the share, moved by as much. Raises ValueError where there are no
+    pairs or no repeats.
+    """
+    (first, second), (one, again) = ([np.asarray(of, dtype=np.float64) for of in both] for both in (pairs, repeats))
+    if not len(first) or not len(one):
+        msg = "no pairs, or no repeats"
+        raise ValueError(msg)
+    lost, won = (int(np.count_nonzero((a <= light) & (b >= hard))) for a, b in ((first, second), (second, first)))
+    apart = int(np.count_nonzero((np.minimum(one, again) <= light) & (np.maximum(one, again) >= hard)))
+    half, n = apart / len(one) / 2, len(first)
+    explained = min(half, half * half * n / max(won, 1))
+    share = rate(lost, n, level=level)
+    ends = None if share.ci is None else (share.ci[0] - explained, share.ci[1] - explained)
+    method = f"{SWAPPED_ENDS}: {share.method}"
+    detail = {"lost": lost, "won": won, "repeats_apart": apart}
+    return replace(share, value=lost / n - explained, ci=ends, method=method, detail=detail)
 
 
 def falls_everywhere(places: npt.ArrayLike, levels: npt.ArrayLike, *, seed: int, resamples: int = 999) -> Statistic:

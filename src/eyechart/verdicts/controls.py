@@ -49,6 +49,7 @@ LOST = {
     "near_far_lost": "harder for the far lead on more frames than its noise explains",
     "lane_lost": "harder for the neighbour on more frames than its noise explains",
     "both_lost": "the wrong way round on a share of the frames of their own",
+    "ends_lost": "least for the nearer and hardest for the farther more often than independent answers would be",
 }
 """What each share of pairs that are lost means where it is too large."""
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from eyechart.frames import LEAD_GAP
 from eyechart.seeds import key_seed
 from eyechart.stats.agreement import rate
-from eyechart.stats.order import falls_everywhere, lost_beyond_noise
+from eyechart.stats.order import SWAPPED_ENDS, falls_everywhere, lost_beyond_noise, swapped_ends
 from eyechart.stats.paired import (
     Curve,
     Dose,
@@ -52,6 +52,9 @@ DISTANCES = {
 }
 """The conditions that move the lead, from the nearest, and the columns that say how far away it then is."""
 
+END_SHARE = 0.15
+"""The ends of braking are where so many of the answers are less hard, and so many harder; thirds from there are alike."""
+
 APART = 1.1
 """The true picture is compared with a dose that is farther or nearer by this factor at least."""
 
@@ -82,6 +85,7 @@ DEPTH_TESTS = (
     "near_far_lost",
     "lane_lost",
     "both_lost",
+    "ends_lost",
     "unparsed_controls",
 )
 """The tests of braking that moved pictures make."""
@@ -118,6 +122,7 @@ class Controls:
             "near_far_lost": partial(self._lost, *near_far),
             "lane_lost": partial(self._lost, *exchange),
             "both_lost": self._both_lost,
+            "ends_lost": self._ends_lost,
             "unparsed_controls": self._unparsed,
             "turns_clear": self._turns_clear,
             "turns_clear_within": self._turns_clear_within,
@@ -347,6 +352,22 @@ class Controls:
         have = ~np.isnan(near + far + own + beside)
         found = joint_losses((near < far)[have], (own < beside)[have], level=LEVEL)
         return replace(found, method=f"lead_near under lead_far, lane_own under lane_beside: {found.method}")
+
+    def _ends_lost(self) -> Statistic:
+        """Return how often it answers from one end of its braking to the other the wrong way round, beyond its noise.
+
+        Of both comparisons together: who misreads a picture now and then may do so in any of the four. The ends are of
+        what it answers to these, so that a rare answer is none.
+        """
+        compared = self._pairs("lead_near", "lead_far"), self._pairs("lane_own", "lane_beside")
+        if len(compared[1][0]) < FEWEST_PAIRS:
+            return self._lacking(len(compared[1][0]), "lane_own", "lane_beside")
+        nearer, farther = (np.concatenate([both[place] for both in compared]) for place in (0, 1))
+        low, high = np.quantile([*nearer, *farther], (END_SHARE, 1 - END_SHARE))
+        repeats, third = self._pairs("real", "real_repeat"), (high - low) / 3
+        if low == high or not len(repeats[0]):
+            return cannot_say("its braking has no two ends, or no picture was asked twice", len(nearer), SWAPPED_ENDS)
+        return swapped_ends((nearer, farther), repeats, light=low + third, hard=high - third, level=LEVEL)
 
     def _unparsed(self) -> Statistic:
         """Return the rate of replies without a decision to the compared pictures that are declined most."""
