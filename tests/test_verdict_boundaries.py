@@ -45,6 +45,7 @@ def test_the_statistics_by_hand_earn_their_labels() -> None:
         ("near_far_lost", share(0.05), share(0.0500001), "content"),
         ("lane_lost", share(0.05), share(0.0500001), "content"),
         ("both_lost", share(0.05), share(0.0500001), "content"),
+        ("ends_lost", share(0.05), share(0.0500001), "content"),
         ("dose_lost", with_p(0.05, LOW), with_p(0.0500001, LOW), "content"),
         ("dose_lost", with_p(0.5, 0.005), with_p(0.5, 0.0049999), "content"),
         ("dose_by_frame", with_p(0.05, LOW), with_p(0.0500001, LOW), "content"),
@@ -81,6 +82,7 @@ def test_the_first_condition_that_fails_is_named() -> None:
         "dose_bins": p(LOW),
         "scenario_reversed": p(LOW),
         "both_lost": share(0.5),
+        "ends_lost": share(0.5),
     }
     while order:
         first = next(iter(order))

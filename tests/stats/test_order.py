@@ -5,7 +5,7 @@ from fractions import Fraction
 
 import pytest
 
-from eyechart.stats.order import falls_everywhere, lost_beyond_noise
+from eyechart.stats.order import falls_everywhere, lost_beyond_noise, swapped_ends
 
 
 def _tail(lost: int, pairs: int, wavered: int, repeats: int) -> float:
@@ -32,6 +32,43 @@ def test_without_pairs_or_repeats_there_is_nothing_to_compare(given: tuple[int, 
     """It is an error, not a p."""
     with pytest.raises(ValueError, match="no pairs, or no repeats"):
         lost_beyond_noise(*given)
+
+
+ENDS = {"light": 0.0, "hard": 1.0}
+
+
+def test_pairs_at_opposite_ends_are_less_what_independent_answers_explain() -> None:
+    """By hand: 2 of 20 lost and 10 won; 4 of 10 repeats are apart, so half of that is .2, and .2² x 2 = .08."""
+    nearer = [0.0] * 2 + [1.0] * 10 + [0.5] * 8
+    farther = [1.0] * 2 + [0.0] * 10 + [0.5] * 8
+    repeats = [1.0] * 3 + [0.0] + [0.5] * 6, [0.0] * 3 + [1.0] + [0.5] * 6
+    found = swapped_ends((nearer, farther), repeats, **ENDS)
+    assert found.value == pytest.approx(2 / 20 - 0.2 * 0.2 / (10 / 20))
+    assert found.n == 20
+    assert found.detail == {"lost": 2, "won": 10, "repeats_apart": 4}
+    assert found.ci is not None
+    assert found.ci[0] < found.value < found.ci[1]
+
+
+def test_noise_explains_no_more_than_half_of_the_repeats_that_are_apart() -> None:
+    """One pair won of twenty would make f² / w greater than f: two answers of one law lose half of f at most."""
+    found = swapped_ends(([0.0] + [0.5] * 18 + [1.0], [1.0] + [0.5] * 18 + [0.0]), ([1.0, 0.5], [0.0, 0.5]), **ENDS)
+    assert found.value == pytest.approx(1 / 20 - 1 / 4)
+    none = swapped_ends(([0.0] * 4, [1.0] * 4), ([1.0, 0.5], [0.0, 0.5]), **ENDS)
+    assert none.value == pytest.approx(1 - 1 / 4)
+
+
+def test_one_level_of_braking_is_no_swap_of_ends() -> None:
+    """From none to a little, or from a little to hard, is not from end to end."""
+    found = swapped_ends(([0.0, 0.5], [0.5, 1.0]), ([0.5], [0.5]), **ENDS)
+    assert found.value == 0.0
+
+
+@pytest.mark.parametrize("given", [(([], []), ([1.0], [1.0])), (([1.0], [0.0]), ([], []))])
+def test_without_pairs_or_repeats_no_end_is_swapped(given: tuple[tuple[list[float], list[float]], ...]) -> None:
+    """It is an error, not a share."""
+    with pytest.raises(ValueError, match="no pairs, or no repeats"):
+        swapped_ends(given[0], given[1], **ENDS)
 
 
 def test_a_rise_is_told_with_its_size_and_its_place() -> None:

@@ -8,6 +8,8 @@ import pytest
 
 import simulated
 from eyechart.frames import Frame
+from eyechart.seeds import key_seed
+from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import Decision
 from eyechart.stats.paired import Curve, Part, Parts, SignTest
 from eyechart.stats.statistic import Statistic
@@ -138,6 +140,45 @@ def test_a_rule_that_is_no_reading_of_distance_is_content(look: Look, decided_by
     assert found["depth_interventional"].p < 0.01
     assert (ruling.label, ruling.decided_by, evidence) == ("content", decided_by, "controlled")
     assert "it brakes harder where the lead is nearer, but" in ruling.because
+
+
+def misread(share: float, noise: float) -> simulated.Rule:
+    """Brake by distance, the wrong way round on a share of the pictures, behind a coin in some of the answers."""
+
+    def rule(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+        if rng.random() < noise:
+            return str(rng.choice(DRIVING.actions))
+        right = by_lead(frame)
+        shown = condition if condition in {*simulated.COUNTERFACTUALS, *simulated.CONTROLS} - {"nudged"} else "real"
+        chance = np.random.default_rng(key_seed("misread", frame.id, shown)).random()
+        return {"STOP": "STRAIGHT", "STRAIGHT": "STOP"}.get(right, right) if chance < share else right
+
+    return rule
+
+
+def test_a_reader_that_misreads_a_quarter_of_the_pictures_behind_noise_is_content() -> None:
+    """It is wrong on other pictures of each frame, so that no frame stands out; its noise covers each comparison."""
+    ruling, _, found = ruled(misread(0.25, 0.3))
+    assert (ruling.label, ruling.decided_by) == ("content", "ends_lost")
+    assert found["both_lost"].value < 0.05
+    assert found["near_far_lost"].value < 0.05
+    assert "more often than independent answers would" in ruling.because
+
+
+def test_noise_alone_swaps_no_ends() -> None:
+    """A coin in half of the answers, the same share of misread pictures none."""
+    ruling, _, found = ruled(misread(0.0, 0.5))
+    assert ruling.label == "depth"
+    assert found["ends_lost"].value < 0.05
+
+
+def test_braking_without_two_ends_is_not_asked_for_them() -> None:
+    """One level in nearly all answers has no ends to swap; a run without the exchange has none to compare."""
+    _, _, found = ruled(road(by_few))
+    assert found["ends_lost"].value is None
+    assert "no two ends" in found["ends_lost"].note
+    _, _, bare = ruled(road(by_lead), controls=False)
+    assert bare["ends_lost"].value is None
 
 
 def test_a_hole_inside_one_step_is_seen_by_its_bin() -> None:
@@ -323,6 +364,7 @@ def parts(p: float) -> Statistic:
         ("near_far_lost", Statistic(0.05, 144), Statistic(0.0501, 144)),
         ("lane_lost", Statistic(0.05, 144), Statistic(0.0501, 144)),
         ("both_lost", Statistic(0.05, 144), Statistic(0.0501, 144)),
+        ("ends_lost", Statistic(0.05, 288), Statistic(0.0501, 288)),
         ("repeat_over_nudged", Statistic(0.7, 50, p=0.01), Statistic(0.7, 50, p=0.00999)),
         ("unparsed_controls", Statistic(0.1, 144, (0.05, 0.2)), Statistic(0.1, 144, (0.0501, 0.2))),
     ],

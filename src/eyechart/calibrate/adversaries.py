@@ -125,6 +125,16 @@ def _reversed(share: float, when: Callable[[Reading], bool] | None = None) -> Ru
     return road(look)
 
 
+def _misread(share: float) -> Rule:
+    """Return the rule that reads some pictures the wrong way round, other ones of each frame."""
+
+    def look(reading: Reading, _: random.Random) -> str:
+        answer = graded(lead(reading))
+        return REVERSED[answer] if _share(_seen(reading)) < share else answer
+
+    return road(look)
+
+
 def _hole(low: float, high: float, answer: str = "STRAIGHT") -> Rule:
     return road(lambda one, _: answer if low <= lead(one) < high else graded(lead(one)))
 
@@ -195,8 +205,12 @@ def _coin_and_picture(sight: Sight, rng: random.Random) -> Answer:
 def _coin_of_seen(sight: Sight, _: random.Random) -> Answer:
     """Follow the picture by no rule that means anything: equal readings are answered alike."""
     one = sight.reading
-    text = sight.kind.encode() if one is None else repr((one.scene, one.others, one.stripe_phase)).encode()
-    return DRIVING.actions[int(_share(text) * len(DRIVING.actions))]
+    return DRIVING.actions[int(_share(sight.kind.encode() if one is None else _seen(one)) * len(DRIVING.actions))]
+
+
+def _seen(one: Reading) -> bytes:
+    """Return what is read of a picture, which no other picture of the frame shows."""
+    return repr((one.scene, one.others, one.stripe_phase)).encode()
 
 
 def _logistic(one: Reading, rng: random.Random) -> str:
@@ -342,6 +356,16 @@ ADVERSARIES: Mapping[str, Adversary] = {
         noisy(0.3, _reversed(0.25)),
     ),
     "reversed_15": Adversary("grades, the wrong way round on 15 % of the frames", _reversed(0.15)),
+    "reversed_25_noisier": Adversary(
+        "grades, the wrong way round on a quarter of the frames, behind a coin in 4 of 10 answers",
+        noisy(0.4, _reversed(0.25)),
+    ),
+    "misread_25": Adversary("grades, but reads a quarter of the pictures the wrong way round", _misread(0.25)),
+    "misread_15": Adversary("grades, but reads 15 % of the pictures the wrong way round", _misread(0.15)),
+    "misread_25_noisy": Adversary(
+        "grades, but reads a quarter of the pictures the wrong way round, behind a coin in 3 of 10 answers",
+        noisy(0.3, _misread(0.25)),
+    ),
     "between_reversed_20": Adversary(
         "grades, but between 9 and 49 m goes on near and stops far on a fifth of the frames", _between_reversed(0.20)
     ),

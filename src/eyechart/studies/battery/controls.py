@@ -52,8 +52,16 @@ DISTANCES = {
 }
 """The conditions that move the lead, from the nearest, and the columns that say how far away it then is."""
 
+PLACED = {
+    "lane_own": "lane_near_m",
+    "lead_mid_near": "lead_mid_near_m",
+    "lead_mid_far": "lead_mid_far_m",
+    "lane_beside": "lane_far_m",
+}
+"""The conditions of which the bank says frame by frame how far away the lead is, from the nearest."""
+
 END_SHARE = 0.15
-"""The ends of braking are where so many of the answers are less hard, and so many harder; thirds from there are alike."""
+"""The ends of braking are where so many of the answers are less hard, and so many harder."""
 
 APART = 1.1
 """The true picture is compared with a dose that is farther or nearer by this factor at least."""
@@ -190,7 +198,10 @@ class Controls:
 
     def _distances(self, condition: str) -> Floats:
         """Return at which distance each frame's picture of a condition shows the lead, NaN where nobody says."""
-        column = DISTANCES[condition]
+        return self._numbers(DISTANCES[condition])
+
+    def _numbers(self, column: str) -> Floats:
+        """Return each frame's number in a column of ground truth, NaN where there is none."""
         found = [frame.truth.get(column) for frame in self.answers.frames]
         return np.array([float(one) if isinstance(one, int | float) else np.nan for one in found])
 
@@ -271,12 +282,14 @@ class Controls:
         return [(f"{one} over {other}", self._level(one), self._level(other)) for one, other in pairwise(DISTANCES)]
 
     def _of_real(self) -> list[tuple[str, Floats, Floats]]:
-        """Return the braking levels of the true picture and of each dose, the nearer first, NaN where about as near."""
-        gaps = [frame.truth.get(LEAD_GAP.column) for frame in self.answers.frames]
-        known = np.array([float(one) if isinstance(one, int | float) else np.nan for one in gaps])
+        """Return the braking levels of the true picture and of each dose, the nearer first, NaN where about as near.
+
+        The pictures of the exchange stand for near and far: of these the bank says where the lead is.
+        """
+        known = self._numbers(LEAD_GAP.column)
         real, found = self._level("real"), []
-        for condition in DISTANCES:
-            level, distance = self._level(condition), self._distances(condition)
+        for condition, column in PLACED.items():
+            level, distance = self._level(condition), self._numbers(column)
             before, after = known * APART < distance, known > distance * APART
             nearer, farther = np.where(before, real, level), np.where(before, level, real)
             nearer[~(before | after)] = np.nan
