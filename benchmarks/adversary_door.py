@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eyechart.calibrate.adversaries import ADVERSARIES, Adversary, Rule, graded, lead, road
+from eyechart.calibrate.adversaries import ADVERSARIES, REVERSED, Adversary, Rule, graded, lead, road
 from eyechart.calls import Reply
 from eyechart.conditions import flip
 from eyechart.frames import decode, open_bank
@@ -74,6 +74,7 @@ def turn_to(bank: Path) -> None:
     os.environ["EYECHART_ADVERSARY_BANK"] = str(bank)
     frame_numbers.cache_clear()
     known_files.cache_clear()
+    true_files.cache_clear()
     _NUMBERED.clear()
 
 
@@ -90,6 +91,13 @@ def known_files() -> dict[bytes, str]:
     }
 
 
+@cache
+def true_files() -> frozenset[bytes]:
+    """Return the digests of the bank's true pictures."""
+    bank = open_bank(Path(os.environ["EYECHART_ADVERSARY_BANK"]))
+    return frozenset(hashlib.sha256(picture).digest() for one in bank for picture in bank.images(one).values())
+
+
 def _knows_files(sight: Sight, _: random.Random) -> Answer:
     """Brake by which file it is, and not by what it shows."""
     return {"lead_near": "STOP", "lead_far": "STRAIGHT"}.get(known_files().get(sight.file, ""), "SLOW")
@@ -102,7 +110,14 @@ def _declines_edited(sight: Sight, rng: random.Random) -> Answer:
     return road(lambda one, _: graded(lead(one)))(sight, rng)
 
 
+def _reversed_on_true(sight: Sight, rng: random.Random) -> Answer:
+    """Grade the pictures in which something was moved, and brake the wrong way round on the bank's true ones."""
+    answer = road(lambda one, _: graded(lead(one)))(sight, rng)
+    return REVERSED.get(str(answer), answer) if sight.file in true_files() else answer
+
+
 FILES = {
+    "reversed_on_true": Adversary("grades edited pictures, the wrong way round on true ones", _reversed_on_true),
     "knows_files": Adversary("knows the bank's counterfactual files", _knows_files),
     "declines_edited": Adversary("grades, and refuses edited pictures", _declines_edited, follows=None),
 }

@@ -307,6 +307,21 @@ ADVERSARIES: Mapping[str, Adversary] = {
     "clear_side_brake": Adversary(
         "stops where no side is clear, slows for one", road(lambda one, _: ("STOP", "SLOW", "STRAIGHT")[_clear(one)])
     ),
+    "nearer_than_others": Adversary(
+        "stops where the lead is nearer than any vehicle of the neighbouring lanes, wherever that is",
+        road(lambda one, _: "STOP" if lead(one) < nearest(ahead(one, own=False)) else "STRAIGHT"),
+        follows=None,
+    ),
+    "any_lane_mostly": Adversary(
+        "brakes by the nearest vehicle of any lane on three quarters of the frames, and by the lead on the others",
+        road(lambda one, _: graded(nearest(ahead(one)) if hashed(one) < 0.75 else lead(one))),
+        follows=None,
+    ),
+    "stops_without_lead": Adversary(
+        "grades, and stops where there is no lead",
+        road(lambda one, _: "STOP" if one.scene.gap_m is None else graded(lead(one))),
+        follows=None,
+    ),
     # who does not brake harder the nearer
     "zigzag": Adversary(
         "stops below 9.5 m, goes on to 20 m, slows to 48 m and goes on: wrong where it drives", road(_zigzag)
@@ -329,6 +344,11 @@ ADVERSARIES: Mapping[str, Adversary] = {
     "comb": Adversary(
         "stops at 7 to 9 m, goes on at 50 to 60 m, and goes on in each fourth narrow band between", road(_comb)
     ),
+    "saw": Adversary(
+        "stops at 7 to 9 m, goes on at 50 to 60 m, and stops and goes on by turns from metre to metre between",
+        road(lambda one, _: graded(lead(one)) if not 9 < lead(one) < 49 else ("STOP", "STRAIGHT")[int(lead(one)) % 2]),
+    ),
+    "hole_8_9": Adversary("grades, but goes on from 8 to 9 m", _hole(8, 9)),
     "far_alarm": Adversary(
         "stops below 12 m and from 25 to 49 m",
         road(lambda one, _: "STOP" if lead(one) < STOP_M or 25 <= lead(one) < 49 else "STRAIGHT"),
@@ -356,6 +376,14 @@ ADVERSARIES: Mapping[str, Adversary] = {
         noisy(0.3, _reversed(0.25)),
     ),
     "reversed_15": Adversary("grades, the wrong way round on 15 % of the frames", _reversed(0.15)),
+    "reversed_15_noisy": Adversary(
+        "grades, the wrong way round on 15 % of the frames, behind a coin in 3 of 10 answers",
+        noisy(0.3, _reversed(0.15)),
+    ),
+    "reversed_left_noisy": Adversary(
+        "grades, the wrong way round on most frames where the left side is clear, behind a coin in 3 of 10 answers",
+        noisy(0.3, _reversed(0.0, lambda one: one.scene.left_clear and hashed(one) < 0.6)),
+    ),
     "reversed_25_noisier": Adversary(
         "grades, the wrong way round on a quarter of the frames, behind a coin in 4 of 10 answers",
         noisy(0.4, _reversed(0.25)),
