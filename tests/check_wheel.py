@@ -10,6 +10,7 @@ SOURCE = ROOT / "src"
 NEEDED = (
     "eyechart/py.typed",
     "eyechart/models/prices.toml",
+    "eyechart/models/paper/hosted-kimi-k3.toml",
     "eyechart/models/huggingface/organisms/grounded/model.safetensors",
     "eyechart/models/trained/sees.npz",
     "eyechart/report/template/page.html",

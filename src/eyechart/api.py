@@ -169,6 +169,7 @@ class _Asking(_Mode, total=False):
     again: bool
     accept_loss: bool
     moved: bool
+    sequential: bool | None
 
 
 @speaks_of_arguments
@@ -193,9 +194,10 @@ def run_battery(
     ``prompt``, ``seed``, ``limit`` and ``controls`` are those of ``eyechart run battery`` (the rarer ones are those of
     `eyechart.studies.battery.plan`). ``again`` asks once more what ended in a failure on the way; ``accept_loss`` goes
     on although calls that were made are missing from the ledger; ``moved`` goes on with a run whose models have other
-    addresses, keys or headers now. ``base_url``, ``max_tokens``, ``temperature`` and the other fields of a
-    `eyechart.modes.RequestMode` (all but ``seed``) say how the models are asked that are not given by one; a
-    temperature of None sends none. ``progress`` gets (calls done, of how many).
+    addresses, keys or headers now; ``sequential`` asks models one after another, each closed before the next is opened,
+    as by default those of one machine are (``hf:``, ``ollama:``). ``base_url``, ``max_tokens``, ``temperature`` and the
+    other fields of a `eyechart.modes.RequestMode` (all but ``seed``) say how the models are asked that are not given by
+    one; a temperature of None sends none. ``progress`` gets (calls done, of how many).
 
     Raises BankError, SpecError or LedgerError as ``plan`` does, and ProbeError where a model cannot be probed. A report
     on calls that failed says so in its notes.
@@ -209,6 +211,9 @@ def run_battery(
     limit = named.pop("limit", None)
     extent = Extent(None if limit is None else whole_number("limit", limit, 1), controls=named.pop("controls", None))
     again, moved = named.pop("again", False), named.pop("moved", False)
+    sequential = named.pop("sequential", None)
+    if sequential not in (True, False, None):
+        raise SpecError(f"sequential is True, False or None, not {sequential!r}")
     if named.pop("accept_loss", False):
         list(accept_losses(Path(out)))
 
@@ -221,7 +226,8 @@ def run_battery(
     allowed = Allowed(read_prices(), no_probe=not probe, moved=moved)
     planned = plan_probed(probing, Asked(modes, by_option, how), allowed, partial(_ask, fixed=[*how]))[0]
     assert planned is not None  # a model that cannot be probed has raised
-    _make_calls(partial(battery.run, planned, concurrency=concurrency, again=again), progress)
+    how_to = {"concurrency": concurrency, "again": again, "sequential": sequential}
+    _make_calls(partial(battery.run, planned, **how_to), progress)
     return _read_report(out)
 
 

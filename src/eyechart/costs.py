@@ -263,7 +263,7 @@ class CostEstimate(Plain):
         if self.prompt_tokens is not None and self.completion_tokens is not None:
             tokens = f"{self.prompt_tokens:,} tokens in, {self.completion_tokens:,} out"
         cost = "cost unknown" if self.cost_usd is None else f"${self.cost_usd:.2f}"
-        time = "time unknown" if self.seconds is None else f"about {_duration(self.seconds)}"
+        time = "time unknown" if self.seconds is None else f"about {duration(self.seconds)}"
         about = "about " if self.sampled else "up to " if self.at_most else ""
         return f"{self.model}: {about}{self.calls} calls, {tokens}, {cost} ({self.cost_from}), {time}"
 
@@ -303,7 +303,8 @@ def estimate(
     )
 
 
-def _duration(seconds: float) -> str:
+def duration(seconds: float) -> str:
+    """Return so many seconds in words."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

@@ -96,7 +96,8 @@ class RequestMode:
     refuses the other, they then stand before the user's own. ``answer`` says where the answer stands: ``reasoning``
     reads it from the end of what was thought, where the text is empty.
     ``stream`` asks for the reply in pieces, with ``usage`` for its tokens too.
-    ``body`` is merged into the request, ``options`` are the adapter's own.
+    ``body`` is merged into the request, ``options`` are the adapter's own. ``about`` says where the mode comes from,
+    in words; it changes nothing.
     """
 
     spec: str
@@ -115,18 +116,19 @@ class RequestMode:
     answer: Literal["text", "reasoning"] = "text"
     stream: Literal["none", "usage", "plain"] = "none"
     measured: Measured | None = None
+    about: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         _require(self, _MODE, f"the mode of {self.spec!r}")
         _refuse_secrets(self)
 
     def same_request(self, other: "RequestMode") -> bool:
-        """Return whether two modes ask alike, whatever a probe measured, and however their address is written."""
+        """Return whether two modes ask alike, whatever is said or was measured of them, and at whatever spelling."""
         return self.request() == other.request()
 
     def request(self) -> "RequestMode":
-        """Return this mode without what was measured, and with its address in one form."""
-        return replace(self, measured=None, base_url=_plain_address(self.base_url))
+        """Return this mode without what was measured or is said of it, and with its address in one form."""
+        return replace(self, measured=None, about={}, base_url=_plain_address(self.base_url))
 
     def moved_to(self, other: "RequestMode") -> "RequestMode":
         """Return this mode at the address of another, with its key, its headers and its patience."""
@@ -265,6 +267,7 @@ _MODE: dict[str, _Check] = {
     "seed": (_is(bool), "true or false"),
     "timeout_s": (_is(Annotated[float, msgspec.Meta(gt=0, le=LARGEST)]), "a number of seconds above 0"),
     "headers": (_is_lines, "a table of lines of text"),
+    "about": (_is_lines, "a table of lines of text"),
     "body": (lambda value: isinstance(value, Mapping) and _is_plain(value), "a table of plain JSON values, no null"),
     "options": (_is(dict[str, Scalar]), "a table of texts, numbers and booleans"),
 }

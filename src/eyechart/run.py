@@ -49,7 +49,8 @@ class Plan:
     """Every call of a run: models × frames × conditions, those of one shard if it is sharded.
 
     ``controls`` are the conditions that a model is asked beside ``conditions``, in the order of its stages; those in
-    `SAMPLED` of some frames only.
+    `SAMPLED` of some frames only. Models of one of the ``turns`` are asked one after another, each closed before the
+    next is asked; without turns all are asked at once.
     """
 
     study: str
@@ -62,6 +63,7 @@ class Plan:
     shard: tuple[int, int] | None = None
     view: View | None = None
     controls: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    turns: tuple[tuple[str, ...], ...] = ()
 
     @property
     def space(self) -> AnySpace:
@@ -286,12 +288,18 @@ class _Execution:
         self._report()
         try:
             async with asyncio.TaskGroup() as group:
-                for spec in self.plan.models:
-                    mine = [key for key in todo if key.model == spec]
-                    group.create_task(self._ask(spec, mine))
+                for turn in self.plan.turns or [(spec,) for spec in self.plan.models]:
+                    group.create_task(self._take_turn(turn, todo))
         finally:
             for model in self.models.values():
                 await close(model)
+
+    async def _take_turn(self, turn: Sequence[str], todo: Sequence[CallKey]) -> None:
+        """Ask models one after another, and let each go before the next is asked."""
+        for spec in turn:
+            await self._ask(spec, [key for key in todo if key.model == spec])
+            if spec != turn[-1]:
+                await close(self.models[spec])
 
     async def _ask(self, spec: str, todo: Sequence[CallKey]) -> None:
         """Make a model's calls, stage by stage."""

@@ -289,7 +289,8 @@ def test_what_is_known_of_a_model_is_recorded() -> None:
     facts = opened("organism:grounded", options={"device": "cpu"}).facts
     assert facts["device"] == "cpu"
     assert facts["dtype"] == "float32"
-    assert set(facts) == {"device", "dtype", "template", "torch", "transformers"}
+    weighed = {"parameters", "weights_gb", "memory_gb"}
+    assert set(facts) == {"device", "dtype", "template", "torch", "transformers"} | weighed
 
 
 def test_a_revision_is_pinned_to_its_commit(copy: Path, tmp_path: Path) -> None:

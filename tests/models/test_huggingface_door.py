@@ -31,7 +31,11 @@ def test_the_list_names_the_organisms_and_the_papers_edge_models() -> None:
     """Every organism with what it does, every edge model with its size and licence."""
     names = huggingface.names()
     assert names["organism:blind"] == "answers SLOW, whatever it is shown"
-    assert names["llava-hf/llava-1.5-7b-hf"].startswith("the paper's LLaVA-1.5-7B: 7.1 billion parameters, 14.1 GB")
+    assert names["llava-hf/llava-1.5-7b-hf"] == (
+        "the paper's LLaVA-1.5-7B: 7.06 billion parameters, whose weights take 28.3 GB in float32, 14.1 in float16, "
+        "7.3 in 8 bits, 4.4 in 4 bits; licence Llama 2"
+    )
+    assert names["Qwen/Qwen2-VL-7B-Instruct"].endswith("; needs torchvision")
     assert sum(says.startswith("the paper's ") for says in names.values()) == 4
 
 

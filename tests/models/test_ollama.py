@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 from aiohttp import web
 
+import banks
+from eyechart.api import run_battery
 from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
 from eyechart.frames import Stimulus, encode
@@ -72,6 +74,56 @@ def test_the_request_is_as_the_api_has_it(server: StandIn) -> None:
         ],
         "options": {"num_predict": 77, "temperature": 0.5, "seed": 5},
     }
+
+
+def test_a_model_of_this_machine_is_unloaded_when_it_is_closed(server: StandIn) -> None:
+    """Once, and only where it was asked; one that is to be kept alive stays, and the next may need its memory."""
+    ask(server)
+    assert server.events == ["ask llava", "unload llava"]
+    mode = RequestMode("ollama:llava", base_url=f"http://127.0.0.1:{server.port}")
+    model = open_model(mode.spec, mode)
+
+    async def close_twice_and_ask_again() -> None:
+        await model.close()
+        await model.answer(QUERY)
+        await model.close()
+        await model.close()
+
+    asyncio.run(close_twice_and_ask_again())
+    assert server.events[2:] == ["ask llava", "unload llava"]
+    server.events.clear()
+    ask(server, options={"keep_alive": "10m"})
+    ask(server, body={"keep_alive": -1})
+    assert server.events == ["ask llava", "ask llava"]
+
+
+def test_a_server_of_another_machine_keeps_its_models(server: StandIn, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Others may be asking it."""
+    monkeypatch.setattr(ollama, "machine_of", lambda _: "box")
+    ask(server)
+    assert server.events == ["ask llava"]
+
+
+def test_a_server_that_does_not_unload_holds_nobody_up(server: StandIn, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is given some time, and then left alone."""
+    monkeypatch.setattr(ollama, "_UNLOADING_S", 0.2)
+    server.hangs = True
+    began = time.monotonic()
+    assert ask(server).error is None
+    assert time.monotonic() - began < 5
+
+
+def test_two_models_of_a_server_are_asked_one_after_another(
+    server: StandIn, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Through a run: the first is unloaded before the second is asked for anything; their sizes are said."""
+    folder = tmp_path_factory.mktemp("turns")
+    bank = banks.build_bank(folder / "bank", scenarios=["light", "dense"], episodes=1)
+    at = {"base_url": f"http://127.0.0.1:{server.port}", "probe": False, "conditions": ("real", "blank")}
+    report = run_battery(bank, ["ollama:llava", "ollama:qwen3-vl:8b"], folder / "run", **at)  # type: ignore[arg-type]
+    order = [one for place, one in enumerate(server.events) if one != ([None, *server.events])[place]]
+    assert order == ["ask llava", "unload llava", "ask qwen3-vl:8b", "unload qwen3-vl:8b"]
+    assert {one["weights_gb"] for one in report.score.manifest.facts.values()} == {"7e-09"}
 
 
 def test_several_cameras_are_sent_in_their_order(server: StandIn) -> None:

@@ -1,6 +1,6 @@
 """The tree of commands."""
 
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperGroup
@@ -9,6 +9,9 @@ from eyechart import __version__
 from eyechart.cli import bundle, demo, drive, elsewhere, frames, guardian, probe, run, score
 from eyechart.cli.options import Json
 from eyechart.cli.terminal import print_json, print_line, resumable
+
+if TYPE_CHECKING:
+    from eyechart.modes import RequestMode
 
 
 class Commands(TyperGroup):
@@ -29,7 +32,7 @@ app = typer.Typer(
     add_completion=False,
     epilog="Start with 'eyechart demo'. Bad input prints one line and exits 2; --debug shows where it arose.",
 )
-listing = typer.Typer(help="List models, conditions, prompts and simulators.", no_args_is_help=True)
+listing = typer.Typer(help="List models, modes, conditions, prompts and simulators.", no_args_is_help=True)
 
 
 def _show(rows: dict[str, str], *, json: bool) -> None:
@@ -47,6 +50,32 @@ def models(json: Json = False) -> None:
     from eyechart.models import known_models
 
     _show(known_models(), json=json)
+
+
+@listing.command()
+def modes(
+    name: Annotated[str | None, typer.Argument(help="One of them, to be written as a file: > mode.toml.")] = None,
+    json: Json = False,
+) -> None:
+    """List the request modes of the paper's hosted and structured models, or write one; none was ever tried."""
+    from eyechart.errors import SpecError, meant
+    from eyechart.models import PAPER, known_modes
+
+    known = known_modes()
+    if name is not None and name not in known:
+        raise SpecError(f"no request mode '{name}';{meant(name, known)} see 'eyechart list modes'")
+    if json:
+        print_json({one: mode.as_dict() for one, mode in known.items() if name in (None, one)})
+    elif name is not None:
+        print_line((PAPER / f"{name}.toml").read_text(encoding="utf-8").rstrip("\n"))
+    else:
+        _show({one: _mode_words(mode) for one, mode in known.items()}, json=False)
+
+
+def _mode_words(mode: "RequestMode") -> str:
+    asked = f"{mode.max_tokens} tokens, {mode.structured}, temperature {mode.temperature:g}"
+    thinks = "" if "think" not in mode.options else f", think {str(mode.options['think']).lower()}"
+    return f"the paper's {mode.about['paper']} ({mode.about['arm']} arm): {mode.spec}, {asked}{thinks}; untested"
 
 
 @listing.command()

@@ -10,13 +10,12 @@ import typer
 
 from eyechart.cli import options
 from eyechart.cli.probe import plan_probed, say_aside, tell_empty, tell_none
-from eyechart.cli.run import View, bound, live_page, moved, watched_progress
+from eyechart.cli.run import View, bound, in_turns, live_page, moved, watched_progress
 from eyechart.cli.terminal import patience, print_each, print_json, processors, progress, resumable, say
 
 if TYPE_CHECKING:
     from eyechart.episodes import Bounds, Episodes, Row
     from eyechart.limits import Outcome, Spent
-    from eyechart.models.prices import Prices
     from eyechart.modes import RequestMode
     from eyechart.studies.probed import Allowed
 
@@ -99,10 +98,10 @@ def closed_loop(
     allowed = spending.allowed(out, dry_run=dry_run)
     planned, failed = plan_drives(policy or (), mode, how, allowed, out, planned_for)
     say(_planned(planned))
-    say_expected(planned, allowed.prices, concurrency)
+    say_expected(planned, allowed, concurrency)
     if dry_run:
         return
-    bounds = study.Bounds(processes=processes or processors(), concurrency=concurrency)
+    bounds = study.Bounds(processes=processes or processors(), concurrency=concurrency, sequential=spending.sequential)
     outcome = drive(planned, bounds, allowed, engine=engine)
     keys = set(planned.keys)
     driven = {one.key: one for one in study.read_episodes(out) if one.key in keys}
@@ -173,14 +172,14 @@ def hierarchy(
     )
     for name, part in planned.items():
         say(f"{name}: {len(part.keys)} episodes in {part.manifest.simulator}, {len(part.left())} to drive")
-        say_expected(part, allowed.prices, concurrency, "  ")
+        say_expected(part, allowed, concurrency, "  ")
     if dry_run:
         return
     with live_page(out, "episodes of this part", allowed) as also:
         outcome = run(
             planned,
             allowed.prices,
-            bounds=study.Bounds(processes=processes, concurrency=concurrency),
+            bounds=study.Bounds(processes=processes, concurrency=concurrency, sequential=spending.sequential),
             calls=spending.max_calls,
             cost_usd=spending.max_cost,
             watch=partial(moved, unit="episodes", also=also, kept=KEPT),
@@ -239,12 +238,13 @@ def online(
     say(f"{len(drives.keys)} episodes in worlds that pass the checks, {left} to drive")
     for line in bound(list(drives.manifest.modes.values())):
         say(line)
-    say_expected(drives, allowed.prices, concurrency)
+    say_expected(drives, allowed, concurrency)
     if dry_run:
         return
     limits = drives.manifest.within(allowed.prices, calls=spending.max_calls, cost_usd=spending.max_cost)
+    bounds = closed_loop.Bounds(concurrency=concurrency, limits=limits, sequential=spending.sequential)
     with watched_progress("episodes", "episodes", out, allowed, KEPT) as move:
-        outcome = study.run(planned, bounds=closed_loop.Bounds(concurrency=concurrency, limits=limits), progress=move)
+        outcome = study.run(planned, bounds=bounds, progress=move)
     tell_left({"": drives}, outcome, unprobed)
     if failed := sum(one.errors for one in study.score(out).driven.values()):
         say(f"{failed} episodes ended in an error; they count in nothing")
@@ -302,12 +302,13 @@ def ladder(
     allowed = spending.allowed(out, dry_run=dry_run)
     planned, failed = plan_drives(policy or (), mode, how, allowed, out, planned_for, alone=False)
     say(f"{len(planned.keys)} episodes, {len(planned.keys) - len(planned.left())} driven already")
-    say_expected(planned, allowed.prices, concurrency)
+    say_expected(planned, allowed, concurrency)
     if dry_run:
         return
     outcome = Outcome({})
     if planned.left():
-        outcome = drive(planned, Bounds(processes=processes, concurrency=concurrency), allowed)
+        bounds = Bounds(processes=processes, concurrency=concurrency, sequential=spending.sequential)
+        outcome = drive(planned, bounds, allowed)
     if planned.unfinished():
         tell_left({"": planned}, outcome, failed)
     scored = score(out, against_policy=against)
@@ -430,18 +431,22 @@ def drive(planned: "Episodes", bounds: "Bounds", allowed: "Allowed", *, engine: 
         return study.run(planned, engine=engine, bounds=replace(bounds, limits=limits), progress=move)
 
 
-def say_expected(planned: "Episodes", prices: "Prices", concurrency: int, margin: str = "") -> None:
-    """Say what the models' calls that are still to be made are expected to take, or why nobody can say."""
+def say_expected(planned: "Episodes", allowed: "Allowed", concurrency: int, margin: str = "") -> None:
+    """Say what the models' calls that are still to be made are expected to take, or why nobody can say.
+
+    Also which of the models drive one after another, and what their weights take of memory.
+    """
     from eyechart import episodes as study
     from eyechart.errors import DriveError
 
     try:
-        estimates = study.expected(planned, prices, concurrency=concurrency)
+        estimates = study.expected(planned, allowed.prices, concurrency=concurrency)
     except DriveError as error:
         say(f"{margin}cannot estimate what the models' calls take: {error}")
-        return
-    for one in estimates:
-        say(f"{margin}{one.words}")
+        estimates = ()
+    turns = in_turns(planned.manifest, planned.drivers.models, estimates, allowed.sequential)
+    for line in (*(one.words for one in estimates), *turns):
+        say(f"{margin}{line}")
 
 
 def tell_left(parts: "Mapping[str, Episodes]", outcome: "Outcome", failed: Mapping[str, str]) -> None:

@@ -17,7 +17,10 @@ if TYPE_CHECKING:
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 PriceFile = Annotated[Path | None, typer.Option(help="FILE.toml of prices; it comes before the table.")]
-Mode = Annotated[list[Path] | None, typer.Option(help="FILE.toml: a model's request mode; it names its model.")]
+Mode = Annotated[
+    list[Path] | None,
+    typer.Option(help="A model's request mode, which names its model: FILE.toml, or a name of 'eyechart list modes'."),
+]
 Model = Annotated[list[str] | None, typer.Option(help="A model's SPEC; give it again for more models.")]
 Frames = Annotated[Path, typer.Option(help="Folder of the frame bank.")]
 Out = Annotated[Path, typer.Option(help="Folder of the run; the same one resumes it.")]
@@ -70,6 +73,15 @@ class Spending:
     watch: Annotated[
         bool, typer.Option("--watch", help="Serve a page on this machine that shows the run while it goes on.")
     ] = False
+    sequential: Annotated[
+        bool | None,
+        typer.Option(
+            "--sequential/--together",
+            help="Ask models one after another, each closed before the next is opened, or all at once. Default: those "
+            "of one machine (hf:, ollama:) one after another.",
+            show_default=False,
+        ),
+    ] = None
 
     def allowed(self, out: Path, *, dry_run: bool, shard: str | None = None) -> "Allowed":
         """Return what a command allows before its run, with the file's table of prices before that of the package.
@@ -90,6 +102,7 @@ class Spending:
             shard,
             self.moved,
             self.watch,
+            self.sequential,
         )
 
 
@@ -163,13 +176,17 @@ def read_modes(specs: Sequence[str] | None, files: Sequence[Path] | None, given:
 
     Raises SpecError where two files are of one model, or options are given that no model is left for.
     """
+    from eyechart.cli.terminal import say
     from eyechart.errors import SpecError
-    from eyechart.modes import RequestMode, read_mode
+    from eyechart.models import find_mode
+    from eyechart.modes import RequestMode
     from eyechart.studies.probed import Asked
 
     by_file: dict[str, RequestMode] = {}
     for file in files or ():
-        mode = read_mode(file)
+        mode = find_mode(file)
+        if mode.about.get("tested") == "no" and mode.measured is None:
+            say(f"note: the mode {file} of {mode.spec} was never tried; 'eyechart probe {file}' tries it")
         if mode.spec in by_file:
             raise SpecError(f"{file}: there is another --mode of '{mode.spec}'")
         by_file[mode.spec] = mode

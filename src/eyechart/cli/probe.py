@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from eyechart.probe import Found, ProbeError, Sample
     from eyechart.studies.probed import Allowed, Asked, Probing
 
-_Spec = Annotated[str, typer.Argument(help="A model's SPEC, or FILE.toml of its request mode.")]
+_Spec = Annotated[
+    str, typer.Argument(help="A model's SPEC, or its request mode: FILE.toml, or a name of 'eyechart list modes'.")
+]
 _Seed = Annotated[int | None, typer.Option(min=0, help="Seed of the pictures; default: drawn anew, and printed.")]
 _MaxCost = Annotated[float | None, typer.Option(min=0, help="Stop at so many US dollars.")]
 
@@ -132,7 +134,9 @@ def _doctor_policy(spec: str, frames: Path, *, json: bool) -> NoReturn:
 
 def _mode(spec: str, given: Mapping[str, object]) -> "RequestMode":
     """Return the mode of a SPEC with the options, or that of a file, which takes none."""
-    if spec.endswith(".toml"):
+    from eyechart.models import known_modes
+
+    if spec.endswith(".toml") or spec in known_modes():
         return read_modes(None, [Path(spec)], given).modes[0]
     return mode_of(spec, given)
 

@@ -1,6 +1,6 @@
 """``eyechart run`` makes calls about the frames of a bank and only appends; ``eyechart merge`` joins shards."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +13,9 @@ from eyechart.cli.probe import plan_probed, say_aside, tell_empty, tell_none
 from eyechart.cli.terminal import progress, resumable, say
 
 if TYPE_CHECKING:
+    from eyechart.costs import CostEstimate
     from eyechart.limits import Outcome, Spent
+    from eyechart.manifest import Manifest
     from eyechart.modes import RequestMode
     from eyechart.studies.battery import Battery
     from eyechart.studies.probed import Allowed, Asked
@@ -24,6 +26,8 @@ app = typer.Typer(help="Run a study: make its calls and append them to a ledger.
 View = Annotated[
     str | None, typer.Option(help="calibrated or none; default: calibrated where the pictures have such a view.")
 ]
+_WORTH_SAYING_GB = 0.1
+"""Smaller weights fit everywhere."""
 
 
 @app.command(
@@ -165,6 +169,9 @@ def prompts(
     )
     for line in planned.expected(allowed.prices, concurrency=concurrency):
         say(line)
+    first = next(iter(planned.cells.values()))
+    for line in in_turns(first.manifest, first.plan.models, (), allowed.sequential):
+        say(line)
     if dry_run:
         return
     with watched_progress("calls", "calls", out, allowed) as move:
@@ -176,6 +183,7 @@ def prompts(
             prices=allowed.prices,
             progress=move,
             again=again,
+            sequential=allowed.sequential,
         )
     calls, finished, _ = planned.counts()
     _tell(outcome, failed, calls - finished)
@@ -324,13 +332,21 @@ def _make_calls(
     planned, failed = plan_probed(probing, asked, allowed)
     early = planned.manifest.stop_early
     expected = study.expected(planned, allowed.prices, concurrency=concurrency)
-    for line in (*lines(planned), *(one.words for one in expected), *(_before(planned) if early else ())):
+    turns = in_turns(planned.manifest, planned.plan.models, expected, allowed.sequential)
+    for line in (*lines(planned), *(one.words for one in expected), *turns, *(_before(planned) if early else ())):
         say(line)
     if allowed.dry_run:
         return
     limits = planned.manifest.within(allowed.prices, calls=allowed.max_calls, cost_usd=allowed.max_cost)
     with watched_progress("calls", "calls", out, allowed) as move:
-        outcome = study.run(planned, concurrency=concurrency, limits=limits, progress=move, again=again)
+        outcome = study.run(
+            planned,
+            concurrency=concurrency,
+            limits=limits,
+            progress=move,
+            again=again,
+            sequential=allowed.sequential,
+        )
     for line in _after(planned) if early else ():
         say(line)
     _tell(outcome, failed, planned.left())
@@ -428,6 +444,48 @@ def _controls(planned: "Battery") -> list[str]:
         return ["controls: none in a shard, which lacks the answers that call for them; the merged run, resumed, asks"]
     more = sum(planned.more_by_model().values())
     return [f"controls: up to {more} calls more, of models whose answers claim what these could take away"][: more > 0]
+
+
+def in_turns(
+    manifest: "Manifest", models: "Iterable[str]", expected: "Sequence[CostEstimate]", sequential: bool | None
+) -> list[str]:
+    """Say which models are asked one after another, how long that takes, and what weights need of this memory."""
+    from eyechart.costs import duration
+    from eyechart.models import turns_of
+
+    lines, seconds = [], {one.model: one.seconds for one in expected}
+    turns = turns_of(map(manifest.mode, models), sequential=sequential)
+    for turn in turns:
+        if len(turn) > 1:
+            known = [seconds.get(spec) for spec in turn]
+            took = sum(one for one in known if one is not None)
+            time = f", about {duration(took)} in all" if took and None not in known else ""
+            lines.append(
+                f"one after another, each closed before the next is opened{time}: {', '.join(turn)}; --together asks "
+                "them at once"
+            )
+    return lines + _weights(manifest, turns)
+
+
+def _weights(manifest: "Manifest", turns: "Sequence[Sequence[str]]") -> list[str]:
+    """Say what the weights that this machine holds at one time take, where models tell what theirs do."""
+    from eyechart.models import HERE, MEMORY_GB, WEIGHTS_GB, machine_of, memory_here_gb
+
+    facts = {spec: one for spec, one in manifest.facts.items() if machine_of(manifest.mode(spec)) == HERE}
+    needed = {spec: float(one[WEIGHTS_GB]) for spec, one in facts.items() if WEIGHTS_GB in one}
+    asked = [[spec for spec in turn if spec in needed] for turn in turns]
+    once = sum(max((needed[spec] for spec in turn), default=0.0) for turn in asked)
+    if once < _WORTH_SAYING_GB:
+        return []
+    each = ", ".join(f"{spec} {needed[spec]:.3g} GB" for turn in asked for spec in turn)
+    there = min(
+        (float(facts[spec][MEMORY_GB]) for spec in needed if MEMORY_GB in facts[spec]), default=memory_here_gb()
+    )
+    of = "" if there is None else f" of {there:.3g} GB"
+    lines = [f"memory: at most {once:.3g} GB{of} for weights at once, and what answering takes on top ({each})"]
+    if there is not None and once > there >= max(needed.values()):
+        lines.append("warning: these weights do not fit together: ask the models with --sequential")
+    return lines
 
 
 def bound(modes: "Sequence[RequestMode]") -> list[str]:

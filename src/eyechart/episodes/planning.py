@@ -37,7 +37,7 @@ from eyechart.manifest import (
     today,
     versions,
 )
-from eyechart.models import open_model
+from eyechart.models import open_model, turns_of
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
 from eyechart.perception.forward import distances_of
@@ -231,7 +231,9 @@ def run(
         keep, ledger = _keeper(planned, len(left), progress), None
         if any(key.policy in planned.drivers.models for key in left):
             ledger = opened.enter_context(Ledger(planned.out / LEDGER, create=True))
-        return drive(left, planned.drivers, open_worker, keep, ledger=ledger, bounds=bounds)
+        turns = turns_of(map(planned.manifest.mode, planned.drivers.models), sequential=bounds.sequential)
+        drivers = replace(planned.drivers, turns=turns)
+        return drive(left, drivers, open_worker, keep, ledger=ledger, bounds=bounds)
 
 
 def keep_probes(planned: Episodes, probes: Mapping[str, Spent]) -> None:

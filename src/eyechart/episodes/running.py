@@ -34,7 +34,8 @@ class Drivers:
 
     Models are asked with ``prompt``, about ``space``, and shown pictures through ``view`` where there is one; ``seed``
     is the run's, and ``answers`` the space of their replies. ``silent`` are the kinds of failure at which
-    the fail-safe is executed; every other one that may pass leaves the episode unfinished.
+    the fail-safe is executed; every other one that may pass leaves the episode unfinished. Models of one of the
+    ``turns`` drive one after another, each closed before the next is asked; without turns all do at once.
     """
 
     policies: Mapping[str, Policy]
@@ -45,6 +46,7 @@ class Drivers:
     answers: AnySpace
     view: View | None = None
     silent: frozenset[str] = frozenset()
+    turns: tuple[tuple[str, ...], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,13 +54,15 @@ class Bounds:
     """How much at once, and at most.
 
     ``processes`` hold the worlds, ``concurrency`` episodes of a model are under way, a call is tried ``attempts``
-    times, and ``limits`` end the run.
+    times, and ``limits`` end the run. ``sequential`` lets models drive one after another, each closed before the next
+    is asked; by default those of one machine.
     """
 
     processes: int = 1
     concurrency: int = 8
     attempts: int = 5
     limits: Limits | None = None
+    sequential: bool | None = None
 
 
 USUAL = Bounds()
@@ -198,17 +202,27 @@ class _Coordinator:
                     queue = iter(own)
                     for slot in self.slots:
                         group.create_task(self._policies(queue, slot))
-                    for spec, keys in asked.items():
-                        self.paces[spec] = Pace(bounds.concurrency)
-                        waiting = iter(keys)
-                        for _ in range(min(bounds.concurrency, len(keys))):
-                            group.create_task(self._model(waiting))
+                    for turn in self.drivers.turns or [(spec,) for spec in models]:
+                        group.create_task(self._take_turn(turn, asked, bounds.concurrency))
             finally:
                 for slot in self.slots:
                     slot.worker.close()
                 for model in models.values():
                     await close(model)
         return Outcome({}) if budget is None else Outcome(dict(budget.set_aside), budget.stopped, budget.uncounted)
+
+    async def _take_turn(
+        self, turn: Sequence[str], asked: Mapping[str, Sequence[EpisodeKey]], concurrency: int
+    ) -> None:
+        """Let models drive one after another, and let each go before the next is asked."""
+        for spec in turn:
+            self.paces[spec] = Pace(concurrency)
+            waiting = iter(asked[spec])
+            async with asyncio.TaskGroup() as group:
+                for _ in range(min(concurrency, len(asked[spec]))):
+                    group.create_task(self._model(waiting))
+            if spec != turn[-1]:
+                await close(self.drivers.models[spec])
 
     async def _policies(self, queue: Iterator[EpisodeKey], slot: _Slot) -> None:
         """Let one worker drive one episode after another, none of whose steps comes here."""

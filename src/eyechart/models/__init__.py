@@ -1,16 +1,19 @@
 """Models that answer queries: one module an adapter, one door for all."""
 
 import asyncio
+import os
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from importlib import import_module
 from operator import attrgetter
+from pathlib import Path
 from typing import Any, Protocol
+from urllib.parse import urlsplit
 
 from eyechart.calls import Query, Reply, bounded, misfit
 from eyechart.errors import SpecError, meant
-from eyechart.modes import RequestMode, each_without_secrets, without_secrets
+from eyechart.modes import RequestMode, each_without_secrets, read_mode, without_secrets
 
 
 class Model(Protocol):
@@ -55,6 +58,16 @@ Each module has ``open_model(name, mode) -> Model``, which makes no inference an
 """
 
 
+PAPER = Path(__file__).parent / "paper"
+"""Request modes of the paper's hosted and structured models, as files; none was ever tried."""
+
+HERE = "this machine"
+LOCAL = ("hf", "ollama")
+"""Adapters whose models stand in the memory of one machine: this one, or that of the mode's ``base_url``."""
+
+WEIGHTS_GB, MEMORY_GB = "weights_gb", "memory_gb"
+"""Facts of a model: what its weights alone take, and what there is where they are loaded, in 10^9 bytes."""
+
 POLICIES: dict[str, str] = {
     "python": "eyechart.models.policy_callable",
     "trained": "eyechart.models.trained",
@@ -79,6 +92,39 @@ def open_model(spec: str, mode: RequestMode | None = None, *, answering: str = "
         raise SpecError(f"the mode of '{mode.spec}' is not one of '{spec}'")
     model: Model = import_module(adapters[adapter]).open_model(name, mode or RequestMode(spec))
     return model
+
+
+def machine_of(mode: RequestMode) -> str:
+    """Return the machine in whose memory a model stands, as a name; "" where that is not known to matter."""
+    if mode.spec.partition(":")[0] not in LOCAL:
+        return ""
+    if not mode.base_url:
+        return HERE
+    from eyechart.models.http import is_loopback  # noqa: PLC0415 - it needs a client of HTTP
+
+    return HERE if is_loopback(mode.base_url) else str(urlsplit(mode.base_url).hostname)
+
+
+def memory_here_gb() -> float | None:
+    """Return this machine's memory in 10^9 bytes, that of no GPU; None where the system does not tell."""
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
+    except (AttributeError, ValueError, OSError):  # not on Windows
+        return None
+
+
+def turns_of(modes: Iterable[RequestMode], *, sequential: bool | None = None) -> tuple[tuple[str, ...], ...]:
+    """Return the models in turns: those of one turn are asked one after another, each closed before the next is.
+
+    Different turns go on side by side. By default the models of one machine share a turn, and every other one has its
+    own; ``sequential`` puts all into one turn, or none beside another.
+    """
+    turns: dict[object, tuple[str, ...]] = {}
+    for mode in modes:
+        machine = machine_of(mode) if sequential is None else HERE if sequential else ""
+        turn = machine or (mode.spec,)
+        turns[turn] = (*turns.get(turn, ()), mode.spec)
+    return tuple(turns.values())
 
 
 async def ask(model: Model, query: Query) -> Reply:
@@ -121,6 +167,30 @@ def known_models(adapters: Mapping[str, str] = ADAPTERS) -> dict[str, str]:
         for adapter, module in adapters.items()
         for name, says in import_module(module).names().items()
     }
+
+
+def known_modes() -> dict[str, RequestMode]:
+    """Return the request modes that come with eyechart, by the names that ``--mode`` takes."""
+    return {file.stem: read_mode(file) for file in sorted(PAPER.glob("*.toml"))}
+
+
+def find_mode(given: Path) -> RequestMode:
+    """Return the request mode of a file, or of a name of `known_modes`.
+
+    Raises SpecError where there is neither, or where a mode that comes with eyechart names no server to ask.
+    """
+    if given.suffix == ".toml" or given.exists():
+        return read_mode(given)
+    name, modes = str(given), known_modes()
+    if name not in modes:
+        raise SpecError(f"no request mode '{name}';{meant(name, modes)} give FILE.toml, or see 'eyechart list modes'")
+    mode = modes[name]
+    if mode.spec.startswith("openai:") and not mode.base_url:
+        raise SpecError(
+            f"the mode '{name}' names no server, because the paper names none: write it down with 'eyechart list modes "
+            f"{name} > mode.toml', put base_url and the server's name for the model into it, and give --mode mode.toml"
+        )
+    return mode
 
 
 def require_options(mode: RequestMode, known: Mapping[str, str]) -> None:

@@ -3,7 +3,9 @@
 What answers is known by its digest. Source: Ollama's API, docs/api.md.
 """
 
+import asyncio
 import base64
+import contextlib
 import hashlib
 import http.client
 import re
@@ -18,7 +20,7 @@ import orjson
 
 from eyechart.calls import Query, Reply, concluded
 from eyechart.errors import SpecError
-from eyechart.models import require_options
+from eyechart.models import HERE, WEIGHTS_GB, machine_of, require_options
 from eyechart.models.energy import metered
 from eyechart.models.http import (
     MOST_BYTES,
@@ -35,12 +37,13 @@ from eyechart.modes import RequestMode
 BASE_URL = "http://127.0.0.1:11434"
 OPTIONS = {
     "think": "true, false, or low, medium, high: whether a model that can think does so",
-    "keep_alive": "how long the model stays loaded after a call, as 10m; -1 for ever",
+    "keep_alive": "how long the model stays loaded after a call, as 10m; -1 for ever; default: till its run is over",
     "num_ctx": "tokens of context",
     "energy": "true measures this machine's energy during a call, for a server that runs here",
 }
 
 _ASKING_S = 10.0
+_UNLOADING_S = 3.0
 _SEEDS = 2**31
 _LOST = re.compile(r"\bmodel\b.*\bnot found\b", re.IGNORECASE | re.DOTALL)
 
@@ -54,9 +57,11 @@ class Ollama:
     endpoint: Endpoint
     version: str
     facts: Mapping[str, str]
+    loaded: bool = False
 
     async def answer(self, query: Query) -> Reply:
         """Ask once. A failure is a Reply with its kind."""
+        self.loaded = True
         payload = orjson.dumps(_asked(self.name, query.said_by(self.mode.system), self.mode))
         call = self._send(payload)
         return await metered(call) if self.mode.options.get("energy") else await call
@@ -69,7 +74,17 @@ class Ollama:
         return self.endpoint.scrubbed(reply)
 
     async def close(self) -> None:
-        """Close the session; the server unloads the model by itself."""
+        """Close the session; a server of this machine lets go of a model that it was asked for, before that.
+
+        It stays where the mode says how long (``keep_alive``), or where the server is another machine's.
+        """
+        stays = "keep_alive" in self.mode.options or "keep_alive" in self.mode.body
+        if self.loaded and not stays and machine_of(self.mode) == HERE:
+            payload = orjson.dumps({"model": self.name, "keep_alive": 0})
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(_UNLOADING_S):
+                    await self.endpoint.post("/api/generate", payload)
+        self.loaded = False
         await self.endpoint.close()
 
 
@@ -207,6 +222,9 @@ def _facts(name: str, tags: Mapping[str, object], shown: Mapping[str, object]) -
         "template_sha256": hashlib.sha256(template.encode()).hexdigest() if template else "",
         "parameters": _text(shown, "parameters"),
     }
+    stored = mine.get("size")
+    if isinstance(stored, int) and stored > 0:
+        facts[WEIGHTS_GB] = f"{stored / 1e9:.3g}"
     able = shown.get("capabilities")
     if isinstance(able, list) and "vision" not in able:
         facts["warning"] = f"'{name}' takes no pictures: its capabilities are {', '.join(map(str, able))}"

@@ -45,7 +45,8 @@ class Asked:
 class Allowed:
     """What is allowed before a run: whether to probe at all, the limits of the whole run, and whether it may move.
 
-    ``watch`` says whether a page shows the run while it goes on.
+    ``watch`` says whether a page shows the run while it goes on, ``sequential`` whether models are asked one after
+    another (`eyechart.models.turns_of`).
     """
 
     prices: Prices
@@ -56,6 +57,7 @@ class Allowed:
     shard: str | None = None
     moved: bool = False
     watch: bool = False
+    sequential: bool | None = None
 
     def require_room(self, unprobed: Sequence[str], made: Spent) -> None:
         """Raise SpecError where a run cannot probe: its limit is too small, or its shards would not ask alike."""

@@ -148,11 +148,13 @@ def run(
     prices: Prices | None = None,
     progress: Progress | None = None,
     again: bool = False,
+    sequential: bool | None = None,
 ) -> Outcome:
     """Make the calls that are left, cell after cell; a cut study is resumed by running it again.
 
     With ``again``, those of each cell that ended in a failure of the road are made once more before its others.
-    ``calls`` and ``cost_usd`` bound the requests and the cost of all cells together, those of earlier days included.
+    ``calls`` and ``cost_usd`` bound the requests and the cost of all cells together, those of earlier days included;
+    ``sequential`` is that of `battery.run`.
     Returns how it ended: what was set aside in any cell, and the limit that stopped it, if one did.
     """
     table = prices or read_prices()
@@ -172,7 +174,8 @@ def run(
             calls=None if calls is None else max(0, calls - spent.calls),
             cost_usd=None if cost_usd is None else max(0.0, cost_usd - spent.cost_usd),
         )
-        outcome = battery.run(cell, concurrency=concurrency, limits=limits, progress=move, again=again)
+        how: dict[str, Any] = {"concurrency": concurrency, "again": again, "sequential": sequential}
+        outcome = battery.run(cell, limits=limits, progress=move, **how)
         uncounted += outcome.uncounted
         set_aside |= {f"{spec} in {name}": why for spec, why in outcome.set_aside.items()}
         if outcome.stopped is not None and cell.left():

@@ -9,22 +9,23 @@ from pathlib import Path
 from typing import Any
 
 from eyechart.errors import SpecError
-from eyechart.models.huggingface import organisms
+from eyechart.models import MEMORY_GB, WEIGHTS_GB
+from eyechart.models.huggingface import loading, organisms
+from eyechart.models.huggingface.loading import Loading, Weights, choose_loading, memory_gb, weigh, weights_by_type
 from eyechart.modes import RequestMode
 
 OPTIONS = {
-    "device": "cpu, cuda, cuda:1, mps; default: a GPU where there is one",
-    "dtype": "float32, float16, bfloat16; default: float32 on a CPU, the checkpoint's own elsewhere",
+    **loading.OPTIONS,
     "revision": "a branch, tag or commit of the Hub; it is resolved to a commit, default main",
     "trust_remote_code": "true runs code from the checkpoint's repository: read it first",
     "batch": "how many queries one generate may answer, default 32",
 }
-_DTYPES = ("float32", "float16", "bfloat16")
 _BATCH = 32
 _COMMIT = re.compile(r"[0-9a-f]{40}")
 _HUB_ID = re.compile(r"[\w.-]+(/[\w.-]+)?")
 _HUB_SECONDS = 15
 _CHUNK = 1 << 20
+_LACKS = re.compile(r"requires the (\w+) library but it was not found")
 _IMAGE_TOKENS = ("image_token", "boi_token")
 """Where Transformers' processors keep the token that a template writes for a picture."""
 _PRINTED = re.compile(r"""['"]type['"]\s*:\s*['"]image['"]""")
@@ -46,21 +47,36 @@ class Checkpoint:
     commit: str | None
     version: str
     processor: Processor
-    device: str
-    dtype: str
+    loading: Loading
     trust: bool
     batch: int
     facts: dict[str, str]
 
 
 def list_edge() -> dict[str, str]:
-    """Return the paper's edge models by Hub id, with what to know of each."""
-    table = tomllib.loads((Path(__file__).parent / "edge.toml").read_text(encoding="utf-8"))
+    """Return the paper's edge models by Hub id, with what to know of each: size, memory of its weights, licence."""
     return {
-        name: f"the paper's {facts['paper']}: {facts['parameters']} billion parameters, {facts['memory_gb']} GB in "
-        f"float16, licence {facts['license']}" + (f"; needs {', '.join(facts['needs'])}" if facts.get("needs") else "")
-        for name, facts in table.items()
+        name: f"the paper's {facts['paper']}: {facts['parameters'] / 1e9:.2f} billion parameters, whose weights take "
+        f"{_sizes(Weights(facts['parameters'], 2 * facts['parameters'], facts['linear']))}; licence {facts['license']}"
+        + (f"; needs {', '.join(facts['needs'])}" if facts.get("needs") else "")
+        for name, facts in edge_models().items()
     }
+
+
+def edge_models() -> dict[str, Any]:
+    """Return the table of the paper's edge models."""
+    return tomllib.loads((Path(__file__).parent / "edge.toml").read_text(encoding="utf-8"))
+
+
+def _sizes(weights: Weights) -> str:
+    """Return what weights take of memory in each precision, in words."""
+    ways = {
+        "GB in float32": Loading("cpu", "float32"),
+        "in float16": Loading("cuda", "float16"),
+        "in 8 bits": Loading("cuda", "float16", bits=8),
+        "in 4 bits": Loading("cuda", "float16", bits=4),
+    }
+    return ", ".join(f"{how.gigabytes(weights):.1f} {words}" for words, how in ways.items())
 
 
 def find(name: str, mode: RequestMode) -> Checkpoint:
@@ -71,31 +87,48 @@ def find(name: str, mode: RequestMode) -> Checkpoint:
     batch = options.get("batch", _BATCH)
     if not isinstance(trust, bool) or not isinstance(batch, int) or isinstance(batch, bool) or batch < 1:
         raise SpecError(f"'{mode.spec}': trust_remote_code is true or false, and batch a whole number of at least 1")
-    place, commit = _locate(name, str(options.get("revision", "main")))
+    place, commit, weights = _locate(name, str(options.get("revision", "main")))
     processor = _open_processor(place, commit, trust=trust)
     template = _require_image_slot(processor, mode.spec)
-    device = _choose_device(str(options.get("device", "auto")), mode.spec)
-    dtype = _choose_dtype(str(options.get("dtype", "auto")), device, mode.spec)
+    how = choose_loading(mode, _open_config(place, commit, trust=trust))
     facts = {
-        "device": device,
-        "dtype": dtype,
+        **how.facts(),
         "template": hashlib.sha256(template.encode()).hexdigest()[:12],
         "torch": version("torch"),
         "transformers": version("transformers"),
         **({"revision": commit} if commit else {}),
         **({"remote_code": "trusted"} if trust else {}),
+        **_memory(how, weights),
     }
+    answers = commit or f"sha256:{digest(Path(place))[:16]}"
     return Checkpoint(
         place=place,
         commit=commit,
-        version=commit or f"sha256:{digest(Path(place))[:16]}",
+        version=" ".join(filter(None, (answers, how.precision))),
         processor=processor,
-        device=device,
-        dtype=dtype,
+        loading=how,
         trust=trust,
         batch=batch,
         facts=facts,
     )
+
+
+def _memory(how: Loading, weights: Weights | None) -> dict[str, str]:
+    """Return what the weights take and what there is, in 10^9 bytes, with a warning where they do not fit."""
+    if weights is None:
+        return {}
+    found = {"parameters": str(weights.parameters)}
+    needed, there = how.gigabytes(weights), memory_gb(how)
+    if needed is not None:
+        found[WEIGHTS_GB] = f"{needed:.3g}"
+    if there is not None:
+        found[MEMORY_GB] = f"{there:.3g}"
+    if needed is not None and there is not None and needed > there:
+        found["warning"] = (
+            f"its weights alone take {needed:.1f} GB as {how.precision or how.dtype}, and there are {there:.1f} GB: "
+            "load it smaller with --option dtype=bfloat16 or bits=4, or spread it with device_map=auto"
+        )
+    return found
 
 
 def require_library() -> None:
@@ -123,28 +156,34 @@ def digest(folder: Path) -> str:
     return whole.hexdigest()
 
 
-def _locate(name: str, revision: str) -> tuple[str, str | None]:
-    """Return the folder, or the Hub id with the commit that its revision stands for."""
+def _locate(name: str, revision: str) -> tuple[str, str | None, Weights | None]:
+    """Return the folder, or the Hub id with the commit that its revision stands for, and what is known of its size."""
     kind, colon, organism = name.partition(":")
     if colon and kind == "organism":
-        return str(organisms.folder(organism)), None
+        there = organisms.folder(organism)
+        return str(there), None, weigh(there)
     folder = Path(name).expanduser()
     if folder.is_dir():
         if not (folder / "config.json").is_file():
             raise SpecError(f"the folder {folder} holds no config.json, so it is no Transformers checkpoint")
-        return str(folder.resolve()), None
+        return str(folder.resolve()), None, weigh(folder)
     if not _HUB_ID.fullmatch(name):
         raise SpecError(f"'hf:{name}' is neither a folder here nor a Hub id such as OWNER/NAME")
-    return name, revision if _COMMIT.fullmatch(revision) else _pin(name, revision)
+    if _COMMIT.fullmatch(revision):
+        return name, revision, None
+    return name, *_pin(name, revision)
 
 
-def _pin(name: str, revision: str) -> str:
-    """Return the commit that a revision stands for: the Hub's word, or, where it is out of reach, the cache's."""
+def _pin(name: str, revision: str) -> tuple[str, Weights | None]:
+    """Return the commit that a revision stands for: the Hub's word, or, where it is out of reach, the cache's.
+
+    Beside it what is known of the weights: the Hub's count by type, or that of the cached files.
+    """
     from huggingface_hub import HfApi, snapshot_download  # noqa: PLC0415  (an extra)
     from huggingface_hub.errors import GatedRepoError, RepositoryNotFoundError, RevisionNotFoundError  # noqa: PLC0415
 
     try:
-        commit = HfApi().model_info(name, revision=revision, timeout=_HUB_SECONDS).sha
+        found = HfApi().model_info(name, revision=revision, timeout=_HUB_SECONDS)
     except GatedRepoError as error:
         raise SpecError(f"'{name}' is gated: ask for access on the Hub, then set HF_TOKEN") from error
     except RevisionNotFoundError as error:
@@ -153,13 +192,25 @@ def _pin(name: str, revision: str) -> str:
         raise SpecError(f"no model '{name}' on the Hub, and no folder of that name here") from error
     except Exception as error:  # noqa: BLE001 - the Hub is out of reach in many ways
         try:
-            return Path(snapshot_download(name, revision=revision, local_files_only=True)).name
+            cached = Path(snapshot_download(name, revision=revision, local_files_only=True))
         except Exception:  # noqa: BLE001 - whatever the cache lacks, the reason above is the one to tell
             what = type(error).__name__
             raise SpecError(f"the Hub cannot be reached ({what}) and '{name}' is not in the cache") from error
-    if not commit:
+        return cached.name, weigh(cached)
+    if not found.sha:
         raise SpecError(f"the Hub names no commit for '{name}' at revision '{revision}'")
-    return str(commit)
+    return str(found.sha), weights_by_type(found.safetensors.parameters) if found.safetensors else None
+
+
+def _open_config(place: str, commit: str | None, *, trust: bool) -> dict[str, Any]:
+    from transformers import AutoConfig  # noqa: PLC0415  (an extra)
+
+    try:
+        config = AutoConfig.from_pretrained(place, revision=commit or "main", trust_remote_code=trust)
+    except (OSError, ValueError, ImportError, KeyError) as error:
+        raise SpecError(f"the configuration of '{place}' cannot be opened: {first_line(error)}") from error
+    found: dict[str, Any] = config.to_dict()
+    return found
 
 
 def _open_processor(place: str, commit: str | None, *, trust: bool) -> Processor:
@@ -171,6 +222,8 @@ def _open_processor(place: str, commit: str | None, *, trust: bool) -> Processor
         line = first_line(error)
         if "trust_remote_code" in str(error):
             line = "it needs code from its repository: read that code, then give the option trust_remote_code=true"
+        elif isinstance(error, ImportError) and (lacks := _LACKS.search(str(error))):
+            line = f"it needs {lacks[1].lower()}: pip install {lacks[1].lower()}"
         raise SpecError(f"the processor of '{place}' cannot be opened: {line}") from error
 
 
@@ -218,26 +271,3 @@ def _has_slot(processor: Processor, seen: str, unseen: str) -> bool:
     if tokens:
         return any(seen.count(token) > unseen.count(token) for token in tokens)
     return seen != unseen and not _PRINTED.search(seen)
-
-
-def _choose_device(wanted: str, spec: str) -> str:
-    import torch  # noqa: PLC0415  (an extra)
-
-    if wanted == "auto":
-        if torch.cuda.is_available():
-            return "cuda"
-        return "mps" if torch.backends.mps.is_available() else "cpu"
-    try:
-        torch.empty(0, device=wanted)
-    except Exception as error:
-        raise SpecError(f"'{spec}': device '{wanted}' is not to be had here: {first_line(error)}") from error
-    return wanted
-
-
-def _choose_dtype(wanted: str, device: str, spec: str) -> str:
-    """Return a name of torch's, or ``auto`` for the checkpoint's own."""
-    if wanted == "auto":
-        return "float32" if device == "cpu" else "auto"
-    if wanted not in _DTYPES:
-        raise SpecError(f"'{spec}': dtype is one of {', '.join(_DTYPES)}, not '{wanted}'")
-    return wanted

@@ -1,5 +1,6 @@
 """A batch of queries becomes one call of ``generate``, and every row of what it returns a Reply."""
 
+import gc
 import time
 from collections.abc import Sequence
 from copy import deepcopy
@@ -68,26 +69,28 @@ class Speaker:
             return self._answer(queries, inputs)
 
     def forget(self) -> None:
-        """Let the weights go."""
+        """Let the weights go: also those that only a cycle holds, as the hooks of accelerate make them."""
         import torch  # noqa: PLC0415  (an extra)
 
         self._model = self._broken = None
+        gc.collect()
         if torch.cuda.is_available():
             torch.cuda.empty_cache()
 
     def _load(self) -> None:
         from transformers import AutoModelForImageTextToText  # noqa: PLC0415  (an extra)
 
-        checkpoint = self._checkpoint
+        checkpoint, how = self._checkpoint, self._checkpoint.loading
         try:
             model = AutoModelForImageTextToText.from_pretrained(
                 checkpoint.place,
                 revision=checkpoint.commit or "main",
-                dtype=checkpoint.dtype,
+                dtype=how.dtype,
                 trust_remote_code=checkpoint.trust,
                 use_safetensors=True,
+                **(placed := how.arguments()),
             )
-            self._model = model.to(checkpoint.device).eval()
+            self._model = (model if placed else model.to(how.device)).eval()
         except Exception as error:  # noqa: BLE001 - likewise of a checkpoint
             detail = f"the weights of '{checkpoint.place}' cannot be loaded: {first_line(error)}"
             self._broken = Reply(error="missing_model", error_detail=detail)

@@ -39,7 +39,7 @@ from eyechart.manifest import (
     versions,
     write_run,
 )
-from eyechart.models import Model, Opened, open_model
+from eyechart.models import Model, Opened, open_model, turns_of
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
 from eyechart.perception.view import View, through
@@ -436,13 +436,16 @@ def writing(out: Path, manifest: RunManifest, bank: FrameBank) -> Iterator[tuple
             yield manifest, ledger
 
 
-def run(battery: Battery, *, again: bool = False, **how: Unpack[Calling]) -> Outcome:
+def run(battery: Battery, *, again: bool = False, sequential: bool | None = None, **how: Unpack[Calling]) -> Outcome:
     """Make the calls of a planned battery that its ledger does not hold yet, and return how that ended.
 
-    With ``again``, those that ended in a failure of the road are made once more before.
+    With ``again``, those that ended in a failure of the road are made once more before. ``sequential`` says whether
+    models are asked one after another, each closed before the next is asked; by default those of one machine are.
 
     Raises LedgerError where another process is writing to the same run, or the ledger cannot be written.
     """
+    turns = turns_of(map(battery.manifest.mode, battery.plan.models), sequential=sequential)
+    battery = replace(battery, plan=replace(battery.plan, turns=turns))
     with writing(battery.out, battery.manifest, battery.plan.bank) as (manifest, ledger):
         if again and (first := ask_again(battery.plan, battery.models, ledger, **how)).stopped is not None:
             return first
