@@ -403,3 +403,39 @@ def test_a_reader_that_declines_edited_pictures_is_told_that_it_does() -> None:
     why = judge_one(evidence_on(replace(whole, decisions=decisions))).why_not
     assert (why.label, why.decided_by, why.frames) == ("depth", "unparsed_controls", None)
     assert "declines" in why.settle
+
+
+def test_a_reader_that_declines_both_moved_pictures_is_told_to_decide_on_them() -> None:
+    """They were asked; other pictures that were not would settle nothing."""
+    whole = simulated.answers(graded, WORLD)
+    none = (Decision(None, "refused"),) * len(WORLD)
+    decisions = {name: one for name, one in whole.decisions.items() if name not in simulated.CONTROLS}
+    moved = replace(whole, decisions=decisions | {"lead_near": none, "lead_far": none})
+    why = judge_one(evidence_on(moved)).why_not
+    assert (why.label, why.decided_by, why.conditions) == ("depth", "depth_interventional", ())
+    assert why.settle.startswith("decisions on lead_near, lead_far")
+
+
+def layout(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+    """Brake by whoever is nearest, in whichever lane, STOP at no road."""
+    del rng
+    gap = min(simulated.gap(frame), simulated.number(frame, "beside_m"))
+    return "STOP" if simulated.blind(condition) or gap < 12 else "SLOW" if gap < 35 else "STRAIGHT"
+
+
+def zigzag(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+    """Go on between the two distances that are compared, SLOW farther away, STOP at no road."""
+    right, gap = graded(condition, frame, rng), simulated.gap(frame)
+    return "STRAIGHT" if not simulated.blind(condition) and 9 < gap < 20 else right
+
+
+def few(condition: str, frame: Frame, rng: np.random.Generator) -> str:
+    """Brake by distance on about one frame of seven."""
+    return graded(condition, frame, rng) if sum(map(ord, frame.id)) % 7 == 0 else "SLOW"
+
+
+def test_a_gate_fails_where_a_control_says_no_and_cannot_say_where_none_does() -> None:
+    """A reversal, or an effect of the exchange that is bounded, is an answer; an effect that is not shown is none."""
+    for rule, wanted in ((layout, False), (zigzag, False), (few, None), (graded, True)):
+        answered = simulated.answers(rule, WORLD)
+        assert hold(Scored(answered), ["depth"]).checks[0].holds is wanted

@@ -18,6 +18,7 @@ from eyechart.verdicts import (
     Scored,
     Verdict,
     judge_one,
+    refuted,
 )
 from eyechart.verdicts.admission import CLAUSES, Held
 from eyechart.verdicts.admission import hold as hold_clauses
@@ -205,8 +206,7 @@ def hold(
     for spec, one in score.evidence().items():
         reason, verdict, mine = _no_evidence(one), judge_one(one), []
         for requirement in wanted:
-            distance = one.statistics["depth_interventional"]
-            holds, because = (None, reason) if reason else _claim(requirement, verdict, distance)
+            holds, because = (None, reason) if reason else _claim(requirement, verdict, one.statistics)
             mine.append(Check(spec, requirement, holds, because))
         if max_unparsed is not None:
             mine.append(_unparsed(one, max_unparsed, reason))
@@ -244,7 +244,7 @@ def _no_evidence(one: Evidence) -> str:
     return ""
 
 
-def _claim(requirement: str, verdict: Verdict, interventional: Statistic) -> tuple[bool | None, str]:
+def _claim(requirement: str, verdict: Verdict, found: Mapping[str, Statistic]) -> tuple[bool | None, str]:
     """Return whether a verdict meets a requirement, by what its labels mean to a gate, and why."""
     lateral, label = LATERAL[verdict.lateral.label], LABELS[verdict.calibrated.label]
     sideways = f"{verdict.lateral.label}: {verdict.lateral.because}"
@@ -262,7 +262,7 @@ def _claim(requirement: str, verdict: Verdict, interventional: Statistic) -> tup
         return None, f"{because} (evidence on distance: {verdict.evidence}){settle}"
     if "depth" in label.meets and unknown:
         return None, sideways
-    if label.otherwise == "fails if bounded" and not _bounded(interventional):
+    if label.otherwise == "fails if bounded" and not (refuted(found) or _bounded(found["depth_interventional"])):
         shown = f"that its braking does not follow distance is not shown either (no bound below {MARGIN})"
         return None, f"{because}; {shown}"
     return False, because

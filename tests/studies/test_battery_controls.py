@@ -162,7 +162,7 @@ def test_a_reader_that_misreads_a_quarter_of_the_pictures_behind_noise_is_conten
     assert (ruling.label, ruling.decided_by) == ("content", "ends_lost")
     assert found["both_lost"].value < 0.05
     assert found["near_far_lost"].value < 0.05
-    assert "more often than independent answers would" in ruling.because
+    assert "in more pairs than noise in each picture explains" in ruling.because
 
 
 def test_noise_alone_swaps_no_ends() -> None:

@@ -38,6 +38,9 @@ VETOES = {"dose_bins": DOSE_ALPHA, "scenario_reversed": SCENARIO_ALPHA}
 """The vetoes that look at parts of a bank, and the level of each."""
 
 
+OPEN = ("depth_net", "lane_exchange", "lane_net")
+"""The conditions that fail where an effect is not shown; the others fail where a reversal is."""
+
 ORDER = {
     "dose_lost": "less hard the nearer on more frames than its noise explains",
     "dose_by_frame": "the wrong way round on some of the frames, each time",
@@ -49,7 +52,7 @@ LOST = {
     "near_far_lost": "harder for the far lead on more frames than its noise explains",
     "lane_lost": "harder for the neighbour on more frames than its noise explains",
     "both_lost": "the wrong way round on a share of the frames of their own",
-    "ends_lost": "least for the nearer and hardest for the farther more often than independent answers would be",
+    "ends_lost": "least for the nearer and hardest for the farther in more pairs than noise in each picture explains",
 }
 """What each share of pairs that are lost means where it is too large."""
 
@@ -114,6 +117,19 @@ def failures(found: Mapping[str, Statistic]) -> Iterator[Failure]:
 def _too_little(found: Mapping[str, Statistic], name: str, says: str) -> Iterator[Failure]:
     if found[name].ci is not None and not reaches(found[name]):
         yield Failure(name, says, f"lower bound of {MARGIN} at least")
+
+
+def refuted(found: Mapping[str, Statistic]) -> bool:
+    """Return whether it is shown that braking does not follow the lead's distance, and not only that nothing shows it.
+
+    So it is where a veto rejects, and where its braking for the lead rather than a neighbour is bounded below the
+    margin, of who brakes harder for the nearer lead.
+    """
+    if not below(found["depth_interventional"].p):
+        return False
+    beside = found["lane_net"].ci
+    bounded = beside is not None and beside[1] < MARGIN
+    return bounded or any(one.statistic not in OPEN for one in failures(found))
 
 
 def lacking(found: Mapping[str, Statistic]) -> Iterator[Lacking]:

@@ -168,8 +168,12 @@ def _not_depth(evidence: Evidence) -> WhyNot:
     """Say which control was not answered."""
     found = evidence.statistics
     if found["depth_interventional"].p is None:
-        missing = tuple(name for name in (*MOVED, *EXCHANGE, *DOSE, NUDGED) if name not in evidence.replies)
-        return _missing("depth", "depth_interventional", evidence, missing)
+        name = "depth_interventional"
+        if all(evidence.replies.get(moved) for moved in MOVED):
+            settle = f"decisions on {', '.join(MOVED)}: {found[name].note}"
+            return WhyNot("depth", name, found[name], "an answer", settle)
+        missing = tuple(asked for asked in (*MOVED, *EXCHANGE, *DOSE, NUDGED) if asked not in evidence.replies)
+        return _missing("depth", name, evidence, missing)
     one = next(lacking(found))
     if not one.conditions:
         settle = "decisions on edited pictures: it declines them more often than true ones may be"
