@@ -20,7 +20,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c const
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-diffusion long-serve long-endpoints long-replies long-faults long-fuzz long-watch long-page mutants clean
+.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-diffusion long-serve long-endpoints long-inspect long-replies long-faults long-fuzz long-watch long-page mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -46,6 +46,7 @@ help:
 	@echo "make long-page   the page of 20 models on 288 frames under 15 conditions: its size, and the time to open it in Chromium"
 	@echo "make long-serve   a served guardian under hostile load, against the table of classes of replies"
 	@echo "make long-endpoints  doctor, probe, battery and verdict on every way of serving (LITELLM=, TRANSFORMERS=, LLAMA=, URL=)"
+	@echo "make long-inspect a battery under Inspect AI, and one asked by hand from a table, against the native run, by statistic"
 	@echo "make long-policies  the rules on policies, in simulated settings that were fixed before"
 	@echo "make long-policy-draws  the trained policies again: other draws, other episodes, other numbers of threads"
 	@echo "make long-lerobot   a data set by LeRobot's own writer, from import to gate: verdicts, time and memory"
@@ -173,6 +174,10 @@ long-fuzz: $(CORE)
 long-endpoints: $(CORE)
 	$(BIN)/python benchmarks/every_server.py --litellm "$(LITELLM)" --transformers "$(TRANSFORMERS)" --llama "$(LLAMA)" --url "$(URL)"
 
+long-inspect: $(MODELS) $(INSPECT)/.done
+	$(INSPECT)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps .
+	$(BIN)/python benchmarks/inspect_battery.py --inspect $(INSPECT)/bin/inspect
+
 long-serve: $(CORE)
 	$(BIN)/python benchmarks/hostile_serve.py
 
@@ -230,7 +235,7 @@ $(MUTANTS): $(DEV)
 	$(PIP) -e '.[dev,mutants]'
 	@touch $@
 
-# What the benchmark of calls compares with has requirements of its own, which the versions above do not meet.
+# What the benchmarks of calls and of Inspect compare with has requirements of its own, which the versions above do not meet.
 $(INSPECT)/.done: $(VENV)/bin/python
 	$(PYTHON) -m venv $(INSPECT)
 	$(INSPECT)/bin/python -m pip install --quiet --disable-pip-version-check inspect-ai==0.3.285 openai==3.54.0

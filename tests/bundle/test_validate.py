@@ -8,6 +8,7 @@ import sqlite3
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,7 @@ from eyechart.bundle.contents import Derived, derive
 from eyechart.cli.app import app
 from eyechart.errors import BundleError
 from eyechart.frames import BankManifest, encode, open_unchecked
-from eyechart.manifest import read_run
+from eyechart.manifest import read_manifest, read_run
 from eyechart.prompts import Prompt
 from report_runs import make_run
 
@@ -218,6 +219,17 @@ def test_another_wording_is_not_what_was_asked(changed: Try) -> None:
         path.write_text(json.dumps(raw | {"prompt": prompt.as_dict()}))
 
     assert "under text_only: printed" in said(changed(change))
+
+
+def test_another_word_of_who_was_asked_is_named(changed: Try) -> None:
+    """The manifest says it, and no figure rests on it."""
+
+    def change(folder: Path) -> None:
+        path = folder / "run" / "run.json"
+        held = read_manifest(folder / "run")
+        path.write_text(replace(held, facts={MODEL: {"endpoint": "https://models.example/v1"}}).as_text())
+
+    assert f"results.json, runs, run, facts, {MODEL}: printed 'nothing', recomputed" in said(changed(change))
 
 
 def _result(path: list[str], value: object) -> Change:

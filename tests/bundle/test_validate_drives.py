@@ -166,6 +166,10 @@ def _end(lines: list[dict[str, Any]]) -> None:
     lines[0]["state_sha256"] = ("1" if digest[0] == "0" else "0") + digest[1:]
 
 
+def _bound(lines: list[dict[str, Any]]) -> None:
+    lines[1]["max_steps"] += 1
+
+
 def _edit(name: str, pattern: str, new: str) -> Change:
     def change(folder: Path) -> None:
         text, count = re.subn(pattern, new, (folder / name).read_text(), count=1)
@@ -227,6 +231,10 @@ TEN: dict[str, tuple[Change, str]] = {
     "a price": (
         _results(lambda raw: raw["prices"][MODEL].update(input=3.0)),
         rf"^results\.json, prices, {MODEL}, input: printed '3\.0', recomputed '0\.0'$",
+    ),
+    "the bound of an episode": (
+        _record(_bound),
+        r"^results\.json, episodes_sha256, run, oracle: printed '\w+', recomputed '\w+'$",
     ),
     "a manifest field": (
         _manifest(max_steps=999),

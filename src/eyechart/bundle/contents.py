@@ -36,10 +36,14 @@ DECISIONS = f"{TABLES}decisions.csv"
 """Every decision of a battery, from which anybody can count anew: docs/bundles.md."""
 RUN_FOLDER = "run"
 SOURCE = "source/"
+ALONE = "run"
+"""What a run is called in the results that is the only one."""
+_SINCE = {"runs", "episodes_sha256"}
+"""What results hold that those of an older eyechart do not."""
 _HOW = """This is a bundle of eyechart: a run, and what follows from it.
 
 run/            what was asked and answered: run.json, ledger.sqlite, the bank's manifest and the pictures used
-results.json    every statistic and verdict
+results.json    every statistic and verdict, and what the run says of itself
 report.html     the same for people, in any browser
 tables/         the same as CSV, Markdown and LaTeX; of a battery every decision, in decisions.csv
 bundle.json     how the results were made, and a digest of every file
@@ -120,6 +124,7 @@ def derive(
     results: dict[str, object] = {
         "score": score.as_dict(),
         **({"verdicts": verdicts} if verdicts else {}),
+        "runs": {ALONE: json.loads(manifest.as_text())},
         "replies_sha256": {spec: digests(run / LEDGER, spec) for spec in score.models},
     }
     tables = {f"{TABLES}{name}": content for name, content in files_of(made.tables).items()}
@@ -133,6 +138,11 @@ def derive(
         "calls": sum(one.answered for one in models),
     }
     return Derived(json.loads(files[RESULTS]), files, counted)
+
+
+def said_since(printed: Mapping[str, object], derived: Mapping[str, object]) -> dict[str, object]:
+    """Return what follows from a run without what an older eyechart did not print."""
+    return {name: value for name, value in derived.items() if name in printed or name not in _SINCE}
 
 
 def digests(ledger_path: Path, spec: str) -> dict[str, str]:

@@ -1,5 +1,6 @@
 """Drives, and studies of several runs, in a bundle: what is copied of each run, and what follows from all of them."""
 
+import hashlib
 import json
 import re
 import shutil
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import eyechart
 from eyechart.bundle.contents import (
+    ALONE,
     README,
     REPORT,
     RESULTS,
@@ -20,7 +22,7 @@ from eyechart.bundle.contents import (
     as_json,
     digests,
 )
-from eyechart.episodes import ACTION_MAP, EPISODES
+from eyechart.episodes import ACTION_MAP, EPISODES, read_episodes
 from eyechart.ledger import Ledger
 from eyechart.manifest import BESIDE, LEDGER, RUN
 from eyechart.models.prices import read_prices
@@ -34,8 +36,6 @@ OF_DRIVES = (RUN, EPISODES, LEDGER, ACTION_MAP, *BESIDE)
 _CONTROLLERS = ("policies", "simulators", "mpc.py", "spaces/scene.py")
 """Where the source stands that drives and is driven, in the package."""
 _PLAIN_NAME = re.compile(r"[\w.-]{1,100}")
-_ALONE = "run"
-"""What a run is called in the results that is the only one."""
 _HOW = """This is a bundle of eyechart: drives, or a study of several runs, and what follows from them.
 
 run/            what was driven, asked and answered: run.json, episodes.jsonl, ledger.sqlite; a folder a run
@@ -89,11 +89,12 @@ def derive_parts(folder: Path, recipe: Recipe, tell: Tell = lambda _: None) -> D
     prices = read_prices()
     with _called(folder, recipe.name) as named:
         score, made = study.whole(named, reading, tell)
-        runs = {name or _ALONE: run for name, run in study.runs(named).items()}
+        runs = {name or ALONE: run for name, run in study.runs(named).items()}
         manifests = {name: study.manifest(run) for name, run in runs.items()}
         results: dict[str, object] = {
             "score": score.as_dict(),
             "runs": {name: run_json(run) for name, run in runs.items()},
+            "episodes_sha256": {name: _episodes(run) for name, run in runs.items() if (run / EPISODES).is_file()},
             "took": study.took(named, prices).as_dict(),
             "prices": {spec: plain(prices.of(one.mode(spec))) for one in manifests.values() for spec in one.models},
             "replies_sha256": {
@@ -106,6 +107,14 @@ def derive_parts(folder: Path, recipe: Recipe, tell: Tell = lambda _: None) -> D
     tables = {f"{TABLES}{name}": content for name, content in files_of(made.tables).items()}
     files = {RESULTS: as_json(results), REPORT: made.page.html, README: _HOW.encode(), **tables}
     return Derived(json.loads(files[RESULTS]), {**files, **(sources() if drives else {})}, {"runs": len(runs)})
+
+
+def _episodes(run: Path) -> dict[str, str]:
+    """Return a digest of all that a run holds of its episodes, by policy: also of what no drive tells, as a bound."""
+    found: dict[str, hashlib._Hash] = {}
+    for one in read_episodes(run):
+        found.setdefault(one.key.policy, hashlib.sha256()).update(one.as_line().encode("utf-8", "backslashreplace"))
+    return {policy: digest.hexdigest() for policy, digest in sorted(found.items())}
 
 
 @contextmanager

@@ -23,6 +23,7 @@ from eyechart.bundle.contents import (
     derive,
     digest_of,
     drawn_with,
+    said_since,
 )
 from eyechart.bundle.drives import Again, Found, check_drives, require_bounded_drives
 from eyechart.bundle.pages import Strictness, compare_pages
@@ -263,10 +264,11 @@ def _compare_elsewhere(folder: Path, made: str, derived: Derived, found: Validat
             what = "the controllers' source" if name.startswith(SOURCE) else name
             found.uncompared.extend([what] if what not in found.uncompared else [])
     printed, rounding = _read_results(folder), Rounding.of(derived.results)
+    follows = said_since(printed, derived.results)
     for replies, into in ((True, found.differences), (False, found.otherwise)):
         one, other = (
             {name: value for name, value in values.items() if (name == "replies_sha256") == replies}
-            for values in (printed, derived.results)
+            for values in (printed, follows)
         )
         into.extend(compare_values(one, other, rounding, _result_name))
     if found.otherwise:
