@@ -94,6 +94,15 @@ def test_a_stream_that_is_not_whole_is_no_answer(pieces: list[bytes], error: str
     assert says in reply.error_detail
 
 
+def test_another_end_than_a_normal_one_is_not_taken_back() -> None:
+    """Nor is a refusal that comes as a part of the content."""
+    ended = [event(content="SLOW"), event(finish="content_filter"), event(finish="stop"), DONE]
+    assert asked(ended).finish_reason == "content_filter"
+    assert asked([event(content="SLOW"), event(finish="stop"), event(finish="error"), DONE]).finish_reason == "error"
+    refused = asked([event(content=[{"type": "refusal", "refusal": "I can't."}]), event(finish="stop"), DONE])
+    assert (refused.text, refused.finish_reason) == ("I can't.", "refusal")
+
+
 def test_a_stream_needs_one_sign_of_its_end() -> None:
     """Some servers send no reason, others no last mark."""
     assert asked([event(content="SLOW"), event(finish="stop")]).text == "SLOW"

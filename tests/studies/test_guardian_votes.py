@@ -3,6 +3,7 @@
 import asyncio
 import json
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import get_args
@@ -25,7 +26,7 @@ from eyechart.prompts import PROMPTS, SCENE, close_m_of, scene_prompt
 from eyechart.spaces.scene import HIGHWAY, SCENES, Estimate
 from eyechart.studies import guardian as study
 from eyechart.studies.guardian.voting import LEAD_IN, Unvoted
-from reply_classes import CLOSE_M, OBJECTS, ROWS, Row
+from reply_classes import CLOSE_M, OBJECTS, ROWS
 
 GAPS = st.none() | st.floats(min_value=0.0, max_value=1000.0)
 ESTIMATES = st.builds(Estimate, GAPS, st.booleans(), st.booleans(), st.booleans(), st.floats(0.0, 1.0))
@@ -46,16 +47,15 @@ def test_the_table_has_every_reason_and_both_votes() -> None:
     assert sum(row.expected == "clear" for row in ROWS) >= 20
 
 
-def test_every_class_of_reply_has_the_outcome_that_was_written_before(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Read by the adapter from a server over HTTP, as a member of a guardian is."""
-    monkeypatch.delenv("OPENAI_API_KEY", raising=False)
-    current: list[Row] = []
+def outcomes(bodies: Sequence[object]) -> list[str]:
+    """Return what replies with these bodies count for, read by the adapter from a server over HTTP."""
+    left = iter(bodies)
 
     async def answer(request: web.Request) -> web.Response:
         await request.read()
-        return web.json_response({"model": "m", "choices": [current[0].choice]})
+        return web.json_response(next(left))
 
-    async def ask() -> dict[str, str]:
+    async def ask() -> list[str]:
         app = web.Application()
         app.router.add_post("/v1/chat/completions", answer)
         runner = web.AppRunner(app, access_log=None)
@@ -63,15 +63,54 @@ def test_every_class_of_reply_has_the_outcome_that_was_written_before(monkeypatc
         await web.TCPSite(runner, "127.0.0.1", 0).start()
         url = f"http://127.0.0.1:{runner.addresses[0][1]}/v1"
         model = open_model("openai:m", RequestMode("openai:m", base_url=url, timeout_s=20.0))
-        query, found = Query("", "what is there?", Stimulus.of(encode(draw(8.0, 3))), 1), {}
-        for row in ROWS:
-            current[:] = [row]
-            found[row.name] = outcome(await model.answer(query))
+        query = Query("", "what is there?", Stimulus.of(encode(draw(8.0, 3))), 1)
+        found = [outcome(await model.answer(query)) for _ in bodies]
         await model.close()
         await runner.cleanup()
         return found
 
-    assert asyncio.run(ask()) == {row.name: row.expected for row in ROWS}
+    return asyncio.run(ask())
+
+
+def test_every_class_of_reply_has_the_outcome_that_was_written_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read by the adapter from a server over HTTP, as a member of a guardian is."""
+    monkeypatch.delenv("OPENAI_API_KEY", raising=False)
+    found = outcomes([{"model": "m", "choices": [row.choice]} for row in ROWS])
+    assert dict(zip((row.name for row in ROWS), found, strict=True)) == {row.name: row.expected for row in ROWS}
+
+
+def said(*contents: object, ended: object = "stop", **more: object) -> dict[str, object]:
+    """Return the body of a reply with a choice a content."""
+    messages = [{"role": "assistant", "content": content, **more} for content in contents]
+    return {"model": "m", "choices": [{"message": one, "finish_reason": ended} for one in messages]}
+
+
+CLEAR, NEAR = OBJECTS["@clear"], OBJECTS["@hazard"]
+TEXT = {"type": "text", "text": CLEAR}
+ODD = {
+    "an estimate in parts": (said([TEXT]), "clear"),
+    "two choices that say the same": (said(CLEAR, CLEAR), "clear"),
+    "an end that is an object": (said(CLEAR, ended={"type": "error"}), "abstain: ended"),
+    "an end that is a number": (said(CLEAR, ended=3), "abstain: ended"),
+    "an end that is false": (said(CLEAR, ended=False), "abstain: ended"),
+    "an end that is a list": (said(CLEAR, ended=["stop"]), "abstain: ended"),
+    "an end that is an empty object": (said(CLEAR, ended={}), "abstain: ended"),
+    "a refusal that is an object": (said(CLEAR, refusal={"reason": "policy"}), "abstain: refused"),
+    "a refusal that is true": (said(CLEAR, refusal=True), "abstain: refused"),
+    "a refusal in parts": (said(CLEAR, refusal=[{"type": "text", "text": "I can't."}]), "abstain: refused"),
+    "a part that refuses": (said([TEXT, {"type": "refusal", "refusal": "I can't."}]), "abstain: refused"),
+    "a part that refuses without a word": (said([{"type": "refusal"}, TEXT]), "abstain: refused"),
+    "a second choice that says otherwise": (said(CLEAR, NEAR), "abstain: ended"),
+    "a second choice that says otherwise, near first": (said(NEAR, CLEAR), "abstain: ended"),
+}
+"""Bodies that no API describes, and what each counts for: what speaks against an estimate does so in any form."""
+
+
+def test_what_speaks_against_an_estimate_does_so_in_any_form(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A finish reason or a refusal that is no text is one; choices that differ are no answer."""
+    monkeypatch.delenv("OPENAI_API_KEY", raising=False)
+    found = outcomes([body for body, _ in ODD.values()])
+    assert dict(zip(ODD, found, strict=True)) == {name: expected for name, (_, expected) in ODD.items()}
 
 
 @given(ESTIMATES, st.sampled_from(["stop", None]))

@@ -278,6 +278,13 @@ def count_of(value: object) -> int | None:
     return value if isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 2**53 else None
 
 
+def end_of(value: object) -> str | None:
+    """Return how a server says that a reply ended; what is no text is told as its JSON, and is no normal end."""
+    if isinstance(value, str) or value is None:
+        return value or None
+    return words_of(value) or "nothing that can be read"
+
+
 def number_of(value: object) -> float | None:
     """Return a number of at least 0 that a server reports, or None where it is none."""
     if isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= sys.float_info.max:

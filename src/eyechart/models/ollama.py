@@ -27,6 +27,7 @@ from eyechart.models.http import (
     Endpoint,
     Response,
     count_of,
+    end_of,
     error_message,
     is_loopback,
     read_json,
@@ -276,6 +277,7 @@ def _read(came: Response, name: str) -> Reply:
     """Read the stream of JSON objects, one a line; the last one has ``done`` and the counts."""
     text: list[str] = []
     reasoning: list[str] = []
+    called = False
     for line in came.body.splitlines():
         try:
             part = read_json(line)
@@ -291,15 +293,16 @@ def _read(came: Response, name: str) -> Reply:
         if isinstance(message, dict):
             text.append(_text(message, "content"))
             reasoning.append(_text(message, "thinking"))
+            called = called or bool(message.get("tool_calls"))
         if part.get("done") is True:
-            return came.reply(_reply(part, "".join(text), "".join(reasoning)))
+            return came.reply(_reply(part, "".join(text), "".join(reasoning), called=called))
     return came.failure("cut_short", f"the stream ended after {len(came.body)} bytes, before it was done")
 
 
-def _reply(last: Mapping[str, object], text: str, reasoning: str) -> Reply:
+def _reply(last: Mapping[str, object], text: str, reasoning: str, *, called: bool) -> Reply:
     return Reply(
         text=text,
-        finish_reason=_text(last, "done_reason") or None,
+        finish_reason="tool_calls" if called else end_of(last.get("done_reason")),
         prompt_tokens=count_of(last.get("prompt_eval_count")),
         completion_tokens=count_of(last.get("eval_count")),
         reasoning=reasoning,

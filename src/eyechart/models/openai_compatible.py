@@ -22,12 +22,13 @@ from eyechart.models.http import (
     Endpoint,
     Response,
     count_of,
+    end_of,
     is_loopback,
     number_of,
     read_json,
     words_of,
 )
-from eyechart.models.streaming import first_words_s, gather, is_stream, text_of
+from eyechart.models.streaming import first_words_s, gather, is_stream, refusal_of, text_of
 from eyechart.modes import TOKEN_FIELDS, RequestMode
 
 BASE_URL = "https://api.openai.com/v1"
@@ -234,17 +235,17 @@ def _failed(came: Response, error: object) -> Reply:
 
 
 def _reply(body: dict[str, object], choice: dict[str, object], message: dict[str, object]) -> Reply:
-    text, finish = text_of(message.get("content")), _line(choice.get("finish_reason"))
-    refusal = text_of(message.get("refusal"))
+    text, finish = text_of(message.get("content")), end_of(choice.get("finish_reason"))
+    refusal = refusal_of(message)
     if finish not in {"length", "content_filter"}:  # what stands beside the text says more than that it ended
-        finish = "refusal" if refusal.strip() else "tool_calls" if _calls(message) else finish
+        finish = "refusal" if refusal is not None else _beside(body, message) or finish
     usage = body.get("usage")
     usage = usage if isinstance(usage, dict) else {}
     details = usage.get("completion_tokens_details")
     fingerprint = _line(body.get("system_fingerprint"))
     served = _line(body.get("model"))
     return Reply(
-        text=text or refusal,
+        text=text or refusal or "",
         finish_reason=finish,
         prompt_tokens=count_of(usage.get("prompt_tokens")),
         completion_tokens=count_of(usage.get("completion_tokens")),
@@ -255,6 +256,16 @@ def _reply(body: dict[str, object], choice: dict[str, object], message: dict[str
         system_fingerprint=fingerprint,
         cost_usd=number_of(usage.get("cost")),
     )
+
+
+def _beside(body: dict[str, object], message: dict[str, object]) -> str | None:
+    """Return what a reply holds beside its text that speaks against it, as a finish reason; None where nothing does."""
+    if _calls(message):
+        return "tool_calls"
+    choices = body.get("choices")
+    messages = [one.get("message") for one in choices if isinstance(one, dict)] if isinstance(choices, list) else []
+    said = {text_of(one.get("content")) for one in messages if isinstance(one, dict)}
+    return "several_choices" if len(said) > 1 else None
 
 
 def _calls(message: dict[str, object]) -> bool:

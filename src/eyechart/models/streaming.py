@@ -1,6 +1,6 @@
 """Server-sent events of a chat completion, put together as what the same server would have said at once."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from eyechart.models.http import Response, read_json
@@ -10,6 +10,7 @@ _WORDS = ("content", "reasoning_content", "reasoning", "refusal")
 _CALLS = ("tool_calls", "function_call")
 _END = b"[DONE]"
 _TYPE = "text/event-stream"
+_REFUSED = "(refused without a word)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +72,19 @@ def text_of(content: object) -> str:
     return content if isinstance(content, str) else ""
 
 
+def refusal_of(message: Mapping[str, object]) -> str | None:
+    """Return the words with which a message refuses, in its field or a part of its content; None where it does not."""
+    said, parts = message.get("refusal"), message.get("content")
+    refused = [one.get("refusal") for one in parts if _is_refusal(one)] if isinstance(parts, list) else []
+    if said and (not isinstance(said, str) or said.strip()):
+        refused.append(text_of(said))
+    return "".join(one for one in refused if isinstance(one, str)) if refused else None
+
+
+def _is_refusal(part: object) -> bool:
+    return isinstance(part, dict) and part.get("type") == "refusal"
+
+
 def _add(event: dict[str, object], words: dict[str, list[str]], choice: dict[str, object]) -> bool:
     """Add an event's first choice to what came before; return whether it holds words."""
     choices = event.get("choices")
@@ -79,9 +93,13 @@ def _add(event: dict[str, object], words: dict[str, list[str]], choice: dict[str
         return False
     delta = mine.get("delta") or mine.get("message")
     said = {name: text_of(delta.get(name)) for name in _WORDS} if isinstance(delta, dict) else {}
+    if isinstance(delta, dict) and (refused := refusal_of(delta)) is not None:
+        said["refusal"] = refused or _REFUSED
     for name, text in said.items():
         words.setdefault(name, []).append(text)
-    choice |= {name: mine[name] for name in ("finish_reason", "error") if mine.get(name)}
+    choice |= {name: mine[name] for name in ("error",) if mine.get(name)}
+    if mine.get("finish_reason") and choice.get("finish_reason", "stop") == "stop":  # another end is not taken back
+        choice["finish_reason"] = mine["finish_reason"]
     choice |= {name: delta[name] for name in _CALLS if isinstance(delta, dict) and delta.get(name)}
     return any(said.values())
 
