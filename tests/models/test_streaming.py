@@ -85,6 +85,14 @@ def test_the_time_to_the_first_words_is_measured() -> None:
         ([b"data: [1]\n\n", DONE], "unreadable", "no JSON object but list"),
         ([event(content="SL"), b'data: {"error": {"message": "it broke"}}\n\n'], "server_error", "it broke"),
         ([b""], "cut_short", "before it was done"),
+        ([DONE], "unreadable", "no choice with a message"),
+        ([b"data: {}\n\n", USAGE, DONE], "unreadable", "no choice with a message"),
+        (
+            [event(content="SLOW"), b'event: error\ndata: {"message": "overloaded"}\n\n', DONE],
+            "server_error",
+            "overloaded",
+        ),
+        ([event(content="SLOW"), b"event: error\ndata: {}\n\n", DONE], "server_error", "without a word"),
     ],
 )
 def test_a_stream_that_is_not_whole_is_no_answer(pieces: list[bytes], error: str, says: str) -> None:
@@ -107,6 +115,8 @@ def test_a_stream_needs_one_sign_of_its_end() -> None:
     """Some servers send no reason, others no last mark."""
     assert asked([event(content="SLOW"), event(finish="stop")]).text == "SLOW"
     assert asked([event(content="SLOW"), DONE]).text == "SLOW"
+    silent = asked([event(finish="length"), DONE])
+    assert (silent.text, silent.finish_reason, silent.error) == ("", "length", None)
 
 
 def test_a_stream_that_calls_a_tool_or_has_other_choices_is_read_by_its_first_choice() -> None:

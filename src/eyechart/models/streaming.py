@@ -27,18 +27,19 @@ class Streamed:
 
 def is_stream(came: Response) -> bool:
     """Return whether a response is a stream of events, by its type or by how it begins."""
-    return came.content_type == _TYPE or came.body.lstrip()[:5] == b"data:"
+    return came.content_type == _TYPE or came.body.lstrip()[:6].startswith((b"data:", b"event:"))
 
 
 def gather(came: Response) -> Streamed:
     """Put the events of a response together; raises ValueError where one that is whole is no JSON object.
 
-    Of several choices the first one counts. The last event may be cut short.
+    Of several choices the first one counts. The last event may be cut short. Of a stream without a choice the body has
+    none either; an event that is named an error is one.
     """
     words, found, first = dict[str, list[str]](), dict[str, object](), None
     choice: dict[str, object] = {}
     ended = False
-    for data, end in _events(came.body):
+    for data, end, name in _events(came.body):
         if data.strip() == _END:
             ended = True
             break
@@ -51,8 +52,12 @@ def gather(came: Response) -> Streamed:
         if not isinstance(event, dict):
             raise ValueError(f"an event is no JSON object but {type(event).__name__}")  # noqa: TRY004 - as for no JSON
         found |= {name: event[name] for name in (*_NAMES, "error") if event.get(name)}
+        if name == b"error":
+            found["error"] = event.get("error") or event or "an error without a word"
         if _add(event, words, choice) and first is None:
             first = end
+    if not words:
+        return Streamed(found, ended, first)
     message = {name: "".join(parts) for name, parts in words.items()} | {
         name: choice.pop(name) for name in _CALLS if name in choice
     }
@@ -91,7 +96,7 @@ def _add(event: dict[str, object], words: dict[str, list[str]], choice: dict[str
     mine = choices[0] if isinstance(choices, list) and choices and isinstance(choices[0], dict) else {}
     if mine.get("index", 0) != 0:
         return False
-    delta = mine.get("delta") or mine.get("message")
+    delta = mine.get("delta") or mine.get("message") or mine.get("delta")  # an empty one is one
     said = {name: text_of(delta.get(name)) for name in _WORDS} if isinstance(delta, dict) else {}
     if isinstance(delta, dict) and (refused := refusal_of(delta)) is not None:
         said["refusal"] = refused or _REFUSED
@@ -104,16 +109,19 @@ def _add(event: dict[str, object], words: dict[str, list[str]], choice: dict[str
     return any(said.values())
 
 
-def _events(body: bytearray) -> Iterator[tuple[bytes, int]]:
-    """Yield the data of each event with the place where it ends; comments and other fields are left out."""
-    held, place = list[bytes](), 0
+def _events(body: bytearray) -> Iterator[tuple[bytes, int, bytes]]:
+    """Yield the data of each event, the place where it ends, and its name; comments and other fields are left out."""
+    held, place, name = list[bytes](), 0, b""
     for line in bytes(body).splitlines(keepends=True):
         place += len(line)
         text = line.rstrip(b"\r\n")
         if text.startswith(b"data:"):
             held.append(text[5:].removeprefix(b" "))
-        elif not text and held:
-            yield b"\n".join(held), place
-            held = []
+        elif text.startswith(b"event:"):
+            name = text[6:].strip()
+        elif not text:
+            if held:
+                yield b"\n".join(held), place, name
+            held, name = [], b""
     if held:
-        yield b"\n".join(held), place
+        yield b"\n".join(held), place, name
