@@ -155,6 +155,15 @@ def test_a_mode_is_written_into_a_folder_that_is_not_there_yet(tmp_path: Path) -
         {"body": {"user": {"tag": "hf_abcdEFGH1234ijklMNOP"}}},
         {"body": {"trace": ["Ab3dEf6hIj9lMn2pQr5tUv8x"]}},
         {"base_url": "https://gate.example/v1/sk-abcdef1234567890abcd"},
+        {"headers": {"Ocp-Apim-Subscription-Key": "0123456789abcdef0123456789abcdef"}},
+        {"headers": {"X-Passphrase": "abcdefgh12345678"}},
+        {"body": {"extra": {"access_token": "abcdefgh12345678"}}},
+        {"body": {"credentials": ["abcdefgh12345678"]}},
+        {"body": {"sk-abcdef1234567890abcd": 1}},
+        {"body": {"user": "-----BEGIN RSA PRIVATE KEY-----\nabcdefgh12345678"}},
+        {"body": {"callback": "https://name:hunter22@gate.example/done"}},
+        {"options": {"where": "hf_abcdEFGH1234ijklMNOP"}},
+        {"base_url": "https://sk-abcdef1234567890abcd.gate.example/v1"},
         {"base_url": "https://name:hunter22@gate.example:port/v1"},
         {"base_url": "hunter22@gate.example"},
     ],
@@ -174,6 +183,7 @@ def test_what_looks_like_a_secret_is_refused_and_not_quoted(given: dict[str, obj
         {"body": {"revision": "0123456789abcdef0123456789abcdef01234567", "provider": {"order": ["Together-AI-2026"]}}},
         {"base_url": "https://gateway.example/v1/0123456789abcdef0123456789abcdef/sk-test/openai"},
         {"body": {"served": "Qwen2.5-VL-72B-Instruct-AWQ-int4"}},
+        {"body": {"stop_token": "<end>", "max_completion_tokens": 5, "keys": ["a"], "monkey": "x"}},
     ],
 )
 def test_what_is_no_secret_is_not_refused(given: dict[str, object]) -> None:

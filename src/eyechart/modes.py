@@ -41,12 +41,17 @@ FEWEST_TOKENS = 16
 """Fewer tokens than this that a picture adds may be the placeholder of a picture that is dropped."""
 
 _VARIABLE = re.compile(r"\$(?:([A-Za-z_]\w*)|\{([A-Za-z_]\w*)\})")
-_SECRET = re.compile(r"auth|api.?key|token|secret|password|credential|cookie", re.IGNORECASE)
+_NAMED = r"api.?key|secret|passw|passphrase|authorization|credential|cookie|private.?key|(?:^|[-_])key$"
+_SECRET = re.compile(rf"auth|token|signature|{_NAMED}", re.IGNORECASE)
+"""How a header is named that holds a secret."""
+_SECRET_FIELD = re.compile(rf"(?:access|auth|api|bearer|id|refresh|session|user).?token$|{_NAMED}", re.IGNORECASE)
+"""How a field of a body is; tokens are also what a model counts, and what ends its text."""
 _SECRET_VARIABLE = re.compile(r"KEY|TOKEN|SECRET|PASSWORD|CREDENTIAL", re.IGNORECASE)
 _SECRET_VALUE = re.compile(
     r"(?i:\b(?:bearer|basic)\s+[\w.~+/=-]{8,}"
     r"|(?<![a-z0-9])(?:(?:sk|pk|rk|gsk|hf|ghp|gho|ghs|github_pat|glpat|xai|nvapi|pplx|xox[abp])[_-]"
     r"(?=[a-z_-]*\d)[a-z0-9_-]{12,}))"
+    r"|-----BEGIN [A-Z ]*PRIVATE KEY|://[^/\s:@]*:[^/\s@]+@|(?<![A-Za-z0-9])hf_[A-Za-z]{30,}"
     r"|AKIA[A-Z0-9]{12,}|AIza[\w-]{20,}|eyJ[\w-]{10,}\.[\w-]{4,}"
     r"|(?<![A-Za-z0-9])(?=[A-Za-z]*\d)(?=[a-z0-9]*[A-Z])(?=[A-Z0-9]*[a-z])[A-Za-z0-9]{24,}"
 )
@@ -315,6 +320,8 @@ def _refuse_secrets(mode: RequestMode) -> None:
     if parts.username or parts.password or parts.query or parts.fragment:
         at = f"{parts.scheme}://{parts.hostname}…"
         raise SpecError(f"base_url {at} holds a user, a query or a fragment: leave it out")
+    if _SECRET_VALUE.search(parts.netloc):
+        raise SpecError("base_url holds what looks like a secret in its host: send it in a header as $NAME")
     if _SECRET_VALUE.search(unquote(parts.path)):
         raise SpecError(
             f"base_url {parts.scheme}://{parts.hostname}… holds what looks like a secret in its path: send it in a "
@@ -368,11 +375,16 @@ def _refuse_secret_fields(mode: RequestMode) -> None:
         if _SECRET_VALUE.search(value):
             raise SpecError(f"header '{name}' holds what looks like a secret: give a variable, as '{name}: $NAME'")
     for name in _names(mode.body):
-        if re.search(r"api.?key|secret|password|authorization", name, re.IGNORECASE):
+        if _SECRET_VALUE.search(name):
+            raise SpecError("a name in the body is what looks like a secret, which goes into a header as $NAME")
+        if _SECRET_FIELD.search(name):
             raise SpecError(f"the body's '{name}' looks like a secret, which goes into a header as $NAME")
     for where, value in _texts(mode.body):
         if _SECRET_VALUE.search(value):
             raise SpecError(f"the body's '{where}' holds what looks like a secret, which goes into a header as $NAME")
+    for where, value in _texts(mode.options):
+        if _SECRET_VALUE.search(value):
+            raise SpecError(f"option '{where}' holds what looks like a secret, and a mode is no place for one")
 
 
 def _texts(value: object, where: str = "") -> Iterator[tuple[str, str]]:
