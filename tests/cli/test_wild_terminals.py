@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import shlex
 import subprocess
 import sys
 import time
@@ -46,6 +47,16 @@ def test_an_error_line_is_printable_whatever_a_name_holds() -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+@pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
+def test_a_stream_that_is_closed_is_no_fault(closed: str, tmp_path: Path) -> None:
+    """What a command prints there is lost, and nothing else; a file that it opens never gets the stream's number."""
+    for words, status in (("list prompts", 0), (f"verdict {tmp_path}", 2)):
+        line = f"{shlex.join(PROGRAM)} {words} {closed}"
+        done = subprocess.run(["bash", "-c", line], capture_output=True, check=False)
+        assert done.returncode == status, done.stderr
+        assert b"Traceback" not in done.stdout + done.stderr
+
+
 def test_a_full_disk_is_called_a_full_disk() -> None:
     """Output that finds no room is one line that says so, and exit 2."""
     with Path("/dev/full").open("wb") as full:

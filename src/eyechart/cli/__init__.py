@@ -36,6 +36,7 @@ def main() -> None:
     if debug:
         sys.argv.remove("--debug")
     try:
+        _open_what_is_closed()
         _print_what_can_be()
         _say_what_is_missing()
         from eyechart.cli.app import app
@@ -55,6 +56,17 @@ def main() -> None:
         full = f"the disk is full{f' ({where})' if where else ''}: make room and try again"
         said = full if isinstance(error, OSError) and is_full(error) else str(error)
         _end(2, "eyechart: " + "\n".join(map(printable, said.split("\n"))))
+
+
+def _open_what_is_closed() -> None:
+    """Let standard streams that a shell closed (``>&-``) lead nowhere, so that no file gets their number either."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free, which is this one
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(number, "w" if number else "r", encoding="utf-8", closefd=False))  # noqa: SIM115
 
 
 def _print_what_can_be() -> None:
