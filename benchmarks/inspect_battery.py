@@ -67,7 +67,7 @@ class Answers:
         self.settings.add(f"temperature {request.get('temperature')}, at most {budget} tokens")
         name = str(request["model"])
         if name in ADVERSARIES:
-            said = ADVERSARIES[name].rule(see(picture), random.Random(0))  # noqa: S311 - a rule that tosses no coin
+            said = ADVERSARIES[name].decide(see(picture), random.Random(0))  # noqa: S311 - a rule that tosses no coin
             return said if isinstance(said, str) else said.text
         asking = open_model(f"scripted:{name}").answer(
             Query(system, user, Stimulus() if picture is None else Stimulus.of(picture), 0)
