@@ -112,6 +112,26 @@ def test_what_is_not_reported_is_no_second_model() -> None:
     assert sum(each.replies for each in found.answered) == 3
 
 
+def test_a_model_may_have_a_name_of_several_words() -> None:
+    """What stands behind it is a fingerprint only in an older reply, and where it looks like one."""
+    old = guard_of(served(served="llava 7b"), served(served="llava 13b"))
+    new = guard_of(
+        served(served="m fp_1", payload_sha256="0" * 64),
+        served(served="m fp_2", payload_sha256="1" * 64),
+    )
+    for found in (old, new):
+        assert found is not None
+        assert found.differs == ("model",)
+
+
+def test_a_fingerprint_of_its_own_for_every_reply_is_no_other_model() -> None:
+    """However many there are, of two providers too."""
+    found = guard_of(*(served(served="m", provider="pq"[at % 2], system_fingerprint=f"fp_{at}") for at in range(1500)))
+    assert found is not None
+    assert found.differs == ("provider", "system_fingerprint")
+    assert sum(each.replies for each in found.answered) == 1500
+
+
 def test_an_older_reply_holds_its_fingerprint_behind_its_model() -> None:
     """So that another fingerprint of one model is no other model."""
     found = guard_of(

@@ -5,6 +5,7 @@ A guard holds, fails, or cannot say. A failed guard marks the verdict wherever i
 
 import statistics
 from array import array
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
@@ -24,6 +25,9 @@ MOST = 0.9
 """The share of pairs from which on it is no accident."""
 
 _TEXTS_KEPT = 1000
+_OTHERS = "(others)"
+_MARK = re.compile(r" (fp_\w+|b\d+-\w+|[0-9a-f]{8,}|[\w.]+-[0-9a-f]{8,})$")
+"""How fingerprints look that servers give: of OpenAI, of llama.cpp, digests."""
 _SHOWN = 3
 _NAME_SHOWN = 60
 _DIFFERS = {"model": "models", "provider": "providers", "system_fingerprint": "configurations (system_fingerprint)"}
@@ -91,8 +95,10 @@ class ServedChecks:
         named = _named(one.reply)
         if named == (None, None, None):
             return
-        if named not in self._found and len(self._found) >= _TEXTS_KEPT:
-            named = ("(others)", None, None)
+        if named not in self._found and len(self._found) >= _TEXTS_KEPT:  # some servers mark every reply anew
+            named = (named[0], named[1], named[2] and _OTHERS)
+            if named not in self._found and len(self._found) >= 2 * _TEXTS_KEPT:
+                named = (_OTHERS, None, None)
         count, since, _ = self._found.get(named, (0, one.sent_at, ""))
         self._found[named] = (count + 1, since, one.sent_at)
 
@@ -117,12 +123,15 @@ def _shown(name: str) -> str:
 
 
 def _named(reply: Reply) -> tuple[str | None, str | None, str | None]:
-    """Return model, provider and fingerprint; the replies of an older ledger have the last behind the first."""
+    """Return model, provider and fingerprint; the replies of an older ledger have the last behind the first.
+
+    A model may have a name of several words, so that only what looks like a fingerprint is taken for one.
+    """
     served, mark = reply.served, reply.system_fingerprint
     if served and mark:
         served = served.removesuffix(f" {mark}")
-    elif served and " " in served.strip():
-        served, _, mark = served.rpartition(" ")
+    elif served and reply.payload_sha256 is None and (behind := _MARK.search(served)):
+        served, mark = served[: behind.start()], behind.group(1)
     return served or None, reply.provider or None, mark or None
 
 

@@ -374,17 +374,21 @@ def _refuse_secret_fields(mode: RequestMode) -> None:
             raise SpecError(f"header '{name}' looks like a secret: give the name of a variable, as '{name}: $NAME'")
         if _SECRET_VALUE.search(value):
             raise SpecError(f"header '{name}' holds what looks like a secret: give a variable, as '{name}: $NAME'")
-    for name in _names(mode.body):
+    _refuse_secret_body(mode.body)
+    for where, value in _texts(mode.options):
+        if _SECRET_VALUE.search(value):
+            raise SpecError(f"option '{where}' holds what looks like a secret, and a mode is no place for one")
+
+
+def _refuse_secret_body(body: Mapping[str, object]) -> None:
+    for name in _names(body):
         if _SECRET_VALUE.search(name):
             raise SpecError("a name in the body is what looks like a secret, which goes into a header as $NAME")
         if _SECRET_FIELD.search(name):
             raise SpecError(f"the body's '{name}' looks like a secret, which goes into a header as $NAME")
-    for where, value in _texts(mode.body):
+    for where, value in _texts(body):
         if _SECRET_VALUE.search(value):
             raise SpecError(f"the body's '{where}' holds what looks like a secret, which goes into a header as $NAME")
-    for where, value in _texts(mode.options):
-        if _SECRET_VALUE.search(value):
-            raise SpecError(f"option '{where}' holds what looks like a secret, and a mode is no place for one")
 
 
 def _texts(value: object, where: str = "") -> Iterator[tuple[str, str]]:
