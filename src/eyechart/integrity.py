@@ -3,9 +3,9 @@
 A guard holds, fails, or cannot say. A failed guard marks the verdict wherever it is printed.
 """
 
+import re
 import statistics
 from array import array
-import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
