@@ -1,6 +1,8 @@
 """The paper's tables and figures from runs: by label, joined over kinds of run, and what is missing is named."""
 
 import csv
+import hashlib
+import json
 import shutil
 from dataclasses import fields, replace
 from pathlib import Path
@@ -11,7 +13,7 @@ from typer.testing import CliRunner
 from eyechart.cli.app import app
 from eyechart.costs import Account
 from eyechart.errors import SpecError
-from eyechart.paper import LABELS, artefacts, write
+from eyechart.paper import LABELS, WRITTEN, artefacts, write
 from eyechart.report.accounts import deployment_table
 
 MADE = Path(__file__).parent / "old" / "0.1.0" / "made"
@@ -51,7 +53,31 @@ def test_what_is_missing_is_named_with_the_run_that_it_needs(tmp_path: Path) -> 
     done = CliRunner().invoke(app, ["paper", str(MADE / "prompts"), "--out", str(tmp_path / "out")])
     assert done.exit_code == 0
     assert "missing  t:frontier: needs a run of eyechart run\n" in done.stdout
-    assert {one.stem for one in (tmp_path / "out").iterdir()} == {"t-prompts", "costs"}
+    assert {one.stem for one in (tmp_path / "out").glob("[!.]*")} == {"t-prompts", "costs"}
+
+
+def test_what_an_earlier_call_left_is_removed_and_nothing_else(tmp_path: Path) -> None:
+    """Neither what somebody changed or put there, nor a file outside of the folder that its record names."""
+    words = ["--out", str(tmp_path / "out"), "--json"]
+    first = CliRunner().invoke(app, ["paper", str(MADE / "prompts"), *words])
+    assert "t-prompts.tex" in json.loads(first.stdout)["files"]
+    mine, changed = tmp_path / "out" / "t-mine.tex", tmp_path / "out" / "t-prompts.md"
+    mine.write_text("mine")
+    changed.write_text("changed")
+    outside = tmp_path / "outside.csv"
+    outside.write_text("outside")
+    record = tmp_path / "out" / WRITTEN
+    listed = json.loads(record.read_text())
+    listed["files"]["../outside.csv"] = hashlib.sha256(b"outside").hexdigest()
+    record.write_text(json.dumps(listed))
+    found = json.loads(CliRunner().invoke(app, ["paper", str(MADE / "hierarchy"), *words]).stdout)
+    assert {"t-prompts.tex", "t-prompts.csv"} <= set(found["removed"])
+    assert found["kept"] == ["t-prompts.md"]
+    left = {one.name for one in (tmp_path / "out").iterdir()}
+    assert left == {*found["files"], "t-mine.tex", "t-prompts.md", WRITTEN}
+    assert outside.read_text() == "outside"
+    record.write_text("[]")
+    assert CliRunner().invoke(app, ["paper", str(MADE / "hierarchy"), *words]).exit_code == 0
 
 
 def test_runs_of_one_kind_stand_in_one_table_and_say_whose_row_it_is(tmp_path: Path) -> None:
@@ -82,7 +108,10 @@ def test_a_model_that_is_billed_costs_so_much_a_thousand_decisions() -> None:
     )
     lacking = replace(account, cost_from={"priced": 9, "unknown": 1}, energy_measured=9)
     halfway = replace(account, finished=9)
-    (row, other, third) = deployment_table({"a": account, "b": lacking, "c": halfway}).rows
+    table = deployment_table({"a": account, "b": lacking, "c": halfway})
+    assert "whose endpoint the paper does not name: --prices FILE" in table.note
+    assert "Price unknown" not in deployment_table({"a": account}).note
+    (row, other, third) = table.rows
     assert row[2:6] == (2.0, 40.0, 0.2, 0.5)
     assert row[7] == 10.0
     assert (other[2], other[7], third[2]) == (None, None, None)

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from typing import Protocol
 
 from eyechart.errors import SpecError, meant
 from eyechart.integrity import Guard, ServedGuard
@@ -176,6 +177,60 @@ def hold_admission(
             holds = None if reason or without is None else without <= max_unparsed
             mine.append(Check(spec, UNPARSED, holds, reason or words))
         checks += [_marked(check, counted(one.failed, allow_fingerprints=allow_fingerprints)) for check in mine]
+    return Gate(tuple(checks))
+
+
+ONLINE: dict[str, str] = {
+    **ADMISSION,
+    "frames": "every frame that an estimator saw passes renderer integrity and the positive control",
+}
+"""What may be required of an online run: the same clauses, over the frames that were met, and these frames."""
+
+
+class Met(Scored, Protocol):
+    """A scored online run."""
+
+    def left(self, spec: str) -> tuple[int, int]:
+        """Return how many episodes a model finished, and how many it was to drive."""
+
+    def frames(self, spec: str) -> tuple[bool | None, str]:
+        """Return whether every frame that a model saw passes the checks, None where that is not known; and why."""
+
+
+def hold_online(
+    score: Met,
+    require: Sequence[str] = ("admission",),
+    *,
+    max_unparsed: float | None = None,
+    allow_fingerprints: bool = False,
+) -> Gate:
+    """Hold every estimator of an online run to clauses of admission over the frames that it met.
+
+    ``admission`` stands for all of them, and for ``frames``. A clause that would hold cannot be said where frames fail
+    their checks or were not checked, and nothing can of a run that is not finished. Raises SpecError for an unknown
+    clause or a rate outside [0, 1].
+    """
+    wanted = read_requirements(",".join(require), tuple(ONLINE))
+    clauses = [name for name in wanted if name != "frames"]
+    _require_rate(max_unparsed)
+    found: list[Check] = []
+    if clauses or max_unparsed is not None:
+        held = hold_admission(
+            score, clauses or ["admission"], max_unparsed=max_unparsed, allow_fingerprints=allow_fingerprints
+        )
+        found = [one for one in held.checks if clauses or one.requirement == UNPARSED]
+    checks: list[Check] = []
+    for spec in score.evidence():
+        (over, whole), (seen, why) = score.left(spec), score.frames(spec)
+        mine = [one for one in found if one.model == spec]
+        if seen is not True:
+            mine = [replace(one, holds=None, because=f"{one.because}; {why}") if one.holds else one for one in mine]
+        if {"frames", "admission"} & set(wanted):
+            mine.append(Check(spec, "frames", seen, why))
+        if over < whole:
+            unfinished = f"the run is unfinished: {over} of {whole} episodes"
+            mine = [replace(one, holds=None, because=unfinished) for one in mine]
+        checks += mine
     return Gate(tuple(checks))
 
 

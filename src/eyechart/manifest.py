@@ -37,7 +37,7 @@ BANK = "bank"
 BANK_TEXT = ("manifest.json", "metadata.jsonl")
 OWN = ".own"
 """Stands in that folder where the whole bank was made there, for this run alone."""
-BESIDE = ("vetting.json",)
+BESIDE = ("vetting.json", "seen.json")
 """What may stand in a folder before its episodes begin: which worlds the structured study's online run chose."""
 
 
@@ -251,14 +251,15 @@ class EpisodesManifest(Manifest):
     ``picture`` is the kind of picture in words. ``world`` holds the versions of the libraries that make the world,
     ``versions`` all that may matter. ``max_steps`` is the largest bound on decisions that was asked for; each episode
     says under which it was driven. ``silence`` says what becomes of a call that fails in a way that may pass: the
-    episode stays ``unfinished``, or the ``fail-safe`` is executed.
+    episode stays ``unfinished``, or the ``fail-safe`` is executed. ``reflected`` says whether models were asked
+    about the reflection of each picture too.
     """
 
     FORMAT = "eyechart-episodes/1"
     COMMAND = "closed-loop"
     WHO = "policies"
     ASKED = "let {} drive"
-    SAME = ("simulator", "seed", "view", "prompt", "world", "reader", "silence")
+    SAME = ("simulator", "seed", "view", "prompt", "world", "reader", "silence", "reflected")
     GROWS = ("scenarios", "seeds", "conditions")
 
     created: str
@@ -280,6 +281,7 @@ class EpisodesManifest(Manifest):
     view: str = NONE
     probes: Mapping[str, Spent] = field(default_factory=dict)
     silence: str = "unfinished"
+    reflected: bool = False
 
     @property
     def models(self) -> tuple[str, ...]:

@@ -3,7 +3,9 @@
 Each study says which it yields (`Study.paper`); here halves of one table that are of two kinds of run are joined.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import hashlib
+import json
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -148,8 +150,24 @@ def _joined(tables: "Sequence[Table]") -> "Iterator[Table]":
     yield from held.values()
 
 
-def write(found: Artefacts, folder: Path) -> list[Path]:
-    """Write tables as CSV, Markdown and LaTeX, figures as SVG and PDF; return the files.
+WRITTEN = ".paper.json"
+"""Stands in the folder: the files that were written, each with its SHA-256."""
+
+
+@dataclass(frozen=True)
+class Written:
+    """The files that were written, and those of an earlier call that say nothing of these runs and were ``removed``.
+
+    ``kept`` are such files that somebody changed since, which stay.
+    """
+
+    files: tuple[Path, ...]
+    removed: tuple[Path, ...] = ()
+    kept: tuple[Path, ...] = ()
+
+
+def write(found: Artefacts, folder: Path) -> Written:
+    """Write tables as CSV, Markdown and LaTeX, figures as SVG and PDF, and remove what an earlier call left.
 
     Raises OutputError where a file may not be written there.
     """
@@ -161,11 +179,38 @@ def write(found: Artefacts, folder: Path) -> list[Path]:
         stem = f"{one.name}_{again + 1}" if (again := names[:place].count(one.name)) else one.name
         files |= {f"{stem}.svg": one.svg().encode("utf-8", "backslashreplace"), f"{stem}.pdf": one.pdf()}
     try:
-        for name in files:
+        for name in (*files, WRITTEN):
             require_foreign(folder / name)
         folder.mkdir(parents=True, exist_ok=True)
+        removed, kept = _cleared(folder, set(files))
         for name, content in files.items():
             (folder / name).write_bytes(content)
+        digests = {name: hashlib.sha256(content).hexdigest() for name, content in sorted(files.items())}
+        (folder / WRITTEN).write_text(json.dumps({"files": digests}, indent=1) + "\n", encoding="utf-8")
     except OSError as error:
         raise OutputError(f"{folder} cannot be written: {error.strerror}; choose another place") from error
-    return [folder / name for name in files]
+    return Written(tuple(folder / name for name in files), removed, kept)
+
+
+def _cleared(folder: Path, names: Collection[str]) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
+    """Remove files of an earlier call that are not written anew; return these, and those that were changed since."""
+    removed, kept = [], []
+    for name, digest in _before(folder).items():
+        file = folder / name
+        if name in names or Path(name).name != name or not file.is_file() or file.is_symlink():
+            continue
+        if hashlib.sha256(file.read_bytes()).hexdigest() == digest:
+            file.unlink()
+            removed.append(file)
+        else:
+            kept.append(file)
+    return tuple(removed), tuple(kept)
+
+
+def _before(folder: Path) -> Mapping[str, str]:
+    """Return what an earlier call wrote into a folder, by name its digest; nothing where no record can be read."""
+    try:
+        files = json.loads((folder / WRITTEN).read_text(encoding="utf-8"))["files"]
+        return {name: digest for name, digest in files.items() if isinstance(digest, str)}
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
+        return {}

@@ -84,6 +84,7 @@ def _online(folder: Path) -> Path:
         planned.episodes.setup and online.open_simulator("rover"), "offset", 0, planned.episodes.drivers.view
     )
     online.run(replace(planned, vetted=(world,)))
+    online.check_seen(folder / "run")
     return folder / "run"
 
 
@@ -254,6 +255,17 @@ def test_one_changed_number_is_named(what: str, packed: Path, tmp_path: Path) ->
     found = validate(repacked(packed, tmp_path, change))
     assert re.search(line, said(found), re.MULTILINE), said(found)
     assert not found.holds
+
+
+def test_a_frame_that_is_said_to_pass_is_checked_again(tmp_path: Path) -> None:
+    """An online run's record of checked frames: one frame more, and a fault that nobody finds, are named."""
+    write_bundle(_online(tmp_path), tmp_path / "online.zip", resamples=100)
+    for old, new, line in (
+        ('"why": null', '"why": "frame 3: dark"', "why: printed 'frame 3: dark', recomputed 'None'"),
+        ('"frames": ', '"frames": 1', "frames seen in 'scripted:scene_side_blind rover/offset/0', frames: printed '1"),
+    ):
+        found = validate(repacked(tmp_path / "online.zip", tmp_path, _edit("run/seen.json", old, new)))
+        assert line in said(found), said(found)
 
 
 def test_of_an_episode_the_first_step_that_differs_is_named_alone(packed: Path, tmp_path: Path) -> None:

@@ -1,17 +1,26 @@
 """The online run: worlds are vetted, then estimators drive in those that passed, and nothing is credited to silence."""
 
+import json
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 import short_worlds
 from eyechart import cli, simulators
-from eyechart.episodes import read_episodes
+from eyechart.cli.app import app
+from eyechart.episodes import Setup, read_episodes
 from eyechart.errors import LedgerError, SpecError
+from eyechart.ledger import Ledger
+from eyechart.manifest import LEDGER
 from eyechart.perception.view import VIEWS
 from eyechart.simulators import open_simulator
 from eyechart.studies.structured import online
 from eyechart.studies.structured.online import Vetted, vet
+from eyechart.studies.structured.seen import SEEN, check
+from eyechart.verdicts.admission import CLAUSES
 
 CONTROL = "scripted:scene_positive_control"
 BLIND = "scripted:scene_silent_when_free"
@@ -44,6 +53,14 @@ def test_estimators_drive_in_worlds_that_pass_and_as_they_were_vetted(
     assert (control.crash_rate.value, control.crash_rate.n) == (vetting.crash_rate.value, 1)
     assert control.fail_safe == 0
     assert blind.fail_safe > 0
+    frames = sum(len(one.steps) for one in read_episodes(out) if one.key.policy == CONTROL)
+    assert control.statistics["parse"].n == 2 * frames
+    assert [control.statistics[name].value for name in EXACT] == [1.0] * len(EXACT)
+    assert blind.statistics["parse"].value < 1
+    assert scored.frames(CONTROL) == (
+        True,
+        f"renderer integrity and positive control hold on all {frames} frames that it saw",
+    )
     for episode in read_episodes(out):
         silent = [step for step in episode.steps if step.decision.action is None]
         assert all((step.executed_action, step.decision.missing) == ("SLOW", "unparsed") for step in silent)
@@ -102,3 +119,81 @@ def test_a_vetting_without_a_world_is_refused(tmp_path: Path) -> None:
     for use in (lambda: online.plan("short", [CONTROL], tmp_path, episodes=1), lambda: online.score(tmp_path)):
         with pytest.raises(LedgerError, match="it has none that passed"):
             use()
+
+
+EXACT = ("parse", "close_accuracy", "scene_equivariance", "action_equivariance")
+
+
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Drive the control and a silent estimator in a short world, and check what they saw."""
+    out = tmp_path_factory.mktemp("online") / "run"
+    with pytest.MonkeyPatch.context() as patch:
+        for name, place in short_worlds.SIMULATORS.items():
+            patch.setitem(simulators.SIMULATORS, name, place)
+        online.run(online.plan("short", [CONTROL, BLIND], out, episodes=1))
+        online.check_seen(out)
+    return out
+
+
+def gate(run: Path, *words: object) -> tuple[int, dict[tuple[str, str], tuple[str, str]]]:
+    """Return a gate's exit code, and by model and requirement its outcome and why."""
+    done = CliRunner().invoke(app, ["gate", str(run), *map(str, words), "--json"])
+    checks = json.loads(done.stdout)["checks"]
+    return done.exit_code, {(one["model"], one["requirement"]): (one["outcome"], one["because"]) for one in checks}
+
+
+def test_a_gate_holds_an_online_run_to_the_clauses_over_the_frames_that_were_met(driven: Path) -> None:
+    """The control parses all and is equivariant; a silent estimator fails by name; the frames are one check more."""
+    code, checks = gate(driven)
+    assert code == 1
+    assert {name for _, name in checks} == {*CLAUSES, "frames"}
+    assert all(checks[CONTROL, name][0] == "holds" for name in (*EXACT, "frames"))
+    assert checks[BLIND, "parse"][0] == "fails"
+    assert gate(driven, "--require", "frames")[0] == 0
+    held = gate(driven, "--require", "parse", "--max-unparsed", "0.0")[1]
+    assert held[CONTROL, "max_unparsed"][0] == "holds"
+    refused = CliRunner().invoke(app, ["gate", str(driven), "--require", "depth"])
+    assert (refused.exit_code, "admission, parse" in f"{refused.exception}") == (1, True)
+
+
+def test_a_gate_cannot_say_where_frames_fail_were_not_checked_or_are_missing(driven: Path, tmp_path: Path) -> None:
+    """What fails still fails; what would hold cannot be said."""
+    unchecked, faulty, cut = (Path(shutil.copytree(driven, tmp_path / name)) for name in ("a", "b", "c"))
+    (unchecked / SEEN).unlink()
+    _, checks = gate(unchecked, "--require", "parse,frames")
+    assert checks[CONTROL, "parse"][0] == checks[CONTROL, "frames"][0] == "cannot say"
+    assert checks[BLIND, "parse"][0] == "fails"
+    assert "were not checked: the same command checks them" in checks[CONTROL, "frames"][1]
+    found = json.loads((faulty / SEEN).read_text())
+    (faulty / SEEN).write_text(json.dumps([{**one, "why": "frame 3: renderer integrity: black"} for one in found]))
+    assert gate(faulty)[1][CONTROL, "frames"][0] == "fails"
+    assert gate(faulty, "--require", "parse")[1][CONTROL, "parse"][0] == "cannot say"
+    lines = [line for line in (cut / "episodes.jsonl").read_text().splitlines() if CONTROL not in line]
+    (cut / "episodes.jsonl").write_text("".join(f"{line}\n" for line in lines))
+    code, checks = gate(cut)
+    assert checks[CONTROL, "parse"] == ("cannot say", "the run is unfinished: 0 of 1 episodes")
+    assert code == 1
+
+
+def test_every_frame_that_an_estimator_saw_is_checked_in_the_world_again(driven: Path) -> None:
+    """A world that turned dark, and one that tells another gap now, are named with the frame."""
+    episode = next(one for one in read_episodes(driven) if one.key.policy == CONTROL)
+    view = VIEWS["highway"]
+    assert check(open_simulator("short"), episode, view).why is None
+    dark = check(open_simulator("short"), replace(episode, key=replace(episode.key, seed=0)), view)
+    assert "renderer integrity" in str(dark.why) or "repeat itself" in str(dark.why)
+    assert check(open_simulator("off"), episode, view).why == (
+        "frame 0: the world does not repeat itself: its gap is another one now"
+    )
+
+
+def test_reflections_may_be_left_out_and_a_run_goes_on_as_it_was_begun(tmp_path: Path) -> None:
+    """Then equivariance cannot be said, and half of the calls are made; what is resumed asks as before."""
+    out = tmp_path / "run"
+    online.run(online.plan(Setup("short"), [CONTROL], out, episodes=1))
+    figures = online.score(out).driven[CONTROL].statistics
+    assert (figures["scene_equivariance"].value, figures["parse"].value) == (None, 1.0)
+    with Ledger(out / LEDGER) as ledger:
+        assert {key.condition for key, _ in ledger.replies(CONTROL)} == {"real"}
+    assert online.plan("short", [CONTROL], out, episodes=1).episodes.drivers.mirror_axis is None

@@ -16,6 +16,7 @@ from eyechart.perception.view import find_view
 from eyechart.simulators import Simulator
 from eyechart.studies import Tell
 from eyechart.studies.structured.online import read_vetting, vet
+from eyechart.studies.structured.seen import check, read_seen
 
 MOST_EPISODES = 100_000
 MOST_STEPS = 5_000_000
@@ -105,6 +106,7 @@ def check_drives(run: Path, *, exact: bool, same_pictures: bool, how: Again, tel
     found.compared.update({"episodes driven again": repeats.episodes, "steps": repeats.steps})
     _hold(repeats, found, words if exact else words or "another eyechart", same_pictures=same_pictures)
     _hold_vetting(run, manifest, simulator, found, same=same)
+    _hold_seen(run, manifest, simulator, chosen, found)
     _say(run, manifest, episodes, found)
     return found
 
@@ -228,6 +230,31 @@ def _hold_vetting(run: Path, manifest: EpisodesManifest, simulator: Simulator, f
                     Difference(f"vetting of {one.scenario}/{one.seed}, {name}", str(mine), str(theirs))
                 )
     found.compared["vetted worlds"] = len(vetted)
+
+
+def _hold_seen(
+    run: Path, manifest: EpisodesManifest, simulator: Simulator, chosen: Sequence[Episode], found: Found
+) -> None:
+    """Check every frame of the chosen episodes anew that an online run says it checked."""
+    told = {(one.policy, one.scenario, one.seed): one for one in read_seen(run)}
+    if not told:
+        return
+    if "how worlds were vetted" in found.uncompared:
+        found.uncompared.append("how frames were checked")
+        return
+    view, compared = find_view(manifest.view), 0
+    for episode in chosen:
+        mine = told.get((episode.key.policy, episode.key.scenario, episode.key.seed))
+        if mine is None or episode.ended == "error":
+            continue
+        again, where = check(simulator, episode, view), f"{episode.key.policy} {episode.key.world}"
+        compared += 1
+        for name in ("frames", "why", "gap_mae_m"):
+            one, other = getattr(mine, name), getattr(again, name)
+            close = isinstance(one, float) and isinstance(other, float) and abs(one - other) <= TOLERANCE
+            if one != other and not close:
+                found.differences.append(Difference(f"frames seen in '{where}', {name}", str(one), str(other)))
+    found.compared["episodes whose frames were checked"] = compared
 
 
 def _say(run: Path, manifest: EpisodesManifest, episodes: Sequence[Episode], found: Found) -> None:

@@ -33,6 +33,7 @@ _MOST = {
     "run/run.json": 16_000_000,
     "run/actions.toml": 64_000,
     "run/vetting.json": 16_000_000,
+    "run/seen.json": 16_000_000,
     "run/bank/manifest.json": MOST_METADATA,
     "run/bank/metadata.jsonl": MOST_METADATA,
     "bundle.json": _MOST_JSON,
@@ -43,7 +44,7 @@ _PLAIN = re.compile(r"[^\x00-\x1f\x7f\\]{1,500}")
 _DRIVE = re.compile(r"[A-Za-z]:.*")
 _FIXED = re.compile(
     r"(bundle|results)\.json|report\.html|README\.txt|tables/[a-z0-9_-]+\.(csv|md|tex)|source/[a-z0-9_/]+\.py|"
-    r"run/([^/]+/)?(run\.json|ledger\.sqlite|episodes\.jsonl|vetting\.json|actions\.toml)"
+    r"run/([^/]+/)?(run\.json|ledger\.sqlite|episodes\.jsonl|vetting\.json|seen\.json|actions\.toml)"
 )
 _BANK = re.compile(r"run/([^/]+/)?bank/.*")
 _PART = re.compile(r"(?<=^run/)[^/]+/(?=(bank/)?[^/]+$)")

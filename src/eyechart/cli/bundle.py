@@ -80,7 +80,8 @@ def paper(
     """Write every table and figure of the paper that runs determine, and say what is missing for the others.
 
     Files are named by the paper's labels, as t-frontier.tex: tables in CSV, Markdown and LaTeX (with label and caption,
-    no wider than a column), figures in SVG and PDF. Costs, latency and energy of all models stand in costs.tex.
+    no wider than a column), figures in SVG and PDF. What an earlier call wrote there, and this one does not, is
+    removed where nobody changed it. Costs, latency and energy of all models stand in costs.tex.
     Example: eyechart paper run-hosted run-drives --out artefacts
     """
     from eyechart.paper import artefacts, write
@@ -89,12 +90,17 @@ def paper(
     with patience("paper") as tell:
         reading = Reading(independent, reread, against)
         found = artefacts(runs, frames or [], reading, tell, guardian=guardian, prices=prices)
-        files = write(found, out)
+        written = write(found, out)
     if json:
-        print_json({"files": [path.name for path in files], "missing": dict(found.missing)})
+        names = {what: [path.name for path in getattr(written, what)] for what in ("files", "removed", "kept")}
+        print_json({**names, "missing": dict(found.missing)})
         return
-    for path in files:
+    for path in written.files:
         print_line(f"wrote    {path}")
+    for path in written.removed:
+        print_line(f"removed  {path}: of an earlier call, and nothing of these runs")
+    for path in written.kept:
+        print_line(f"kept     {path}: of an earlier call, and changed since")
     for label, why in found.missing.items():
         print_line(f"missing  {label}: {why}")
 

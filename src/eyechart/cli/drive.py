@@ -199,6 +199,10 @@ def online(
     view: View = None,
     episodes: Annotated[int, typer.Option(min=1, help="So many worlds, from every scenario in turn.")] = 12,
     seed: Annotated[int, typer.Option(min=0, help="Of the order of episodes and of sampling.")] = 0,
+    reflections: Annotated[
+        bool,
+        typer.Option("--reflections/--no-reflections", help="Ask about each reflection too: twice the calls."),
+    ] = True,
     concurrency: options.Episodes = 8,
     how: options.Options = options.AS_USUAL,
     spending: options.Spending = options.NO_LIMIT,
@@ -206,10 +210,12 @@ def online(
 ) -> None:
     """Let scene estimates drive through the safety policy, in worlds that the positive control has driven first.
 
-    Each world must pass renderer integrity and the positive control, or another takes its place. 'eyechart score OUT'
-    prints crash rates, decisions and fail-safes. A model that is served elsewhere, and that no --mode file says how to
-    ask, is probed between the two. Exit 1: episodes are unfinished or ended in an error; 3: stopped at --max-calls or
-    --max-cost. Example: eyechart run online --model scripted:scene_side_blind --out online
+    Each world must pass renderer integrity and the positive control, or another takes its place; afterwards every frame
+    that an estimator saw is checked so too. 'eyechart score OUT' prints crash rates, decisions, fail-safes and the
+    clauses of admission over the frames that were met; 'eyechart gate OUT' holds the run to these. A model that is
+    served elsewhere, and that no --mode file says how to ask, is probed after the vetting. Exit 1: episodes are
+    unfinished or ended in an error; 3: stopped at --max-calls or --max-cost.
+    Example: eyechart run online --model scripted:scene_side_blind --out online
     """
     from eyechart import episodes as closed_loop
     from eyechart.studies.probed import Probing
@@ -222,7 +228,13 @@ def online(
         driven = vetted[0] if vetted else None
         with resumable("nothing was asked yet; the same command begins anew"), progress("vetting", "worlds") as move:
             made = study.plan(
-                simulator, modes, out, view=view, episodes=episodes, seed=seed, progress=move, vetted=driven
+                closed_loop.Setup(simulator, seed, reflected=reflections),
+                modes,
+                out,
+                view=view,
+                episodes=episodes,
+                progress=move,
+                vetted=driven,
             )
         vetted.append(made.vetted)
         return made.counting(probes)
@@ -245,11 +257,13 @@ def online(
     bounds = closed_loop.Bounds(concurrency=concurrency, limits=limits, sequential=spending.sequential)
     with watched_progress("episodes", "episodes", out, allowed, KEPT) as move:
         outcome = study.run(planned, bounds=bounds, progress=move)
+    with resumable("the drives are kept; the same command checks the rest"), progress("checking", "episodes") as move:
+        study.check_seen(out, move)
     tell_left({"": drives}, outcome, unprobed)
     if failed := sum(one.errors for one in study.score(out).driven.values()):
         say(f"{failed} episodes ended in an error; they count in nothing")
         raise typer.Exit(1)
-    say(f"done: 'eyechart score {out}' prints crash rates, decisions and fail-safes")
+    say(f"done: 'eyechart score {out}' prints what came of it, 'eyechart gate {out}' holds it to admission")
 
 
 @options.expanded

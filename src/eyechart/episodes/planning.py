@@ -114,6 +114,8 @@ def plan(
     if not names:
         raise SpecError("episodes need at least one --policy: constant:SLOW, oracle, or a model's SPEC")
     drivers = _drivers(world, setup, names, modes, prompt if isinstance(prompt, Prompt) else _prompt_for(world, prompt))
+    reflected = read_episodes_manifest(out).reflected if is_episodes_run(out) else setup.reflected
+    drivers = replace(drivers, mirror_axis=world.mirror_axis if reflected else None)
     policies, models = drivers.policies, drivers.models
     manifest = EpisodesManifest(
         created=today(),
@@ -134,6 +136,7 @@ def plan(
         reader=drivers.answers.reader,
         view=NONE if view is None else view.key,
         silence=setup.silence,
+        reflected=reflected,
     )
     planned = Episodes(every_episode(manifest), replace(drivers, view=view), manifest, setup, out)
     return replace(planned, manifest=_resumed(planned))
@@ -331,14 +334,14 @@ def expected(planned: Episodes, prices: Prices, *, concurrency: int) -> tuple[Co
         for key in {key.scenario: key for key in left}.values()
     ]
     length = asyncio.run(_lengths(setup, first, constants))
-    made: dict[EpisodeKey, int] = {}
+    made, each = dict[EpisodeKey, int](), 2 if planned.manifest.reflected else 1
     if (planned.out / LEDGER).is_file():
         with Ledger(planned.out / LEDGER) as ledger:
             made = {key: len(calls) for key, calls in calls_of(left, planned.drivers, ledger).items()}
     return tuple(
         estimate(
             planned.manifest.mode(spec),
-            sum(max(0, length[key.scenario] - made.get(key, 0)) for key in left if key.policy == spec),
+            sum(max(0, each * length[key.scenario] - made.get(key, 0)) for key in left if key.policy == spec),
             prices,
             concurrency=concurrency,
             sampled=True,

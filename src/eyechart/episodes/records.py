@@ -23,6 +23,10 @@ SILENCES: Mapping[str, frozenset[str]] = {"unfinished": frozenset(), "fail-safe"
 the episode is left for a resumed run, or the fail-safe is executed (docs/decisions/0027)."""
 
 
+REFLECTED = "mirrored"
+"""The condition under which a call about the reflection of a picture stands in the ledger."""
+
+
 @dataclass(frozen=True, slots=True, order=True)
 class EpisodeKey:
     """The identity of an episode: who drives, in which world, and what the camera's picture is replaced by."""
@@ -45,6 +49,10 @@ class EpisodeKey:
     def call(self, prompt: str, step: int) -> CallKey:
         """Return the key of the call that a model's decision of this step is."""
         return CallKey(STUDY, self.policy, prompt, self.frame(step), self.condition)
+
+    def reflection(self, prompt: str, step: int) -> CallKey:
+        """Return the key of the call about the reflection of this step's picture, which decides nothing."""
+        return CallKey(STUDY, self.policy, prompt, self.frame(step), REFLECTED)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,15 +6,19 @@ import signal
 import threading
 from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
+
+import numpy as np
 
 from eyechart.attempts import Caller, budget_of, close, first_error
 from eyechart.calls import CallKey, Query, Reply
-from eyechart.episodes.records import Episode, EpisodeKey
+from eyechart.conditions import flip
+from eyechart.episodes.records import REFLECTED, Episode, EpisodeKey
 from eyechart.episodes.workers import Worker, WorkerDiedError
 from eyechart.episodes.worlds import Shown
 from eyechart.errors import EyechartError
+from eyechart.frames import Stimulus, decode, encode
 from eyechart.ledger import Ledger
 from eyechart.limits import Limits, Outcome, Pace
 from eyechart.models import Model
@@ -36,6 +40,8 @@ class Drivers:
     is the run's, and ``answers`` the space of their replies. ``silent`` are the kinds of failure at which
     the fail-safe is executed; every other one that may pass leaves the episode unfinished. Models of one of the
     ``turns`` drive one after another, each closed before the next is asked; without turns all do at once.
+    ``mirror_axis`` is that of the world where models are asked about the reflection of each picture too, which decides
+    nothing; else None.
     """
 
     policies: Mapping[str, Policy]
@@ -47,6 +53,7 @@ class Drivers:
     view: View | None = None
     silent: frozenset[str] = frozenset()
     turns: tuple[tuple[str, ...], ...] = ()
+    mirror_axis: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +111,8 @@ def calls_of(
     for spec in drivers.models:
         for sent in ledger.attempts(spec):
             world = sent.key.frame.rpartition("/")[0]
-            episode = by_frame.get((spec, world, sent.key.condition))
+            real = drivers.mirror_axis is not None and sent.key.condition == REFLECTED
+            episode = by_frame.get((spec, world, "real" if real else sent.key.condition))
             if episode is not None and sent.reply is not None and sent.final:
                 found.setdefault(episode, {})[sent.key] = sent.reply, sent.request_sha256
     return found
@@ -271,7 +279,10 @@ class _Coordinator:
         shown = await worker.ask("open", key)
         while isinstance(shown, Shown):
             try:
-                reply = await self._reply(key, shown)
+                reply = await self._reply(key, key.call(self.drivers.prompt.key, shown.step), shown)
+                if self.drivers.mirror_axis is not None:
+                    mirrored = replace(shown, stimulus=_reflected(shown, self.drivers.mirror_axis))
+                    await self._reply(key, key.reflection(self.drivers.prompt.key, shown.step), mirrored)
             except _NotRepeatedError as error:
                 shown = await worker.ask("fail", key, str(error))
             except (_CutError, _StoppedError):
@@ -282,9 +293,9 @@ class _Coordinator:
         assert isinstance(shown, Episode)
         return shown
 
-    async def _reply(self, key: EpisodeKey, shown: Shown) -> Reply:
+    async def _reply(self, key: EpisodeKey, call: CallKey, shown: Shown) -> Reply:
         """Return the reply of a finished call, or make the call."""
-        drivers, call = self.drivers, key.call(self.drivers.prompt.key, shown.step)
+        drivers = self.drivers
         seen = through(drivers.view, shown.stimulus, shown.frame)
         query = drivers.prompt.query(seen, call.seed(drivers.seed), drivers.answers)
         known = self.finished.setdefault(key, {})
@@ -311,6 +322,15 @@ class _Coordinator:
                 "it does not repeat itself"
             )
         self.unlike(key, call, sent, shown)
+
+
+def _reflected(shown: Shown, axis: str) -> Stimulus:
+    """Return what is shown, flipped across the lane axis."""
+    flipped = {
+        name: encode(np.ascontiguousarray(flip(decode(image, shown.frame), axis)))
+        for name, image in shown.stimulus.images.items()
+    }
+    return replace(shown.stimulus, images=flipped)
 
 
 def decide(reply: Reply, drivers: Drivers) -> Decision[str]:

@@ -34,7 +34,8 @@ class Setup:
 
     ``simulators`` is the registry of the process that began the run, ``seed`` the run's, ``max_steps`` the number
     of decisions after which an episode that has not ended is an error, and ``actions`` the action map of ``gym:``.
-    ``silence`` is one of `SILENCES`: whether the fail-safe is executed where a model says nothing.
+    ``silence`` is one of `SILENCES`: whether the fail-safe is executed where a model says nothing. ``reflected`` asks
+    models about the reflection of each picture too; a run that goes on does as it was begun.
     """
 
     simulator: str
@@ -42,6 +43,7 @@ class Setup:
     max_steps: int = MAX_STEPS
     actions: Path | None = None
     silence: str = "unfinished"
+    reflected: bool = False
     simulators: Mapping[str, str] = field(default_factory=lambda: dict(SIMULATORS))
 
 

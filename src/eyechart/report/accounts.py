@@ -94,6 +94,12 @@ def costs_table(accounts: Mapping[str, Mapping[str, Account]], *, every: bool) -
     return Table("costs", "what the calls took", named, rows)
 
 
+NO_PRICE = (
+    "Price unknown: the endpoint reports no cost, and the dated table of prices has none. So it is of the paper's "
+    "hosted models, whose endpoint the paper does not name: --prices FILE says what one costs"
+)
+
+
 def deployment_table(accounts: Mapping[str, Account]) -> Table:
     """Return what decisions cost and take, in the paper's units: a row a model. Source: paper, section sn:cost.
 
@@ -119,7 +125,10 @@ def deployment_table(accounts: Mapping[str, Account]) -> Table:
         Column("price", "word"),
     )
     caption = "Cost, latency and energy. A decision is a call whose reply holds one"
-    return Table("costs", caption, named, tuple(rows), "— not known, not measured, or the run is not finished")
+    note = "— not known, not measured, or the run is not finished"
+    if any("unknown" in one.cost_from for one in accounts.values()):
+        note += f". {NO_PRICE}"
+    return Table("costs", caption, named, tuple(rows), note)
 
 
 def _each(total: float | None, count: int) -> float | None:

@@ -8,39 +8,33 @@ of crashes of Table t:controller-local.
 import json
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
-
 from eyechart import episodes as closed_loop
-from eyechart.conditions import flip
 from eyechart.episodes import Bounds, Episode, Episodes, EpisodesManifest, Setup, read_episodes, read_manifest
 from eyechart.episodes.running import USUAL
 from eyechart.errors import BankError, LedgerError, SpecError
-from eyechart.frames import RGB, Scalar, encode
 from eyechart.integrity import ServedGuard
+from eyechart.ledger import Ledger
 from eyechart.limits import Outcome, Spent
-from eyechart.models.scripted import see
+from eyechart.manifest import LEDGER
 from eyechart.modes import RequestMode
 from eyechart.perception.forward import distances_of
-from eyechart.perception.view import View, view_for
+from eyechart.perception.view import View, find_view, view_for
 from eyechart.prompts import scene_prompt
 from eyechart.records import Plain, build, plain
 from eyechart.run import Progress
-from eyechart.simulators import Drive, HalfBlind, Simulator, open_simulator
-from eyechart.spaces.scene import Estimate, Scene
+from eyechart.simulators import Simulator, open_simulator
 from eyechart.stats.agreement import rate
-from eyechart.stats.statistic import Statistic
-from eyechart.studies.closed_loop import served_of
+from eyechart.stats.statistic import Measured, Statistic, cannot_say
+from eyechart.studies.closed_loop import Drives, measured, read_drives, served_of
+from eyechart.studies.structured.seen import Checks, Seen, check_all, figures, read_seen
+from eyechart.verdicts import Evidence
+from eyechart.verdicts.admission import CLAUSES, Held, hold
 
 VETTING = "vetting.json"
-GAP_ERROR_M = 0.1
-"""Half a pixel of highway-env's picture is 0.091 m."""
-
-SIDES_RIGHT = 0.9
-"""Between two lanes a side may be read and told differently for a moment."""
-
 _MOST_STEPS = 1000
 _SEEDS_TRIED = 10
 
@@ -64,52 +58,6 @@ class Vetted:
     unseen: int = 0
 
 
-@dataclass
-class _Checks:
-    """What is found frame by frame; ``failed`` is the first fault that fails a world."""
-
-    frames: int = 0
-    errors_m: list[float] = field(default_factory=list)
-    actions: Counter[str] = field(default_factory=Counter)
-    sides_right: int = 0
-    unseen: int = 0
-    failed: str | None = None
-
-    def look(self, drive: Drive, pixels: RGB, view: View | None, axis: str) -> str | None:
-        """Check one frame as a model is shown it; return the safe action of what was read, None where nothing was."""
-        self.frames += 1
-        sides = (pixels, flip(pixels, axis))
-        shown, reflected = (np.ascontiguousarray(one if view is None else view.show(one)) for one in sides)
-        reading, mirrored = see(encode(shown)).reading, see(encode(reflected)).reading
-        if reading is None:
-            self._fail("renderer integrity: no road with a vehicle is seen")
-            return None
-        scene = reading.scene
-        if mirrored is None or mirrored.scene != scene.mirrored():
-            self._fail("positive control: the reflection is read differently")
-        self._compare(scene, drive.truth(), drive.unseen_sides() if isinstance(drive, HalfBlind) else frozenset())
-        action = Estimate.of(scene).act(scene.distances)
-        self.actions[action] += 1
-        return action
-
-    def _compare(self, scene: Scene, truth: Mapping[str, Scalar], unseen: frozenset[str]) -> None:
-        told = truth["lead_gap_m"] if truth.get("lead_visible") is not False else None
-        if isinstance(told, bool | str):
-            raise SpecError(f"the world tells the gap {told!r}, which is no number")
-        if (told is None) != (scene.gap_m is None):
-            self._fail("positive control: a lead is read and not there, or there and not read")
-        elif told is not None and scene.gap_m is not None:
-            self.errors_m.append(abs(scene.gap_m - told))
-            if self.errors_m[-1] > GAP_ERROR_M:
-                self._fail(f"positive control: the gap is read {self.errors_m[-1]:.2f} m off")
-        self.unseen += bool(unseen)
-        read = {"left": scene.left_clear, "right": scene.right_clear}
-        self.sides_right += all(side in unseen or clear == truth[f"{side}_clear"] for side, clear in read.items())
-
-    def _fail(self, why: str) -> None:
-        self.failed = self.failed or f"frame {self.frames - 1}: {why}"
-
-
 def vet(simulator: Simulator, scenario: str, seed: int, view: View | None) -> Vetted:
     """Let the positive control drive in a world and check every frame that it is shown.
 
@@ -118,7 +66,7 @@ def vet(simulator: Simulator, scenario: str, seed: int, view: View | None) -> Ve
     the reflection exactly alike. A side that is closed by nothing in the picture, because what closes it stands beside
     a forward camera, is not judged: no picture could tell.
     """
-    checks, ended = _Checks(), "time"
+    checks, ended = Checks(), "time"
     drive = simulator.drive(scenario, seed)
     try:
         while checks.frames < _MOST_STEPS:
@@ -137,10 +85,8 @@ def vet(simulator: Simulator, scenario: str, seed: int, view: View | None) -> Ve
         checks.failed = f"frame {checks.frames}: renderer integrity: {error}"
     finally:
         drive.close()
-    if checks.failed is None and checks.sides_right < SIDES_RIGHT * checks.frames:
-        checks.failed = f"positive control: the sides are read right on {checks.sides_right} of {checks.frames} frames"
-    error_m = float(np.mean(checks.errors_m)) if checks.errors_m else None
-    return Vetted(scenario, seed, checks.frames, ended, dict(checks.actions), error_m, checks.failed, checks.unseen)
+    why = checks.whole()
+    return Vetted(scenario, seed, checks.frames, ended, dict(checks.actions), checks.gap_mae_m, why, checks.unseen)
 
 
 def vet_worlds(
@@ -211,7 +157,7 @@ class Online:
 
 
 def plan(
-    simulator: str,
+    simulator: str | Setup,
     specs: Sequence[str | RequestMode],
     out: Path,
     *,
@@ -224,21 +170,23 @@ def plan(
     """Vet worlds, or read which ones ``out`` holds already, and plan an episode of each model in each that passed.
 
     Nothing is written or asked yet. ``progress`` gets (worlds passed, of how many). ``vetted`` is how the worlds of
-    this plan were vetted before. Raises SpecError and LedgerError as a closed loop's plan does, and SpecError where too
-    few worlds pass.
+    this plan were vetted before. ``simulator`` is a name, or a `Setup` that says besides whether an estimator is asked
+    about the reflection of each picture too, as it is by default; that steers nothing. Raises SpecError and
+    LedgerError as a closed loop's plan does, and SpecError where too few worlds pass.
     """
     if episodes < 1:
         raise SpecError(f"an online run needs at least 1 episode, got {episodes}")
-    world = open_simulator(simulator).declared
+    setup = simulator if isinstance(simulator, Setup) else Setup(simulator, seed, reflected=True)
+    world = open_simulator(setup.simulator).declared
     shown = view_for(view, world.camera or world.name)
     prompt = scene_prompt(world.picture, distances_of(world.camera), shown)
 
     def planned(seeds: Sequence[int]) -> Episodes:
-        return closed_loop.plan(Setup(simulator, seed), specs, out, seeds=seeds, prompt=prompt, view=shown)
+        return closed_loop.plan(setup, specs, out, seeds=seeds, prompt=prompt, view=shown)
 
     planned((0,))  # what is wrong with the models or the folder is said before the worlds are driven
     kept = read_vetting(out)
-    vetted = kept or vetted or vet_worlds(simulator, episodes, shown, progress)
+    vetted = kept or vetted or vet_worlds(setup.simulator, episodes, shown, progress)
     worlds = [(one.scenario, one.seed) for one in vetted if one.why is None]
     if kept and len(worlds) != episodes:
         raise LedgerError(
@@ -262,18 +210,35 @@ def run(planned: Online, *, bounds: Bounds = USUAL, progress: Progress | None = 
     return closed_loop.run(planned.episodes, bounds=bounds, progress=progress)
 
 
+def check_seen(out: Path, progress: Progress | None = None) -> tuple[Seen, ...]:
+    """Check every frame that the estimators of a run saw, as far as that was not done; see `seen.check`.
+
+    Worlds are driven again for it, and nobody is asked.
+    """
+    manifest = read_manifest(out)
+    episodes = [one for one in read_episodes(out) if one.ended != "error"]
+    return check_all(out, open_simulator(manifest.simulator), episodes, find_view(manifest.view), progress)
+
+
 @dataclass(frozen=True)
 class Driven(Plain):
     """What came of one estimator's episodes: how many it drove, crashed in, and what it decided.
 
     ``fail_safe`` counts the steps at which SLOW was executed because there was no estimate; it is credited to nobody.
-    ``errors`` ended otherwise than by driving and count in nothing.
+    ``errors`` ended otherwise than by driving and count in nothing. ``statistics`` are the figures of the static
+    battery over the frames that it met; empty for the vetting.
     """
 
     crash_rate: Statistic
     decisions: Mapping[str, int]
     fail_safe: int
     errors: int
+    statistics: Mapping[str, Statistic] = field(default_factory=dict)
+
+    @property
+    def clauses(self) -> tuple[Held, ...]:
+        """Return the clauses of admission, held against what it met."""
+        return hold(self.statistics) if self.statistics else ()
 
 
 @dataclass(frozen=True)
@@ -284,6 +249,42 @@ class OnlineScore:
     vetted: tuple[Vetted, ...]
     driven: Mapping[str, Driven]
     served: Mapping[str, ServedGuard] = field(default_factory=dict)
+    seen: tuple[Seen, ...] = ()
+    drives: tuple[Drives, ...] = ()
+
+    def left(self, spec: str) -> tuple[int, int]:
+        """Return how many episodes an estimator finished, and how many it was to drive."""
+        over = self.driven[spec]
+        return over.crash_rate.n + over.errors, sum(one.why is None for one in self.vetted)
+
+    def frames(self, spec: str) -> tuple[bool | None, str]:
+        """Return whether every frame that an estimator saw passes both checks, None where not all were checked; why."""
+        mine = [one for one in self.seen if one.policy == spec]
+        if faults := [one for one in mine if one.why is not None]:
+            first = f"{faults[0].scenario}/{faults[0].seed}: {faults[0].why}"
+            return False, f"{len(faults)} of {len(mine)} episodes hold a frame that fails; first {first}"
+        frames, driven = sum(one.frames for one in mine), self.driven[spec].crash_rate.n
+        if len(mine) < driven or not mine:
+            return None, f"the frames of {driven - len(mine)} episodes were not checked: the same command checks them"
+        return True, f"renderer integrity and positive control hold on all {frames} frames that it saw"
+
+    def evidence(self) -> dict[str, Evidence]:
+        """Return what there is to hold every estimator to; of one that finished no episode there is none."""
+        found = {}
+        for spec in self.manifest.models:
+            one, guard = self.driven[spec], self.served.get(spec)
+            steps = sum(one.decisions.values()) + one.fail_safe
+            nothing = {each.statistic: cannot_say("no frame was met") for each in CLAUSES.values()}
+            guards = () if guard is None else (guard,)
+            found[spec] = Evidence(spec, one.statistics or nothing, steps, steps, {}, guards)
+        return found
+
+    def measured(self) -> tuple[Measured, ...]:
+        """Return the audit and the figures of every estimator in its simulator."""
+        return tuple(
+            replace(one, statistics={**one.statistics, **self.driven[one.model].statistics})
+            for one in measured(self.drives, {})
+        )
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
@@ -294,9 +295,18 @@ class OnlineScore:
             "view": self.manifest.view,
             "worlds": [f"{one.scenario}/{one.seed}" for one in self.vetted if one.why is None],
             "refused": {f"{one.scenario}/{one.seed}": one.why for one in self.vetted if one.why is not None},
-            "models": {spec: one.as_dict() for spec, one in self.driven.items()},
+            "models": {
+                spec: {**one.as_dict(), "clauses": plain(one.clauses), "frames_seen": self._said(spec)}
+                for spec, one in self.driven.items()
+            },
             "served": plain(self.served),
         }
+
+    def _said(self, spec: str) -> dict[str, object] | None:
+        if spec == CONTROL:
+            return None
+        holds, why = self.frames(spec)
+        return {"holds": holds, "because": why, "episodes": [one.as_dict() for one in self.seen if one.policy == spec]}
 
 
 def score(path: Path) -> OnlineScore:
@@ -309,10 +319,17 @@ def score(path: Path) -> OnlineScore:
     worlds = {(one.scenario, one.seed) for one in passed}
     decisions = sum((Counter(one.actions) for one in passed), Counter[str]())
     driven = {CONTROL: Driven(rate(sum(one.ended == "crash" for one in passed), len(passed)), dict(decisions), 0, 0)}
+    with ExitStack() as opened:
+        ledger = opened.enter_context(Ledger(path / LEDGER)) if (path / LEDGER).is_file() else None
+        replies = {spec: [] if ledger is None else list(ledger.replies(spec)) for spec in manifest.models}
     for spec in manifest.policies:
         mine = {one.key: one for one in found if one.key.policy == spec and (one.key.scenario, one.key.seed) in worlds}
         driven[spec] = _driven(list(mine.values()))
-    return OnlineScore(manifest, vetted, driven, served_of(path))
+        good = [one for one in mine.values() if one.ended != "error"]
+        if spec in replies and any(one.steps for one in good):
+            driven[spec] = replace(driven[spec], statistics=figures(manifest, good, replies[spec]))
+    drives = read_drives([path]) if found else ()
+    return OnlineScore(manifest, vetted, driven, served_of(path), read_seen(path), drives)
 
 
 def _driven(episodes: Sequence[Episode]) -> Driven:

@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from eyechart.gate import ADMISSION, Gate, hold_admission
+from eyechart.gate import ADMISSION, ONLINE, Gate, hold_admission, hold_online
 from eyechart.manifest import read_manifest
 from eyechart.studies import NO_DRIVES, Made, Packed, Reading, Tell, names_of
 from eyechart.studies.battery import OfFrames
@@ -97,10 +97,11 @@ class OnlineStudy(OfEpisodes[online.OnlineScore]):
     """Estimators that drive through the safety policy; a report shows their drives."""
 
     refuses: ClassVar = {
-        **NO_LEDGER,
+        **{name: why for name, why in NO_LEDGER.items() if name != "gate"},
         "score --against": NO_DRIVES["score --against"],
-        "gate": "is an online run, which bounds no claim: hold an admission or structured run to one",
     }
+    requirements = ONLINE
+    required = "admission"
 
     def holds(self, folder: Path) -> bool:
         return (folder / VETTING).is_file()
@@ -109,13 +110,23 @@ class OnlineStudy(OfEpisodes[online.OnlineScore]):
         del reading
         return online.score(folder)
 
+    def gate(
+        self,
+        score: online.OnlineScore,
+        require: Sequence[str],
+        max_unparsed: float | None,
+        *,
+        allow_fingerprints: bool = False,
+    ) -> Gate:
+        return hold_online(score, require, max_unparsed=max_unparsed, allow_fingerprints=allow_fingerprints)
+
     def whole(self, folder: Path, reading: Reading, tell: Tell) -> tuple[online.OnlineScore, Made]:
         return online.score(folder), self.report([folder], [], reading, tell)
 
     def beside_drives(self, runs: Sequence[Path]) -> "Sequence[Table]":
-        from eyechart.studies.structured.tables import online_table
+        from eyechart.studies.structured.tables import met_table, online_table
 
-        return [online_table(online.score(run)) for run in runs]
+        return [table(online.score(run)) for run in runs for table in (online_table, met_table)]
 
     def paper(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> "Iterator[Table]":
         from eyechart.report.table import stacked
@@ -130,8 +141,10 @@ class OnlineStudy(OfEpisodes[online.OnlineScore]):
 
     def printed(self, score: online.OnlineScore) -> "Iterator[Table | str]":
         from eyechart.studies.closed_loop.tables import served_words
-        from eyechart.studies.structured.tables import online_table
+        from eyechart.studies.structured.tables import met_table, online_table
 
         yield from served_words(score.served)
         yield online_table(score)
+        yield met_table(score)
+        yield from (f"{spec}: {score.frames(spec)[1]}" for spec in score.manifest.models)
         yield from (f"refused: {one.scenario}/{one.seed}: {one.why}" for one in score.vetted if one.why is not None)

@@ -124,6 +124,25 @@ def online_table(score: OnlineScore) -> Table:
     return Table("online", caption, (*named, *columns("count", *actions, "fail-safe", "errors")), rows, note)
 
 
+def met_table(score: OnlineScore) -> Table:
+    """Return one row a clause of admission: what was found over the frames that an estimator met online."""
+    rows = tuple(
+        (
+            spec,
+            one.name,
+            one.clause.least,
+            *statistic_cells(one.statistic)[:-1],
+            _OUTCOME[one.passes],
+            one.clause.says + (f" ({one.statistic.note})" if one.statistic.value is None else ""),
+        )
+        for spec, driven in score.driven.items()
+        for one in driven.clauses
+    )
+    named = (Column("estimator"), Column("clause", "word"), Column("at least", "number"), *STATISTIC[:-1])
+    caption = "The clauses of admission, held against what each estimator met online"
+    return Table("met", caption, (*named, Column("outcome", "word"), Column("what is counted")), rows)
+
+
 def crashes_table(score: OnlineScore) -> Table:
     """Return the online column of Table t:controller-local: an estimator's crash rate."""
     rows = tuple((spec, one.crash_rate) for spec, one in score.driven.items())
