@@ -13,7 +13,7 @@ INSPECT := $(VENV)/inspect
 DOCS := $(VENV)/.docs
 EXTRAS := $(VENV)/.extras
 
-# Python keeps what it compiled, also where the environment says otherwise: each start of a command compiles it all else.
+# Python keeps what it compiled, also where the environment says otherwise: else each start of a command compiles it anew.
 export PYTHONDONTWRITEBYTECODE :=
 
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
