@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import hosted
+import numpy as np
 
 import banks
 import drives
@@ -247,3 +248,57 @@ def _outputs(modal: int, distinct: int, changed: int) -> tuple[list[str], list[s
     real = [hosted.ANSWERS[0]] * modal + others
     blank = [hosted.ANSWERS[(hosted.ANSWERS.index(one) + (place < changed)) % 5] for place, one in enumerate(real)]
     return real, blank
+
+
+EDGE: Mapping[str, Mapping[str, Mapping[str, Sequence[int]]]] = {
+    "drone": {
+        "Qwen2-VL-2B": {"STRAIGHT": (45, 45, 45, 45)},
+        "Qwen2-VL-7B": {"STRAIGHT": (45, 45, 45, 45)},
+        "LLaVA-1.5-7B": {"STRAIGHT": (42, 40, 43, 42), "SLOW": (2, 4, 1, 0), "STOP": (1, 1, 1, 3)},
+        "SmolVLM": {
+            "STRAIGHT": (17, 25, 26, 29),
+            "SLOW": (12, 15, 14, 6),
+            "STOP": (18, 2, 4, 3),
+            "LEFT": (2, 8, 6, 12),
+            "RIGHT": (1, 0, 0, 0),
+        },
+    },
+    "rover": {
+        "Qwen2-VL-2B": {"STRAIGHT": (55, 55, 55, 55)},
+        "LLaVA-1.5-7B": {"STRAIGHT": (55, 55, 55, 55)},
+        "Qwen2-VL-7B": {"STRAIGHT": (55, 55, 55, 51), "SLOW": (0, 0, 0, 4)},
+        "SmolVLM": {"SLOW": (29, 24, 37, 32), "STOP": (18, 23, 10, 15)},
+    },
+}
+"""Decisions by quartile of the gap, found by search, that have every share and bit of Table t:degeneracy.
+
+The paper prints no counts; those of a cell that varies are not the only ones with its digits, and p depends on them.
+"""
+
+
+def edge_runs(folder: Path) -> list[Path]:
+    """Write drives of the eight cells, a run a platform."""
+    made = []
+    for platform, cells in EDGE.items():
+        found = [one for spec, counts in cells.items() for one in _decided(spec, platform, counts)]
+        made.append(drives.make_run(folder / platform, found, models=tuple(cells), simulator=platform))
+    return made
+
+
+def _decided(spec: str, platform: str, counts: Mapping[str, Sequence[int]]) -> list[Episode]:
+    """Return drives of twenty steps in which these decisions are taken at gaps of these quartiles."""
+    moments = [
+        (action, 10.0 * quartile + 0.01 * number)
+        for action, row in counts.items()
+        for quartile, many in enumerate(row)
+        for number in range(many)
+    ]
+    moments = [moments[place] for place in np.random.default_rng(0).permutation(len(moments))]
+    found = []
+    for number, start in enumerate(range(0, len(moments), 20)):
+        mine = moments[start : start + 20]
+        key = EpisodeKey(spec, platform, drives.SCENARIOS[number % 4], number // 4)
+        whole = drives.episode(key, lambda _truth, step, _seed, mine=mine: mine[step][0], steps=len(mine))
+        steps = [replace(one, truth={"lead_gap_m": mine[one.step][1]}) for one in whole.steps]
+        found.append(replace(whole, steps=tuple(steps)))
+    return found

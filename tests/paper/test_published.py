@@ -32,6 +32,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
         published_runs.online_run(folder),
         published_runs.hierarchy_study(folder),
         published_runs.prompt_study(folder),
+        *published_runs.edge_runs(folder),
     ]
     for words in (
         ("guardian", "fit", votes, "--about", about, "--out", guardian),
@@ -56,9 +57,9 @@ def shown(out: Path, name: str) -> dict[str, list[str]]:
 
 
 def test_every_label_is_written(out: Path) -> None:
-    """But the audit, which is of models that drive, and the calibrated view: these pictures are a few pixels wide."""
+    """But the calibrated view: these pictures are a few pixels wide. tests/test_paper.py has it."""
     names = {path.name.partition(".")[0].replace("-", ":", 1) for path in out.iterdir()}
-    assert LABELS.keys() - names == {"t:degeneracy", "fgr:vlm-interface"}
+    assert LABELS.keys() - names == {"fgr:vlm-interface"}
 
 
 @pytest.mark.parametrize(("row", "model", "cell"), [one for one in cells() if one[:2] not in NOT_DETERMINED])
@@ -143,7 +144,7 @@ def test_the_local_estimators_are_the_papers(out: Path) -> None:
 
 def test_the_crashes_of_the_ladder_are_the_papers(out: Path) -> None:
     """The column of Table t:baselines that counts determine."""
-    crashes = {name: cells[-1] for name, cells in shown(out, "t-baselines").items()}
+    crashes = {name.rpartition(" ")[2]: cells[-1] for name, cells in shown(out, "t-baselines").items()}
     assert crashes == {
         "constant:SLOW": "3.1%",
         "oracle": "37.5%",
@@ -161,6 +162,37 @@ def test_goals_and_crashes_of_the_hierarchy_are_the_papers(out: Path) -> None:
     assert {name: cells[:2] for name, cells in found.items()} == printed(INTENT, 2)
     assert found["ollama:gemma4, blank"][-1] == "100.0%"
     assert {name: cells[:2] for name, cells in shown(out, "mpc-intent-second").items()} == printed(SECOND, 2)
+
+
+EDGE = """
+drone Qwen2-VL-2B  1.000 0.00 ---   ---
+drone Qwen2-VL-7B  1.000 0.00 ---   ---
+drone LLaVA-1.5-7B 0.928 0.45 0.032 0.071
+drone SmolVLM      0.485 1.82 0.146 0.080
+rover Qwen2-VL-2B  1.000 0.00 ---   ---
+rover LLaVA-1.5-7B 1.000 0.00 ---   ---
+rover Qwen2-VL-7B  0.982 0.13 0.037 0.283
+rover SmolVLM      0.649 0.94 0.033 0.035
+"""
+
+
+def test_the_audit_has_the_papers_shares_and_bits(out: Path) -> None:
+    """All eight cells of Table t:degeneracy but p, which depends on counts that the paper does not print."""
+    text = unescape((out / "t-degeneracy.md").read_text(encoding="utf-8")).replace("\\", "").replace("—", "---")
+    lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines()]
+    found = {(one[0], one[1].rpartition(" ")[2]): one[2:6] for one in lines if one[0] in {"drone", "rover"}}
+    assert found == {(where, model): cells for where, model, *cells in map(str.split, EDGE.strip().splitlines())}
+
+
+def test_the_family_of_the_audit_are_the_cells_that_vary(out: Path) -> None:
+    """Holm over four; the second of eight could not be the paper's .037, whatever the permutations gave."""
+    found = rows(out, "t-degeneracy")
+    assert sum(one["p"] == "" for one in found) == 4
+    smallest = min(float(one["p"]) for one in found if one["p"])
+    assert smallest == pytest.approx(4 / 5001)
+    second = {f"{7 * k / 5001:.3f}" for k in range(1, 5002)}
+    assert "0.037" not in second
+    assert "0.037" in {f"{3 * k / 5001:.3f}" for k in range(1, 5002)}
 
 
 @pytest.mark.parametrize("prompt", published_runs.PROMPTS)
