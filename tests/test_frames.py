@@ -1,3 +1,4 @@
+import hashlib
 import json
 import math
 import os
@@ -33,6 +34,7 @@ from eyechart.frames import (
     encode,
     inside,
     open_bank,
+    pictures,
     read_bounded,
     read_metadata,
     rounded_truth,
@@ -383,6 +385,28 @@ def test_a_damaged_picture_is_decoded_or_refused_by_name(noise: bytes, at: int, 
         assert "'the picture'" in str(error)  # noqa: PT017 - either outcome is right
     else:
         assert len(shape) == 3
+
+
+def test_a_bank_that_was_checked_is_decoded_once_and_still_watched(
+    bank: FrameBank, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is decoded again in a process is what changed since, even where the manifest was changed with it."""
+    decoded = []
+    opened = pictures.opened
+    monkeypatch.setattr(pictures, "opened", lambda *words: decoded.append(words[1]) or opened(*words))
+    assert check(bank.root) == []
+    decoded.clear()
+    assert check(bank.root) == []
+    assert decoded == []
+    cut = (bank.root / PICTURE).read_bytes()[:60]
+    (bank.root / PICTURE).write_bytes(cut)
+    raw = json.loads((bank.root / "manifest.json").read_text(encoding="utf-8"))
+    raw["images"][PICTURE] = hashlib.sha256(cut).hexdigest()
+    (bank.root / "manifest.json").write_text(json.dumps(raw), encoding="utf-8")
+    for _ in range(2):
+        (problem,) = check(bank.root)
+        assert f"'{PICTURE}' is damaged or no picture" in problem
+    assert decoded == [PICTURE, PICTURE]
 
 
 def plain_frame(**truth: object) -> Frame:

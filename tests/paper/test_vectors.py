@@ -162,7 +162,7 @@ def test_a_collection_error_stops_the_run(tmp_path: Path) -> None:
     path = tmp_path / "vectors.json"
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "number_of_the_paper"]
     run = subprocess.run(
-        [*command, str(HERE), "--vectors", str(path)],
+        [*command, __file__, "--vectors", str(path)],
         capture_output=True,
         text=True,
         check=False,

@@ -44,6 +44,15 @@ def test_a_mirrored_world_renders_to_the_flipped_picture(sizes: tuple[int, int, 
         np.testing.assert_array_equal(mirrored, picture[:, ::-1])
 
 
+def test_a_camera_that_drew_before_draws_what_a_new_one_draws() -> None:
+    """The ground that it keeps is that of the eye alone, whatever stood on it and wherever the eye was since."""
+    camera = Camera()
+    for seed in range(10):
+        (eye, bodies), (other, others) = scene(seed), scene(seed + 100)
+        for seen, shown in ((eye, bodies), (eye, others), (eye, []), (other, others), (eye, bodies)):
+            np.testing.assert_array_equal(camera.draw(seen, shown), Camera().draw(seen, shown))
+
+
 def rows_of(picture: RGB, column: int) -> np.ndarray:
     """Return the rows of a column in which the picture shows orange: a colour, and more red than blue."""
     pixels = picture[:, column].astype(int)

@@ -29,7 +29,7 @@ from eyechart.frames.nouns import (
     is_reserved,
     rounded_truth,
 )
-from eyechart.frames.pictures import decode, inside, read_bounded
+from eyechart.frames.pictures import digest_of_sound, inside, read_bounded
 from eyechart.records import LARGEST, build, shown
 from eyechart.spaces.motion import MotionSpace
 
@@ -238,14 +238,13 @@ def check(root: Path, files: Collection[str] | None = None) -> list[str]:
     used = [file for frame in bank for file in files_of(frame)]
     for file in used if files is None else [file for file in used if file in files]:
         try:
-            picture = read_bounded(root, file)
-            decode(picture, file)
+            digest = digest_of_sound(read_bounded(root, file), file)
         except BankError as error:
             problems.append(str(error))
             continue
         if file not in manifest.images:
             problems.append(f"'{file}' is not in the manifest")
-        elif hashlib.sha256(picture).hexdigest() != manifest.images[file]:
+        elif digest != manifest.images[file]:
             problems.append(f"'{file}' is not the picture that the manifest recorded: its SHA-256 differs")
     problems += [f"'{file}' of the manifest belongs to no frame" for file in sorted(manifest.images.keys() - set(used))]
     return problems or _misplaced(bank)

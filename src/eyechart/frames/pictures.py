@@ -1,12 +1,14 @@
 """Pictures on disk: their bytes are bounded before they are read, their pixels before they are decoded."""
 
+import hashlib
 import io
+import os
 import struct
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import lru_cache
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from stat import S_ISLNK, S_ISREG
 
 import numpy as np
@@ -20,16 +22,20 @@ MAX_PIXELS = 25_000_000
 MAX_IMAGE_BYTES = 64_000_000
 _PNG, _BARE = b"\x89PNG\r\n\x1a\n", bytes([8, 2, 0, 0, 0])
 _FORMATS = ("PNG", "JPEG", "WEBP", "BMP")
+_SOUND_KEPT = 100_000
+_SOUND: set[bytes] = set()
+"""The digests of pictures that were decoded whole in this process."""
+
 _TYPES = {b"\x89PNG": "image/png", b"\xff\xd8": "image/jpeg", b"RIFF": "image/webp", b"BM": "image/bmp"}
 
 
 def inside(root: Path, file: str) -> Path:
     """Return the path of a bank's file; raises BankError where it would lead outside the bank."""
-    pure = PurePosixPath(file)
-    path = root / pure
+    path = root / file
     try:
-        home = _resolved(root.absolute())
-        outside = pure.is_absolute() or ".." in pure.parts or not _real(path).is_relative_to(home)
+        home, real = _resolved(_absolute(str(root))), _real(str(path))
+        within = real == home or real.startswith(home if home.endswith("/") else f"{home}/")
+        outside = file.startswith("/") or ".." in file.split("/") or not within
     except (OSError, ValueError, RuntimeError) as error:  # a name too long, with a NUL, or a loop of links
         raise BankError(f"{file!r} is no file of the bank {root}: {error}") from error
     if outside:
@@ -37,18 +43,23 @@ def inside(root: Path, file: str) -> Path:
     return path
 
 
-def _real(path: Path) -> Path:
+def _real(path: str) -> str:
     """Return where a path leads: its folder is remembered, and a link is followed whenever it is asked."""
     with suppress(OSError):
-        if S_ISLNK(path.lstat().st_mode):
-            return path.resolve()
-    return _resolved(path.parent.absolute()) / path.name
+        if S_ISLNK(os.lstat(path).st_mode):
+            return str(Path(path).resolve())
+    folder, name = os.path.split(path)
+    return os.path.join(_resolved(_absolute(folder)), name)  # noqa: PTH118 - of every picture: a Path takes longer
+
+
+def _absolute(folder: str) -> str:
+    return folder if folder.startswith("/") else str(Path(folder).absolute())
 
 
 @lru_cache(maxsize=64)
-def _resolved(folder: Path) -> Path:
+def _resolved(folder: str) -> str:
     """Return a bank's folder, given from the root on, without links; a bank does not move while it is read."""
-    return folder.resolve()
+    return str(Path(folder).resolve())
 
 
 def read_bounded(root: Path, file: str) -> bytes:
@@ -86,6 +97,21 @@ def decode(picture: bytes, name: str) -> RGB:
     """
     with opened(picture, name, _FORMATS) as found:
         return np.asarray(found if found.mode == "RGB" else found.convert("RGB"), dtype=np.uint8)
+
+
+def digest_of_sound(picture: bytes, name: str) -> str:
+    """Return the SHA-256 of a picture that can be decoded, in hex; equal pictures are decoded once in a process.
+
+    Raises BankError as `decode` does.
+    """
+    found = hashlib.sha256(picture)
+    if found.digest() not in _SOUND:
+        with opened(picture, name, _FORMATS) as image:
+            image.load() if image.mode == "RGB" else image.convert("RGB")
+        if len(_SOUND) >= _SOUND_KEPT:
+            _SOUND.clear()
+        _SOUND.add(found.digest())
+    return found.hexdigest()
 
 
 @contextmanager

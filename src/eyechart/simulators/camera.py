@@ -57,7 +57,7 @@ class Camera:
         """
         canvas = np.empty((self.view.height, self.view.width, 3), dtype=np.float32)
         canvas[: self.view.horizon] = self._sky[:, None, :]
-        self._draw_ground(canvas[self.view.horizon :], eye)
+        canvas[self.view.horizon :] = self._ground(eye)
         # For bodies that do not overlap, the power of the eye with respect to each is an exact order of depth.
         for cylinder in sorted(cylinders, key=lambda one: _order(one, eye), reverse=True):
             self._draw_cylinder(canvas, eye, cylinder)
@@ -84,6 +84,21 @@ class Camera:
         return np.asarray((np.arange(self.view.height) + 0.5)[:, None] > self.view.height - high)
 
     # ---- ground
+
+    @cached_property
+    def _grounds(self) -> dict[Eye, _Floats]:
+        """Hold what the eye before saw of the ground."""
+        return {}
+
+    def _ground(self, eye: Eye) -> _Floats:
+        """Return the rows below the horizon; a moment with other bodies on it is drawn over the same ground."""
+        seen = self._grounds.get(eye)
+        if seen is None:
+            seen = np.empty((self.view.height - self.view.horizon, self.view.width, 3), dtype=np.float32)
+            self._draw_ground(seen, eye)
+            self._grounds.clear()
+            self._grounds[eye] = seen
+        return seen
 
     def _draw_ground(self, canvas: _Floats, eye: Eye) -> None:
         """Fill the rows below the horizon, shape (rows, width, 3)."""
