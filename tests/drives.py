@@ -130,7 +130,7 @@ def add_replies(
 ) -> None:
     """Write the calls of models' episodes into the run's ledger, in order."""
     number = 0
-    with Ledger(out / LEDGER, create=True) as ledger:
+    with Ledger(out / LEDGER, create=True) as ledger, ledger.together():
         for one in episodes:
             for step in one.steps:
                 key = one.key.call(PROMPTS["baseline"].key, step.step)

@@ -18,6 +18,7 @@ import stand_ins
 from eyechart import __version__, cli
 from eyechart.cli.terminal import table_console
 from eyechart.conditions import CONDITIONS
+from eyechart.errors import LedgerError
 from eyechart.frames import FrameBank
 from eyechart.manifest import LEDGER, read_run
 from eyechart.models import ADAPTERS
@@ -447,16 +448,19 @@ def tool(*words: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(line, check=False, capture_output=True, text=True)
 
 
-def test_a_traceback_comes_only_with_debug(tmp_path: Path) -> None:
+def test_a_traceback_comes_only_with_debug(eyechart: Eyechart, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """--debug may stand anywhere."""
-    plain = tool("score", tmp_path)
-    assert (plain.returncode, plain.stdout) == (2, "")
-    assert "Traceback" not in plain.stderr
+    plain = eyechart("score", tmp_path)
+    assert (plain.code, plain.out) == (2, "")
+    assert "Traceback" not in plain.err
     for words in (("--debug", "score", tmp_path), ("score", tmp_path, "--debug")):
-        said = tool(*words)
-        assert said.returncode == 1
-        assert "Traceback" in said.stderr
-        assert "LedgerError" in said.stderr
+        monkeypatch.setattr(sys, "argv", ["eyechart", *map(str, words)])
+        with pytest.raises(LedgerError):
+            cli.main()
+    said = tool("score", tmp_path, "--debug")
+    assert said.returncode == 1
+    assert "Traceback" in said.stderr
+    assert "LedgerError" in said.stderr
 
 
 def test_ctrl_c_says_what_is_kept_and_exits_130(bank: FrameBank, tmp_path: Path) -> None:

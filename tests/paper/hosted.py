@@ -303,7 +303,7 @@ def write_ledger(out: Path, bank: FrameBank, models: Mapping[str, Hosted]) -> Pa
     )
     out.mkdir()
     write_run(out, manifest, bank)
-    with Ledger(out / LEDGER, create=True) as ledger:
+    with Ledger(out / LEDGER, create=True) as ledger, ledger.together():
         for spec, model in models.items():
             for condition, answers in answers_of(model, bank).items():
                 for number, (frame, answer) in enumerate(zip(bank, answers, strict=True)):

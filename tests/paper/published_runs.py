@@ -91,7 +91,7 @@ def static_run(folder: Path) -> Path:
     prompt = scene_prompt(bank.manifest.picture, HIGHWAY, None)
     said = {spec: estimates(one) for spec, one in LOCAL.items()}
     run = _begun(folder / "static", bank, "structured", prompt, LOCAL, ("real", "mirrored"))
-    with Ledger(run / LEDGER, create=True) as ledger:
+    with Ledger(run / LEDGER, create=True) as ledger, ledger.together():
         for spec, told in said.items():
             for number, condition in enumerate(("real", "mirrored")):
                 for frame, pair in zip(bank, told, strict=True):
@@ -233,7 +233,7 @@ def prompt_study(folder: Path) -> Path:
         prompt = find_prompt(name)
         run = _begun(folder / "prompts" / name, bank, "battery", prompt, models, ("real", "blank"))
         frames = spread(bank.frames, QUERIES)
-        with Ledger(run / LEDGER, create=True) as ledger:
+        with Ledger(run / LEDGER, create=True) as ledger, ledger.together():
             for spec, counts in models.items():
                 for condition, answers in zip(("real", "blank"), _outputs(*counts), strict=True):
                     for number, (frame, answer) in enumerate(zip(frames, answers, strict=True)):
