@@ -14,8 +14,19 @@ settings.register_profile("no clock", deadline=None)
 settings.load_profile("no clock")
 
 
-FIRST = ("test_adversarial_runs.py", "test_battery_kill.py", "test_episodes_kill.py")
-"""Files of one long test; where several processes share the tests, none waits for these at the end."""
+FIRST = (
+    "test_adversarial_runs.py",
+    "test_battery_kill.py",
+    "test_episodes_kill.py",
+    "test_calibrate.py",
+    "test_validate_drives.py",
+    "test_policy.py",
+    "test_battery_stop_early.py",
+    "test_calibrate_early.py",
+    "test_hierarchy.py",
+    "test_every_simulator.py",
+)
+"""Files of few and long tests, the longest first; where several processes share the tests, none is left at the end."""
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
@@ -30,7 +41,8 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the long files first, then the others by how many tests they have."""
     tests = Counter(item.path for item in items)
-    items.sort(key=lambda item: (item.path.name not in FIRST, -tests[item.path], item.path))
+    places = {name: place for place, name in enumerate(FIRST)}
+    items.sort(key=lambda item: (places.get(item.path.name, len(FIRST)), -tests[item.path], item.path))
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
