@@ -191,6 +191,15 @@ def test_what_is_no_secret_is_not_refused(given: dict[str, object]) -> None:
     assert RequestMode("m", **given)  # type: ignore[arg-type]
 
 
+def test_a_variable_that_holds_a_word_of_every_mode_is_no_secret(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A script may keep an option in one that is called so; a word that somebody chose still counts."""
+    monkeypatch.setenv("TOKEN_FIELD", "max_tokens")
+    monkeypatch.setenv("MY_KEY", "Together-AI")
+    assert RequestMode("openai:m").token_field == "max_tokens"
+    with pytest.raises(SpecError, match="environment variable MY_KEY"):
+        RequestMode("openai:m", body={"provider": {"order": ["Together-AI"]}})
+
+
 def test_a_text_as_long_as_the_shortest_secret_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
     """Values of eight characters count; shorter texts can hold none."""
     monkeypatch.setenv("SHORT_API_KEY", "STRAIGHT")

@@ -101,6 +101,9 @@ ODD = {
     "a part that refuses": (said([TEXT, {"type": "refusal", "refusal": "I can't."}]), "abstain: refused"),
     "a part that refuses without a word": (said([{"type": "refusal"}, TEXT]), "abstain: refused"),
     "a second choice that says otherwise": (said(CLEAR, NEAR), "abstain: ended"),
+    "a mark that denies": (said(f"!{CLEAR}"), "abstain: words_around"),
+    "a mark that denies, behind a label": (said(f"Answer: !{CLEAR}"), "abstain: words_around"),
+    "a mark of exclamation behind a word": (said(f"Sure! {CLEAR}"), "clear"),
     "a second choice that says otherwise, near first": (said(NEAR, CLEAR), "abstain: ended"),
 }
 """Bodies that no API describes, and what each counts for: what speaks against an estimate does so in any form."""

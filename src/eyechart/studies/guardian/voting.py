@@ -40,8 +40,9 @@ LEAD_IN = frozenset(_LEAD_IN.split())
 
 _FENCE = re.compile(r"```(?:json|JSON)?[ \t]*(?=\n|$)|```(?=\s*$)")
 _MARKS = re.compile(r"<\|(?:begin_of_box|end_of_box|im_end|eot_id|endoftext|end)\|>|</s>|<end_of_turn>|<eos>")
-_WORD = re.compile(r"[A-Za-z]+(?:'[a-z]+)?")
-_HARMLESS = re.compile(r"[\s:.,!*#_\ufeff-]+")
+_WORD = re.compile(r"[A-Za-z]+(?:'[a-z]+)?!?")
+"""A word, and a mark of exclamation behind it; one that stands alone is a denial to who writes programs."""
+_HARMLESS = re.compile(r"[\s:.,*#_\ufeff-]+")
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +100,7 @@ def _strange(text: str, words: frozenset[str] = frozenset()) -> str:
     """Return the first thing in a text that is none of these words, nor a fence, a mark of a turn or punctuation."""
     plain = _MARKS.sub(" ", _FENCE.sub(" ", text)).replace("\u2019", "'")
     for word in _WORD.findall(plain):
-        if word.lower() not in words:
+        if word.lower().removesuffix("!") not in words:
             return str(word)[:40]
     rest = _HARMLESS.sub("", _WORD.sub("", plain))
     return rest[:1]
