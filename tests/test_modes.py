@@ -195,7 +195,7 @@ def test_a_variable_that_holds_a_word_of_every_mode_is_no_secret(monkeypatch: py
     """A script may keep an option in one that is called so; a word that somebody chose still counts."""
     monkeypatch.setenv("TOKEN_FIELD", "max_tokens")
     monkeypatch.setenv("MY_KEY", "Together-AI")
-    assert RequestMode("openai:m").token_field == "max_tokens"
+    assert RequestMode("openai:m").spec == "openai:m"
     with pytest.raises(SpecError, match="environment variable MY_KEY"):
         RequestMode("openai:m", body={"provider": {"order": ["Together-AI"]}})
 
