@@ -44,8 +44,8 @@ from eyechart.verdicts import judge  # noqa: E402
 
 RESULT = ROOT / "benchmarks" / "results" / "inspect.json"
 KEPT = ROOT / "build" / "inspect_battery"
-CONTROLLERS = ("depth_lateral", "constant", "centroid", "refuse_blank", "nuisance")
-"""A reader of distance and sides, a blind one, a follower of the layout, one that refuses, one that follows paint."""
+CONTROLLERS = ("depth_lateral", "constant", "centroid", "refuse_blank")
+"""A reader of distance and sides, a blind one, a follower of the layout, one that refuses."""
 WAYS = ("native", "inspect", "file")
 MOST_ROUNDS = 4
 _KEY = "none-on-loopback"
