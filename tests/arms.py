@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from eyechart.simulators.tabletop.drawing import BLOCKS, SIZE
+from eyechart.simulators.tabletop.drawing import BLOCKS, SIZE, ZOOM
 from eyechart.simulators.tabletop.world import COLOURS, Workspace, oracle
 
 Images = Mapping[str, np.ndarray]
@@ -127,3 +127,11 @@ def liar(images: Images, state: np.ndarray, instruction: str | None, *, seed: in
 
 
 liar.seedable = True  # type: ignore[attr-defined]
+
+
+def by_wrist(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Look with the wrist's camera alone, which shows blocks from the tool; go to the middle where none is seen."""
+    named = next(colour for colour in COLOURS if colour in (instruction or "red"))
+    seen = blocks(images["wrist"], np.full(2, np.nan))
+    places = np.where(np.isfinite(seen), state[:2] + (seen - 0.5) / ZOOM, 0.5)
+    return oracle(Workspace(state[:2], float(state[2]), places, named))

@@ -169,6 +169,18 @@ class Varies:
         return sound(images, state, instruction)[: 8 if next(self.calls) % 3 else 5]
 
 
+class Counts:
+    """Go a little farther with each call, as what counts its calls does, or what follows a clock."""
+
+    def __init__(self) -> None:
+        self.calls = itertools.count()
+
+    def __call__(self, images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+        """Answer."""
+        return sound(images, state, instruction) + 0.002 * next(self.calls)
+
+
+counts = Counts()
 late_state, late_pictures, smoothed, cached, one_buffer = LateState(), LatePictures(), Smoothed(), Cached(), OneBuffer()
 shared, shared_too, seventh, hangs, varies = Shared(), Shared(), Seventh(), Hangs(), Varies()
 
@@ -199,6 +211,7 @@ tokens = _said(lambda one: np.clip(np.round((one + 1) * 127.5), 0, 255).astype(n
 with_batch = _said(lambda one: one[None])
 flat = _said(np.ravel)
 transposed = _said(np.transpose)
+held = _said(lambda one: np.column_stack([one[:, :2], np.full(8, 0.5)]))
 first_step = _said(lambda one: np.repeat(one[:1], 8, axis=0))
 clipped = _said(lambda one: np.clip(one, -0.02, 0.02))
 one_answer = _said(lambda one: {"actions": one})

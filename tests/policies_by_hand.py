@@ -26,6 +26,7 @@ def share(low: float, high: float, p: float | None = None, episodes: int = 12) -
 USED, IGNORED, OPEN = share(0.021, 0.5), share(0.0, 0.099), share(0.019, 0.101)
 FOLLOWED = Statistic(0.6, 72, (0.31, 0.9), 0.009, detail={"smallest_p": 0.0002})
 UNFOLLOWED = Statistic(0.0, 72, (-0.1, 0.1), 0.5, detail={"smallest_p": 0.0002})
+REVERSED = Statistic(-0.6, 72, (-0.9, -0.31), 1.0, detail={"smallest_p": 0.0002})
 A_LITTLE = Statistic(0.1, 72, (0.01, 0.3), 0.009, detail={"smallest_p": 0.0002})
 TOO_FEW = Statistic(0.6, 36, (0.31, 0.9), 1 / 64, detail={"smallest_p": 1 / 64})
 NOT_ONE_BIT = Statistic(0.0, 72, (0.0, 0.0), detail={"episodes": 12, "same": 1.0})
@@ -103,11 +104,28 @@ CASES: dict[str, Changes] = {
     "swap without an interval": {"swap": Statistic(0.4, 72, detail={"episodes": 12})},
     "own pose, near": {"beyond@cameras": OPEN, "T.near@cameras": share(0.1, 0.3), "follow": None},
     "own pose, near, but follows": {"beyond@cameras": OPEN, "T.near@cameras": share(0.1, 0.3)},
+    "own pose, near, but colours": {
+        "beyond@cameras": OPEN,
+        "T.near@cameras": share(0.1, 0.3),
+        "T.exchanged": USED,
+        "follow": None,
+    },
+    "own pose, near, and no colours": {
+        "beyond@cameras": OPEN,
+        "T.near@cameras": share(0.1, 0.3),
+        "T.exchanged": OPEN,
+        "follow": None,
+    },
     "beyond the pose": {"beyond@cameras": USED, "T.near@cameras": IGNORED, "follow": None},
     "the wrist ignored": _wrist(swapped=IGNORED, matched=IGNORED, blank=IGNORED),
     "the wrist's presence": _wrist(swapped=IGNORED, matched=IGNORED, blank=USED),
     "the wrist's pose": _wrist(matched=IGNORED),
     "the wrist near its pose": {"beyond@camera:wrist": IGNORED, "T.near@camera:wrist": USED},
+    "the wrist near its pose, but colours": {
+        "beyond@camera:wrist": IGNORED,
+        "T.near@camera:wrist": USED,
+        "T.exchanged@wrist": USED,
+    },
     "the wrist beyond its pose": {"beyond@camera:wrist": USED, "T.near@camera:wrist": IGNORED},
     "state shortcut": {"swap": IGNORED, "matched": IGNORED, "blank": IGNORED, "state": USED},
     "ignores its state": {"state": IGNORED},
@@ -119,6 +137,7 @@ CASES: dict[str, Changes] = {
     "told by nobody": {"told": None},
     "told, follows neither": {"named": UNFOLLOWED, "follow": UNFOLLOWED},
     "told, follows the other": {"named": UNFOLLOWED, "follow": UNFOLLOWED, "follow.other": FOLLOWED},
+    "told, and takes one name for the other": {"named": REVERSED, "follow.other": FOLLOWED, "follow": UNFOLLOWED},
     "told, follows a hair more": {"named": A_LITTLE, "follow": A_LITTLE},
     "told, nothing moved": {"named": None, "follow": None},
     "no motions": {"motions": Statistic(0.89, 100)},
@@ -130,6 +149,7 @@ CASES: dict[str, Changes] = {
     "misfit by choice": _misfit(1.0, 1.0, 3.0),
     "misfit that nobody explains": {"misfit": Statistic(2.0, 72)},
     "fits in other units": _misfit(0.99, 9.0, 9.0),
+    "a number held still": {"variation": Statistic(0.5, 72, detail={"still": ["grip"]})},
     "varies too little": {"variation": Statistic(0.019, 72)},
     "varies just enough": {"variation": Statistic(0.02, 72)},
     "always the same": {"noise": Statistic(None, 72, note="its answers do not vary")},

@@ -108,7 +108,14 @@ def test_moved_objects_are_shown_with_the_own_instruction_or_another(bank: Frame
 def test_a_bank_says_what_it_cannot_show(bank: FrameBank) -> None:
     """Without instructions that differ, without a state, and without objects."""
     every, left_out = conditions_of(bank)
-    assert {"swapped@instruction", "matched@camera:wrist", "blank@top", "told_other_minus", "mirrored"} <= set(every)
+    assert {
+        "swapped@instruction",
+        "matched@camera:wrist",
+        "blank@top",
+        "exchanged@top",
+        "told_other_minus",
+        "mirrored",
+    } <= set(every)
     assert left_out == dict.fromkeys(
         ("matched@state", "near@state", "matched@instruction", "near@instruction"),
         "only pictures are matched by the state",
@@ -171,3 +178,17 @@ def test_a_bank_of_one_camera_has_no_camera_of_its_own(tmp_path) -> None:  # noq
     """All cameras are that one."""
     one = banks.build_bank(tmp_path / "bank")
     assert channels_of(one) == (CAMERAS,)
+
+
+def test_colours_are_exchanged_in_one_camera_alone(bank: FrameBank) -> None:
+    """The other camera, the state and the instruction stay; so does all that is known of the pictures' files."""
+    frame = bank.frames[0]
+    seen, drawn = show("exchanged@wrist", frame, bank, 0), bank.images(frame, "exchanged")
+    assert seen.images == {"top": bank.images(frame)["top"], "wrist": drawn["wrist"]}
+    assert (seen.state, seen.fields) == (frame.state, frame.fields)
+    files = sources("exchanged@wrist", frame, bank, 0)
+    assert set(files) == {*frame.pictures.values(), frame.counterfactuals["exchanged"]["wrist"]}
+    with pytest.raises(BankError, match="has no camera 'rear'; it has top, wrist"):
+        show("exchanged@rear", frame, bank, 0)
+    plain = replace(bank, frames=tuple(replace(one, counterfactuals={}) for one in bank))
+    assert not any("exchanged@" in name for many in conditions_of(plain) for name in many)

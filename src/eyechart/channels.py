@@ -58,6 +58,8 @@ _DRAWN = {
     "decoys": ("same moment, further objects", "do others distract it?"),
 }
 _PLAIN = ("real", "real_repeat", "blank", "noise", "mirrored")
+EXCHANGED = "exchanged"
+"""The drawn pictures that are shown of one camera alone too: the state stays, so that what they change is no pose."""
 
 
 def channels_of(bank: FrameBank) -> tuple[str, ...]:
@@ -91,6 +93,7 @@ def conditions_of(bank: FrameBank) -> tuple[tuple[str, ...], dict[str, str]]:
             every += ["blank", "noise"]
         elif over:
             every.append(f"blank{OVER}{over}")
+            every += [f"{EXCHANGED}{OVER}{over}"] if all(EXCHANGED in frame.counterfactuals for frame in bank) else []
     every += ["mirrored", *_DRAWN]
     for name in every:
         if why := _lacking(name, bank):
@@ -163,8 +166,10 @@ def find_exchange(name: str) -> Condition:
     if base in PARTNERS and (channel in {CAMERAS, STATE, INSTRUCTION} or channel.startswith(CAMERA)):
         image, asks = _ASKS[base]
         return Condition(name, f"{channel}: {image}", asks, partial(_exchanged, base, channel))
-    if base in _DRAWN and not over:
-        return Condition(name, *_DRAWN[base], partial(_moved, base), frozenset({"counterfactual"}))
+    if base in _DRAWN and (not over or base == EXCHANGED):
+        image, asks = _DRAWN[base]
+        of_one = f"{image}, in the {channel} camera" if over else image
+        return Condition(name, of_one, asks, partial(_moved, base, channel), frozenset({"counterfactual"}))
     if base in _PLAIN:
         return find_condition(name)
     known = (*_PLAIN, *(f"{one}{OVER}CHANNEL" for one in PARTNERS), *_DRAWN)
@@ -198,7 +203,8 @@ def sources(name: str, frame: Frame, source: Source, run_seed: int) -> tuple[str
         other = partner_of(frame, source, base, channel).pictures
         return tuple(dict.fromkeys((*frame.pictures.values(), *other.values())))
     if base in _DRAWN:
-        return tuple(dict.fromkeys(frame.counterfactuals[base.removeprefix(TOLD)].values()))
+        drawn = frame.counterfactuals[base.removeprefix(TOLD)]
+        return tuple(dict.fromkeys([*frame.pictures.values(), drawn[channel]] if channel else drawn.values()))
     return picture_sources(name, frame, source, run_seed)
 
 
@@ -302,9 +308,16 @@ def _exchanged(base: str, channel: str, frame: Frame, source: Source, _: int) ->
     return Stimulus(images, fields, taken.state if channel == STATE else given.state)
 
 
-def _moved(name: str, frame: Frame, source: Source, _: int) -> Stimulus:
-    """Return the pictures of the same moment with something moved, with another's instruction where that is told."""
-    fields = frame.fields
+def _moved(name: str, camera: str, frame: Frame, source: Source, _: int) -> Stimulus:
+    """Return the pictures of the same moment with something moved, with another's instruction where that is told.
+
+    Of one ``camera`` alone where it is named.
+    """
+    fields, images = frame.fields, source.images(frame, name.removeprefix(TOLD))
     if name.startswith(TOLD):
         fields = partner_of(frame, source, "swapped", INSTRUCTION).fields
-    return Stimulus(source.images(frame, name.removeprefix(TOLD)), fields, frame.state)
+    if camera:
+        if camera not in images:
+            raise BankError(f"frame '{frame.id}' has no camera '{camera}'; it has {', '.join(images)}")
+        images = {**source.images(frame), camera: images[camera]}
+    return Stimulus(images, fields, frame.state)

@@ -13,10 +13,12 @@ from eyechart.stats.total_effect import (
     LEVEL,
     Pairs,
     half_squares,
+    held_still,
     misfit_share,
     noise_share,
     relabelling_p,
     responding,
+    share_beyond,
     shares_of_parts,
     total_effect,
     unlikeness,
@@ -214,3 +216,72 @@ def test_unlikeness_is_of_the_whole_and_not_of_the_moment() -> None:
     assert unlikeness(np.ones((9, 2, 1)), np.zeros((9, 2, 1))) == (1.0, 1.0)
     held = logged * [1, 0] + [0, 5] + 1e-6 * rng.normal(size=logged.shape)
     assert unlikeness(held, logged) == pytest.approx((0.0, 1.0), abs=0.1), "a gripper that is never closed"
+
+
+def skewed(shares: tuple[float, ...], rng: np.random.Generator) -> tuple[Pairs, ...]:
+    """Return pairs whose means are these, in the long run: squares of normal numbers that an episode shares."""
+    owner = np.repeat(np.arange(EPISODES), EACH)
+    partner = np.roll(owner, EACH)
+    found = []
+    for share in shares:
+        own, other = (rng.normal(size=EPISODES), rng.normal(size=(len(owner), 2)))
+        numbers = np.sqrt(0.6) * own[owner, None] + np.sqrt(0.4) * other
+        found.append(Pairs(share * (numbers**2).mean(axis=1), owner, partner))
+    return tuple(found)
+
+
+def test_how_much_larger_a_share_is_has_the_ends_at_which_the_ratio_leaves_one() -> None:
+    """By the definition: at an end, the logarithm of the ratio is t standard errors of its jackknife away from 0."""
+    effect, other, variation = skewed((0.4, 0.1, 1.0), np.random.default_rng(3))
+    found = share_beyond(effect, other, variation)
+    assert found.value == pytest.approx(effect.values.mean() - other.values.mean(), rel=0.6)
+    assert found.ci is not None
+    for end, side in zip(found.ci, (1, -1), strict=True):
+        left = []
+        for episode in range(EPISODES):
+            kept = (effect.owner != episode) & (effect.partner != episode)
+            more, less, whole = (one.values[kept].mean() for one in (effect, other, variation))
+            left.append(np.log(more / whole) - np.log(less / whole + end))
+        error = np.sqrt((EPISODES - 1) * np.var(left))
+        more, less, whole = (one.values.mean() for one in (effect, other, variation))
+        ratio = np.log(more / whole) - np.log(less / whole + end)
+        assert ratio == pytest.approx(side * stats.t.ppf((1 + LEVEL) / 2, EPISODES - 1) * error, abs=0.02)
+
+
+def test_a_difference_of_two_equal_shares_is_seldom_said_to_be_more() -> None:
+    """Both are skewed, so that the plain share's interval on a scale of logarithms, above 0 as it is, passes often."""
+    rng, passed, plain = np.random.default_rng(4), 0, 0
+    for _ in range(400):
+        effect, other, variation = skewed((0.22, 0.20, 1.0), rng)
+        found = share_beyond(effect, other, variation)
+        both = Pairs(effect.values - other.values, effect.owner, effect.partner)
+        naive = total_effect(both, variation, sampled=True)
+        assert found.ci is not None
+        assert naive.ci is not None
+        passed += found.ci[0] > 0.02
+        plain += naive.ci[0] > 0.02
+    assert passed / 400 < 0.03
+    assert plain / 400 > 0.04
+
+
+def test_a_share_that_nothing_is_taken_from_is_itself() -> None:
+    """And of a share that is none the difference is below all."""
+    effect, _, variation = skewed((0.4, 0.1, 1.0), np.random.default_rng(5))
+    none = Pairs(np.zeros(len(effect.values)), effect.owner, effect.partner)
+    whole, found = total_effect(effect, variation), share_beyond(effect, none, variation)
+    assert found.value == pytest.approx(whole.value)
+    assert found.ci == pytest.approx(whole.ci, rel=0.15)
+    assert share_beyond(none, none, variation).ci == (0.0, 0.0)
+    assert share_beyond(none, effect, variation).ci == pytest.approx((-whole.value, 0.0))
+    few = Pairs(effect.values[: 2 * EACH], effect.owner[: 2 * EACH], effect.partner[: 2 * EACH])
+    assert "three are needed" in share_beyond(few, few, few).note
+    assert "do not vary" in share_beyond(effect, effect, none).note
+
+
+def test_a_number_that_is_held_still_is_named() -> None:
+    """The same in every answer but for rounding, where the log moves it; one that the log holds still is none."""
+    rng = np.random.default_rng(0)
+    log, answers = rng.normal(size=(20, 4, 3)), rng.normal(size=(20, 4, 3))
+    answers[..., 1] = 0.5 + 1e-7 * answers[..., 1]
+    answers[..., 2], log[..., 2] = 0.5, 0.5
+    assert held_still(answers, log) == (1,)

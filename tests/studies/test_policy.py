@@ -189,6 +189,17 @@ def test_a_pose_in_the_picture_is_no_content(bank: FrameBank, tmp_path: Path) ->
     assert verdicts[specs[1]].camera.label == "camera_content"
 
 
+def test_a_wrist_that_looks_at_the_block_is_content(bank: FrameBank, tmp_path: Path) -> None:
+    """Its own episode's pictures show the block elsewhere too; that it answers to colours is no pose."""
+    over = ("swapped@cameras", "swapped@camera:wrist", "matched@camera:wrist", "near@camera:wrist", "exchanged@wrist")
+    spec = "python:arms:by_wrist"
+    for name, conditions in (("without", over[:-1]), ("with", over)):
+        policy.run(policy.plan(bank.root, [spec], tmp_path / name, conditions=("real", "real_repeat", *conditions)))
+    without, found = (judge(policy.score(tmp_path / name))[spec].cameras["wrist"] for name in ("without", "with"))
+    assert without.label == "undecided"
+    assert found.label == "camera_content"
+
+
 def test_a_run_that_was_cut_goes_on_and_comes_to_the_same(bank: FrameBank, tmp_path: Path) -> None:
     """In three parts, by a limit of calls; a finished run makes no further call, and another bank is refused."""
     specs = ["python:arms:reach", "python:arms:fixed"]

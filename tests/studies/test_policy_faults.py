@@ -72,6 +72,19 @@ def test_what_draws_its_answers_keeps_nothing(bank: FrameBank, tmp_path: Path) -
         assert judge(found)[spec].guards == {}
 
 
+def test_what_goes_with_the_time_is_no_noise(bank: FrameBank, tmp_path: Path) -> None:
+    """Answers that go with a count of calls differ from call to call as the calls before did."""
+    (one,) = judge(asked(bank, tmp_path / "run", "counts")).values()
+    assert "goes with the call before" in one.guards["self_inconsistent"]
+
+
+def test_a_gripper_that_never_moves_is_named(bank: FrameBank, tmp_path: Path) -> None:
+    """Where the log's does; all else is said as ever."""
+    (one,) = judge(asked(bank, tmp_path / "run", "held")).values()
+    assert one.guards == {}
+    assert "Its grip is the same in every answer, and the log's is not" in one.remarks[0]
+
+
 def test_pictures_in_another_form_are_not_held_against_the_policy_in_silence(bank: FrameBank, tmp_path: Path) -> None:
     """What it does is what it does with these; that it does not do what was logged is said beside the labels."""
     verdicts = judge(asked(bank, tmp_path / "run", *MISUSED))

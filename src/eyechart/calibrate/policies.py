@@ -20,7 +20,7 @@ from eyechart.stats.flips import follow
 from eyechart.stats.guarantees import share_bound
 from eyechart.stats.partners import balanced_partners
 from eyechart.stats.statistic import Statistic
-from eyechart.stats.total_effect import Pairs, half_squares, relabelling_p, responding, total_effect
+from eyechart.stats.total_effect import Pairs, half_squares, relabelling_p, responding, share_beyond, total_effect
 from eyechart.verdicts.channels import (
     IGNORED,
     RESPONDS,
@@ -50,8 +50,9 @@ _BATCH = 100
 class Setting:
     """One kind of simulated policy and data set. ``share`` is that of the channel whose bound is at its margin.
 
-    ``margin`` says which: ``swap``, ``matched``, ``blank``, ``instruction``, or, of moved objects, ``follow`` and
-    ``control``. ``response`` is the share of frames, or of ``whole`` episodes, that respond at all.
+    ``margin`` says which: ``swap``, ``matched``, ``blank``, ``instruction``, of moved objects ``follow`` and
+    ``control``, and of who reads the pose ``beyond`` (what a picture of the own episode changes less) and ``exchanged``
+    (the colours of objects). ``response`` is the share of frames, or of ``whole`` episodes, that respond at all.
     """
 
     margin: str = "swap"
@@ -102,6 +103,8 @@ FALSE: Mapping[str, Mapping[str, Callable[[float], bool]]] = {
     "instruction": {"instruction_ignored": _at_least(0.10), "instruction_followed": _at_most(0.02)},
     "follow": {"object_grounded": _at_most(0.30)},
     "control": {"object_grounded": _at_most(1.0)},
+    "beyond": {"camera_content": _at_most(0.02)},
+    "exchanged": {"camera_content": _at_most(0.02)},
 }
 """Which labels are untrue at which share, by the bound that is at its margin."""
 
@@ -129,6 +132,7 @@ def settings() -> tuple[Setting, ...]:
             for artefact in (0.0, 1.0):
                 found.append(replace(base, margin="follow", share=share, episodes=episodes, artefact=artefact))
         found.append(replace(base, margin="control", share=0.60, episodes=episodes))
+    found += list(_posed(base))
     return tuple(dict.fromkeys(found))
 
 
@@ -146,6 +150,17 @@ def _sparse(base: Setting) -> Iterator[Setting]:
     for noise in (0.05, 0.25):
         yield replace(base, share=0.0, episodes=50, frames=288, noise=noise, answers=4)
     yield replace(base, margin="instruction", share=0.0, episodes=50)
+
+
+def _posed(base: Setting) -> Iterator[Setting]:
+    """Yield policies that read their pose: a control of that is at its margin, and the other at 0."""
+    for margin in ("beyond", "exchanged"):
+        pose = replace(base, margin=margin)
+        yield from (replace(pose, share=share) for share in (0.0, 0.02, 0.10, 0.20))
+        yield replace(pose, share=0.02, episodes=6)
+        yield replace(pose, share=0.02, noise=0.25, answers=4)
+    for episodes, share in ((24, 0.02), (24, 0.10), (50, 0.10)):
+        yield replace(base, margin="beyond", share=share, episodes=episodes)
 
 
 @dataclass(frozen=True)
@@ -249,7 +264,7 @@ def _judged(setting: Setting, statistics: Mapping[str, Statistic]) -> tuple[Judg
     if setting.margin == "instruction":
         return (judge_instruction(statistics),)
     camera = judge_camera(statistics, "cameras", "its cameras")
-    if setting.margin in {"matched", "follow", "control"}:
+    if setting.margin in {"matched", "follow", "control", "beyond", "exchanged"}:
         return (camera,)
     return camera, judge_state(statistics, camera.label, there=True)
 
@@ -322,8 +337,8 @@ class _World:
             other = picture[partner] if name == "swapped" else self._latent()
             far = self._far if name == "matched" else np.ones_like(self._far)
             shown = self._changed(picture, other, share, changed * far)
-            condition = name if name == "blank" else f"{name}@{channel}"
-            whose = self._episode if name == "blank" else theirs
+            condition = name if name in _WHOLE else f"{name}@{channel}"
+            whose = self._episode if name in _OWN else theirs
             effects[condition] = Pairs(half_squares(real, shown), self._episode, whose)
             found[f"T.{condition}"] = self._total((real, shown), effects[condition], variation)
         for claim in RESPONDS:
@@ -331,6 +346,9 @@ class _World:
             found[f"{claim}@{channel}"] = share_bound(*responding(rests, variation, IGNORED), confidence=SURENESS)
         if one.margin == "instruction":
             return found
+        if "near" in wanted:
+            matched, near = (effects[f"{name}@{channel}"] for name in ("matched", "near"))
+            found[f"beyond@{channel}"] = share_beyond(matched, near, variation)
         found["T.swapped@state"] = Statistic(1.0, one.frames, (0.5, 2.0), 0.0, detail={"episodes": one.episodes})
         return found | (self._followed() if one.margin in _CONTENT else {})
 
@@ -369,6 +387,8 @@ class _World:
 
 
 _CONTENT = ("follow", "control")
+_WHOLE, _OWN = ("blank", "exchanged"), ("blank", "exchanged", "near")
+"""The conditions that name no channel, and those whose pictures are of the own episode."""
 
 
 def _wanted(one: Setting) -> dict[str, float]:
@@ -378,6 +398,9 @@ def _wanted(one: Setting) -> dict[str, float]:
         return {"swapped": 0.40, "matched": 0.40, "blank": 0.40}
     if one.margin == "instruction":
         return {"swapped": share}
+    if one.margin in {"beyond", "exchanged"}:
+        more, colours = (share, 0.0) if one.margin == "beyond" else (0.0, share)
+        return {"swapped": 0.40, "matched": 0.20, "near": 0.20 - more, "blank": 0.40, "exchanged": colours}
     none = {"swapped": 0.0, "matched": 0.0, "blank": 0.0}
     return {**none, **({"swapped": 0.40} if one.margin == "matched" else {}), _CONDITIONS[one.margin]: share}
 

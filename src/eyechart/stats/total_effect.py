@@ -27,6 +27,10 @@ _STILL = 1e-4
 """A dimension that varies less than this share of the log's spread is held still, but for rounding."""
 
 
+_MOVES = 0.1
+"""And from this share on the log itself moves it."""
+
+
 @dataclass(frozen=True)
 class Pairs:
     """Half the squared distance of two answers, frame by frame, and the episodes that it belongs to.
@@ -153,6 +157,60 @@ def share_difference(first: tuple[Pairs, Pairs], second: tuple[Pairs, Pairs], *,
     return Statistic(apart, n, (apart - wide, apart + wide), p, method=method, detail=detail, level=level)
 
 
+def share_beyond(effect: Pairs, other: Pairs, variation: Pairs, *, level: float = LEVEL) -> Statistic:
+    """Return by how much a share is larger than another one: (mean(effect) - mean(other)) / mean(variation).
+
+    The difference may truly be negative, and both shares are skewed, so that no interval on the scale of its own
+    logarithm, nor a plain one, holds its level. Its ends are the differences d at which the logarithm of ``effect``
+    over ``other`` plus d leaves 0 by t standard errors, of a jackknife that leaves each episode out as owner and as
+    partner, with episodes - 1 degrees of freedom. ``n`` counts the frames. None below three episodes, and where the
+    controller does not vary.
+
+    Source: interval of a difference by inversion (Fieller 1954). Measured in
+    docs/decisions/0050-any-policy-simulated.md.
+    """
+    method = f"difference of shares by inversion, jackknife over owners and partners, {100 * level:g}% interval"
+    every = (effect, other, variation)
+    episodes = int(max(np.max(one.owner, initial=-1) for one in every)) + 1
+    n, there = len(effect.values), len(np.unique(effect.owner))
+    if there < 3:
+        return cannot_say(f"{there} episodes have both answers, and three are needed", n, method)
+    (more, mores), (less, lesses), (whole, wholes) = (_means(one, episodes) for one in every)
+    if not whole > 0:
+        return cannot_say("the answers do not vary from episode to episode", n, method)
+    good = np.isfinite(mores) & np.isfinite(lesses) & np.isfinite(wholes)
+    if good.sum() < there:
+        return cannot_say("too few pairs of episodes: without one of them none is left", n, method)
+    first, second = more / whole, max(less / whole, 0.0)
+    left = np.stack([mores[good] / wholes[good], np.maximum(lesses[good] / wholes[good], 0.0)])
+    ci = _inverted(first, second, left, _quantile(level, there - 1))
+    return Statistic(float((more - less) / whole), n, ci, method=method, detail={"episodes": there}, level=level)
+
+
+_DECADES, _STEPS = 4, 2000
+"""How far from a share its bounds are looked for, and in how many steps."""
+
+
+def _inverted(first: float, second: float, left: Floats, quantile: float) -> tuple[float, float]:
+    """Return the ends of the difference of two shares; ``left``, shape (2, episodes), holds both without each episode.
+
+    A share that is none is below all that is looked for.
+    """
+    if first <= 0 or (left[0] <= 0).any():
+        return 0.0 - second, max(0.0, float(left[0].max()) - second)
+    steps = np.logspace(-_DECADES, _DECADES, 2 * _STEPS + 1)
+    reached = first * steps[:, None]
+    others = np.maximum(left[1] - second + reached, first * 10.0**-_DECADES)
+    parts = np.log(left[0]) - np.log(others)
+    freedom = parts.shape[1] - 1
+    wide = quantile * np.sqrt(freedom / (freedom + 1) * ((parts - parts.mean(axis=1, keepdims=True)) ** 2).sum(axis=1))
+    apart = -np.log(steps)
+    below, above = np.flatnonzero(apart - wide > 0), np.flatnonzero(apart + wide < 0)
+    lower = reached[below[-1], 0] if len(below) else 0.0
+    upper = reached[above[0], 0] if len(above) else reached[-1, 0]
+    return float(lower - second), float(upper - second)
+
+
 def _means(pairs: Pairs, episodes: int) -> tuple[float, Floats]:
     """Return the mean of all values, and that without each episode, NaN where none is left or it has none."""
     sums, counts = pairs.table(episodes)
@@ -262,6 +320,15 @@ def misfit_share(answers: npt.ArrayLike, logged: npt.ArrayLike, episodes: Places
     if numbered.max() < 2:
         return Statistic(float(error.mean() / spread.mean()), len(a), method=method, note="fewer than three episodes")
     return total_effect(*(Pairs(one, numbered, numbered) for one in (error, spread)), level=level)
+
+
+def held_still(answers: npt.ArrayLike, logged: npt.ArrayLike) -> tuple[int, ...]:
+    """Return which dimensions are the same in every answer, and are not in the log.
+
+    Both have shape (frames, steps, dimensions), in units of the log's spread; rounding is no movement.
+    """
+    own, theirs = (np.asarray(one, np.float64).reshape(-1, np.shape(one)[-1]).std(axis=0) for one in (answers, logged))
+    return tuple(np.flatnonzero((own < _STILL) & (theirs > _MOVES)).tolist())
 
 
 def unlikeness(answers: Floats, logged: Floats) -> tuple[float, float]:

@@ -302,14 +302,18 @@ def _content(statistics: Statistics, channel: str, shown: str) -> Judged:
     """Return the label of pictures whose content decides: whether the object in them is followed, is of all cameras.
 
     A picture of the own episode, as far off in its state as the matched one, takes the claim away where it changes as
-    much; not from who follows an object that is moved while the state stays.
+    much; not from who follows an object that is moved, or answers to objects whose colours are exchanged, while the
+    state stays.
     """
     plain = Judged("camera_content", _sentence(shown), f"T.matched@{channel}")
     gain, control = (None if channel != "cameras" else statistics.get("follow.named")), "follow.told"
     beyond = statistics.get(f"beyond@{channel}")
-    if beyond is not None and not used(beyond) and not _followed(gain, FOLLOWED):
+    if beyond is not None and not (used(beyond) or used(_exchanged(statistics, channel)) or _followed(gain, FOLLOWED)):
         near = f"one of its own episode, as far off in its state, {_share(statistics.get(f'T.near@{channel}'))}"
-        return Judged("undecided", _sentence(f"{shown}; but {near}: it may read its own pose"), f"beyond@{channel}")
+        colours = _exchanged(statistics, channel)
+        also = "" if colours is None else f", and the objects' colours exchanged {_share(colours)}"
+        why = _sentence(f"{shown}; but {near}{also}: it may read its own pose")
+        return Judged("undecided", why, f"beyond@{channel}")
     if channel != "cameras":
         return plain
     if (told := statistics.get(control)) is None or told.value is None:
@@ -326,6 +330,11 @@ def _content(statistics: Statistics, channel: str, shown: str) -> Judged:
         return Judged(plain.label, plain.because, plain.by, why)
     words = f"{shown}; moved, the named object is followed {_way(gain)} of the oracle's way (p {gain.p:.4f})"
     return Judged("object_grounded", _sentence(words), "follow.named")
+
+
+def _exchanged(statistics: Statistics, channel: str) -> Statistic | None:
+    """Return the share that goes with the objects' colours in these pictures, at the same state."""
+    return statistics.get("T.exchanged" if channel == "cameras" else f"T.exchanged@{channel.partition(':')[2]}")
 
 
 def _followed(one: Statistic | None, least: float) -> bool:
@@ -377,6 +386,8 @@ def judge_instruction(statistics: Statistics) -> Judged:
         return Judged("instruction_followed", _sentence(words), "follow.told")
     if any(_followed(statistics.get(f"follow.{which}"), FOLLOWED) for which in ("named", "other")):
         why = f"it follows what is named only {_way(told)} of the oracle's way more; {_least(told)}"
+        if told is not None and told.ci is not None and told.ci[1] < 0:
+            why = f"it goes to what is not named, {_way(told)} of the oracle's way: it may take one name for the other"
         return Judged("undecided", _sentence(f"{shown}, but {why}"), "follow.told")
     moved = told is not None and told.value is not None
     what = "it follows no object that is moved in the picture" if moved else "the bank moves no object"
@@ -413,13 +424,14 @@ def _remarks(statistics: Statistics) -> Iterator[str]:
                 f"Another {word} changes not one bit of any answer: does it reach the policy, or is an earlier answer "
                 "kept? 'eyechart doctor SPEC --frames BANK' asks"
             )
+    yield from _held_still(statistics)
     misfit = statistics.get("misfit")
     if misfit is not None and misfit.value is not None and misfit.value >= MISFIT:
         yield (
             f"Its error is {misfit.value:.2g} of the log's variance: it does something else than was logged, so that "
             "what it uses may be put to no good use"
         )
-        if ignored(statistics.get("T.swapped@cameras")):
+        if ignored(statistics.get("T.swapped@cameras")) and ignored(statistics.get("T.blank")):
             yield (
                 "It ignores its cameras, and does not do what was logged: are its pictures ordered and scaled as in "
                 "training? 'eyechart doctor SPEC --frames BANK' tries other forms"
@@ -431,6 +443,13 @@ def _remarks(statistics: Statistics) -> Iterator[str]:
     near = statistics.get("T.swapped@cameras")
     if near is not None and near.ci is not None and near.ci[0] > USED and near.ci[1] < IGNORED:
         yield f"Its cameras are used, and carry next to nothing: {_of_action(near)}"
+
+
+def _held_still(statistics: Statistics) -> Iterator[str]:
+    varies = statistics.get("variation")
+    if varies is not None and (still := (varies.detail or {}).get("still")):
+        which = ", ".join(map(str, still)) if isinstance(still, list) else str(still)
+        yield f"Its {which} is the same in every answer, and the log's is not: nothing here is said of that number"
 
 
 def _beyond_all(statistics: Statistics) -> Iterator[str]:

@@ -60,7 +60,7 @@ def _in_words(name: str) -> str:
 
 
 _LONGEST = 14
-_INSTEAD = {"swapped": "another's", "matched": "at a like state", "blank": "grey"}
+_INSTEAD = {"swapped": "another's", "matched": "at a like state", "blank": "grey", "exchanged": "colours exchanged"}
 
 
 def _is_drawn(name: str, one: Statistic) -> bool:

@@ -113,29 +113,36 @@ class Motions:
         every = [numbers.setdefault(frame.drive, len(numbers)) for frame in self.plan.bank]
         return np.array(every)[places]
 
-    def remembered(self) -> tuple[Floats, Floats]:
+    def remembered(self) -> tuple[Floats, Floats, Floats]:
         """Return what answers have beyond the mean of those to their call, and what is known of the call before each.
 
         The first has shape (calls, dimensions), the mean over the steps; the second (calls, numbers): the mean answer
-        to the call before, at its first and last step, and the state that it showed. Of calls that were answered more
-        than once, and whose call before was.
+        to the call before, at its first and last step, and the state that it showed; the third is the first, of the
+        call before. Of calls that were answered more than once, and whose call before was.
         """
         every = {name: one for name in self.answers if (one := self.of(name)) is not None and len(one) > 1}
         means = {name: one.mean(axis=0) for name, one in every.items()}
         shown = {name: self._shown(name) for name in every}
         at = {frame.id: place for place, frame in enumerate(self.plan.frames)}
-        apart, before = [], []
+
+        def beyond(call: CallKey) -> Floats:
+            own = at[call.frame]
+            return np.asarray((every[call.condition][call.repeat, own] - means[call.condition][own]).mean(axis=0))
+
+        found: tuple[list[Floats], ...] = ([], [], [])
         for first, call in pairwise(self.order):
             if first.condition in every and call.condition in every:
-                place, own = at[first.frame], at[call.frame]
+                place = at[first.frame]
                 answer, states = means[first.condition][place], shown[first.condition]
-                apart.append((every[call.condition][call.repeat, own] - means[call.condition][own]).mean(axis=0))
-                before.append(np.concatenate([answer[0], answer[-1], () if states is None else states[place]]))
-        if not apart:
-            return np.zeros((0, 1)), np.zeros((0, 1))
-        found = np.array(apart), np.array(before)
-        good = np.isfinite(found[0]).all(axis=1) & np.isfinite(found[1]).all(axis=1)
-        return found[0][good], found[1][good]
+                known = np.concatenate([answer[0], answer[-1], () if states is None else states[place]])
+                for many, one in zip(found, (beyond(call), known, beyond(first)), strict=True):
+                    many.append(one)
+        if not found[0]:
+            return np.zeros((0, 1)), np.zeros((0, 1)), np.zeros((0, 1))
+        arrays = [np.array(many) for many in found]
+        good = np.logical_and.reduce([np.isfinite(one).all(axis=1) for one in arrays])
+        apart, before, earlier = (one[good] for one in arrays)
+        return apart, before, earlier
 
     @cached_property
     def _places(self) -> Mapping[str, int]:

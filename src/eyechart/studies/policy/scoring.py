@@ -41,10 +41,12 @@ from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.stats.total_effect import (
     Pairs,
     half_squares,
+    held_still,
     misfit_share,
     noise_share,
     relabelling_p,
     responding,
+    share_beyond,
     share_difference,
     shares_of_parts,
     total_effect,
@@ -282,11 +284,19 @@ class _Taken:
         logged = float(half_squares(fit[None, frames], fit[None, others]).mean())
         if not logged > 0:
             return cannot_say("the logged motions are all the same", len(frames), method)
-        return Statistic(own / logged, len(frames), method=method)
+        names = [one.name for one in self._motions.plan.motions.dimensions]
+        still = [names[place] for place in held_still(self._real[:, frames].mean(axis=0), fit[frames])]
+        return Statistic(own / logged, len(frames), method=method, detail={"still": still} if still else None)
 
     def memory(self) -> Statistic:
-        """Return which share of the noise goes with the call before: of who keeps nothing, none."""
-        return memory_share(*self._motions.remembered(), seed=key_seed("memory"))
+        """Return which share of the noise goes with the call before, or with its noise: of who keeps nothing, none.
+
+        Of the two it is the one that says more. What is kept goes with what was shown before; what drifts with the
+        time, or with a count of calls, with the noise of the call before.
+        """
+        apart, *before = self._motions.remembered()
+        found = [memory_share(apart, one, seed=key_seed("memory")) for one in before]
+        return min(found, key=lambda one: 2.0 if one.p is None else one.p)
 
     def noise(self, *, seeded: bool) -> Statistic:
         """Return which share of the variation is there when nothing changes; of a seeded policy, between two seeds."""
@@ -394,10 +404,10 @@ class _Taken:
         frames = self._whole(self._real, matched, near)
         if not len(frames):
             return cannot_say(NO_FRAMES)
-        real = self._real[:, frames]
-        values = half_squares(real, matched[:, frames]) - half_squares(real, near[:, frames])
+        real, own = self._real[:, frames], self._episodes[frames]
         theirs = self._motions.episodes_of(self._motions.partners(f"matched@{channel}")[frames])
-        return total_effect(Pairs(values, self._episodes[frames], theirs), self._variation(), sampled=True)
+        alike = Pairs(half_squares(real, matched[:, frames]), own, theirs)
+        return share_beyond(alike, Pairs(half_squares(real, near[:, frames]), own, own), self._variation())
 
     def follow(self, which: tuple[str, ...]) -> Statistic:
         """Return how far what was moved is followed; of two objects, how much farther the first than the second."""
