@@ -8,6 +8,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 import banks
+import short_worlds
 import tiny_worlds
 import weighty
 from eyechart.api import run_battery
@@ -22,13 +23,14 @@ from eyechart.simulators import SIMULATORS
 from eyechart.studies import battery
 
 IN_TURN = ["open depth", "close depth", "open presence", "close presence", "open random", "close random"]
+SCENES = ("hf:scene_constant", "hf:scene_side_blind")
 MODELS = ("hf:depth", "hf:presence", "hf:random")
 
 
 @pytest.fixture(autouse=True)
 def _local(monkeypatch: pytest.MonkeyPatch) -> None:
     weighty.take_place(monkeypatch)
-    for name, place in tiny_worlds.SIMULATORS.items():
+    for name, place in {**tiny_worlds.SIMULATORS, **short_worlds.SIMULATORS}.items():
         monkeypatch.setitem(SIMULATORS, name, place)
 
 
@@ -113,22 +115,24 @@ def test_stopping_early_and_what_is_saved_are_the_same(bank: FrameBank, tmp_path
     ("words", "specs"),
     [
         (("prompts", "--prompt", "baseline", "--prompt", "minimal", "--limit", 4), ("--model", MODELS)),
-        (("structured", "--limit", 4), ("--model", ("hf:scene_constant", "hf:scene_side_blind"))),
-        (("admission",), ("--model", ("hf:scene_constant", "hf:scene_side_blind"))),
+        (("structured", "--limit", 4), ("--model", SCENES)),
+        (("admission",), ("--model", SCENES)),
         (("closed-loop", "--simulator", "tiny", "--scenarios", "whole", "--seeds", 2), ("--policy", MODELS)),
+        (("online", "--simulator", "short", "--view", "none", "--episodes", 1), ("--model", SCENES)),
     ],
     ids=lambda one: str(one[0]),
 )
 def test_every_run_keeps_one_model_at_a_time(
     bank: FrameBank, tmp_path: Path, words: tuple[object, ...], specs: tuple[str, tuple[str, ...]]
 ) -> None:
-    """Prompts cell by cell, scenes, admission and drives; with --together all are there at once."""
-    frames = () if words[0] == "closed-loop" else ("--frames", bank.root)
+    """Prompts cell by cell, scenes, admission and drives; what a model gives to think about is said once in each."""
+    frames = () if words[0] in {"closed-loop", "online"} else ("--frames", bank.root)
     for how in ((), ("--together",)):
         out = tmp_path / f"run{len(how)}"
         result = call("run", *words, *frames, *options(*specs), "--out", out, *how)
         assert result.exit_code == 0, result.stderr
         assert weighty.most_at_once() == (len(specs[1]) if how else 1)
+        assert result.stderr.count("warning: hf:scene_constant: its weights alone do not fit") == (specs[1] == SCENES)
         assert ("one after another, each closed before the next is opened: " in result.stderr) is not bool(how)
         assert {one.partition(" ")[2] for one in weighty.EVENTS} == {one.partition(":")[2] for one in specs[1]}
         weighty.EVENTS.clear()

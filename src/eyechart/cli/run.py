@@ -425,16 +425,14 @@ def live_page(out: Path, unit: str, allowed: "Allowed") -> "Iterator[Callable[[i
 
 
 def sizes(planned: "Battery") -> list[str]:
-    """Say what is left out and why, how many calls there are, and what the models themselves give to think about."""
+    """Say what is left out and why, and how many calls there are."""
     plan, (calls, finished, unknown) = planned.plan, planned.counts()
     to_make = f"{'at most ' if planned.manifest.stop_early else ''}{planned.left()}"
-    facts = planned.manifest.facts
     size = f"{len(plan.models)} models × {len(plan.frames)} frames × {len(plan.conditions)} conditions"
     return [
         *(f"left out: {name}, because {why}" for name, why in planned.left_out.items()),
         f"{size}: {calls} calls, {finished} finished, {unknown} sent with unknown outcome, {to_make} to make",
         *_controls(planned),
-        *(f"warning: {one}: {facts[one]['warning']}" for one in plan.models if "warning" in facts.get(one, {})),
     ]
 
 
@@ -449,12 +447,17 @@ def _controls(planned: "Battery") -> list[str]:
 def in_turns(
     manifest: "Manifest", models: "Iterable[str]", expected: "Sequence[CostEstimate]", sequential: bool | None
 ) -> list[str]:
-    """Say which models are asked one after another, how long that takes, and what weights need of this memory."""
+    """Say which models are asked one after another, how long that takes, and what weights need of this memory.
+
+    Before that, what the models themselves give to think about.
+    """
     from eyechart.costs import duration
     from eyechart.models import turns_of
 
-    lines, seconds = [], {one.model: one.seconds for one in expected}
-    turns = turns_of(map(manifest.mode, models), sequential=sequential)
+    asked, facts = list(models), manifest.facts
+    lines = [f"warning: {spec}: {facts[spec]['warning']}" for spec in asked if "warning" in facts.get(spec, {})]
+    seconds = {one.model: one.seconds for one in expected}
+    turns = turns_of(map(manifest.mode, asked), sequential=sequential)
     for turn in turns:
         if len(turn) > 1:
             known = [seconds.get(spec) for spec in turn]
