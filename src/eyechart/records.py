@@ -68,14 +68,19 @@ class Written:
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain JSON values."""
-        found: dict[str, Any] = {}
-        for word in self.written.split():
-            key, _, path = word.rpartition("=")
-            value: object = self
-            for name in path.removeprefix("*").split("."):
-                value = None if value is None else getattr(value, name)
-            found |= plain(value) if path.startswith("*") else {key or name: plain(value)}
-        return found
+        return picked(self, self.written)
+
+
+def picked(record: object, keys: str) -> dict[str, Any]:
+    """Return of a record what ``keys`` say, as `Written` has them, in plain JSON values."""
+    found: dict[str, Any] = {}
+    for word in keys.split():
+        key, _, path = word.rpartition("=")
+        value = record
+        for name in path.removeprefix("*").split("."):
+            value = None if value is None else getattr(value, name)
+        found |= plain(value) if path.startswith("*") else {key or name: plain(value)}
+    return found
 
 
 def plain(value: object) -> Any:  # noqa: ANN401 - JSON of the same shape

@@ -12,6 +12,7 @@ from eyechart.calibrate.early import Early, Sums
 from eyechart.calibrate.known import KNOWN, NULLS, is_false
 from eyechart.calibrate.world import POWER, SETTINGS
 from eyechart.errors import SpecError
+from eyechart.records import picked
 from eyechart.stats.agreement import rate
 from eyechart.stats.paired import clopper_pearson
 from eyechart.stats.statistic import Statistic
@@ -255,19 +256,10 @@ class Calibration:
         """Return plain JSON values: the counts, and what is read from them."""
         return {
             "format": FORMAT,
-            "replications": self.replications,
-            "seed": self.seed,
-            "resamples": self.resamples,
+            **picked(self, "replications seed resamples"),
             "settings": {name: SETTINGS[name].says for name in self.settings},
-            "controllers": {
-                name: {"says": one.says, "calibrated": one.calibrated, "paper": one.paper}
-                for name, one in KNOWN.items()
-            },
-            "labels": self.labels,
-            "paper": self.paper,
-            "lateral": self.lateral,
-            "rights": self.rights,
-            "falses": self.falses,
+            "controllers": {name: picked(one, "says calibrated paper") for name, one in KNOWN.items()},
+            **picked(self, "labels paper lateral rights falses"),
             "right": {
                 setting: {
                     variant: {name: _plain(self.right(setting, variant, name)) for name in KNOWN}
@@ -281,13 +273,10 @@ class Calibration:
             },
             "false_claims": [
                 {
-                    "claim": one.claim,
-                    "setting": one.setting,
-                    "variant": one.variant,
+                    **picked(one, "claim setting variant"),
                     **_plain(one.pooled),
                     "worst": {"controller": one.worst, **_plain(one.worst_rate)},
-                    "wanted": one.wanted,
-                    "holds": one.holds,
+                    **picked(one, "wanted holds"),
                 }
                 for one in self.every_false_claim()
             ],
@@ -295,9 +284,7 @@ class Calibration:
                 setting: {test: {"alpha": NULLS[test][0], **_plain(self.type_one(setting, test))} for test in NULLS}
                 for setting in self.settings
             },
-            "tests": self.tests,
-            "early": self.early,
-            "ever": list(self.ever),
+            **picked(self, "tests early ever"),
             "adversaries": {
                 name: {"says": ADVERSARIES[name].says, "deserves": ADVERSARIES[name].deserves, "called": counts}
                 for name, counts in self.adversaries.items()

@@ -16,6 +16,7 @@ from eyechart.probe.causes import likely_causes
 from eyechart.probe.pictures import CHOICES
 from eyechart.probe.sample import Sample, default_sample, is_served, schema_binds
 from eyechart.probe.sight import Outcome, Sight, look
+from eyechart.records import picked, plain
 from eyechart.stats.statistic import Statistic
 
 MOST_CALLS = 20
@@ -70,36 +71,23 @@ class Diagnosis:
         """Return plain JSON values."""
         same, of = self.sight.same
         return {
-            "model": self.mode.spec,
-            "outcome": self.outcome,
-            "because": self.because,
-            "causes": list(self.causes),
-            "p": self.sight.p,
+            **picked(self, "model=mode.spec outcome because causes sight.p"),
             "bound": self.sight.bound().as_dict(),
-            "scores": {name: one.as_dict() for name, one in self.scores().items()},
+            "scores": plain(self.scores()),
             "says_no_picture": self.sight.says_none,
             "without_a_picture": [reply.text for _, reply in self.sight.bare],
             "image_tokens": self.sight.image_tokens,
             "same_reply": {"same": same, "of": of},
-            "schema": {"binds": self.schema_binds, "because": self.schema_says},
-            "budget": {"enough": self.budget_enough, "because": self.budget_says},
-            "cache": {"by_words": self.sight.cached_by_words, "repeats_at_once": self.sight.sudden},
+            "schema": picked(self, "binds=schema_binds because=schema_says"),
+            "budget": picked(self, "enough=budget_enough because=budget_says"),
+            "cache": picked(self.sight, "by_words=cached_by_words repeats_at_once=sudden"),
             "replies": [
-                {
-                    "kind": one.question.kind,
-                    "right": one.question.answer,
-                    "said": one.said,
-                    "text": one.reply.text[:500],
-                    "error": one.reply.error,
-                    "seconds": one.reply.seconds,
-                }
+                picked(one, "question.kind right=question.answer said")
+                | {"text": one.reply.text[:500]}
+                | picked(one, "reply.error reply.seconds")
                 for one in self.sight.shots
             ],
-            "spent": self.spent.as_dict(),
-            "facts": self.facts,
-            "notes": list(self.notes),
-            "mode": self.mode.as_dict(),
-            "seed": self.seed,
+            **picked(self, "spent facts notes mode seed"),
         }
 
 

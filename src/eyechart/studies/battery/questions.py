@@ -21,6 +21,7 @@ from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, asked_of, read_run
 from eyechart.models.faults import is_of_the_road
 from eyechart.modes import ELSEWHERE
+from eyechart.records import picked
 from eyechart.report.table import no_formula
 from eyechart.run import Plan, in_order
 from eyechart.studies.battery.planning import STUDY, Asking, Battery, open_whole, plan_of, planned
@@ -209,19 +210,12 @@ def _stored(image: bytes, work: Path, files: dict[str, str]) -> str:
 
 
 def _about(asked: Questions) -> dict[str, object]:
-    manifest, bank = asked.manifest, asked.plan.bank
     return {
         "format": FORMAT,
         "eyechart": __version__,
-        "bank": bank.name,
-        "fingerprint": manifest.fingerprint,
-        "batch": asked.keys.batch,
-        "prompt": manifest.prompt.as_dict(),
-        "seed": manifest.seed,
+        **picked(asked, "bank=plan.bank.name manifest.fingerprint keys.batch manifest.prompt manifest.seed"),
         "seeds_of": asked.plan.models[0],
-        "limit": manifest.limit,
-        "controls": manifest.controls,
-        "conditions": asked.conditions,
+        **picked(asked, "manifest.limit manifest.controls conditions"),
         "calls": len(asked.left),
         "actions": list(asked.plan.space.actions),
         "schema": asked.plan.space.schema(),

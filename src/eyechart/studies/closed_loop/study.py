@@ -13,7 +13,7 @@ from eyechart.integrity import ServedChecks, ServedGuard
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, EpisodesManifest
 from eyechart.models.prices import Prices
-from eyechart.records import plain
+from eyechart.records import picked, plain
 from eyechart.spaces.space import AnySpace
 from eyechart.stats.statistic import Measured
 from eyechart.studies import Made, Reading, S, Study, Tell, Took
@@ -137,9 +137,7 @@ class ClosedLoopScore:
             "study": "closed_loop",
             "references": {name: one.policy for name, one in self.references.items()},
             "references_chosen_on_these_data": self.against_policy is None,
-            "ladder": [one.as_dict() for one in self.ladder],
-            "paired": [one.as_dict() for one in self.paired],
-            "blind": [one.as_dict() for one in self.blind],
+            **picked(self, "ladder paired blind"),
             **self.audit_dict(),
             "served": plain(self.served),
             "unfinished": [{"run": run, **one.as_dict()} for run, left in self.unfinished.items() for one in left],
@@ -147,12 +145,7 @@ class ClosedLoopScore:
 
     def audit_dict(self) -> dict[str, object]:
         """Return the audit's part as plain JSON values."""
-        return {
-            "audit": [one.as_dict() for one in self.audit],
-            "replays": [one.as_dict() for one in self.replays],
-            "identical": [one.as_dict() for one in self.twins],
-            "repeated_requests": [one.as_dict() for one in self.repeats],
-        }
+        return picked(self, "audit replays identical=twins repeated_requests=repeats")
 
 
 def score(

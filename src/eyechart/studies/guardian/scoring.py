@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.errors import GuardianError
-from eyechart.records import plain
+from eyechart.records import picked
 from eyechart.stats.agreement import binary_metrics, rate, selective_metrics
 from eyechart.stats.committee import ABSTAIN, CLEAR, HAZARD, MISSING, POINTS, CoveragePoint, risk_coverage
 from eyechart.stats.episodes import share_over_episodes
@@ -164,15 +164,11 @@ class Bound:
                 name: {**one.as_dict(), "estimand": ESTIMANDS[name]}
                 for name, one in zip(ESTIMANDS, bounds, strict=False)
             },
-            "episodes": self.episodes,
-            "confidence": self.confidence,
-            "episodes_needed_for_one_percent": self.needed,
+            **picked(self, "episodes confidence episodes_needed_for_one_percent=needed"),
             "episodes_needed_for_one_percent_without_a_miss": self.needed_at_best,
             "conformal_risk_in_expectation_only": {str(place): one for place, one in enumerate(self.conformal, 1)},
             "conformal_estimand": ESTIMANDS["conformal"],
-            "conformal_threshold": self.conformal_threshold,
-            "conformal_risk_wanted": self.risk,
-            "scope": self.scope,
+            **picked(self, "conformal_threshold conformal_risk_wanted=risk scope"),
         }
 
 
@@ -275,28 +271,18 @@ class GuardianScore:
 
     def as_dict(self) -> dict[str, object]:
         """Return the score as plain JSON values."""
-        chosen = self.frozen.selection
         return {
-            "guardian": self.frozen.digest,
-            "committee": list(self.frozen.committee),
-            "threshold": self.frozen.threshold,
-            "operating_point": self.frozen.point,
-            "best_single_model": None if chosen is None else chosen.single,
-            "bank": {"name": self.frozen.about.bank_name, "fingerprint": self.frozen.about.bank},
+            **picked(self.frozen, "guardian=digest committee threshold operating_point=point"),
+            **picked(self.frozen, "best_single_model=selection.single"),
+            "bank": picked(self.frozen.about, "name=bank_name fingerprint=bank"),
             "frames": len(self.table.frames),
             "episodes": len(set(self.table.episodes)),
-            "rows": plain(self.rows),
-            "mcnemar": self.mcnemar.as_dict(),
-            "sign_flips_over_episodes": self.over_episodes.as_dict(),
+            **picked(self, "rows mcnemar sign_flips_over_episodes=over_episodes"),
             "risk_coverage": [
                 {"margin": one.margin, "coverage": one.answered / one.frames, "risk": one.wrong / one.answered}
                 for one in self.curve
             ],
-            "answers": dict(self.answers),
-            "missed": list(self.missed),
-            "frames_with_missing_votes": self.incomplete,
-            "bound": plain(self.bound),
-            "warnings": list(self.warnings),
+            **picked(self, "answers missed frames_with_missing_votes=incomplete bound warnings"),
         }
 
 

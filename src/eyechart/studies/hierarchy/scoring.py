@@ -11,7 +11,7 @@ import numpy as np
 from eyechart.episodes import Episode, Unfinished, read_episodes
 from eyechart.errors import LedgerError
 from eyechart.integrity import ServedGuard
-from eyechart.records import Written, plain
+from eyechart.records import Written, picked
 from eyechart.seeds import key_seed
 from eyechart.stats.episodes import share_over_episodes
 from eyechart.stats.resampling import cluster_bootstrap
@@ -204,13 +204,9 @@ class HierarchyScore:
         """Return every number as plain JSON values."""
         return {
             "study": "hierarchy",
-            "sources": [one.as_dict() for one in self.sources],
-            "against_mpc_only": [one.as_dict() for one in self.against_mpc_only],
-            "oracle_against_its_mirror": None if self.oracle_mirrored is None else self.oracle_mirrored.as_dict(),
-            "completions": [one.as_dict() for one in self.completions],
+            **picked(self, "sources against_mpc_only oracle_against_its_mirror=oracle_mirrored completions"),
             "blind": [{"part": part, **one.as_dict()} for part, one in self.blind],
-            "words": list(self.words),
-            "served": plain(self.served),
+            **picked(self, "words served"),
             "unfinished": [{"part": part, **one.as_dict()} for part, many in self.unfinished.items() for one in many],
         }
 
