@@ -30,7 +30,7 @@ from eyechart.frames.nouns import (
     rounded_truth,
 )
 from eyechart.frames.pictures import digest_of_sound, inside, read_bounded
-from eyechart.records import LARGEST, build, shown
+from eyechart.records import LARGEST, build, picked, plain, shown
 from eyechart.spaces.motion import MotionSpace
 
 MOTION = "motion"
@@ -310,14 +310,9 @@ class BankWriter:
         if distances := {name: truth.pop(name) for name in DISTANCES if name in truth}:
             self._distances[frame.id] = _numbers(distances, frame.id)
         row: dict[str, object] = {
-            "file_name": frame.file,
-            "frame_id": frame.id,
-            "scenario": frame.scenario,
-            "episode": frame.episode,
-            "step": frame.step,
-            "mirror_axis": frame.mirror_axis,
+            **picked(frame, "file_name=file frame_id=id scenario episode step mirror_axis"),
             **truth,
-            **{name: list(numbers) for name, numbers in frame.state.items()},
+            **plain(frame.state),
             **logged,
         }
         sides = [(frame.pictures, pictures)]

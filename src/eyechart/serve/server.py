@@ -18,6 +18,7 @@ from eyechart import __version__
 from eyechart.errors import BankError
 from eyechart.frames import size_of
 from eyechart.guardian import Assessment, Guardian, Pictures, encodable
+from eyechart.records import picked
 from eyechart.serve.described import TYPES, openapi
 from eyechart.serve.limits import ServerLimits
 from eyechart.serve.names import Names, crosses
@@ -103,14 +104,10 @@ class Server:
     async def health(self, request: web.Request) -> web.Response:
         """Say that the server is there, with which guardian, and how long ago each of its models last voted."""
         del request
-        frozen = self.guardian.frozen
         return _json(
             {
                 "status": "ok",
-                "guardian": frozen.digest,
-                "committee": list(frozen.committee),
-                "threshold": frozen.threshold,
-                "operating_point": frozen.point,
+                **picked(self.guardian.frozen, "guardian=digest committee threshold operating_point=point"),
                 "deadline_s": self.guardian.deadline_s,
                 "last_vote_s": {
                     spec: None if age is None else round(age, 1) for spec, age in self.guardian.since_votes().items()

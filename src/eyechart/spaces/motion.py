@@ -9,7 +9,7 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Literal, cast, get_args
@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.errors import SpecError
-from eyechart.records import LARGEST
+from eyechart.records import LARGEST, picked
 from eyechart.spaces.space import Answer, Decision, unanswered
 
 Kind = Literal["delta", "absolute", "velocity", "waypoints"]
@@ -317,17 +317,4 @@ class MotionSpace:
 
     def as_dict(self) -> dict[str, object]:
         """Return the space as plain JSON values."""
-        parts: Mapping[str, tuple[Dimension, ...]] = {"dimensions": self.dimensions, "state": self.state}
-        return {
-            "name": self.name,
-            "horizon": self.horizon,
-            "kind": self.kind,
-            "rate_hz": self.rate_hz,
-            "mirrored": self.mirrored,
-            **({"words": [list(pair) for pair in self.words]} if self.words else {}),
-            **{name: [_plain(one) for one in many] for name, many in parts.items()},
-        }
-
-
-def _plain(one: Dimension) -> dict[str, object]:
-    return {name: getattr(one, name) for name in Dimension.__slots__}
+        return picked(self, f"name horizon kind rate_hz mirrored {'words ' if self.words else ''}dimensions state")

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from eyechart.records import picked
 from eyechart.stats.association import information_of_tables
 from eyechart.stats.statistic import TIE, Statistic, cannot_say, chunks
 
@@ -47,12 +48,7 @@ class _Layout:
 
     def detail(self) -> dict[str, object]:
         """Return what a reader must know to trust the test."""
-        return {
-            "episodes": list(self.sizes),
-            "truncated_frames": self.truncated,
-            "shifted_frames": self.shifted,
-            "excluded": list(self.excluded),
-        }
+        return picked(self, "episodes=sizes truncated_frames=truncated shifted_frames=shifted excluded")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

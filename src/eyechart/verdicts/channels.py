@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeGuard
 
+from eyechart.records import picked
 from eyechart.stats.guarantees import episodes_needed
 from eyechart.stats.statistic import Statistic
 
@@ -130,12 +131,7 @@ class Judged:
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values; ``data_set`` says how far a claim of absence goes beyond the episodes asked."""
-        found: dict[str, object] = {
-            "label": self.label,
-            "because": self.because,
-            "by": self.by,
-            "why_not": self.why_not,
-        }
+        found = picked(self, "label because by why_not")
         if self.responds is None or self.responds.ci is None:
             return found
         episodes = {"episodes": self.responds.n, "responding": (self.responds.detail or {}).get("k")}

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from eyechart.episodes import Episode
 from eyechart.errors import EyechartError
 from eyechart.frames import RGB
+from eyechart.records import picked
 from eyechart.report.page import evenly
 from eyechart.studies import Tell
 from eyechart.studies.battery.album import data_uri, encode_small
@@ -150,12 +151,7 @@ def _episode(drives: Drives, episode: Episode, album: _Album, texts: _Texts) -> 
         "driver": drives.driver.label,
         "policy": episode.key.policy,
         "run": drives.driver.run,
-        "simulator": episode.key.simulator,
-        "scenario": episode.key.scenario,
-        "seed": episode.key.seed,
-        "condition": episode.key.condition,
-        "ended": episode.ended,
-        "detail": episode.detail,
+        **picked(episode, "key.simulator key.scenario key.seed key.condition ended detail"),
         "distance": _rounded(episode.distance_m, 1),
         "reward": round(episode.reward, 2),
         "crashed": episode.crashed,

@@ -16,7 +16,7 @@ from statistics import median
 
 from eyechart.calls import Reply
 from eyechart.episodes import Episode
-from eyechart.records import Written
+from eyechart.records import Written, picked
 from eyechart.simulators import declared_by
 from eyechart.studies.closed_loop.reading import MODAL_CONSTANT, UNDECIDED, Driver, Drives, undecided_share
 
@@ -169,10 +169,7 @@ class Twins:
         return {
             "drivers": [one.label for one in self.drivers],
             "simulator": self.drivers[0].simulator,
-            "worlds": self.worlds,
-            "identical": self.same,
-            "kind": self.kind,
-            "words": self.words,
+            **picked(self, "worlds identical=same kind words"),
         }
 
 
