@@ -126,18 +126,21 @@ def truths_on(simulator: str, number: int, folder: Path, specs: list[str]) -> di
 
 
 def write(said: dict[str, list[Said]], result: Path) -> int:
-    """Write and print what was called untruly, by simulator; returns the exit code."""
-    found: dict[str, object] = {
+    """Write and print what was called untruly, by simulator; returns the exit code.
+
+    What the file says of simulators that were not run now stays, with the commit at which they were.
+    """
+    command = ["git", "rev-parse", "HEAD"]
+    made = {
         "eyechart": eyechart.__version__,
         "date": dt.datetime.now(dt.UTC).date().isoformat(),
-        "commit": subprocess.run(
-            ["git", "rev-parse", "HEAD"], check=True, capture_output=True, text=True, cwd=ROOT
-        ).stdout.strip(),
+        "commit": subprocess.run(command, check=True, capture_output=True, text=True, cwd=ROOT).stdout.strip(),
     }
-    misses: list[str] = []
+    found = json.loads(result.read_text(encoding="utf-8")) if result.is_file() else {}
+    misses = [one for one in found.get("misses", ()) if one.partition(":")[0] not in said]
     for simulator, every in said.items():
         mine, missed = _judge(every)
-        found[simulator] = mine
+        found[simulator] = made | {"banks": max(Counter(one.spec for one in every).values(), default=0)} | mine
         misses += [f"{simulator}: {one}" for one in missed]
     found["misses"] = misses
     result.parent.mkdir(exist_ok=True)
