@@ -123,6 +123,28 @@ def test_a_mode_refuses_to_hold_a_secret_and_does_not_quote_it(
     assert SECRET not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("parts", "left"),
+    [
+        ({"headers": {"x-api-key": SECRET, "x-title": "robot"}}, {"headers": {"x-title": "robot"}}),
+        ({"body": {"note": {"api_key": SECRET}, "top_k": 5}}, {"body": {"top_k": 5}}),
+        ({"options": {"note": SECRET}}, {}),
+        ({"base_url": f"https://example.org/{SECRET}"}, {"base_url": "https://example.org"}),
+    ],
+)
+def test_a_run_that_recorded_a_secret_is_read_without_it(
+    parts: dict[str, object], left: dict[str, object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An older version took it: its calls stay readable, and the mode says what of it was left out."""
+    monkeypatch.setenv("SOME_API_KEY", SECRET)
+    mode = RequestMode.recorded({"spec": "openai:m", "max_tokens": 50, **parts}, "run.json")
+    assert mode.same_request(RequestMode("openai:m", max_tokens=50, **left))  # type: ignore[arg-type]
+    assert mode.about == {"left_out": f"a secret of {next(iter(parts))}"}
+    assert SECRET not in mode_text(mode)
+    with pytest.raises(SpecError, match="max_tokens must be a whole number"):
+        RequestMode.recorded({"spec": "openai:m", "max_tokens": 0, **parts}, "run.json")
+
+
 def test_headers_name_variables_and_are_filled_in_only_to_be_sent() -> None:
     """The mode keeps the name; a missing variable is named."""
     mode = RequestMode("openai:m", headers={"Authorization": "Token $MY_KEY", "x-user": "${WHO}-1", "x-plain": "2"})

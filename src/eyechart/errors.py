@@ -153,6 +153,10 @@ class SpecError(EyechartError):
     """A name (model, condition, prompt, simulator, preset) is unknown or malformed."""
 
 
+class SecretError(SpecError):
+    """A mode would carry what looks like a secret into a file."""
+
+
 class DriveError(EyechartError):
     """A world under way broke: it raised, or its camera shows nothing."""
 

@@ -459,7 +459,7 @@ def _built(kind: type[M], raw: dict[str, Any], file: str) -> M:
         if isinstance(value, str) and not value.isprintable():
             raise ValueError(f"{name} is {shown(value)}, not a line of text")
     raw["prompt"] = Prompt.from_dict(raw["prompt"])
-    raw["modes"] = {spec: RequestMode.from_dict(mode, file) for spec, mode in raw["modes"].items()}
+    raw["modes"] = {spec: RequestMode.recorded(mode, file) for spec, mode in raw["modes"].items()}
     if kind is EpisodesManifest:
         raw["action_space"] = Discrete.from_dict(raw["action_space"]).by(raw["reader"])
     made = build(kind, raw)

@@ -16,7 +16,7 @@ from urllib.parse import unquote, urlsplit
 import msgspec
 import tomli_w
 
-from eyechart.errors import SpecError, meant
+from eyechart.errors import SecretError, SpecError, meant
 from eyechart.records import LARGEST
 from eyechart.spaces.discrete import read_toml
 
@@ -180,6 +180,40 @@ class RequestMode:
         except SpecError as error:
             raise SpecError(f"{where}: {error}") from error
 
+    @classmethod
+    def recorded(cls, values: Mapping[str, object], where: str) -> "RequestMode":
+        """Build a mode of a run's record, which stays readable where it holds what is a secret by today's rules.
+
+        That part is left out, and ``about`` names it. Raises SpecError as ``from_dict`` does for anything else.
+        """
+        raw, left = dict(values), []
+        for part in ("headers", "body", "options", "about"):
+            kept = raw.get(part)
+            if isinstance(kept, Mapping):
+                held = [name for name, value in kept.items() if cls._holds_secret(**{part: {name: value}})]
+                raw[part] = {name: value for name, value in kept.items() if name not in held}
+                left += [part] * bool(held)
+        if cls._holds_secret(base_url=raw.get("base_url", "")):
+            parts = urlsplit(str(raw["base_url"]))
+            raw["base_url"] = f"{parts.scheme}://{parts.hostname}"
+            left.append("base_url")
+        if left:
+            raw["about"] = {
+                **cast("dict[str, str]", raw.get("about", {})),
+                "left_out": f"a secret of {', '.join(left)}",
+            }
+        return cls.from_dict(raw, where)
+
+    @classmethod
+    def _holds_secret(cls, **parts: object) -> bool:
+        try:
+            cls("m", **parts)  # type: ignore[arg-type]
+        except SecretError:
+            return True
+        except SpecError:
+            return False
+        return False
+
 
 def made_elsewhere(spec: str) -> bool:
     """Return whether the answers of a SPEC were made elsewhere, so that nothing is known of its calls."""
@@ -314,23 +348,23 @@ def _expand(name: str, value: str, environ: Mapping[str, str]) -> str:
 
 
 def _refuse_secrets(mode: RequestMode) -> None:
-    """Raise SpecError, which never quotes the value, where a mode would carry a secret into a file."""
+    """Raise SecretError, which never quotes the value, where a mode would carry a secret into a file."""
     _refuse_secret_fields(mode)
     parts = urlsplit(mode.base_url)
     if parts.username or parts.password or parts.query or parts.fragment:
         at = f"{parts.scheme}://{parts.hostname}…"
-        raise SpecError(f"base_url {at} holds a user, a query or a fragment: leave it out")
+        raise SecretError(f"base_url {at} holds a user, a query or a fragment: leave it out")
     if _SECRET_VALUE.search(parts.netloc):
-        raise SpecError("base_url holds what looks like a secret in its host: send it in a header as $NAME")
+        raise SecretError("base_url holds what looks like a secret in its host: send it in a header as $NAME")
     if _SECRET_VALUE.search(unquote(parts.path)):
-        raise SpecError(
+        raise SecretError(
             f"base_url {parts.scheme}://{parts.hostname}… holds what looks like a secret in its path: send it in a "
             "header as $NAME"
         )
     held = str([mode.spec, mode.base_url, mode.key_env, mode.headers, mode.body, mode.options, mode.about])
     for variable, value in _secrets():
         if value in held:
-            raise SpecError(
+            raise SecretError(
                 f"the mode holds the value of the environment variable {variable}; write ${variable} in single quotes"
             )
 
@@ -368,27 +402,27 @@ def _names(value: object) -> list[str]:
 
 
 def _refuse_secret_fields(mode: RequestMode) -> None:
-    """Raise SpecError where a header or a field of the body holds what by its name or its looks is a secret."""
+    """Raise SecretError where a header or a field of the body holds what by its name or its looks is a secret."""
     for name, value in mode.headers.items():
         if _SECRET.search(name) and not _VARIABLE.search(value):
-            raise SpecError(f"header '{name}' looks like a secret: give the name of a variable, as '{name}: $NAME'")
+            raise SecretError(f"header '{name}' looks like a secret: give the name of a variable, as '{name}: $NAME'")
         if _SECRET_VALUE.search(value):
-            raise SpecError(f"header '{name}' holds what looks like a secret: give a variable, as '{name}: $NAME'")
+            raise SecretError(f"header '{name}' holds what looks like a secret: give a variable, as '{name}: $NAME'")
     _refuse_secret_body(mode.body)
     for where, value in _texts(mode.options):
         if _SECRET_VALUE.search(value):
-            raise SpecError(f"option '{where}' holds what looks like a secret, and a mode is no place for one")
+            raise SecretError(f"option '{where}' holds what looks like a secret, and a mode is no place for one")
 
 
 def _refuse_secret_body(body: Mapping[str, object]) -> None:
     for name in _names(body):
         if _SECRET_VALUE.search(name):
-            raise SpecError("a name in the body is what looks like a secret, which goes into a header as $NAME")
+            raise SecretError("a name in the body is what looks like a secret, which goes into a header as $NAME")
         if _SECRET_FIELD.search(name):
-            raise SpecError(f"the body's '{name}' looks like a secret, which goes into a header as $NAME")
+            raise SecretError(f"the body's '{name}' looks like a secret, which goes into a header as $NAME")
     for where, value in _texts(body):
         if _SECRET_VALUE.search(value):
-            raise SpecError(f"the body's '{where}' holds what looks like a secret, which goes into a header as $NAME")
+            raise SecretError(f"the body's '{where}' holds what looks like a secret, which goes into a header as $NAME")
 
 
 def _texts(value: object, where: str = "") -> Iterator[tuple[str, str]]:
