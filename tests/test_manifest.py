@@ -66,6 +66,20 @@ def test_a_run_keeps_each_models_mode_and_facts(manifest: RunManifest, bank: Fra
     assert probed.extended(asked).mode("a") == probed.mode("a")
 
 
+def test_a_run_that_recorded_a_secret_is_read_and_does_not_go_on(
+    out: Path, manifest: RunManifest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its calls are paid for; what else it asked nobody may know, so that nothing is added to it."""
+    monkeypatch.setenv("SOME_API_KEY", "very-secret-1234")
+    raw = json.loads((out / "run.json").read_text())
+    raw["modes"] = {"a": {"spec": "a", "body": {"note": "very-secret-1234"}}}
+    (out / "run.json").write_text(json.dumps(raw))
+    read, _ = read_run(out)
+    assert read.mode("a").about == {"left_out": "a secret of body"}
+    with pytest.raises(LedgerError, match="this run asked a in another mode"):
+        read.extended(manifest)
+
+
 def test_a_run_is_not_resumed_in_another_mode(manifest: RunManifest) -> None:
     """The default mode included; the field that differs is named."""
     asked = replace(manifest, modes={"a": RequestMode("a", temperature=None)})

@@ -1,4 +1,5 @@
 import string
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -138,7 +139,9 @@ def test_a_run_that_recorded_a_secret_is_read_without_it(
     """An older version took it: its calls stay readable, and the mode says what of it was left out."""
     monkeypatch.setenv("SOME_API_KEY", SECRET)
     mode = RequestMode.recorded({"spec": "openai:m", "max_tokens": 50, **parts}, "run.json")
-    assert mode.same_request(RequestMode("openai:m", max_tokens=50, **left))  # type: ignore[arg-type]
+    safe = RequestMode("openai:m", max_tokens=50, **left)  # type: ignore[arg-type]
+    assert replace(mode, about={}) == safe
+    assert not mode.same_request(safe), "a run goes on with what it asked"
     assert mode.about == {"left_out": f"a secret of {next(iter(parts))}"}
     assert SECRET not in mode_text(mode)
     with pytest.raises(SpecError, match="max_tokens must be a whole number"):

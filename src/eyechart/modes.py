@@ -37,6 +37,9 @@ ELSEWHERE = "elsewhere"
 _ADDRESS = ("base_url", "key_env", "headers", "timeout_s")
 """What of a mode says where a model is asked and how long it may take, and nothing of what it is asked."""
 
+LEFT_OUT = "left_out"
+"""Where ``about`` names what a record held of a mode, and is not read of it."""
+
 FEWEST_TOKENS = 16
 """Fewer tokens than this that a picture adds may be the placeholder of a picture that is dropped."""
 
@@ -132,8 +135,12 @@ class RequestMode:
         return self.request() == other.request()
 
     def request(self) -> "RequestMode":
-        """Return this mode without what was measured or is said of it, and with its address in one form."""
-        return replace(self, measured=None, about={}, base_url=_plain_address(self.base_url))
+        """Return this mode without what was measured or is said of it, and with its address in one form.
+
+        What was left out of it when it was read stays named: nobody knows what it asked.
+        """
+        about = {LEFT_OUT: self.about[LEFT_OUT]} if LEFT_OUT in self.about else {}
+        return replace(self, measured=None, about=about, base_url=_plain_address(self.base_url))
 
     def moved_to(self, other: "RequestMode") -> "RequestMode":
         """Return this mode at the address of another, with its key, its headers and its patience."""
@@ -184,7 +191,8 @@ class RequestMode:
     def recorded(cls, values: Mapping[str, object], where: str) -> "RequestMode":
         """Build a mode of a run's record, which stays readable where it holds what is a secret by today's rules.
 
-        That part is left out, and ``about`` names it. Raises SpecError as ``from_dict`` does for anything else.
+        That part is left out, and ``about`` names it, so that no other mode asks alike. Raises SpecError as
+        ``from_dict`` does for anything else.
         """
         raw, left = dict(values), []
         for part in ("headers", "body", "options", "about"):
