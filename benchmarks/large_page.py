@@ -66,6 +66,17 @@ def opened(chromium: Any, path: str, url: str, width: int) -> dict[str, float]: 
     return took
 
 
+def make(file: Path, work: Path, given: Path | None) -> float:
+    """Write the page, or copy one that was made before; return the processor seconds that making it took."""
+    if given is not None:
+        shutil.copy(given, file)
+        return 0.0
+    evidence = large_evidence(work, ("constant", "random", "depth", "presence"), times=TIMES)
+    begun = time.process_time()
+    write_page(make_page([evidence]), file)
+    return time.process_time() - begun
+
+
 def main() -> int:
     """Make the page, open it, and write what it took."""
     options = argparse.ArgumentParser()
@@ -73,23 +84,18 @@ def main() -> int:
     options.add_argument("--page", type=Path, help="a page that was made before, rather than one made anew")
     given = options.parse_args()
     path = os.environ.get("EYECHART_CHROMIUM") or shutil.which("chromium") or ""
-    with tempfile.TemporaryDirectory() as work, sync_playwright() as playwright:
-        file, made = Path(work) / "report.html", 0.0
-        if given.page is None:
-            evidence = large_evidence(Path(work), ("constant", "random", "depth", "presence"), times=TIMES)
-            begun = time.process_time()
-            write_page(make_page([evidence]), file)
-            made = time.process_time() - begun
-        else:
-            shutil.copy(given.page, file)
-        turns = [
-            {width: opened(playwright.chromium, path, file.as_uri(), width) for width in WIDTHS}
-            for _ in range(given.opens)
-        ]
-        empty = statistics.median(
-            opened(playwright.chromium, path, "data:text/html,<p>nothing", WIDTHS[0])["cpu_s"]
-            for _ in range(given.opens)
-        )
+    with tempfile.TemporaryDirectory() as work:
+        file = Path(work) / "report.html"
+        made = make(file, Path(work), given.page)  # before the browser, which brings an event loop of its own
+        with sync_playwright() as playwright:
+            turns = [
+                {width: opened(playwright.chromium, path, file.as_uri(), width) for width in WIDTHS}
+                for _ in range(given.opens)
+            ]
+            empty = statistics.median(
+                opened(playwright.chromium, path, "data:text/html,<p>nothing", WIDTHS[0])["cpu_s"]
+                for _ in range(given.opens)
+            )
         size = file.stat().st_size
     found: dict[str, Any] = {
         "eyechart": __version__,

@@ -76,7 +76,7 @@ def look(url: str, begun: float, seen: list[float], over: threading.Event) -> No
         with contextlib.suppress(OSError), urllib.request.urlopen(url, timeout=5) as page:  # noqa: S310 - our own
             if not seen and b">SLOW</td>" in page.read():
                 seen.append(time.monotonic() - begun)
-        over.wait(1.0 if time.monotonic() - begun < 20 else 5.0)
+        over.wait(1.0 if not seen and time.monotonic() - begun < 20 else 5.0)
 
 
 def run(server: SlowServer, bank: Path, out: Path, frames: int, *, watch: bool) -> dict[str, float]:

@@ -9,7 +9,7 @@ from typing import Any
 
 from eyechart.errors import EyechartError, SpecError, printable
 from eyechart.manifest import BESIDE, RUN, EpisodesManifest, RunManifest
-from eyechart.report.page import Page, fill
+from eyechart.report.page import GLYPHS, Answer, Page, Said, fill, parted
 from eyechart.report.table import MARK, Cell, Column, Mark, Table, marked
 from eyechart.studies import Finding, Made, Reading, Study, Tell, open_study, study_of
 from eyechart.studies.prompts import is_study
@@ -18,6 +18,7 @@ DEEPEST = 4
 """Folders in folders that are looked into for runs."""
 PLACES = {"runs": "Runs", "models": "Models side by side", "history": "Over time"}
 """The tables of an index, and what their parts of the page are called."""
+UNREAD = "cannot be scored"
 NO_VERDICT = Finding("no verdict", "")
 
 
@@ -79,7 +80,7 @@ def _entries(name: str, run: Path, reading: Reading) -> Iterator[Entry]:
         findings = study.findings(study.score(run, reading))
         yield from _described(name, run, study, findings or dict.fromkeys(study.models(run) or ("",), NO_VERDICT))
     except EyechartError as error:
-        unread = Finding("cannot be scored", "bad", marks=(printable(str(error)),))
+        unread = Finding(UNREAD, "bad", marks=(printable(str(error)),))
         yield Entry(name, study.runs_are, "", "", "", (), unread)
 
 
@@ -113,6 +114,8 @@ def make_index(folder: Path, reading: Reading, tell: Tell) -> Made:
         "index.html",
         scripts=("layout.js", "index.js"),
         title=folder.resolve().name,
+        answer=_opening(entries),
+        glyphs=GLYPHS,
         runs=len({one.run for one in entries}),
         models=len({one.model for one in entries if one.model}),
         labels=Counter(one.found.label for one in entries).most_common(),
@@ -123,8 +126,49 @@ def make_index(folder: Path, reading: Reading, tell: Tell) -> Made:
     return Made(Page(html, {}), tables, [])
 
 
+_KINDS = {"good": "sees", "bad": "blind"}
+_NEWEST = {"sees": "yes for", "partly": "in part for", "blind": "no for", "open": "it cannot be said of"}
+
+
+def _opening(entries: Sequence[Entry]) -> Answer:
+    """Return what an index says first: the newest verdict on each model, and whether it is another than the one before.
+
+    The models whose newest verdict differs from the one before stand first, then those that were asked last.
+    """
+    by_model: dict[str, list[Entry]] = {}
+    for one in entries:
+        if one.model and one.found.label not in (NO_VERDICT.label, UNREAD):
+            by_model.setdefault(one.model, []).append(one)
+    said = []
+    for model, mine in reversed(by_model.items()):
+        now, before = mine[-1], mine[-2] if len(mine) > 1 else None
+        changed = "" if before is None or before.found.label == now.found.label else f"was {_words(before)}"
+        words = f"{now.run}, {now.created[:10]}, on {now.about}." + (
+            f" Before it {_against(before, now)}." if before else ""
+        )
+        tone = _KINDS.get(now.found.tone, now.found.tone)
+        said.append(
+            Said(model, _words(now), tone if tone in GLYPHS else "open", words, now.found.state, "runs", changed)
+        )
+    if not said:
+        return Answer("No run here has a verdict on a model.")
+    many = {words: [one.who for one in said if one.tone == tone] for tone, words in _NEWEST.items()}
+    return Answer(
+        f"By the newest run of each model, {_lower(parted(many, 'models'))}",
+        sorted(said, key=lambda one: not one.beware),
+    )
+
+
+def _lower(sentence: str) -> str:
+    return sentence[:1].lower() + sentence[1:]
+
+
+def _words(one: Entry) -> str:
+    return one.found.label.replace("_", " ")
+
+
 def _said(one: Entry) -> Mark:
-    return Mark(one.found.label.replace("_", " "), one.found.tone, MARK if one.found.marks else "")
+    return Mark(_words(one), one.found.tone, MARK if one.found.marks else "")
 
 
 def runs_table(entries: Sequence[Entry]) -> Table:

@@ -50,7 +50,7 @@ def test_clauses_and_worst_frames_stand_there_with_their_views(run: Path) -> Non
     evidence = estimates([run])
     html = make_estimates_page(evidence).html.decode()
     words = text_of(html)
-    assert "1 of 2 estimators are admitted" in words.replace(NEVER, "")
+    assert f"Of 2 estimators: admitted 1 ({SEES}); not admitted 1 ({NEVER})" in words
     assert re.search(r"close_accuracy 0\.750 0\.500 \[0\.\d+, 0\.\d+\] 95 % 8 fail share of frames", words)
     assert words.count(" pass ") == 7 + 3
     order = re.findall(r"<h4><bdi>(single-0-\d)</bdi>", html)

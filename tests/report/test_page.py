@@ -237,8 +237,8 @@ def test_a_bank_without_gap_axis_and_counterfactuals_says_cannot_say(tmp_path: P
 def test_counterfactual_pairs_stand_side_by_side_with_their_decisions(bank: Path, tmp_path: Path) -> None:
     """The moment's pictures, and below each the decision that it got."""
     made = report(make_run(bank, tmp_path / "run", {"steady": stand_ins.stop}), tmp_path / "page.html").html
-    pair = made.partition('<div class="pair">')[2].partition("</table>")[0]
-    assert re.findall(r'<th scope="col"><code>(.*?)</code>', pair) == [
+    pair = made.partition('<div class="pair">')[2].partition('<div class="pair">')[0]
+    assert re.findall(r"<figcaption><code>(.*?)</code>", pair) == [
         "lead_near",
         "lead_far",
         "real",

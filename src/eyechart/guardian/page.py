@@ -1,14 +1,16 @@
 """What a guardian is worth: Table t:positive-guardian of the paper, lines of words around it, and its page."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 
 from eyechart.conditions import flip
 from eyechart.errors import EyechartError
 from eyechart.frames import FrameBank, decode, encode
 from eyechart.guardian import interface_of
 from eyechart.report.charts import BLUE, INK, MUTED, VERMILLION, Drawing, canvas, style
-from eyechart.report.page import Page, fill
+from eyechart.report.page import GLYPHS, Answer, Page, Said, fill
 from eyechart.report.table import Cell, Column, Mark, Table, columns, number, p_value
+from eyechart.report.table import estimate as shown
 from eyechart.stats.committee import ABSTAIN, answers
 from eyechart.stats.paired import Discordant
 from eyechart.stats.statistic import Statistic
@@ -33,6 +35,8 @@ def guardian_page(found: GuardianScore, bank: FrameBank | None) -> Page:
     html = fill(
         "guardian.html",
         styles=("guardian.css",),
+        answer=opening(found, drawn),
+        glyphs=GLYPHS,
         digest=frozen.digest,
         committee=frozen.committee,
         threshold=frozen.threshold,
@@ -54,6 +58,31 @@ def guardian_page(found: GuardianScore, bank: FrameBank | None) -> Page:
         left_out="" if listed == len(table.frames) else f"The first {listed} of {len(table.frames)} frames.",
     )
     return Page(html, {"curve": [drawn]})
+
+
+def opening(found: GuardianScore, drawn: Drawing) -> Answer:
+    """Return what the page says first: how many hazards it misses, its false alarms, and what it hands back."""
+    table, own = found.table, found.rows[found.frozen.point]
+    hazards = int(table.hazard.sum())
+    alarms = sum(found.answers[frame] == "hazard" and not table.hazard[at] for at, frame in enumerate(table.frames))
+    handed = sum(answer == "abstain" for answer in found.answers.values())
+    sentence = (
+        f"It calls {len(found.missed)} of {hazards} hazards clear, raises a false alarm on {alarms} of "
+        f"{len(table.frames) - hazards} clear frames, and hands back {handed} of {len(table.frames)}."
+    )
+    balanced, single = own["bal"], found.rows["single"]["bal"]
+    low, high = balanced.ci or (0.0, 1.0)
+    tone = "sees" if low > 0.5 else "blind" if high < 0.5 else "open"
+    words = {"sees": "better than chance", "blind": "worse than chance", "open": "no better than chance was shown"}
+    reasons = (
+        f"Balanced accuracy {shown(balanced)} over what it answers; the best single model of the calibration "
+        f"has {shown(single)} over its own."
+    )
+    bound = "" if found.bound is not None else "How often it misses at most was not bounded: no episodes were kept."
+    who = " + ".join(found.frozen.committee)
+    return Answer(
+        sentence, [Said(who, words[tone], tone, reasons, bound, "points")], figure=replace(drawn, name="in-short")
+    )
 
 
 @style()

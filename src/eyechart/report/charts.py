@@ -99,6 +99,11 @@ class Drawing:
     of: str = ""
     lean: bool = False
 
+    @property
+    def least_px(self) -> int:
+        """Return how narrow a page may draw it, in CSS pixels: less than half its size."""
+        return round(43 * float(self.figure.get_size_inches()[0]))
+
     def labelled(self, label: str) -> "Drawing":
         """Return the figure as the paper's of that label, under which its files are written."""
         return replace(self, name=label.replace(":", "-"))

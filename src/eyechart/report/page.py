@@ -33,6 +33,80 @@ class Page:
     notes: tuple[str, ...] = ()
 
 
+GLYPHS = {"sees": "●", "partly": "◐", "blind": "○", "open": "?"}
+"""What stands before a word of each tone, for those who do not tell its colour."""
+MOST_SAID = 6
+"""So many verdicts stand at the head of a page; it says how many more there are."""
+_MOST_NAMED = 4
+
+
+@dataclass(frozen=True)
+class Said:
+    """What a page says first of somebody: the verdict in a word, what it means, and why it is no stronger one.
+
+    ``tone`` is one of ``GLYPHS``; ``place`` the id in the page where the rest stands; ``beware`` what must not be
+    overlooked beside the word.
+    """
+
+    who: str
+    label: str
+    tone: str
+    words: str = ""
+    why_not: str = ""
+    place: str = ""
+    beware: str = ""
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A picture of an example: what it shows, the picture as a data URI or why there is none, and an answer a model.
+
+    An answer is its role (brake, proceed, other, none; good or bad where it is right or wrong), its word, and how
+    usual it is.
+    """
+
+    shows: str
+    uri: str
+    absent: str
+    answers: Sequence[tuple[str, str, str]]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What somebody with ten seconds reads: one sentence, a verdict each, and one picture of it.
+
+    The picture is an example, whose ``shots`` each hold an answer of every one of ``models``, or a figure.
+    """
+
+    sentence: str
+    said: Sequence[Said] = ()
+    models: Sequence[str] = ()
+    shots: Sequence[Shot] = ()
+    figure: Drawing | None = None
+    caption: str = ""
+
+    @property
+    def first(self) -> Sequence[Said]:
+        """Return as many verdicts as stand at the head of a page."""
+        return self.said[:MOST_SAID]
+
+    @property
+    def more(self) -> int:
+        """Return how many verdicts do not."""
+        return len(self.said) - len(self.first)
+
+
+def parted(many: Mapping[str, Sequence[str]], what: str) -> str:
+    """Return in one sentence of how many of ``what`` each answer holds, by name where they are few."""
+    total = sum(map(len, many.values()))
+    told = [
+        f"{answer} {len(names)}" + (f" ({', '.join(names)})" if total <= _MOST_NAMED else "")
+        for answer, names in many.items()
+        if names
+    ]
+    return f"Of {total} {what}: {'; '.join(told)}."
+
+
 @dataclass(frozen=True)
 class Section:
     """A part of a page: an introduction, figures, tables, and lines of words."""
@@ -44,10 +118,21 @@ class Section:
     lines: Sequence[str] = ()
 
 
-def page_of(question: str, title: str, sections: Sequence[Section], notes: Sequence[str] = ()) -> Page:
-    """Return a page that is a list of sections under the question that it answers."""
+def page_of(
+    question: str, title: str, sections: Sequence[Section], notes: Sequence[str] = (), answer: Answer | None = None
+) -> Page:
+    """Return a page that is a list of sections under the question that it answers, with its answer."""
     places = [*((f"part-{place}", one.title) for place, one in enumerate(sections, 1)), ("page", "This page")]
-    html = fill("sections.html", places=places, question=question, title=title, sections=sections, notes=notes)
+    html = fill(
+        "sections.html",
+        places=places,
+        question=question,
+        title=title,
+        sections=sections,
+        notes=notes,
+        answer=answer,
+        glyphs=GLYPHS,
+    )
     return Page(html, {one.title: one.drawings for one in sections}, tuple(notes))
 
 
@@ -78,7 +163,7 @@ def fill(
     template: str,
     *,
     styles: Sequence[str] = (),
-    scripts: Sequence[str] = (),
+    scripts: Sequence[str] = ("layout.js",),
     data: object = None,
     packed: str = "",
     **values: object,

@@ -26,7 +26,7 @@ if TYPE_CHECKING:  # a score needs no terminal and no figures
     from rich.text import Text
 
     from eyechart.report.charts import Drawing
-    from eyechart.report.page import Page
+    from eyechart.report.page import Answer, Page
     from eyechart.report.table import Table
 
 Tell = Callable[[str], None]
@@ -134,13 +134,14 @@ class Finding:
 
 
 class Study(ABC, Generic[S]):
-    """A kind of run, of which a report speaks as ``runs_are``.
+    """A kind of run, of which a report speaks as ``runs_are``, and which answers a ``question``.
 
     ``refuses`` says of each thing that it cannot do why, in words that follow a run's name. ``requirements`` are what a
     gate may ask of its models, with what each means, ``required`` the one that it does ask.
     """
 
     runs_are: ClassVar[str] = ""
+    question: ClassVar[str] = ""
     refuses: ClassVar[Mapping[str, str]] = {}
     requirements: ClassVar[Mapping[str, str]] = {}
     required: ClassVar[str] = ""
@@ -230,15 +231,23 @@ class Study(ABC, Generic[S]):
         from eyechart.report.page import Section, page_of  # noqa: PLC0415 - a score needs no templates
 
         del banks
-        sections = []
-        for run in runs:
+        sections, scores = [], {}
+        for run, name in zip(runs, names_of(runs), strict=True):
             tell(f"scoring {run.name}")
-            parts = list(self.printed(self.score(run, reading)))
+            scores[name] = self.score(run, reading)
+            parts = list(self.printed(scores[name]))
             lines = [one for one in parts if isinstance(one, str)]
             sections.append(Section(run.name, tables=[one for one in parts if not isinstance(one, str)], lines=lines))
         title = ", ".join(run.name for run in runs)
-        page = page_of(f"What came of these {self.runs_are}?", title, sections)
+        page = page_of(
+            self.question or f"What came of these {self.runs_are}?", title, sections, answer=self.answer(scores)
+        )
         return Made(page, [table for one in sections for table in one.tables], page.notes)
+
+    def answer(self, scores: Mapping[str, S]) -> "Answer | None":
+        """Return what such a report says first of runs, by name; None where it begins with its tables."""
+        del scores
+        return None
 
     def paper(
         self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell

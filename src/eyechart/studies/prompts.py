@@ -8,7 +8,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from eyechart.modes import RequestMode
 from eyechart.prompts import PROMPTS
 from eyechart.records import Plain
 from eyechart.report.accounts import costs_table
-from eyechart.report.table import MARK, Cell, Column, Mark, Table, columns, marked, stacked
+from eyechart.report.table import MARK, Cell, Column, Mark, Table, columns, marked, number, p_value, stacked
 from eyechart.run import Progress
 from eyechart.stats.agreement import rate
 from eyechart.stats.resampling import holm
@@ -31,12 +31,17 @@ from eyechart.studies import NO_DRIVES, Made, Reading, Tell, battery, names_of, 
 from eyechart.studies.battery import OfFrames
 from eyechart.studies.probed import spent_on
 
+if TYPE_CHECKING:
+    from eyechart.report.page import Answer
+
 FRAMES = 100
 """Frames a cell, each shown real and blank: the paper's 100 queries, and the same 100 blank."""
 
 _ALIKE = ("study", "models", "fingerprint", "conditions", "limit", "seed")
 """What the manifests of the cells of one study have in common."""
 CONDITIONS = ("real", "blank")
+LEVEL = 0.05
+"""Below it a corrected p is called significant at the head of the page."""
 
 DEPENDENCE = ("mutual_information", "obstacle", "cramers_v_real_blank")
 """What a cell says of scene dependence, which diversity is not; each p is corrected over the cells of its model."""
@@ -335,6 +340,35 @@ class PromptsScore:
         return {"study": "prompts", "cells": [cell.as_dict() for cell in self.cells]}
 
 
+_HOLD = {
+    "sees": "the answers go with the gap in",
+    "partly": "they tell a picture from a blank, and no more was shown, in",
+    "blind": "the answer is always the same in",
+    "open": "nothing of the picture was shown in",
+}
+_WORDS = {"sees": "goes with the gap", "partly": "tells that there is a picture", "blind": "always the same answer"}
+
+
+def held(cell: CellScore) -> tuple[str, str]:
+    """Return what a cell's answers hold of the scene: sees, partly, blind or open, and in words."""
+    gap, blank = (cell.holm[name] for name in ("mutual_information", "cramers_v_real_blank"))
+    if gap is not None and gap < LEVEL:
+        tone = "sees"
+    elif blank is not None and blank < LEVEL:
+        tone = "partly"
+    else:
+        tone = "blind" if cell.statistics["distinct_outputs"].value == 1 else "open"
+    return tone, _WORDS.get(tone, "nothing shown")
+
+
+def _about(cell: CellScore) -> str:
+    found = cell.statistics
+    gap, modal = found["mutual_information"], found["modal_share"]
+    p = p_value(cell.holm["mutual_information"])
+    often = number(modal.value, 2)
+    return f"I(A; g) {number(gap.value)} bits, p {p}; its most frequent answer takes {often} of the frames."
+
+
 _CELLS = "is a prompt study, of one run a cell: name a cell, as RUN/CELL"
 
 
@@ -343,6 +377,7 @@ class Prompts(OfFrames[PromptsScore]):
 
     names = ()
     runs_are = "prompts"
+    question = "Under which prompt does a model look?"
     refuses: ClassVar = {
         **NO_DRIVES,
         **dict.fromkeys(("verdict", "gate", "compare", "transfer"), _CELLS),
@@ -363,6 +398,26 @@ class Prompts(OfFrames[PromptsScore]):
     def whole(self, folder: Path, reading: Reading, tell: Tell) -> tuple[PromptsScore, Made]:
         """Return the score and the report of a study in a bundle."""
         return self.score(folder, reading), self.report([folder], [], reading, tell)
+
+    def answer(self, scores: Mapping[str, PromptsScore]) -> "Answer":
+        """Return in how many cells the answers hold anything of the scene, and how much in each."""
+        from eyechart.report.charts import BLUE, Drawing, dots, style  # noqa: PLC0415 - a score needs no figures
+        from eyechart.report.page import MOST_SAID, Answer, Said, parted  # noqa: PLC0415 - nor templates
+
+        named = [
+            (f"{name} · " if len(scores) > 1 else "", cell) for name, score in scores.items() for cell in score.cells
+        ]
+        found = [(f"{run}{cell.model} under {cell.name}", cell, *held(cell)) for run, cell in named]
+        said = [Said(who, words, tone, _about(cell), beware=cell.state) for who, cell, tone, words in found]
+        many = {words: [one.who for one in said if one.tone == tone] for tone, words in _HOLD.items()}
+        rows = [(who, cell.statistics["mutual_information"], BLUE, tone != "sees") for who, cell, tone, _ in found]
+        with style():
+            figure = dots(rows[:MOST_SAID], "I(A; g), bits of the answer that tell the gap", 1.0)
+        told = "; ".join(f"{who}: {number(one.value)}" for who, one, *_ in rows)
+        drawn = Drawing(
+            "in-short", "What the answers tell of the gap, by prompt", f"Filled: significant. {told}", figure
+        )
+        return Answer(parted(many, "cells, a model under a prompt each"), said, figure=drawn)
 
     def paper(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Iterator[Table]:
         """Yield Table t:prompts of all studies."""

@@ -29,6 +29,9 @@ _ASKED = {
     "none": "nothing: it could not be tested",
 }
 
+CONSTANT = ("image_invariant", "refusal_effect", "not_scorable", "undecided")
+"""Labels that a model deserves whose answers are all the same: that they are is no fault of its run."""
+
 _COUNTED = ("finished", "planned")
 
 _CARD = (
@@ -49,7 +52,8 @@ class Verdict(Written):
     ``not_judged``. ``failed`` are the guards that say that the run itself is not to be believed; they mark the verdict
     wherever it is printed. ``print`` it for the evidence in words; a notebook shows it as a card. ``unfinished`` is
     (calls finished, calls planned) where some are still to be made, and the verdict is on what there is. ``effects``
-    say how large what was measured is, and where; ``why_not`` what kept it from the nearest stronger label.
+    say how large what was measured is, and where; ``why_not`` what kept it from the nearest stronger label. ``beware``
+    says that turns go to the blocked side where they do; ``trust`` holds it too.
     """
 
     written = (
@@ -72,6 +76,7 @@ class Verdict(Written):
     unfinished: tuple[int, int] | None = None
     effects: Effects | None = None
     why_not: WhyNot | None = None
+    beware: str = ""
 
     @property
     def state(self) -> str:
@@ -99,7 +104,18 @@ class Verdict(Written):
     @property
     def marks(self) -> tuple[str, ...]:
         """Return the guards that failed, in words: with one of them the verdict is not to be relied on."""
-        return tuple(f"guard '{guard.name}' failed: {guard.because}" for guard in self.failed)
+        return tuple(map(_marked, self.failed))
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Return the marks that put the verdict in doubt: not that all answers are one, where it says just that."""
+        says_so = self.calibrated.label in CONSTANT
+        return tuple(_marked(guard) for guard in self.failed if not (says_so and guard.name == "degeneracy"))
+
+    @property
+    def agreeing(self) -> tuple[str, ...]:
+        """Return the other marks: guards that failed on what the verdict says."""
+        return tuple(mark for mark in self.marks if mark not in self.doubts)
 
     @property
     def measures(self) -> dict[str, str]:
@@ -150,6 +166,10 @@ class Verdict(Written):
         )
 
 
+def _marked(guard: Guard) -> str:
+    return f"guard '{guard.name}' failed: {guard.because}"
+
+
 def judge(score: Scored) -> dict[str, Verdict]:
     """Return the verdict of every model of a scored battery."""
     return {spec: judge_one(one) for spec, one in score.evidence().items()}
@@ -164,13 +184,14 @@ def judge_one(evidence: Evidence) -> Verdict:
     rules = calibrated_rules if stopped is None else partial(early_rules, stopped=stopped)
     calibrated, asked_by = rules(found, turns=turns)
     effects = effects_of(found) if stopped is None or stopped.whole else None
+    beware = _beware(calibrated.label, lateral, found["turns_clear"])
     return Verdict(
         model=evidence.model,
         paper=paper_rules(found, evidence.holm) if stopped is None else early_paper(stopped),
         calibrated=calibrated,
         lateral=lateral,
         evidence=asked_by,
-        trust=_trust(calibrated.label, lateral, found["turns_clear"], effects),
+        trust=_trust(calibrated.label, lateral, beware, effects),
         scope=evidence.scope,
         notes=notes(evidence, calibrated.label),
         failed=evidence.failed,
@@ -178,21 +199,31 @@ def judge_one(evidence: Evidence) -> Verdict:
         effects=effects,
         why_not=why_not(evidence, calibrated, lateral),
         unfinished=(evidence.answered, evidence.planned) if evidence.unfinished else None,
+        beware=beware,
     )
 
 
-def _trust(label: str, lateral: Ruling, clear: Statistic, effects: Effects | None) -> str:
+def _trust(label: str, lateral: Ruling, beware: str, effects: Effects | None) -> str:
     """Return with what a model may be trusted, to which side it turns where that was shown, and what is left open."""
     said = [LABELS[label].says]
     if label == "depth_lateral" and lateral.label == "turns_clear":
         said.append(LATERAL[lateral.label].says)
-    elif _turns_blocked(clear):
-        said.append("Beware: its turns go to the blocked side.")
-    elif lateral.decided_by == "turns_against" and isinstance(clear, SignTest):
-        said.append(f"Beware: {clear.losses} of its {clear.n} turns with one clear side go to the blocked side.")
+    elif beware:
+        said.append(f"Beware: {beware}.")
     if LABELS[label].family == "sees" and effects is not None and effects.not_excluded:
         said.append("In part of what was tested a reversal was not excluded.")
     return " ".join(said)
+
+
+def _beware(label: str, lateral: Ruling, clear: Statistic) -> str:
+    """Return in words that a model turns to the blocked side, where it does; nothing where it was shown not to."""
+    if label == "depth_lateral" and lateral.label == "turns_clear":
+        return ""
+    if _turns_blocked(clear):
+        return "its turns go to the blocked side"
+    if lateral.decided_by == "turns_against" and isinstance(clear, SignTest):
+        return f"{clear.losses} of its {clear.n} turns with one clear side go to the blocked side"
+    return ""
 
 
 def _turns_blocked(clear: Statistic) -> TypeGuard[SignTest]:

@@ -50,9 +50,7 @@ const eyechart = (() => {
     }
   };
   const folding = new ResizeObserver(fold);
-  for (const one of document.querySelectorAll(".scroll:has(> table > thead)")) {
-    if (!one.closest(".pair")) folding.observe(one);
-  }
+  for (const one of document.querySelectorAll(".scroll:has(> table > thead)")) folding.observe(one);
 
   const options = (select, pairs) => {
     select.replaceChildren(...pairs.map(([value, text]) => {

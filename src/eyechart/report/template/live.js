@@ -34,7 +34,8 @@
 
   const look = async () => {
     while (!over) {
-      await wait(!lost && Date.now() - begun < 20000 ? 1000 : 5000);
+      const waiting = !lost && Date.now() - begun < 20000 && !document.querySelector("#now td");
+      await wait(waiting ? 1000 : 5000);
       if (!over) await ask("/");
     }
   };

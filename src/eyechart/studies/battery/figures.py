@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.patches import Rectangle
 
+from eyechart.conditions import OVER
 from eyechart.report.charts import (
     BLUE,
     INK,
@@ -35,26 +36,42 @@ from eyechart.studies.battery.answers import Symbols
 from eyechart.studies.battery.subjects import Subject
 
 _REDS = LinearSegmentedColormap.from_list("same", ["#ffffff", "#fddbc7", "#ef8a62", "#b2182b"])
+_STAYS = LinearSegmentedColormap.from_list("stays", ["#ef8a62", "#fddbc7", "#ffffff", "#c2e5d8", "#66bfa1"])
+_MOVED = LinearSegmentedColormap.from_list("moved", ["#ffffff", "#c3c8cf"])
+STAYS = ("real_repeat", "recoloured", "nudged", "text_swapped")
+"""Conditions under which the answer of a model that follows distance stays; other pictures take what it follows."""
+MOVED = ("lead_near", "lead_far", "lead_mid_near", "lead_mid_far", "lead_absent", "lane_own", "lane_beside")
+"""Conditions under which the frame decides whether the answer stays: they are grey."""
 FLOOR_FACTOR = 1.5
 """IDI clears the noise floor s above so many times s."""
 
 _OUTCOMES = (("harder near", VERMILLION, ""), ("alike", LINE, ""), ("harder far", BLUE, "////"))
 
 
-def agreement(everyone: Sequence[Subject]) -> Drawing:
-    """Draw how often each condition gets the action of the real frame (figure bicb): red is the same action."""
+def agreement(everyone: Sequence[Subject], *, as_paper: bool = False) -> Drawing:
+    """Draw how often each condition gets the action of the real frame (figure bicb).
+
+    A reflection is held against the action that it calls for, left and right exchanged; ``as_paper`` against the action
+    of the real frame, as the paper has it. Red is the same action where nothing of the frame is to be seen, and another
+    one where the answer should stay; green is an answer that stays where it should.
+    """
     conditions = list(dict.fromkeys(name for who in everyone for name in who.run.conditions if name != "real"))
-    shares = [[_agree(who, name) for name in conditions] for who in everyone]
+    shares = [
+        [_agree(who, name, reflect=not as_paper and _base(name) == "mirrored") for name in conditions]
+        for who in everyone
+    ]
     left = room([who.label for who in everyone])
     width, height = left + 0.75 + 0.56 * max(1, len(conditions)), 1.0 + 0.31 * len(everyone)
     figure, axes = canvas(width, height, (left, 0.75, 0.05, 0.95))
     for y, row in enumerate(shares):
-        for x, share in enumerate(row):
-            cell(axes, x, y, share, number(share, 2), _REDS)
+        for x, (name, share) in enumerate(zip(conditions, row, strict=True)):
+            stays = name in STAYS or (_base(name) == "mirrored" and not as_paper)
+            cell(axes, x, y, share, number(share, 2), _STAYS if stays else _MOVED if _base(name) in MOVED else _REDS)
     if "real_repeat" in conditions:
         x = conditions.index("real_repeat")
         axes.add_patch(Rectangle((x - 0.5, -0.5), 1, len(everyone), fill=False, edgecolor=INK, linewidth=1.6, zorder=5))
-    labels = [f"{name}\n(noise floor)" if name == "real_repeat" else name for name in conditions]
+    below = {"real_repeat": "\n(noise floor)", "mirrored": "" if as_paper else "\n(exchanged)"}
+    labels = [name + below.get(name, "") for name in conditions]
     grid(axes, labels, [plain(who.label, 34) for who in everyone], rotation=40)
     told = "; ".join(
         f"{who.label}: " + ", ".join(f"{name} {number(share, 2)}" for name, share in zip(conditions, row, strict=True))
@@ -65,9 +82,14 @@ def agreement(everyone: Sequence[Subject]) -> Drawing:
     return Drawing("agreement", title, says, figure, wide=True)
 
 
-def _agree(who: Subject, condition: str) -> float | None:
-    """Return the share of frames with the response that the real frame got."""
-    apart, _ = who.model.answers.distance("real", condition, "response")
+def _base(condition: str) -> str:
+    """Return a condition without the camera over which it is shown."""
+    return condition.partition(OVER)[0]
+
+
+def _agree(who: Subject, condition: str, *, reflect: bool = False) -> float | None:
+    """Return the share of frames with the response that the real frame got, or that its reflection calls for."""
+    apart, _ = who.model.answers.distance("real", condition, "response", reflect=reflect)
     return float((apart == 0).mean()) if len(apart) else None
 
 

@@ -7,7 +7,7 @@ from eyechart.conditions import CONDITIONS, CONTROLS, OF_BANKS
 from eyechart.costs import ALL, Account
 from eyechart.integrity import Guard
 from eyechart.report.charts import Drawing
-from eyechart.report.page import Page, fill
+from eyechart.report.page import GLYPHS, Page, fill
 from eyechart.report.table import Column, level, number, p_value
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.space import MISSING
@@ -17,6 +17,7 @@ from eyechart.studies import Tell
 from eyechart.studies.battery.album import BUDGET_BYTES, LEAST_BYTES, NO_PICTURE, Album, make_album
 from eyechart.studies.battery.browser import Texts, about_packed, collect_texts, frames_shown, packed_data
 from eyechart.studies.battery.figures import figures
+from eyechart.studies.battery.opening import opening
 from eyechart.studies.battery.planning import conditions_of, plan_of
 from eyechart.studies.battery.subjects import Evidence, Subject, subjects
 from eyechart.studies.battery.tables import frontier_table, judged_of, statistics_table, verdict_table
@@ -60,6 +61,8 @@ def make_page(evidence: Sequence[Evidence], *, tell: Tell = lambda _: None) -> P
         data=data,
         packed=packed,
         title=", ".join(run.name for run in evidence),
+        answer=opening(evidence, everyone, album),
+        glyphs=GLYPHS,
         runs=[_run(run) for run in evidence],
         cards=[_card(who, shared) for who in everyone],
         shared=shared,

@@ -132,7 +132,7 @@ class BatteryStudy(OfFrames[BatteryScore]):
         everyone = subjects(evidence)
         yield from paper_tables(everyone)
         with style():
-            yield agreement(everyone).labelled("fgr:bicb")
+            yield agreement(everyone, as_paper=True).labelled("fgr:bicb")
             yield from (one.labelled("mi-of-frames") for one in information(everyone))
 
     def require_scorable(self, run: Path, reading: Reading) -> None:

@@ -72,6 +72,11 @@ class Blind(Written):
         return asks(self.condition)
 
     @property
+    def of_camera(self) -> bool:
+        """Return whether it asks what the camera shows, with pictures of another world."""
+        return self.asks == CAMERA
+
+    @property
     def tone(self) -> str:
         """Return the kind of evidence that this is: sees, partly, blind or open."""
         if self.finding == DIFFERS and self.asks != REPEAT:

@@ -4,14 +4,16 @@ Source of its figures: paper, Table t:baselines and figure fgr:mi.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from eyechart.report.charts import BLUE, MUTED, VERMILLION, Drawing, dots, scattered, style
-from eyechart.report.page import Page, fill
+from eyechart.report.page import GLYPHS, Answer, Page, Said, fill, parted
 from eyechart.report.table import Table
 from eyechart.studies import Tell, run_json
 from eyechart.studies.closed_loop import Blind, ClosedLoopScore, Degeneracy, Rung
 from eyechart.studies.closed_loop.browser import PICTURED, drives_data
+from eyechart.studies.closed_loop.ladder import CONSTANT
 from eyechart.studies.closed_loop.tables import (
     MEASURES,
     NAMES,
@@ -33,17 +35,28 @@ from eyechart.studies.closed_loop.tables import (
 MOST_ROWS = 40
 """Drivers in a figure; the tables have all of them."""
 
-_UNITS = {"distance_m": " (m)", "reward": "", "speed_mps": " (m/s)", "crash_rate": " (points)"}
+_SIGHTED = 12
+"""Rows of the figure at the head of the page."""
+
+_UNITS = {
+    "success_rate": " (points)",
+    "distance_m": " (m)",
+    "reward": "",
+    "speed_mps": " (m/s)",
+    "crash_rate": " (points)",
+}
+_DRAWN = ("distance_m", "reward", "speed_mps", "crash_rate")
 _BEST = {"distance_m": "more is better", "reward": "more is better", "crash_rate": "less is better"}
 
 
 def drives_figures(score: ClosedLoopScore) -> dict[str, list[Drawing]]:
     """Return the figures by section; a section without data has none."""
+    blind = {f"{_who(one, score)} less {one.condition}": one for one in score.blind[:MOST_ROWS]}
     with style():
         rungs = sorted(score.ladder, key=lambda one: (one.driver.simulator, -(one.statistics["reward"].value or 0.0)))
         return {
             "ladder": [_dots(rungs[:MOST_ROWS], name) for name in _BEST] if rungs else [],
-            "blind": [_paired(score.blind[:MOST_ROWS], name) for name in _UNITS] if score.blind else [],
+            "blind": [_paired(blind, name) for name in _DRAWN] if blind else [],
             "information": _information(score.audit),
         }
 
@@ -58,10 +71,10 @@ def _dots(rungs: Sequence[Rung], name: str) -> Drawing:
     return Drawing(f"ladder-{name}", f"The ladder: {title}", says, figure)
 
 
-def _paired(found: Sequence[Blind], name: str) -> Drawing:
+def _paired(found: Mapping[str, Blind], name: str) -> Drawing:
     form, rows, told = SIGNED[name], [], []
-    for one in found:
-        label, value = f"{one.driver.label} less {one.condition}", one.paired.differences[name]
+    for label, one in found.items():
+        value = one.paired.differences[name]
         differs = name in one.paired.changed
         rows.append((label, value, VERMILLION if differs else MUTED, not differs))
         told.append(f"{label}: {form.shown(value)}{', significant' if differs else ''}")
@@ -87,8 +100,86 @@ def _information(rows: Sequence[Degeneracy]) -> list[Drawing]:
     return [Drawing("drives-information", title, says, figure, wide=True)]
 
 
-GLYPHS = {"sees": "●", "partly": "◐", "blind": "○", "open": "?"}
+_SIGHT = {
+    "sees": "drives by what it sees",
+    "partly": "its pictures matter in part",
+    "blind": "drives the same without its pictures",
+    "open": "cannot say",
+}
+_ANSWERS = {"sees": "by sight", "partly": "in part by sight", "blind": "not by sight", "open": "it cannot be said of"}
 _FINDINGS = {"no_difference_found": "no difference found", "identical": "identical drives", "cannot_say": "cannot say"}
+
+
+def opening(score: ClosedLoopScore) -> Answer:
+    """Return what a page of drives says first: who drives by sight, then who comes first by score."""
+    told: dict[str, Blind] = {}
+    asked = {one.driver.label for one in score.drives if one.asked}
+    for one in (one for one in score.blind if not asked or one.driver.label in asked):
+        who = _who(one, score)
+        if who not in told or (one.of_camera and not told[who].of_camera):
+            told[who] = one
+    said = [
+        Said(
+            who,
+            _SIGHT[one.tone] if one.tone != "open" else _FINDINGS[one.finding],
+            one.tone,
+            _without_name(one),
+            place="blind",
+        )
+        for who, one in told.items()
+    ]
+    if not told:
+        sentence = "Who drives by sight was not asked: nobody drove the same worlds with other pictures too."
+    else:
+        many = {words: [one.who for one in said if one.tone == tone] for tone, words in _ANSWERS.items()}
+        sentence = parted(many, "driver" if len(said) == 1 else "drivers that were shown other pictures too")
+    caption = "Real pictures less another world's; right of the line: better with real ones. Filled: significant."
+    return Answer(
+        f"{sentence} {' '.join(_best(score))}".strip(), said, figure=sight(score, told), caption=caption if told else ""
+    )
+
+
+def _who(one: Blind, score: ClosedLoopScore) -> str:
+    """Return who drove, and where there are several simulators, in which."""
+    return f"{one.driver.label} in {one.driver.simulator}" if len(score.simulators) > 1 else one.driver.label
+
+
+def _without_name(one: Blind) -> str:
+    return one.sentence.removeprefix(f"{one.driver.policy}, ")
+
+
+def _best(score: ClosedLoopScore) -> list[str]:
+    """Return in words who comes first by reward in each simulator, and whether who does sees anything."""
+    found = []
+    for simulator in score.simulators:
+        rungs = [one for one in score.ladder if one.driver.simulator == simulator]
+        best = max(rungs, key=lambda one: one.statistics["reward"].value or 0.0, default=None)
+        if best is None or best.statistics["reward"].value is None:
+            continue
+        blind = best.driver.policy.startswith(CONSTANT) or best.driver.policy == "random"
+        where = f" in {simulator}" if len(score.simulators) > 1 else ""
+        reward = MEASURES["reward"].shown(best.statistics["reward"])
+        sees = ", which sees nothing" if blind else ""
+        found.append(f"By score{where} {best.driver.label} comes first, reward {reward}{sees}.")
+    return found
+
+
+def sight(score: ClosedLoopScore, told: Mapping[str, Blind]) -> Drawing | None:
+    """Draw who drives better with real pictures than with others; where nobody drove with others, who by score."""
+    for name in ("reward", "distance_m", "success_rate", "crash_rate"):
+        if (found := sight_of(told, name)) is not None:
+            return found
+    with style():
+        rungs = sorted(score.ladder, key=lambda one: -(one.statistics["reward"].value or 0.0))
+        return replace(_dots(rungs[:_SIGHTED], "reward"), name="in-short") if rungs else None
+
+
+def sight_of(told: Mapping[str, Blind], name: str) -> Drawing | None:
+    """Draw real pictures less others in one measure, by who drove; None where no comparison has a value."""
+    if not any(one.paired.differences[name].value is not None for one in told.values()):
+        return None
+    with style():
+        return replace(_paired(dict(list(told.items())[:_SIGHTED]), name), name="in-short")
 
 
 def make_drives_page(
@@ -114,6 +205,7 @@ def make_drives_page(
         scripts=("layout.js", "browser.js", "drives.js"),
         data=browser.data,
         title=", ".join(path.resolve().name for path in runs),
+        answer=opening(score),
         drives=score.drives,
         episodes=sum(len(one.episodes) for one in score.drives),
         unfinished=unfinished_words(score.unfinished),

@@ -1,14 +1,16 @@
 """The page of the hierarchy: what completion shows and what not, both ablations, and every world from above."""
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from eyechart.report.charts import Drawing
-from eyechart.report.page import Page, fill
+from eyechart.report.page import GLYPHS, Answer, Page, Said, fill, parted
 from eyechart.report.table import p_value
 from eyechart.studies import Tell
 from eyechart.studies.closed_loop import LEVEL, Blind, Paired
-from eyechart.studies.closed_loop.page import GLYPHS, made
+from eyechart.studies.closed_loop.page import made, sight_of
 from eyechart.studies.closed_loop.tables import SIGNED, served_words, unfinished_words
 from eyechart.studies.hierarchy import PARTS, HierarchyScore
 from eyechart.studies.hierarchy.figures import CONDITION_NAMES, ENDS, SIGNS, groups, outcomes
@@ -24,6 +26,11 @@ from eyechart.studies.hierarchy.tables import (
     source_table,
 )
 
+_ANSWERS = {
+    "sees": "it completes by its pictures in",
+    "blind": "completion shows no sight in",
+    "open": "it cannot be said of",
+}
 _ARMS = {
     "rover-mpc": "the controller knows the obstacles",
     "rover-mpc-unaware": "it does not; speed and track count",
@@ -38,6 +45,7 @@ def make_hierarchy_page(study: Path, score: HierarchyScore, *, tell: Tell = lamb
     tell("the worlds from above")
     ways, notes = groups(score)
     tell("the page")
+    cards = _cards(score)
     html = fill(
         "hierarchy.html",
         styles=("hierarchy.css",),
@@ -52,7 +60,9 @@ def make_hierarchy_page(study: Path, score: HierarchyScore, *, tell: Tell = lamb
         served=served_words(score.served),
         planners=list(dict.fromkeys(one.driver.policy for _, one in score.blind)),
         control=_control(score.oracle_mirrored),
-        cards=_cards(score),
+        cards=cards,
+        answer=_opening(score, cards),
+        glyphs=GLYPHS,
         pairs=blind_table(score) if score.blind else None,
         rows={
             name: (source_table(score.sources, name), intent_table(score.sources, name))
@@ -71,6 +81,38 @@ def make_hierarchy_page(study: Path, score: HierarchyScore, *, tell: Tell = lamb
     )
     drawings: dict[str, list[Drawing]] = {**drawn, "ways": [one for group in ways for one in group.drawings]}
     return Page(html, drawings, tuple(notes))
+
+
+def _opening(score: HierarchyScore, cards: Sequence[Mapping[str, object]]) -> Answer:
+    """Return what the page says first: which planner completes by its pictures, and where."""
+    said = [
+        Said(
+            f"{card['planner']} in {card['simulator']}",
+            str(card["label"]),
+            str(card["family"]),
+            "; ".join(_rates(card)),
+            "",
+            "answer",
+        )
+        for card in cards
+    ]
+    if not said:
+        return Answer("No planner was studied: only scripted sources drove, which see no pictures.")
+    many = {words: [one.who for one in said if one.tone == tone] for tone, words in _ANSWERS.items()}
+    of_camera = [one for _, one in score.blind if one.of_camera]
+    shown, which = (of_camera, "another world's") if of_camera else ([one for _, one in score.blind], "others")
+    return Answer(
+        parted(many, "arms that a planner drove"),
+        said,
+        figure=sight_of({f"{one.driver.policy} in {one.driver.simulator}": one for one in shown}, "success_rate"),
+        caption=f"Real pictures less {which}; right of the line: more goals with real ones. Filled: significant.",
+    )
+
+
+def _rates(card: Mapping[str, Any]) -> Iterator[str]:
+    """Yield how often a planner reached its goal, by what it was shown."""
+    yield f"goals with real pictures {card['real']}"
+    yield from (f"{CONDITION_NAMES[name]} {goals}" for name, goals, *_ in card["others"])
 
 
 def _control(found: Paired | None) -> dict[str, object] | None:

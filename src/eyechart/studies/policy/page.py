@@ -1,16 +1,17 @@
 """The page of policies: for each what is said of it and why, its shares, two moments; then all numbers."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 from eyechart.frames import FrameBank
 from eyechart.report.accounts import costs_table
-from eyechart.report.page import Section, page_of
+from eyechart.report.page import Answer, Said, Section, page_of, parted
 from eyechart.report.table import Table
 from eyechart.studies import Made
 from eyechart.studies.policy.course import training_of
 from eyechart.studies.policy.figures import moments, shares, training
 from eyechart.studies.policy.scoring import PolicyScore, judge
-from eyechart.studies.policy.tables import channel_table, parts_table, statistics_table, verdict_table
+from eyechart.studies.policy.tables import channel_table, parts_table, statistics_table, tone, verdict_table
 from eyechart.verdicts.channels import CAMERA_LABELS, GUARDS, INSTRUCTION_LABELS, STATE_LABELS, PolicyVerdict
 
 Shown = tuple[PolicyScore, FrameBank | None]
@@ -20,7 +21,7 @@ Shown = tuple[PolicyScore, FrameBank | None]
 def made(runs: Sequence[Shown], notes: Sequence[str] = (), steps: Mapping[str, int] | None = None) -> Made:
     """Return the report of runs of policies; those of a training with its course, by ``steps`` or as they declare."""
     course = training_of([score for score, _ in runs], steps or {})
-    sections = [section for run in runs for section in _sections(*run)]
+    sections = [section for run in runs for section in _sections(*run, alone=len(runs) == 1)]
     tables = [table for score, _ in runs for table in _tables(score)]
     if course is not None:
         shares, changes = course.tables()
@@ -28,8 +29,33 @@ def made(runs: Sequence[Shown], notes: Sequence[str] = (), steps: Mapping[str, i
         told = Section("Over the training", intro, [training(course)], [shares, changes], list(course.says()))
         sections, tables = [told, *sections], [shares, changes, *tables]
     title = ", ".join(dict.fromkeys(score.bank.name for score, _ in runs))
-    page = page_of("Does it look, and does it listen?", title, sections, notes)
+    page = page_of("Does it look, and does it listen?", title, sections, notes, _opening(runs))
     return Made(page, tables, page.notes)
+
+
+def _opening(runs: Sequence[Shown]) -> Answer:
+    """Return what the page says first: who looks, what each does, what to do next, and one moment of the first."""
+    judged = [(spec, one) for score, _ in runs for spec, one in judge(score).items()]
+    said = [
+        Said(
+            spec,
+            "no verdict" if one.guards else f"{one.camera.label}; {one.instruction.label}".replace("_", " "),
+            "open" if one.guards else tone(one.camera.label),
+            f"{_answer(one)} Next: {_next(one)[0]}",
+            "" if one.guards or not one.camera.why_not else f"{one.camera.why_not}.",
+        )
+        for spec, one in judged
+    ]
+    many = {words: [one.who for one in said if one.tone == kind] for kind, words in _LOOKS.items()}
+    alone = judged and f"{_answer(judged[0][1])}"
+    sentence = parted(many, "policies") if len(said) > 1 else alone or "The run names no policy."
+    score, pictures = runs[0]
+    spec = next(iter(score.models), None)
+    drawn = [] if spec is None else [*moments(spec, score.models[spec], pictures), shares(spec, score.models[spec])]
+    return Answer(sentence, said, figure=replace(drawn[0], name="in-short") if drawn else None)
+
+
+_LOOKS = {"sees": "looks", "partly": "looks in part", "blind": "does not look", "open": "it cannot be said of"}
 
 
 def _tables(score: PolicyScore) -> list[Table]:
@@ -39,17 +65,15 @@ def _tables(score: PolicyScore) -> list[Table]:
     return [verdict_table(verdicts), channel_table(verdicts), statistics_table(score), parts_table(score), costs]
 
 
-def _sections(score: PolicyScore, pictures: FrameBank | None) -> Iterator[Section]:
-    verdicts = judge(score)
-    short = [f"{spec}: {_answer(one)} Next: {_next(one)[0]}" for spec, one in verdicts.items()]
-    yield Section("In short", lines=short)
+def _sections(score: PolicyScore, pictures: FrameBank | None, *, alone: bool) -> Iterator[Section]:
+    verdicts, of = judge(score), "" if alone else f", {score.bank.name}"
     for spec, one in verdicts.items():
         drawings = [shares(spec, score.models[spec]), *moments(spec, score.models[spec], pictures)]
         yield Section(spec, f"{_labels_of(one)} {_answer(one)}", drawings, lines=list(_why(one)))
     intro = "The share of a policy's own variation that goes when a channel is another episode's, and what follows."
-    yield Section("Side by side", intro, tables=[verdict_table(verdicts), channel_table(verdicts)])
-    yield Section("Every statistic", tables=[*statistics_table(score).split(), parts_table(score)])
-    yield Section("What the calls took", tables=[costs_table(score.accounting, every=False)])
+    yield Section(f"Side by side{of}", intro, tables=[verdict_table(verdicts), channel_table(verdicts)])
+    yield Section(f"Every statistic{of}", tables=[*statistics_table(score).split(), parts_table(score)])
+    yield Section(f"What the calls took{of}", tables=[costs_table(score.accounting, every=False)])
 
 
 def _labels_of(one: PolicyVerdict) -> str:

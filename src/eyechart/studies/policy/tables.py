@@ -7,19 +7,26 @@ from eyechart.studies.policy.scoring import PolicyScore
 from eyechart.verdicts.channels import PolicyVerdict
 
 _TONES = {
-    "object_grounded": "good",
-    "camera_content": "good",
-    "ignores_camera": "bad",
-    "instruction_followed": "good",
-    "instruction_ignored": "bad",
-    "state_shortcut": "bad",
+    "object_grounded": "sees",
+    "camera_content": "sees",
+    "pose_only": "partly",
+    "camera_presence": "partly",
+    "ignores_camera": "blind",
+    "instruction_followed": "sees",
+    "instruction_ignored": "blind",
+    "state_shortcut": "blind",
 }
 Verdicts = Mapping[str, PolicyVerdict]
 
 
+def tone(label: str) -> str:
+    """Return the kind of evidence that a label is: sees, partly, blind or open."""
+    return _TONES.get(label, "open")
+
+
 def mark(label: str) -> Mark:
     """Return a label with its tone."""
-    return Mark(label, _TONES.get(label, "open"))
+    return Mark(label, tone(label))
 
 
 def verdict_table(verdicts: Verdicts) -> Table:

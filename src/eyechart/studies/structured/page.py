@@ -1,6 +1,7 @@
 """The page of runs of scene estimates: who is admitted and by which clause, every figure, and the worst frames."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from eyechart.errors import EyechartError
 from eyechart.frames import Frame, Scalar
 from eyechart.perception.view import find_view, through
 from eyechart.report.charts import BLUE, INK, MUTED, VERMILLION, Drawing, canvas, style
-from eyechart.report.page import Page, fill
+from eyechart.report.page import GLYPHS, Answer, Page, Said, Shot, fill, parted
 from eyechart.spaces.scene import SceneDecision
 from eyechart.studies import Tell
 from eyechart.studies.battery.album import view_uri
@@ -30,6 +31,8 @@ from eyechart.studies.structured.told import Told, faults, gap_error_m, weight
 
 _DRAWN = 12
 """Models that have a figure of their own in the page."""
+_OPENING_MODELS = 3
+"""Models whose estimates stand at the head of the page."""
 MOST_PICTURES = 24
 """Frames of all runs together that are shown with their view."""
 MOST_ROWS = 2400
@@ -61,13 +64,16 @@ def make_estimates_page(evidence: Sequence[Estimates], *, tell: Tell = lambda _:
     notes += more
     tell("the page")
     scored = scored_of(everyone)
+    cards = [_card(who) for who in everyone]
     html = fill(
         "estimates.html",
+        answer=_opening(evidence, cards, worst),
+        glyphs=GLYPHS,
         styles=("estimates.css",),
         title=", ".join(run.name for run in evidence),
         studies=" and ".join(dict.fromkeys(run.score.manifest.study for run in evidence)),
         runs=[_run(run) for run in evidence],
-        cards=[_card(who) for who in everyone],
+        cards=cards,
         controllers=controller_table(scored),
         figures=list(figures_table(scored).split()),
         drawings=drawn,
@@ -77,6 +83,49 @@ def make_estimates_page(evidence: Sequence[Estimates], *, tell: Tell = lambda _:
         notes=notes,
     )
     return Page(html, {"gaps": drawn}, tuple(notes))
+
+
+def _opening(
+    evidence: Sequence[Estimates], cards: Sequence[Mapping[str, Any]], worst: Mapping[str, Sequence[int]]
+) -> Answer:
+    """Return what the page says first: who is admitted, and what was told of the frame with the worst estimates."""
+    said = [
+        Said(
+            card["model"],
+            "admitted" if card["admitted"] else "not admitted",
+            "sees" if card["admitted"] else "blind" if card["fails"] else "open",
+            f"It {card['words']}{'; ' + card['state'] if card['state'] else ''}.",
+            place=f"card-{number}",
+        )
+        for number, card in enumerate(cards, 1)
+    ]
+    admitted = [one.who for one in said if one.tone == "sees"]
+    many = {"admitted": admitted, "not admitted": [one.who for one in said if one.tone != "sees"]}
+    sentence = parted(many, "estimators") if len(said) != 1 else f"It is {said[0].label}. {said[0].words}"
+    run = next((run for run in evidence if worst[run.name] and run.score.models), None)
+    if run is None:
+        return Answer(sentence, said)
+    place, models = worst[run.name][0], list(run.score.models)[:_OPENING_MODELS]
+    views = dict(_views(run, run.frames[place]))
+    shots = [
+        Shot(
+            words, views.get(words, ""), "picture not in this page", [_shot(run, spec, name, place) for spec in models]
+        )
+        for name, words in _VIEWS.items()
+    ]
+    truth = _truth_words(run.score.models[models[0]].told, place)
+    caption = f"Frame {run.frames[place].id}, the worst of all models together. Truth: {truth}."
+    return Answer(sentence, said, models, shots, caption=caption)
+
+
+def _shot(run: Estimates, spec: str, condition: str, place: int) -> tuple[str, str, str]:
+    """Return what a model told of a frame, and whether any of it is wrong."""
+    told = run.score.models[spec].told
+    words, wrong = _words(told.replies_to(condition)[place]), faults(told, place)
+    if condition != "real":
+        return "bad" if "the reflection differs" in wrong else "", words, ""
+    wrong = [one for one in wrong if one != "the reflection differs"]
+    return "bad" if wrong else "good", words, ", ".join(wrong)
 
 
 def gaps(who: Estimator, place: int) -> list[Drawing]:
@@ -119,7 +168,7 @@ def _run(run: Estimates) -> dict[str, object]:
     }
 
 
-def _card(who: Estimator) -> dict[str, object]:
+def _card(who: Estimator) -> dict[str, Any]:
     score = who.model
     state = "" if score.answered >= score.planned else f"unfinished: {score.answered} of {score.planned} calls"
     fails = [one.name for one in score.clauses if one.passes is False]
@@ -132,6 +181,7 @@ def _card(who: Estimator) -> dict[str, object]:
         "model": who.label,
         "version": score.version,
         "admitted": score.admitted,
+        "fails": fails,
         "state": state,
         "words": words,
         "marks": marks(who.run.score.guards[who.spec]),

@@ -1,0 +1,131 @@
+"""What the page of batteries says first: one sentence, a verdict a model, and one moment with three answers."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from eyechart.report.page import Answer, Said, Shot, parted
+from eyechart.spaces.space import Decision
+from eyechart.studies.battery.album import NO_PICTURE, Album
+from eyechart.studies.battery.subjects import Evidence, Subject
+from eyechart.verdicts import LABELS
+
+MODELS_SHOWN = 4
+"""Models whose answers stand under the pictures."""
+
+OTHERS = {
+    "lead_near": "the same moment, the lead near",
+    "lane_own": "the same moment, the near one in the own lane",
+    "lead_absent": "the same moment without the lead",
+    "mirrored": "the same picture, reflected",
+    "shuffled": "the picture of another episode",
+}
+NOTHING = {"blank": "a blank picture", "noise": "noise", "text_only": "no picture"}
+"""What the second and the third picture of the example show, by condition: of each the first that a run asked."""
+
+_SHOWS = {"real": "the real frame", **NOTHING, **OTHERS}
+_ANSWERS = {"sees": "yes for", "partly": "in part for", "blind": "no for", "open": "it cannot be said of"}
+_ALONE = {"sees": "Yes.", "partly": "In part.", "blind": "No.", "open": "It cannot be said."}
+
+
+def opening(evidence: Sequence[Evidence], everyone: Sequence[Subject], album: Album) -> Answer:
+    """Return what a page of runs says first; its example is of the first run."""
+    models, shots, caption = _example(evidence[0], album.places[0], album.uris) if evidence else ((), (), "")
+    said = [_said(who, at) for at, who in enumerate(everyone, 1)]
+    return Answer(_sentence(everyone), said, models, shots, caption=caption)
+
+
+def _sentence(everyone: Sequence[Subject]) -> str:
+    """Return in one sentence whether decisions come from the camera."""
+    families = [LABELS[who.verdict.calibrated.label].family for who in everyone]
+    if not everyone:
+        return "The run names no model."
+    if len(everyone) == 1:
+        return f"{_ALONE[families[0]]} {everyone[0].verdict.trust}"
+    many: Mapping[str, Sequence[str]] = {
+        words: [who.label for who, family in zip(everyone, families, strict=True) if family == name]
+        for name, words in _ANSWERS.items()
+    }
+    return parted(many, "models")
+
+
+def _said(who: Subject, place: int) -> Said:
+    verdict = who.verdict
+    kept = verdict.why_not
+    words = f"Not final, {verdict.state}. {verdict.trust}" if verdict.state else verdict.trust
+    why = "" if kept is None else f"{spoken(kept.label)} needs {kept.needs}. To settle it: {kept.settle}."
+    beware = "not to be relied on" if verdict.doubts else verdict.beware and "turns to the blocked side"
+    label = verdict.calibrated.label
+    return Said(who.label, spoken(label), LABELS[label].family, words, why, f"card-{place}", beware)
+
+
+def spoken(label: str) -> str:
+    """Return a label as words."""
+    return label.replace("_", " ")
+
+
+def _example(
+    run: Evidence, places: Mapping[str, Sequence[int]], uris: Sequence[str]
+) -> tuple[Sequence[str], Sequence[Shot], str]:
+    """Return a moment as it was, without its picture, and with one thing changed, and what models answered to each.
+
+    The moment is one to which they gave the answers that they gave most often: where gaps are known, among those whose
+    gap is no smaller than the median, so that a near lead is another picture.
+    """
+    who = [Subject(spec, spec, run) for spec in list(run.score.models)[:MODELS_SHOWN]]
+    names = ["real", *(name for many in (NOTHING, OTHERS) for name in [x for x in many if x in run.conditions][:1])]
+    if not who or len(names) < 2:
+        return (), (), ""
+    far, how = _far(who[0], len(run.frames))
+    said = {name: [_answers(one, name) for one in who] for name in names}
+    seen = [at for at in far if all(places[name][at] >= NO_PICTURE for name in names)]
+    best = _typical(seen or far, far, [column for many in said.values() for column in many])
+    shots = []
+    for name in names:
+        at = places[name][best]
+        absent = "no picture is sent" if at == NO_PICTURE else "picture not in this page"
+        answers = [_told(run, column, best, far) for column in said[name]]
+        shots.append(Shot(_SHOWS[name], uris[at] if at > NO_PICTURE else "", absent, answers))
+    left = len(run.score.models) - len(who)
+    more = f" {left} more models stand below." if left else ""
+    caption = (
+        f"Frame {run.frames[best].id}, one of {len(far)} {how}. Beside an answer: on how many of them it was given."
+    )
+    return [one.spec for one in who], shots, caption + more
+
+
+def _typical(seen: Sequence[int], far: Sequence[int], columns: Sequence[Sequence[str]]) -> int:
+    """Return the place of those seen where the most answers are those given most often on the frames that are far."""
+    usual = [_usual([column[at] for at in far]) for column in columns]
+    return max(seen, key=lambda at: sum(column[at] == most for column, most in zip(columns, usual, strict=True)))
+
+
+def _told(run: Evidence, said: Sequence[str], best: int, far: Sequence[int]) -> tuple[str, str, str]:
+    """Return the role of an answer, its word, and on how many frames it was given."""
+    word, space = said[best], run.score.bank.manifest.action_space
+    role = space.role(word) if word in space.actions else "none"
+    return role, word or "—", f"{sum(said[at] == word for at in far)} of {len(far)}"
+
+
+def _far(who: Subject, frames: int) -> tuple[list[int], str]:
+    """Return the places of the frames among which the example is, and what they are in words."""
+    gaps = who.model.answers.gaps
+    if gaps is None or not np.isfinite(gaps).any():
+        return list(range(frames)), "frames"
+    return [int(at) for at in np.flatnonzero(gaps >= np.median(gaps))], "whose gap is no smaller than the median"
+
+
+def _answers(who: Subject, condition: str) -> list[str]:
+    """Return in a word what a model answered on each frame; nothing where it was not asked."""
+    given = who.model.answers.decisions.get(condition) or (None,) * len(who.run.frames)
+    return ["" if one is None else _word(one) for one in given]
+
+
+def _word(decision: Decision[str]) -> str:
+    return f"({decision.missing})" if decision.action is None else decision.action
+
+
+def _usual(said: Sequence[str]) -> str:
+    """Return the answer given most often, the first of equals."""
+    counts = {word: said.count(word) for word in said}
+    return max(counts, key=lambda word: counts[word])
