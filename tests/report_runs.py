@@ -13,7 +13,7 @@ import pytest
 import stand_ins
 from eyechart.calls import Query, Reply
 from eyechart.models import ADAPTERS
-from eyechart.report.page import Page, unpack, write_page
+from eyechart.report.page import Page, asset, unpack, write_page
 from eyechart.spaces.discrete import DRIVING
 from eyechart.studies import battery as study
 from eyechart.studies.battery import subjects
@@ -78,6 +78,13 @@ def report(run: Path, page: Path, *banks: Path) -> Reported:
     made = make_page(read_evidence([run], banks))
     write_page(made, page)
     return Reported(banks[0] if banks else run, run, page, made)
+
+
+def without_own_script(html: str) -> str:
+    """Return a page without the script that pages bear, which must stand in it just once, and holds no data here."""
+    own = f'<script type="application/json" id="data">null</script>\n<script>{asset("layout.js")}</script>'
+    assert html.count(own) == 1
+    return html.replace(own, "")
 
 
 def data_of(html: str) -> dict[str, list]:

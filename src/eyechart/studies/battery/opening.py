@@ -31,7 +31,7 @@ _ALONE = {"sees": "Yes.", "partly": "In part.", "blind": "No.", "open": "It cann
 def opening(evidence: Sequence[Evidence], everyone: Sequence[Subject], album: Album) -> Answer:
     """Return what a page of runs says first; its example is of the first run."""
     models, shots, caption = _example(evidence[0], album.places[0], album.uris) if evidence else ((), (), "")
-    said = [_said(who, at) for at, who in enumerate(everyone, 1)]
+    said = [_said(who, at, alone=len(everyone) == 1) for at, who in enumerate(everyone, 1)]
     return Answer(_sentence(everyone), said, models, shots, caption=caption)
 
 
@@ -49,10 +49,12 @@ def _sentence(everyone: Sequence[Subject]) -> str:
     return parted(many, "models")
 
 
-def _said(who: Subject, place: int) -> Said:
+def _said(who: Subject, place: int, *, alone: bool) -> Said:
+    """Return what is said first of a model; of one that is ``alone`` the sentence above has its words."""
     verdict = who.verdict
     kept = verdict.why_not
-    words = f"Not final, {verdict.state}. {verdict.trust}" if verdict.state else verdict.trust
+    trust = "" if alone else verdict.trust
+    words = f"Not final, {verdict.state}. {trust}".strip() if verdict.state else trust
     why = "" if kept is None else f"{spoken(kept.label)} needs {kept.needs}. To settle it: {kept.settle}."
     beware = "not to be relied on" if verdict.doubts else verdict.beware and "turns to the blocked side"
     label = verdict.calibrated.label
@@ -73,25 +75,34 @@ def _example(
     gap is no smaller than the median, so that a near lead is another picture.
     """
     who = [Subject(spec, spec, run) for spec in list(run.score.models)[:MODELS_SHOWN]]
-    names = ["real", *(name for many in (NOTHING, OTHERS) for name in [x for x in many if x in run.conditions][:1])]
-    if not who or len(names) < 2:
+    names = _compared(run)
+    if not who or len(names) == 1:
         return (), (), ""
     far, how = _far(who[0], len(run.frames))
     said = {name: [_answers(one, name) for one in who] for name in names}
     seen = [at for at in far if all(places[name][at] >= NO_PICTURE for name in names)]
     best = _typical(seen or far, far, [column for many in said.values() for column in many])
-    shots = []
-    for name in names:
-        at = places[name][best]
-        absent = "no picture is sent" if at == NO_PICTURE else "picture not in this page"
-        answers = [_told(run, column, best, far) for column in said[name]]
-        shots.append(Shot(_SHOWS[name], uris[at] if at > NO_PICTURE else "", absent, answers))
+    shots = [
+        _shot(name, uris, places[name][best], [_told(run, column, best, far) for column in said[name]])
+        for name in names
+    ]
     left = len(run.score.models) - len(who)
     more = f" {left} more models stand below." if left else ""
     caption = (
         f"Frame {run.frames[best].id}, one of {len(far)} {how}. Beside an answer: on how many of them it was given."
     )
     return [one.spec for one in who], shots, caption + more
+
+
+def _compared(run: Evidence) -> list[str]:
+    """Return the conditions whose pictures stand beside one another: real, and the first asked of either kind."""
+    kinds = ([name for name in kind if name in run.conditions] for kind in (NOTHING, OTHERS))
+    return ["real", *(asked[0] for asked in kinds if asked)]
+
+
+def _shot(name: str, uris: Sequence[str], at: int, answers: Sequence[tuple[str, str, str]]) -> Shot:
+    absent = "no picture is sent" if at == NO_PICTURE else "picture not in this page"
+    return Shot(_SHOWS[name], uris[at] if at > NO_PICTURE else "", absent, answers)
 
 
 def _typical(seen: Sequence[int], far: Sequence[int], columns: Sequence[Sequence[str]]) -> int:

@@ -92,8 +92,8 @@ def _opening(
     said = [
         Said(
             card["model"],
-            "admitted" if card["admitted"] else "not admitted",
-            "sees" if card["admitted"] else "blind" if card["fails"] else "open",
+            "admitted" if card["admitted"] else "not admitted yet" if card["state"] else "not admitted",
+            "sees" if card["admitted"] else "blind" if card["fails"] and not card["state"] else "open",
             f"It {card['words']}{'; ' + card['state'] if card['state'] else ''}.",
             place=f"card-{number}",
         )
@@ -101,7 +101,7 @@ def _opening(
     ]
     admitted = [one.who for one in said if one.tone == "sees"]
     many = {"admitted": admitted, "not admitted": [one.who for one in said if one.tone != "sees"]}
-    sentence = parted(many, "estimators") if len(said) != 1 else f"It is {said[0].label}. {said[0].words}"
+    sentence = parted(many, "estimators") if len(said) != 1 else f"It is {said[0].label}."
     run = next((run for run in evidence if worst[run.name] and run.score.models), None)
     if run is None:
         return Answer(sentence, said)
