@@ -1,5 +1,6 @@
 """Options of the whole test run; they stand here so that plain ``pytest`` knows them too."""
 
+import re
 import signal
 from collections import Counter
 from collections.abc import Iterator
@@ -29,12 +30,20 @@ FIRST = (
 """Files of few and long tests, the longest first; where several processes share the tests, none is left at the end."""
 
 
+CORE = "not models and not browser"
+_WHOLE_FILE = re.compile(r"^pytestmark = .*pytest\.mark\.(?:models|browser)", re.MULTILINE)
+
+
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Leave out the files that have no test of the one marker that is asked for: to import them takes a while."""
+    """Leave out the files that have no test of what is asked for: to import them takes a while, and may need extras."""
     asked = config.option.markexpr
-    if asked not in {"models", "browser"} or collection_path.suffix != ".py":
+    if asked not in {"models", "browser", CORE} or not collection_path.name.startswith("test_"):
         return None
-    return True if f"pytest.mark.{asked}" not in collection_path.read_text(encoding="utf-8") else None
+    if collection_path.suffix != ".py":
+        return None
+    text = collection_path.read_text(encoding="utf-8")
+    without = _WHOLE_FILE.search(text) is not None if asked == CORE else f"pytest.mark.{asked}" not in text
+    return True if without else None
 
 
 @pytest.hookimpl(trylast=True)

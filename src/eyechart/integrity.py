@@ -96,7 +96,7 @@ class ServedChecks:
         if named == (None, None, None):
             return
         if named not in self._found and len(self._found) >= _TEXTS_KEPT:  # some servers mark every reply anew
-            named = (named[0], named[1], named[2] and _OTHERS)
+            named = (named[0], named[1], _OTHERS) if named[2] else (_OTHERS, None, None)
             if named not in self._found and len(self._found) >= 2 * _TEXTS_KEPT:
                 named = (_OTHERS, None, None)
         count, since, _ = self._found.get(named, (0, one.sent_at, ""))

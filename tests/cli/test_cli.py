@@ -74,6 +74,7 @@ COMMANDS = (
     "list models",
     "list conditions",
     "list prompts",
+    "list modes",
     "list policies",
     "list simulators",
 )

@@ -52,13 +52,8 @@ DISTANCES = {
 }
 """The conditions that move the lead, from the nearest, and the columns that say how far away it then is."""
 
-PLACED = {
-    "lane_own": "lane_near_m",
-    "lead_mid_near": "lead_mid_near_m",
-    "lead_mid_far": "lead_mid_far_m",
-    "lane_beside": "lane_far_m",
-}
-"""The conditions of which the bank says frame by frame how far away the lead is, from the nearest."""
+PLACED = {"lead_mid_near": "lead_mid_near_m", "lead_mid_far": "lead_mid_far_m"}
+"""The conditions that move the lead alone, and of which the bank says frame by frame how far away it is."""
 
 END_SHARE = 0.15
 """The ends of braking are where so many of the answers are less hard, and so many harder."""
@@ -284,7 +279,7 @@ class Controls:
     def _of_real(self) -> list[tuple[str, Floats, Floats]]:
         """Return the braking levels of the true picture and of each dose, the nearer first, NaN where about as near.
 
-        The pictures of the exchange stand for near and far: of these the bank says where the lead is.
+        Not of the exchange, in which another vehicle is moved too: who turns where a side is clear may then not brake.
         """
         known = self._numbers(LEAD_GAP.column)
         real, found = self._level("real"), []
