@@ -35,7 +35,7 @@ def test_its_commands_and_options_exist() -> None:
 
 def test_its_example_runs_as_it_stands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The TOML files are read, and the Python makes a bank with nothing missing."""
-    rig, motion, *_, space, prompt = blocks("toml")
+    rig, motion, _, space, prompt, _ = blocks("toml")
     (tmp_path / "rig.toml").write_text(rig)
     left, right = read_rig(tmp_path / "rig.toml").cameras
     assert (left.name, left.mirrors) == ("left_wrist", right.name)
