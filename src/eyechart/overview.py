@@ -9,7 +9,7 @@ from typing import Any
 
 from eyechart.errors import EyechartError, SpecError, printable
 from eyechart.manifest import BESIDE, RUN, EpisodesManifest, RunManifest
-from eyechart.report.page import GLYPHS, Answer, Page, Said, fill, parted
+from eyechart.report.page import GLYPHS, Opening, Page, Said, fill, parted
 from eyechart.report.table import MARK, Cell, Column, Mark, Table, marked
 from eyechart.studies import Finding, Made, Reading, Study, Tell, open_study, study_of
 from eyechart.studies.prompts import is_study
@@ -130,7 +130,7 @@ _KINDS = {"good": "sees", "bad": "blind"}
 _NEWEST = {"sees": "yes for", "partly": "in part for", "blind": "no for", "open": "it cannot be said of"}
 
 
-def _opening(entries: Sequence[Entry]) -> Answer:
+def _opening(entries: Sequence[Entry]) -> Opening:
     """Return what an index says first: the newest verdict on each model, and whether it is another than the one before.
 
     The models whose newest verdict differs from the one before stand first, then those that were asked last.
@@ -151,9 +151,9 @@ def _opening(entries: Sequence[Entry]) -> Answer:
             Said(model, _words(now), tone if tone in GLYPHS else "open", words, now.found.state, "runs", changed)
         )
     if not said:
-        return Answer("No run here has a verdict on a model.")
+        return Opening("No run here has a verdict on a model.")
     many = {words: [one.who for one in said if one.tone == tone] for tone, words in _NEWEST.items()}
-    return Answer(
+    return Opening(
         f"By the newest run of each model, {_lower(parted(many, 'models'))}",
         sorted(said, key=lambda one: not one.beware),
     )

@@ -8,7 +8,7 @@ from eyechart.errors import EyechartError
 from eyechart.frames import FrameBank, decode, encode
 from eyechart.guardian import interface_of
 from eyechart.report.charts import BLUE, INK, MUTED, VERMILLION, Drawing, canvas, style
-from eyechart.report.page import GLYPHS, Answer, Page, Said, fill
+from eyechart.report.page import GLYPHS, Opening, Page, Said, fill
 from eyechart.report.table import Cell, Column, Mark, Table, columns, number, p_value
 from eyechart.report.table import estimate as shown
 from eyechart.stats.committee import ABSTAIN, answers
@@ -60,7 +60,7 @@ def guardian_page(found: GuardianScore, bank: FrameBank | None) -> Page:
     return Page(html, {"curve": [drawn]})
 
 
-def opening(found: GuardianScore, drawn: Drawing) -> Answer:
+def opening(found: GuardianScore, drawn: Drawing) -> Opening:
     """Return what the page says first: how many hazards it misses, its false alarms, and what it hands back."""
     table, own = found.table, found.rows[found.frozen.point]
     hazards = int(table.hazard.sum())
@@ -80,7 +80,7 @@ def opening(found: GuardianScore, drawn: Drawing) -> Answer:
     )
     bound = "" if found.bound is not None else "How often it misses at most was not bounded: no episodes were kept."
     who = " + ".join(found.frozen.committee)
-    return Answer(
+    return Opening(
         sentence, [Said(who, words[tone], tone, reasons, bound, "points")], figure=replace(drawn, name="in-short")
     )
 

@@ -72,7 +72,7 @@ class Shot:
 
 
 @dataclass(frozen=True)
-class Answer:
+class Opening:
     """What somebody with ten seconds reads: one sentence, a verdict each, and one picture of it.
 
     The picture is an example, whose ``shots`` each hold an answer of every one of ``models``, or a figure.
@@ -119,7 +119,7 @@ class Section:
 
 
 def page_of(
-    question: str, title: str, sections: Sequence[Section], notes: Sequence[str] = (), answer: Answer | None = None
+    question: str, title: str, sections: Sequence[Section], notes: Sequence[str] = (), answer: Opening | None = None
 ) -> Page:
     """Return a page that is a list of sections under the question that it answers, with its answer."""
     places = [*((f"part-{place}", one.title) for place, one in enumerate(sections, 1)), ("page", "This page")]

@@ -26,7 +26,7 @@ if TYPE_CHECKING:  # a score needs no terminal and no figures
     from rich.text import Text
 
     from eyechart.report.charts import Drawing
-    from eyechart.report.page import Answer, Page
+    from eyechart.report.page import Opening, Page
     from eyechart.report.table import Table
 
 Tell = Callable[[str], None]
@@ -244,7 +244,7 @@ class Study(ABC, Generic[S]):
         )
         return Made(page, [table for one in sections for table in one.tables], page.notes)
 
-    def answer(self, scores: Mapping[str, S]) -> "Answer | None":
+    def answer(self, scores: Mapping[str, S]) -> "Opening | None":
         """Return what such a report says first of runs, by name; None where it begins with its tables."""
         del scores
         return None

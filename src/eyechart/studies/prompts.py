@@ -32,7 +32,7 @@ from eyechart.studies.battery import OfFrames
 from eyechart.studies.probed import spent_on
 
 if TYPE_CHECKING:
-    from eyechart.report.page import Answer
+    from eyechart.report.page import Opening
 
 FRAMES = 100
 """Frames a cell, each shown real and blank: the paper's 100 queries, and the same 100 blank."""
@@ -399,10 +399,10 @@ class Prompts(OfFrames[PromptsScore]):
         """Return the score and the report of a study in a bundle."""
         return self.score(folder, reading), self.report([folder], [], reading, tell)
 
-    def answer(self, scores: Mapping[str, PromptsScore]) -> "Answer":
+    def answer(self, scores: Mapping[str, PromptsScore]) -> "Opening":
         """Return in how many cells the answers hold anything of the scene, and how much in each."""
         from eyechart.report.charts import BLUE, Drawing, dots, style  # noqa: PLC0415 - a score needs no figures
-        from eyechart.report.page import MOST_SAID, Answer, Said, parted  # noqa: PLC0415 - nor templates
+        from eyechart.report.page import MOST_SAID, Opening, Said, parted  # noqa: PLC0415 - nor templates
 
         named = [
             (f"{name} · " if len(scores) > 1 else "", cell) for name, score in scores.items() for cell in score.cells
@@ -417,7 +417,7 @@ class Prompts(OfFrames[PromptsScore]):
         drawn = Drawing(
             "in-short", "What the answers tell of the gap, by prompt", f"Filled: significant. {told}", figure
         )
-        return Answer(parted(many, "cells, a model under a prompt each"), said, figure=drawn)
+        return Opening(parted(many, "cells, a model under a prompt each"), said, figure=drawn)
 
     def paper(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Iterator[Table]:
         """Yield Table t:prompts of all studies."""

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from eyechart.report.page import Answer, Said, Shot, parted
+from eyechart.report.page import Opening, Said, Shot, parted
 from eyechart.spaces.space import Decision
 from eyechart.studies.battery.album import NO_PICTURE, Album
 from eyechart.studies.battery.subjects import Evidence, Subject
@@ -28,11 +28,11 @@ _ANSWERS = {"sees": "yes for", "partly": "in part for", "blind": "no for", "open
 _ALONE = {"sees": "Yes.", "partly": "In part.", "blind": "No.", "open": "It cannot be said."}
 
 
-def opening(evidence: Sequence[Evidence], everyone: Sequence[Subject], album: Album) -> Answer:
+def opening(evidence: Sequence[Evidence], everyone: Sequence[Subject], album: Album) -> Opening:
     """Return what a page of runs says first; its example is of the first run."""
     models, shots, caption = _example(evidence[0], album.places[0], album.uris) if evidence else ((), (), "")
     said = [_said(who, at, alone=len(everyone) == 1) for at, who in enumerate(everyone, 1)]
-    return Answer(_sentence(everyone), said, models, shots, caption=caption)
+    return Opening(_sentence(everyone), said, models, shots, caption=caption)
 
 
 def _sentence(everyone: Sequence[Subject]) -> str:

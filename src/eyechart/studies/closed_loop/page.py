@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from eyechart.report.charts import BLUE, MUTED, VERMILLION, Drawing, dots, scattered, style
-from eyechart.report.page import GLYPHS, Answer, Page, Said, fill, parted
+from eyechart.report.page import GLYPHS, Opening, Page, Said, fill, parted
 from eyechart.report.table import Table
 from eyechart.studies import Tell, run_json
 from eyechart.studies.closed_loop import Blind, ClosedLoopScore, Degeneracy, Rung
@@ -110,7 +110,7 @@ _ANSWERS = {"sees": "by sight", "partly": "in part by sight", "blind": "not by s
 _FINDINGS = {"no_difference_found": "no difference found", "identical": "identical drives", "cannot_say": "cannot say"}
 
 
-def opening(score: ClosedLoopScore) -> Answer:
+def opening(score: ClosedLoopScore) -> Opening:
     """Return what a page of drives says first: who drives by sight, then who comes first by score."""
     told: dict[str, Blind] = {}
     asked = {one.driver.label for one in score.drives if one.asked}
@@ -134,7 +134,7 @@ def opening(score: ClosedLoopScore) -> Answer:
         many = {words: [one.who for one in said if one.tone == tone] for tone, words in _ANSWERS.items()}
         sentence = parted(many, "driver" if len(said) == 1 else "drivers that were shown other pictures too")
     caption = "Real pictures less another world's; right of the line: better with real ones. Filled: significant."
-    return Answer(
+    return Opening(
         f"{sentence} {' '.join(_best(score))}".strip(), said, figure=sight(score, told), caption=caption if told else ""
     )
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from eyechart.report.charts import Drawing
-from eyechart.report.page import GLYPHS, Answer, Page, Said, fill, parted
+from eyechart.report.page import GLYPHS, Opening, Page, Said, fill, parted
 from eyechart.report.table import p_value
 from eyechart.studies import Tell
 from eyechart.studies.closed_loop import LEVEL, Blind, Paired
@@ -83,7 +83,7 @@ def make_hierarchy_page(study: Path, score: HierarchyScore, *, tell: Tell = lamb
     return Page(html, drawings, tuple(notes))
 
 
-def _opening(score: HierarchyScore, cards: Sequence[Mapping[str, object]]) -> Answer:
+def _opening(score: HierarchyScore, cards: Sequence[Mapping[str, object]]) -> Opening:
     """Return what the page says first: which planner completes by its pictures, and where."""
     said = [
         Said(
@@ -97,11 +97,11 @@ def _opening(score: HierarchyScore, cards: Sequence[Mapping[str, object]]) -> An
         for card in cards
     ]
     if not said:
-        return Answer("No planner was studied: only scripted sources drove, which see no pictures.")
+        return Opening("No planner was studied: only scripted sources drove, which see no pictures.")
     many = {words: [one.who for one in said if one.tone == tone] for tone, words in _ANSWERS.items()}
     of_camera = [one for _, one in score.blind if one.of_camera]
     shown, which = (of_camera, "another world's") if of_camera else ([one for _, one in score.blind], "others")
-    return Answer(
+    return Opening(
         parted(many, "arms that a planner drove"),
         said,
         figure=sight_of({f"{one.driver.policy} in {one.driver.simulator}": one for one in shown}, "success_rate"),

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from eyechart.frames import FrameBank
 from eyechart.report.accounts import costs_table
-from eyechart.report.page import Answer, Said, Section, page_of, parted
+from eyechart.report.page import Opening, Said, Section, page_of, parted
 from eyechart.report.table import Table
 from eyechart.studies import Made
 from eyechart.studies.policy.course import training_of
@@ -33,7 +33,7 @@ def made(runs: Sequence[Shown], notes: Sequence[str] = (), steps: Mapping[str, i
     return Made(page, tables, page.notes)
 
 
-def _opening(runs: Sequence[Shown]) -> Answer:
+def _opening(runs: Sequence[Shown]) -> Opening:
     """Return what the page says first: who looks, what each does, what to do next, and one moment of the first."""
     judged = [(spec, one) for score, _ in runs for spec, one in judge(score).items()]
     said = [
@@ -52,7 +52,7 @@ def _opening(runs: Sequence[Shown]) -> Answer:
     score, pictures = runs[0]
     spec = next(iter(score.models), None)
     drawn = [] if spec is None else [*moments(spec, score.models[spec], pictures), shares(spec, score.models[spec])]
-    return Answer(sentence, said, figure=replace(drawn[0], name="in-short") if drawn else None)
+    return Opening(sentence, said, figure=replace(drawn[0], name="in-short") if drawn else None)
 
 
 _LOOKS = {"sees": "looks", "partly": "looks in part", "blind": "does not look", "open": "it cannot be said of"}

@@ -12,7 +12,7 @@ from eyechart.errors import EyechartError
 from eyechart.frames import Frame, Scalar
 from eyechart.perception.view import find_view, through
 from eyechart.report.charts import BLUE, INK, MUTED, VERMILLION, Drawing, canvas, style
-from eyechart.report.page import GLYPHS, Answer, Page, Said, Shot, fill, parted
+from eyechart.report.page import GLYPHS, Opening, Page, Said, Shot, fill, parted
 from eyechart.spaces.scene import SceneDecision
 from eyechart.studies import Tell
 from eyechart.studies.battery.album import view_uri
@@ -87,7 +87,7 @@ def make_estimates_page(evidence: Sequence[Estimates], *, tell: Tell = lambda _:
 
 def _opening(
     evidence: Sequence[Estimates], cards: Sequence[Mapping[str, Any]], worst: Mapping[str, Sequence[int]]
-) -> Answer:
+) -> Opening:
     """Return what the page says first: who is admitted, and what was told of the frame with the worst estimates."""
     said = [
         Said(
@@ -104,7 +104,7 @@ def _opening(
     sentence = parted(many, "estimators") if len(said) != 1 else f"It is {said[0].label}."
     run = next((run for run in evidence if worst[run.name] and run.score.models), None)
     if run is None:
-        return Answer(sentence, said)
+        return Opening(sentence, said)
     place, models = worst[run.name][0], list(run.score.models)[:_OPENING_MODELS]
     views = dict(_views(run, run.frames[place]))
     shots = [
@@ -115,7 +115,7 @@ def _opening(
     ]
     truth = _truth_words(run.score.models[models[0]].told, place)
     caption = f"Frame {run.frames[place].id}, the worst of all models together. Truth: {truth}."
-    return Answer(sentence, said, models, shots, caption=caption)
+    return Opening(sentence, said, models, shots, caption=caption)
 
 
 def _shot(run: Estimates, spec: str, condition: str, place: int) -> tuple[str, str, str]:
