@@ -4,6 +4,8 @@
 """
 
 import asyncio
+import os
+import signal
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -51,7 +53,8 @@ class Weighty:
         self.there = False
         if self.name in CLOSING:
             CLOSING.remove(self.name)
-            raise KeyboardInterrupt
+            os.kill(os.getpid(), signal.SIGINT)  # as from the keyboard
+            await asyncio.sleep(60)
 
 
 def open_model(name: str, mode: RequestMode) -> Weighty:
