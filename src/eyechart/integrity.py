@@ -233,6 +233,14 @@ def _picture(shown: Sequence[int], bare: Sequence[int], mode: RequestMode) -> Gu
     return Guard("picture", None, f"no probe has shown that pictures arrive{counted}")
 
 
+_SHOWN = 40
+
+
+def _beginning(text: str) -> str:
+    """Return a reply in quotes, of a long one how it begins."""
+    return repr(text) if len(text) <= _SHOWN else f"{text[:_SHOWN]!r} …"
+
+
 def _constant(texts: AbstractSet[str], decided: Mapping[str, int], empty: Emptiness) -> Guard:
     replies, aside = empty.came, f"; {empty.words}" if empty.thought else ""
     if empty.whole:
@@ -240,7 +248,7 @@ def _constant(texts: AbstractSet[str], decided: Mapping[str, int], empty: Emptin
     if replies < FEWEST:
         return Guard("degeneracy", None, f"{replies} replies are too few to call them constant{aside}")
     if len(texts) == 1:
-        return Guard("degeneracy", False, f"all {replies} replies are the same: {min(texts)[:40]!r}")
+        return Guard("degeneracy", False, f"all {replies} replies are the same: {_beginning(min(texts))}")
     if len(decided) == 1 and (count := sum(decided.values())) >= FEWEST:
         return Guard("degeneracy", False, f"all {count} decisions are the same: {min(decided)}{aside}")
     more = " or more" if len(texts) == _TEXTS_KEPT else ""

@@ -6,7 +6,7 @@ import os
 import platform
 import shutil
 import sqlite3
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields, replace
 from importlib.metadata import PackageNotFoundError, version
@@ -243,11 +243,22 @@ class RunManifest(Manifest):
         return {"limit": limit, "controls": other.controls}
 
 
+MARGINAL = "marginal"
+"""How the SPEC of a policy begins that draws like a controller's decisions."""
+
+
+def own_marginal(spec: str, drivers: Container[str]) -> str:
+    """Return the one of some drivers that ``marginal:DRIVER`` names; "" for an earlier run's, and any other policy."""
+    kind, _, name = spec.partition(":")
+    return name if kind == MARGINAL and name.partition(":")[0] != MARGINAL and name in drivers else ""
+
+
 @dataclass(frozen=True, slots=True)
 class EpisodesManifest(Manifest):
     """What a run of episodes was planned to do: every policy in every scenario, seed and condition.
 
-    ``policies`` maps a SPEC to the version of what drives: a model's own, the counts of a marginal, or nothing.
+    ``policies`` maps a SPEC to the version of what drives: a model's own, the counts of a marginal, or nothing; the
+    marginal of a driver of this run has no counts until it drives.
     ``picture`` is the kind of picture in words. ``world`` holds the versions of the libraries that make the world,
     ``versions`` all that may matter. ``max_steps`` is the largest bound on decisions that was asked for; each episode
     says under which it was driven. ``silence`` says what becomes of a call that fails in a way that may pass: the
@@ -287,6 +298,10 @@ class EpisodesManifest(Manifest):
     def models(self) -> tuple[str, ...]:
         """Return the policies that are models."""
         return tuple(self.modes)
+
+    def marginal_of(self, spec: str) -> str:
+        """Return the driver of this run like whose decisions a policy draws; "" where it is no such marginal."""
+        return own_marginal(spec, self.policies)
 
     def _wider(self, other: "EpisodesManifest") -> dict[str, Any]:
         if other.max_steps < self.max_steps:

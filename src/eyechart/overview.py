@@ -127,7 +127,7 @@ def make_index(folder: Path, reading: Reading, tell: Tell) -> Made:
 
 
 _KINDS = {"good": "sees", "bad": "blind"}
-_NEWEST = {"sees": "yes for", "partly": "in part for", "blind": "no for", "open": "it cannot be said of"}
+_NEWEST = {"sees": "yes for", "partly": "in part for", "blind": "no for", "open": "cannot say for"}
 
 
 def _opening(entries: Sequence[Entry]) -> Opening:
@@ -144,7 +144,7 @@ def _opening(entries: Sequence[Entry]) -> Opening:
         now, before = mine[-1], mine[-2] if len(mine) > 1 else None
         changed = "" if before is None or before.found.label == now.found.label else f"was {_words(before)}"
         words = f"{now.run}, {now.created[:10]}, on {now.about}." + (
-            f" Before it {_against(before, now)}." if before else ""
+            f" Against the run before: {_against(before, now)}." if before else ""
         )
         tone = _KINDS.get(now.found.tone, now.found.tone)
         said.append(
@@ -154,13 +154,9 @@ def _opening(entries: Sequence[Entry]) -> Opening:
         return Opening("No run here has a verdict on a model.")
     many = {words: [one.who for one in said if one.tone == tone] for tone, words in _NEWEST.items()}
     return Opening(
-        f"By the newest run of each model, {_lower(parted(many, 'models'))}",
+        f"The newest verdicts. {parted(many, 'models')}",
         sorted(said, key=lambda one: not one.beware),
     )
-
-
-def _lower(sentence: str) -> str:
-    return sentence[:1].lower() + sentence[1:]
 
 
 def _words(one: Entry) -> str:

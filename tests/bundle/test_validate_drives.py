@@ -356,6 +356,16 @@ def test_a_marginal_draws_by_the_counts_that_its_run_recorded(run: Path, tmp_pat
     )
 
 
+def test_the_marginal_of_a_driver_of_the_run_is_held_to_that_drivers_decisions(tmp_path: Path) -> None:
+    """It is driven again by the counts of the record; others are named as such, and so is the first other decision."""
+    own = f"marginal:{MODEL}"
+    write_bundle(_driven(tmp_path / "run", policies=(MODEL, own)), tmp_path / "it.zip", resamples=100)
+    assert validate(tmp_path / "it.zip").holds
+    counts = read_manifest(tmp_path / "run").policies
+    lines = said(validate(repacked(tmp_path / "it.zip", tmp_path, _manifest(policies={**counts, own: "{'SLOW': 7}"}))))
+    assert f"""run.json, counts of '{own}': printed '{{'SLOW': 7}}', recomputed '{counts[own]}'""" in lines
+
+
 def test_what_is_not_driven_again_is_said(packed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By a sample that was asked for, or by the bound of the work."""
     heard: list[str] = []

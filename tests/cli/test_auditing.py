@@ -70,13 +70,16 @@ def test_a_model_on_the_ladder_is_estimated_and_bounded_as_in_a_run(
     declared = replace(tiny_worlds.Tiny.declared, scenarios={"whole": "Ten cells."})
     monkeypatch.setattr(tiny_worlds.Tiny, "declared", declared)
     words = ("ladder", "--simulator", "tiny", "--seeds", 1, "--out", tmp_path / "ladder", "--policy", LOOK)
+    assert "8 episodes, 0 driven already" in say(*words, "--no-marginal", "--dry-run").stderr
     dry = say(*words, "--dry-run")
+    assert "9 episodes, 0 driven already" in dry.stderr
     assert (dry.exit_code, (tmp_path / "ladder").exists()) == (0, False)
     assert f"{LOOK}: about 12 calls, tokens unknown" in dry.stderr
     cut = say(*words, "--max-calls", 5)
     assert cut.exit_code == 3
     assert f"{LOOK}: 1 episode is unfinished, 1 of them begun" in cut.stderr
-    assert "5 calls were sent, and --max-calls is 5; 1 episode is left; a higher limit resumes" in cut.stderr
+    assert f"marginal:{LOOK}: 1 episode is not driven yet" in cut.stderr
+    assert "5 calls were sent, and --max-calls is 5; 2 episodes are left; a higher limit resumes" in cut.stderr
     whole = say(*words, "--json", "--against", "oracle")
     assert whole.exit_code == 0
     found = json.loads(whole.stdout)

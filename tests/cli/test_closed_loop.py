@@ -39,12 +39,13 @@ Drive = Callable[..., Said]
 
 @pytest.fixture
 def drive(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Drive:
-    """Return the command as a function of its words, in the tiny worlds."""
+    """Return the command as a function of its words, in the tiny worlds; models drive alone unless it is said."""
     for name, place in tiny_worlds.SIMULATORS.items():
         monkeypatch.setitem(SIMULATORS, name, place)
 
-    def run(*words: object) -> Said:
+    def run(*words: object, alone: bool = True) -> Said:
         command = ["eyechart", "run", "closed-loop", "--simulator", "tiny", "--out", tmp_path / "run"]
+        command += ["--no-marginal"] * alone
         monkeypatch.setattr(sys, "argv", [str(word) for word in [*command, "--processes", 1, *words]])
         with pytest.raises(SystemExit) as left:
             cli.main()
@@ -84,6 +85,20 @@ def test_an_episode_in_error_and_a_limit_have_exit_codes_of_their_own(drive: Dri
     assert cut.code == 3
     assert "4 calls were sent, and --max-calls is 4" in cut.err
     assert "a higher limit resumes" in cut.err
+
+
+def test_a_model_drives_beside_its_own_marginal_unless_it_is_left_out(drive: Drive, tmp_path: Path) -> None:
+    """It is in the plan and the rows by default, with real pictures alone, and costs no call."""
+    words = ("--policy", LOOK, "--policy", "oracle", "--scenarios", "whole", "--seeds", 1)
+    said = drive(*words, "--condition", "real", "--condition", "blank", "--json", alone=False)
+    assert (
+        "2 policies × 1 scenario × 1 seed × 2 conditions, and the marginal of one with real pictures: "
+        "5 episodes, 0 finished, 5 to drive" in said.err
+    )
+    rows = [(row["policy"], row["condition"]) for row in json.loads(said.out)["rows"]]
+    assert rows[-1] == (f"marginal:{LOOK}", "real")
+    assert len(rows) == 5
+    assert "done:" in said.err
 
 
 def test_a_world_that_kills_or_hangs_its_sample_costs_the_estimate_alone(

@@ -8,11 +8,13 @@ from pathlib import Path
 from eyechart.bundle.comparing import TOLERANCE, Difference
 from eyechart.episodes import ACTION_MAP, Episode, EpisodesManifest, every_episode, read_episodes, unfinished
 from eyechart.episodes.planning import PATIENCE_S
+from eyechart.episodes.records import decided_by
 from eyechart.episodes.repeats import Mismatch, Repeats, other_versions, refused, repeat, world_of
 from eyechart.errors import BundleError
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RUN, read_episodes_manifest
 from eyechart.perception.view import find_view
+from eyechart.policies.baselines import drawn_like
 from eyechart.simulators import Simulator
 from eyechart.studies import Tell
 from eyechart.studies.structured.online import read_vetting, vet
@@ -83,7 +85,7 @@ def check_drives(run: Path, *, exact: bool, same_pictures: bool, how: Again, tel
         found.notes.append(f"nothing was driven again: {why}")
         return found
     simulator = world_of(run, manifest)
-    found.differences += _declared(manifest, simulator)
+    found.differences += [*_declared(manifest, simulator), *_drawn(run, manifest)]
     apart = other_versions(manifest, simulator)
     if _ACTION_MAP in apart:  # which lies beside it, and is no library
         found.differences.append(Difference(f"{ACTION_MAP}, digest", *apart.pop(_ACTION_MAP)))
@@ -120,6 +122,15 @@ def _declared(manifest: EpisodesManifest, simulator: Simulator) -> Iterator[Diff
     ):
         if mine != theirs:
             yield Difference(f"{RUN}, {name}", str(mine), str(theirs))
+
+
+def _drawn(run: Path, manifest: EpisodesManifest) -> Iterator[Difference]:
+    """Yield the counts by which a marginal of the run's own drivers drew and that are not its driver's decisions."""
+    for spec in {one.key.policy: None for one in read_episodes(run) if one.steps}:
+        if driver := manifest.marginal_of(spec):
+            counts, made = decided_by(driver, spec, read_episodes(run)), manifest.policies[spec]
+            if (here := drawn_like(counts, manifest.action_space).version) != made:
+                yield Difference(f"{RUN}, counts of '{spec}'", made or "none", here)
 
 
 def _asked_twice(ledger: Ledger, manifest: EpisodesManifest) -> Iterator[Difference]:

@@ -22,6 +22,14 @@ if TYPE_CHECKING:
 _Simulator = Annotated[str, typer.Option(help="See 'eyechart list simulators'; or gym:ENV_ID.")]
 _Actions = Annotated[Path | None, typer.Option(help="FILE.toml: the action map of gym:ENV_ID.")]
 _Prompt = Annotated[str | None, typer.Option(help="A name of 'eyechart list prompts', or FILE.toml.")]
+_Marginal = Annotated[
+    bool | None,
+    typer.Option(
+        "--marginal/--no-marginal",
+        help="Let each model's own marginal drive too: its decisions on real pictures, drawn as often without looking. "
+        "Default: yes, after the model; a model that drove here without one goes on so.",
+    ),
+]
 _Seed = Annotated[int, typer.Option(min=0, help="Seed of stimuli, sampling and the order of episodes.")]
 
 MOST_SEEDS = 100_000
@@ -37,8 +45,8 @@ def closed_loop(
     policy: Annotated[
         list[str] | None,
         typer.Option(
-            help="Who drives; again for more: constant:ACTION, random, marginal:RUN, oracle, positive_control, or a "
-            "model's SPEC."
+            help="Who drives; again for more: constant:ACTION, random, marginal:RUN or marginal:SPEC of who drives "
+            "beside, oracle, positive_control, or a model's SPEC."
         ),
     ] = None,
     mode: options.Mode = None,
@@ -51,6 +59,7 @@ def closed_loop(
             "Default: real and shuffled, or real alone where no model drives; a run that goes on keeps its own."
         ),
     ] = None,
+    marginal: _Marginal = None,
     processes: Annotated[
         int | None, typer.Option(min=1, help="Processes that hold worlds; default: one a processor.")
     ] = None,
@@ -75,7 +84,8 @@ def closed_loop(
     elsewhere is probed first, with the first pictures of the first worlds. Exit 1: episodes are unfinished, or ended in
     an error; 3: stopped at --max-calls or --max-cost.
     A model drives by real pictures and by those of another world: without the latter nothing says whether its driving
-    depends on what the camera shows. That doubles its calls; --condition real leaves it out.
+    depends on what the camera shows. That doubles its calls; --condition real leaves it out. After it drives its own
+    marginal, which asks nothing.
     Example: eyechart run closed-loop --policy constant:SLOW --policy scripted:depth_lateral --out drives
     """
     from eyechart import episodes as study
@@ -84,13 +94,14 @@ def closed_loop(
         study.require_engine(engine)
 
     def planned_for(drivers: "Sequence[str | RequestMode]", probes: "Mapping[str, Spent]") -> "Episodes":
+        shown = condition or study.usual_conditions(drivers, out)
         made = study.plan(
             study.Setup(simulator, seed, max_steps, actions, silence),
-            drivers,
+            study.with_marginals(drivers, shown, out, wanted=marginal),
             out,
             scenarios=None if scenarios is None else [name.strip() for name in scenarios.split(",")],
             seeds=_seeds(seeds),
-            conditions=condition or study.usual_conditions(drivers, out),
+            conditions=shown,
             prompt=prompt,
         )
         return replace(made, again=again).counting(probes)
@@ -272,6 +283,7 @@ def ladder(
     simulator: _Simulator = "highway",
     policy: Annotated[list[str] | None, typer.Option(help="A further policy or model; again for more.")] = None,
     mode: options.Mode = None,
+    marginal: _Marginal = None,
     seeds: Annotated[int, typer.Option(min=1, max=MOST_SEEDS, help="So many seeds a scenario, from 0 on.")] = 8,
     actions: _Actions = None,
     prompt: _Prompt = None,
@@ -288,11 +300,12 @@ def ladder(
     """Drive the baselines and print Table t:baselines beside the paper's. Interrupt it at will: it resumes.
 
     Every constant action, random and the scripted controller in every scenario: in the highway 7 × 4 × 8 episodes. A
-    model among the further policies is asked, probed and paid for as in 'run closed-loop'. Exit 1: episodes are
+    model among the further policies is asked, probed and paid for as in 'run closed-loop', and its own marginal drives
+    after it. Exit 1: episodes are
     unfinished, or ended in an error; 3: stopped at --max-calls or --max-cost.
     Example: eyechart ladder --out ladder --processes 2
     """
-    from eyechart.episodes import Bounds
+    from eyechart.episodes import Bounds, with_marginals
     from eyechart.limits import Outcome
     from eyechart.studies.closed_loop import score
     from eyechart.studies.closed_loop.ladder import plan_ladder, require_reference
@@ -303,7 +316,7 @@ def ladder(
             out,
             simulator=simulator,
             seeds=seeds,
-            further=drivers,
+            further=with_marginals(drivers, ("real",), out, wanted=marginal),
             actions=actions,
             prompt=prompt,
             seed=seed,
@@ -533,12 +546,17 @@ def count(episodes: int) -> str:
 
 
 def _planned(planned: "Episodes") -> str:
+    own = {key.policy for key in planned.keys if planned.manifest.marginal_of(key.policy)}
+    others = [key for key in planned.keys if key.policy not in own]
     parts = {
-        name: len({getattr(key, name) for key in planned.keys}) for name in ("policy", "scenario", "seed", "condition")
+        name: len({getattr(key, name) for key in others or planned.keys})
+        for name in ("policy", "scenario", "seed", "condition")
     }
     plural = {name: f"{name[:-1]}ies" if name.endswith("y") else f"{name}s" for name in parts}
     size = " × ".join(f"{count} {name if count == 1 else plural[name]}" for name, count in parts.items())
     left = len(planned.left())
+    if own and others:
+        size += f", and {'the marginal of one' if len(own) == 1 else f'the marginals of {len(own)}'} with real pictures"
     return f"{size}: {len(planned.keys)} episodes, {len(planned.keys) - left} finished, {left} to drive"
 
 

@@ -10,6 +10,7 @@ from eyechart.episodes.planning import (
     run,
     sample_of,
     usual_conditions,
+    with_marginals,
 )
 from eyechart.episodes.records import (
     EPISODES,
@@ -57,5 +58,6 @@ __all__ = [
     "summarise",
     "unfinished",
     "usual_conditions",
+    "with_marginals",
     "write_episodes",
 ]

@@ -12,9 +12,11 @@ from eyechart.conditions import require_shown
 from eyechart.costs import CostEstimate, estimate
 from eyechart.episodes.records import (
     EPISODES,
+    REAL,
     SILENCES,
     Episode,
     EpisodeKey,
+    decided_by,
     every_episode,
     mend_episodes,
     read_episodes,
@@ -30,9 +32,11 @@ from eyechart.ledger import Ledger
 from eyechart.limits import Outcome, Spent
 from eyechart.manifest import (
     LEDGER,
+    MARGINAL,
     EpisodesManifest,
     alone_in,
     is_episodes_run,
+    own_marginal,
     read_episodes_manifest,
     today,
     versions,
@@ -43,7 +47,7 @@ from eyechart.modes import RequestMode
 from eyechart.perception.forward import distances_of
 from eyechart.perception.view import NONE, View, through
 from eyechart.policies import Policy, is_policy, open_policy
-from eyechart.policies.baselines import Marginal
+from eyechart.policies.baselines import Marginal, drawn_like
 from eyechart.probe import Sample
 from eyechart.prompts import Prompt, find_prompt, neutral
 from eyechart.simulators import Declaration, open_simulator
@@ -113,17 +117,24 @@ def plan(
     names = tuple(dict.fromkeys(one.spec if isinstance(one, RequestMode) else one for one in specs))
     if not names:
         raise SpecError("episodes need at least one --policy: constant:SLOW, oracle, or a model's SPEC")
-    drivers = _drivers(world, setup, names, modes, prompt if isinstance(prompt, Prompt) else _prompt_for(world, prompt))
-    reflected = read_episodes_manifest(out).reflected if is_episodes_run(out) else setup.reflected
+    held = read_episodes_manifest(out) if is_episodes_run(out) else None
+    beside = _marginals(names, conditions, held)
+    drivers = _drivers(
+        world,
+        setup,
+        [one for one in names if one not in beside],
+        modes,
+        prompt if isinstance(prompt, Prompt) else _prompt_for(world, prompt),
+    )
+    reflected = setup.reflected if held is None else held.reflected
     drivers = replace(drivers, mirror_axis=world.mirror_axis if reflected else None)
-    policies, models = drivers.policies, drivers.models
     manifest = EpisodesManifest(
         created=today(),
         simulator=world.name,
         scenarios=chosen,
         seeds=tuple(dict.fromkeys(seeds)),
         conditions=tuple(dict.fromkeys(conditions)),
-        policies={spec: models[spec].version if spec in models else _version(policies[spec]) for spec in names},
+        policies={spec: beside[spec] if spec in beside else _version(spec, drivers) for spec in names},
         action_space=world.action_space,
         picture=world.picture,
         prompt=drivers.prompt,
@@ -132,7 +143,7 @@ def plan(
         world=opened.versions(),
         versions=versions(),
         modes=modes,
-        facts={spec: dict(model.facts) for spec, model in models.items() if model.facts},
+        facts={spec: dict(model.facts) for spec, model in drivers.models.items() if model.facts},
         reader=drivers.answers.reader,
         view=NONE if view is None else view.key,
         silence=setup.silence,
@@ -156,6 +167,34 @@ def usual_conditions(specs: Sequence[str | RequestMode], out: Path) -> tuple[str
     if is_episodes_run(out) and (held := read_episodes_manifest(out).conditions):
         return held
     return ("real", "shuffled") if _modes(specs) else ("real",)
+
+
+def with_marginals(
+    specs: Sequence[str | RequestMode], conditions: Sequence[str], out: Path, *, wanted: bool | None = None
+) -> list[str | RequestMode]:
+    """Return who drives, and for each model among them its own marginal, where real pictures are driven by.
+
+    ``wanted`` says whether; None is as usual: yes, but a model that drove in ``out`` already without one goes on so.
+    """
+    held = read_episodes_manifest(out).policies if wanted is None and is_episodes_run(out) else {}
+    models = list(_modes(specs)) if REAL in conditions and wanted is not False else []
+    own = [f"{MARGINAL}:{spec}" for spec in models if spec not in held or f"{MARGINAL}:{spec}" in held]
+    return [*specs, *(one for one in own if one not in specs)]
+
+
+def _marginals(names: Sequence[str], conditions: Sequence[str], held: EpisodesManifest | None) -> dict[str, str]:
+    """Return the marginals of this run's own drivers, each with the counts that it draws by, "" before it drives.
+
+    Raises SpecError where nobody drives by real pictures, so that there is nothing to draw by.
+    """
+    before = {} if held is None else held.policies
+    own = {spec: before.get(spec, "") for spec in names if own_marginal(spec, {*before, *names})}
+    if own and REAL not in conditions:
+        raise SpecError(
+            f"'{next(iter(own))}' draws like the decisions on real pictures of this run, which has none: add "
+            "--condition real, or leave it out"
+        )
+    return own
 
 
 def _drivers(
@@ -192,8 +231,11 @@ def _modes(specs: Sequence[str | RequestMode]) -> dict[str, RequestMode]:
     return {one.spec: one for one in modes}
 
 
-def _version(policy: object) -> str:
-    return str(dict(policy.counts)) if isinstance(policy, Marginal) else ""
+def _version(spec: str, drivers: Drivers) -> str:
+    if spec in drivers.models:
+        return drivers.models[spec].version
+    policy = drivers.policies[spec]
+    return policy.version if isinstance(policy, Marginal) else ""
 
 
 def _prompt_for(world: Declaration, name: str | None) -> Prompt:
@@ -231,12 +273,44 @@ def run(
     with alone_in(planned.out), ExitStack() as opened:
         _begin(planned)
         left = planned.left()
+        first = [key for key in left if not planned.manifest.marginal_of(key.policy)]
         keep, ledger = _keeper(planned, len(left), progress), None
         if any(key.policy in planned.drivers.models for key in left):
             ledger = opened.enter_context(Ledger(planned.out / LEDGER, create=True))
         turns = turns_of(map(planned.manifest.mode, planned.drivers.models), sequential=bounds.sequential)
         drivers = replace(planned.drivers, turns=turns)
-        return drive(left, drivers, open_worker, keep, ledger=ledger, bounds=bounds)
+        outcome = drive(first, drivers, open_worker, keep, ledger=ledger, bounds=bounds)
+        if len(first) < len(left):
+            _drive_marginals(planned, open_worker, keep, bounds)
+        return outcome
+
+
+def _drive_marginals(
+    planned: Episodes, open_worker: Callable[[], Worker], keep: Callable[[Episode], None], bounds: Bounds
+) -> None:
+    """Let the marginal of each driver drive once all of the driver's own episodes with real pictures are over.
+
+    What it draws by stands in the manifest before it first drives, and stays so. Where the driver decided in no
+    episode, those of its marginal are errors that say so.
+    """
+    left, held = planned.left(), read_episodes_manifest(planned.out)
+    episodes = list(read_episodes(planned.out))
+    over, policies = {one.key for one in episodes}, dict[str, Marginal]()
+    todo = [key for key in left if (who := held.marginal_of(key.policy)) and replace(key, policy=who) in over]
+    for spec in dict.fromkeys(key.policy for key in todo):
+        mine, driver = [key for key in left if key.policy == spec], held.marginal_of(spec)
+        if any(replace(key, policy=driver) not in over for key in mine):
+            todo = [key for key in todo if key.policy != spec]
+        elif counts := decided_by(driver, spec, episodes):
+            policies[spec] = drawn_like(counts, held.action_space)
+        else:
+            why = f"{driver} decided in no episode with real pictures that did not end in an error: nothing to draw by"
+            for key in mine:
+                keep(Episode(key, (), "error", "", why))
+    counted = {spec: policy.version for spec, policy in policies.items()}
+    replace(held, policies={**held.policies, **counted}).write(planned.out)
+    driven = [key for key in todo if key.policy in policies]
+    drive(driven, replace(planned.drivers, policies=policies, models={}, turns=()), open_worker, keep, bounds=bounds)
 
 
 def keep_probes(planned: Episodes, probes: Mapping[str, Spent]) -> None:

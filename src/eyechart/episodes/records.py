@@ -13,6 +13,7 @@ from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import Scalar
 from eyechart.ledger import UNKNOWN, Ledger, Sent
 from eyechart.manifest import LEDGER, RUN, EpisodesManifest, read_run
+from eyechart.policies.baselines import without
 from eyechart.records import Count, Name, Plain, build, shown
 from eyechart.spaces.space import Decision
 
@@ -22,6 +23,8 @@ SILENCES: Mapping[str, frozenset[str]] = {"unfinished": frozenset(), "fail-safe"
 """What becomes of a call that fails in a way that may pass, with the kinds of failure that are then a model's silence:
 the episode is left for a resumed run, or the fail-safe is executed (docs/decisions/0027)."""
 
+
+REAL = "real"
 
 REFLECTED = "mirrored"
 """The condition under which a call about the reflection of a picture stands in the ledger."""
@@ -188,9 +191,6 @@ def _episode(line: bytes) -> Episode:
     return episode
 
 
-_CONDITION = "real"
-
-
 def recorded(run: Path) -> Mapping[str, int]:
     """Return how often each action was decided on real pictures in a run, of a battery or of episodes.
 
@@ -214,10 +214,26 @@ def recorded(run: Path) -> Mapping[str, int]:
 def _of_episodes(path: Path) -> dict[str, Counter[str]]:
     found: dict[str, Counter[str]] = {}
     for episode in read_episodes(path):
-        if episode.key.condition == _CONDITION and episode.ended != "error":
+        if episode.key.condition == REAL and episode.ended != "error":
             taken = (step.decision.action for step in episode.steps)
             found.setdefault(episode.key.policy, Counter()).update(action for action in taken if action is not None)
     return found
+
+
+def decided_by(driver: str, marginal: str, episodes: Iterable[Episode]) -> Mapping[str, int]:
+    """Return by what the marginal of a driver draws, from the episodes of its run in the order of their record.
+
+    These are the driver's decisions on real pictures, by action, and by reason where there was none, in the episodes
+    that were over when its marginal first drove. An episode that ended in an error counts in nothing.
+    """
+    before: dict[EpisodeKey, Episode] = {}
+    for one in episodes:
+        if one.key.policy == marginal and one.steps:
+            break
+        if (one.key.policy, one.key.condition) == (driver, REAL) and one.ended != "error":
+            before.setdefault(one.key, one)
+    taken = (step.decision for one in before.values() for step in one.steps)
+    return Counter(without(one.missing) if one.missing is not None else str(one.action) for one in taken)
 
 
 def _of_battery(path: Path) -> dict[str, Counter[str]]:
@@ -228,7 +244,7 @@ def _of_battery(path: Path) -> dict[str, Counter[str]]:
             counts = found.setdefault(spec, Counter())
             for key, reply in ledger.replies(spec):
                 decision = bank.manifest.action_space.read(reply)
-                if key.condition == _CONDITION and decision.action is not None:
+                if key.condition == REAL and decision.action is not None:
                     counts[decision.action] += 1
     return found
 
@@ -283,12 +299,13 @@ def unfinished(out: Path, keys: Iterable[EpisodeKey], models: Iterable[str]) -> 
 def every_episode(manifest: EpisodesManifest) -> tuple[EpisodeKey, ...]:
     """Return the episodes that a run's policies, scenarios, seeds and conditions make together.
 
-    A run that was extended may never have been asked for all of them.
+    The marginal of one of its drivers, which looks at no picture, drives by real ones alone. A run that was extended
+    may never have been asked for all of them.
     """
     return tuple(
         EpisodeKey(policy, manifest.simulator, scenario, seed, condition)
         for policy in manifest.policies
-        for condition in manifest.conditions
+        for condition in ((REAL,) if manifest.marginal_of(policy) else manifest.conditions)
         for scenario in manifest.scenarios
         for seed in manifest.seeds
     )

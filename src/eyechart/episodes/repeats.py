@@ -4,7 +4,7 @@ Only worlds and policies that ship are driven: a record may come from anywhere, 
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -22,6 +22,7 @@ from eyechart.manifest import LEDGER, EpisodesManifest
 from eyechart.perception.forward import distances_of
 from eyechart.perception.view import find_view
 from eyechart.policies import Policy, open_policy
+from eyechart.policies.baselines import drawn_like
 from eyechart.simulators import SIMULATORS, Simulator, open_simulator
 from eyechart.spaces.scene import SceneSpace
 
@@ -121,7 +122,7 @@ def repeat(
     setup = Setup(manifest.simulator, manifest.seed, longest, silence=manifest.silence)
     actions = run / ACTION_MAP
     setup = replace(setup, actions=actions) if actions.is_file() else setup
-    drivers = _drivers(manifest, world_of(run, manifest))
+    drivers = _drivers(manifest, world_of(run, manifest), {key.policy for key in recorded})
     compare = partial(_compare, exact=exact)
 
     def keep(driven: Episode) -> None:
@@ -152,11 +153,13 @@ def repeat(
     return found
 
 
-def _drivers(manifest: EpisodesManifest, simulator: Simulator) -> Drivers:
-    """Return who decides: policies that ship, and for every model its record."""
+def _drivers(manifest: EpisodesManifest, simulator: Simulator, drove: Container[str]) -> Drivers:
+    """Return who decides: policies that ship, and for every model its record; without marginals that never drove."""
     space, answers = manifest.action_space, manifest.prompt.asks(manifest.action_space)
     policies = {
-        spec: _policy(spec, made, manifest) for spec, made in manifest.policies.items() if spec not in manifest.modes
+        spec: _policy(spec, made, manifest)
+        for spec, made in manifest.policies.items()
+        if spec not in manifest.modes and (spec in drove or not manifest.marginal_of(spec))
     }
     return Drivers(
         policies=policies,
@@ -173,6 +176,8 @@ def _drivers(manifest: EpisodesManifest, simulator: Simulator) -> Drivers:
 def _policy(spec: str, version: str, manifest: EpisodesManifest) -> Policy:
     """Open a policy; a marginal draws by the counts that the run recorded, and reads no other run."""
     counts = {name: int(count) for name, count in _COUNTS.findall(version) if len(count) <= _MOST_COUNT}
+    if manifest.marginal_of(spec):
+        return drawn_like(counts, manifest.action_space)
     return open_policy(spec, manifest.action_space, lambda _: counts)
 
 

@@ -73,7 +73,7 @@ def opening(found: GuardianScore, drawn: Drawing) -> Opening:
     balanced, single = own["bal"], found.rows["single"]["bal"]
     low, high = balanced.ci or (0.0, 1.0)
     tone = "sees" if low > 0.5 else "blind" if high < 0.5 else "open"
-    words = {"sees": "better than chance", "blind": "worse than chance", "open": "no better than chance was shown"}
+    words = {"sees": "better than chance", "blind": "worse than chance", "open": "not shown to be better than chance"}
     reasons = (
         f"Balanced accuracy {shown(balanced)} over what it answers; the best single model of the calibration "
         f"has {shown(single)} over its own."

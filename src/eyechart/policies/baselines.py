@@ -8,7 +8,7 @@ from pathlib import Path
 from eyechart.errors import SpecError
 from eyechart.policies import Observation, Recorded
 from eyechart.spaces.discrete import Discrete
-from eyechart.spaces.space import Decision
+from eyechart.spaces.space import MISSING, Decision, Missing
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,15 +36,29 @@ class Uniform:
 class Marginal:
     """Draws actions as often as a controller took them, without looking: what is left of it without its eyes.
 
-    ``counts`` are its decisions by action. Source: paper, section The Input-Ablation Battery.
+    ``counts`` are its decisions by action; of a driver of the same run also, by reason, how often there was none
+    (``no decision: refused``), so that the fail-safe drives as often. Source: paper, section The Input-Ablation
+    Battery.
     """
 
     counts: Mapping[str, int]
 
     def decide(self, observation: Observation) -> Decision[str]:
-        """Return an action that the controller took."""
+        """Return an action that the controller took, or that there is none where it took none so often."""
         rng = random.Random(observation.seed)  # noqa: S311 - no secret
-        return Decision(rng.choices(list(self.counts), weights=list(self.counts.values()))[0])
+        drawn = rng.choices(list(self.counts), weights=list(self.counts.values()))[0]
+        missing = next((one for one in MISSING if drawn == without(one)), None)
+        return Decision(drawn) if missing is None else Decision(None, missing)
+
+    @property
+    def version(self) -> str:
+        """Return the counts as a run records them."""
+        return str(dict(self.counts))
+
+
+def without(missing: Missing) -> str:
+    """Return under which name a marginal counts the decisions that there were not, by the reason."""
+    return f"no decision: {missing}"
 
 
 def constant(name: str, space: Discrete, recorded: Recorded) -> Constant:
@@ -58,10 +72,18 @@ def constant(name: str, space: Discrete, recorded: Recorded) -> Constant:
 def marginal(name: str, space: Discrete, recorded: Recorded) -> Marginal:
     """Open ``marginal:RUN``; raises SpecError where the run holds no decision of these actions."""
     if not name:
-        raise SpecError("a marginal is given as marginal:RUN, with the folder of a run")
+        raise SpecError(
+            "a marginal is given as marginal:RUN, with the folder of a run, or as marginal:SPEC, with who drives beside"
+        )
     counts = dict(recorded(Path(name)))
     if strange := sorted(counts.keys() - set(space.actions)):
         raise SpecError(f"{name} holds decisions that are none of {', '.join(space.actions)}: {', '.join(strange)}")
     if not counts:
         raise SpecError(f"{name} holds no decision, so there is nothing to sample from")
-    return Marginal({action: counts[action] for action in space.actions if action in counts})
+    return drawn_like(counts, space)
+
+
+def drawn_like(counts: Mapping[str, int], space: Discrete) -> Marginal:
+    """Return the marginal of some counts by action, and by reason of no decision; other names are left out."""
+    named = (*space.actions, *(without(one) for one in MISSING))
+    return Marginal({drawn: counts[drawn] for drawn in named if drawn in counts})

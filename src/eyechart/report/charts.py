@@ -13,7 +13,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.colors import LinearSegmentedColormap, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.transforms import Bbox
@@ -182,11 +182,21 @@ def plain(text: str, longest: int = _LONGEST) -> str:
     return f"{shown[:half]}…{shown[-half:]}"
 
 
+_DARK = 0.18
+"""Below this luminance white is read better than black."""
+
+
+def luminance(colour: str | tuple[float, float, float, float]) -> float:
+    """Return the relative luminance of a colour, from 0 to 1. Source: WCAG 2, of sRGB."""
+    linear = (one / 12.92 if one <= 0.04045 else ((one + 0.055) / 1.055) ** 2.4 for one in to_rgb(colour))
+    return sum(weight * one for weight, one in zip((0.2126, 0.7152, 0.0722), linear, strict=True))
+
+
 def cell(axes: Axes, x: int, y: int, share: float | None, text: str, colours: LinearSegmentedColormap) -> None:
     """Draw a cell of a grid, coloured by a share from 0 to 1; a share of None has no colour."""
     face = "none" if share is None else colours(share)
     axes.add_patch(Rectangle((x - 0.48, y - 0.47), 0.96, 0.94, facecolor=face, edgecolor=LINE, linewidth=0.6))
-    ink = MUTED if share is None else "#ffffff" if share > 0.72 else ON_COLOUR
+    ink = MUTED if share is None else "#ffffff" if luminance(face) < _DARK else ON_COLOUR
     axes.text(x, y, text, ha="center", va="center", color=ink, fontsize=8)
 
 

@@ -97,8 +97,14 @@ class Opening:
 
 
 def parted(many: Mapping[str, Sequence[str]], what: str) -> str:
-    """Return in one sentence of how many of ``what`` each answer holds, by name where they are few."""
+    """Return in one sentence of how many of ``what`` each answer holds, by name where they are few; of one its own.
+
+    An answer may end with the preposition that a count needs: ``yes for``.
+    """
     total = sum(map(len, many.values()))
+    if total == 1:
+        answer, (name,) = next((answer, names) for answer, names in many.items() if names)
+        return f"{name}: {answer.removesuffix(' for').removesuffix(' in')}."
     told = [
         f"{answer} {len(names)}" + (f" ({', '.join(names)})" if total <= _MOST_NAMED else "")
         for answer, names in many.items()

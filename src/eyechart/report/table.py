@@ -283,7 +283,7 @@ class Table:
     def html(self) -> str:
         """Return a table of HTML in which nothing is markup but what stands here."""
         short, lines = self.short(), []
-        heads = "".join(f'<th scope="col" class="{one.kind}">{escape(one.name)}</th>' for one in short.columns)
+        heads = "".join(f'<th scope="col" class="{one.kind}">{escape(_spoken(one.name))}</th>' for one in short.columns)
         for row, texts in zip(short.rows, short.texts(), strict=True):
             cells = [_html(*one) for one in zip(row[1:], texts[1:], short.columns[1:], strict=True)]
             lines.append(f'<tr><th scope="row"><bdi>{escape(texts[0])}</bdi></th>{"".join(cells)}</tr>')
@@ -296,6 +296,14 @@ class Table:
 
     __html__ = html
     """Templates print a table where it is named."""
+
+
+_JOINED = re.compile(r"(?<=[a-z]{2})_(?=[a-z]{2})")
+
+
+def _spoken(name: str) -> str:
+    """Return a column's name in words: ``modal_share`` is two; ``n_a`` is a symbol."""
+    return _JOINED.sub(" ", name)
 
 
 def stacked(tables: Mapping[str, Table]) -> Table:

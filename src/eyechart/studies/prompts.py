@@ -365,8 +365,8 @@ def _about(cell: CellScore) -> str:
     found = cell.statistics
     gap, modal = found["mutual_information"], found["modal_share"]
     p = p_value(cell.holm["mutual_information"])
-    often = number(modal.value, 2)
-    return f"I(A; g) {number(gap.value)} bits, p {p}; its most frequent answer takes {often} of the frames."
+    often = "—" if modal.value is None else f"{100 * modal.value:.0f} %"
+    return f"I(A; g) {number(gap.value)} bits, p {p}; {often} of the frames get its most frequent answer."
 
 
 _CELLS = "is a prompt study, of one run a cell: name a cell, as RUN/CELL"

@@ -24,7 +24,7 @@ NOTHING = {"blank": "a blank picture", "noise": "noise", "text_only": "no pictur
 """What the second and the third picture of the example show, by condition: of each the first that a run asked."""
 
 _SHOWS = {"real": "the real frame", **NOTHING, **OTHERS}
-_ANSWERS = {"sees": "yes for", "partly": "in part for", "blind": "no for", "open": "it cannot be said of"}
+_ANSWERS = {"sees": "yes for", "partly": "in part for", "blind": "no for", "open": "cannot say for"}
 _ALONE = {"sees": "Yes.", "partly": "In part.", "blind": "No.", "open": "It cannot be said."}
 
 

@@ -38,6 +38,7 @@ UNSEEN = ("blank", "text_only", "noise")
 """Conditions that show nothing of any world: who completes with these needs no picture. Others show a wrong one."""
 
 CAMERA, REPEAT = "what the camera shows", "whether it repeats itself"
+MARGINAL, MOMENT = "own marginal", "whether it matters when it does what"
 ASKS = {
     "blank": "whether there is a picture",
     "text_only": "whether there is a picture",
@@ -46,6 +47,7 @@ ASKS = {
     "frozen": "whether its picture is of now",
     "mirrored": "which way round its picture is",
     "real_repeat": REPEAT,
+    MARGINAL: MOMENT,
 }
 """What a difference between real pictures and a condition's tells of a policy; only another world's picture, as good a
 picture as its own, tells what the camera shows."""
@@ -77,11 +79,58 @@ class Blind(Written):
         return self.asks == CAMERA
 
     @property
+    def of_pictures(self) -> bool:
+        """Return whether it asks anything of pictures: not so beside its own marginal, which is another driver."""
+        return self.asks != MOMENT
+
+    @property
     def tone(self) -> str:
         """Return the kind of evidence that this is: sees, partly, blind or open."""
         if self.finding == DIFFERS and self.asks != REPEAT:
             return "sees" if self.asks == CAMERA else "partly"
-        return "blind" if self.finding == SAME and (self.asks == CAMERA or _unseen(self.condition)) else "open"
+        shows_nothing = self.asks in {CAMERA, MOMENT} or _unseen(self.condition)
+        return "blind" if self.finding == SAME and shows_nothing else "open"
+
+
+def beside_marginals(drives: Sequence[Drives], outcomes: Outcomes, *, resamples: int = 5000) -> list[Blind]:
+    """Return each driver beside its own marginal, which drove in the same run: its decisions, drawn without looking.
+
+    Holm corrects over the tests of one driver. Source: paper, section The Input-Ablation Battery.
+    """
+    found, place = [], attrgetter("simulator", "run", "condition")
+    for drawn in drives:
+        real = [
+            one for one in drives if drawn.marginal_of == one.driver.policy and place(one.driver) == place(drawn.driver)
+        ]
+        for one in real:
+            each = corrected([paired(one, drawn, outcomes, resamples=resamples)])[0]
+            tests = sum(p is not None for p in each.holm.values())
+            worlds = sorted(one.by_world.keys() & drawn.by_world.keys())
+            same = sum(same_drive(one.by_world[name], drawn.by_world[name]) for name in worlds)
+            finding = _finding(each, same, tests)
+            sentence = f"{each.first.policy} beside its own marginal: {_beside(finding, each, tests)}"
+            found.append(Blind(one.driver, MARGINAL, each, finding, sentence))
+    return found
+
+
+def _beside(finding: str, found: Paired, tests: int) -> str:
+    """Return in words what a driver shows beside draws that are as often its actions."""
+    if finding == DIFFERS:
+        return (
+            f"it drives otherwise than who draws its actions as often without looking, in the same {found.worlds} "
+            f"worlds: {_changes(found)}. So it matters when it does what; what that hangs on is asked with pictures."
+        )
+    if finding == SAME:
+        return (
+            f"all {found.worlds} drives are the same to the last digit as those of who draws its actions as often "
+            "without looking: nothing in them needs a picture."
+        )
+    if finding == NO_DIFFERENCE:
+        return (
+            f"no difference from who draws its actions as often without looking was found in {found.worlds} worlds. "
+            f"That is not none: the data bound it, with 95 % intervals, to {_bounds(found)}."
+        )
+    return _too_few(found, tests, "whether it drives otherwise than who draws its actions as often without looking")
 
 
 def blind_baselines(drives: Sequence[Drives], outcomes: Outcomes, *, resamples: int = 5000) -> list[Blind]:
@@ -148,26 +197,37 @@ def _needed(tests: int) -> int:
 def _shows(finding: str, found: Paired, condition: str, tests: int) -> str:
     """Return in words what a finding says of a dependence on pictures, and on how much that rests."""
     if finding == DIFFERS:
-        changed = [(name, found.differences[name], found.holm[name]) for name in OUTCOMES if name in found.changed]
-        numbers = "; ".join(f"{_number(one, name)} (Holm p {_p(p)})" for name, one, p in changed)
         return (
             f"it drives differently with real pictures than with {condition} ones in the same {found.worlds} worlds: "
-            f"{numbers}. {_dependence(condition)}"
+            f"{_changes(found)}. {_dependence(condition)}"
         )
     if finding == NO_DIFFERENCE:
-        bounds = "; ".join(_number(found.differences[name], name) for name in OUTCOMES)
         return (
             f"no difference from {condition} pictures was found in {found.worlds} worlds. That is not none: the data "
-            f"bound it, with 95 % intervals, to {bounds}. A dependence within these bounds is not excluded."
+            f"bound it, with 95 % intervals, to {_bounds(found)}. A dependence within these bounds is not excluded."
         )
     if finding == SAME:
         return (
             f"all {found.worlds} drives are the same to the last digit with {condition} pictures as with real ones. "
             f"{_independence(condition)}"
         )
+    return _too_few(found, tests, f"whether {condition} pictures change how it drives")
+
+
+def _changes(found: Paired) -> str:
+    """Return what differs after Holm, each number with its interval and p."""
+    changed = [(name, found.differences[name], found.holm[name]) for name in OUTCOMES if name in found.changed]
+    return "; ".join(f"{_number(one, name)} (Holm p {_p(p)})" for name, one, p in changed)
+
+
+def _bounds(found: Paired) -> str:
+    return "; ".join(_number(found.differences[name], name) for name in OUTCOMES)
+
+
+def _too_few(found: Paired, tests: int, what: str) -> str:
     return (
-        f"cannot say whether {condition} pictures change how it drives: with {found.worlds} worlds no exact test can "
-        f"reach .05 after Holm over {tests} tests. Drive more seeds or scenarios, {_needed(tests)} worlds at least."
+        f"cannot say {what}: with {found.worlds} worlds no exact test can reach .05 after Holm over {tests} tests. "
+        f"Drive more seeds or scenarios, {_needed(tests)} worlds at least."
     )
 
 

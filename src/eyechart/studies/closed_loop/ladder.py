@@ -74,6 +74,9 @@ def require_reference(planned: Episodes, against: str | None) -> None:
 CONSTANT = "constant:"
 """How the SPEC of a policy that always says one action begins."""
 
+MARGINAL = "marginal:"
+"""How the SPEC of one that draws like a controller's decisions begins."""
+
 LEVEL = 0.05
 UNTOLD = "the simulator does not tell it"
 

@@ -13,7 +13,7 @@ from eyechart.report.table import Table
 from eyechart.studies import Tell, run_json
 from eyechart.studies.closed_loop import Blind, ClosedLoopScore, Degeneracy, Rung
 from eyechart.studies.closed_loop.browser import PICTURED, drives_data
-from eyechart.studies.closed_loop.ladder import CONSTANT
+from eyechart.studies.closed_loop.ladder import CONSTANT, MARGINAL
 from eyechart.studies.closed_loop.tables import (
     MEASURES,
     NAMES,
@@ -106,7 +106,7 @@ _SIGHT = {
     "blind": "drives the same without its pictures",
     "open": "cannot say",
 }
-_ANSWERS = {"sees": "by sight", "partly": "in part by sight", "blind": "not by sight", "open": "it cannot be said of"}
+_ANSWERS = {"sees": "by sight", "partly": "in part by sight", "blind": "not by sight", "open": "cannot say for"}
 _FINDINGS = {"no_difference_found": "no difference found", "identical": "identical drives", "cannot_say": "cannot say"}
 
 
@@ -114,7 +114,7 @@ def opening(score: ClosedLoopScore) -> Opening:
     """Return what a page of drives says first: who drives by sight, then who comes first by score."""
     told: dict[str, Blind] = {}
     asked = {one.driver.label for one in score.drives if one.asked}
-    for one in (one for one in score.blind if not asked or one.driver.label in asked):
+    for one in (one for one in score.blind if one.of_pictures and (not asked or one.driver.label in asked)):
         who = _who(one, score)
         if who not in told or (one.of_camera and not told[who].of_camera):
             told[who] = one
@@ -132,8 +132,9 @@ def opening(score: ClosedLoopScore) -> Opening:
         sentence = "Who drives by sight was not asked: nobody drove the same worlds with other pictures too."
     else:
         many = {words: [one.who for one in said if one.tone == tone] for tone, words in _ANSWERS.items()}
-        sentence = parted(many, "driver" if len(said) == 1 else "drivers that were shown other pictures too")
-    caption = "Real pictures less another world's; right of the line: better with real ones. Filled: significant."
+        sentence = parted(many, "drivers that were shown other pictures too")
+    others = "another world's" if all(one.of_camera for one in told.values()) else "others"
+    caption = f"Real pictures less {others}; right of the line: better with real ones. Filled: significant."
     return Opening(
         f"{sentence} {' '.join(_best(score))}".strip(), said, figure=sight(score, told), caption=caption if told else ""
     )
@@ -142,6 +143,12 @@ def opening(score: ClosedLoopScore) -> Opening:
 def _who(one: Blind, score: ClosedLoopScore) -> str:
     """Return who drove, and where there are several simulators, in which."""
     return f"{one.driver.label} in {one.driver.simulator}" if len(score.simulators) > 1 else one.driver.label
+
+
+def _found(one: Blind) -> str:
+    """Return the finding of a comparison in words, with what a difference is of."""
+    what = one.asks if one.of_pictures else "it matters when it does what"
+    return _FINDINGS.get(one.finding, f"differs: {what}")
 
 
 def _without_name(one: Blind) -> str:
@@ -156,7 +163,7 @@ def _best(score: ClosedLoopScore) -> list[str]:
         best = max(rungs, key=lambda one: one.statistics["reward"].value or 0.0, default=None)
         if best is None or best.statistics["reward"].value is None:
             continue
-        blind = best.driver.policy.startswith(CONSTANT) or best.driver.policy == "random"
+        blind = best.driver.policy.startswith((CONSTANT, MARGINAL)) or best.driver.policy == "random"
         where = f" in {simulator}" if len(score.simulators) > 1 else ""
         reward = MEASURES["reward"].shown(best.statistics["reward"])
         sees = ", which sees nothing" if blind else ""
@@ -218,8 +225,8 @@ def make_drives_page(
         ladder=ladder_table(score.ladder, score.references),
         paper=paper_table(beside) if beside else None,
         paper_words=paper_words(beside, score.ladder) if beside else [],
-        paired=reference_tables(score) if score.paired else [],
-        blind=[(one, one.tone, _FINDINGS.get(one.finding, f"differs: {one.asks}")) for one in score.blind],
+        paired=[replace(one, note="") for one in reference_tables(score)] if score.paired else [],  # told above them
+        blind=[(one, one.tone, _found(one)) for one in score.blind],
         glyphs=GLYPHS,
         blind_table=blind_table(score.blind),
         audit=degeneracy_table(score.audit),

@@ -54,7 +54,7 @@ class Driver:
 class Drives:
     """The episodes of one driver that count, by world, and in ``errors`` those that ended in an error.
 
-    ``asked`` says whether a model was asked.
+    ``asked`` says whether a model was asked; ``marginal_of`` names the driver of the same run whose marginal this is.
     """
 
     driver: Driver
@@ -63,6 +63,7 @@ class Drives:
     errors: tuple[Episode, ...]
     space: Discrete
     asked: bool
+    marginal_of: str = ""
 
     @cached_property
     def by_world(self) -> Mapping[str, Episode]:
@@ -194,5 +195,6 @@ def _drivers(path: Path, name: str, episodes: Sequence[Episode], manifest: Episo
         good = tuple(one for one in mine if one.ended != ERROR)
         bad = tuple(one for one in mine if one.ended == ERROR)
         asked = driver.policy in manifest.models
-        made.append(Drives(driver, path, good, bad, manifest.action_space, asked=asked))
+        own = manifest.marginal_of(driver.policy)
+        made.append(Drives(driver, path, good, bad, manifest.action_space, asked=asked, marginal_of=own))
     return made

@@ -18,7 +18,7 @@ from eyechart.spaces.space import AnySpace
 from eyechart.stats.statistic import Measured
 from eyechart.studies import Made, Reading, S, Study, Tell, Took
 from eyechart.studies.closed_loop.audit import Degeneracy, Replay, audit, measured, replays
-from eyechart.studies.closed_loop.blind import Blind, blind_baselines
+from eyechart.studies.closed_loop.blind import Blind, beside_marginals, blind_baselines
 from eyechart.studies.closed_loop.identical import SUSPECT, Repeats, Twins, repeated_requests, twins
 from eyechart.studies.closed_loop.ladder import Outcomes, Paired, Rung, against, outcomes_of, reference_of, rung
 from eyechart.studies.closed_loop.reading import Driver, Drives, read_drives, told_apart
@@ -98,8 +98,12 @@ class ClosedLoopScore:
 
     @cached_property
     def blind(self) -> tuple[Blind, ...]:
-        """Return each policy as its own blind baseline."""
-        return tuple(blind_baselines(self.drives, self.outcomes, resamples=self.resamples))
+        """Return each policy as its own blind baseline, and beside its own marginal where that drove."""
+        how = {"resamples": self.resamples}
+        return (
+            *blind_baselines(self.drives, self.outcomes, **how),
+            *beside_marginals(self.drives, self.outcomes, **how),
+        )
 
     @cached_property
     def audit(self) -> tuple[Degeneracy, ...]:

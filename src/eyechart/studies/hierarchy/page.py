@@ -29,7 +29,7 @@ from eyechart.studies.hierarchy.tables import (
 _ANSWERS = {
     "sees": "it completes by its pictures in",
     "blind": "completion shows no sight in",
-    "open": "it cannot be said of",
+    "open": "cannot say for",
 }
 _ARMS = {
     "rover-mpc": "the controller knows the obstacles",

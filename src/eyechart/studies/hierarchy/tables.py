@@ -12,7 +12,7 @@ from eyechart.studies.hierarchy.scoring import NOT_PERCEPTION, PUBLISHED, UNPUBL
 
 TITLES = {
     "primary": "Primary ablation: the controller knows the obstacles",
-    "second": "Second ablation: it does not, but for mpc-oracle",
+    "second": "Second ablation: the controller does not know the obstacles, except that of mpc-oracle",
 }
 
 

@@ -30,11 +30,16 @@ _SHOWN = {
 _MOMENTS = 2
 
 
-def shares(spec: str, policy: OnePolicy) -> Drawing:
-    """Draw the share of every channel, and of pictures at a similar state and of grey ones, with the two margins."""
+def shares(spec: str, policy: OnePolicy) -> Iterator[Drawing]:
+    """Draw the share of every channel, and of pictures at a similar state and of grey ones, with the two margins.
+
+    Yields nothing where no share can be said.
+    """
     rows = [(_in_words(name), one) for name, one in policy.statistics.items() if _is_drawn(name, one)]
+    if not rows:
+        return
     with style():
-        figure, axes = canvas(4.4, 0.7 + 0.25 * max(1, len(rows)), (1.6, 0.15, 0.5, 0.08))
+        figure, axes = canvas(4.9, 0.7 + 0.25 * max(1, len(rows)), (2.1, 0.15, 0.5, 0.08))
         axes.set_xscale("function", functions=(np.sqrt, np.square))
         axes.axvspan(0, USED, color=SOFT, zorder=0)
         axes.axvline(IGNORED, color=MUTED, linewidth=0.9, linestyle=(0, (4, 3)), zorder=1)
@@ -49,7 +54,7 @@ def shares(spec: str, policy: OnePolicy) -> Drawing:
         axes.set_xlabel("share of its own variation", fontsize=8.5)
     told = "; ".join(f"{name} {number(one.value, 3)}" for name, one in rows)
     title = "How much each channel carries: blue is used, red ignored (left of the dashes), grey undecided"
-    return Drawing(_slug(f"shares-{spec}"), title, f"Shares with 98 % intervals. {told}", figure)
+    yield Drawing(_slug(f"shares-{spec}"), title, f"Shares with 98 % intervals. {told}", figure)
 
 
 def _in_words(name: str) -> str:

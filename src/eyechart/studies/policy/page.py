@@ -51,11 +51,11 @@ def _opening(runs: Sequence[Shown]) -> Opening:
     sentence = parted(many, "policies") if len(said) > 1 else alone or "The run names no policy."
     score, pictures = runs[0]
     spec = next(iter(score.models), None)
-    drawn = [] if spec is None else [*moments(spec, score.models[spec], pictures), shares(spec, score.models[spec])]
+    drawn = [] if spec is None else [*moments(spec, score.models[spec], pictures), *shares(spec, score.models[spec])]
     return Opening(sentence, said, figure=replace(drawn[0], name="in-short") if drawn else None)
 
 
-_LOOKS = {"sees": "looks", "partly": "looks in part", "blind": "does not look", "open": "it cannot be said of"}
+_LOOKS = {"sees": "looks", "partly": "looks in part", "blind": "does not look", "open": "cannot say for"}
 
 
 def _tables(score: PolicyScore) -> list[Table]:
@@ -68,7 +68,7 @@ def _tables(score: PolicyScore) -> list[Table]:
 def _sections(score: PolicyScore, pictures: FrameBank | None, *, alone: bool) -> Iterator[Section]:
     verdicts, of = judge(score), "" if alone else f", {score.bank.name}"
     for spec, one in verdicts.items():
-        drawings = [shares(spec, score.models[spec]), *moments(spec, score.models[spec], pictures)]
+        drawings = [*shares(spec, score.models[spec]), *moments(spec, score.models[spec], pictures)]
         yield Section(spec, f"{_labels_of(one)} {_answer(one)}", drawings, lines=list(_why(one)))
     intro = "The share of a policy's own variation that goes when a channel is another episode's, and what follows."
     yield Section(f"Side by side{of}", intro, tables=[verdict_table(verdicts), channel_table(verdicts)])
@@ -79,7 +79,7 @@ def _sections(score: PolicyScore, pictures: FrameBank | None, *, alone: bool) ->
 def _labels_of(one: PolicyVerdict) -> str:
     """Return a policy's labels in a line."""
     if one.guards:
-        return f"no verdict, because of {', '.join(one.guards)}."
+        return "No verdict."
     single = ", ".join(f"{name} {judged.label}" for name, judged in one.cameras.items())
     cameras = f"{one.camera.label} ({single})" if single else one.camera.label
     return f"{cameras}; {one.state.label}; {one.instruction.label}."
