@@ -87,7 +87,7 @@ def test_an_episode_in_error_and_a_limit_have_exit_codes_of_their_own(drive: Dri
     assert "a higher limit resumes" in cut.err
 
 
-def test_a_model_drives_beside_its_own_marginal_unless_it_is_left_out(drive: Drive, tmp_path: Path) -> None:
+def test_a_model_drives_beside_its_own_marginal_unless_it_is_left_out(drive: Drive) -> None:
     """It is in the plan and the rows by default, with real pictures alone, and costs no call."""
     words = ("--policy", LOOK, "--policy", "oracle", "--scenarios", "whole", "--seeds", 1)
     said = drive(*words, "--condition", "real", "--condition", "blank", "--json", alone=False)

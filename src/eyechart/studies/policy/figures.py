@@ -1,6 +1,6 @@
 """Figures of policies: how much each channel carries, and what one moment becomes when a channel is exchanged."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
