@@ -83,19 +83,19 @@ def _scores(path: Path, rows: "csv.DictReader[str]") -> dict[str, float]:
 
 
 class Run(Protocol):
-    """A run that is scored, of any study whose models can be set beside those of others."""
+    """A run that is scored, of any study."""
 
     def measured(self) -> Sequence[Measured]:
         """Return what was measured of each model in each place."""
 
 
 def transfer(runs: Sequence[Run], scores: dict[str, float], *, measure: str = MEASURE) -> Transfer:
-    """Correlate external scores with a statistic over every model of every run, of a battery or of drives.
+    """Correlate external scores with a statistic over every model of every run, of any study.
 
-    A model on two banks, or in two simulators, is two cells; several runs of a model in one place are replicates,
-    whose values are averaged to one cell, because they are no further evidence about models. Models without a score,
-    scores without a model and statistics that cannot say are left out by name. Raises SpecError where no run has the
-    statistic. Source: paper, section Transfer and deployment characteristics.
+    A model on two banks, in two simulators, or under two prompts, is two cells; several runs of a model in one place
+    are replicates, whose values are averaged to one cell, because they are no further evidence about models. Models
+    without a score, scores without a model and statistics that cannot say are left out by name. Raises SpecError where
+    no run has the statistic. Source: paper, section Transfer and deployment characteristics.
     """
     values: dict[tuple[str, str], list[float]] = {}
     left_out, every = [], [one for run in runs for one in run.measured()]

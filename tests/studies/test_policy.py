@@ -22,6 +22,7 @@ from eyechart.spaces.motion import Motion
 from eyechart.studies import Reading, policy, study_of
 from eyechart.studies.policy import Extent
 from eyechart.studies.policy.scoring import judge
+from eyechart.transfer import transfer
 
 KNOWN = {
     "python:arms:reach": ("object_grounded", "state_used", "instruction_followed"),
@@ -172,6 +173,8 @@ def test_who_says_that_a_seed_fixes_it_and_draws_is_found_out(bank: FrameBank, t
     assert found.drawn
     assert found.statistics["T.swapped@cameras"].value == pytest.approx(0, abs=0.05)
     assert judge(scored)["python:arms:liar"].camera.label == "ignores_camera"
+    (cell,) = transfer([scored], {"python:arms:liar": 1.0}, measure="T.swapped@cameras").cells
+    assert (cell.bank, cell.measured) == (bank.name, found.statistics["T.swapped@cameras"].value)
 
 
 def test_a_pose_in_the_picture_is_no_content(bank: FrameBank, tmp_path: Path) -> None:

@@ -17,7 +17,8 @@ from eyechart.frames import FrameBank
 from eyechart.manifest import read_run
 from eyechart.modes import RequestMode
 from eyechart.prompts import PROMPTS
-from eyechart.studies import prompts
+from eyechart.studies import Reading, open_study, prompts
+from eyechart.transfer import transfer
 
 SPEC = "suggestible:one"
 
@@ -63,6 +64,21 @@ def test_every_prompt_is_a_cell_and_only_its_words_differ(bank: FrameBank, tmp_p
     }
     assert found["baseline"]["distinct_outputs"].value == 1
     assert found["baseline"]["idi"].value == 0
+
+
+def test_scores_from_elsewhere_are_set_beside_every_cell(bank: FrameBank, tmp_path: Path) -> None:
+    """A model under two prompts is two cells of ``transfer``, each with the statistics of its battery."""
+    run(bank, tmp_path / "study", prompts=["baseline", "anti_degeneracy"])
+    scored = open_study("prompts").score(tmp_path / "study", Reading(resamples=199))
+    found = transfer([scored], {SPEC: 0.5})
+    assert [(one.model, one.bank) for one in found.cells] == [
+        (SPEC, f"{bank.name} under baseline"),
+        (SPEC, f"{bank.name} under anti_degeneracy"),
+    ]
+    assert [one.measured for one in found.cells] == [
+        one.models[SPEC].statistics["mutual_information.decision"].value for one in scored.batteries.values()
+    ]
+    assert found.pearson.value is None, "all scores are the same"
 
 
 def test_diversity_is_not_scene_dependence(bank: FrameBank, tmp_path: Path) -> None:

@@ -182,7 +182,8 @@ def transfer(
 ) -> None:
     """Correlate scores from elsewhere with grounding, over the models of runs of any kinds, drives included.
 
-    A model on two banks, or in two simulators, is two cells. Of drives the statistics are those of the audit.
+    A model on two banks, in two simulators, or under two prompts of a prompt study, is two cells. Of drives the
+    statistics are those of the audit, of policies shares of their motion, as T.swapped@cameras.
     Example: eyechart transfer run-highway drives-rover --scores perception.csv
     """
     from eyechart.report.table import number, p_value

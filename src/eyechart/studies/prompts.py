@@ -26,7 +26,7 @@ from eyechart.report.table import MARK, Cell, Column, Mark, Table, columns, mark
 from eyechart.run import Progress
 from eyechart.stats.agreement import rate
 from eyechart.stats.resampling import holm
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import Measured, Statistic, cannot_say
 from eyechart.studies import NO_DRIVES, Made, Reading, Tell, battery, names_of, run_json
 from eyechart.studies.battery import OfFrames
 from eyechart.studies.probed import spent_on
@@ -231,15 +231,24 @@ def score(path: Path, *, resamples: int = 5000, reread: bool = False) -> tuple[C
 
     Raises LedgerError where the folder holds no study, or cells of several banks.
     """
+    return _of_batteries(_batteries(path, resamples=resamples, reread=reread))
+
+
+def _batteries(path: Path, *, resamples: int, reread: bool) -> dict[str, battery.BatteryScore]:
+    """Return what each cell's run shows, by the cell's name, in the order of the built-in prompts."""
     if is_run(path) or not cells_in(path):
         raise LedgerError(f"{path} holds no prompt study; 'eyechart run prompts' makes one")
     scored = {one.name: battery.score(one, resamples=resamples, reread=reread) for one in cells_in(path)}
     if len({one.manifest.fingerprint for one in scored.values()}) > 1:
         raise LedgerError(f"{path} holds cells on several banks, whose numbers cannot stand side by side")
     order = {name: place for place, name in enumerate(PROMPTS)}
-    named = sorted(scored.items(), key=lambda item: (order.get(item[1].manifest.prompt.name, len(order)), item[0]))
-    models = dict.fromkeys(spec for _, one in named for spec in one.models)
-    return tuple(cell for spec in models for cell in _of_model(spec, named))
+    places = {name: order.get(one.manifest.prompt.name, len(order)) for name, one in scored.items()}
+    return {name: scored[name] for name in sorted(scored, key=lambda name: (places[name], name))}
+
+
+def _of_batteries(scored: Mapping[str, battery.BatteryScore]) -> tuple[CellScore, ...]:
+    models = dict.fromkeys(spec for one in scored.values() for spec in one.models)
+    return tuple(cell for spec in models for cell in _of_model(spec, list(scored.items())))
 
 
 def _of_model(spec: str, named: Sequence[tuple[str, battery.BatteryScore]]) -> list[CellScore]:
@@ -331,9 +340,18 @@ def paper_table(cells: Sequence[CellScore]) -> Table:
 
 @dataclass(frozen=True)
 class PromptsScore:
-    """Every cell of a prompt study, by model."""
+    """Every cell of a prompt study, by model, and the ``batteries`` that they are, by name."""
 
     cells: tuple[CellScore, ...]
+    batteries: Mapping[str, battery.BatteryScore]
+
+    def measured(self) -> tuple[Measured, ...]:
+        """Return the statistics of every model under every prompt and setting, a place each."""
+        return tuple(
+            replace(each, where=f"{each.where} under {name}")
+            for name, one in self.batteries.items()
+            for each in one.measured()
+        )
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
@@ -380,7 +398,7 @@ class Prompts(OfFrames[PromptsScore]):
     question = "Under which prompt does a model look?"
     refuses: ClassVar = {
         **NO_DRIVES,
-        **dict.fromkeys(("verdict", "gate", "compare", "transfer"), _CELLS),
+        **dict.fromkeys(("verdict", "gate", "compare"), _CELLS),
     }
 
     def holds(self, folder: Path) -> bool:
@@ -393,7 +411,8 @@ class Prompts(OfFrames[PromptsScore]):
 
     def score(self, folder: Path, reading: Reading) -> PromptsScore:
         """Score every cell."""
-        return PromptsScore(score(folder, reread=reading.reread, resamples=reading.resamples))
+        found = _batteries(folder, reread=reading.reread, resamples=reading.resamples)
+        return PromptsScore(_of_batteries(found), found)
 
     def whole(self, folder: Path, reading: Reading, tell: Tell) -> tuple[PromptsScore, Made]:
         """Return the score and the report of a study in a bundle."""

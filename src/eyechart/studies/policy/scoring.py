@@ -37,7 +37,7 @@ from eyechart.stats.guarantees import share_bound
 from eyechart.stats.memory import memory_share
 from eyechart.stats.partners import NOBODY, Places
 from eyechart.stats.shapley import shapley_values
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import Measured, Statistic, cannot_say
 from eyechart.stats.total_effect import (
     Pairs,
     half_squares,
@@ -99,6 +99,17 @@ class PolicyScore(Written):
     def channels(self) -> tuple[str, ...]:
         """Return the channels of the bank."""
         return channels_of(self.bank)
+
+    def measured(self) -> tuple[Measured, ...]:
+        """Return the statistics of every policy on the bank."""
+        short = {
+            spec: f"{one.answered} of {one.motions.planned} calls"
+            for spec, one in self.models.items()
+            if one.answered < one.motions.planned
+        }
+        return tuple(
+            Measured(spec, self.bank.name, one.statistics, short.get(spec, "")) for spec, one in self.models.items()
+        )
 
     def scope(self, spec: str) -> str:
         """Return the sentence that bounds what is said of a policy."""

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from eyechart.report.table import Table
 
-_NO_TRANSFER = "is a run of policies, and 'eyechart transfer' is of models asked in words"
-
 
 class Policies(OfFrames[PolicyScore]):
     """Policies asked about every frame with each of their channels exchanged."""
@@ -28,7 +26,7 @@ class Policies(OfFrames[PolicyScore]):
     runs_are = "policies"
     requirements = REQUIREMENTS
     required = "camera:camera_content"
-    refuses: ClassVar = {**NO_DRIVES, "transfer": _NO_TRANSFER}
+    refuses: ClassVar = NO_DRIVES
 
     def score(self, folder: Path, reading: Reading) -> PolicyScore:
         return score(folder, reread=reading.reread)
