@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import by_hand
 import simulated
@@ -219,6 +221,16 @@ def test_a_net_effect_near_the_margin_asks_for_no_frames(wins: int, n: int, *, m
     found = by_hand.moved(depth_net=by_hand.net(wins, 0, n, 0.05))
     why = judge_one(by_hand.evidence(found)).why_not
     assert (why.decided_by, why.frames is not None) == ("depth_net", more)
+
+
+@given(counts=st.tuples(st.integers(0, 300), st.integers(0, 300), st.integers(0, 3)).filter(sum))
+def test_frames_are_counted_for_any_wins_losses_and_ties(counts: tuple[int, int, int]) -> None:
+    """Every pair may be won or lost, which left no tie to round up to; more frames are named than there are."""
+    wins, losses, _ = counts
+    found = by_hand.moved(depth_net=by_hand.net(wins, losses, sum(counts), 0.05))
+    why = judge_one(by_hand.evidence(found)).why_not
+    assert why.decided_by == "depth_net"
+    assert why.frames is None or why.frames > sum(counts)
 
 
 def test_a_shard_that_leaves_its_controls_to_the_merged_run_is_never_finished() -> None:

@@ -281,7 +281,8 @@ def _frames_of_net(one: Discordant) -> int | None:
     times = 1.0
     while True:
         times *= 1.1
-        wins, losses, pairs = (math.ceil(times * count) for count in (one.b, one.c, one.n))
+        wins, losses = math.floor(times * one.b), math.ceil(times * one.c)
+        pairs = max(math.ceil(times * one.n), wins + losses)
         found = net_effect(wins, losses, pairs, margin=MARGIN, alpha=NET_ALPHA)
         if found.ci is not None and found.ci[0] >= MARGIN:
             return pairs
