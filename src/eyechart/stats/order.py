@@ -1,6 +1,8 @@
 """Whether answers that should fall along a scale do: pairs lost beyond noise, and rises in some range of it."""
 
+from collections.abc import Iterator
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +16,8 @@ FEWEST = 6
 """No window of `falls_everywhere` is narrower."""
 WIDEST = 1 / 4
 """Nor wider than this share of the answers."""
+AT_ONCE = 64
+"""So many orders of some hundred answers stay in a processor's cache."""
 
 SWAPPED_ENDS = "share of pairs at opposite ends of braking the wrong way round, less what independent answers explain"
 
@@ -83,25 +87,30 @@ def falls_everywhere(places: npt.ArrayLike, levels: npt.ArrayLike, *, seed: int,
         return Statistic(0.0, n, p=1.0, method=method, note="all levels are alike")
     order = np.argsort(at, kind="stable")
     at, of = at[order], of[order] / of.std()
-    seen = _rises(of[None, :], widths)
+    seen = list(_rises(of[:, None], widths))
     place = max(range(len(widths)), key=lambda one: float(seen[one].max()))
     value, width, start = float(seen[place].max()), widths[place], int(seen[place].argmax())
     ends = (at[start], at[start + width - 1], at[start + width], at[start + 2 * width - 1])
     note = "most from {:.3g}-{:.3g} to {:.3g}-{:.3g}".format(*ends)
     if value <= 0:
         return Statistic(value, n, p=1.0, method=method, note="nowhere")
-    rng = np.random.default_rng(seed)
-    drawn = rng.permuted(np.tile(of, (resamples, 1)), axis=1)
-    greatest = np.max([one.max(axis=1) for one in _rises(drawn, widths)], axis=0)
-    p = (1 + int(np.count_nonzero(greatest >= value - 1e-12))) / (resamples + 1)
-    return Statistic(value, n, p=p, method=method, note=note)
+    as_high = 0
+    for orders in np.array_split(_orders(n, seed, resamples), max(1, resamples // AT_ONCE), axis=1):
+        greatest = np.max([one.max(axis=0) for one in _rises(of[orders], widths)], axis=0)
+        as_high += int(np.count_nonzero(greatest >= value - 1e-12))
+    return Statistic(value, n, p=(1 + as_high) / (resamples + 1), method=method, note=note)
 
 
-def _rises(levels: Floats, widths: list[int]) -> list[Floats]:
-    """Return of each row, for each width, the rise between the two windows that begin at each place."""
-    sums = np.concatenate((np.zeros((len(levels), 1)), np.cumsum(levels, axis=1)), axis=1)
-    found = []
+@lru_cache(maxsize=2)
+def _orders(n: int, seed: int, resamples: int) -> npt.NDArray[np.int64]:
+    """Return random orders of n answers, one a column; the models of a run on one bank share them."""
+    orders = np.random.default_rng(seed).permuted(np.tile(np.arange(n), (resamples, 1)), axis=1)
+    return np.ascontiguousarray(orders.T)
+
+
+def _rises(levels: Floats, widths: list[int]) -> Iterator[Floats]:
+    """Yield of each column, for each width, the rise between the two windows that begin at each place."""
+    sums = np.concatenate((np.zeros((1, levels.shape[1])), np.cumsum(levels, axis=0)))
     for width in widths:
-        windows = sums[:, width:] - sums[:, :-width]
-        found.append((windows[:, width:] - windows[:, :-width]) / np.sqrt(2 * width))
-    return found
+        windows = sums[width:] - sums[:-width]
+        yield (windows[width:] - windows[:-width]) / np.sqrt(2 * width)
