@@ -2,7 +2,9 @@
 
 import os
 import sys
+from contextlib import suppress
 
+from eyechart.cli.terminal import end_as_interrupted, how_it_ends, was_told_to_end
 from eyechart.errors import EyechartError, MissingCallsWarning, is_full, printable
 
 _ASCII = str.maketrans(
@@ -30,12 +32,13 @@ _ASCII = str.maketrans(
 def main() -> None:
     """Run the command line. Bad input prints one line and exits 2; a traceback comes only with ``--debug``.
 
-    A Ctrl-C, also while modules are imported, prints one line and exits 130.
+    A Ctrl-C, also while modules are imported, prints one line and exits 130; SIGTERM and SIGHUP exit 143 and 129.
     """
     debug = "--debug" in sys.argv
     if debug:
         sys.argv.remove("--debug")
     try:
+        end_as_interrupted()
         _open_what_is_closed()
         _print_what_can_be()
         _say_what_is_missing()
@@ -46,10 +49,12 @@ def main() -> None:
         finally:
             sys.stdout.flush()
     except KeyboardInterrupt:
-        _end(130, "interrupted")
+        _end(*how_it_ends())
     except BrokenPipeError:
         _leave(141)  # as a shell reports SIGPIPE
     except (EyechartError, OSError) as error:
+        if was_told_to_end():
+            _end(*how_it_ends())
         if debug:
             raise
         where = (error.filename2 or error.filename) if isinstance(error, OSError) else None
@@ -107,7 +112,8 @@ def _end(status: int, line: str) -> None:
     import signal
 
     signal.signal(signal.SIGINT, lambda *_: os._exit(status))
-    print(line, file=sys.stderr)  # noqa: T201
+    with suppress(OSError):  # of a terminal that is gone
+        print(line, file=sys.stderr)  # noqa: T201
     _leave(status)
 
 

@@ -14,12 +14,20 @@ if TYPE_CHECKING:
     from eyechart.modes import RequestMode
 
 
+_NOTHING = "nothing more is done"
+
+
 class Commands(TyperGroup):
     """The commands; an interrupt that none of them meets is said in a line, and exits 130."""
 
-    def invoke(self, ctx: Any) -> object:  # noqa: ANN401 - which context it is differs between versions of typer
+    def make_context(self, *given: Any, **more: Any) -> Any:  # noqa: ANN401 - they differ between versions of typer
+        """Read what was asked."""
+        with resumable(_NOTHING):
+            return super().make_context(*given, **more)
+
+    def invoke(self, ctx: Any) -> object:  # noqa: ANN401
         """Run a command."""
-        with resumable("nothing more is done"):
+        with resumable(_NOTHING):
             return super().invoke(ctx)
 
 

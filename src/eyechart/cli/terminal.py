@@ -4,7 +4,7 @@ import json
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -102,9 +102,43 @@ def patience(what: str, every_s: float = 2.0) -> Iterator[Callable[[str], None]]
         watcher.join()
 
 
+_came: list[int] = []
+"""The numbers of the signals that told this process to end, beside SIGINT."""
+
+
+def end_as_interrupted() -> None:
+    """Have SIGTERM and SIGHUP end a command as Ctrl-C does, by the same way; what is ignored (``nohup``) stays so."""
+    import signal
+
+    def heard(number: int, _: object) -> None:
+        _came.append(number)
+        if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # a background job of a shell
+            raise KeyboardInterrupt
+        signal.raise_signal(signal.SIGINT)
+
+    for name in ("SIGTERM", "SIGHUP"):
+        one = getattr(signal, name, None)
+        if one is not None and signal.getsignal(one) == signal.SIG_DFL:
+            signal.signal(one, heard)
+
+
+def was_told_to_end() -> bool:
+    """Return whether SIGTERM or SIGHUP came: what fails after that fails because of it."""
+    return bool(_came)
+
+
+def how_it_ends() -> tuple[int, str]:
+    """Return the exit code of a command that a signal ends, 128 and its number, and what happened in a word."""
+    number = _came[0] if _came else 2
+    return 128 + number, {1: "hung up", 15: "terminated"}.get(number, "interrupted")
+
+
 @contextmanager
 def resumable(kept: str = "finished calls are kept; the same command resumes") -> Iterator[None]:
-    """Let an interrupt end the command with one line that says what is kept, and exit 130; a second does at once."""
+    """Let a signal to end the command with one line that says what is kept, and its exit code; a second does at once.
+
+    Of Ctrl-C it is 130, of SIGTERM 143, of SIGHUP 129.
+    """
     import signal
 
     import typer
@@ -112,9 +146,11 @@ def resumable(kept: str = "finished calls are kept; the same command resumes") -
     try:
         yield
     except KeyboardInterrupt:
-        signal.signal(signal.SIGINT, lambda *_: os._exit(130))
-        say(f"interrupted: {kept}")
-        raise typer.Exit(130) from None
+        status, happened = how_it_ends()
+        signal.signal(signal.SIGINT, lambda *_: os._exit(status))
+        with suppress(OSError):  # of a terminal that is gone
+            say(f"{happened}: {kept}")
+        raise typer.Exit(status) from None
 
 
 def _lines(what: str, unit: str) -> Callable[[int, int], None]:

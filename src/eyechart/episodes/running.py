@@ -342,13 +342,16 @@ def decide(reply: Reply, drivers: Drivers) -> Decision[str]:
 
 @contextmanager
 def _terminated_as_interrupted() -> Iterator[None]:
-    """Let SIGTERM end the run as SIGINT does: workers are closed, and what is finished is kept."""
+    """Let SIGTERM end the run as SIGINT does: workers are closed, and what is finished is kept.
+
+    Where the program has a way of its own to end at SIGTERM, as the command line has, it goes that way.
+    """
     loop, here = asyncio.get_running_loop(), threading.current_thread() is threading.main_thread()
-    task = asyncio.current_task()
-    if here and task is not None:
+    task, usual = asyncio.current_task(), here and signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+    if usual and task is not None:
         loop.add_signal_handler(signal.SIGTERM, task.cancel)  # SIGINT itself may be ignored: a shell's background job
     try:
         yield
     finally:
-        if here:
+        if usual:
             loop.remove_signal_handler(signal.SIGTERM)
