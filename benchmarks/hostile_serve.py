@@ -74,7 +74,7 @@ ALLOWED = {
     "oversized": {0, 413},
     "many pixels": {422, 503},
     "slow": {408, 503},
-    "headless": {0},
+    "headless": {0, 503},
     "other host": {421},
     "other site": {403},
     "untyped": {415},

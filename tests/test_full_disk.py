@@ -5,14 +5,18 @@ import os
 import sqlite3
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from banks import build_bank
+from eyechart import destination
 from eyechart.bundle import write_bundle
 from eyechart.destination import KINDS, whole
-from eyechart.errors import LedgerError, OutputError, is_full, why
+from eyechart.errors import EyechartError, LedgerError, OutputError, is_full, why
+from eyechart.frames import own_folder
 from eyechart.ledger import Ledger, snapshot
 from eyechart.ledger import ledger as ledgers
 from eyechart.ledger.counter import NOTHING
@@ -65,9 +69,16 @@ def test_a_run_folder_that_finds_no_room_says_so(bank: Path, tmp_path: Path) -> 
     assert SAYS in command("run", "battery", "--model", MODEL, "--frames", bank, "--out", out)
 
 
-def test_a_bundle_that_finds_no_room_says_so(run: Path, tmp_path: Path) -> None:
+def test_a_bundle_that_finds_no_room_says_so(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It is packed beside its place, and nothing stands there."""
-    (tmp_path / ".b.zip.part").symlink_to(FULL)
+
+    @contextmanager
+    def full(out: Path, error: type[EyechartError]) -> Iterator[Path]:
+        with own_folder(out, error) as work:
+            (work / "made.zip").symlink_to(FULL)
+            yield work
+
+    monkeypatch.setattr(destination, "own_folder", full)
     with pytest.raises(OutputError, match=f"b.zip cannot be written: {SAYS}"):
         write_bundle(run, tmp_path / "b.zip", resamples=100)
     assert not list(tmp_path.iterdir())

@@ -3,12 +3,13 @@
 import os
 import re
 import zipfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 from eyechart.episodes import EPISODES
 from eyechart.errors import OutputError, why
+from eyechart.frames import own_folder
 from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, is_run
 
 GENERATOR = b'<meta name="generator" content="eyechart'
@@ -28,6 +29,7 @@ KINDS: dict[str, Callable[[Path], bool]] = {
     "bundle": zipfile.is_zipfile,
     "request mode": lambda path: path.suffix.lower() == ".toml",
     "JUnit file": lambda path: path.suffix.lower() == ".xml",
+    "picture": lambda path: path.suffix.lower() == ".png" or _head(path).startswith(b"\x89PNG"),
     "guardian": lambda path: b'"eyechart-guardian' in _head(path),
 }
 """What is written, each with the files that it may take the place of."""
@@ -54,7 +56,7 @@ def require_free(out: Path, kind: str) -> None:
 
 def require_foreign(out: Path) -> None:
     """Raise OutputError where ``out`` is a file of a run or of a bank."""
-    for path in (out.parent.resolve() / out.name, out.resolve()):
+    for path in (Path(os.path.realpath(out.parent)) / out.name, Path(os.path.realpath(out))):
         for folder in path.parents:
             name = path.relative_to(folder).parts[0]
             run = is_run(folder) or (folder / LEDGER).is_file()
@@ -68,16 +70,36 @@ def require_foreign(out: Path) -> None:
 def whole(out: Path, kind: str) -> Iterator[Path]:
     """Yield the path of a file that takes the place of ``out`` once it is complete; a reader never sees half of it.
 
-    Missing folders are made. Raises OutputError as ``require_free`` does, and where writing fails; no part is left.
+    Missing folders are made; a link gives way to the file, and what it leads to stays as it is. Raises OutputError as
+    ``require_free`` does, where writing fails, or where another process writes there now; no part is left.
     """
     require_free(out, kind)
-    partial = out.with_name(f".{out.name[:50]}.part")
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
+    with _written(out), own_folder(out, OutputError) as work:
+        partial = work / f"made{out.suffix}"
         yield partial
         partial.replace(out)
+
+
+def write_files(files: Mapping[str, bytes], folder: Path) -> list[Path]:
+    """Write files by their names into a folder, and return them; none is moved there before all are complete.
+
+    Raises OutputError where one may not be written there.
+    """
+    places = [folder / name for name in files]
+    with _written(folder):
+        for place in places:
+            require_foreign(place)
+        with own_folder(folder / "files", OutputError) as work:
+            for name, content in files.items():
+                (work / name).write_bytes(content)
+            for place in places:
+                (work / place.name).replace(place)
+    return places
+
+
+@contextmanager
+def _written(out: Path) -> Iterator[None]:
+    try:
+        yield
     except OSError as error:
         raise OutputError(f"{out} cannot be written: {why(error)}; choose another place") from error
-    finally:
-        with suppress(OSError):
-            partial.unlink(missing_ok=True)

@@ -358,9 +358,13 @@ def write_run(out: Path, manifest: RunManifest, bank: FrameBank) -> None:
 def alone_in(out: Path) -> Iterator[None]:
     """Hold a run's folder, which is made where it is missing.
 
-    Raises LedgerError where another process does, or its ledger cannot be written.
+    Of a link, what it leads to is made. Raises LedgerError where another process holds it, where it cannot be made, or
+    its ledger cannot be written.
     """
-    out.mkdir(parents=True, exist_ok=True)
+    try:
+        Path(os.path.realpath(out)).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise LedgerError(f"{out} cannot be made: {why(error)}; choose another --out") from error
     try:
         with FileLock(out / ".lock", timeout=0):
             yield

@@ -239,11 +239,8 @@ def mode_text(mode: RequestMode) -> str:
 
 
 def write_mode(path: Path, mode: RequestMode) -> None:
-    """Write a mode's TOML file, whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.part")
-    partial.write_text(mode_text(mode), encoding="utf-8")
-    partial.replace(path)
+    """Write a mode's TOML file."""
+    path.write_text(mode_text(mode), encoding="utf-8")
 
 
 def _is_line(value: object) -> bool:

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from eyechart.costs import ALL
-from eyechart.destination import require_foreign
-from eyechart.errors import OutputError, SpecError
+from eyechart.destination import write_files
+from eyechart.errors import SpecError
 from eyechart.models.prices import Prices, read_prices
 from eyechart.studies import Reading, Study, Tell, names_of, study_of
 
@@ -178,24 +178,20 @@ def write(found: Artefacts, folder: Path) -> Written:
     for place, one in enumerate(found.drawings):
         stem = f"{one.name}_{again + 1}" if (again := names[:place].count(one.name)) else one.name
         files |= {f"{stem}.svg": one.svg().encode("utf-8", "backslashreplace"), f"{stem}.pdf": one.pdf()}
-    try:
-        for name in (*files, WRITTEN):
-            require_foreign(folder / name)
-        folder.mkdir(parents=True, exist_ok=True)
-        removed, kept = _cleared(folder, set(files))
-        for name, content in files.items():
-            (folder / name).write_bytes(content)
-        digests = {name: hashlib.sha256(content).hexdigest() for name, content in sorted(files.items())}
-        (folder / WRITTEN).write_text(json.dumps({"files": digests}, indent=1) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"{folder} cannot be written: {error.strerror}; choose another place") from error
-    return Written(tuple(folder / name for name in files), removed, kept)
+    before = _before(folder)
+    digests = {name: hashlib.sha256(content).hexdigest() for name, content in sorted(files.items())}
+    record = (json.dumps({"files": digests}, indent=1) + "\n").encode()
+    *written, _ = write_files({**files, WRITTEN: record}, folder)
+    removed, kept = _cleared(folder, before, set(files))
+    return Written(tuple(written), removed, kept)
 
 
-def _cleared(folder: Path, names: Collection[str]) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
+def _cleared(
+    folder: Path, before: Mapping[str, str], names: Collection[str]
+) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
     """Remove files of an earlier call that are not written anew; return these, and those that were changed since."""
     removed, kept = [], []
-    for name, digest in _before(folder).items():
+    for name, digest in before.items():
         file = folder / name
         if name in names or Path(name).name != name or not file.is_file() or file.is_symlink():
             continue

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shlex
 import signal
 import subprocess
@@ -66,14 +67,19 @@ def test_a_full_disk_is_called_a_full_disk() -> None:
     assert done.stderr.count(b"\n") == 1
 
 
-@pytest.mark.parametrize("again", [1, 3])
-@pytest.mark.parametrize("where", ["import", "command"])
-def test_a_ctrl_c_prints_one_line_and_exits_130(where: str, again: int) -> None:
-    """During imports or in a command, once or several times at once: no traceback."""
+ENDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "hung up"}
+
+
+@pytest.mark.parametrize(("number", "again"), [(signal.SIGINT, 3), *((number, 1) for number in ENDS)])
+@pytest.mark.parametrize("where", ["import", "options", "command"])
+def test_a_signal_to_end_prints_one_line_and_its_exit_code(where: str, number: signal.Signals, again: int) -> None:
+    """During imports, while options are read or in a command, once or several times at once: no traceback."""
     waits = "import sys, time, types; print('ready', flush=True); time.sleep(30)"
     inside = {
         "import": f"class Slow:\n  def find_spec(self, name, *_):\n    if name == 'eyechart.cli.app':\n      {waits}\n"
         "import sys; sys.meta_path.insert(0, Slow())\nfrom eyechart.cli import main\nmain()",
+        "options": f"from typer.core import TyperGroup\ndef slow(*_):\n  {waits}\nTyperGroup.parse_args = slow\n"
+        "from eyechart.cli import main\nmain()",
         "command": f"import eyechart.models\ndef slow(*_):\n  {waits}\neyechart.models.known_models = slow\n"
         "from eyechart.cli import main\nmain()",
     }
@@ -82,12 +88,35 @@ def test_a_ctrl_c_prints_one_line_and_exits_130(where: str, again: int) -> None:
         assert running.stdout is not None
         assert running.stdout.readline() == b"ready\n"
         for _ in range(again):
-            running.send_signal(signal.SIGINT)
+            running.send_signal(number)
             time.sleep(0.002)
+        said = running.communicate(timeout=20)[1].decode()
+    if again > 1:
+        assert running.returncode in {128 + number, -number}  # a shell reports both alike
+        assert "Traceback" not in said
+        assert said.count("\n") <= 1
+    else:
+        assert running.returncode == 128 + number
+        assert re.fullmatch(rf"{ENDS[number]}(: nothing more is done)?\n", said)
+
+
+def test_a_signal_that_is_ignored_stays_so() -> None:
+    """As ``nohup`` has it of a terminal that goes, and a shell of Ctrl-C for what runs in the background."""
+    inside = (
+        "import signal, time\nfor one in (signal.SIGHUP, signal.SIGINT): signal.signal(one, signal.SIG_IGN)\n"
+        "import eyechart.models\n"
+        "def slow(*_):\n  print('ready', flush=True)\n  for _ in range(600): time.sleep(0.05)\n"
+        "eyechart.models.known_models = slow\nfrom eyechart.cli import main\nmain()"
+    )
+    line = [sys.executable, "-c", inside, "list", "models"]
+    with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
+        assert running.stdout is not None
+        assert running.stdout.readline() == b"ready\n"
+        for number in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM):
+            running.send_signal(number)
+            time.sleep(0.1)
         said = running.communicate(timeout=20)[1]
-    assert running.returncode in {130, -signal.SIGINT}  # a shell reports both as 130
-    assert b"Traceback" not in said
-    assert said.count(b"\n") <= 1
+    assert (running.returncode, said) == (143, b"terminated: nothing more is done\n")
 
 
 @pytest.mark.parametrize("width", [80, 120])

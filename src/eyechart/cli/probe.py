@@ -98,7 +98,7 @@ def probe(
     the model is blind; 2: no mode can be pinned, or bad input; 3: stopped at --max-cost.
     Example: eyechart probe openai:MODEL --base-url http://127.0.0.1:8000/v1 --out mode.toml
     """
-    from eyechart.destination import require_free
+    from eyechart.destination import require_free, whole
     from eyechart.models.prices import read_prices
     from eyechart.modes import write_mode
     from eyechart.probe.pinning import MOST_CALLS
@@ -110,7 +110,8 @@ def probe(
     sample = _sample(frames, prompt, mode)
     _say_estimate(mode, MOST_CALLS, table)
     found = _probe_one(mode, given, sample, table, seed=_draw(seed), max_cost=max_cost)
-    write_mode(out, found.mode)
+    with whole(out, "request mode") as partial:
+        write_mode(partial, found.mode)
     print_json(found.as_dict()) if json else print_each([probe_table(found), *_lines(found)])
     say(f"wrote {out}: ask this model with --mode {out}")
     if found.sight.outcome == "blind":

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 import shutil
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -41,15 +42,15 @@ _LOCK = ".lock"
 
 
 @contextmanager
-def whole_folder(out: Path, error: type[EyechartError]) -> Iterator[Path]:
-    """Yield a folder beside ``out`` that takes its place when the block ends well; no part of it is left otherwise.
+def own_folder(out: Path, error: type[EyechartError]) -> Iterator[Path]:
+    """Yield an empty folder beside ``out`` in which what takes its place is made; it is gone when the block ends.
 
-    ``out`` is not there, or an empty folder. What a process left that was killed while it wrote there is cleared.
-    Raises ``error`` where another process writes there now, or the name beside is somebody else's.
+    What a process left there that was killed is cleared. Raises ``error`` where another process writes there now, or
+    the name is somebody else's.
     """
     out.parent.mkdir(parents=True, exist_ok=True)
     work = out.with_name(f".{out.name[:50]}.part")
-    if work.exists() and not (work / _LOCK).is_file():
+    if work.is_symlink() or (work.exists() and not (work / _LOCK).is_file()):
         raise error(f"{work} is in the way, and eyechart did not make it: remove it, or choose another place")
     work.mkdir(exist_ok=True)
     try:
@@ -57,16 +58,37 @@ def whole_folder(out: Path, error: type[EyechartError]) -> Iterator[Path]:
             try:
                 _clear(work, keep=_LOCK)
                 yield work
-                work.chmod(0o755)
-                (work / _LOCK).unlink()
-                if out.exists():
-                    out.rmdir()
-                work.replace(out)
-            except BaseException:
+            finally:
                 shutil.rmtree(work, ignore_errors=True)
-                raise
     except Timeout as held:
         raise error(f"another process is writing {out}; wait for it, or choose another place") from held
+
+
+@contextmanager
+def whole_folder(out: Path, error: type[EyechartError]) -> Iterator[Path]:
+    """Yield a folder beside ``out`` that takes its place when the block ends well; no part of it is left otherwise.
+
+    ``out`` is not there, or an empty folder, or a link to either. Raises ``error`` as `own_folder` does, and where
+    nothing can take its place.
+    """
+    place = _place(out, error)
+    with own_folder(place, error) as work:
+        made = work / "made"
+        made.mkdir()
+        yield made
+        if place.exists():
+            place.rmdir()
+        made.replace(place)
+
+
+def _place(out: Path, error: type[EyechartError]) -> Path:
+    place = Path(os.path.realpath(out))
+    if place.is_symlink():
+        raise error(f"{out} is a link that leads to itself; choose another place")
+    if place.is_dir() and (place.is_mount() or place == Path.cwd()):
+        stays = "a mount" if place.is_mount() else "the folder that this command runs in"
+        raise error(f"{out} is {stays}, whose place nothing can take: name a folder in it, such as {out / 'NAME'}")
+    return place
 
 
 def _clear(folder: Path, *, keep: str) -> None:

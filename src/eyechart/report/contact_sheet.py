@@ -9,6 +9,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from eyechart.conditions import CONTROLS, flip
+from eyechart.destination import whole
 from eyechart.errors import BankError
 from eyechart.frames import Frame, FrameBank, decode
 from eyechart.perception.view import CALIBRATED, view_for
@@ -69,10 +70,8 @@ def write_frame(
 
 
 def _save(picture: Image.Image, out: Path) -> None:
-    out.parent.mkdir(parents=True, exist_ok=True)
-    partial = out.with_name(f".{out.name}.part")
-    picture.save(partial, "PNG")
-    partial.replace(out)
+    with whole(out, "picture") as partial:
+        picture.save(partial, "PNG")
 
 
 def _rows(frames: list[Frame], columns: int | None) -> list[list[Frame]]:

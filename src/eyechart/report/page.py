@@ -15,7 +15,7 @@ import jinja2
 from markupsafe import Markup
 
 from eyechart import __version__
-from eyechart.destination import whole
+from eyechart.destination import whole, write_files
 from eyechart.report.charts import Drawing
 from eyechart.report.table import Table
 
@@ -149,15 +149,12 @@ def write_page(page: Page, out: Path) -> None:
 
 
 def write_figures(drawn: Mapping[str, Sequence[Drawing]], folder: Path) -> list[Path]:
-    """Write every figure as SVG and PDF; return the files."""
-    folder.mkdir(parents=True, exist_ok=True)
-    written = []
+    """Write every figure as SVG and PDF; return the files. Raises OutputError as `write_files` does."""
+    files = {}
     for drawing in (one for section in drawn.values() for one in section):
-        for suffix, content in (("svg", drawing.svg().encode("utf-8", "backslashreplace")), ("pdf", drawing.pdf())):
-            path = folder / f"{drawing.name}.{suffix}"
-            path.write_bytes(content)
-            written.append(path)
-    return written
+        files[f"{drawing.name}.svg"] = drawing.svg().encode("utf-8", "backslashreplace")
+        files[f"{drawing.name}.pdf"] = drawing.pdf()
+    return write_files(files, folder)
 
 
 def evenly(every: Sequence[T], count: int) -> list[T]:

@@ -16,6 +16,7 @@ from rich.console import Console, ConsoleOptions, RenderResult
 from rich.table import Table as RichTable
 from rich.text import Text
 
+from eyechart.destination import write_files
 from eyechart.stats.statistic import Statistic, percent
 
 Kind = Literal["text", "word", "count", "number", "interval", "p", "estimate"]
@@ -337,12 +338,8 @@ def files_of(tables: Sequence[Table]) -> dict[str, bytes]:
 
 
 def write_tables(tables: Sequence[Table], folder: Path) -> list[Path]:
-    """Write tables as CSV, Markdown and LaTeX; return the files."""
-    folder.mkdir(parents=True, exist_ok=True)
-    made = {folder / name: content for name, content in files_of(tables).items()}
-    for path, content in made.items():
-        path.write_bytes(content)
-    return list(made)
+    """Write tables as CSV, Markdown and LaTeX; return the files. Raises OutputError as `write_files` does."""
+    return write_files(files_of(tables), folder)
 
 
 def marked(name: str, marks: Iterable[str]) -> Iterator[str]:
