@@ -1,3 +1,5 @@
+import subprocess
+import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -36,6 +38,29 @@ def states(scenario: str, seed: int, actions: Sequence[str]) -> list[bytes]:
         world.step(world.action_type.actions_indexes[action])
         found.append(state(world))
     return found
+
+
+LATER = """
+import sys
+from eyechart.simulators.highway.driving import open_drive
+from eyechart.simulators.highway.world import Camera
+slow = {"matplotlib", "matplotlib.pyplot", "pandas"}
+Camera(open_drive("merge", 1)).draw()
+assert not slow & set(sys.modules)
+from highway_env.envs.highway_env import HighwayEnv
+from highway_env.vehicle import dynamics
+seen, _ = HighwayEnv().reset(seed=1)
+assert seen.shape == (5, 5)
+import matplotlib, matplotlib.pyplot, pandas
+assert dynamics.plt.subplots is matplotlib.pyplot.subplots
+assert {type(sys.modules[name]).__name__ for name in slow} == {"module"}
+"""
+
+
+def test_tables_and_plots_are_imported_by_who_asks_for_them() -> None:
+    """A drive needs neither pandas nor Matplotlib; the stock environment beside it gets both, and they are whole."""
+    done = subprocess.run([sys.executable, "-c", LATER], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
 
 
 def stock_functions() -> list[object]:

@@ -10,10 +10,10 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 
 import numpy as np
-from highway_env.vehicle.behavior import IDMVehicle
 
 from eyechart.frames import RGB
 from eyechart.simulators.banks import Drawn, Moment
+from eyechart.simulators.highway.stock import IDMVehicle
 from eyechart.simulators.highway.truth import Vehicle, find_lead, gap_to, is_visible, others, read_truth
 from eyechart.simulators.highway.world import LANE_M, Camera, World, moved, recoloured
 from eyechart.simulators.plan import log_uniform, other_gap

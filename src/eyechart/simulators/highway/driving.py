@@ -14,7 +14,6 @@ still SLOW crashes 7 times of 8 and could not head the table.
 from collections.abc import Iterator, Mapping
 
 import numpy as np
-from highway_env.vehicle.kinematics import Vehicle
 
 from eyechart.errors import SpecError
 from eyechart.frames import LEAD_GAP, RGB, Scalar
@@ -23,6 +22,7 @@ from eyechart.simulators import StepResult
 from eyechart.simulators.banks import Moment, Preset, check_seed
 from eyechart.simulators.highway.counterfactuals import record
 from eyechart.simulators.highway.speedups import speedups
+from eyechart.simulators.highway.stock import Vehicle
 from eyechart.simulators.highway.truth import read_truth
 from eyechart.simulators.highway.world import SIMULATION_HZ, Camera, Setting, World, simulate
 
@@ -104,7 +104,6 @@ class LadderDrive:
         check_seed(seed)
         with speedups():
             self._world = LADDER[scenario].open(seed)
-        self._world.observation_type = _Unobserved()
         numbers = self._world.action_type.actions_indexes
         self._commands = {action: numbers[command] for action, command in commands.items()}
         self._camera: Camera | None = None
@@ -155,10 +154,3 @@ class LadderDrive:
     def close(self) -> None:
         """Let go of the world."""
         self._world.close()
-
-
-class _Unobserved:
-    """Stands where highway-env computes an observation in every step."""
-
-    def observe(self) -> None:
-        """Return nothing."""

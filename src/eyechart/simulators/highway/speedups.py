@@ -13,10 +13,8 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from highway_env.road.lane import StraightLane
-from highway_env.road.road import Road, RoadNetwork
-from highway_env.vehicle import behavior, controller
-from highway_env.vehicle.objects import Landmark
+
+from eyechart.simulators.highway.stock import Landmark, Road, RoadNetwork, StraightLane, behavior, controller
 
 _STOCK_COORDINATES = StraightLane.local_coordinates
 _STOCK_NEIGHBOURS = Road.neighbour_vehicles

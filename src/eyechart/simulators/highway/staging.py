@@ -11,10 +11,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from highway_env.envs.merge_env import MergeEnv
-from highway_env.vehicle.behavior import IDMVehicle
-from highway_env.vehicle.controller import MDPVehicle
-from highway_env.vehicle.kinematics import Vehicle
 
 from eyechart.errors import BankError
 from eyechart.frames import LEAD_GAP
@@ -22,6 +18,7 @@ from eyechart.seeds import key_seed
 from eyechart.simulators.banks import Moment, Preset
 from eyechart.simulators.highway.counterfactuals import record
 from eyechart.simulators.highway.speedups import speedups
+from eyechart.simulators.highway.stock import IDMVehicle, MDPVehicle, MergeEnv, Vehicle
 from eyechart.simulators.highway.truth import is_visible, read_scene
 from eyechart.simulators.highway.world import LANE_M, SIMULATION_HZ, Camera, Setting, World, simulate
 from eyechart.simulators.plan import Bands, Lanes, Wish, make_plan

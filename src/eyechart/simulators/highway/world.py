@@ -11,12 +11,10 @@ from typing import Any
 
 import numpy as np
 import pygame
-from highway_env.envs.highway_env import HighwayEnv
-from highway_env.envs.merge_env import MergeEnv
-from highway_env.road.graphics import RoadGraphics, WorldSurface
 
 from eyechart.cameras import EGO_COLUMN, HEIGHT_PX, PALETTE, PX_PER_M, WIDTH_PX
 from eyechart.frames import RGB
+from eyechart.simulators.highway.stock import HighwayEnv, MergeEnv, RoadGraphics, WorldSurface
 
 LANE_M = 4.0
 VIEW_AHEAD_M = (WIDTH_PX - EGO_COLUMN) / PX_PER_M
@@ -29,10 +27,31 @@ SIMULATION_HZ = 15
 CRASH_RED = PALETTE["red"][0]
 
 _CENTRING = (EGO_COLUMN / WIDTH_PX, 0.5)
-_ROADS = {"highway-v0": HighwayEnv, "merge-v0": MergeEnv}
 
 World = Any
 """An unwrapped highway-env environment (``AbstractEnv``); highway-env has no types of its own."""
+
+
+class _Unobserved:
+    """Stands where highway-env computes an observation at the beginning and in every step; nobody reads it."""
+
+    def observe(self) -> None:
+        """Return nothing."""
+
+
+class _Highway(HighwayEnv):  # type: ignore[misc]
+    def define_spaces(self) -> None:
+        super().define_spaces()
+        self.observation_type = _Unobserved()
+
+
+class _Merge(MergeEnv):  # type: ignore[misc]
+    def define_spaces(self) -> None:
+        super().define_spaces()
+        self.observation_type = _Unobserved()
+
+
+_ROADS: Mapping[str, Any] = {"highway-v0": _Highway, "merge-v0": _Merge}
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +62,7 @@ class Setting:
     config: Mapping[str, float]
 
     def open(self, seed: int) -> World:
-        """Return the environment, reset with this seed."""
+        """Return the environment, reset with this seed; it observes nothing."""
         world = _ROADS[self.env](config={**self.config, "simulation_frequency": SIMULATION_HZ})
         world.reset(seed=seed)
         return world

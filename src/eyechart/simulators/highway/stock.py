@@ -1,0 +1,73 @@
+"""What is taken of highway-env, imported without pandas and Matplotlib, which take most of its time to import.
+
+Only its tables of observations and its plots need them: these two are imported when one of those is asked for.
+"""
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import ModuleType
+
+
+class _Later(ModuleType):
+    """Stands where a module will be; the first question for anything in it imports the module."""
+
+    def __getattr__(self, name: str) -> object:
+        _leave()
+        if self.__name__ == "pandas":
+            import pandas as pd  # noqa: PLC0415 - later is the point
+
+            return getattr(pd, name)
+        import matplotlib as mpl  # noqa: PLC0415
+        import matplotlib.pyplot as plt  # noqa: PLC0415
+
+        return getattr(plt if self.__name__ == "matplotlib.pyplot" else mpl, name)
+
+
+def _leave() -> None:
+    """Take away what stands for modules: whoever imports them from here on gets them."""
+    for name in [name for name, module in sys.modules.items() if isinstance(module, _Later)]:
+        del sys.modules[name]
+
+
+@contextmanager
+def _later() -> Iterator[None]:
+    """Let what is imported inside import pandas and Matplotlib's plots later; what is there already is left."""
+    if "matplotlib" not in sys.modules:
+        plots = sys.modules["matplotlib"] = _Later("matplotlib")
+        sys.modules["matplotlib.pyplot"] = plots.pyplot = _Later("matplotlib.pyplot")  # type: ignore[attr-defined]
+    if "pandas" not in sys.modules:
+        sys.modules["pandas"] = _Later("pandas")
+    try:
+        yield
+    finally:
+        _leave()
+
+
+with _later():
+    from highway_env.envs.highway_env import HighwayEnv
+    from highway_env.envs.merge_env import MergeEnv
+    from highway_env.road.graphics import RoadGraphics, WorldSurface
+    from highway_env.road.lane import StraightLane
+    from highway_env.road.road import Road, RoadNetwork
+    from highway_env.vehicle import behavior, controller
+    from highway_env.vehicle.behavior import IDMVehicle
+    from highway_env.vehicle.controller import MDPVehicle
+    from highway_env.vehicle.kinematics import Vehicle
+    from highway_env.vehicle.objects import Landmark
+
+__all__ = [
+    "HighwayEnv",
+    "IDMVehicle",
+    "Landmark",
+    "MDPVehicle",
+    "MergeEnv",
+    "Road",
+    "RoadGraphics",
+    "RoadNetwork",
+    "StraightLane",
+    "Vehicle",
+    "WorldSurface",
+    "behavior",
+    "controller",
+]
