@@ -1,10 +1,14 @@
 """Options of the whole test run; they stand here so that plain ``pytest`` knows them too."""
 
+import gc
+import os
 import re
 import signal
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # read when NumPy or Torch is imported, here and in every child
 
 import pytest
 from hypothesis import settings
@@ -26,6 +30,10 @@ FIRST = (
     "test_calibrate_early.py",
     "test_hierarchy.py",
     "test_every_simulator.py",
+    "test_transformers_serve.py",
+    "test_estimating_organisms.py",
+    "test_organisms.py",
+    "test_every_page_browser.py",
 )
 """Files of few and long tests, the longest first; where several processes share the tests, none is left at the end."""
 
@@ -44,6 +52,17 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     text = collection_path.read_text(encoding="utf-8")
     without = _WHOLE_FILE.search(text) is not None if asked == CORE else f"pytest.mark.{asked}" not in text
     return True if without else None
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Have the garbage collector pass over what was imported and collected: it stays to the end, and is much."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 @pytest.hookimpl(trylast=True)

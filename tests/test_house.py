@@ -7,10 +7,11 @@ import ast
 import tomllib
 from collections import defaultdict
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
-from radon.complexity import cc_visit
+from radon.complexity import cc_visit_ast
 from radon.visitors import Class, Function
 
 SOURCE = Path(__file__).parents[1] / "src"
@@ -18,7 +19,6 @@ TEXTS = {
     path.relative_to(SOURCE / "eyechart").as_posix(): path.read_text(encoding="utf-8")
     for path in sorted((SOURCE / "eyechart").rglob("*.py"))
 }
-
 COMPLEXITY = 20
 """The most ways through a function; more is radon's rank D."""
 
@@ -47,10 +47,16 @@ LINES, COPIED = 6, 0.006
 """The largest share of lines that stand in a run of so many lines that is there twice, word for word."""
 
 
+@cache
+def trees() -> dict[str, ast.Module]:
+    """Return the syntax tree of every module."""
+    return {module: ast.parse(text) for module, text in TEXTS.items()}
+
+
 def functions() -> Iterator[tuple[str, ast.FunctionDef | ast.AsyncFunctionDef]]:
     """Yield every function of the house with its module."""
-    for module, text in TEXTS.items():
-        for node in ast.walk(ast.parse(text)):
+    for module, tree in trees().items():
+        for node in ast.walk(tree):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 yield module, node
 
@@ -76,8 +82,8 @@ def test_no_function_is_tangled() -> None:
     """Not by radon's measure."""
     found = {
         f"{module}: {block.name}"
-        for module, text in TEXTS.items()
-        for block in blocks(cc_visit(text))
+        for module, tree in trees().items()
+        for block in blocks(cc_visit_ast(tree))
         if block.complexity > COMPLEXITY
     }
     compare(found, TANGLED, f"more than {COMPLEXITY} ways through a function")
@@ -99,8 +105,8 @@ def test_no_function_takes_more_parameters_than_one_can_hold() -> None:
 def test_no_door_is_guessed_at() -> None:
     """What may be asked of an object stands in its Protocol."""
     found = set()
-    for module, text in TEXTS.items():
-        for node in ast.walk(ast.parse(text)):
+    for module, tree in trees().items():
+        for node in ast.walk(tree):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
                 named = len(node.args) > 1 and isinstance(node.args[1], ast.Constant)
                 if node.func.id == "hasattr" or (node.func.id == "getattr" and named):

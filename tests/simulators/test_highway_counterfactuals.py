@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from highway_env.vehicle.behavior import IDMVehicle
+from PIL import Image
 
 from eyechart.cameras import EGO_COLUMN, HEIGHT_PX, PX_PER_M
 from eyechart.conditions import CONDITIONS, CONTROLS
@@ -34,9 +35,9 @@ def pixels(bank: FrameBank, frame: Frame, name: str | None = None) -> npt.NDArra
     return decode(bank.image(frame, name), frame.id).astype(np.int16)
 
 
-def colours(picture: npt.NDArray[np.int16]) -> set[int]:
-    """Return the colours of a picture, each as one number."""
-    return set(np.unique(picture.astype(np.int64) @ (1, 256, 65536)).tolist())
+def colours(picture: npt.NDArray[np.int16]) -> set[tuple[int, ...]]:
+    """Return the colours of a picture."""
+    return {colour for _, colour in Image.fromarray(picture.astype(np.uint8)).getcolors(picture.size)}
 
 
 def read(bank: FrameBank, frame: Frame, name: str) -> Reading:
