@@ -23,7 +23,7 @@ WORKERS ?= $(shell $(PYTHON) -c 'import os; print(min(8, 1 + (os.cpu_count() or 
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-diffusion long-serve long-endpoints long-inspect long-replies long-faults long-fuzz long-watch long-page mutants clean
+.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-models test-browser lint format docs wheel bench long-compare long-demo long-speed long-adversaries long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-diffusion long-serve long-endpoints long-inspect long-replies long-faults long-fuzz long-watch long-page mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -41,6 +41,7 @@ help:
 	@echo "make bench        ratios against what one would otherwise do"
 	@echo "make long-compare 0.1.0, installed beside, and this version make the same studies: what differs, by key"
 	@echo "make long-adversaries  adversaries on fresh banks through the real run: which claims they get that are untrue"
+	@echo "make long-calibration  200 simulated banks of each setting, judged: docs/calibration.md anew"
 	@echo "make long-power   the power that a plan prints, against models that are drawn, scored and judged"
 	@echo "make long-replies  a million replies made from the corpus by mutation, each read: no exception, no guess"
 	@echo "make long-faults a battery through every fault of the road at random, killed again and again: nothing lost, one verdict"
@@ -141,6 +142,11 @@ long-coverage: $(CORE)
 
 long-adversaries: $(CORE)
 	$(BIN)/python benchmarks/adversarial_runs.py
+
+long-calibration: $(CORE)
+	mkdir -p build
+	$(BIN)/eyechart calibrate --replications 200 --keep build/calibration.jsonl --json > build/calibration.json || test $$? = 1
+	$(BIN)/python docs/update_calibration.py build/calibration.json
 
 mutants: $(MUTANTS)
 	$(BIN)/python benchmarks/mutants.py

@@ -7,16 +7,28 @@ import sys
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
 from eyechart import cli, verdicts
-from eyechart.calibrate import SETTINGS, Calibration, calibrate
+from eyechart.calibrate import SETTINGS, Calibration, calibrate, replication
 from eyechart.calibrate.known import COINS, FOLLOW_GAP, KNOWN, NEVER_LOOK, NULLS, Shows, deserved, is_false
-from eyechart.calibrate.replication import DRAWN, Task, answers_of, replicate, without_counterfactuals
+from eyechart.calibrate.replication import DRAWN, Made, Task, answers_of, replicate, without_counterfactuals
 from eyechart.calibrate.table import tables
-from eyechart.calibrate.tally import CLAIMS, VARIANTS, WANTED, FalseClaims, Outcome, Ruled, read_calibration, tally
+from eyechart.calibrate.tally import (
+    CLAIMS,
+    VARIANTS,
+    WANTED,
+    FalseClaims,
+    Outcome,
+    Ruled,
+    Tried,
+    read_calibration,
+    tally,
+)
 from eyechart.calibrate.world import (
     FARTHEST_M,
     FEWEST_FRAMES,
@@ -71,6 +83,35 @@ def counted(outcomes: list[Outcome], replications: int) -> Calibration:
 def test_one_process_gives_what_two_give(small: Calibration) -> None:
     """The seed alone decides every number, whatever the number of processes."""
     assert calibrate(replications=1, seed=5, settings=SMALL) == small
+
+
+def test_banks_that_were_kept_are_not_simulated_again(
+    small: Calibration, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a file whose last line was cut off in the middle only that bank is; another seed's file is refused."""
+    keep, simulated = tmp_path / "banks.jsonl", []
+    monkeypatch.setattr(
+        replication, "_whole", lambda task, whole=replication._whole: simulated.append(task) or whole(task)
+    )
+    assert calibrate(replications=1, seed=5, settings=SMALL[:1], keep=keep).replications == 1
+    assert calibrate(replications=1, seed=5, settings=SMALL, keep=keep) == small
+    whole = keep.read_bytes()
+    keep.write_bytes(whole[:-9])
+    assert calibrate(replications=1, seed=5, settings=SMALL, keep=keep) == small
+    assert keep.read_bytes() == whole
+    assert simulated == [Task("small_10", 0, 5), Task("small_24", 0, 5), Task("small_24", 0, 5)]
+    with pytest.raises(SpecError, match="does not hold banks of seed 6"):
+        calibrate(replications=1, seed=6, settings=SMALL, keep=keep)
+    keep.write_bytes(whole.replace(b'"controller"', b'"driver"', 1))
+    with pytest.raises(SpecError, match=r"banks\.jsonl: .*controller"):
+        calibrate(replications=1, seed=5, settings=SMALL, keep=keep)
+    assert keep.read_bytes() == whole.replace(b'"controller"', b'"driver"', 1)
+
+
+def test_what_is_tried_once_a_replication_is_kept_too() -> None:
+    """Rejections of early stopping and what adversaries were called come back as they were written."""
+    made = Made([], [1, 0], [Tried("comb", "content", "no_power")])
+    assert msgspec.json.decode(msgspec.json.encode(made), type=Made) == made
 
 
 def test_a_bank_depends_on_its_seed_and_its_number_alone(small: Calibration) -> None:
@@ -359,6 +400,7 @@ def test_json_holds_counts_rates_and_intervals(small: Calibration) -> None:
         (["--replications", "1", "--processes", "1", "--setting", "small_10"], 0),
         (["--replications", "1", "--processes", "1", "--setting", "huge"], 2),
         (["--replications", "0"], 2),
+        (["--policies", "--keep", "banks.jsonl"], 2),
     ],
 )
 def test_the_command_says_how_it_ended(

@@ -4,13 +4,15 @@ import multiprocessing
 import random
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
 
+import msgspec
 import numpy as np
 
-from eyechart import verdicts
+from eyechart import __version__, verdicts
 from eyechart.calibrate.adversaries import ADVERSARIES
 from eyechart.calibrate.early import MEASURED, count_rejections, sampled, stop_early
 from eyechart.calibrate.known import KNOWN, NULLS, Known, Shows, answer_all, by_sight, deserved, is_false
@@ -49,6 +51,15 @@ class Task:
     seed: int
 
 
+@dataclass(frozen=True, slots=True)
+class Made:
+    """What came of one task: an outcome a controller, and in the default setting what else is tried."""
+
+    outcomes: list[Outcome]
+    rejected: list[int]
+    tried: list[Tried]
+
+
 def calibrate(
     *,
     replications: int,
@@ -56,11 +67,14 @@ def calibrate(
     processes: int = 1,
     settings: Sequence[str] | None = None,
     progress: Progress | None = None,
+    keep: Path | None = None,
 ) -> Calibration:
     """Simulate ``replications`` banks of every setting and judge all known controllers on each.
 
     The result depends on the seed and on nothing else, least of all on ``processes``. ``progress`` is called with
-    (banks done, banks in all). Raises SpecError for an unknown setting or a number below 1.
+    (banks done, banks in all). ``keep`` names a file of what was found so far: banks that stand in it are not simulated
+    again, the others are appended as they are done. Raises SpecError for an unknown setting, a number below 1, or a
+    file that holds something else.
     """
     chosen = tuple(settings) if settings is not None else tuple(SETTINGS)
     for name in chosen:
@@ -69,23 +83,58 @@ def calibrate(
     if replications < 1 or processes < 1:
         raise SpecError(f"give 1 or more replications and processes, not {replications} and {processes}")
     tasks = [Task(name, number, seed) for number in range(replications) for name in chosen]
-    found: list[tuple[str, list[Outcome]]] = []
-    ever: list[list[int]] = []
-    tried: list[Tried] = []
-    with _mapped(tasks, processes) as outcomes:
-        for task, (outcome, rejected, more) in zip(tasks, outcomes, strict=True):
-            found.append((task.setting, outcome))
-            ever += [rejected] if rejected else []
-            tried += more
+    made = _make(tasks, processes, {} if keep is None else _kept(keep, seed), keep, progress)
+    outcomes = [(task.setting, made[task].outcomes) for task in tasks]
+    counted = tally(outcomes, settings=chosen, replications=replications, seed=seed, resamples=RESAMPLES)
+    ever = zip(*(made[task].rejected for task in tasks if made[task].rejected), strict=True)
+    tried = (one for task in tasks for one in made[task].tried)
+    return replace(counted, ever=tuple(map(sum, ever)), adversaries=called(tried))
+
+
+def _make(
+    tasks: Sequence[Task], processes: int, known: Mapping[Task, Made], keep: Path | None, progress: Progress | None
+) -> dict[Task, Made]:
+    """Return what is known of tasks and what is made of the others, which is appended to a file where one is named."""
+    found, todo = dict(known), [task for task in tasks if task not in known]
+    with ExitStack() as opened:
+        file = None if keep is None else opened.enter_context(keep.open("ab"))
+        made_now = zip(todo, opened.enter_context(_mapped(todo, processes)), strict=True)
+        for done, (task, made) in enumerate(made_now, len(tasks) - len(todo) + 1):
+            found[task] = made
+            if file is not None:
+                file.write(_JSON.encode((task, made)) + b"\n")
+                file.flush()
             if progress is not None:
-                progress(len(found), len(tasks))
-    counted = tally(found, settings=chosen, replications=replications, seed=seed, resamples=RESAMPLES)
-    return replace(counted, ever=tuple(map(sum, zip(*ever, strict=True))), adversaries=called(tried))
+                progress(done, len(tasks))
+    return found
+
+
+_JSON = msgspec.json.Encoder()
+KEPT = "eyechart-calibration-banks/1"
+
+
+def _kept(file: Path, seed: int) -> dict[Task, Made]:
+    """Return what a file holds of banks that are done, and begin it where it is not there; half a line is cut off."""
+    head = _JSON.encode({"format": KEPT, "eyechart": __version__, "seed": seed}) + b"\n"
+    try:
+        if not file.exists():
+            file.write_bytes(head)
+        text = file.read_bytes()
+        if not text.startswith(head):
+            raise SpecError(
+                f"{file} does not hold banks of seed {seed} and of eyechart {__version__}; name another file"
+            )
+        whole = text[: text.rindex(b"\n") + 1]
+        if whole != text:
+            file.write_bytes(whole)
+        return dict(msgspec.json.decode(line, type=tuple[Task, Made]) for line in whole.splitlines()[1:])
+    except (OSError, msgspec.MsgspecError) as error:
+        raise SpecError(f"{file}: {error}") from None
 
 
 @contextmanager
-def _mapped(tasks: Sequence[Task], processes: int) -> Iterator[Iterator[tuple[list[Outcome], list[int], list[Tried]]]]:
-    """Yield the outcomes of tasks in their order, made by this process or by several others."""
+def _mapped(tasks: Sequence[Task], processes: int) -> Iterator[Iterator[Made]]:
+    """Yield what is made of tasks in their order, by this process or by several others."""
     if processes == 1:
         yield map(_whole, tasks)
         return
@@ -97,10 +146,10 @@ def _mapped(tasks: Sequence[Task], processes: int) -> Iterator[Iterator[tuple[li
         pool.shutdown(cancel_futures=True)
 
 
-def _whole(task: Task) -> tuple[list[Outcome], list[int], list[Tried]]:
+def _whole(task: Task) -> Made:
     """Return the outcomes of a task and, once a replication, rejections of early stopping and what adversaries got."""
     once = task.setting == "default"
-    return replicate(task), rejections(task) if once else [], try_adversaries(task) if once else []
+    return Made(replicate(task), rejections(task) if once else [], try_adversaries(task) if once else [])
 
 
 def rejections(task: Task) -> list[int]:

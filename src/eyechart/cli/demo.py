@@ -7,6 +7,7 @@ import typer
 
 from eyechart.cli.options import Json
 from eyechart.cli.terminal import print_each, print_json, print_line, progress, resumable, say
+from eyechart.errors import SpecError
 
 _AT_ONCE = 48
 """Calls under way, a model: a batch of the organisms."""
@@ -103,22 +104,34 @@ def calibrate(
     policies: Annotated[
         bool, typer.Option("--policies", help="The rules on policies instead; a setting is part of its name.")
     ] = False,
+    keep: Annotated[
+        Path | None, typer.Option(help="Keep each bank's outcome in this file, and go on from it.", dir_okay=False)
+    ] = None,
     json: Json = False,
 ) -> None:
     """Test the battery's tests and both sets of rules on simulated controllers whose answer is known.
 
     Prints confusion matrices, error rates, power and the share of undecided verdicts; see docs/calibration.md. With
     --policies, how often each label was said of simulated policies, and how often it was untrue. Exit 0: all targets
-    hold, 1: one is missed. Example: eyechart calibrate --replications 200
+    hold, 1: one is missed. Example: eyechart calibrate --replications 200 --keep banks.jsonl
     """
     if policies:
+        if keep is not None:
+            raise SpecError("--keep goes with the banks of controllers; --policies begins anew each time")
         _calibrate_policies(replications, seed, processes, setting, json=json)
         return
     from eyechart.calibrate import calibrate as run
     from eyechart.calibrate.table import tables
 
     with progress("banks", "banks") as move:
-        found = run(replications=replications, seed=seed, processes=processes, settings=setting or None, progress=move)
+        found = run(
+            replications=replications,
+            seed=seed,
+            processes=processes,
+            settings=setting or None,
+            progress=move,
+            keep=keep,
+        )
     print_json(found.as_dict()) if json else print_line(tables(found))
     if found.misses():
         raise typer.Exit(1)
