@@ -145,6 +145,8 @@ def test_the_commands_answer_in_words_in_json_and_by_exit_code(
     code, out = said("transfer", *runs, "--scores", tmp_path / "scores.csv", "--measure", "idi")
     assert code == 0
     assert out.count("(mean of 2 runs)") == 4
+    twice = said("transfer", runs[0], f"{runs[0]}/../{runs[0].name}", "--scores", tmp_path / "scores.csv")[1]
+    assert "mean of" not in twice, "one run under two names is one run"
     assert "Pearson r = " in out
     assert "Spearman r = " in out
 

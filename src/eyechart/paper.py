@@ -14,7 +14,7 @@ from eyechart.costs import ALL
 from eyechart.destination import write_files
 from eyechart.errors import SpecError
 from eyechart.models.prices import Prices, read_prices
-from eyechart.studies import Reading, Study, Tell, names_of, study_of
+from eyechart.studies import Reading, Study, Tell, each_once, names_of, study_of
 
 if TYPE_CHECKING:
     from eyechart.report.charts import Drawing
@@ -74,7 +74,7 @@ def artefacts(
     """
     from eyechart.report.table import Table  # noqa: PLC0415 - the list of labels needs no figures
 
-    paths = dict.fromkeys(given)
+    paths = each_once(given)
     runs = [path for path in paths if guardian is None or not path.is_file()]
     by_kind: dict[str, tuple[Study[object], list[Path]]] = {}  # type: ignore[type-var]
     for run in runs:

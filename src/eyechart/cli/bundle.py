@@ -36,9 +36,10 @@ def report(
     from eyechart.overview import holds_runs, make_index
     from eyechart.report.page import write_figures, write_page
     from eyechart.report.table import write_tables
-    from eyechart.studies import Reading, study_of
+    from eyechart.studies import Reading, each_once, study_of
 
     require_free(out, "report")
+    runs = each_once(runs)
     listed = len(runs) == 1 and holds_runs(runs[0])
     of_runs = {"--frames": frames, "--figures": figures, "--against": against, "--step": step}
     if listed and (given := [name for name, value in of_runs.items() if value]):

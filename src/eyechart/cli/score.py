@@ -187,11 +187,11 @@ def transfer(
     Example: eyechart transfer run-highway drives-rover --scores perception.csv
     """
     from eyechart.report.table import number, p_value
-    from eyechart.studies import Reading, study_of
+    from eyechart.studies import Reading, each_once, study_of
     from eyechart.transfer import read_scores
     from eyechart.transfer import transfer as correlated
 
-    external = read_scores(scores)
+    external, runs = read_scores(scores), each_once(runs)
     studies = [study_of(run, "transfer") for run in runs]
     scored = [study.score(run, Reading()) for study, run in zip(studies, runs, strict=True)]
     found = correlated(scored, external, measure=measure)

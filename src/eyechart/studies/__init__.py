@@ -2,7 +2,7 @@
 
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -301,6 +301,14 @@ def study_of(folder: Path, to: str = "") -> Study[Any]:
     if to in study.refuses:
         raise SpecError(f"{folder} {study.refuses[to]}")
     return study
+
+
+def each_once(runs: Iterable[Path]) -> list[Path]:
+    """Return folders in their order, each once, by the first of the names under which it was given."""
+    found: dict[Path, Path] = {}
+    for one in runs:
+        found.setdefault(one.resolve(), one)
+    return list(found.values())
 
 
 def names_of(runs: Sequence[Path]) -> list[str]:
