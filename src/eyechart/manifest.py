@@ -119,7 +119,8 @@ class Manifest:
             if before[spec] != now[spec]:
                 raise LedgerError(
                     f"this run {self.ASKED.format(spec)} at version {before[spec]}, which is now {now[spec]}; "
-                    "give another --out: two versions in one run cannot be told apart"
+                    "give another --out, or bring back the files or the program that answered before: two versions in "
+                    "one run cannot be told apart"
                 )
             mine, theirs = self.mode(spec), other.mode(spec)
             if not mine.same_request(theirs):
