@@ -144,10 +144,11 @@ def _bound(schema: Mapping[str, object]) -> list[bytes]:
 class Reply:
     """What came back, verbatim. A failure is a Reply with its ``error`` kind, never made-up text.
 
-    ``finish_reason`` is verbatim, in the names of OpenAI's chat API where the model has none of its own (``stop``,
-    ``length``, ``content_filter``). ``reasoning`` is what the model thought, where it comes apart from the answer;
-    ``completion_tokens`` include ``reasoning_tokens``. ``seconds`` and ``first_byte_s`` are wall time from sending to
-    the last and the first byte, of a stream to its first words.
+    ``finish_reason`` is verbatim, in the names of OpenAI's chat API where the model has none of its own
+    (``stop``, ``length``, ``content_filter``). ``reasoning`` is what the
+    model thought, where it comes apart from the answer; ``completion_tokens`` include ``reasoning_tokens``.
+    ``seconds`` and ``first_byte_s`` are wall time from sending to the last and the first byte, of a stream to its
+    first words.
     ``status`` is HTTP's; ``retry_after_s`` what the server asked for. ``served`` names
     the model as the reply does, ``provider`` the upstream that a router chose, ``system_fingerprint`` the server's own
     name of its configuration. ``cost_usd`` is what the endpoint itself reports, ``energy_j`` what was measured here.
@@ -174,6 +175,9 @@ class Reply:
     system_fingerprint: str | None = None
     payload_bytes: int | None = None
     payload_sha256: str | None = None
+
+
+LENGTH, FILTERED = "length", "content_filter"
 
 
 def is_empty(reply: Reply) -> bool:

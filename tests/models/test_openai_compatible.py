@@ -202,6 +202,26 @@ def test_json_of_another_shape_is_unreadable(body: object) -> None:
     assert (reply.error, reply.text, reply.status) == ("unreadable", "", 200)
 
 
+def content(*parts: object) -> dict[str, object]:
+    """Return a body whose message comes in parts."""
+    return {"choices": [{"message": {"content": list(parts)}, "finish_reason": "stop"}]}
+
+
+@pytest.mark.parametrize("kind", ["text", "output_text", None])
+def test_every_part_of_a_text_is_read(kind: str | None) -> None:
+    """Also where a server gives parts another type, or none; what was thought is no answer."""
+    typed = {"text": "Do not "} if kind is None else {"type": kind, "text": "Do not "}
+    thought = {"type": "thinking", "thinking": "LEFT?"}, {"type": "reasoning", "text": "LEFT is free."}
+    assert reads(content(*thought, typed, "SLOW, ", {"type": "text", "text": "STOP."})).text == "Do not SLOW, STOP."
+
+
+@pytest.mark.parametrize("part", [{"type": "markdown", "text": "Do not"}, {"type": "text", "text": {"a": 1}}, ["not"]])
+def test_a_text_of_which_a_part_cannot_be_read_is_not_read_without_it(part: object) -> None:
+    """The rest may say the opposite; the same holds in a stream."""
+    reply = reads(content(part, {"type": "text", "text": "STOP"}))
+    assert (reply.error, reply.text) == ("unreadable", "")
+
+
 def test_numbers_that_are_none_are_not_taken_for_numbers() -> None:
     """Of any type and size; the answer itself stands."""
     for wrong in (True, -1, 2**70, "7", 1.5, [], None):

@@ -67,6 +67,13 @@ def test_any_piece_size_and_line_end_will_do(kind: str, end: bytes) -> None:
     assert (reply.text, reply.finish_reason, reply.completion_tokens) == ("SLOW", "stop", None)
 
 
+@pytest.mark.parametrize("kind", ["text/event-stream", "application/json"])
+def test_a_mark_of_byte_order_before_a_stream_is_no_part_of_it(kind: str) -> None:
+    """As the standard of events has it."""
+    reply = asked([b"\xef\xbb\xbf" + event(content="SLOW"), event(finish="stop"), DONE], kind=kind)
+    assert (reply.text, reply.error) == ("SLOW", None)
+
+
 def test_the_time_to_the_first_words_is_measured() -> None:
     """Not that to a role, nor to a comment that keeps the connection open."""
     pieces = [event(role="assistant", content=""), b": wait\n\n", event(content="SL"), event(content="OW"), DONE]

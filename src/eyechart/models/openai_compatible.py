@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 
 import orjson
 
-from eyechart.calls import REFUSED, ErrorKind, Query, Reply, concluded
+from eyechart.calls import FILTERED, LENGTH, REFUSED, ErrorKind, Query, Reply, concluded
 from eyechart.errors import SpecError
 from eyechart.frames import media_type
 from eyechart.models import require_options
@@ -28,7 +28,7 @@ from eyechart.models.http import (
     read_json,
     words_of,
 )
-from eyechart.models.streaming import first_words_s, gather, is_stream, refusal_of, text_of
+from eyechart.models.streaming import first_words_s, gather, is_stream, refusal_of, require_text, text_of
 from eyechart.modes import TOKEN_FIELDS, RequestMode
 
 BASE_URL = "https://api.openai.com/v1"
@@ -168,7 +168,7 @@ def _read_stream(came: Response) -> Reply:
     try:
         streamed = gather(came)
     except ValueError as error:
-        return came.failure("unreadable", f"an event of the stream is no JSON: {error}")
+        return came.failure("unreadable", f"an event of the stream is no JSON of a message: {error}")
     came.first_byte_s = first_words_s(came, streamed.first)
     if not streamed.whole and not streamed.body.get("error"):
         return came.failure("cut_short", f"the stream ended after {len(came.body)} bytes, before it was done")
@@ -185,6 +185,10 @@ def _read_body(came: Response, body: dict[str, object]) -> Reply:
     message = choice.get("message")
     if not isinstance(message, dict):
         return came.failure("unreadable", "the JSON has no choice with a message")
+    try:
+        require_text(message.get("content"))
+    except ValueError as error:
+        return came.failure("unreadable", str(error))
     return came.reply(_reply(body, choice, message))
 
 
@@ -237,7 +241,7 @@ def _failed(came: Response, error: object) -> Reply:
 def _reply(body: dict[str, object], choice: dict[str, object], message: dict[str, object]) -> Reply:
     text, finish = text_of(message.get("content")), end_of(choice.get("finish_reason"))
     refusal = refusal_of(message)
-    if finish not in {"length", "content_filter"}:  # what stands beside the text says more than that it ended
+    if finish not in {LENGTH, FILTERED}:  # what stands beside the text says more than that it ended
         finish = "refusal" if refusal is not None else _beside(body, message) or finish
     usage = body.get("usage")
     usage = usage if isinstance(usage, dict) else {}

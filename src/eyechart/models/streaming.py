@@ -1,5 +1,6 @@
 """Server-sent events of a chat completion, put together as what the same server would have said at once."""
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -11,6 +12,11 @@ _CALLS = ("tool_calls", "function_call")
 _END = b"[DONE]"
 _TYPE = "text/event-stream"
 _REFUSED = "(refused without a word)"
+_TEXTS = frozenset({"text", "output_text"})
+"""The types of a part of a message that say what is answered."""
+_THOUGHT = re.compile("think|thought|reason|summary|refusal", re.IGNORECASE)
+"""Types of parts that are no answer: what was thought before it, and what refuses it, which is read elsewhere."""
+_BOM = b"\xef\xbb\xbf"
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +33,7 @@ class Streamed:
 
 def is_stream(came: Response) -> bool:
     """Return whether a response is a stream of events, by its type or by how it begins."""
-    return came.content_type == _TYPE or came.body.lstrip()[:6].startswith((b"data:", b"event:"))
+    return came.content_type == _TYPE or came.body.removeprefix(_BOM).lstrip()[:6].startswith((b"data:", b"event:"))
 
 
 def gather(came: Response) -> Streamed:
@@ -71,10 +77,27 @@ def first_words_s(came: Response, first: int | None) -> float | None:
 
 def text_of(content: object) -> str:
     """Return a message's text, which may come as a string or in parts."""
+    if isinstance(content, str):
+        return content
     if isinstance(content, list):
-        parts = (part.get("text") for part in content if isinstance(part, dict) and part.get("type") == "text")
-        return "".join(part for part in parts if isinstance(part, str))
-    return content if isinstance(content, str) else ""
+        return "".join(map(_part, content))
+    return _part(content) if isinstance(content, dict) else ""
+
+
+def _part(part: object) -> str:
+    text = part.get("text") if isinstance(part, dict) and part.get("type", "text") in _TEXTS else part
+    return text if isinstance(text, str) else ""
+
+
+def require_text(content: object) -> None:
+    """Raise ValueError where a message's content holds an answer that `text_of` does not read: never a part of one."""
+    if isinstance(content, int | float):
+        raise ValueError(f"the content of the message is {content!r}, no text")  # noqa: TRY004 - as for no JSON
+    parts = content if isinstance(content, list) else [content] if isinstance(content, dict) else []
+    for part in parts:
+        kind, said = (part.get("type", "text"), part.get("text")) if isinstance(part, dict) else ("text", part)
+        if said and (kind not in _TEXTS or not isinstance(said, str)) and not _THOUGHT.search(str(kind)):
+            raise ValueError(f"the content of the message has a part that cannot be read, of type {str(kind)[:40]!r}")
 
 
 def refusal_of(message: Mapping[str, object]) -> str | None:
@@ -97,9 +120,7 @@ def _add(event: dict[str, object], words: dict[str, list[str]], choice: dict[str
     if mine.get("index", 0) != 0:
         return False
     delta = mine.get("delta") or mine.get("message") or mine.get("delta")  # an empty one is one
-    said = {name: text_of(delta.get(name)) for name in _WORDS} if isinstance(delta, dict) else {}
-    if isinstance(delta, dict) and (refused := refusal_of(delta)) is not None:
-        said["refusal"] = refused or _REFUSED
+    said = _said(delta) if isinstance(delta, dict) else {}
     for name, text in said.items():
         words.setdefault(name, []).append(text)
     choice |= {name: mine[name] for name in ("error",) if mine.get(name)}
@@ -109,12 +130,21 @@ def _add(event: dict[str, object], words: dict[str, list[str]], choice: dict[str
     return any(said.values())
 
 
+def _said(delta: dict[str, object]) -> dict[str, str]:
+    """Return the words of a delta, by where they stand; raises ValueError as `require_text` does."""
+    require_text(delta.get("content"))
+    said = {name: text_of(delta.get(name)) for name in _WORDS}
+    if (refused := refusal_of(delta)) is not None:
+        said["refusal"] = refused or _REFUSED
+    return said
+
+
 def _events(body: bytearray) -> Iterator[tuple[bytes, int, bytes]]:
     """Yield the data of each event, the place where it ends, and its name; comments and other fields are left out."""
     held, place, name = list[bytes](), 0, b""
     for line in bytes(body).splitlines(keepends=True):
         place += len(line)
-        text = line.rstrip(b"\r\n")
+        text = line.rstrip(b"\r\n").removeprefix(_BOM if place == len(line) else b"")
         if text.startswith(b"data:"):
             held.append(text[5:].removeprefix(b" "))
         elif text.startswith(b"event:"):
