@@ -38,6 +38,11 @@ def deaf(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarr
     return reach(images, state, "red")
 
 
+reach.channels = ("camera:top", "state", "instruction")  # type: ignore[attr-defined]
+middle.channels = ("state",)  # type: ignore[attr-defined]
+deaf.channels = ("camera:top", "state")  # type: ignore[attr-defined]
+
+
 def unsteady(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
     """Look, and draw the answer."""
     return reach(images, state, instruction) + 0.2 * np.random.default_rng().normal(size=(8, 3))

@@ -132,6 +132,29 @@ class Shared:
         return sound(*Shared.given)
 
 
+def dropped(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Read the pictures, and hand others on that are always the same."""
+    return sound({name: np.full_like(one, 128) for name, one in images.items()}, state, instruction)
+
+
+def unplugged(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Hand the picture of one camera on under both names."""
+    return sound(dict.fromkeys(images, images["top"]), state, instruction)
+
+
+def other_key(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Look for the instruction where it is not, and find what stands in for it."""
+    return sound(images, state, {"task": instruction}.get("prompt", "reach the red block"))
+
+
+def other_key_declared(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Do the same, and say that all is read."""
+    return other_key(images, state, instruction)
+
+
+other_key_declared.channels = ("cameras", "state", "instruction")
+
+
 class Seventh:
     """Fail on each seventh call."""
 

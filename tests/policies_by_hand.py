@@ -165,8 +165,10 @@ CASES: dict[str, Changes] = {
     "paint open": {"T.recoloured": OPEN},
     "next to nothing": {"swap": share(0.021, 0.099)},
     "next to nothing, nearly": {"swap": share(0.02, 0.099)},
-    "not one bit of the pictures": {"swap": NOT_ONE_BIT},
-    "not one bit of the words": {"told": NOT_ONE_BIT},
+    "not one bit of the pictures": {"swap": NOT_ONE_BIT, "matched": NOT_ONE_BIT, "blank": NOT_ONE_BIT},
+    "not one bit of swapped pictures": {"swap": NOT_ONE_BIT},
+    "not one bit of the state": {"state": NOT_ONE_BIT},
+    "not one bit of the words": {"told": NOT_ONE_BIT, "named": UNFOLLOWED},
 }
 
 

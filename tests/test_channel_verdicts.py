@@ -6,7 +6,7 @@ from eyechart.gate import hold_policies
 from eyechart.stats.guarantees import share_bound
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.channels import REQUIREMENTS, judge_camera, judge_policy, judge_state
-from policies_by_hand import GOOD, IGNORED, NOT_ONE_BIT, OPEN, TOO_FEW, UNFOLLOWED, USED, share, verdict
+from policies_by_hand import CHANNELS, GOOD, IGNORED, NOT_ONE_BIT, OPEN, TOO_FEW, UNFOLLOWED, USED, share, verdict
 
 
 @pytest.mark.parametrize(
@@ -125,12 +125,43 @@ def test_a_gate_holds_fails_or_cannot_say() -> None:
 
 
 def test_what_a_verdict_says_beside_its_labels() -> None:
-    """Paint that decides, a camera that carries next to nothing, and a channel that changes not one bit."""
+    """Paint that decides, and a camera that carries next to nothing."""
     assert verdict().remarks == ()
     assert "another colour" in verdict(**{"T.recoloured": USED}).remarks[0]
     assert "next to nothing" in verdict(swap=share(0.021, 0.099)).remarks[0]
-    assert "not one bit" in verdict(swap=NOT_ONE_BIT).remarks[0]
-    assert "does it reach the policy" in verdict(told=NOT_ONE_BIT).remarks[0]
+
+
+@pytest.mark.parametrize(
+    ("reads", "label", "words"),
+    [
+        ((), "undecided", "changes not one bit of 72 answers: it does not reach the policy"),
+        (("cameras", "state"), "undecided", "does not reach the policy"),
+        (("camera:top",), "undecided", "does not reach the policy"),
+        (("state",), "ignores_camera", "it declares that it does not read it."),
+    ],
+)
+def test_a_channel_that_changes_not_one_bit_is_ignored_where_it_is_declared(
+    reads: tuple[str, ...], label: str, words: str
+) -> None:
+    """Else it may never have reached the policy, and nobody ignores what he was not given."""
+    changed = {**GOOD, "T.swapped@state": USED, "T.swapped@cameras": NOT_ONE_BIT, "T.blank": NOT_ONE_BIT}
+    found = judge_policy("m", changed, CHANNELS, scope="here.", reads=reads)
+    assert found.camera.label == label
+    assert words in found.camera.because
+    assert found.state.label == ("state_shortcut" if label == "ignores_camera" else "state_used")
+
+
+def test_a_gate_cannot_say_whether_an_object_is_followed_that_nobody_moved() -> None:
+    """Nor where too few episodes could tell; it fails where the object is followed less than would do."""
+    asks = ["camera:object_grounded"]
+    (check,) = hold_policies({"m": verdict(follow=None, named=None)}, asks, {}).checks
+    assert check.holds is None
+    assert check.because.endswith("The bank moves no object, so whether it is followed is open.")
+    assert hold_policies({"m": verdict(follow=TOO_FEW)}, asks, {}).exit_code == 2
+    assert hold_policies({"m": verdict(follow=UNFOLLOWED)}, asks, {}).exit_code == 1
+    assert hold_policies({"m": verdict(named=UNFOLLOWED)}, asks, {}).exit_code == 1
+    assert hold_policies({"m": verdict()}, asks, {}).exit_code == 0
+    assert hold_policies({"m": verdict(matched=IGNORED)}, asks, {}).exit_code == 1
 
 
 def test_judging_nothing_decides_nothing() -> None:

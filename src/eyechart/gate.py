@@ -124,8 +124,9 @@ def hold_policies(
 ) -> Gate:
     """Hold every policy to labels of its axes, as ``camera:camera_content``; ``open_calls`` are those not finished.
 
-    A failed guard, an unfinished run and a label that cannot say cannot say; ``guards`` are those of its calls. Raises
-    SpecError for an unknown label.
+    A failed guard, an unfinished run and a label that cannot say cannot say, nor can one that may be the wanted one:
+    a bank that moves no object says nothing of following it. ``guards`` are those of its calls. Raises SpecError for an
+    unknown label.
     """
     checks = []
     for spec, verdict in verdicts.items():
@@ -140,8 +141,9 @@ def hold_policies(
             if verdict.guards or open_calls.get(spec):
                 holds = None
                 because = verdict.because if verdict.guards else f"{open_calls[spec]} calls are unfinished"
-            elif not holds and found.label in OPEN:
+            elif not holds and (found.label in OPEN or wanted == found.may_be):
                 holds = None
+                because = f"{because} {found.why_not[0].upper()}{found.why_not[1:]}." if found.may_be else because
             kept = [one for one in (guards or {}).get(spec, ()) if isinstance(one, ServedGuard) and not one.holds]
             checks.append(
                 _marked(Check(spec, name, holds, because), counted(kept, allow_fingerprints=allow_fingerprints))

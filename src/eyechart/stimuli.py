@@ -1,51 +1,28 @@
 """Pictures as a run shows them: each read and made once for all models and conditions, within a bound of memory."""
 
-from collections import OrderedDict
 from collections.abc import Callable
 from functools import cached_property
-from typing import Generic, TypeVar
 
 from eyechart.conditions import show
-from eyechart.frames import Frame, FrameBank, Stimulus
+from eyechart.frames import Frame, FrameBank, Kept, Stimulus
 from eyechart.perception.view import View, through
-
-T = TypeVar("T")
 
 _MOST_BYTES = 128_000_000
 _MOST_PICTURES = 5_000
 """Small pictures are bounded by their number: keeping one costs more than its bytes."""
 
 
-class _Kept(Generic[T]):
-    """The most recently used things by name, within a bound of bytes, by their ``size``, and of number."""
-
-    def __init__(self, size: Callable[[T], int]) -> None:
-        self._kept: OrderedDict[tuple[str, str], T] = OrderedDict()
-        self._size, self._bytes = size, 0
-
-    def get(self, name: tuple[str, str], make: Callable[[], T]) -> T:
-        if name in self._kept:
-            self._kept.move_to_end(name)
-            return self._kept[name]
-        made = self._kept[name] = make()
-        self._bytes += self._size(made)
-        while self._bytes > _MOST_BYTES or len(self._kept) > _MOST_PICTURES:
-            _, dropped = self._kept.popitem(last=False)
-            self._bytes -= self._size(dropped)
-        return made
-
-
 class _Remembering(FrameBank):
     """A bank that reads a picture once for the several conditions that show it."""
 
     @cached_property
-    def _read(self) -> _Kept[bytes]:
-        return _Kept(len)
+    def _read(self) -> Kept[str, bytes]:
+        return Kept(len, _MOST_BYTES, _MOST_PICTURES)
 
     def read(self, file: str) -> bytes:
         """Return an encoded picture, read from disk or remembered."""
         read = super().read
-        return self._read.get(("", file), lambda: read(file))
+        return self._read.get(file, lambda: read(file))
 
 
 Show = Callable[[str, Frame, FrameBank, int], Stimulus]
@@ -63,7 +40,9 @@ class Stimuli:
         self._bank = _Remembering(bank.root, bank.frames, bank.manifest, bank.said, bank.plain)
         self._seed = seed
         self._view = view
-        self._made = _Kept[Stimulus](lambda made: sum(map(len, made.images.values())))
+        self._made: Kept[tuple[str, str], Stimulus] = Kept(
+            lambda made: sum(map(len, made.images.values())), _MOST_BYTES, _MOST_PICTURES
+        )
 
     def show(self, condition: str, frame_id: str) -> Stimulus:
         """Return what a condition shows of a frame."""

@@ -5,12 +5,17 @@ from pathlib import Path
 import pytest
 
 from eyechart.frames import FrameBank
+from eyechart.probe.policies import examine_policy
 from eyechart.simulators import open_bank_simulator
 from eyechart.studies import policy
 from eyechart.studies.policy import Extent
 from eyechart.studies.policy.scoring import PolicyScore, judge
 
 FEW = ("real", "real_repeat", "swapped@cameras", "blank")
+WIRES = (
+    *("real", "real_repeat", "swapped@cameras", "swapped@camera:top", "swapped@camera:wrist", "swapped@instruction"),
+    *("swapped@state", "blank", "blank@top", "blank@wrist"),
+)
 FAULTS = {
     "channels_first": ("not_scorable", "error"),
     "seventh": ("not_scorable", "error"),
@@ -94,10 +99,43 @@ def test_pictures_in_another_form_are_not_held_against_the_policy_in_silence(ban
     assert any("are its pictures ordered and scaled" in remark for remark in dark.remarks)
 
 
-def test_an_answer_that_is_kept_by_the_state_is_asked_about(bank: FrameBank, tmp_path: Path) -> None:
-    """From outside it is a policy that reads its state alone; that not a bit changes is no work of a network."""
-    (one,) = judge(asked(bank, tmp_path / "run", "cached")).values()
-    assert any("an earlier answer kept" in remark for remark in one.remarks)
+@pytest.mark.parametrize(
+    ("name", "unreached"),
+    [
+        ("cached", {"camera", "camera:top", "camera:wrist", "instruction"}),
+        ("dropped", {"camera", "camera:top", "camera:wrist"}),
+        ("unplugged", {"camera:wrist"}),
+        ("other_key", {"instruction"}),
+        ("other_key_declared", {"instruction"}),
+    ],
+)
+def test_a_channel_that_does_not_arrive_is_not_said_to_be_ignored(
+    bank: FrameBank, tmp_path: Path, name: str, unreached: set[str]
+) -> None:
+    """That not a bit changes is no work of a network; the axes of what is dropped are open, and say why."""
+    spec, out = f"python:faulty_arms:{name}", tmp_path / "run"
+    policy.run(policy.plan(bank.root, [spec], out, conditions=WIRES, extent=Extent(answers=2)))
+    verdict = judge(policy.score(out))[spec]
+    axes = {"camera": verdict.camera, "instruction": verdict.instruction}
+    axes |= {f"camera:{camera}": one for camera, one in verdict.cameras.items()}
+    assert {axis for axis, one in axes.items() if "changes not one bit" in one.because} == unreached
+    assert all(axes[axis].label == "undecided" for axis in unreached)
+    assert verdict.state.label != "state_shortcut"
+    amiss = {one.name for one in examine_policy(spec, bank).findings if one.fine is False}
+    assert {axis.replace("camera", "cameras") if axis == "camera" else axis for axis in unreached} <= amiss
+
+
+def test_who_declares_that_it_does_not_read_a_channel_ignores_it(bank: FrameBank, tmp_path: Path) -> None:
+    """Not a bit changes there either, and it is no fault; what is declared is said."""
+    spec, out = "python:arms:middle", tmp_path / "run"
+    policy.run(policy.plan(bank.root, [spec], out, conditions=WIRES))
+    one = judge(policy.score(out))[spec]
+    assert (one.camera.label, one.instruction.label, one.state.label) == (
+        "ignores_camera",
+        "instruction_ignored",
+        "state_shortcut",
+    )
+    assert "it declares that it does not read it" in one.camera.because
 
 
 def test_a_policy_that_hangs_ends_the_run_with_its_reason(bank: FrameBank, tmp_path: Path) -> None:

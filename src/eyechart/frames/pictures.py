@@ -5,11 +5,14 @@ import io
 import os
 import struct
 import warnings
-from collections.abc import Iterator, Mapping
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from stat import S_ISLNK, S_ISREG
+from threading import RLock
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +30,38 @@ _SOUND: set[bytes] = set()
 """The digests of pictures that were decoded whole in this process."""
 
 _TYPES = {b"\x89PNG": "image/png", b"\xff\xd8": "image/jpeg", b"RIFF": "image/webp", b"BM": "image/bmp"}
+
+K = TypeVar("K", bound=Hashable)
+T = TypeVar("T")
+
+
+class Kept(Generic[K, T]):
+    """The most recently used things by name, within a bound of bytes, by their ``size``, and of number.
+
+    Threads may ask at once; one that makes a thing keeps the others waiting.
+    """
+
+    def __init__(self, size: Callable[[T], int], most_bytes: int, most: int) -> None:
+        self._kept: OrderedDict[K, T] = OrderedDict()
+        self._size, self._most_bytes, self._most = size, most_bytes, most
+        self._bytes, self._alone = 0, RLock()
+
+    def get(self, name: K, make: Callable[[], T]) -> T:
+        """Return the thing of a name, made where it is not kept."""
+        with self._alone:
+            if name in self._kept:
+                self._kept.move_to_end(name)
+                return self._kept[name]
+            made = self._kept[name] = make()
+            self._bytes += self._size(made)
+            while self._bytes > self._most_bytes or len(self._kept) > self._most:
+                _, dropped = self._kept.popitem(last=False)
+                self._bytes -= self._size(dropped)
+            return made
+
+
+_DECODED: Kept[bytes, RGB] = Kept(lambda pixels: pixels.nbytes, 32_000_000, 2_000)
+"""Small pictures that a run shows under many conditions, decoded once; of large ones only the last few are there."""
 
 
 def inside(root: Path, file: str) -> Path:
@@ -97,6 +132,11 @@ def decode(picture: bytes, name: str) -> RGB:
     """
     with opened(picture, name, _FORMATS) as found:
         return np.asarray(found if found.mode == "RGB" else found.convert("RGB"), dtype=np.uint8)
+
+
+def pixels_of(picture: bytes, name: str) -> RGB:
+    """Return a picture's pixels as `decode` does, in an array of the caller's own; equal pictures are decoded once."""
+    return _DECODED.get(picture, lambda: decode(picture, name)).copy()
 
 
 def digest_of_sound(picture: bytes, name: str) -> str:

@@ -19,7 +19,7 @@ import numpy as np
 
 from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
-from eyechart.frames import decode
+from eyechart.frames import pixels_of
 from eyechart.models.python_callable import LEFT_AT_MOST, import_callable, in_thread
 from eyechart.modes import RequestMode, without_secrets
 from eyechart.spaces.motion import Motion
@@ -73,16 +73,15 @@ class PolicyCallable:
         return made
 
     def _call(self, query: Query) -> Motion:
-        """Return what it answers; copies, so that no call can change what a later one is shown."""
+        """Return what it answers; copies, so that no call changes what another is shown, or what it has answered."""
         seen = query.stimulus
-        images = {name: decode(one, name).copy() for name, one in seen.images.items()}
+        images = {name: pixels_of(one, name) for name, one in seen.images.items()}
         state = np.array([number for numbers in seen.state.values() for number in numbers], np.float64)
         seed = {"seed": query.seed} if self.seedable else {}
         with self.alone:  # another call may be under way that was given up
             if self.reset is not None:
                 self.reset()
-            said = self.act(images, state, query.user or None, **seed)
-        return Motion.of(said)
+            return Motion.of(self.act(images, state, query.user or None, **seed))  # the next may fill the same buffer
 
     async def close(self) -> None:
         """Hold nothing, so let go of nothing."""

@@ -15,6 +15,8 @@ USED = 0.02
 """A channel is used where its share is above this, with a chance of .01 to be wrong."""
 IGNORED = 0.10
 """And ignored where its share is below this, likewise."""
+COLOURED = 0.05
+"""Of two ways to look beyond one's pose, colours that are exchanged count from here on: two chances are two errors."""
 ALPHA = 0.01
 FOLLOWED = 0.30
 """An object is followed where the answer goes at least so far with it, as a share of the oracle's way, likewise."""
@@ -75,6 +77,8 @@ AXES: Mapping[str, Mapping[str, str]] = {
 }
 MEETS: Mapping[str, tuple[str, ...]] = {"object_grounded": ("object_grounded", "camera_content")}
 """What a label meets beside itself."""
+ABSENT = ("ignores_camera", "ignores_state", "instruction_ignored")
+"""The labels that say of a channel that it is not used at all."""
 OPEN = ("undecided", "no_power")
 """The labels that cannot say."""
 
@@ -115,6 +119,7 @@ class Judged:
     """A label on one axis: why, the statistic that decided it, and what stood in the way of a stronger one.
 
     Of a label of absence, ``responds`` is the share of episodes that respond, and what it may be in the data set.
+    ``may_be`` is a stronger label that the run neither gives nor refutes.
     """
 
     label: str
@@ -122,6 +127,7 @@ class Judged:
     by: str = ""
     why_not: str = ""
     responds: Statistic | None = None
+    may_be: str = ""
 
     @property
     def of_data_set(self) -> str:
@@ -190,10 +196,12 @@ def judge_policy(
     scope: str,
     missing: Mapping[str, int] | None = None,
     left: int = 0,
+    reads: Sequence[str] = (),
 ) -> PolicyVerdict:
     """Return the verdict on a policy; ``channels`` are those of the bank, ``missing`` the calls without a motion.
 
-    ``left`` calls are not finished.
+    ``left`` calls are not finished. ``reads`` are the channels that the policy declares to read, none where it declares
+    nothing.
     """
     failed = failed_guards(statistics, missing or {})
     shares = {name: statistics[f"T.swapped@{name}"] for name in channels if f"T.swapped@{name}" in statistics}
@@ -202,12 +210,45 @@ def judge_policy(
         nothing = Judged("undecided", f"a guard failed: {', '.join(failed)}", next(iter(failed)))
         every = dict.fromkeys(names, nothing)
         return PolicyVerdict(model, nothing, every, nothing, nothing, failed, shares, scope, _unfinished(left))
-    camera = judge_camera(statistics, "cameras", "its cameras")
-    cameras = {name: judge_camera(statistics, f"camera:{name}", f"the {name} camera") for name in names}
-    state = judge_state(statistics, camera.label, there="state" in channels)
-    instruction = judge_instruction(statistics)
+
+    def reached(found: Judged, channel: str, what: str) -> Judged:
+        return _reached(found, shares.get(channel), channel, what, reads)
+
+    camera = reached(judge_camera(statistics, "cameras", "its cameras"), "cameras", "picture")
+    cameras = {
+        name: reached(
+            judge_camera(statistics, f"camera:{name}", f"the {name} camera"), f"camera:{name}", f"picture of {name}"
+        )
+        for name in names
+    }
+    state = reached(judge_state(statistics, camera.label, there="state" in channels), "state", "state")
+    instruction = reached(judge_instruction(statistics), "instruction", "instruction")
     remarks = (*_unfinished(left), *_remarks(statistics))
     return PolicyVerdict(model, camera, cameras, state, instruction, failed, shares, scope, remarks)
+
+
+def _reached(found: Judged, swap: Statistic | None, channel: str, what: str, reads: Sequence[str]) -> Judged:
+    """Return a label of absence, undecided where not one bit of any answer shows the channel and it is to be read.
+
+    What computes with a channel changes some last bit with it: what changes none may never have been given it, and a
+    fault of the wiring is no finding about the policy.
+    """
+    if found.label not in ABSENT or swap is None or (swap.detail or {}).get("same") != 1.0:
+        return found
+    if reads and not _declared(channel, reads):
+        return replace(found, because=f"{found.because[:-1]}; it declares that it does not read it.")
+    words = (
+        f"another {what} changes not one bit of {swap.n} answers: it does not reach the policy, or an earlier answer "
+        "is kept; 'eyechart doctor SPEC --frames BANK' asks, and a policy that is not to read it declares its channels"
+    )
+    return Judged("undecided", _sentence(words), f"T.swapped@{channel}")
+
+
+def _declared(channel: str, reads: Sequence[str]) -> bool:
+    """Return whether a channel is among those that are read; all cameras stand for each, and one for all together."""
+    if channel == "cameras":
+        return any(one == channel or one.startswith("camera:") for one in reads)
+    return channel in reads or (channel.startswith("camera:") and "cameras" in reads)
 
 
 def failed_guards(statistics: Statistics, missing: Mapping[str, int]) -> dict[str, str]:
@@ -250,9 +291,9 @@ def _unlike(misfit: Statistic) -> str:
     return ", ".join(found)
 
 
-def used(one: Statistic | None) -> bool:
+def used(one: Statistic | None, least: float = USED) -> bool:
     """Return whether a share is above the margin, and no chance."""
-    return _settled(one) and one.ci[0] > USED and (one.p is None or one.p <= ALPHA)  # type: ignore[index,union-attr]
+    return _settled(one) and one.ci[0] > least and (one.p is None or one.p <= ALPHA)  # type: ignore[index,union-attr]
 
 
 def ignored(one: Statistic | None) -> bool:
@@ -304,7 +345,8 @@ def _content(statistics: Statistics, channel: str, shown: str) -> Judged:
     plain = Judged("camera_content", _sentence(shown), f"T.matched@{channel}")
     gain, control = (None if channel != "cameras" else statistics.get("follow.named")), "follow.told"
     beyond = statistics.get(f"beyond@{channel}")
-    if beyond is not None and not (used(beyond) or used(_exchanged(statistics, channel)) or _followed(gain, FOLLOWED)):
+    looks = used(beyond) or used(_exchanged(statistics, channel), COLOURED) or _followed(gain, FOLLOWED)
+    if beyond is not None and not looks:
         near = f"one of its own episode, as far off in its state, {_share(statistics.get(f'T.near@{channel}'))}"
         colours = _exchanged(statistics, channel)
         also = "" if colours is None else f", and the objects' colours exchanged {_share(colours)}"
@@ -315,15 +357,14 @@ def _content(statistics: Statistics, channel: str, shown: str) -> Judged:
     if (told := statistics.get(control)) is None or told.value is None:
         control = "follow.rather"
     if gain is None or gain.value is None:
-        return Judged(
-            plain.label, plain.because, plain.by, "the bank moves no object, so whether it is followed is open"
-        )
+        why = "the bank moves no object, so whether it is followed is open"
+        return replace(plain, why_not=why, may_be="object_grounded")
     if not _followed(gain, FOLLOWED):
         why = f"the moved object is followed {_way(gain)} of the oracle's way; {_least(gain)}"
-        return Judged(plain.label, plain.because, plain.by, why)
+        return replace(plain, why_not=why, may_be="object_grounded" if _may_follow(gain) else "")
     if not _followed(rather := statistics.get(control), 0.0):
         why = f"objects are followed as well where another is named: the difference is {_way(rather)}; {_least(rather)}"
-        return Judged(plain.label, plain.because, plain.by, why)
+        return replace(plain, why_not=why, may_be="object_grounded" if _may_follow(rather) else "")
     words = f"{shown}; moved, the named object is followed {_way(gain)} of the oracle's way (p {gain.p:.4f})"
     return Judged("object_grounded", _sentence(words), "follow.named")
 
@@ -337,6 +378,11 @@ def _followed(one: Statistic | None, least: float) -> bool:
     if one is None or one.value is None or one.ci is None or one.p is None:
         return False
     return one.p < ALPHA and one.ci[0] > least
+
+
+def _may_follow(one: Statistic | None) -> bool:
+    """Return whether a following that is not settled may be as large as `FOLLOWED` all the same."""
+    return one is None or one.ci is None or one.ci[1] >= FOLLOWED
 
 
 def _least(one: Statistic | None) -> str:
@@ -412,14 +458,6 @@ def _unfinished(left: int) -> tuple[str, ...]:
 
 def _remarks(statistics: Statistics) -> Iterator[str]:
     """Yield what whoever acts on a verdict should know beside it."""
-    swaps = {"cameras": "picture", "instruction": "instruction"}
-    for channel, word in swaps.items():
-        one = statistics.get(f"T.swapped@{channel}")
-        if one is not None and (one.detail or {}).get("same") == 1.0:
-            yield (
-                f"Another {word} changes not one bit of any answer: does it reach the policy, or is an earlier answer "
-                "kept? 'eyechart doctor SPEC --frames BANK' asks"
-            )
     yield from _held_still(statistics)
     misfit = statistics.get("misfit")
     if misfit is not None and misfit.value is not None and misfit.value >= MISFIT:

@@ -6,7 +6,7 @@ Each file holds some 23 000 weights in half precision. How they were trained is 
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -115,24 +115,38 @@ class Network:
         sharp = maps.reshape(len(maps), -1) * self.weights[f"{camera}_sharp"]
         share = np.exp(sharp - sharp.max(axis=1, keepdims=True))
         share = (share / share.sum(axis=1, keepdims=True)).reshape(maps.shape)
-        grid = np.linspace(-1, 1, maps.shape[-1], dtype=np.float32)
+        grid = _grid(maps.shape[-1])
         across, down = (share.sum(axis=1) * grid).sum(axis=1), (share.sum(axis=2) * grid).sum(axis=1)
         return np.concatenate([across, down, np.tanh(maps.mean(axis=(1, 2)))])
 
     def _convolve(self, name: str, maps: Floats, stride: int) -> Floats:
         weight, bias = self.weights[f"{name}_weight"], self.weights[f"{name}_bias"]
-        wide = weight.shape[-1]
-        padded = np.pad(maps, ((0, 0), (wide // 2, wide // 2), (wide // 2, wide // 2)))
-        views = np.lib.stride_tricks.sliding_window_view(padded, (wide, wide), (1, 2))[:, ::stride, ::stride]
-        high, across = views.shape[1:3]
-        columns = views.transpose(1, 2, 0, 3, 4).reshape(high * across, -1)
-        return np.asarray((columns @ weight.reshape(len(weight), -1).T + bias).T.reshape(-1, high, across))
+        edge, (depth, high, across) = weight.shape[-1] // 2, maps.shape
+        padded = np.zeros((depth, high + 2 * edge, across + 2 * edge), np.float32)
+        padded[:, edge : edge + high, edge : edge + across] = maps
+        columns = padded.ravel().take(_windows(padded.shape, weight.shape[-1], stride))
+        found = columns @ weight.reshape(len(weight), -1).T + bias
+        return np.asarray(found.T.reshape(-1, -(-high // stride), -(-across // stride)))
 
     def _move(self, seen: Floats) -> Floats:
         own = self.weights
         for layer in ("hidden", "more"):
             seen = np.maximum(own[f"{layer}_weight"] @ seen + own[f"{layer}_bias"], 0)
         return np.asarray(own["last_weight"] @ seen + own["last_bias"])
+
+
+@cache
+def _grid(size: int) -> Floats:
+    return np.linspace(-1, 1, size, dtype=np.float32)
+
+
+@cache
+def _windows(shape: tuple[int, ...], wide: int, stride: int) -> npt.NDArray[np.intp]:
+    """Return the places of every window's numbers in padded maps of a shape, shape (windows, numbers)."""
+    places = np.arange(np.prod(shape)).reshape(shape)
+    views = np.lib.stride_tricks.sliding_window_view(places, (wide, wide), (1, 2))[:, ::stride, ::stride]
+    found = views.transpose(1, 2, 0, 3, 4)
+    return np.ascontiguousarray(found.reshape(found.shape[0] * found.shape[1], -1))
 
 
 def open_model(name: str, mode: RequestMode) -> PolicyCallable:

@@ -170,6 +170,7 @@ def judge(found: PolicyScore) -> dict[str, PolicyVerdict]:
             scope=found.scope(spec),
             missing=one.motions.missing,
             left=one.motions.planned - one.motions.finished,
+            reads=tuple(filter(None, found.manifest.facts.get(spec, {}).get("channels", "").split(", "))),
         )
         for spec, one in found.models.items()
     }
