@@ -233,12 +233,13 @@ def _picture(shown: Sequence[int], bare: Sequence[int], mode: RequestMode) -> Gu
     return Guard("picture", None, f"no probe has shown that pictures arrive{counted}")
 
 
-_SHOWN = 40
+_QUOTED = 40
+"""Signs of a reply that a guard quotes."""
 
 
 def _beginning(text: str) -> str:
     """Return a reply in quotes, of a long one how it begins."""
-    return repr(text) if len(text) <= _SHOWN else f"{text[:_SHOWN]!r} …"
+    return repr(text) if len(text) <= _QUOTED else f"{text[:_QUOTED]!r} …"
 
 
 def _constant(texts: AbstractSet[str], decided: Mapping[str, int], empty: Emptiness) -> Guard:
