@@ -263,9 +263,7 @@ def tell_empty(runs: "Iterable[Path]") -> None:
 
     found: dict[str, Emptiness] = {}
     for run in runs:
-        if not (run / LEDGER).is_file():
-            continue
-        with Ledger(run / LEDGER) as ledger:
+        with Ledger(run / LEDGER, absent=True) as ledger:
             for spec, one in emptiness(ledger).items():
                 found[spec] = found.get(spec, Emptiness()) + one
     silent = {spec: one for spec, one in found.items() if one.whole}

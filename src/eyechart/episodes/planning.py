@@ -408,10 +408,9 @@ def expected(planned: Episodes, prices: Prices, *, concurrency: int) -> tuple[Co
         for key in {key.scenario: key for key in left}.values()
     ]
     length = asyncio.run(_lengths(setup, first, constants))
-    made, each = dict[EpisodeKey, int](), 2 if planned.manifest.reflected else 1
-    if (planned.out / LEDGER).is_file():
-        with Ledger(planned.out / LEDGER) as ledger:
-            made = {key: len(calls) for key, calls in calls_of(left, planned.drivers, ledger).items()}
+    each = 2 if planned.manifest.reflected else 1
+    with Ledger(planned.out / LEDGER, absent=True) as ledger:
+        made = {key: len(calls) for key, calls in calls_of(left, planned.drivers, ledger).items()}
     return tuple(
         estimate(
             planned.manifest.mode(spec),

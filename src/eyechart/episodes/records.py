@@ -288,11 +288,10 @@ def unfinished(out: Path, keys: Iterable[EpisodeKey], models: Iterable[str]) -> 
     for key in keys:
         left.setdefault(key.policy, set()).add((key.world, key.condition))
     asked = {spec for spec in models if spec in left}
-    last: dict[str, dict[CallKey, Sent]] = {spec: {} for spec in asked}
-    if asked and (out / LEDGER).is_file():
-        with Ledger(out / LEDGER) as ledger:
-            for spec in asked:
-                last[spec] = dict(_of(ledger.attempts(spec), left[spec]))
+    last: dict[str, dict[CallKey, Sent]] = {}
+    if asked:
+        with Ledger(out / LEDGER, absent=True) as ledger:
+            last = {spec: dict(_of(ledger.attempts(spec), left[spec])) for spec in asked}
     return [_told(policy, len(worlds), last.get(policy)) for policy, worlds in left.items()]
 
 

@@ -132,10 +132,8 @@ def repeat(
         if progress is not None:
             progress(found.episodes, len(recorded))
 
-    calls = {}
-    if manifest.models and (run / LEDGER).is_file():
-        with Ledger(run / LEDGER, sound=False) as ledger:
-            calls = calls_of(list(recorded), drivers, ledger)
+    with Ledger(run / LEDGER, absent=True, sound=False) as ledger:
+        calls = calls_of(list(recorded), drivers, ledger)
     found.requests = sum(len(of) for of in calls.values())
 
     def unlike(key: EpisodeKey, call: CallKey, sent: str, shown: str) -> None:

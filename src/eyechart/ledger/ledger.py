@@ -72,11 +72,14 @@ class Ledger:
     replies, by ``damaged``, opens it with ``sound`` false: only damage to the file as a database is then an error.
 
     ``missing`` is what was written to it and is not there, by the counter beside it: a lost log, an older copy in its
-    place. Who reads is warned, but for who is ``accepting`` it; nothing is appended before somebody did.
+    place. Who reads is warned, but for who is ``accepting`` it; nothing is appended before somebody did. Where it may
+    be ``absent``, as in a run that asked nobody yet, no file is an empty ledger.
     """
 
-    def __init__(self, path: Path, *, create: bool = False, sound: bool = True, accepting: bool = False) -> None:
-        if not create and not path.is_file():
+    def __init__(
+        self, path: Path, *, create: bool = False, absent: bool = False, sound: bool = True, accepting: bool = False
+    ) -> None:
+        if not (create or absent or path.is_file()):
             raise LedgerError(f"{path} does not exist: is {path.parent} a run? 'eyechart run battery' makes one")
         self.path = path
         self._pending = self._held = NOTHING
@@ -95,6 +98,11 @@ class Ledger:
 
     def _read(self, opening: ExitStack, *, sound: bool) -> sqlite3.Connection:
         """Open a copy, and see that it is whole; what was found to be sound once is not looked into again."""
+        if not self.path.is_file():
+            sql = opening.enter_context(closing(sqlite3.connect(":memory:", isolation_level=None)))
+            sql.executescript(SCHEMAS[VERSION])
+            self.missing, self._digest, self._format = NOTHING, None, VERSION
+            return sql
         counted = read_counter(self.path)  # before the copy, which then holds at least as much
         sql, self._digest = open_copy(self.path, opening)
         opening.callback(sql.close)

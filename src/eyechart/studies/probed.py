@@ -186,12 +186,11 @@ def spent_on(runs: Iterable[Path], prices: Prices) -> Spent:
 def spent(run: Path, manifest: RunManifest | EpisodesManifest, prices: Prices) -> Spent:
     """Return what a run's probes and the attempts in its ledger took; one of unknown outcome has no known cost."""
     made = manifest.spent_before()
-    if (run / LEDGER).is_file():
-        with Ledger(run / LEDGER) as ledger:
-            for spec in manifest.models:
-                for one in ledger.attempts(spec):
-                    cost = None if one.reply is None else prices.cost(manifest.mode(spec), one.reply)[0]
-                    made = made.plus(one.reply or Reply(), cost)
+    with Ledger(run / LEDGER, absent=True) as ledger:
+        for spec in manifest.models:
+            for one in ledger.attempts(spec):
+                cost = None if one.reply is None else prices.cost(manifest.mode(spec), one.reply)[0]
+                made = made.plus(one.reply or Reply(), cost)
     return made
 
 

@@ -213,10 +213,8 @@ class _Check:
     @cached_property
     def _held(self) -> Mapping[CallKey, tuple[str, bool]]:
         """Return of each call that is finished the digest of its reply, and whether it may be asked again."""
-        if not (self.battery.out / LEDGER).is_file():
-            return {}
         (spec,) = self.battery.plan.models
-        with Ledger(self.battery.out / LEDGER) as ledger:
+        with Ledger(self.battery.out / LEDGER, absent=True) as ledger:
             finished = ledger.finished()
             return {
                 key: (_digest(reply), is_of_the_road(reply)) for key, reply in ledger.replies(spec) if key in finished

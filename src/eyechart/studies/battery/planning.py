@@ -129,40 +129,34 @@ class Battery:
 
         Planned are those of the stages that have come; of controls there may be more, see `more_by_model`.
         """
-        with self._ledger() as ledger:
+        with self._ledger as ledger:
             keys = set(self._staged(ledger).keys())
-            if ledger is None:
-                return len(keys), 0, 0
             return len(keys), len(keys & ledger.finished()), len(keys & ledger.unknown())
 
     def left_by_model(self) -> dict[str, int]:
         """Return how many calls of each model are still to be made; at most so many where the run stops early."""
         if self.manifest.stop_early:
             return {spec: one.left for spec, one in self.progress().items()}
-        with self._ledger() as ledger:
-            plan, finished = self._staged(ledger), set() if ledger is None else ledger.finished()
+        with self._ledger as ledger:
+            plan, finished = self._staged(ledger), ledger.finished()
         return {spec: sum(key not in finished for key in plan.keys_of(spec)) for spec in plan.models}
 
     def more_by_model(self) -> dict[str, int]:
         """Return how many calls of controls may still come beside those planned, as each model's answers call for."""
-        with self._ledger() as ledger:
+        with self._ledger as ledger:
             found = self._asked(ledger)
         most = replace(self.plan, controls={spec: one.most for spec, one in found.items()})
         return {spec: sum(key.condition in one.most for key in most.keys_of(spec)) for spec, one in found.items()}
 
-    @contextmanager
-    def _ledger(self) -> Iterator[Ledger | None]:
-        if not (self.out / LEDGER).is_file():
-            yield None
-            return
-        with Ledger(self.out / LEDGER) as ledger:
-            yield ledger
+    @property
+    def _ledger(self) -> Ledger:
+        return Ledger(self.out / LEDGER, absent=True)
 
-    def _staged(self, ledger: Ledger | None) -> Plan:
+    def _staged(self, ledger: Ledger) -> Plan:
         """Return the plan with the controls that its models are asked, as far as their answers have come."""
         return staged(self.plan, self._asked(ledger))
 
-    def _asked(self, ledger: Ledger | None) -> dict[str, Asked]:
+    def _asked(self, ledger: Ledger) -> dict[str, Asked]:
         found = stages_of(self.manifest, plan_of(self.manifest, self.plan.bank), ledger)
         return {spec: found[spec] for spec in self.plan.models}
 
@@ -172,9 +166,7 @@ class Battery:
 
     def progress(self) -> dict[str, HowFar]:
         """Return how far each model of a run that stops early is."""
-        if not (self.out / LEDGER).is_file():
-            return {model: HowFar(None, sum(1 for _ in self.plan.keys_of(model))) for model in self.plan.models}
-        with Ledger(self.out / LEDGER) as ledger:
+        with self._ledger as ledger:
             early = EarlyStop(widest(self.manifest, self.plan), ledger)
         return {model: early.progress(model) for model in self.plan.models}
 

@@ -107,9 +107,9 @@ class Drives:
     @cached_property
     def replies(self) -> tuple[tuple[str, Reply, str], ...]:
         """Return the replies to the policy's calls in the order of sending: frame, reply, digest of what was asked."""
-        if not self.asked or not (self.path / LEDGER).is_file():
+        if not self.asked:
             return ()
-        with Ledger(self.path / LEDGER) as ledger:
+        with Ledger(self.path / LEDGER, absent=True) as ledger:
             prefix, whose = f"{self.driver.simulator}/", (STUDY, self.driver.condition)
             return tuple(
                 (sent.key.frame, sent.reply, sent.request_sha256)

@@ -173,9 +173,7 @@ def unfinished_of(path: Path) -> tuple[Unfinished, ...]:
 def served_of(path: Path) -> dict[str, ServedGuard]:
     """Return the guard of each model of a run for which more than one model, provider or fingerprint answered."""
     found: dict[str, ServedGuard] = {}
-    if not (path / LEDGER).is_file():
-        return found
-    with Ledger(path / LEDGER) as ledger:
+    with Ledger(path / LEDGER, absent=True) as ledger:
         for spec in read_manifest(path).models:
             checks = ServedChecks()
             for one in ledger.attempts(spec):

@@ -58,9 +58,7 @@ class PolicyRun:
 
     def counts(self) -> tuple[int, int, int]:
         """Return how many calls are planned, finished, and of unknown outcome, as far as it is known who draws."""
-        if not (self.out / LEDGER).is_file():
-            return len(self.plan.keys()), 0, 0
-        with Ledger(self.out / LEDGER) as ledger:
+        with Ledger(self.out / LEDGER, absent=True) as ledger:
             keys = set(replace(self.plan, drawn=drawers(ledger, self.manifest)).keys())
             return len(keys), len(keys & ledger.finished()), len(keys & ledger.unknown())
 

@@ -8,7 +8,6 @@ of crashes of Table t:controller-local.
 import json
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
@@ -24,7 +23,7 @@ from eyechart.modes import RequestMode
 from eyechart.perception.forward import distances_of
 from eyechart.perception.view import View, find_view, view_for
 from eyechart.prompts import scene_prompt
-from eyechart.records import Plain, build, plain
+from eyechart.records import Plain, build, picked, plain
 from eyechart.run import Progress
 from eyechart.simulators import Simulator, open_simulator
 from eyechart.stats.agreement import rate
@@ -290,9 +289,7 @@ class OnlineScore:
         """Return plain JSON values."""
         return {
             "study": "online",
-            "simulator": self.manifest.simulator,
-            "prompt": self.manifest.prompt.key,
-            "view": self.manifest.view,
+            **picked(self, "manifest.simulator prompt=manifest.prompt.key manifest.view"),
             "worlds": [f"{one.scenario}/{one.seed}" for one in self.vetted if one.why is None],
             "refused": {f"{one.scenario}/{one.seed}": one.why for one in self.vetted if one.why is not None},
             "models": {
@@ -319,9 +316,8 @@ def score(path: Path) -> OnlineScore:
     worlds = {(one.scenario, one.seed) for one in passed}
     decisions = sum((Counter(one.actions) for one in passed), Counter[str]())
     driven = {CONTROL: Driven(rate(sum(one.ended == "crash" for one in passed), len(passed)), dict(decisions), 0, 0)}
-    with ExitStack() as opened:
-        ledger = opened.enter_context(Ledger(path / LEDGER)) if (path / LEDGER).is_file() else None
-        replies = {spec: [] if ledger is None else list(ledger.replies(spec)) for spec in manifest.models}
+    with Ledger(path / LEDGER, absent=True) as ledger:
+        replies = {spec: list(ledger.replies(spec)) for spec in manifest.models}
     for spec in manifest.policies:
         mine = {one.key: one for one in found if one.key.policy == spec and (one.key.scenario, one.key.seed) in worlds}
         driven[spec] = _driven(list(mine.values()))
