@@ -63,11 +63,9 @@ def swapped_ends(
     apart = int(np.count_nonzero((np.minimum(one, again) <= light) & (np.maximum(one, again) >= hard)))
     half, n = apart / len(one) / 2, len(first)
     explained = min(half, half * half * n / max(won, 1))
-    share = rate(lost, n, level=level)
-    ends = None if share.ci is None else (share.ci[0] - explained, share.ci[1] - explained)
-    method = f"{SWAPPED_ENDS}: {share.method}"
+    share = rate(lost, n, level=level).less(explained)
     detail = {"lost": lost, "won": won, "repeats_apart": apart}
-    return replace(share, value=lost / n - explained, ci=ends, method=method, detail=detail)
+    return replace(share, method=f"{SWAPPED_ENDS}: {share.method}", detail=detail)
 
 
 def falls_everywhere(places: npt.ArrayLike, levels: npt.ArrayLike, *, seed: int, resamples: int = 999) -> Statistic:

@@ -1,9 +1,10 @@
 """A statistic is a number that travels with its n, its interval and its p; the number may be None."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from typing import Self
 
-from eyechart.records import plain
+from eyechart.records import picked, plain
 
 CHUNK_BYTES = 2**24
 """Resamples are drawn so many bytes at a time; the draws do not depend on it."""
@@ -37,15 +38,12 @@ class Statistic:
         """Return the statistic as plain JSON values, with every key always present."""
         own = {one.name: getattr(self, one.name) for one in fields(self)[len(fields(Statistic)) :] if one.repr}
         detail = {name: plain(one) for name, one in own.items() if one is not None} | dict(self.detail or {})
-        return {
-            "value": self.value,
-            "n": self.n,
-            "ci": None if self.ci is None else list(self.ci),
-            "p": self.p,
-            "method": self.method,
-            "note": self.note,
-            "detail": detail or None,
-        }
+        return {**picked(self, "value n ci p method note"), "detail": detail or None}
+
+    def less(self, by: float) -> Self:
+        """Return the value and its interval moved down by as much, as what of a share is explained otherwise."""
+        ci = None if self.ci is None else (self.ci[0] - by, self.ci[1] - by)
+        return replace(self, value=None if self.value is None else self.value - by, ci=ci)
 
 
 @dataclass(frozen=True, slots=True)

@@ -138,6 +138,12 @@ class Controls:
         found = self.answers.projection(condition, "brake")
         return np.full(len(self.answers.frames), np.nan) if found is None else found
 
+    @cached_property
+    def _wavered(self) -> tuple[int, int]:
+        """Return on how many frames a repeat gets another decision, and of how many."""
+        apart, _ = self.answers.distance("real", "real_repeat")
+        return int(np.count_nonzero(apart > 0)), len(apart)
+
     def _lacking(self, pairs: int, first: str, second: str) -> Statistic:
         what = f"sign test of the braking level, {first} over {second}"
         if self.answers.projection("real", "brake") is None:
@@ -254,23 +260,21 @@ class Controls:
         That stands among the others at the distance at which it shows the lead. ``p`` is the smallest, corrected.
         """
         what = "share of a step of the dose lost, less half of the self-disagreement"
-        apart, _ = self.answers.distance("real", "real_repeat")
-        wavered = int(np.count_nonzero(apart > 0))
+        wavered, repeats = self._wavered
         found = {}
         for name, nearer, farther in (*self._steps(), *self._of_real()):
             have = ~np.isnan(nearer + farther)
             lost, pairs = int(np.count_nonzero((nearer < farther)[have])), int(np.count_nonzero(have))
-            if pairs >= FEWEST_PAIRS and len(apart):
-                found[name] = (lost, pairs, lost_beyond_noise(lost, pairs, wavered, len(apart)))
+            if pairs >= FEWEST_PAIRS and repeats:
+                found[name] = (lost, pairs, lost_beyond_noise(lost, pairs, wavered, repeats))
         if not found:
             return cannot_say("no step of the dose has pairs with two decisions", method=what)
         corrected = dict(zip(found, holm([p for *_, p in found.values()]), strict=True))
         worst = min(found, key=lambda name: (corrected[name] or 0.0, -found[name][0] / found[name][1]))
         lost, pairs, _ = found[worst]
-        share, most = rate(lost, pairs, level=LEVEL), wavered / len(apart) / 2
-        ends = None if share.ci is None else (share.ci[0] - most, share.ci[1] - most)
+        share = rate(lost, pairs, level=LEVEL).less(wavered / repeats / 2)
         note, method = f"most: {worst}", f"{what}; p: binomial against repeats, Holm over {len(found)}"
-        return replace(share, value=lost / pairs - most, ci=ends, p=corrected[worst], method=method, note=note)
+        return replace(share, p=corrected[worst], method=method, note=note)
 
     def _steps(self) -> list[tuple[str, Floats, Floats]]:
         """Return the braking levels of each two neighbouring doses, with both names."""
@@ -347,13 +351,10 @@ class Controls:
         one, other = self._pairs(first, second)
         if len(one) < FEWEST_PAIRS:
             return self._lacking(len(one), first, second)
-        found = rate(int(np.count_nonzero(one < other)), len(one), level=LEVEL)
-        apart, _ = self.answers.distance("real", "real_repeat")
-        most = float((apart > 0).mean()) / 2 if len(apart) else 0.0
-        ends = None if found.ci is None else (found.ci[0] - most, found.ci[1] - most)
-        value = None if found.value is None else found.value - most
+        wavered, repeats = self._wavered
+        found = rate(int(np.count_nonzero(one < other)), len(one), level=LEVEL).less(wavered / max(1, repeats) / 2)
         method = f"braking less hard on {first} than on {second}, less half of the self-disagreement: {found.method}"
-        return replace(found, value=value, ci=ends, method=method)
+        return replace(found, method=method)
 
     def _both_lost(self) -> Statistic:
         near, far, own, beside = (self._level(name) for name in ("lead_near", "lead_far", "lane_own", "lane_beside"))
@@ -412,14 +413,12 @@ class Controls:
         if isinstance(found, str):
             return cannot_say(found, method=what)
         left, clear, _ = found
-        apart, _ = self.answers.distance("real", "real_repeat")
-        if not len(left) or not len(apart):
+        wrong, (wavered, repeats) = int(np.count_nonzero(left != clear)), self._wavered
+        if not len(left) or not repeats:
             return cannot_say("no turn with exactly one clear side, or no repeat", method=what)
-        wrong, wavered = int(np.count_nonzero(left != clear)), int(np.count_nonzero(apart > 0))
-        share, most = rate(wrong, len(left), level=LEVEL), wavered / len(apart) / 2
-        ends = None if share.ci is None else (share.ci[0] - most, share.ci[1] - most)
-        p, method = lost_beyond_noise(wrong, len(left), wavered, len(apart)), f"{what}; p: binomial against repeats"
-        return replace(share, value=wrong / len(left) - most, ci=ends, p=p, method=method)
+        share = rate(wrong, len(left), level=LEVEL).less(wavered / repeats / 2)
+        p, method = lost_beyond_noise(wrong, len(left), wavered, repeats), f"{what}; p: binomial against repeats"
+        return replace(share, p=p, method=method)
 
     def _turns_boxed(self) -> Statistic:
         """Return the share of turns that are made where neither side is clear."""
