@@ -1,8 +1,8 @@
 """A gate holds a run to what is required of it: yes, no, or "cannot say"; it never passes for want of evidence."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Protocol
+from typing import Protocol, TypedDict, Unpack
 
 from eyechart.errors import SpecError, meant
 from eyechart.integrity import Guard, ServedGuard
@@ -42,6 +42,16 @@ ADMISSION: dict[str, str] = {
     **{name: one.says for name, one in CLAUSES.items()},
 }
 """What may be required of a run of scene estimates, which is asked for nothing of the above."""
+
+
+class Terms(TypedDict, total=False):
+    """On which terms a run is held: the highest rate of calls without a decision, and what may differ.
+
+    With ``allow_fingerprints`` one model may have answered under several configurations of its server.
+    """
+
+    max_unparsed: float | None
+    allow_fingerprints: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,9 +128,8 @@ def hold_policies(
     verdicts: Mapping[str, PolicyVerdict],
     require: Sequence[str],
     open_calls: Mapping[str, int],
-    *,
     guards: Mapping[str, Sequence[Guard]] | None = None,
-    allow_fingerprints: bool = False,
+    **terms: Unpack[Terms],
 ) -> Gate:
     """Hold every policy to labels of its axes, as ``camera:camera_content``; ``open_calls`` are those not finished.
 
@@ -145,41 +154,51 @@ def hold_policies(
                 holds = None
                 because = f"{because} {found.why_not[0].upper()}{found.why_not[1:]}." if found.may_be else because
             kept = [one for one in (guards or {}).get(spec, ()) if isinstance(one, ServedGuard) and not one.holds]
-            checks.append(
-                _marked(Check(spec, name, holds, because), counted(kept, allow_fingerprints=allow_fingerprints))
-            )
+            checks.append(_marked(Check(spec, name, holds, because), kept, terms))
     return Gate(tuple(checks))
 
 
-def hold_admission(
-    score: Scored,
-    require: Sequence[str] = ("admission",),
-    *,
-    max_unparsed: float | None = None,
-    allow_fingerprints: bool = False,
-) -> Gate:
+def hold_admission(score: Scored, require: Sequence[str] = ("admission",), **terms: Unpack[Terms]) -> Gate:
     """Hold every model of a run of scene estimates to clauses of admission, a check a clause.
 
     ``admission`` stands for all of them. As with a battery, an unfinished run, one whose calls ended in errors, and
     what would hold where a guard failed cannot say. Raises SpecError for an unknown clause or a rate outside [0, 1].
     """
     wanted = read_requirements(",".join(require), tuple(ADMISSION))
-    _require_rate(max_unparsed)
-    checks: list[Check] = []
-    for spec, one in score.evidence().items():
-        reason, mine = _no_evidence(one), []
+
+    def checks(one: Evidence, reason: str) -> Iterator[Check]:
         for clause in hold_clauses(one.statistics):
             if clause.name in wanted or "admission" in wanted:
-                passes = None if reason else clause.passes
-                mine.append(Check(spec, clause.name, passes, reason or _held_words(clause)))
-        if max_unparsed is not None:
-            parse = one.statistics["parse"]
-            without = None if parse.value is None else 1 - parse.value
-            words = parse.note if without is None else f"without an estimate {without:.3f}, at most {max_unparsed}"
-            holds = None if reason or without is None else without <= max_unparsed
-            mine.append(Check(spec, UNPARSED, holds, reason or words))
-        checks += [_marked(check, counted(one.failed, allow_fingerprints=allow_fingerprints)) for check in mine]
-    return Gate(tuple(checks))
+                yield Check(one.model, clause.name, None if reason else clause.passes, reason or _held_words(clause))
+
+    return _gate(score, checks, _without_estimate, terms)
+
+
+def _gate(
+    score: Scored,
+    checks: Callable[[Evidence, str], Iterator[Check]],
+    unparsed: Callable[[Evidence, float, str], Check],
+    terms: Terms,
+) -> Gate:
+    """Return every model's checks, and that of its ``unparsed`` rate where one is bounded; guards mark all of them.
+
+    Each is told why there is no evidence at all, nothing where there is. Raises SpecError for a rate outside [0, 1].
+    """
+    most, found = terms.get("max_unparsed"), list[Check]()
+    if most is not None and not 0 <= most <= 1:
+        raise SpecError(f"--max-unparsed takes a rate between 0 and 1, got {most}")
+    for one in score.evidence().values():
+        reason = _no_evidence(one)
+        mine = [*checks(one, reason), *([] if most is None else [unparsed(one, most, reason)])]
+        found += [_marked(check, one.failed, terms) for check in mine]
+    return Gate(tuple(found))
+
+
+def _without_estimate(one: Evidence, most: float, reason: str) -> Check:
+    parse = one.statistics["parse"]
+    without = None if parse.value is None else 1 - parse.value
+    words = parse.note if without is None else f"without an estimate {without:.3f}, at most {most}"
+    return Check(one.model, UNPARSED, None if reason or without is None else without <= most, reason or words)
 
 
 ONLINE: dict[str, str] = {
@@ -199,13 +218,7 @@ class Met(Scored, Protocol):
         """Return whether every frame that a model saw passes the checks, None where that is not known; and why."""
 
 
-def hold_online(
-    score: Met,
-    require: Sequence[str] = ("admission",),
-    *,
-    max_unparsed: float | None = None,
-    allow_fingerprints: bool = False,
-) -> Gate:
+def hold_online(score: Met, require: Sequence[str] = ("admission",), **terms: Unpack[Terms]) -> Gate:
     """Hold every estimator of an online run to clauses of admission over the frames that it met.
 
     ``admission`` stands for all of them, and for ``frames``. A clause that would hold cannot be said where frames fail
@@ -214,13 +227,8 @@ def hold_online(
     """
     wanted = read_requirements(",".join(require), tuple(ONLINE))
     clauses = [name for name in wanted if name != "frames"]
-    _require_rate(max_unparsed)
-    found: list[Check] = []
-    if clauses or max_unparsed is not None:
-        held = hold_admission(
-            score, clauses or ["admission"], max_unparsed=max_unparsed, allow_fingerprints=allow_fingerprints
-        )
-        found = [one for one in held.checks if clauses or one.requirement == UNPARSED]
+    held = hold_admission(score, clauses or ["admission"], **terms)
+    found = [one for one in held.checks if clauses or one.requirement == UNPARSED]
     checks: list[Check] = []
     for spec in score.evidence():
         (over, whole), (seen, why) = score.left(spec), score.frames(spec)
@@ -243,14 +251,7 @@ def _held_words(found: Held) -> str:
     return f"{one.value:.{3 if least < 1 else 0}f}, at least {least:g} (n = {one.n})"
 
 
-def _require_rate(max_unparsed: float | None) -> None:
-    if max_unparsed is not None and not 0 <= max_unparsed <= 1:
-        raise SpecError(f"--max-unparsed takes a rate between 0 and 1, got {max_unparsed}")
-
-
-def hold(
-    score: Scored, require: Sequence[str], *, max_unparsed: float | None = None, allow_fingerprints: bool = False
-) -> Gate:
+def hold(score: Scored, require: Sequence[str], **terms: Unpack[Terms]) -> Gate:
     """Hold every model of a scored battery to the requirements, and to an unparsed rate over all calls.
 
     A run without calls, one with calls still to make, and a model whose calls failed cannot say; nor does what would
@@ -258,34 +259,29 @@ def hold(
     a model may have answered under several. Raises SpecError for an unknown requirement or a rate outside [0, 1].
     """
     wanted = read_requirements(",".join(require))
-    _require_rate(max_unparsed)
-    checks: list[Check] = []
-    for spec, one in score.evidence().items():
-        reason, verdict, mine = _no_evidence(one), judge_one(one), []
+
+    def checks(one: Evidence, reason: str) -> Iterator[Check]:
+        verdict = judge_one(one)
         for requirement in wanted:
-            holds, because = (None, reason) if reason else _claim(requirement, verdict, one.statistics)
-            mine.append(Check(spec, requirement, holds, because))
-        if max_unparsed is not None:
-            mine.append(_unparsed(one, max_unparsed, reason))
-        checks += [_marked(check, counted(one.failed, allow_fingerprints=allow_fingerprints)) for check in mine]
-    return Gate(tuple(checks))
+            yield Check(
+                one.model, requirement, *((None, reason) if reason else _claim(requirement, verdict, one.statistics))
+            )
+
+    return _gate(score, checks, _unparsed, terms)
 
 
-def counted(failed: Sequence[Guard], *, allow_fingerprints: bool) -> tuple[Guard, ...]:
-    """Return the failed guards that a gate counts: another fingerprint alone may be allowed."""
-    allowed = (isinstance(one, ServedGuard) and one.by_fingerprint and allow_fingerprints for one in failed)
-    return tuple(one for one, may in zip(failed, allowed, strict=True) if not may)
-
-
-def _marked(check: Check, failed: Sequence[Guard]) -> Check:
+def _marked(check: Check, guards: Sequence[Guard], terms: Terms) -> Check:
     """Return a check with the guards that failed: what holds by a run that is not to be believed cannot be said.
 
-    Where several models answered, nothing can be said of one.
+    Where several models answered, nothing can be said of one; another fingerprint alone may be allowed.
     """
+    served = [one for one in guards if isinstance(one, ServedGuard)]
+    allowed = [one for one in served if one.by_fingerprint and terms.get("allow_fingerprints")]
+    failed = [one for one in guards if one not in allowed]
     if not failed:
         return check
     marks = (f"guard '{one.name}' failed: {one.because}" for one in failed)
-    nothing = check.holds or any(isinstance(one, ServedGuard) for one in failed)
+    nothing = check.holds or len(served) > len(allowed)
     return replace(check, holds=None if nothing else check.holds, because="; ".join((check.because, *marks)))
 
 

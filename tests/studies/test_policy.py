@@ -138,7 +138,7 @@ def test_each_fault_fails_its_guard_and_gets_no_verdict(bank: FrameBank, tmp_pat
     for spec, (guard, words) in FAULTS.items():
         assert words in verdicts[spec].guards[guard]
         assert {one.label for one in (verdicts[spec].camera, verdicts[spec].state)} == {"undecided"}
-    gate = study_of(tmp_path / "run").gate(policy.score(tmp_path / "run"), ["camera:camera_content"], None)
+    gate = study_of(tmp_path / "run").gate(policy.score(tmp_path / "run"), ["camera:camera_content"])
     assert {check.holds for check in gate.checks} == {None}
 
 

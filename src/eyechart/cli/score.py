@@ -7,6 +7,7 @@ import typer
 
 from eyechart.cli.options import Against, Independent, Json, PriceFile, Reread, Steps, read_steps
 from eyechart.cli.terminal import print_each, print_json, print_line
+from eyechart.errors import SpecError
 
 _HELD = {True: "holds", False: "FAILS", None: "cannot say"}
 _Run = Annotated[Path, typer.Argument(help="Folder of the run.")]
@@ -107,7 +108,7 @@ def gate(
     if junit is not None:
         require_free(junit, "JUnit file")
     score = study.score(run, Reading(independent, reread))
-    held = study.gate(score, wanted, max_unparsed, allow_fingerprints=allow_fingerprints)
+    held = study.gate(score, wanted, max_unparsed=max_unparsed, allow_fingerprints=allow_fingerprints)
     if json:
         print_json(held.as_dict())
     else:
@@ -146,7 +147,6 @@ def compare(
 
     from eyechart.compare import compare as compared
     from eyechart.compare import frames_in_common
-    from eyechart.errors import SpecError
     from eyechart.studies import Reading, study_of
 
     runs = [run for run in (first, second) if run is not None]

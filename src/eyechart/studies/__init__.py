@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar, Unpack
 
 from eyechart.costs import Account, Unread, unread
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank
-from eyechart.gate import Gate
+from eyechart.gate import Gate, Terms
 from eyechart.integrity import Guard
 from eyechart.ledger import Ledger
 from eyechart.limits import Spent, added
@@ -162,6 +162,12 @@ class Study(ABC, Generic[S]):
     def took_run(self, run: Path, prices: Prices) -> Took:
         """Return what the calls of one run took, at these prices."""
 
+    def scored(self, runs: Sequence[Path], reading: Reading, tell: Tell) -> Iterator[tuple[str, S]]:
+        """Yield the score of each of several folders with its name."""
+        for run, name in zip(runs, names_of(runs), strict=True):
+            tell(f"scoring {name}")
+            yield name, self.score(run, reading)
+
     def runs(self, folder: Path) -> Mapping[str, Path]:
         """Return the runs that a folder of this study holds, by name; one that stands alone has none: ``""``."""
         return {"": folder}
@@ -215,9 +221,7 @@ class Study(ABC, Generic[S]):
         """Yield what ``eyechart verdict`` prints."""
         raise NotImplementedError
 
-    def gate(
-        self, score: S, require: Sequence[str], max_unparsed: float | None, *, allow_fingerprints: bool = False
-    ) -> Gate:
+    def gate(self, score: S, require: Sequence[str], **terms: Unpack[Terms]) -> Gate:
         """Hold a score to some of the ``requirements``; a study without any refuses before it is asked, as below."""
         raise NotImplementedError
 

@@ -27,7 +27,7 @@ from eyechart.run import Progress
 from eyechart.stats.agreement import rate
 from eyechart.stats.resampling import holm
 from eyechart.stats.statistic import Measured, Statistic, cannot_say
-from eyechart.studies import NO_DRIVES, Made, Reading, Tell, battery, names_of, run_json
+from eyechart.studies import NO_DRIVES, Made, Reading, Tell, battery, run_json
 from eyechart.studies.battery import OfFrames
 from eyechart.studies.probed import spent_on
 
@@ -441,11 +441,7 @@ class Prompts(OfFrames[PromptsScore]):
     def paper(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Iterator[Table]:
         """Yield Table t:prompts of all studies."""
         del banks
-        found = {}
-        for run, name in zip(runs, names_of(runs), strict=True):
-            tell(f"scoring {name}")
-            found[name] = paper_table(self.score(run, reading).cells)
-        yield stacked(found)
+        yield stacked({name: paper_table(one.cells) for name, one in self.scored(runs, reading, tell)})
 
     def printed(self, score: PromptsScore) -> Iterator[Table | str]:
         """Yield a table a model, the marks of its cells, and what each took."""

@@ -3,11 +3,11 @@
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Unpack
 
 from eyechart.errors import LedgerError
 from eyechart.frames import read_bank_manifest
-from eyechart.gate import REQUIREMENTS, Gate, hold
+from eyechart.gate import REQUIREMENTS, Gate, Terms, hold
 from eyechart.manifest import BANK, RunManifest, asked_space, read_manifest, read_run
 from eyechart.models.prices import Prices
 from eyechart.spaces.space import AnySpace
@@ -105,15 +105,8 @@ class BatteryStudy(OfFrames[BatteryScore]):
             yield Text(title, style="bold")
             yield from lines
 
-    def gate(
-        self,
-        score: BatteryScore,
-        require: Sequence[str],
-        max_unparsed: float | None,
-        *,
-        allow_fingerprints: bool = False,
-    ) -> Gate:
-        return hold(score, require, max_unparsed=max_unparsed, allow_fingerprints=allow_fingerprints)
+    def gate(self, score: BatteryScore, require: Sequence[str], **terms: Unpack[Terms]) -> Gate:
+        return hold(score, require, **terms)
 
     def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:
         from eyechart.studies.battery.subjects import read_evidence

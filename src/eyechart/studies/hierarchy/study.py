@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from eyechart.errors import SpecError
-from eyechart.studies import NO_DRIVES, Made, Reading, Tell, names_of
+from eyechart.studies import NO_DRIVES, Made, Reading, Tell
 from eyechart.studies.closed_loop import NO_LEDGER, OfEpisodes
 from eyechart.studies.hierarchy.scoring import HierarchyScore, runs_of, score
 
@@ -46,12 +46,8 @@ class Hierarchy(OfEpisodes[HierarchyScore]):
     def paper(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> "Iterator[Table]":
         from eyechart.studies.hierarchy.tables import paper_tables
 
-        del banks, reading
-        scores = {}
-        for run, name in zip(runs, names_of(runs), strict=True):
-            tell(f"scoring {name}")
-            scores[name] = score(run)
-        yield from paper_tables(scores)
+        del banks
+        yield from paper_tables(dict(self.scored(runs, reading, tell)))
 
     def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:
         del banks

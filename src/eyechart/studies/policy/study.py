@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Unpack
 
-from eyechart.gate import Gate, hold_policies
+from eyechart.gate import Gate, Terms, hold_policies
 from eyechart.manifest import read_manifest
 from eyechart.models.prices import Prices
 from eyechart.studies import NO_DRIVES, Course, Finding, Made, Packed, Reading, Tell, Took
@@ -81,17 +81,9 @@ class Policies(OfFrames[PolicyScore]):
             yield from (f"  ! {remark}" for remark in one.remarks)
             yield f"  {one.scope}"
 
-    def gate(
-        self,
-        score: PolicyScore,
-        require: Sequence[str],
-        max_unparsed: float | None,
-        *,
-        allow_fingerprints: bool = False,
-    ) -> Gate:
-        del max_unparsed
+    def gate(self, score: PolicyScore, require: Sequence[str], **terms: Unpack[Terms]) -> Gate:
         left = {spec: one.motions.planned - one.motions.finished for spec, one in score.models.items()}
-        return hold_policies(judge(score), require, left, guards=score.guards, allow_fingerprints=allow_fingerprints)
+        return hold_policies(judge(score), require, left, score.guards, **terms)
 
     def course(self, scores: Sequence[PolicyScore], reading: Reading) -> Course | None:
         from eyechart.studies.policy.course import course_of

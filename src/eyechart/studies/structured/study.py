@@ -3,11 +3,11 @@
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Unpack
 
-from eyechart.gate import ADMISSION, ONLINE, Gate, hold_admission, hold_online
+from eyechart.gate import ADMISSION, ONLINE, Gate, Terms, hold_admission, hold_online
 from eyechart.manifest import read_manifest
-from eyechart.studies import NO_DRIVES, Made, Packed, Reading, Tell, names_of
+from eyechart.studies import NO_DRIVES, Made, Packed, Reading, Tell
 from eyechart.studies.battery import OfFrames
 from eyechart.studies.closed_loop import NO_LEDGER, OfEpisodes
 from eyechart.studies.structured import online
@@ -47,15 +47,8 @@ class Structured(OfFrames[StructuredScore]):
             yield from tables.reading_words(score.models[table.caption])
         yield from tables.figures_table(everyone).split()
 
-    def gate(
-        self,
-        score: StructuredScore,
-        require: Sequence[str],
-        max_unparsed: float | None,
-        *,
-        allow_fingerprints: bool = False,
-    ) -> Gate:
-        return hold_admission(score, require, max_unparsed=max_unparsed, allow_fingerprints=allow_fingerprints)
+    def gate(self, score: StructuredScore, require: Sequence[str], **terms: Unpack[Terms]) -> Gate:
+        return hold_admission(score, require, **terms)
 
     def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:
         from eyechart.studies.battery.subjects import read_evidence
@@ -110,15 +103,8 @@ class OnlineStudy(OfEpisodes[online.OnlineScore]):
         del reading
         return online.score(folder)
 
-    def gate(
-        self,
-        score: online.OnlineScore,
-        require: Sequence[str],
-        max_unparsed: float | None,
-        *,
-        allow_fingerprints: bool = False,
-    ) -> Gate:
-        return hold_online(score, require, max_unparsed=max_unparsed, allow_fingerprints=allow_fingerprints)
+    def gate(self, score: online.OnlineScore, require: Sequence[str], **terms: Unpack[Terms]) -> Gate:
+        return hold_online(score, require, **terms)
 
     def whole(self, folder: Path, reading: Reading, tell: Tell) -> tuple[online.OnlineScore, Made]:
         return online.score(folder), self.report([folder], [], reading, tell)
@@ -132,12 +118,8 @@ class OnlineStudy(OfEpisodes[online.OnlineScore]):
         from eyechart.report.table import stacked
         from eyechart.studies.structured.tables import crashes_table
 
-        del banks, reading
-        found = {}
-        for run, name in zip(runs, names_of(runs), strict=True):
-            tell(f"scoring {name}")
-            found[name] = crashes_table(online.score(run))
-        yield stacked(found)
+        del banks
+        yield stacked({name: crashes_table(one) for name, one in self.scored(runs, reading, tell)})
 
     def printed(self, score: online.OnlineScore) -> "Iterator[Table | str]":
         from eyechart.studies.closed_loop.tables import served_words
